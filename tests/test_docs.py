@@ -78,12 +78,6 @@ def test_python_examples_run(page, tmp_path):
     subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
 
 
-def test_no_page_has_the_marks_of_a_merge():
-    pages = [*DOCS.rglob("*.md"), *DOCS.rglob("*.rst"), *DOCS.parent.glob("*.md")]
-    marked = [page.name for page in pages if re.search("^(<{7}|>{7}) ", page.read_text("utf-8"), re.MULTILINE)]
-    assert len(pages) > 20 and not marked
-
-
 @pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"])
 def test_links_of_pages_outside_the_site_lead_somewhere(name):
     text = (DOCS.parent / name).read_text("utf-8")

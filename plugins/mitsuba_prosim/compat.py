@@ -262,8 +262,6 @@ PLACE = re.compile(r'(?:[Ll]oading|XML file|At) "?([^"\n]+?)"?(?: failed: [^\n]*
 
 #: There is no such plugin: the tag in XML, and the name.
 NOT_FOUND = re.compile(r'failed to instantiate (\w+) plugin of type "([^"\n]+)": [^\n]*not found!')
-#: A plugin has no such parameter: the plugin, and the first of its unknown parameters.
-UNREFERENCED = re.compile(r'unreferenced propert(?:y|ies) in \w+ plugin of type "([^"\n]+)":\s+- \w+ "([^"\n]+)"')
 
 #: Tag in XML -> name of the kind of plugin, where they differ.
 TAGS = {"rfilter": "reconstructionfilter", "phase": "phasefunction"}

@@ -12,7 +12,7 @@ from .language.diagnostics import SceneError, SceneWarning, Source, Span
 from .language.document import Document
 from .language.expressions import FPS, FRAME, TIME
 from .language.formatter import format
-from .mitsuba.context import images, located, meshes
+from .mitsuba.translation_context import images, located, meshes
 from .model import Leaf, Scene, View
 from .text_files import PART, read, refuse_special, rewrite
 from .translator import check, document, load, sensor, translate

@@ -5,6 +5,7 @@ import os
 import secrets
 import stat
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
+from collections.abc import Callable
 from contextlib import suppress
 from os import PathLike
 from pathlib import Path
@@ -47,9 +48,10 @@ def rewrite(path: str | PathLike[str], text: str) -> None:
         raise SceneError(f"{path}: {error.strerror or error}; the file is unchanged", str(path)) from None
 
 
-def replace(path: Path, content: bytes, folder: Path | None = None) -> None:
+def replace(path: Path, content: bytes | memoryview | Callable[[Path], None], folder: Path | None = None) -> None:
     """Replaces the content of the file ``path``, or of a link's target, atomically; it keeps its permissions.
 
+    ``content``: bytes, or a function that writes them to a path.
     The new file is written to ``folder`` first; by default, for a link, and if ``folder`` is on another disk, to the
     folder of ``path``. Raises OSError; then nothing has changed.
     """
@@ -58,8 +60,10 @@ def replace(path: Path, content: bytes, folder: Path | None = None) -> None:
     refuse_special(path)
     part = (folder or path.parent) / f"{PART}{secrets.token_hex(6)}"
     try:
-        with open(part, "xb") as file:
-            file.write(content)
+        if callable(content):
+            content(part)
+        else:
+            part.write_bytes(content)
         with suppress(OSError):  # no old file, or a file system without permissions
             part.chmod(stat.S_IMODE(path.stat().st_mode))
         os.replace(part, path)

@@ -14,7 +14,6 @@ from contextlib import contextmanager, suppress
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any
-from weakref import WeakKeyDictionary
 from xml.etree import ElementTree
 
 import numpy as np
@@ -59,7 +58,7 @@ def ply(triangles: Triangles, with_uv: bool) -> bytes | None:
 
 
 class TranslationCache:
-    """A translation cache: the surface of the last evaluated tree, with its cache key, and its PLY files.
+    """A translation cache: the surface of the last evaluated tree, with its cache key.
 
     The key does not depend on materials. The cache takes as much memory as the evaluation. ``evaluations`` counts the
     evaluated trees.
@@ -68,7 +67,6 @@ class TranslationCache:
     def __init__(self) -> None:
         self.key: Hashable = None
         self.surface: SurfaceMesh | None = None
-        self.files: WeakKeyDictionary[Triangles, dict[bool, bytes | None]] = WeakKeyDictionary()
         self.evaluations = 0
 
     def faces(self, key: Hashable, make: Callable[[], SurfaceMesh]) -> SurfaceMesh:
@@ -78,13 +76,6 @@ class TranslationCache:
             self.key, self.surface = key, make()
             self.evaluations += 1
         return self.surface
-
-    def file(self, triangles: Triangles, with_uv: bool) -> bytes | None:
-        """The PLY file of some triangles of the surface, see :func:`.writer.ply`; cached."""
-        files = self.files.setdefault(triangles, {})
-        if with_uv not in files:
-            files[with_uv] = ply(triangles, with_uv)
-        return files[with_uv]
 
 
 INDENT = "    "

@@ -6,7 +6,7 @@ import signal
 import drjit as dr
 import numpy as np
 import pytest
-from mitsuba_prosim.cli import image
+from mitsuba_prosim.cli import render_task as task
 from mitsuba_prosim.cli.progress import FilmProgress
 from running import XML, facts, names, pixels, prosim, refused
 from running import done as run
@@ -104,13 +104,13 @@ def test_frames_share_kernels(film):
 def test_an_interrupted_film_keeps_its_frames(film, monkeypatch, keep):
     options = ("--frames", "0:3", *(["--keep"] if keep else []))
     assert rendered(film, *options, "-o", film.with_name("whole")) == (3, 0)
-    start, begun = image.start, []
+    start, begun = task.start, []
 
     def started(*arguments, **how):
         begun.append(how["begin"])
         return start(*arguments, **how)
 
-    monkeypatch.setattr(image, "start", started)
+    monkeypatch.setattr(task, "start", started)
     with monkeypatch.context() as patch:
         show = FilmProgress.show
 

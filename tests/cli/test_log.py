@@ -8,7 +8,7 @@ from functools import partialmethod
 import mitsuba as mi
 import pytest
 from mitsuba_prosim.cli.log import log
-from mitsuba_prosim.cli.progress import FilmProgress, Progress
+from mitsuba_prosim.cli.progress import Progress
 from tqdm import tqdm
 
 #: A thread makes a scene of a dozen native plugins, each of which is logged under Mitsuba's locks. After the first the
@@ -101,16 +101,3 @@ def test_the_bar_of_a_continued_step(monkeypatch, clock):
         assert "reference:  62%" in shown(20, "reference", 0.5625) and "| 00:20, 01:00 left" in str(steps)
         assert "turns:   0%" in shown(20, "turns", 0.0) and "| 00:00" in str(steps)
         assert "turns:  25%" in shown(50, "turns", 0.25) and "| 00:30, 01:30 left" in str(steps)
-
-
-def test_the_progress_of_a_film(capsys, clock):
-    with FilmProgress(4) as bar:
-        bar.begin(3)
-        bar.leave_out()
-        bar.begin(5)
-        bar.show(0.5)
-        bar.finish()
-        clock(30)
-        bar.begin(7)
-        bar.show(0.5)
-    assert capsys.readouterr().err == "frame 7: 33 %, 00:30 passed, 01:00 left\n"

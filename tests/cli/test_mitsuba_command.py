@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from mitsuba_prosim import registry
 from mitsuba_prosim.compat import PLUGINS_IN_PYTHON
-from mitsuba_prosim.stock_command import hosted, stand_ins
+from mitsuba_prosim.stock_command import stand_ins
 
 SCENE = """<scene version="3.0.0">
     <default name="spp" value="4"/>
@@ -166,19 +166,6 @@ def test_python_starts_for_our_plugins_only(tmp_path, mitsuba):
     assert mitsuba(tmp_path, ours).returncode == 0
 
 
-@compiled
-def test_stand_ins_do_nothing_in_python(tmp_path, plugins):
-    """Loading one of them by Mitsuba's plugin manager, in a Python without our package, is an error like any other."""
-    code = (
-        "import mitsuba as mi; mi.set_variant('scalar_rgb')\n"
-        "try: mi.load_dict({'type': 'prosim_conductor'})\n"
-        "except RuntimeError as error: print(error)"
-    )
-    (tmp_path / "plugins").symlink_to(plugins)
-    done = subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path, capture_output=True, text=True)
-    assert "could not be found" in done.stdout
-
-
 #: A package with an entry point in the group ``mitsuba``; its plugin renders for a while.
 OTHER = """if True:
     import os, time
@@ -247,24 +234,3 @@ def test_ctrl_c_ends_at_once(tmp_path, plugins, monkeypatch):
         process.send_signal(signal.SIGINT)
         assert process.wait(10) == -signal.SIGINT
     assert not (tmp_path / "scene.exr").exists()
-
-
-def test_arguments():
-    options = vars(
-        hosted.parse_arguments(["-vvt4", "-Da=1", "a.xml", "--define", "b=2", "-O0", "-ap;q", "-WW", "b.xml"])
-    )
-    assert {name: value for name, value in options.items() if value} == {
-        "verbose": 2,
-        "threads": 4,
-        "define": ["a=1", "b=2"],
-        "append": "p;q",
-        "wavefront": 2,
-        "scenes": ["a.xml", "b.xml"],
-    }
-    assert options["optimizations"] == 0
-
-
-def test_an_error_is_that_of_the_native_command(capsys, monkeypatch):
-    monkeypatch.setattr(mi, "set_log_level", lambda _: None)
-    assert hosted.main("nrook", "-m", "llvm_wrong") == 255
-    assert "Caught a critical exception" in capsys.readouterr().err

@@ -1,7 +1,5 @@
 """An error in an XML scene shows its place as one in a scene of the language does."""
 
-import re
-
 import pytest
 from running import prosim
 
@@ -45,22 +43,6 @@ def test_the_plugin_that_is_meant_is_of_the_kind_that_is_named(variant_rgb):
     ]:
         said = words.format(kind, name, name)
         assert with_nearest(f"{said}\nmore") == f"{said}{meant}\nmore"
-
-
-def test_what_can_not_be_shown_is_said_alone(tmp_path):
-    """Words without a place, or with one that is not there to be read."""
-    from mitsuba_prosim.scene.errors import pointed
-
-    gone = f"At {tmp_path}/gone.xml (line 3, col 6): failed"
-    for words in ("[Film] too wide", gone, 'Loading "a.ply" (line 1, col 1)'):
-        assert pointed(words) == words
-    short = tmp_path / "short.xml"
-    short.write_text("<scene/>\n", encoding="utf-8")
-    said = f"While loading {short} (line {{}}, col 2): wrong\n  - more"
-    assert pointed(said.format(9)) == said.format(9)
-    assert re.search(r"more\n    <scene/>\n     \^$", pointed(said.format(1)))
-    outer = f"Error while loading {tmp_path}/gone.xml (line 1, col 2): while processing <include>:\n"
-    assert pointed(outer + said.format(1)).endswith("     ^")
 
 
 def test_no_line_of_another_folder_is_shown_by_a_scenes_own_words(tmp_path):

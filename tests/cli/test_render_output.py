@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim import atomic
-from mitsuba_prosim.cli import output
+from mitsuba_prosim.cli import output_files as output
 from mitsuba_prosim.cli.interrupts import interruptible
 from mitsuba_prosim.engine.plan import Plan
 from mitsuba_prosim.scene import rendering
@@ -87,7 +87,7 @@ def test_no_input_is_overwritten(palito, variant_rgb):
         ("/proc/image", "No such file"),
         ("a" * 252, "too long"),
         ("é" * 126, "too long"),
-        ("scene.xml/a", "not a folder"),
+        ("scene.xml/a", "Not a directory"),
     ],
 )
 def test_a_place_is_checked_before_the_render(scene, monkeypatch, place, says):

@@ -15,6 +15,17 @@ def diffuse(*value):
     return {"type": "diffuse", "reflectance": rgb(*value)}
 
 
+def film(width, height=None, **more):
+    """A film without a filter."""
+    return {"type": "hdrfilm", "width": width, "height": height or width, "rfilter": {"type": "box"}, **more}
+
+
+def camera(origin, target, film, up=(0, 1, 0), **more):
+    """A perspective camera."""
+    to_world = mi.ScalarTransform4f().look_at(origin, target, list(up))
+    return {"type": "perspective", "to_world": to_world, "film": film, **more}
+
+
 def penumbra(ball=None, size=32, rfilter="box", **integrator):
     """A ball and a pole on a floor before a wall, under a spherical source."""
     T = mi.ScalarTransform4f

@@ -7,6 +7,7 @@ import pytest
 from image_statistics import renderings, same_expectation
 from mitsuba_prosim.compat import to_world_name
 from mitsuba_prosim.transport.media import absorbs_any, media_of
+from scenes import camera, film
 
 #: Absorption by unit of length, as the tests have it.
 SIGMA = np.array([1.0, 2.0, 0.5])
@@ -36,7 +37,7 @@ def looking(at, **things):
         "sensor": {
             "type": "orthographic",
             "to_world": T().look_at([at, 0, 9], [at, 0, 0], [0, 1, 0]).scale(1e-5),
-            "film": {"type": "hdrfilm", "width": 1, "height": 1, "rfilter": {"type": "box"}},
+            "film": film(1),
         },
         "lamp": {
             "type": "rectangle",
@@ -202,12 +203,7 @@ def test_same_expectation_as_volpath(variant_rgb):
     """Nested media, a lamp and a dull ball within, rough glass beside them: as ``volpath`` renders them."""
     scene = {
         "type": "scene",
-        "sensor": {
-            "type": "perspective",
-            "fov": 28,
-            "to_world": T().look_at([0, 1, 6], [0, 0, 0], [0, 1, 0]),
-            "film": {"type": "hdrfilm", "width": 24, "height": 24, "rfilter": {"type": "box"}},
-        },
+        "sensor": camera([0, 1, 6], [0, 0, 0], film(24), fov=28),
         "green": medium(0.9, 0.2, 1.2) | {"id": "green"},
         "outer": {"type": "sphere", "radius": 1.3, "bsdf": GLASS, "interior": {"type": "ref", "id": "green"}},
         "bubble": {

@@ -1,18 +1,11 @@
 """Derivatives of images by the parameters of scenes: what they are, and of which samples."""
 
-import subprocess
-import sys
-import textwrap
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.compat import to_world_name
-from mitsuba_prosim.light.table import Lights
-from scenes import diffuse, mesh, penumbra, rgb
-
-COPPER = {"type": "roughconductor", "material": "Cu", "alpha": 0.15}
+from scenes import camera, diffuse, film, mesh, penumbra, rgb
 
 
 def derivatives(scene, change, seed=1, spp=16, integrator=None):
@@ -135,26 +128,24 @@ FLOORS = {
     "metal": {"type": "roughconductor", "alpha": 0.2},
     "conductor": {"type": "prosim_conductor", "eta": 1.5, "k": 2.0, "alpha": 0.3},
     "plastic": {"type": "roughplastic", "alpha": 0.2},
-    "mirror": {"type": "conductor"},
 }
 
 
 def lamp(kind):
     T = mi.ScalarTransform4f
     radiance = rgb(6, 5, 4)
-    if kind in ("textured", "mirrored"):
+    if kind == "textured":
         texels = np.random.default_rng(1).uniform(1, 9, (4, 4, 3)).astype(np.float32)
         radiance = {
             "type": "bitmap",
             "raw": True,
-            "filter_type": "bilinear" if kind == "mirrored" else "nearest",
+            "filter_type": "nearest",
             "wrap_mode": "clamp",
             "data": mi.TensorXf(texels),
         }
     to_world = {
         "sphere": T().translate([0.3, 1.5, 0.5]).scale(0.5),
         "low sphere": T().translate([0.9, 0.35, 0.7]).scale(0.5),  # the horizon cuts it
-        "mirrored": T().look_at([0.1, 3, 4.2], [0, 0, 0], [0, 1, 0]).scale(3),
     }.get(kind, T().translate([0.3, 1.6, 0.4]).rotate([1, 0, 0], 110).scale([0.5, 0.4, 1]))
     emitter = {"type": "area", "radiance": radiance}
     if kind == "mesh":
@@ -164,26 +155,16 @@ def lamp(kind):
     return {"type": shape, "to_world": to_world, "bsdf": diffuse(0, 0, 0), "emitter": emitter}
 
 
-def spot(kind, floor, eye=(0, 3, -4), **settings):
+def spot(kind, floor, **settings):
     """A floor below a source, of which all pixels see one point; nothing is in the way of anything."""
     T = mi.ScalarTransform4f
     return mi.load_dict(
         {
             "type": "scene",
             "integrator": {"type": "prosim", "adaptive": "none", "max_level": 0, **settings},
-            "sensor": {
-                "type": "perspective",
-                "fov": 1e-3,
-                "to_world": T().look_at(eye, [0, 0, 0], [0, 1, 0]),
-                "film": {
-                    "type": "hdrfilm",
-                    "width": 32,
-                    "height": 32,
-                    "rfilter": {"type": "box"},
-                    "pixel_format": "rgb",
-                    "component_format": "float32",
-                },
-            },
+            "sensor": camera(
+                [0, 3, -4], [0, 0, 0], film(32, pixel_format="rgb", component_format="float32"), fov=0.001
+            ),
             "floor": {"type": "rectangle", "to_world": T().rotate([1, 0, 0], -90).scale(20), "bsdf": FLOORS[floor]},
             "lamp": lamp(kind),
         }
@@ -234,8 +215,6 @@ CHANGES = {
     "floor rises": ("floor.to_world", moved([0, 1, 0])),
     "alpha": ("floor.bsdf.alpha.value", times),
     "eta": ("floor.bsdf.eta.value", times),
-    "k": ("floor.bsdf.k.value", times),
-    "reflectance": ("floor.bsdf.reflectance.value", times),
 }
 
 
@@ -257,21 +236,14 @@ TREE, BOTH, PATH = {}, {"diffuse_bounces": 2}, {"diffuse_bounces": -1}
     "kind, floor, change, settings",
     [
         ("textured", "diffuse", "lamp moves", PATH),
-        ("textured", "diffuse", "lamp moves", TREE),
-        ("textured", "diffuse", "floor turns", PATH),
-        ("textured", "metal", "lamp moves", TREE),
-        ("rectangle", "diffuse", "lamp grows", BOTH),
+        ("textured", "diffuse", "floor turns", TREE),
         ("rectangle", "metal", "lamp grows", PATH),
         ("rectangle", "conductor", "floor rises", BOTH),
         ("disk", "plastic", "lamp grows", PATH),
-        ("sphere", "metal", "lamp moves", TREE),
         ("sphere", "diffuse", "lamp grows", TREE),
-        ("sphere", "diffuse", "lamp moves", PATH),
         ("sphere", "conductor", "lamp moves", BOTH),
-        ("sphere", "conductor", "floor rises", PATH),
         ("sphere", "conductor", "alpha", PATH),
         ("sphere", "conductor", "eta", TREE),
-        ("low sphere", "diffuse", "lamp moves", TREE),
         ("low sphere", "plastic", "lamp moves", TREE),
     ],
 )
@@ -311,48 +283,6 @@ def test_a_mesh_that_is_stretched(variant_rgb, settings):
     rectangle, _ = derivatives(scene, change_of(scene, "lamp grows"), seed=7)
     error = np.hypot(stretched.mean(axis=2).std(), rectangle.mean(axis=2).std()) / 32
     assert abs(stretched.mean() - rectangle.mean()) < 4 * error
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("change", ["floor turns", "lamp moves"])
-def test_what_a_mirror_shows_moves_with_it(variant_rgb, change):
-    """One direction and a smooth texture: the difference of two images is exact but for its step."""
-    h = 0.005
-    scene = spot("mirrored", "mirror")
-    by, params = change_of(scene, change), mi.traverse(scene)
-    sides = []
-    for e in (h, -h):
-        by(params, mi.Float(e))
-        params.update()
-        sides.append(np.array(mi.render(scene, seed=1, spp=4)).mean())
-    forward, backward = derivatives(scene, by, spp=4)
-    assert forward.mean() == pytest.approx((sides[0] - sides[1]) / (2 * h), rel=5e-3)
-    assert backward == pytest.approx(forward.mean(), rel=1e-3)
-
-
-@pytest.mark.slow
-def test_a_hidden_source_before_the_floor(variant_rgb):
-    """A diffuse floor looks the same through a source that the camera does not see."""
-    results = []
-    for settings in ({}, {"eye": (1.2, 6, 2), "hide_emitters": True}):
-        scene = spot("sphere", "diffuse", **settings)
-        results.append(derivatives(scene, change_of(scene, "lamp moves"), spp=4))
-    (forward, backward), (forward_hidden, backward_hidden) = results
-    assert forward_hidden == pytest.approx(forward, rel=2e-3)
-    assert backward_hidden == pytest.approx(backward, rel=2e-3)
-
-
-@pytest.mark.slow
-def test_many_sources(variant_rgb, monkeypatch):
-    """More sources than are written out in the kernel are visited by a loop, with the same derivatives."""
-    results = []
-    for unrolled in (4, 0):
-        monkeypatch.setattr(Lights, "UNROLLED", unrolled)
-        scene = spot("textured", "conductor")
-        results.append(derivatives(scene, change_of(scene, "lamp moves"), spp=4))
-    (forward, backward), (forward_loop, backward_loop) = results
-    assert forward_loop == pytest.approx(forward, rel=1e-3, abs=1e-5)
-    assert backward_loop == pytest.approx(backward, rel=1e-3)
 
 
 # ------------------------------------------------------------------ of materials, with reflections and a sky
@@ -443,11 +373,7 @@ def test_forward_and_backward_agree_to_rounding(variant_rgb, bounces):
                 "diffuse_bounces": bounces,
                 "adaptive": "none",
             },
-            "sensor": {
-                "type": "perspective",
-                "to_world": mi.ScalarTransform4f().look_at([0, 1, 5], [0, 0, 0], [0, 1, 0]),
-                "film": {"type": "hdrfilm", "width": 4, "height": 4, "pixel_format": "rgb", "rfilter": {"type": "box"}},
-            },
+            "sensor": camera([0, 1, 5], [0, 0, 0], film(4, pixel_format="rgb")),
             "sky": {"type": "constant", "radiance": 0.5},
             "lamp": {"type": "point", "position": [1, 2, 3], "intensity": 9.0},
             "card": mesh([(-9, -9, 0), (9, -9, 0.5), (0, 9, 0)], [(0, 1, 2)], bsdf=blend),
@@ -492,12 +418,7 @@ def below_a_sky(**bsdfs):
         {
             "type": "scene",
             "integrator": {"type": "prb", "max_depth": 4},
-            "sensor": {
-                "type": "perspective",
-                "fov": 25 * len(bsdfs),
-                "to_world": T().look_at([0, 2, 6], [0, 0.5, 0], [0, 1, 0]),
-                "film": {"type": "hdrfilm", "width": 32, "height": 16, "rfilter": {"type": "box"}},
-            },
+            "sensor": camera([0, 2, 6], [0, 0.5, 0], film(32, 16), fov=25 * len(bsdfs)),
             "sky": {"type": "envmap", "bitmap": mi.Bitmap(texels)},
             "floor": {"type": "rectangle", "to_world": T().rotate([1, 0, 0], -90).scale(10)},
             **spheres,
@@ -537,7 +458,7 @@ def test_no_rounding_error_becomes_a_gradient(variant_rgb):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("alpha", [0.5, 0.1, 0.01])
+@pytest.mark.parametrize("alpha", [0.5, 0.01])
 @pytest.mark.parametrize("kind, parameters", [("conductor", {"eta": 0.3, "k": 3.0}), ("dielectric", {"int_ior": 1.5})])
 def test_gradients_are_no_larger_than_those_of_mitsubas_materials(variant_rgb, kind, parameters, alpha):
     """Within a factor of ten, in prb, whatever the distribution."""
@@ -560,40 +481,3 @@ def test_gradients_are_no_larger_than_those_of_mitsubas_materials(variant_rgb, k
 
 
 # ------------------------------------------------------------------ the garbage collector
-
-
-@pytest.mark.slow
-def test_the_collector_does_not_run_while_a_kernel_is_traced():
-    """A scene in a cycle that is freed between two calls of a source's radiance would have Dr.Jit abort the process."""
-    script = """
-        import gc
-        import mitsuba as mi, mitsuba_prosim
-        from mitsuba_prosim.transport import loop
-
-        mi.set_variant("llvm_ad_rgb")
-
-        def scene(bsdf):
-            return mi.load_dict({
-                "type": "scene", "integrator": {"type": "prosim", "adaptive": "none", "max_level": 1},
-                "sensor": {"type": "perspective", "film": {"type": "hdrfilm", "width": 8, "height": 8}},
-                "wall": {"type": "rectangle", "bsdf": bsdf,
-                         "to_world": mi.ScalarTransform4f().translate([0, 0, 5]).rotate([0, 1, 0], 180)},
-                "light": {"type": "sphere", "center": [1, 2, 0], "radius": .3, "emitter": {"type": "area"}}})
-
-        def last_emission(*args, own=loop.last_emission):
-            many = [[] for _ in range(200_000)]  # the collector would run
-            return own(*args)
-
-        loop.last_emission = last_emission
-        alive = scene({"type": "roughconductor"})
-        gc.collect()
-        gc.disable()
-        gone = [scene({"type": "diffuse"})]
-        gone.append(gone)
-        del gone
-        gc.set_threshold(100_000)
-        gc.enable()
-        print(mi.render(alive, spp=4).numpy().mean() > 0, gc.isenabled())
-    """
-    run = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, check=False)
-    assert (run.returncode, run.stdout) == (0, "True True\n"), run.stderr[-500:]

@@ -3,7 +3,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.light import beam
-from scenes import rgb
+from scenes import camera, film, rgb
 from scipy import integrate
 
 SIGNIFICANCE = 0.01
@@ -40,13 +40,9 @@ def scene(source, integrator="path", size=16, samples=64, **options):
         {
             "type": "scene",
             "integrator": {"type": integrator, **options},
-            "sensor": {
-                "type": "perspective",
-                "fov": 45,
-                "to_world": mi_T.look_at([0, 2.5, 6], [0, 1, 0], [0, 1, 0]),
-                "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}},
-                "sampler": {"type": "independent", "sample_count": samples},
-            },
+            "sensor": camera(
+                [0, 2.5, 6], [0, 1, 0], film(size), fov=45, sampler={"type": "independent", "sample_count": samples}
+            ),
             "floor": {
                 "type": "rectangle",
                 "to_world": mi_T.rotate([1, 0, 0], -90).scale(4),
@@ -133,17 +129,6 @@ def test_irradiance_of_a_sphere(variant_rgb, distance, tilt):
     irradiance = np.array(dr.mean(weight * dr.maximum(ds.d.y, 0), axis=1)).ravel()
     expected = np.pi * np.array([20, 15, 10]) * (r / distance) ** 2 * np.cos(tilt)
     assert np.allclose(irradiance, expected, rtol=1e-3)
-
-
-def test_point_source_falls_off(variant):
-    _scene, emitter = emitter_of(point())
-    for y in (2.0, 0.0, -5.0):
-        p = [CENTRE[0], y, CENTRE[2]]
-        ds, weight = emitter.sample_direction(receiver(p), mi.Point2f(0.5))
-        if variant.endswith("rgb"):
-            assert np.allclose(first(weight), np.array([20, 15, 10]) / (CENTRE[1] - y) ** 2, rtol=1e-5)
-        assert np.all(np.array(ds.delta)) and np.allclose(np.array(ds.d).ravel(), [0, 1, 0])
-        assert np.allclose(np.array(ds.dist), CENTRE[1] - y)
 
 
 def around(angle):
@@ -259,17 +244,13 @@ def test_falloff_is_what_is_sampled(variant_rgb, cos_angle, exponent):
     assert test.run(significance_level=SIGNIFICANCE, test_count=5), test.messages
 
 
-@pytest.mark.parametrize(
-    "direction", ([1, 0, 0], [0, -3, 0], [0, 0, 1], [0, 0, -1], [1e-7, 0, -1], [0, 1e-4, 1], [1, 2, 3]), ids=str
-)
+@pytest.mark.parametrize("direction", ([1, 0, 0], [0, 0, -1], [1e-7, 0, -1], [1, 2, 3]), ids=str)
 @pytest.mark.parametrize(
     "parameters",
     (
         {"distribution": "cone", "angle": 180.0},
-        {"distribution": "cone", "angle": 0.05},
         {"distribution": "cone", "angle": 1e-3},
         {"distribution": "spot", "exponent": 1e6},
-        {"distribution": "spot", "exponent": 1e4, "angle": 0.5},
         {"distribution": "spot", "exponent": 0.0, "angle": 0.05},
     ),
     ids=str,

@@ -2,8 +2,6 @@
 5.4).
 """
 
-import threading
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -26,9 +24,7 @@ def render(scene, seed=0, spp=0, **film):
 # ------------------------------------------------------------------ the right image
 
 
-@pytest.mark.parametrize(
-    "rfilter", ["box", *(pytest.param(f, marks=pytest.mark.slow) for f in ("gaussian", "mitchell"))]
-)
+@pytest.mark.parametrize("rfilter", ["box", pytest.param("gaussian", marks=pytest.mark.slow)])
 def test_diffuse_scene_equals_direct(variant_rgb, rfilter):
     direct = renderings(penumbra(rfilter=rfilter, type="direct"), 16, spp=36)
     for adaptive in ("none", "neighbours"):
@@ -207,7 +203,7 @@ def test_channels(variant_rgb):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("adaptive", ["neighbours", "thesis", "none", "graded"])
-@pytest.mark.parametrize("rfilter", ["box", pytest.param("gaussian", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("rfilter", ["box", "gaussian"])
 def test_bands_and_crops_do_not_change_a_bit(variant_rgb, adaptive, rfilter):
     def image(band=1 << 18, **film):
         return render(penumbra(COPPER, rfilter=rfilter, type="prosim", adaptive=adaptive, band=band), width=40, **film)
@@ -340,11 +336,10 @@ def test_neighbours_have_no_bias_and_the_thesis_a_small_one(variant_rgb):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rfilter", ["gaussian", "mitchell"])
-def test_uneven_counts_do_not_bias_the_filter(variant_rgb, rfilter):
+def test_uneven_counts_do_not_bias_the_filter(variant_rgb):
     """Pixels with many samples must not outweigh their neighbours: each sample weighs one over its pixel's count."""
-    even = renderings(penumbra(rfilter=rfilter, type="prosim", adaptive="none"), 40)
-    uneven = renderings(penumbra(rfilter=rfilter, type="prosim", adaptive="neighbours"), 40, first_seed=1000)
+    even = renderings(penumbra(rfilter="mitchell", type="prosim", adaptive="none"), 40)
+    uneven = renderings(penumbra(rfilter="mitchell", type="prosim", adaptive="neighbours"), 40, first_seed=1000)
     assert same_expectation(even, uneven)
 
 
@@ -366,13 +361,6 @@ def test_further_channels(variant_rgb):
     assert image.shape[2] == 3 + 1 + 3 + 1
     assert np.allclose(image[-4:, :8, 3:7], reference[-4:, :8, -4:], rtol=0.02, atol=1e-6)
     assert image[..., -1].min() == 5
-
-
-@pytest.mark.slow
-def test_nested_in_aov(variant_rgb):
-    scene = penumbra(type="aov", aovs="depth:depth", image={"type": "prosim", "max_level": 1})
-    ours = renderings(scene, 8, spp=36)[..., :3]
-    assert same_expectation(renderings(penumbra(type="direct"), 8, spp=36), ours)
 
 
 # ------------------------------------------------------------------ variants and ways to render
@@ -470,21 +458,6 @@ def test_no_light(variant_rgb):
 
 
 @pytest.mark.slow
-def test_60_lights(variant_rgb):
-    scene = penumbra(COPPER, type="prosim")
-    light = scene.pop("light")
-    for k in range(60):
-        scene[f"light{k}"] = {**light, "center": [-5 + k % 20 * 0.5, 4 + k // 20, 3], "radius": 0.1}
-    image = finite(scene)
-    direct = np.array(
-        mi.render(
-            mi.load_dict({**scene, "integrator": {"type": "direct", "emitter_samples": 8, "bsdf_samples": 1}}), spp=128
-        )
-    )
-    assert image[-6:].mean() == pytest.approx(direct[-6:].mean(), rel=0.02)
-
-
-@pytest.mark.slow
 def test_grazing_roughness(variant_rgb):
     scene = penumbra({**COPPER, "alpha": 1.0}, type="prosim", max_level=6)
     for shape in ("floor", "wall"):
@@ -513,11 +486,3 @@ def test_sources_may_change_between_renderings(variant_rgb):
     params[name] = params[name] @ mi.Transform4f().scale(2)
     params.update()
     assert np.array(mi.render(scene))[-4:].mean() == pytest.approx(4 * before[-4:].mean(), rel=0.05)
-
-
-def test_renders_in_a_thread(variant_rgb):
-    images = []
-    worker = threading.Thread(target=lambda: images.append(render(penumbra(type="prosim"))))
-    worker.start()
-    worker.join()
-    assert len(images) == 1 and np.array_equal(images[0], render(penumbra(type="prosim")))

@@ -7,6 +7,7 @@ import pytest
 from image_statistics import renderings
 from mitsuba_prosim.light.spheres import SphereLights, direction_to_sphere
 from mitsuba_prosim.light.strategy import Receiver
+from scenes import camera, film
 
 
 def T():
@@ -20,7 +21,7 @@ def grid(n=128):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("normal", [(0, 1, 0), (0.6, 0.8, 0), (0.48, 0.64, 0.6), (0, 0, 1), (1, 0, 0)])
+@pytest.mark.parametrize("normal", [(0, 1, 0), (0.48, 0.64, 0.6), (1, 0, 0)])
 @pytest.mark.parametrize("radius", [1.0, 0.01])
 def test_a_ball_overhead_is_sampled_where_it_is(variant_rgb, normal, radius):
     """At every angle from the normal: unit directions that meet the ball, and its irradiance pi L (r/d)² cos."""
@@ -53,7 +54,7 @@ def test_a_sun_lights_every_pixel_of_a_floor_alike(variant_rgb, height, aside):
             "sensor": {
                 "type": "orthographic",
                 "to_world": T().look_at([0, 3, 0], [0, 0, 0], [0, 0, 1]),
-                "film": {"type": "hdrfilm", "width": 16, "height": 16, "rfilter": {"type": "box"}},
+                "film": film(16),
             },
             "floor": {
                 "type": "rectangle",
@@ -80,12 +81,7 @@ def lamp_beside_a_floor(offset, bsdf, **integrator):
     return {
         "type": "scene",
         "integrator": integrator,
-        "sensor": {
-            "type": "perspective",
-            "fov": 10,
-            "to_world": T().look_at(at(0, 1, 2), at(0, 0, 0.05), [0, 1, 0]),
-            "film": {"type": "hdrfilm", "width": 16, "height": 16, "rfilter": {"type": "box"}},
-        },
+        "sensor": camera(at(0, 1, 2), at(0, 0, 0.05), film(16), fov=10),
         "floor": {"type": "rectangle", "to_world": T().translate(at(0, 0, 0)).rotate([1, 0, 0], -90), "bsdf": bsdf},
         "light": {
             "type": "sphere",

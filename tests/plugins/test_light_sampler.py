@@ -177,7 +177,7 @@ def test_scalar_variants_choose_too():
     """One image of the mean radiance of that of a vectorised variant, within 5 standard errors of pixels."""
     settings = {"type": "prosim", "adaptive": "none", "max_level": 1, "diffuse_bounces": -1}
     images = []
-    for variant, spp in (("llvm_ad_rgb", 256), ("scalar_rgb", 64)):
+    for variant, spp in (("llvm_ad_rgb", 256), ("scalar_rgb", 16)):
         mi.set_variant(variant)
         images.append(np.array(mi.render(mi.load_dict(lit(size=8, **settings)), spp=spp, seed=3)))
     difference = images[0] - images[1]

@@ -40,18 +40,6 @@ def test_distribution_is_normalised(variant_rgb, name, alpha):
     assert 2 * np.pi * (density * np.cos(theta) * weight).sum() == pytest.approx(1, abs=1e-4)
 
 
-def test_distributions_follow_their_formulas(variant_rgb):
-    theta = np.linspace(0, 1.5, 50)
-    cos, tan = np.cos(theta), np.tan(theta)
-    m = 0.6
-    beckmann = np.exp(-((tan / m) ** 2)) / (np.pi * m**2 * cos**4)
-    np.testing.assert_allclose(DISTRIBUTIONS["beckmann"].D(facet(theta), m), beckmann, rtol=1e-4, atol=1e-7)
-    phong = 52 / (2 * np.pi) * cos**50
-    np.testing.assert_allclose(DISTRIBUTIONS["phong"].D(facet(theta), 50), phong, rtol=1e-4, atol=1e-7)
-    gaussian = np.array(DISTRIBUTIONS["gaussian"].D(facet(theta), m))
-    np.testing.assert_allclose(gaussian / gaussian[0], np.exp(-((theta / m) ** 2)), rtol=1e-4, atol=1e-7)
-
-
 @pytest.mark.parametrize("name, alpha", [(n, a) for n in DISTRIBUTIONS for a in WIDTHS] + [("gaussian", 2.0)])
 def test_polar_angle_inverts_the_distribution(variant_rgb, name, alpha):
     """The share of the facets up to the angle drawn from u is u."""
@@ -137,25 +125,6 @@ def test_thesis_approximation_needs_a_large_index(variant_rgb):
     assert difference(1.5, 7.5) < 5e-3  # aluminium: good
     assert difference(0.2, 3.9) < 1e-2
     assert difference(0.5, 0.5) > 5e-2  # n² + k² is not large: bad
-
-
-def test_dielectric_curves(variant_rgb):
-    """Figures 2.4 and 2.5: glancing reflectance 1; from inside, total reflection from asin(1 / n) on."""
-    for n in (1.33, 1.5, 2.4):
-        glass = mi.load_dict({"type": "prosim_dielectric", "int_ior": n, "ext_ior": 1.0})
-        outside = np.array(curves.reflectance(glass, [0, 89.9999]))[0]
-        np.testing.assert_allclose(outside, [((n - 1) / (n + 1)) ** 2, 1], rtol=1e-4)
-        critical = math.degrees(math.asin(1 / n))
-        below, above = np.array(curves.reflectance(glass, [180 - critical + 0.1, 180 - critical - 0.1]))[0]
-        assert below < 0.9 and above == 1
-
-
-def test_copper_is_red_and_white_at_glancing_incidence(variant_rgb):
-    """Figure 2.6."""
-    copper = mi.load_dict({"type": "prosim_conductor", "material": "Cu_palik"})
-    red, green, blue = np.array(curves.reflectance(copper, [0, 60, 89.999]))
-    assert (red[:2] > green[:2]).all() and (green[:2] > blue[:2]).all()
-    np.testing.assert_allclose([red[2], green[2], blue[2]], 1, atol=1e-3)
 
 
 def test_off_specular_peak(variant_rgb):

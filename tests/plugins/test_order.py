@@ -1,13 +1,9 @@
 """The order of lamps and of what is specular: Mitsuba gives meshes another one whenever it loads a scene."""
 
-import random
-from types import SimpleNamespace
-
 import mitsuba as mi
 import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 import pytest
-from mitsuba_prosim.compat import emitters_in_order, shapes_in_order
 from mitsuba_prosim.scene.scene_file import SceneFile
 
 TREES = {"type": "prosim", "adaptive": "none", "samples": 2}
@@ -49,7 +45,7 @@ def xml(tmp_path):
     return path
 
 
-@pytest.mark.parametrize("integrator", [TREES | CAUSTICS, PATHS, PATHS | CAUSTICS])
+@pytest.mark.parametrize("integrator", [TREES | CAUSTICS, pytest.param(PATHS | CAUSTICS, marks=pytest.mark.slow)])
 def test_a_scene_has_one_image_however_often_it_is_loaded(variant_rgb, xml, integrator):
     loaded = [mi.load_file(str(xml)) for _ in range(5)]  # all of them alive, and so at other addresses
     images = {np.array(mi.render(scene, integrator=mi.load_dict(integrator), seed=3)).tobytes() for scene in loaded}
@@ -68,29 +64,3 @@ def test_meshes_of_one_material_are_merged(variant_rgb, tmp_path):
     cubes = "".join(cube(k, 0, 0.1, glass(0)) for k in range(5)) + cube(5, 0, 0.1, lamp(0)) + cube(6, 0, 0.1, lamp(0))
     path.write_text(f'<scene version="3.0.0">{cubes}</scene>')
     assert sorted(s.primitive_count() for s in SceneFile(path, tmp_path).load().shapes()) == [12, 12, 60]
-
-
-def test_the_order_of_a_shuffled_scene(variant):
-    def mesh(x, radiance):
-        emitter = {"type": "area", "radiance": {"type": "rgb", "value": radiance}}
-        return {"type": "cube", "to_world": mi.ScalarTransform4f().translate([x, 0, 0]), "emitter": emitter}
-
-    point = {"type": "point", "position": [0, 9, 0], "intensity": 1.0}
-    ball = {"type": "sphere", "emitter": {"type": "area", "radiance": 1.0}}
-    # Two of the meshes differ in nothing but their colour.
-    meshes = [mesh(x, radiance) for x, radiance in ((1, [1, 1, 1]), (2, [1, 2, 3]), (2, [3, 2, 1]), (3, [1, 1, 1]))]
-    lamps = [mi.load_dict(thing) for thing in (point, ball, *meshes)]
-    for lamp in lamps:
-        lamp.set_id("")
-    shapes, emitters = lamps[1:], [lamps[0], *(shape.emitter() for shape in lamps[1:])]
-    generator, orders = random.Random(1), set()
-    for _ in range(10):
-        order = [0, 1, *generator.sample(range(2, 6), 4)]
-        scene = SimpleNamespace(
-            emitters=lambda order=order: [emitters[k] for k in order],
-            shapes=lambda order=order: [shapes[k - 1] for k in order[1:]],
-        )
-        found = [emitters.index(emitter) for emitter in emitters_in_order(scene)]
-        assert [shapes.index(shape) + 1 for shape in shapes_in_order(scene)] == found[1:]
-        orders.add(tuple(found))
-    assert orders <= {(0, 1, 2, 3, 4, 5), (0, 1, 2, 4, 3, 5)} and len(orders) == 1

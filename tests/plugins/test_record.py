@@ -80,11 +80,6 @@ def test_another_aim_is_pursued_from_where_it_is(variant_rgb):
     assert np.all(np.rint(image[..., -2]).ravel() >= quick.pixels["count"])
 
 
-def test_a_checkpoint_has_the_samples_of_the_second_image(variant_rgb):
-    last = records(loaded(size=12, noise=0.02, max_samples=60))[-1]
-    assert last.second["count"].min() > 0
-
-
 def test_what_belongs_to_another_image_is_refused(variant_rgb):
     (*_, last) = records(loaded(size=8))
     for settings, says in [

@@ -7,8 +7,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.sampling.hash import combine, hash32
-from mitsuba_prosim.sampling.nrook import NRook, Permutations, epoch_key, grid_size, pixel_key
+from mitsuba_prosim.sampling.nrook import NRook, Permutations, epoch_key, pixel_key
 from mitsuba_prosim.sampling.sobol import Sobol
+from scenes import film
 from scipy import stats
 
 
@@ -193,72 +194,29 @@ def test_endless_points_are_those_of_scalar_variants(variant_rgb):
         assert np.array_equal(np.ravel(Sobol(pixel_key(7, pixel), t)(3)), points[pixel, t])
 
 
-def test_any_number_of_endless_points_beats_patterns_that_are_not_full(variant_rgb):
-    """The variance of the mean of a smooth function: 40 of them against as many of N-rook patterns of 25."""
-    lane = dr.arange(mi.UInt32, 4000 * 40)
-    rook = NRook.at(Permutations(5), pixel_key(7, lane // 40), lane % 40)(3)
-    rook = np.array(rook).T.reshape(4000, 40, 2)
-    sobol, nrook = (np.var(np.mean(p[..., 0] * p[..., 1], axis=1)) for p in (endless(40, 4000), rook))
-    assert sobol < 0.7 * nrook
-
-
-def test_the_owen_sampler_takes_these_points(variant):
-    sampler = mi.load_dict({"type": "owen", "sample_count": 24})
-    assert sampler.sample_count() == 24
-    if variant == "scalar_rgb":
-        sampler.seed(5)
-        points = []
-        for _ in range(8):
-            sampler.next_1d()
-            points.append(np.array(sampler.next_2d()))
-            sampler.advance()
-        points = np.array(points)[None]
-    else:
-        sampler.set_samples_per_wavefront(8)
-        sampler.seed(5, 8 * 10)
-        sampler.next_1d()
-        points = np.array(sampler.next_2d()).T.reshape(10, 8, 2)
-    assert np.all(np.sort(np.floor(points * 8).astype(int), axis=1) == np.arange(8)[:, None])
-
-
 # ------------------------------------------------------------------ the sampler plugins
 
 
-def test_sampler_goes_on_beyond_its_count(variant_rgb):
-    sampler = mi.load_dict({"type": "nrook", "sample_count": 16})
-    sampler.set_samples_per_wavefront(16)
-    sampler.seed(3, 16 * 50)
-    patterns = []
-    for _ in range(3):
-        patterns.append(np.array(sampler.next_2d()).T.reshape(50, 16, 2))
-        sampler.advance()
-    for points in patterns:
-        assert np.all(np.sort(np.floor(points * 4).astype(int) @ [4, 1], axis=1) == np.arange(16))
-    assert not np.array_equal(patterns[0], patterns[1]) and not np.array_equal(patterns[1], patterns[2])
-
-
-def test_grid_size():
-    assert [grid_size(spp) for spp in (1, 2, 4, 5, 16, 25, 26)] == [1, 2, 2, 3, 4, 5, 6]
-
-
-def test_sampler_takes_the_patterns_in_any_variant(variant):
-    sampler = mi.load_dict({"type": "nrook", "sample_count": 9})
+@pytest.mark.parametrize("plugin, n", [("nrook", 3), ("owen", 4)])
+def test_samplers_take_these_points_in_any_variant(variant, plugin, n):
+    sampler = mi.load_dict({"type": plugin, "sample_count": n * n})
+    assert sampler.sample_count() == n * n
     if variant == "scalar_rgb":
         sampler.seed(5)
         points = []
-        for _ in range(9):
+        for _ in range(n * n):
             sampler.next_1d()
             points.append(np.array(sampler.next_2d()))
             sampler.advance()
         points = np.array(points)[None]
     else:
-        sampler.set_samples_per_wavefront(9)
-        sampler.seed(5, 9 * 10)
+        sampler.set_samples_per_wavefront(n * n)
+        sampler.seed(5, n * n * 10)
         sampler.next_1d()
-        points = np.array(sampler.next_2d()).T.reshape(10, 9, 2)
-    cells = np.sort(np.floor(points * 3).astype(int) @ [3, 1], axis=1)
-    assert np.all(cells == np.arange(9))
-    assert np.all(np.sort(np.floor(points * 9).astype(int), axis=1) == np.arange(9)[:, None])
+        points = np.array(sampler.next_2d()).T.reshape(10, n * n, 2)
+    cells = np.sort(np.floor(points * n).astype(int) @ [n, 1], axis=1)
+    assert np.all(cells == np.arange(n * n))
+    assert np.all(np.sort(np.floor(points * n * n).astype(int), axis=1) == np.arange(n * n)[:, None])
 
 
 def test_sampler_passes_of_a_wavefront_are_those_of_one(variant_rgb):
@@ -308,13 +266,7 @@ def test_sampler_stratifies_for_integrators_in_cpp_and_in_python(variant_rgb, in
         "sensor": {
             "type": "orthographic",
             "sampler": {"type": "nrook", "sample_count": 100},
-            "film": {
-                "type": "hdrfilm",
-                "width": 8,
-                "height": 64,
-                "pixel_format": "luminance",
-                "rfilter": {"type": "box"},
-            },
+            "film": film(8, 64, pixel_format="luminance"),
         },
         "edge": {
             "type": "rectangle",

@@ -5,6 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.transport import lobes, workarounds
+from scenes import camera, film
 
 MIRROR = {"type": "conductor"}
 BLACK = {"type": "diffuse", "reflectance": 0.0}
@@ -44,18 +45,7 @@ def quarters(bsdfs, bounces, light, samples=16, size=16):
         {
             "type": "scene",
             "integrator": {"type": "prosim", "adaptive": "none", "samples": samples, "diffuse_bounces": bounces},
-            "sensor": {
-                "type": "perspective",
-                "fov": 20,
-                "to_world": T().look_at([0, 0, 5], [0, 0, 0], [0, 1, 0]),
-                "film": {
-                    "type": "hdrfilm",
-                    "width": size,
-                    "height": size,
-                    "pixel_format": "luminance",
-                    "rfilter": {"type": "box"},
-                },
-            },
+            "sensor": camera([0, 0, 5], [0, 0, 0], film(size, pixel_format="luminance"), fov=20),
             "light": light,
             **cards,
         }

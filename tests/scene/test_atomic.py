@@ -8,7 +8,6 @@ from contextlib import contextmanager
 
 import pytest
 from mitsuba_prosim import atomic
-from prosim_scene import PART
 
 
 @contextmanager
@@ -26,14 +25,14 @@ def names(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_all_or_nothing(tmp_path):
+def test_a_file_is_complete_or_as_before(tmp_path):
     a, b, c = tmp_path / "a", tmp_path / "b", tmp_path / "c" / "b"
     a.write_bytes(b"old")
     with little_room(5), pytest.raises(OSError, match="File too large"):
-        atomic.write({a: b"new", b: b"longer"})
-    assert names(tmp_path) == ["a"] and a.read_bytes() == b"old"
+        atomic.write({b: b"new", a: b"longer"})
+    assert names(tmp_path) == ["a", "b"] and a.read_bytes() == b"old"
     assert atomic.write({a: b"new", c: lambda path: path.write_bytes(b"longer")}) == [a, c]
-    assert names(tmp_path) == ["a", "c"] and c.read_bytes() == b"longer"
+    assert names(tmp_path) == ["a", "b", "c"] and c.read_bytes() == b"longer"
 
 
 def test_mode_and_link_stay(tmp_path):
@@ -55,17 +54,15 @@ def test_check_finds_what_writing_would(tmp_path):
     longest = os.pathconf(tmp_path, "PC_NAME_MAX")
     for path, says in [
         (tmp_path / "folder", "this is a folder"),
-        (tmp_path / "file" / "a", "not a folder"),
-        (tmp_path / "new" / ("é" * 200), "too long"),
+        (tmp_path / "file" / "a", "Not a directory"),
+        (tmp_path / ("é" * 200), "too long"),
         (tmp_path / ("a" * (longest + 1)), "too long"),
     ]:
         with pytest.raises(OSError, match=says):
             atomic.check([path], 10)
     atomic.check([tmp_path / ("a" * longest), tmp_path / "new" / "deep" / "b"], 10)
-    with little_room(1000):
-        atomic.check([tmp_path / "a"], 1000)
-        with pytest.raises(OSError, match="no file of 1001 bytes"):
-            atomic.check([tmp_path / "a"], 1001)
+    with pytest.raises(OSError, match=f"no file of {1 << 60} bytes can be written there: No space"):
+        atomic.check([tmp_path / "a"], 1 << 60)
     assert names(tmp_path) == ["file", "folder"]
 
 
@@ -85,12 +82,3 @@ def test_rescue_finds_the_first_place_with_room(tmp_path, monkeypatch):
         monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "TMPDIR") if place == "TMPDIR" else "/proc")
         exr, png = atomic.rescue(contents)
         assert exr.parent.parent == tmp_path / place and exr.read_bytes() == b"image" and png.read_bytes() == b"shown"
-
-
-def test_unfinished_files_of_killed_processes_are_removed(tmp_path):
-    for name, time in (("old", 0), ("new", None)):
-        (tmp_path / f"{PART}{name}").touch()
-        if time is not None:
-            os.utime(tmp_path / f"{PART}{name}", (time, time))
-    atomic.write({tmp_path / "a": b"content"})
-    assert names(tmp_path) == [f"{PART}new", "a"]

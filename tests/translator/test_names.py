@@ -103,7 +103,7 @@ def test_names_stand_for_words_of_all_kinds():
         ("NSAMPLES {$n + 1}", 11, "$n has no value; expected DEFAULT $n = 1 above its use, -D n=1"),
         ("DEFAULT $angle = 1 NSAMPLES $Angle", 29, "did you mean '$angle'"),
         ("NSAMPLES $n DEFAULT $n = 1", 10, "$n has no value"),
-        ("DEFAULT $n = 1 DEFAULT $n = 2", 24, "DEFAULT $n is given twice"),
+        ("DEFAULT $n = 1 DEFAULT $n = 2", 24, "DEFAULT $n stands twice"),
         ("DEFAULT n = 1", 9, "expected a name such as $angle"),
         ("DEFAULT $n = ouro NSAMPLES {$n + 1}", 29, "$n stands for 'ouro'; expected a finite number"),
         ("DEFAULT $n = CUBE LIGHTS $n", 26, "$n stands for 'CUBE', a keyword"),
@@ -133,7 +133,7 @@ def test_each_error_names_its_place(line, column, words):
 @pytest.mark.parametrize(
     "define, words",
     [
-        ({"turm": 3}, "turm = 3 is given, but the scene does not use .turm; .*did you mean '.turn'"),
+        ({"turm": 3}, "does not use .turm, .*did you mean '.turn'"),
         ({"turn": math.nan}, "turn = nan is not a value"),
         ({"turn": [1]}, r"turn = \[1\] is not a value"),
         ({"a-b": 1}, "'a-b' cannot be a name"),

@@ -72,7 +72,6 @@ def test_solids_that_come_to_look_alike_and_no_longer_are_not_evaluated_anew(tmp
         prosim_scene.translate(path, tmp_path / "kept", define={"red": red}, cache=cache)
         prosim_scene.translate(path, tmp_path / "anew", define={"red": red})
         assert files(tmp_path / "kept") == files(tmp_path / "anew") and len(files(tmp_path / "kept")) == 1 + meshes
-        assert len(cache.files) == meshes
     assert cache.evaluations == 1
 
 

@@ -19,30 +19,19 @@ from ..engine.policies import POLICIES
 from ..engine.tiles import Part
 from ..scene import scene_file, session
 from ..transport.layers import KINDS
-from . import options
-from .options import Integer, Number
-
-#: Fields that become parameters of the integrator, and options of the translator.
-INTEGRATOR = (
-    "caustics",
-    "max_level",
-    "layers",
-    "threshold",
-    "noise",
-    "noise_99",
-    "noise_999",
-    "time",
-    "max_samples",
-    "adaptive",
-)
-LANGUAGE = ("light_units", "tolerance", "allow_outside")
+from . import option_types as types
+from .option_types import InputError, Integer, Number
 
 #: Fields that say when an image is good enough.
 TARGETS = ("noise", "noise_99", "noise_999", "time")
 
-#: Fields that do not change the image.
-FILES = ("output", "keep", "snapshots", "view", "verbose", "frames", "fps", "overwrite")
-RUNNING = (*FILES, "threads", "workers", "cluster", "part")
+#: Fields that become parameters of the integrator, and options of the translator.
+INTEGRATOR = ("caustics", "max_level", "layers", "threshold", "max_samples", "adaptive", *TARGETS)
+LANGUAGE = ("light_units", "tolerance", "allow_outside")
+
+#: Fields of films, and all that do not change the image.
+FILM = ("frames", "fps", "overwrite")
+RUNNING = ("output", "checkpoint", "snapshots", "view", "verbose", *FILM, "threads", "workers", "cluster", "part")
 
 POSITIVE = Number(0, min_open=True)
 UNITS = click.Choice(["calibrated", "radiance", "unattenuated"])
@@ -79,19 +68,19 @@ class Job:
         click.Choice(KINDS[1:]), "Write layers to the EXR too, whose sum is the image; see prosim mix."
     )
     exposure: float | None = _output(Number(-64, 64), "Exposure of the PNG in stops.")
-    keep: bool = _output(None, "Write checkpoints, NAME.state.npz, from which prosim resume continues.")
+    checkpoint: bool = _output(None, "Write checkpoints, NAME.state.npz, from which prosim resume continues.")
     snapshots: tuple[str, ...] | None = _output(
-        options.SNAPSHOTS, "Also write NAME.0.04.exr, ... when the error is this small, or NAME.4s.exr after 4 s."
+        types.SNAPSHOTS, "Also write NAME.0.04.exr, ... when the error is this small, or NAME.4s.exr after 4 s."
     )
-    view: tuple[str, int] | None = _output(options.VIEWER, "Show the image in tev while it is rendered.")
+    view: tuple[str, int] | None = _output(types.VIEWER, "Show the image in tev while it is rendered.")
     verbose: int = _output(int, "Verbose output; repeat for more.", "-v", count=True, default=0, show_default=False)
 
     definitions: Mapping[str, str] = _scene(
-        options.DEFINITION, "Replace $key in the scene; may be repeated.", "-D", "--define", multiple=True
+        types.DEFINITION, "Replace $key in the scene; may be repeated.", "-D", "--define", multiple=True
     )
     sensor: int = _scene(Integer(min=0), "Number of the scene's sensor.", "-s", default=0)
-    resolution: tuple[int, int] | None = _scene(options.RESOLUTION, "Size of the image in pixels, such as 640x480.")
-    crop: tuple[int, int, int, int] | None = _scene(options.CROP, "Render only this window of the image, in pixels.")
+    resolution: tuple[int, int] | None = _scene(types.RESOLUTION, "Size of the image in pixels, such as 640x480.")
+    crop: tuple[int, int, int, int] | None = _scene(types.CROP, "Render only this window of the image, in pixels.")
     paths: bool = _scene(None, "Path tracing: follow diffuse reflections too, in place of the ambient term.")
     caustics: bool | None = _scene(
         None, "Light that glass and mirrors gather.", "--caustics/--no-caustics", default=None, show_default=SCENES
@@ -101,14 +90,14 @@ class Job:
     )
     allow_outside: bool = _scene(None, "Let the scene use files from outside its folder.")
 
-    frames: range | None = _film(options.FRAMES, "Render a film: an image for each $frame, A to B-1, or one.")
+    frames: range | None = _film(types.FRAMES, "Render a film: an image for each $frame, A to B-1, or one.")
     fps: float | None = _film(POSITIVE, "Frames per second, for $time.", show_default="24")
     overwrite: bool = _film(None, "Render existing frames again.")
 
     threads: int | None = _distribution(Integer(1, 1024), "Number of threads.", "-t", show_default="all")
     workers: int | None = _distribution(Integer(1, 256), "Use this many local processes.")
-    cluster: str | None = _distribution(options.ADDRESS, "Use the workers of the Dask cluster with this scheduler.")
-    part: Part | None = _distribution(options.PART, "Render only part K of M, to NAME.K-of-M.npz; see prosim merge.")  # noqa: RUF009
+    cluster: str | None = _distribution(types.ADDRESS, "Use the workers of the Dask cluster with this scheduler.")
+    part: Part | None = _distribution(types.PART, "Render only part K of M, to NAME.K-of-M.npz; see prosim merge.")  # noqa: RUF009
 
     variant: str = _advanced(
         click.Choice(mi.variants()),
@@ -200,7 +189,7 @@ def takes(*names: str) -> Callable[[Callable], Callable]:
             flags = settings.pop("flags")
             if not any(flag.startswith("--") for flag in flags):
                 flags = *flags, f"--{name.replace('_', '-')}"
-            command = options.option(settings.pop("group"), *flags, name, **settings)(command)
+            command = types.option(settings.pop("group"), *flags, name, **settings)(command)
         return command
 
     return decorate
@@ -210,7 +199,7 @@ def takes(*names: str) -> Callable[[Callable], Callable]:
 GROUPS = ("Quality", "Output", "Scene", "Film", "Comparison", "Page", "Distribution", "Advanced", "Others")
 
 #: Options of the version before, and their names today.
-OLD = {"--anew": "--overwrite"}
+OLD = {"--anew": "--overwrite", "--keep": "--checkpoint"}
 
 
 class Command(click.Command):
@@ -246,8 +235,8 @@ CONFLICTS = (
         "part",
         " ".join(TARGETS),
         "--noise and --time need the whole image, and a part knows only its own pixels. Render the parts without them, "
-        "with --adaptive none; then prosim merge --keep, and prosim resume NAME.state.npz --noise X --adaptive graded. "
-        "Where the machines are connected, --cluster does all that.",
+        "with --adaptive none; then prosim merge --checkpoint, and prosim resume NAME.state.npz --noise X --adaptive "
+        "graded. Where the machines are connected, --cluster does all that.",
     ),
     ("denoise", "part", "--denoise needs the whole image, and --part renders a part of it; give one of them."),
     ("snapshots", "denoise part frames", "--snapshots shows a single image as its samples are; leave out the other."),
@@ -266,7 +255,7 @@ def job_of(asked: dict[str, Any]) -> Job:
     if "frames" not in given and (film := given & {"fps", "overwrite"}):
         raise click.UsageError(f"--{min(film)} is for films; add --frames.")
     if asked.get("adaptive") == "thesis" and given & set(TARGETS):
-        raise click.UsageError("--adaptive thesis knows neither --noise nor --time; give another policy, or none.")
+        raise click.UsageError("--adaptive thesis does not measure the noise; leave it out with --noise and --time.")
     asked["scene"] = scene = str(asked.get("scene") or "")
     for name in ("light_units", "tolerance"):
         if name in given and scene.lower().endswith(".xml"):
@@ -280,7 +269,7 @@ def job_of(asked: dict[str, Any]) -> Job:
     asked["definitions"] = dict(asked.get("definitions", ()))
     if "variant" in asked:
         asked["variant"] = choose_variant(asked["variant"])
-        progressive = (*TARGETS, "max_samples", "adaptive", "keep", "part", "workers", "cluster")
+        progressive = (*TARGETS, "max_samples", "adaptive", "checkpoint", "part", "workers", "cluster")
         refuse_scalar([f"--{name.replace('_', '-')}" for name in progressive if name in given], asked["variant"])
     return Job(**asked)
 
@@ -299,7 +288,7 @@ def choose_variant(name: str | None) -> str:
 def refuse_scalar(names: list[str], variant: str) -> None:
     """Raises InputError for these options with a scalar variant, which renders pixel by pixel."""
     if variant.startswith("scalar_") and names:
-        raise options.InputError(
-            f"{', '.join(names)}: {variant} renders one pixel after the other, and knows nothing of the whole image. "
-            "Give another variant, such as -m llvm_ad_rgb (prosim doctor lists those of this machine), or --spp."
+        raise InputError(
+            f"{', '.join(names)}: {variant} renders pixel by pixel, not progressively. Give another variant, "
+            "such as -m llvm_ad_rgb (prosim doctor lists those of this machine), or --spp."
         )

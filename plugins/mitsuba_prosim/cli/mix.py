@@ -12,10 +12,10 @@ import OpenEXR
 
 from ..denoising.layers import mixed, of_channels
 from ..scene import images
-from . import output
-from .image import SUFFIXES
+from . import output_files
 from .job import Command, Job, takes
-from .options import Form, InputError
+from .option_types import Form, InputError
+from .render_task import SUFFIXES
 
 #: Difference of an image and the sum of its layers, over the brightest value: that of half precision.
 ROUNDING = 0.01
@@ -60,25 +60,20 @@ def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> N
     for k, letter in enumerate("RGB"):
         planes[letter] = whole[..., k]
         planes |= {f"{name}.{letter}": values[..., k] for name, values in colours.items()}
-    header["prosim.mix"] = said(factors)
-    stem = output.stem(job.output, image.with_name(f"{image.stem}-mix"), SUFFIXES)
-    output.check(stem, SUFFIXES, sum(plane.nbytes for plane in planes.values()), [image])
+    header["prosim.mix"] = described(factors)
+    stem = output_files.stem(job.output, image.with_name(f"{image.stem}-mix"), SUFFIXES)
+    output_files.check(stem, SUFFIXES, sum(plane.nbytes for plane in planes.values()), [image])
     ordered = {name: planes[name] for name in sorted(planes, key=lambda name: ("." in name, "RGBA".find(name)))}
     contents = images.encode(of_channels(ordered), header, job.exposure or 0.0)
-    click.echo(" and ".join(map(str, output.save(stem, contents))))
+    click.echo(" and ".join(map(str, output_files.save(stem, contents))))
 
 
-def said(factors: Iterable[tuple[str, np.ndarray]]) -> str:
+def described(factors: Iterable[tuple[str, np.ndarray]]) -> str:
     """The factors, for the metadata."""
     return ", ".join(f"{name} x {' '.join(map(str, factor))}" for name, factor in factors)
 
 
-def total(planes: dict[str, np.ndarray], layers: list[str], letter: str) -> np.ndarray:
-    """The sum of one colour of the ``layers``."""
-    return np.sum([planes[f"{name}.{letter}"] for name in layers], axis=0)
-
-
 def is_sum(planes: dict[str, np.ndarray], layers: list[str], letter: str) -> bool:
     """Whether one colour of the image is the sum of the ``layers``."""
-    image = planes.get(letter, np.zeros(1))
-    return bool(np.abs(total(planes, layers, letter) - image).max() <= ROUNDING * max(np.abs(image).max(), 1e-3))
+    image, total = planes.get(letter, np.zeros(1)), np.sum([planes[f"{name}.{letter}"] for name in layers], axis=0)
+    return bool(np.abs(total - image).max() <= ROUNDING * max(np.abs(image).max(), 1e-3))

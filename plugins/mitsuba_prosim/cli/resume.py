@@ -13,18 +13,18 @@ import click
 from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint
 from ..scene import session
-from . import output
-from .image import STATE, SUFFIXES
+from . import output_files
 from .input_files import PART_FILE, SCENE_FILE, STATE_FILE, parts, stem
-from .job import RUNNING, Command, Job, choose_variant, takes
-from .options import InputError, option
-from .render import write_image
+from .job import RUNNING, TARGETS, Command, Job, choose_variant, takes
+from .option_types import InputError, option
+from .render_command import write_image
+from .render_task import STATE, SUFFIXES
 
 #: Policies that decide by the first samples alone; ``graded`` takes their place where the target changes.
 BY_FIRST = ("neighbours", "thesis")
 
 #: Options that change the target of a render.
-TARGET = ("noise", "time", "noise_99", "noise_999", "max_samples", "adaptive")
+TARGET = (*TARGETS, "max_samples", "adaptive")
 
 #: Decorator: the option of commands that open a state.
 scene_option = option("Scene", "--scene", "moved", type=SCENE_FILE, help="Path of the scene, if it was moved.")
@@ -35,7 +35,7 @@ scene_option = option("Scene", "--scene", "moved", type=SCENE_FILE, help="Path o
 @takes(*TARGET, "output", "exposure", "verbose", "threads", "workers", "cluster")
 @scene_option
 def resume(job: Job, state: Path, moved: Path | None) -> None:
-    """Continue a render from STATE, a file that prosim render --keep has written, until its target.
+    """Continue a render from STATE, a file that prosim render --checkpoint has written, until its target.
 
     The image is the same to the bit as without the interruption. Another target continues the image from where it is;
     --time counts from the beginning. A state of another scene or version is refused.
@@ -45,15 +45,15 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
     if record.part and (target or job.distributed):
         raise click.UsageError(
             f"{state} is a part, and all parts of an image have one target; finish it without further options. "
-            "prosim merge --keep makes a state of all parts, which can be continued."
+            "prosim merge --checkpoint makes a state of all parts, which can be continued."
         )
     if target.get("adaptive") in BY_FIRST:
         raise click.UsageError(f"--adaptive {target['adaptive']} decides by the first samples, which exist already.")
     if target:
         policy = record.facts["sampling"]["adaptive"]
         target = {"adaptive": "graded" if policy in BY_FIRST else policy} | target
-    job = continued(before, job, keep=True, part=record.part, **target)
-    write_image(job, output.stem(job.output, stem(state), SUFFIXES), record)
+    job = continued(before, job, checkpoint=True, part=record.part, **target)
+    write_image(job, output_files.stem(job.output, stem(state), SUFFIXES), record)
     if record.finished and not target:
         click.echo(
             f"It was finished before. When all parts are finished: prosim merge {parts(state)}"
@@ -64,7 +64,7 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
 
 @click.command(cls=Command)
 @click.argument("files", metavar="PART...", type=PART_FILE, nargs=-1, required=True)
-@takes("output", "exposure", "keep", "verbose", "threads")
+@takes("output", "exposure", "checkpoint", "verbose", "threads")
 @scene_option
 def merge(job: Job, files: tuple[Path, ...], moved: Path | None) -> None:
     """Merge the PARTs of an image, files that prosim render --part has written.
@@ -73,12 +73,12 @@ def merge(job: Job, files: tuple[Path, ...], moved: Path | None) -> None:
     Nothing is rendered.
     """
     record, before = opened(files[0], moved, lambda: checkpoint.merge(files))
-    target = output.stem(job.output, stem(files[0]), SUFFIXES)
+    target = output_files.stem(job.output, stem(files[0]), SUFFIXES)
     write_image(continued(before, job), target, record)
     click.echo(
         f"The parts can be removed: {target}{STATE} stores all of them."
-        if job.keep
-        else "The parts can be removed, unless the image is to be continued: prosim merge --keep makes a state of them."
+        if job.checkpoint
+        else "The parts can be removed, unless the image is to be continued: --checkpoint makes a state of them."
     )
 
 
@@ -107,6 +107,6 @@ def opened(state: Path, moved: Path | None, read: Callable[[], Checkpoint] | Non
                 return record, replace(job, scene=str(path))
         raise ValueError(f"{scene} does not exist, nor does the folder of {state} have it; give its path by --scene")
     except OSError as error:
-        raise InputError(f"{state}: {output.reason(error)}") from None
+        raise InputError(f"{state}: {output_files.reason(error)}") from None
     except (ImportError, ValueError) as error:
         raise InputError(session.message(error)) from None

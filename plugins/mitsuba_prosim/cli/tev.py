@@ -12,7 +12,7 @@ import mitsuba as mi
 from ..live.throttle import Throttle
 from ..scene import images
 from .job import Job
-from .options import need
+from .option_types import need
 from .progress import warn
 
 #: Seconds after which a tev that reads nothing counts as gone: it reads whenever it draws, many times a second.

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .image import Task
+from ..scene.scene_file import SceneFile
 from .job import Job
-from .options import need, wrong_input
+from .option_types import need, wrong_input
 from .progress import warn
 
 if TYPE_CHECKING:
@@ -24,8 +24,8 @@ class Workers(ExitStack):
         self.job = job
         self.dask: DaskExecutor | None = None
 
-    def executor(self, task: Task) -> DaskExecutor | None:
-        """The executor for the samples of an image; None for this process.
+    def executor(self, file: SceneFile) -> DaskExecutor | None:
+        """The executor for the samples of an image of ``file``; None for this process.
 
         Raises InputError where the scene can't travel, and ClickException.
         """
@@ -38,7 +38,7 @@ class Workers(ExitStack):
         from ..parallel.executor import DaskExecutor
 
         with wrong_input():
-            bundle = SceneBundle.of(task.file, job.sensor)
+            bundle = SceneBundle.of(file, job.sensor)
         if self.dask is not None:
             self.dask.turn_to(bundle)
             return self.dask

@@ -195,7 +195,7 @@ def read(path: str | Path, arrays: bool = True) -> Checkpoint:
     with open(path, "rb") as file:
         begin = file.read(1 << 10)
         if not begin.startswith(MAGIC) or b"facts.npy" not in begin:
-            raise NotACheckpointError(f"{path} is no checkpoint; --keep and --part write some")
+            raise NotACheckpointError(f"{path} is no checkpoint; --checkpoint and --part write some")
         file.seek(0)
         groups: dict[str, dict[str, np.ndarray]] = {"facts": {}, "pixels": {}, "second": {}}
         try:

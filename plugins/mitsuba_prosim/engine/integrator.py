@@ -109,11 +109,9 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         if not dr.is_jit_v(mi.Float):
             return self._render_scalar(scene, sensor, seed, spp, develop, evaluate)
-        for _ in self.progressive(scene, sensor, seed, spp):
-            pass
-        film = sensor.film()
+        render = self.progressive(scene, sensor, seed, spp).run()
         with alone():
-            image = film.develop() if develop else mi.TensorXf()
+            image = render.image() if develop else mi.TensorXf()  # another thread may have put its image into the film
             if evaluate:
                 dr.eval(image)
                 dr.sync_thread()

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+from typing import Any
+
+import drjit as dr
 import mitsuba as mi
 
 from ..alone import alone
@@ -47,6 +51,11 @@ class ProsimFeatures(mi.SamplingIntegrator):
 
     def aov_names(self) -> list[str]:
         return list(features.NAMES)
+
+    def render(self, *arguments: Any, **more: Any) -> mi.TensorXf:
+        # The film is that of all renders. In scalar variants the samples are taken by other threads, which lock.
+        with alone() if dr.is_jit_v(mi.Float) else nullcontext():
+            return super().render(*arguments, **more)
 
     @alone()
     def sample(

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import os
-import re
 from pathlib import Path
 
 import mitsuba as mi
@@ -23,7 +21,7 @@ def pointed(words: str, scene: Path | None = None) -> str:
     """
     for place in reversed(list(PLACE.finditer(words))):
         path = Path(place[1])
-        known = scene is None or path == scene or _is_below(path, scene.parent)
+        known = scene is None or path == scene or path.resolve().is_relative_to(scene.parent.resolve())
         if known and (line := _line(path, int(place[2]), int(place[3]))):
             return f"{words.rstrip()}\n{line}"
     return words.rstrip()
@@ -32,11 +30,6 @@ def pointed(words: str, scene: Path | None = None) -> str:
 def files(words: str) -> list[str]:
     """Names of the files in which ``words`` name a place."""
     return [found[1] for found in PLACE.finditer(words)]
-
-
-def _is_below(path: Path, folder: Path) -> bool:
-    """Whether a file is in ``folder`` or below, links followed."""
-    return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
 
 
 def _line(path: Path, line: int, column: int) -> str:
@@ -51,22 +44,17 @@ def _line(path: Path, line: int, column: int) -> str:
     return source.message(Span(start, start + 1), "").partition("\n")[2]
 
 
-def nearest(name: str, kind: str) -> str | None:
-    """The plugin of this kind, in lower case or "unknown", with the name most similar to ``name``, or None."""
-    names = [path.stem for path in Path(mi.__file__).parent.glob("plugins/*") if path.suffix in LIBRARIES]
-    near = difflib.get_close_matches(name, {*names, *registry.PLUGINS}, n=9)
-    kind_of = mi.PluginManager.instance().plugin_type
-    return next((one for one in near if kind == "unknown" or kind_of(one).name.lower() == TAGS.get(kind, kind)), None)
-
-
 def with_nearest(words: str) -> str:
-    """``words``, with the name of a similar plugin where they say that a plugin does not exist."""
-
-    def suggestion(found: re.Match[str]) -> str:
-        near = nearest(found[2], found[1])
-        return found[0] + (f" Did you mean {near}?" if near else "")
-
-    return NOT_FOUND.sub(suggestion, words)
+    """``words``, with the name of a similar plugin of the same kind where they say that a plugin does not exist."""
+    found = NOT_FOUND.search(words)
+    if found is None:
+        return words
+    native = [path.stem for path in Path(mi.__file__).parent.glob("plugins/*") if path.suffix in LIBRARIES]
+    kind_of, kind = mi.PluginManager.instance().plugin_type, TAGS.get(found[1], found[1])
+    for near in difflib.get_close_matches(found[2], {*native, *registry.PLUGINS}, n=9):
+        if kind in ("unknown", kind_of(near).name.lower()):
+            return f"{words[: found.end()]} Did you mean {near}?{words[found.end() :]}"
+    return words
 
 
 def check_images(document: Document) -> None:

@@ -76,13 +76,6 @@ def active_zones(nodes: Sequence[Operator | Leaf], solids: Sequence[Solid], of_l
     return result
 
 
-def clamped(corners: np.ndarray, balls: Sequence[Ball]) -> np.ndarray:
-    """The corners (n, 8, 3) of boxes, clamped to the boxes around balls."""
-    center = np.array([ball.center for ball in balls])[:, None]
-    radius = np.array([ball.radius for ball in balls])[:, None, None]
-    return np.asarray(np.clip(corners, center - radius, center + radius))
-
-
 def bounding_balls(solids: Sequence[Solid]) -> list[Ball]:
     """Bounding balls of solids in the world."""
     result = [UNBOUNDED] * len(solids)
@@ -302,14 +295,10 @@ def choose_segments(
         )
 
 
-def warn_of_rounding(document: Document, camera: Camera, boxes: np.ndarray) -> None:
-    """Warns if the rounding of the renderer's single precision is large against a pixel.
-
-    ``boxes`` (n, 8, 3) are the corners of the boxes around the solids.
-    """
-    low, high = boxes.min(axis=1), boxes.max(axis=1)
-    nearest = np.linalg.norm(np.clip(camera.eye, low, high) - camera.eye, axis=1).min()
-    pixel = float(camera.footprint(nearest))
+def warn_of_rounding(document: Document, camera: Camera, vertices: np.ndarray) -> None:
+    """Warns if the rounding of the renderer's single precision is large against a pixel at the nearest vertex."""
+    distances = np.linalg.norm(vertices - camera.eye, axis=1)
+    pixel = float(camera.footprint(distances.min(initial=math.inf)))
     grain = float(np.spacing(np.float32(np.abs(camera.eye).max())))
     if grain > 0.1 * pixel:
         document.warn(

@@ -10,12 +10,14 @@ from ..language.document import Document
 from ..model import Leaf
 from ..view import Camera
 from .coincidence import STEP, Planes, same_surfaces
-from .detail import active_zones, choose_segments, clamped, shrink_inscribed, warn_of_rounding
+from .detail import active_zones, choose_segments, shrink_inscribed
 from .grouping import components
 from .primitives import PRIMITIVES, Corners, Primitive
 from .solids import Solid, corners
 from .transforms import matrices
 
+#: The largest number; its square is below the maximum of single precision.
+LARGEST = 1e19
 FAR = 16  # distance from the origin, in units of the scene's size, above which the scene is centred first
 
 
@@ -43,12 +45,16 @@ class Leaves:
         keys = [(x.shape, x.file, x.index) for x in document.scene.csg if isinstance(x, Leaf)]
         numbers_of_keys = {key: i for i, key in enumerate(dict.fromkeys(keys))}
         self.of_leaf = np.array([numbers_of_keys[key] for key in keys])
-        places = _checked_matrices(document, [index for *_, index in numbers_of_keys])
+        indices = [index for *_, index in numbers_of_keys]
+        with np.errstate(all="ignore"):
+            places = matrices([document.scene.transforms[index] for index in indices])
         self.solids = [
             Solid(meshes[file] if meshes and file is not None else PRIMITIVES[shape], to_world)
             for (shape, file, _), to_world in zip(numbers_of_keys, places)
         ]
-        boxes = corners(self.solids)
+        with np.errstate(all="ignore"):
+            boxes = corners(self.solids)
+        _check_transforms(document, indices, places, boxes)
         low, high = boxes.min(axis=(0, 1)), boxes.max(axis=(0, 1))
         middle = (low + high) / 2
         self.origin = middle if np.abs(middle).max() > FAR * (high - low).max() else np.zeros(3)
@@ -56,7 +62,6 @@ class Leaves:
         self.step = STEP * 2.0 ** (math.frexp(size)[1] - 1)
         self._find_shared_surfaces(cutters)
         bounds = active_zones(document.scene.csg, self.solids, self.of_leaf.tolist())
-        warn_of_rounding(document, camera, clamped(corners(self.solids), bounds))
         choose_segments(document, self.solids, bounds, camera, tolerance)
         shrink_inscribed(self.solids)
         offset = np.pad(self.origin[:, None], ((0, 1), (3, 0)))
@@ -158,12 +163,17 @@ def _sizes(solids: Sequence[Solid]) -> np.ndarray:
     return np.asarray(np.linalg.norm([s.to_world[:3, :3] for s in solids], axis=(1, 2)))
 
 
-def _checked_matrices(document: Document, indices: Sequence[int]) -> np.ndarray:
-    """The matrices (n, 4, 4) of the TRANSFORMs with these indices. Raises SceneError for a singular one."""
-    found = matrices([document.scene.transforms[index] for index in indices])
-    finite = np.isfinite(found).all(axis=(1, 2))
-    conditions = np.linalg.cond(np.where(finite[:, None, None], found, 0)[:, :3, :3])
-    for index, wrong in zip(indices, (~finite | ~(conditions <= 1e12)).tolist()):
-        if wrong:
-            raise document.error("this transform is singular or beyond double precision", "transforms", index)
-    return found
+def _check_transforms(document: Document, indices: Sequence[int], places: np.ndarray, boxes: np.ndarray) -> None:
+    """Raises SceneError for a singular transform, and for one beyond Mitsuba's single precision.
+
+    ``places`` (n, 4, 4) are the matrices, ``boxes`` (n, 8, 3) the corners of the boxes around the solids.
+    """
+    wrong = ~(np.abs(boxes).max(axis=(1, 2)) <= LARGEST)
+    widths = np.linalg.svd(np.where(wrong[:, None, None], 0, places[:, :3, :3]), compute_uv=False)
+    wrong |= ~(widths[:, 2] >= np.maximum(widths[:, 0] / 1e12, 1 / LARGEST))
+    for i in np.flatnonzero(wrong)[:1].tolist():
+        raise document.error(
+            "this transform is singular or beyond Mitsuba's single precision; expected less extreme steps",
+            "transforms",
+            indices[i],
+        )

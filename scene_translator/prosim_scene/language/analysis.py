@@ -1,5 +1,6 @@
 """Analyses a text: all its errors and warnings, and the document if it has no error."""
 
+import math
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -62,16 +63,15 @@ def analyse(
         raise too_large(filename)
     with paused():
         reader = Reader(text, str(filename), define)
-        found: list[SceneError | SceneWarning] = [*reader.errors, *reader.warnings]
-        if not reader.ended:
-            last = reader.scanner.last.span
-            reason = "the file ends here and END is missing; expected END as the last statement"
-            found.append(reader.source.error(last, reason, "no-end"))
+        undefined = [
+            one for one in reader.definitions.undefined.values() if one.span and one.span.start < reader.skipped
+        ]
+        found: list[SceneError | SceneWarning] = [*reader.errors, *undefined, *reader.warnings]
         document = _document(reader)
-        if not reader.errors:
+        if not undefined and all(one.code == "no-end" for one in reader.errors):
             # Without END, statements may be missing.
-            found += [problem for problem in _of_scene(document) if reader.ended or isinstance(problem, SceneError)]
-        elif not reader.skipped:
+            found += [one for one in _of_scene(document) if not reader.errors or isinstance(one, SceneError)]
+        elif not undefined and reader.skipped == math.inf:
             found += _indices(document)
         found.sort(key=lambda problem: problem.span or Span(0, 0))
         if any(isinstance(problem, SceneError) for problem in found):

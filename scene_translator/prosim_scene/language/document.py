@@ -1,10 +1,10 @@
 """A scene, and the span of each of its values in the text."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ..model import Leaf, Scene
+from ..model import Leaf, Operator, Scene
 from .diagnostics import SceneError, SceneWarning, Source, Span
 
 #: The path to a value of the model: ("view", "eye"), ("surfaces", 3), ("csg", 5, "textures", 0), ...
@@ -55,13 +55,19 @@ class Document:
 
         For messages about solids that vanish, often because an operator is between its operands.
         """
-        csg = self.scene.csg
-        ends = [0] * len(csg)  # after each subtree
-        for i in reversed(range(len(csg))):
-            ends[i] = i + 1 if isinstance(csg[i], Leaf) else ends[ends[i + 1]]
+        ends = subtree_ends(self.scene.csg)
         above = [i for i in range(number) if ends[i] > number and self.word("csg", i) in ("-", "*")]
         if not above:
             return ""
         first, second = above[-1] + 1, ends[above[-1] + 1]
         words = [self.word("csg", i) + f" (line {self.line('csg', i)})" for i in (above[-1], first, second)]
         return f"; operators come before their operands: {words[0]} has the operands {words[1]} and {words[2]}"
+
+
+def subtree_ends(csg: Sequence[Operator | Leaf]) -> list[int]:
+    """The index after each subtree; beyond the end of ``csg`` where operands are missing."""
+    ends = list(range(1, 2 * len(csg) + 2))
+    for i in reversed(range(len(csg))):
+        if isinstance(csg[i], Operator):
+            ends[i] = ends[ends[i + 1]]
+    return ends[: len(csg)]

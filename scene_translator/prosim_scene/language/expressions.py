@@ -82,28 +82,28 @@ class Definitions:
         self.defaults[name] = text
         self.source.names.setdefault(name, quote(text))
 
-    def text(self, name: str, span: Span) -> str:
-        """The text of a name's value; SceneError with the code "undefined" if it has none."""
+    def text(self, name: str, span: Span) -> str | None:
+        """The text of a name's value; None if it has none, which is an error in ``undefined``."""
         self.uses.add(name)
         for table in (self.given, self.defaults):
             if name in table:
                 return table[name]
-        if name in self.undefined:
-            raise self.undefined[name]
         if name == FRAME:
             return "0"
         if name == TIME:
             return written(self.number(FRAME, span) / FPS)
-        if len(self.undefined) > MAX_ERRORS:
-            raise next(iter(self.undefined.values()))
-        known = [f"${other}" for other in dict.fromkeys([*self.given, *self.defaults, FRAME, TIME])]
-        reason = f"${name} has no value; expected DEFAULT ${name} = 1 above its use, -D {name}=1, or "
-        reason += f"define={{{name!r}: 1}} in Python{nearest('$' + name, known)}"
-        raise self.undefined.setdefault(name, self.source.error(span, reason, "undefined"))
+        if name not in self.undefined and len(self.undefined) <= MAX_ERRORS:
+            known = [f"${other}" for other in dict.fromkeys([*self.given, *self.defaults, FRAME, TIME])]
+            reason = f"${name} has no value; expected DEFAULT ${name} = 1 above its use, -D {name}=1, or "
+            reason += f"define={{{name!r}: 1}} in Python{nearest('$' + name, known)}"
+            self.undefined[name] = self.source.error(span, reason, "undefined")
+        return None
 
     def number(self, name: str, span: Span) -> float:
-        """The number that is a name's value; SceneError if the value is missing, or no finite number."""
+        """The number that is a name's value, or NaN if it has none; SceneError if it is no finite number."""
         text = self.text(name, span)
+        if text is None:
+            return math.nan
         if not re.fullmatch(NUMBER, text, re.IGNORECASE) or not math.isfinite(float(text)):
             value = self.source.names.get(name, quote(text))
             reason = f"${name} stands for {value}; expected a finite number in arithmetic"
@@ -116,7 +116,7 @@ class Definitions:
             if name not in self.uses | self.defaults.keys() | {FRAME, TIME}:
                 used = [f"${other}" for other in sorted(self.uses | self.defaults.keys())]
                 names = f"it has {listing(used, 'and')}{nearest('$' + name, used)}" if used else "it uses no $names"
-                reason = f"{name} = {text} is given, but the scene does not use ${name}; {names}"
+                reason = f"the scene does not use ${name}, which -D {name}={text} or define sets; {names}"
                 filename = self.source.filename
                 raise SceneError(f"{filename}: {reason}", filename, reason=reason, code="unused-definition")
 
@@ -138,7 +138,7 @@ def _checked(source: Source, name: str, value: object) -> str:
 
 
 def evaluate(source: Source, braces: Span, definitions: Definitions) -> float:
-    """The value of an expression; ``braces`` is its span, with the braces.
+    """The value of an expression, or NaN if a name has none; ``braces`` is its span, with the braces.
 
     Raises SceneError, also if the result is not finite.
     """
@@ -178,6 +178,8 @@ def _value(source: Source, node: Tree[Token], span: Span, operands: list[float],
     if given != count and (count or given < 2):
         reason = f"found {given} number{'s' * (given != 1)} in {word}(); expected {count or '2 or more'}"
         raise source.error(span, reason, "expression")
+    if any(map(math.isnan, operands)):
+        return math.nan
     try:
         result = float(function(*operands) if function else CONSTANTS.get(word) or float(word))
     except ZeroDivisionError:

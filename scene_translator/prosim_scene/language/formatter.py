@@ -8,9 +8,8 @@ from . import tokens
 from .analysis import analyse
 from .diagnostics import SceneError, combined_error
 from .expressions import written
-from .reader import SYNTAX
 from .tokens import Token
-from .words import OPERATORS, STATEMENTS, row
+from .words import OPERATORS, ROLES, STATEMENTS, row
 
 INDENT = "    "
 MAX_DEPTH = 12  # the largest indentation of the tree, in steps
@@ -24,37 +23,38 @@ def format(text: str, filename: str | PathLike[str] = "<string>") -> str:
     """The text of a scene in canonical layout: one statement or parameter per line, canonical spellings; comments stay.
 
     ``parse(format(x)) == parse(x)`` and ``format(format(x)) == format(x)``; names and expressions stay as written.
-    Raises :class:`SceneError` where ``parse`` does; in a scene with names without a value, only for syntax errors.
+    Raises :class:`SceneError` where ``parse`` does, except for names without a value.
     """
     reader, found, _ = analyse(text, filename)
-    syntax_only = reader.has_undefined and not reader.skipped
-    errors = [one for one in found if isinstance(one, SceneError) and (one.code in SYNTAX or not syntax_only)]
+    errors = [one for one in found if isinstance(one, SceneError) and one.code != "undefined"]
     if errors:
         raise combined_error(errors)
-    layout, end, rest = _Layout(text), 0, list[str]()
+    layout, end = _Layout(text), 0
     for token in reader.tokens:
-        if token.role == "REST":
-            rest = [token.text.rstrip()]
-        elif token.role == "COMMENT":
+        if token.role == "COMMENT":
             layout.comment(token, same_line="\n" not in text[end : token.start])
         else:
             layout.token(token)
         end = token.end
-    return "\n".join([*map(str, layout.lines), *rest, ""])
+    return "\n".join([*map(str, layout.lines), ""])
 
 
 @dataclass
 class _Line:
-    """A line of the result: its indentation in steps, its words, and the comments after them."""
+    """A line of the result: its indentation in steps, its words, the ``mark`` before its values, and its comments."""
 
     depth: int
     words: list[str] = field(default_factory=list)
+    mark: str = ""
     comments: list[str] = field(default_factory=list)
 
     def __str__(self) -> str:
+        word, values = self.words[:1], self.words[1:]
+        if values and self.mark:
+            values = ["=", *values] if self.mark == "=" else [f"({' '.join(values)})"]
         # A comment with # ends its line, so it comes last.
         comments = sorted(self.comments, key=lambda comment: comment.startswith("#"))
-        words = " ".join([*self.words, *comments])
+        words = " ".join([*word, *values, *comments])
         return INDENT * min(self.depth, MAX_DEPTH) + words if words else ""
 
 
@@ -68,13 +68,13 @@ class _Layout:
         self.heading = self.previous = ""  # the statement, and the role of the token before
         self.missing: list[int] = []  # the missing operands of the runs of operators around a node of the tree
 
-    def begin(self, depth: int, word: str, above: int) -> int:
+    def begin(self, depth: int, word: str, above: int, mark: str = "") -> int:
         """Adds a line; comments directly above it get the depth ``above``. Returns the number of the first of them."""
         at = len(self.lines)
         while at and not self.lines[at - 1].words:
             at -= 1
             self.lines[at].depth = above
-        self.line = _Line(depth, [word])
+        self.line = _Line(depth, [word], mark)
         self.lines.append(self.line)
         return at
 
@@ -87,14 +87,14 @@ class _Layout:
     def token(self, token: Token) -> None:
         """Adds any other token."""
         kind = token.role
-        if kind in STATEMENTS:
+        if kind in VALUES:
+            self.value(token)
+        elif kind in STATEMENTS:
             colon = "" if kind in HEADINGS or kind in ("DEFAULT", "END") else ":"
-            at = self.begin(0, row(kind, token.text).canonical + colon, 0)
+            at = self.begin(0, row(kind, token.text).canonical + colon, 0, "=" * (kind == "DEFAULT"))
             if at and {kind, self.heading} & HEADINGS:
                 self.lines.insert(at, _Line(0))
             self.heading = kind
-        elif kind in VALUES:
-            self.value(token)
         elif kind in OPERATORS.values():
             self.operator(token)
         elif kind in ("PRIMITIVE", "USE"):
@@ -105,9 +105,15 @@ class _Layout:
                 if self.missing[-1]:
                     break
                 self.missing.pop()
+        elif kind == "REST":
+            self.begin(0, token.text.rstrip(), 0)
         else:
             # A light's parameters are below its kind.
-            self.begin(2 if kind in ("LIGHT_PARAMETER", "DISTRIBUTION") else 1, row(kind, token.text).canonical, 1)
+            depth = 2 if kind in ("LIGHT_PARAMETER", "DISTRIBUTION") else 1
+            mark = (
+                "" if kind == "MATERIAL" else {"SURFACE": "=", "TEXTURE": "=", "TRANSFORM": "("}.get(self.heading, "")
+            )
+            self.begin(depth, row(kind, token.text).canonical, 1, mark)
         self.previous = kind
 
     def operator(self, token: Token) -> None:
@@ -127,21 +133,16 @@ class _Layout:
 
     def value(self, token: Token) -> None:
         """Adds a value after its keyword."""
-        kind, words = token.role, self.line.words
+        kind, text = token.role, self.source[token.start : token.end]
         if kind in ("LPAR", "RPAR"):
             return  # the layout adds parentheses around the numbers of each step
-        text = self.source[token.start : token.end]
+        if kind == "VARIABLE":
+            self.line.words[0] += f" {text}"
+            return
         if text[0] in "${":
             pass
-        elif kind == "NUMBER":
-            value = float(token.text)
-            text = written(value) if self.heading != "NAME" and isfinite(value) else token.text
-        elif kind not in ("STRING", "WORD", "FILE", "TEXTURE_NAME"):
+        elif kind == "NUMBER" and self.heading != "NAME" and isfinite(float(text)):
+            text = written(float(text))
+        elif kind in ROLES:
             text = row(kind, token.text).canonical
-        if self.heading == "TRANSFORM" and self.line.depth:
-            words[-1:] = [words[-1], f"({text})"] if len(words) == 1 else [f"{words[-1][:-1]} {text})"]
-            return
-        equals = self.heading in ("SURFACE", "TEXTURE") and self.line.depth and len(words) == 1
-        if (self.previous == "VARIABLE" and self.heading == "DEFAULT") or (equals and words[0] != "material"):
-            words.append("=")
-        words.append(text)
+        self.line.words.append(text)

@@ -4,6 +4,7 @@ After a wrong value the reader continues. A syntax error ends its statement; the
 begins with the keyword of a statement.
 """
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,7 +14,7 @@ from typing import Any
 from .. import model
 from . import words
 from .diagnostics import MAX_ERRORS, SceneError, SceneWarning, Source, Span, listing, quote
-from .document import Path
+from .document import Path, subtree_ends
 from .expressions import Definitions
 from .suggestions import ARITHMETIC, BRACES, NUMBER, TEXTURES, hint, meant, nearest, of_mark, unknown_name
 from .tokens import START, Scanner, Token
@@ -54,8 +55,6 @@ PREFIX = "operators come before their operands, as in - CUBE 1 SPHERE 2, and par
 #: Tokens that look like numbers, or like arithmetic.
 LIKE_NUMBERS = ("WORD", *words.OPERATORS.values())
 LIKE_NUMBER = re.compile(rf"^[-+.0-9]|{ARITHMETIC.pattern}")
-#: Codes of syntax errors, which depend on no value.
-SYNTAX = ("no-end", "tree", "infix")
 OPERATOR = {symbol: model.Operator(symbol) for symbol in words.OPERATORS}
 
 
@@ -68,8 +67,8 @@ class Reader:
     """Reads a text.
 
     ``fields``: its values, by the fields of a Scene, ``defaults`` and ``solids``; ``spans``: the spans of the values,
-    by path; ``errors`` and ``warnings`` within its statements; ``tokens``: all tokens up to END; ``skipped``:
-    whether statements are missing because of errors; ``ended``: whether END was found, or an error in its place.
+    by path; ``errors`` and ``warnings`` within its statements; ``tokens``: all tokens up to END, comments included,
+    and the text after END as one REST; ``skipped``: the offset from which statements are missing because of errors.
 
     ``define``: values of names from the caller.
     """
@@ -78,11 +77,12 @@ class Reader:
         self.source = Source(text, filename)
         self.definitions = Definitions(self.source, define)
         self.scanner = Scanner(self.source, self.definitions)
+        self.tokens = self.scanner.tokens
         self.fields: dict[str, Any] = {"defaults": {}, "solids": {}, "surfaces": {}, "transforms": {}, "patterns": {}}
         self.spans: dict[Path, Span] = {}
         self.errors: list[SceneError] = []
         self.warnings: list[SceneWarning] = []
-        self.skipped = self.ended = self.has_undefined = False
+        self.skipped = math.inf
         #: The last token, and the roles that were expected there.
         self.token, self.expected = START, NEXT
         #: The keyword of the present statement, and the path of its value.
@@ -92,76 +92,66 @@ class Reader:
         self.taken, self.parenthesis = list[Token](), Span(0, 0)
         self.statements()
 
-    @property
-    def tokens(self) -> list[Token]:
-        """All tokens up to END, comments included, and the text after END as one REST."""
-        return self.scanner.tokens
-
     # ---- The text, statement by statement
 
     def statements(self) -> None:
         """Reads all statements."""
-        at_keyword = False  # whether ``token`` is the keyword of the next statement
-        while len(self.errors) <= MAX_ERRORS and not self.ended:
-            before, skipped = len(self.errors), self.skipped
-            self.keyword = self.token if at_keyword else START
+        at_end = False
+        while not at_end and len(self.errors) <= MAX_ERRORS:
+            before, self.keyword = len(self.errors), self.token
             try:
-                if not at_keyword:
+                if self.keyword is START:
                     self.next(NEXT)
-                    at_keyword, self.keyword = True, self.token
-                if self.keyword.role in ("END", ""):
-                    break
-                self.store(getattr(self, self.keyword.role.lower())())
+                    self.keyword = self.token
+                at_end = self.keyword.role in ("END", "")
+                if at_end:
+                    self.end()
+                else:
+                    self.store(getattr(self, self.keyword.role.lower())())
             except SceneError as error:
-                at_keyword = False
                 self.errors[before:] = [error]
-                self.skip(error)
-            if self.scanner.undefined:
-                self.undefined(before, skipped)
-        cut = len(self.errors) > MAX_ERRORS
-        self.skipped, self.ended = self.skipped or cut, self.ended or cut or self.token.role == "END"
-        if self.token.role == "END" and (rest := self.scanner.rest()):
+                at_end = not self.skip(error)
+        if not at_end:
+            self.skipped = min(self.skipped, self.scanner.position)
+
+    def end(self) -> None:
+        """END and the text after it, or the end of the text."""
+        if not self.keyword.role:
+            reason = "the file ends here and END is missing; expected END as the last statement"
+            self.report(self.scanner.last.span, reason, "no-end")
+        elif rest := self.scanner.rest():
             reason = "the text after END is ignored; delete it"
             self.warnings.append(self.source.warning(rest.span, reason, "after-end"))
 
     def store(self, value: Any) -> None:
         """Stores the value of a statement, unless it is a duplicate, or its index is wrong."""
-        field, *index = self.path
-        if not index:
+        field, *key = self.path
+        if key:
+            self.fields.get(str(field), {})[key[0]] = value
+        else:
             self.fields[str(field)] = value
-        elif field in self.fields:
-            self.fields[str(field)][index[0]] = value
 
-    def skip(self, error: SceneError) -> None:
-        """Continues at the next line that begins with the keyword of a statement."""
+    def skip(self, error: SceneError) -> bool:
+        """Continues at the next line that begins with the keyword of a statement; returns whether there is one."""
         start = max(error.span.start if error.span else 0, self.keyword.start)
         after = STATEMENT_LINE.search(self.source.text, start + 1)
         self.scanner.position = after.start() if after else len(self.source.text)
         while self.tokens and self.tokens[-1].end > self.scanner.position:
             self.tokens.pop()
-        self.skipped, self.ended, self.token = True, after is None, START
-
-    def undefined(self, before: int, skipped: bool) -> None:
-        """Reports the names without values in a statement, each once, instead of the errors in the statement's values.
-
-        They are not reported after a statement that was ``skipped``: it may have been their definition.
-        """
-        new = [one for one in self.scanner.undefined if one not in self.errors]
-        kept = [one for one in self.errors[before:] if self.skipped or one.code in SYNTAX]
-        self.errors[before:] = kept if skipped else [*new, *kept]
-        self.scanner.undefined, self.has_undefined = {}, True
+        self.skipped, self.token = min(self.skipped, start), START
+        return after is not None
 
     # ---- Tokens
 
-    def next(self, expected: frozenset[str]) -> str:
-        """Reads the next token and returns its role, one of the expected ones; otherwise raises SceneError."""
+    def next(self, expected: frozenset[str]) -> Token:
+        """Reads the next token, whose role is one of the expected ones; otherwise raises SceneError."""
         self.expected = expected
         self.token = token = self.scanner.next(expected, self.keyword.role)
         if token.role not in expected:
             if "USE" not in expected or normalise(token.text) not in self.fields["solids"]:
                 raise self.unexpected(token)
             self.token = self.tokens[-1] = self.scanner.last = token._replace(role="USE")
-        return self.token.role
+        return self.token
 
     def report(self, span: Span, reason: str, code: str) -> None:
         """Adds an error."""
@@ -169,46 +159,46 @@ class Reader:
 
     def begin(self, *path: str | int, at: Token | None = None) -> None:
         """Sets the path of the statement's value, with the span of the keyword or of ``at``; reports a duplicate."""
-        kind, token = self.keyword.role, at or self.keyword
-        self.path = path
-        if path in self.spans:
-            name = self.keyword.text if kind == "SETTING" else words.canonical(kind)
-            self.note_once(token, " ".join([name, *(f"{'$' * (kind == 'DEFAULT')}{key}" for key in path[1:])]))
-            self.path = "twice", token.start
-        self.note(token.span)
+        token, self.path = at or self.keyword, path
+        what = " ".join([self.keyword.text, at.text] if at else map(str, [self.keyword.text, *path[1:]]))
+        if not self.note_once(token, what):
+            self.path = "duplicate", token.start
 
     def note(self, span: Span, *path: str | int) -> None:
         """Stores the span of the statement's value, or of a part of it."""
-        whole = (*self.path, *path)
-        self.spans[whole] = span
+        path = (*self.path, *path)
+        self.spans[path] = span
 
-    def note_once(self, token: Token, what: str, *path: str | int) -> None:
-        """Stores the span of a part; reports a duplicate."""
-        whole = (*self.path, *path)
-        if first := self.spans.get(whole):
-            reason = f"{what} is given twice; the first is on line {self.source.line(first)}; delete one"
+    def note_once(self, token: Token, what: str, *path: str | int) -> bool:
+        """Stores the span of a part, and returns whether it is the first one; reports a duplicate."""
+        first = self.spans.setdefault((*self.path, *path), token.span)
+        if first.start != token.start:
+            reason = f"{what} stands twice; the first is on line {self.source.line(first)}; delete one"
             self.report(token.span, reason, "twice")
-        else:
-            self.spans[whole] = token.span
+        return first.start == token.start
 
     # ---- Values
 
-    def value(self, keyword: Token, follow: frozenset[str], *first: Token) -> Any:
+    def value(self, keyword: Token, follow: frozenset[str], first: Token | None = None) -> Any:
         """The value of the numbers, or TRUE and FALSE, after a keyword, by its row; None if it is wrong.
 
-        ``first`` are tokens that have been read. The token after the values has a role of ``follow``.
+        ``first`` is the token after the keyword if it has been read. That after the values has a role of ``follow``.
         """
         takes = words.INDEX if keyword.role == "USE" else row(keyword.role, keyword.text).takes
-        self.takes, self.taken = (keyword.text, takes), [*first, *self.scanner.plain_numbers()]
-        expected = _and_numbers(follow)
-        while self.next(expected) in ("NUMBER", "BOOL"):
-            self.taken.append(self.token)
+        self.takes, self.taken = (keyword.text, takes), [first] if first and first.role == "NUMBER" else []
+        if self.taken or not first:
+            self.taken += self.scanner.plain_numbers()
+            expected = _and_numbers(follow)
+            while self.next(expected).role in ("NUMBER", "BOOL"):
+                self.taken.append(self.token)
         self.takes = None
         return self.checked(keyword, takes)
 
     def checked(self, keyword: Token, takes: Numbers) -> Any:
         """The value of the tokens in ``taken`` after a keyword; reports an error and returns None if it is wrong."""
         tokens = self.taken
+        if self.definitions.undefined and any(self.source.text[token.start] in "${" for token in tokens):
+            return None  # the error is that about the name
         value = takes.value([token.text for token in tokens])
         if value is not None:
             return value
@@ -255,14 +245,11 @@ class Reader:
 
     def default(self) -> str:
         """DEFAULT."""
-        self.next(VARIABLE)
-        name = self.token
-        self.next(VALUE)
-        value = self.token.text
+        name, value = self.next(VARIABLE), self.next(VALUE)
         self.begin("defaults", name.text[1:], at=name)
         self.next(NEXT)
-        self.definitions.default(name.text[1:], value)
-        return value
+        self.definitions.default(name.text[1:], value.text)
+        return value.text
 
     def setting(self) -> Any:
         """A statement of one keyword and its values."""
@@ -273,19 +260,21 @@ class Reader:
     def name(self) -> str:
         """NAME."""
         self.begin("name")
-        self.next(NAMES)
-        token = self.token
+        token = self.next(NAMES)
         self.note(token.span, "text")
         self.next(NEXT)
         return token.text
 
+    def file(self, *path: str | int) -> str:
+        """The name of a file: the present token, a part of the statement's value."""
+        self.note(self.token.span, *path)
+        return self.token.text
+
     def background(self) -> model.Background:
         """BACKGROUND."""
         self.begin("background")
-        color, image = self.value(self.keyword, IMAGE), None
-        if self.token.role in FILE:
-            self.note(self.token.span, "image")
-            image = self.token.text
+        color = self.value(self.keyword, IMAGE)
+        image = self.file("image") if self.token.role in FILE else None
         if self.token.role not in NEXT:
             self.next(NEXT)
         return model.Background(color, image)
@@ -295,17 +284,14 @@ class Reader:
         self.begin("lights")
         lights: list[model.Light] = []
         self.next(LIGHTS)
-        while self.token.role == "LIGHT":
-            kind = row("LIGHT", self.token.text).name
-            self.note(self.token.span, len(lights))
+        while (token := self.token).role == "LIGHT":
+            kind, number, values = row("LIGHT", token.text).name, len(lights), dict[str, Any]()
+            self.note(token.span, number)
             if kind == "sky":
                 self.next(FILE)
-                self.note(self.token.span, len(lights), "image")
-                values: dict[str, Any] = {"image": self.token.text}
-                self.next(LIGHTS)
-            else:
-                self.next(LIGHT)
-                values = self.parameters(LIGHT, len(lights))
+                values["image"] = self.file(number, "image")
+            self.next(LIGHTS if kind == "sky" else LIGHT)
+            values |= self.parameters(LIGHT, number)
             if values.get("distribution") == "cone":
                 values.setdefault("angle", 30.0)
             lights.append(model.Light(kind, **values))
@@ -320,8 +306,9 @@ class Reader:
     def index(self, field: str, follow: frozenset[str]) -> None:
         """The index after SURFACE or TRANSFORM."""
         index = self.value(self.keyword, follow)
-        self.skipped = self.skipped or index is None
-        self.begin(*((field, index) if index is not None else ("wrong", self.keyword.start)))
+        if index is None and not self.definitions.undefined:
+            self.skipped = min(self.skipped, self.keyword.start)
+        self.begin(*(("unknown", self.keyword.start) if index is None else (field, index)))
 
     def surface(self) -> model.Surface:
         """SURFACE."""
@@ -333,10 +320,9 @@ class Reader:
         kind = self.token
         if kind.role == "MATERIAL":
             self.note_once(kind, "the material", "material")
-            self.next(MATERIAL)
-            kind = self.token
+            kind = self.next(MATERIAL)
             values["material"] = row(kind.role, kind.text).name
-            if self.next(SURFACE | WORD if kind.role in NAMED else SURFACE) != "WORD":
+            if self.next(SURFACE | WORD if kind.role in NAMED else SURFACE).role != "WORD":
                 return
         else:
             self.next(WORD)
@@ -353,29 +339,23 @@ class Reader:
         self.index("transforms", TRANSFORM)
         steps = []
         while (keyword := self.token).role == "STEP":
-            role = self.next(STEP)
-            if role == "LPAR":
+            if self.next(STEP).role == "LPAR":
                 self.parenthesis = self.token.span
                 value = self.value(keyword, ARGUMENT)
                 self.next(TRANSFORM)
-            elif role == "NUMBER":
-                value = self.value(keyword, TRANSFORM, self.token)
             else:
-                self.taken, value = [], None
-                self.checked(keyword, row("STEP", keyword.text).takes)
+                value = self.value(keyword, TRANSFORM, self.token)
             steps.append(model.Step(row("STEP", keyword.text).name, value if isinstance(value, tuple) else (value,)))
         return model.Transform(tuple(steps))
 
     def texture(self) -> model.Pattern:
         """TEXTURE."""
-        self.next(TEXTURE_NAME)
-        name, values = words.texture_name(self.token.text), dict[str, Any]()
+        name, values = words.texture_name(self.next(TEXTURE_NAME).text), dict[str, Any]()
         self.begin("patterns", name, at=self.token)
         kind = words.BUILT_IN.get(name, "")
-        if self.next(TEXTURE | {"KIND"}) == "KIND":
-            word = self.token
+        if (word := self.next(TEXTURE | {"KIND"})).role == "KIND":
             given = row("KIND", word.text).name
-            if self.next(TEXTURE | {"NUMBER"} if given == "brick" else TEXTURE) == "NUMBER":  # a parameter, too
+            if self.next(TEXTURE | {"NUMBER"} if given == "brick" else TEXTURE).role == "NUMBER":  # a parameter, too
                 self.note(word.span, given)
                 values[given] = self.value(word._replace(role="PARAMETER"), TEXTURE, self.token)
             else:
@@ -390,8 +370,7 @@ class Reader:
 
     def solid(self) -> tuple[model.Operator | model.Leaf, ...]:
         """SOLID: a tree with a name."""
-        self.next(WORD)
-        token = self.token
+        token = self.next(WORD)
         self.begin("solids", normalise(token.text), at=token)
         if normalise(token.text) in words.ROWS:
             reason = f"found {quote(token.text)}, a word of the language; expected another name"
@@ -405,50 +384,45 @@ class Reader:
         """Operators and primitives in prefix order; the nodes of a named solid replace its name."""
         before, first = len(self.errors), len(self.tokens)
         nodes: list[model.Operator | model.Leaf] = []
-        role = self.next(TREE)
-        while role not in NEXT:
-            if role in ("PRIMITIVE", "USE"):
-                nodes += [self.leaf(len(nodes))] if role == "PRIMITIVE" else self.use(len(nodes))
-                role = self.token.role
+        self.next(TREE)
+        while (token := self.token).role not in NEXT:
+            if token.role == "PRIMITIVE":
+                nodes.append(self.leaf(len(nodes)))
+            elif token.role == "USE":
+                nodes += self.use(len(nodes))
             else:
-                self.note(self.token.span, len(nodes))
-                nodes.append(OPERATOR[self.token.text])
-                role = self.next(TREE)
+                self.note(token.span, len(nodes))
+                nodes.append(OPERATOR[token.text])
+                self.next(TREE)
         for token in self.tokens[first:] if not nodes else ():
             if token.role == "COMMENT" and token.text[0] == "(" and PRIMITIVE.search(token.text):
                 raise self.source.error(token.span, f"this tree is a comment; {PREFIX}", "tree-in-comment")
-        if len(self.errors) == before:
-            self.check_tree([isinstance(node, model.Operator) for node in nodes])
+        if nodes and len(self.errors) == before:
+            self.check_tree(nodes)
         return tuple(nodes) if len(self.errors) == before else ()
 
-    def check_tree(self, operators: list[bool]) -> None:
-        """Reports the first node after the tree is complete, or an operator that lacks operands."""
-        missing = 1
-        for number, is_operator in enumerate(operators):
-            if not missing:
-                spans = [
-                    self.spans[path] for path in [(*self.path, i) for i in (number, 0, min(2, len(operators) - 1))]
-                ]
-                found, first, second = (" ".join(self.source.text[slice(*span)].split()) for span in spans)
-                if operators[:3] == [False, True, False]:
-                    reason = f"found {quote(found)} between its operands; expected it before them: "
-                    self.report(spans[0], f"{reason}{found} {first} {second}", "infix")
-                else:
-                    reason = f"found {quote(found)} after the tree is complete; expected the next statement"
-                    self.report(spans[0], f"{reason}, or an operator before the operands; {PREFIX}", "tree")
-                return
-            missing += 1 if is_operator else -1
-        operands = 0
-        for number in reversed(range(len(operators) if missing else 0)):
-            if operators[number] and operands < 2:
-                missing_operands = ("two operands", "an operand")[operands]
-                path = (*self.path, number)
-                span = self.spans[path]
-                reason = f"this {quote(self.source.text[slice(*span)])} lacks {missing_operands}"
-                reason += "; expected a primitive or an operator"
-                self.report(span, f"{reason}; {PREFIX}", "tree")
-                return
-            operands += -1 if operators[number] else 1
+    def check_tree(self, nodes: list[model.Operator | model.Leaf]) -> None:
+        """Reports the first node after the tree is complete, or the last operator that lacks operands."""
+        ends, count = subtree_ends(nodes), len(nodes)
+        spans = [self.spans[path] for path in ((*self.path, i) for i in range(count))]
+        if ends[0] < count:
+            places = (spans[i] for i in (ends[0], 0, min(2, count - 1)))
+            found, first, second = (" ".join(self.source.text[slice(*span)].split()) for span in places)
+            if (
+                isinstance(nodes[1], model.Operator)
+                and ends[0] == 1
+                and isinstance(nodes[min(2, count - 1)], model.Leaf)
+            ):
+                reason, code = f"between its operands; expected it before them: {found} {first} {second}", "infix"
+            else:
+                reason = "after the tree is complete; expected the next statement, or an operator before the operands"
+                reason, code = f"{reason}; {PREFIX}", "tree"
+            self.report(spans[ends[0]], f"found {quote(found)} {reason}", code)
+        elif ends[0] > count:
+            number = max(i for i, end in enumerate(ends) if end > count)
+            lacking = "two operands" if number == count - 1 else "an operand"
+            reason = f"this {quote(self.source.text[slice(*spans[number])])} lacks {lacking}"
+            self.report(spans[number], f"{reason}; expected a primitive or an operator; {PREFIX}", "tree")
 
     def use(self, number: int) -> list[model.Operator | model.Leaf]:
         """The nodes of a named solid in a tree, with its index."""
@@ -471,8 +445,7 @@ class Reader:
         index = self.value(keyword, FILE if shape == "mesh" else SLOTS)
         end = (self.taken or [keyword])[-1].end
         if shape == "mesh":
-            self.note(self.token.span, number, "file")
-            file, end = self.token.text, self.token.end
+            file, end = self.file(number, "file"), self.token.end
             self.next(SLOTS)
         while (token := self.token).role not in TREE:
             if len(slots) == 2:
@@ -490,18 +463,20 @@ class Reader:
 
     def unexpected(self, token: Token) -> SceneError:
         """The error about a token with an unexpected role."""
-        roles = self.expected - {"NUMBER"} if self.takes and self.takes[1].fit(len(self.taken)) else self.expected
+        takes, roles, code = self.takes, self.expected, "unexpected"
+        lacking = takes is not None and not takes[1].fit(len(self.taken))
+        if takes and not lacking:
+            roles -= {"NUMBER"}
         inner = [role for role in words.ORDER if role in roles and role not in STATEMENTS]
         names = [name for role in inner for name in words.meanings(role)]
-        names += self.fields["solids"] if "USE" in self.expected else ()
-        names += ["the next statement" if inner else "a statement"] if self.expected & STATEMENTS else ()
+        names += self.fields["solids"] if "USE" in roles else ()
+        names += ["the next statement" if inner else "a statement"] if roles & STATEMENTS else ()
         text, span, found = token.text, token.span, f"found {quote(token.text)}"
-        reason, code = f"; expected {listing(names)}", "unexpected"
-        if self.takes and not self.takes[1].fit(len(self.taken)):
-            names = [self.takes[1].counted()]
-            reason, code = f" after {self.takes[0]}; expected {names[0]}", "count"
-        owner = words.STATEMENT_OF.get(token.role, self.keyword.role)
-        if not token.role and "RPAR" in self.expected:
+        reason = f"; expected {listing(names)}"
+        if takes and lacking:
+            names, code = [takes[1].counted()], "count"
+            reason = f" after {takes[0]}; expected {names[0]}"
+        if not token.role and "RPAR" in roles:
             return self.source.error(self.parenthesis, "this '(' is not closed; expected ')'", "unclosed")
         if not token.role:
             reason = f"the file ends after this; expected {listing(names)}"
@@ -510,27 +485,25 @@ class Reader:
             reason, code = mark, "foreign"
         elif "NUMBER" in self.expected and token.role in LIKE_NUMBERS and LIKE_NUMBER.search(text):
             found, code = f"{quote(text)} is not a number", "not-a-number"
-            reason = f"; expected {names[0]}" if self.takes and "NUMBER" in roles else ""
+            reason = f"; expected {names[0]}" if takes and "NUMBER" in roles else ""
             reason += f"; {BRACES}" if ARITHMETIC.search(text) else ""
             reason += f"; write {float(share[1]) / 100:.10g}" if (share := SHARE.fullmatch(text)) else ""
         elif token.role == "WORD":
+            near = nearest(text, self.fields["solids"] if "USE" in roles else ())
+            near = near or meant(text, roles & {"BOOL"} if lacking else roles)
             if self.keyword.role == "NAME":
-                reason += '; write a name of several words in quotes: NAME "a red ball"'
-            solids = self.fields["solids"] if "USE" in roles else ()
-            near = nearest(text, solids) or meant(text, roles & {"BOOL"} if code == "count" else roles)
+                near = '; write a name of several words in quotes: NAME "a red ball"' + near
             found, code, reason = f"unknown word {quote(text)}", "unknown-word", reason + near
-        elif code == "count":
-            pass
-        elif "RPAR" in self.expected:
+        elif "RPAR" in roles and not lacking:
             line, column = self.source.line_column(self.parenthesis.start)
             reason = f"; expected ')' before it: the '(' on line {line}, column {column} is not closed"
             code = "unclosed"
-        else:
-            if owner != self.keyword.role and inner and self.expected & STATEMENTS:
+        elif not lacking:
+            owner = words.STATEMENT_OF.get(token.role)
+            if owner and owner != self.keyword.role and inner and roles & STATEMENTS:
                 found += f", a word of {words.canonical(owner)}"
                 reason = f"; expected it after {words.canonical(owner)}, before the next statement"
-            near = nearest(text, TEXTURES) if "TEXTURE_NAME" in self.expected else ""
-            reason += near or hint(text)
+            reason += (nearest(text, TEXTURES) if "TEXTURE_NAME" in roles else "") or hint(text)
         return self.source.error(span, found + reason, code)
 
 

@@ -5,27 +5,13 @@ import re
 from collections.abc import Collection, Iterable
 
 from .diagnostics import MAX_QUOTE, listing, quote
-from .words import ALIASES, NAMED, SUGGESTIONS, canonical, normalise, spellings
+from .words import ALIASES, NAMED, SUGGESTIONS, TABLE, canonical, normalise, spellings
 
 #: Each digit matches in one way only, so that the time is linear in the length.
 NUMBER = r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:e[+-]?[0-9]+)?"
-BRACES = "braces hold arithmetic, as in {360 * $frame / 48}; vectors and blocks have none"
 #: Marks of other languages: a pattern of the text, and the equivalent in this language.
-MARKS = [
-    (re.compile(pattern, re.IGNORECASE | re.MULTILINE), text)
-    for pattern, text in (
-        (r"<[?!/]|<[\w]*[^\W\d]", "this is XML; expected a scene in this language, or a file name that ends in .xml"),
-        (r"--|[%!]|[^\s()]*(?://|/\*)", "expected a comment to begin with #, or to be in parentheses"),
-        (r"[^\s;]*;[^\S\n]*(?:$|#|//)", "a statement has no mark at its end"),
-        (r"[<\[]", "expected numbers with nothing but spaces between them, and no brackets, as in 1 2 3"),
-        (r"[{}]", BRACES),
-        (
-            r"[-+.e\d]*[,;]",
-            "expected numbers with nothing but spaces between them, as in 1 2 3, and a point, as in 0.5",
-        ),
-        (r"[-+.\d]+[x×][-+.\d]+", "expected numbers with nothing but spaces between them, as in 320 240"),
-    )
-]
+MARKS = [(re.compile(pattern, re.IGNORECASE | re.MULTILINE), text) for _, pattern, *_, text in TABLE["marks"]]
+BRACES = next(text for what, *_, text in TABLE["marks"] if what == "braces")
 #: An operator, except for the sign of a number or of its exponent.
 ARITHMETIC = re.compile(r"[*/^$]|^[-+]$|(?<=[\d.])[-+]")
 

@@ -3,6 +3,7 @@
 Keywords depend on the context, so the reader passes the roles that it expects next.
 """
 
+import math
 import re
 from contextlib import suppress
 from functools import lru_cache
@@ -53,14 +54,13 @@ START = Token("", "", 0, 0)
 class Scanner:
     """The tokens of a text, in order.
 
-    ``tokens`` are all tokens so far, with comments; ``last`` is the last one that is not a comment; ``undefined`` are
-    the errors about names without a value, which are read as any value that fits.
+    ``tokens`` are all tokens so far, with comments; ``last`` is the last one that is not a comment. A name without a
+    value is read as any value that fits.
     """
 
     def __init__(self, source: Source, definitions: Definitions) -> None:
         self.source, self.definitions = source, definitions
         self.tokens: list[Token] = []
-        self.undefined: dict[SceneError, None] = {}
         self.position = 0
         self.last = START
 
@@ -128,17 +128,10 @@ class Scanner:
             if len(piece) < 2 or piece[-1] != '"':
                 raise self.source.error(span, "this quote is not closed on its line; expected '\"'", "unclosed")
             return Token("STRING", piece[1:-1], *span)
-        try:
-            if kind == "expression":
-                return Token("NUMBER", written(evaluate(self.source, span, self.definitions)), *span)
-            return self.name(piece, span, expected, statement)
-        except SceneError as error:
-            if error.code != "undefined":
-                raise
-            self.undefined[error.with_traceback(None)] = None
-        fitting = (role for role in ("NUMBER", "WORD", *sorted(VALUES)) if role in expected)
-        role = "NUMBER" if kind == "expression" else next(fitting, "WORD")
-        return Token(role, canonical(role) if role in ROLES else "1" if role == "NUMBER" else piece, *span)
+        if kind == "expression":
+            value = evaluate(self.source, span, self.definitions)
+            return Token("NUMBER", "1" if math.isnan(value) else written(value), *span)
+        return self.name(piece, span, expected, statement)
 
     def name(self, name: str, span: Span, expected: frozenset[str], statement: str) -> Token:
         """The token of a ``$name``: itself after DEFAULT, and elsewhere its value, a number or a word."""
@@ -148,6 +141,9 @@ class Scanner:
         if "VARIABLE" in expected:
             return Token("VARIABLE", name, *span)
         text = self.definitions.text(name[1:], span)
+        if text is None:
+            role = next((role for role in ("NUMBER", "WORD", *sorted(VALUES)) if role in expected), "WORD")
+            return Token(role, canonical(role) if role in ROLES else "1" if role == "NUMBER" else name, *span)
         piece = PIECE.fullmatch(text)
         if piece is None or piece.lastgroup not in ("word", "number") or piece.start(piece.lastgroup) > 0:
             return Token("STRING", text, *span)

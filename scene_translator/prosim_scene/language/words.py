@@ -138,7 +138,7 @@ def _table() -> dict[str, list[list[str]]]:
             rows = table.setdefault(row[1:-1], [])
         elif row and row[0] != "#":
             line, *meaning = row.split("\n")
-            cells = [cell.strip() for cell in line.split("|")]
+            cells = [cell.strip() for cell in re.split(r"(?<=\s)\|(?=\s|$)", line)]
             rows.append([*cells, *[""] * (5 - len(cells)), " ".join(map(str.strip, meaning))])
     return table
 
@@ -147,7 +147,7 @@ TABLE = _table()
 WORDS = [
     Word(heading, role, tuple(spellings.split()), name, _numbers(numbers), tuple(of.split()), meaning)
     for heading, rows in TABLE.items()
-    if heading not in ("metals", "glasses", "textures", "suggestions")
+    if heading.isupper() or heading in ("statements", "values")
     for role, spellings, name, numbers, of, meaning in rows
 ]
 #: The roles of keywords that begin a statement, and the statement of the words that belong to one.
@@ -155,21 +155,6 @@ STATEMENTS = frozenset(word.role for word in WORDS if word.statement == "stateme
 STATEMENT_OF = {word.role: word.statement for word in WORDS if word.statement.isupper()}
 INDEX = next(word.takes for word in WORDS if word.role == "SURFACE")
 
-#: The names in messages of BOOL and of tokens that are not words.
-MEANINGS = {
-    "NUMBER": "a number",
-    "VARIABLE": "a name such as $angle",
-    "WORD": "a word",
-    "STRING": "a quoted string",
-    "FILE": "a file name",
-    "TEXTURE_NAME": "a texture's name (t-...)",
-    "PLUS": "+",
-    "MINUS": "-",
-    "TIMES": "*",
-    "LPAR": "(",
-    "RPAR": ")",
-    "BOOL": "TRUE or FALSE",
-}
 OPERATORS = {"+": "PLUS", "-": "MINUS", "*": "TIMES"}
 MARKS = OPERATORS | {"(": "LPAR", ")": "RPAR"}
 KIND_ROLES = ("DISTRIBUTION", "CONDUCTOR", "DIELECTRIC", "MATERIAL_KIND", "KIND")
@@ -187,6 +172,8 @@ NAMED = {"CONDUCTOR": ("metal", METALS), "METAL": ("metal", METALS), "DIELECTRIC
 #: The predefined textures with their kinds, and all their names.
 BUILT_IN = {names.split()[0]: kind for names, kind, *_ in TABLE["textures"]}
 ALIASES = {name: names.split()[0] for names, *_ in TABLE["textures"] for name in names.split()}
+#: The names in messages of BOOL and of tokens that are not words.
+MEANINGS = {role: text for role, text, *_ in TABLE["tokens"]}
 #: Words of other languages, and the equivalents in this language.
 SUGGESTIONS = {word: text for words, *_, text in TABLE["suggestions"] for word in words.split()}
 

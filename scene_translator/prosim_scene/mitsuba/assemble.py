@@ -2,8 +2,7 @@
 
 from collections.abc import Callable, Hashable
 from pathlib import Path
-
-import numpy as np
+from types import ModuleType
 
 from ..geometry import TOLERANCE, MeshKey, Triangles, tessellate
 from ..language.document import Document
@@ -11,11 +10,11 @@ from ..model import Leaf, Scene
 from ..nodes import Comment, Default, Node
 from ..translation_options import Options
 from ..view import Camera, camera_of, warn_of_distortion
-from ..writer import TranslationCache
-from . import TARGETS, Target, lights, materials
-from .context import LARGEST, Context, check, check_transforms, meshes
+from ..writer import TranslationCache, ply
+from . import TARGETS, lights, materials
 from .materials import MediumInterface
 from .sensor import clipping, sensor
+from .translation_context import Context, check, meshes
 
 
 def medium(scene: Scene, leaf: Leaf) -> Hashable:
@@ -59,7 +58,6 @@ def assemble(
     camera = camera_of(document, options.resolution)
     if options.resolution is None and options.target == "prosim":  # stock warns of the pixels itself
         warn_of_distortion(document)
-    check_transforms(document)
     triangles = tessellate(
         document,
         camera,
@@ -78,7 +76,7 @@ def assemble(
         lights.warn_of_radius(context, i, light)
         result[f"light_{i}_comment"] = _comment(document, light.kind.upper(), "lights", i)
         result[f"light_{i}"] = check(document, target.light(context, i, light), "lights", i)
-    return result | _shapes(context, target, triangles, cache, store)
+    return result | _shapes(context, target, triangles, store)
 
 
 def view_sensor(document: Document, options: Options, cache: TranslationCache | None) -> Node:
@@ -91,11 +89,7 @@ def view_sensor(document: Document, options: Options, cache: TranslationCache | 
 
 
 def _shapes(
-    context: Context,
-    target: Target,
-    triangles: dict[MeshKey, Triangles],
-    cache: TranslationCache,
-    store: Callable[[str, bytes], str],
+    context: Context, target: ModuleType, triangles: dict[MeshKey, Triangles], store: Callable[[str, bytes], str]
 ) -> Node:
     """The shapes, in the order of the tree: one for each :class:`MeshKey`."""
     document, scene = context.document, context.scene
@@ -114,13 +108,7 @@ def _shapes(
             name = f"surface_{leaf.index}"
             while name in result:
                 name += "_"
-            if not np.abs(triangles[key].vertices).max() <= LARGEST:
-                raise document.error(
-                    "this transform is beyond Mitsuba's single precision; expected less extreme steps",
-                    "transforms",
-                    leaf.index,
-                )
-            content = cache.file(triangles[key], materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
+            content = ply(triangles[key], materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
             if content is None:
                 document.warn(
                     f"nothing is visible of {leaf_names}: it is too small for Mitsuba's single precision; enlarge it",
@@ -156,7 +144,7 @@ def _by_appearance(scene: Scene) -> list[list[tuple[int, Leaf]]]:
     return list(groups.values())
 
 
-def _sensor(context: Context, target: Target, camera: Camera, bodies: list[Triangles]) -> Node:
+def _sensor(context: Context, target: ModuleType, camera: Camera, bodies: list[Triangles]) -> Node:
     camera = target.camera(context, camera)
     width, height = camera.resolution
     film = {

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from .. import atomic
-from .options import InputError
+from .option_types import InputError
 
 #: Suffixes of files. One that is not written is a mistake, not a part of the name.
 KNOWN = re.compile(

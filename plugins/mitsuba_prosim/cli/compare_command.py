@@ -11,13 +11,13 @@ import mitsuba as mi
 from .. import atomic
 from ..compat import PLACE
 from ..scene import session
-from . import output as files
-from .image import check_denoising
+from . import output_files
 from .input_files import SCENE_FILE
 from .job import Command, Job, takes
 from .log import log
-from .options import LEVELS, InputError, Integer, Number, need, option, wrong_input
+from .option_types import LEVELS, InputError, Integer, Number, need, option, wrong_input
 from .progress import Progress
+from .render_task import check_denoising
 
 SUFFIXES = (".html", ".json")
 
@@ -56,23 +56,22 @@ def compare(
     """
     need("compare", "prosim compare")
     scene = Path(job.scene)
-    stem = files.stem(job.output, scene.with_name(scene.stem + "-compare"), SUFFIXES)
+    stem = output_files.stem(job.output, scene.with_name(scene.stem + "-compare"), SUFFIXES)
     noise = job.noise
     if job.variant.startswith("scalar_") or not job.variant.endswith("_rgb"):
         raise click.ClickException(f"prosim compare can't use {job.variant}; give an rgb variant that is not scalar.")
 
-    from ..compare import page, scenes
-    from ..compare.study import Effort, study
+    from ..compare import comparison, contestants, page, runs
 
     with atomic.scratch() as folder, log(0):
         with wrong_input():
-            specs = scenes.Spec(a), scenes.Spec(b)
+            specs = contestants.Spec(a), contestants.Spec(b)
             if noise:
                 if not any(spec.is_adaptive for spec in specs):
                     raise ValueError(f"--noise is for prosim, which neither {a} nor {b} is")
                 specs = specs[0].until(noise), specs[1].until(noise)
             mi.set_log_level(mi.LogLevel.Error)  # samplers that round their counts would warn: real counts are measured
-            opened = scenes.Scene(replace(job, noise=None).file(folder))
+            opened = contestants.Scene(replace(job, noise=None).file(folder))
             if job.denoise:
                 check_denoising(opened.sensor().film())
             for spec in specs:  # whatever is wrong with them shows before the long work
@@ -80,33 +79,33 @@ def compare(
                     opened.contestant(spec, spec.transport or "scene", spp=4)
                 except RuntimeError as error:
                     # The place is one of the scene, in which the contestant was put.
-                    words = PLACE.sub("", session.message(error)).removeprefix(": ")
-                    raise ValueError(scenes.unknown_parameter(spec, error) or f"'{spec.text}': {words}") from None
+                    raise ValueError(
+                        f"'{spec.text}': {PLACE.sub('', session.message(error)).removeprefix(': ')}"
+                    ) from None
         width, height = opened.sensor().film().crop_size()
         if min(width, height) < LEAST:
             raise InputError(f"{scene}: SSIM needs {LEAST} x {LEAST} pixels; the image has {width} x {height}.")
-        files.check(stem, SUFFIXES, 2**23, [scene])
-        cache = reference_folder(cache, 2**4 * 3 * width * height)
+        output_files.check(stem, SUFFIXES, 2**23, [scene])
+        cache = cache or runs.cache_folder()
+        check_cache(cache, 2**4 * 3 * width * height)
+        effort = comparison.Effort(levels, rounds, reference_seconds, cache, job.denoise)
+        compared = comparison.Comparison(opened, scene.name, *specs, effort, job.exposure or 0.0)
         with Progress("comparing") as bar:
-            tell = lambda doing, done: bar.show(done, doing)  # noqa: E731
-            effort = Effort(levels, rounds, reference_seconds, cache, job.denoise, tell)
-            facts, images = study(opened, scene.name, *specs, effort, job.exposure or 0.0)
-    texts = page.html(facts, images), page.json_text(facts)
-    written = files.save(stem, {suffix: text.encode("utf-8") for suffix, text in zip(SUFFIXES, texts)})
-    click.echo(summary(facts))
+            for step, done in compared.run():
+                bar.show(done, step)
+    texts = page.html(compared.facts, compared.images), page.json_text(compared.facts)
+    written = output_files.save(stem, {suffix: text.encode("utf-8") for suffix, text in zip(SUFFIXES, texts)})
+    click.echo(summary(compared.facts))
     click.echo(" and ".join(map(str, written)))
 
 
-def reference_folder(cache: Path | None, size: int) -> Path:
-    """The folder for references of ``size`` bytes: ``cache``, or that of the user. Raises InputError."""
-    from ..compare import runs
-
-    folder = cache or runs.cache_folder()
+def check_cache(folder: Path, size: int) -> None:
+    """Raises InputError where references of ``size`` bytes can't be stored in ``folder``."""
     try:
         atomic.check([folder / "reference"], size)
     except OSError as error:
-        raise InputError(f"references can't be stored: {files.reason(error)}. Give another folder by --cache") from None
-    return folder
+        why = output_files.reason(error)
+        raise InputError(f"references can't be stored: {why}. Give another folder by --cache") from None
 
 
 def summary(facts: Mapping[str, Any]) -> str:

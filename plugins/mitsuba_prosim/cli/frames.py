@@ -6,7 +6,7 @@ import hashlib
 import json
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -21,13 +21,13 @@ from prosim_scene import FPS, FRAME, TIME
 from .. import atomic
 from ..engine import origin
 from ..scene import scene_file, session
-from . import output
-from .image import SUFFIXES, Image, Result, Task, finish, render_image, start, unfinished
+from . import output_files
 from .interrupts import interruptible
 from .job import Job
 from .log import log
-from .options import wrong_input
+from .option_types import wrong_input
 from .progress import FilmProgress, warn
+from .render_task import Image, RenderTask, finish, render_image, start
 from .workers import Workers
 
 if TYPE_CHECKING:
@@ -40,18 +40,8 @@ DIGEST = "prosim.digest"
 #: precedes its samples then happens in all workers at a time.
 SMALL = 30.0
 
-
-@dataclass(frozen=True)
-class Frame:
-    """A frame that is to be rendered. ``stem``: its path without suffix; ``facts``: its metadata, besides those of
-    every image.
-    """
-
-    number: int
-    job: Job
-    stem: Path
-    file: scene_file.SceneFile
-    facts: dict[str, str]
+#: A frame, its image and its report.
+Rendered = tuple[RenderTask, Image, str]
 
 
 class Film:
@@ -84,17 +74,17 @@ class Film:
             self.bar,
         ):
             try:
-                for frame, result in self.results(self.missing(folder), workers):
-                    if result.interruption:
-                        return result.interruption
-                    self.count(frame, result)
+                for task, image, report in self.images(self.missing(folder), workers):
+                    if image.interruption:
+                        return image.interruption
+                    self.count(task, image, report)
             except click.ClickException as error:
                 raise type(error)(f"frame {self.number}: {error.message}") from None
             except RuntimeError as error:  # of the cluster
                 raise click.ClickException(str(error)) from None
             return "interrupted" if self.signals else getattr(workers.dask, "gone", None)
 
-    def missing(self, folder: Path) -> Iterator[Frame]:
+    def missing(self, folder: Path) -> Iterator[RenderTask]:
         """The frames that are to be rendered, each read when it is its turn, until a signal arrives."""
         for number in self.frames:
             if self.signals:
@@ -107,74 +97,75 @@ class Film:
             with wrong_input():
                 file = job.file(folder, cache=self.cache)
                 facts = {DIGEST: digest(job, file), "prosim.frame": str(number)}
-            frame = Frame(number, job, self.path(number), file, facts)
-            if job.overwrite or not exists(frame):
-                yield frame
+            task = RenderTask(job, file, self.path(number), facts=facts)
+            if job.overwrite or not exists(task):
+                yield task
             else:
                 self.left += 1
                 self.bar.leave_out()
 
-    def results(self, frames: Iterator[Frame], workers: Workers) -> Iterator[tuple[Frame, Result]]:
-        """Renders frames, until one is interrupted."""
-        job = self.job
-        for frame in frames:
+    def images(self, tasks: Iterator[RenderTask], workers: Workers) -> Iterator[Rendered]:
+        """Renders frames, each by all workers or by this process; small frames by one worker each. Ends with a
+        frame that is interrupted.
+        """
+        for task in tasks:
             with wrong_input():
-                task = Task.of(frame.job, frame.file, frame.stem, facts=frame.facts)
-            if task.about is not None and not job.overwrite:
-                task = replace(task, begin=unfinished(frame.stem, task.about))
+                task.check()
+                if task.job.checkpoint and not task.job.overwrite:
+                    task.begin = task.unfinished()
             if self.signals:  # from here on the render listens itself
                 return
-            yield frame, render_image(task, self.bar, workers)
-            # The states are here, so that a lost worker loses no samples; and a time is that of all workers.
-            if workers.dask is None or job.keep or task.integrator.time or (job.denoise and job.cluster):
-                continue
-            if workers.dask.worker_seconds <= SMALL:
-                yield from self.results_of_workers(frames, workers.dask, task.size())
+            yield task, *render_image(task, self.bar, workers)
+            if workers.dask is not None and workers.dask.worker_seconds <= SMALL and not self.needs_all(task):
+                yield from self.images_of_workers(tasks, workers.dask, task.size)
 
-    def results_of_workers(
-        self, frames: Iterator[Frame], dask: DaskExecutor, size: int
-    ) -> Iterator[tuple[Frame, Result]]:
+    def needs_all(self, task: RenderTask) -> bool:
+        """Whether all workers have to render a frame together: its checkpoints are written here, so that a lost worker
+        loses no samples; a time limit is that of all workers; or they may lack the denoiser.
+        """
+        job = task.job
+        return bool(job.checkpoint or task.integrator.time or (job.denoise and job.cluster))
+
+    def images_of_workers(self, tasks: Iterator[RenderTask], dask: DaskExecutor, size: int) -> Iterator[Rendered]:
         """Lets one worker render each frame, and writes them as they are finished; ``size``: bytes of one at most.
 
         Raises the error of a frame when those before it are written.
         """
         from ..parallel import worker
         from ..parallel.bundle import SceneBundle
-        from ..parallel.executor import Task as DaskTask
+        from ..parallel.executor import Task
 
         errors: list[click.ClickException] = []
 
-        def tasks() -> Iterator[DaskTask]:
+        def calls() -> Iterator[Task]:
             try:
-                for frame in frames:
-                    output.check(frame.stem, SUFFIXES, size, [frame.file.path, *frame.file.sources()])
+                for task in tasks:
+                    task.check_place(size)
                     with wrong_input():
-                        bundle = SceneBundle.of(frame.file, self.job.sensor)
-                    submit = partial(dask.submit, worker.make, bundle, on_worker, frame.job, frame.facts)
-                    yield DaskTask(f"frame {frame.number}", submit, partial(lambda frame, image: (frame, image), frame))
+                        bundle = SceneBundle.of(task.file, self.job.sensor)
+                    submit = partial(dask.submit, worker.make, bundle, on_worker, task.job, task.facts)
+                    yield Task(f"frame {self.number}", submit, partial(lambda task, image: (task, image), task))
             except click.ClickException as error:
                 errors.append(error)
 
-        for answer in dask.results(tasks()):
+        for result in dask.results(calls()):
             if self.signals:
                 return
-            if answer is not None:
-                frame, image = answer
-                paths = output.save(frame.stem, image.contents)
-                report = "\n".join([image.line(frame.job, frame.file, paths), *image.quality])
-                yield frame, Result(report, black=image.black)
+            if result is not None:
+                task, image = result
+                yield task, image, image.report(task, output_files.save(task.stem, image.contents))
         if errors and not dask.gone:
             raise errors[0]
 
-    def count(self, frame: Frame, result: Result) -> None:
+    def count(self, task: RenderTask, image: Image, report: str) -> None:
         """Counts a frame that was rendered, and prints its report."""
         self.rendered += 1
         self.bar.finish()
-        if result.black:
+        if image.black:
             self.black += 1
             if self.black == 1:
-                warn(f"frame {frame.number}: {result.black}")
-        self.bar.write(result.report, file=sys.stderr)
+                warn(f"frame {task.facts['prosim.frame']}: {image.black}")
+        self.bar.write(report, file=sys.stderr)
 
     def definitions(self, number: int) -> dict[str, str]:
         """The values of a frame's names."""
@@ -207,25 +198,22 @@ def digest(job: Job, file: scene_file.SceneFile) -> str:
     :mod:`..engine.origin`. It does not depend on the folder of the scene.
     """
     here = origin.here()
-    own = job if file.xml == file.path else replace(job, definitions={})  # the translation has them
-    parts = replace(own, scene="").image() | {
-        "digest": file.digest(),
-        "denoise": job.denoise,
-        "origin": [here[name] for name in origin.EXACT],
-    }
+    parts = job.image() | {"scene": "", "digest": file.digest(), "origin": [here[name] for name in origin.EXACT]}
+    if file.document is not None:
+        parts["definitions"] = {}  # the translation has them
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
-def exists(frame: Frame) -> bool:
+def exists(task: RenderTask) -> bool:
     """Whether the disk has the frame, finished, with the same digest."""
-    image = Path(f"{frame.stem}.exr")
+    image = Path(f"{task.stem}.exr")
     if not image.is_file():  # OpenEXR would print an error
         return False
     try:
         header = OpenEXR.File(str(image), header_only=True).parts[0].header
     except (RuntimeError, ValueError):
         return False
-    return bool(header.get(DIGEST) == frame.facts[DIGEST])
+    return bool(header.get(DIGEST) == task.facts[DIGEST])
 
 
 def render(job: Job, stem: Path) -> None:

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from ..geometry.leaves import LARGEST
 from ..geometry.mesh_files import mesh_file
 from ..geometry.primitives import Primitive
-from ..geometry.transforms import matrices
 from ..language.diagnostics import quote
 from ..language.document import Document
 from ..language.document import Path as ValuePath
@@ -100,8 +100,6 @@ class Context:
 
 #: The largest size of a mesh file in bytes: 4,000,000 triangles have fewer.
 MESH_LIMIT = 2**27
-#: The largest number; its square is below the maximum of single precision.
-LARGEST = 1e19
 
 
 def check(document: Document, node: Node, *path: str | int) -> Node:
@@ -113,25 +111,6 @@ def check(document: Document, node: Node, *path: str | int) -> Node:
                 *path,
             )
     return node
-
-
-def check_transforms(document: Document) -> None:
-    """Raises the SceneError about a transform beyond single precision."""
-    transforms = document.scene.transforms
-    if not transforms:
-        return
-    with np.errstate(all="ignore"):
-        found = matrices(list(transforms.values()))
-    wrong = ~(np.abs(found).max(axis=(1, 2)) <= LARGEST)
-    narrowest = np.linalg.svd(np.where(wrong[:, None, None], 0, found)[:, :3, :3], compute_uv=False).min(axis=1)
-    for index, beyond in zip(transforms, (wrong | (narrowest < 1 / LARGEST)).tolist()):
-        if beyond:
-            raise document.error(
-                "the product of these steps is beyond Mitsuba's single precision; expected less extreme factors "
-                "and distances",
-                "transforms",
-                index,
-            )
 
 
 def _numbers(value: Any) -> Iterable[float]:

@@ -11,13 +11,13 @@ import click
 from .. import atomic
 from ..engine.checkpoint import Checkpoint
 from ..scene import rendering, session
-from . import film, output
-from .image import SUFFIXES, Task, render_image
+from . import frames, output_files
 from .input_files import SCENE_FILE
 from .job import OPTIONS, Command, Job, takes
 from .log import log
-from .options import wrong_input
+from .option_types import wrong_input
 from .progress import Progress, warn
+from .render_task import SUFFIXES, RenderTask, render_image
 from .tev import Viewer
 from .workers import Workers
 
@@ -33,11 +33,11 @@ def render(job: Job) -> None:
 
     Set the quality by --noise, --time or --spp; by default, the scene sets it.
     """
-    stem = output.stem(job.output, Path(job.scene).with_suffix(""), SUFFIXES)
+    stem = output_files.stem(job.output, Path(job.scene).with_suffix(""), SUFFIXES)
     if job.frames is None:
         write_image(job, stem)
     else:
-        film.render(job, stem)
+        frames.render(job, stem)
 
 
 def write_image(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
@@ -48,7 +48,8 @@ def write_image(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
     """
     with log(job.verbose), session.threads(job.threads), atomic.scratch() as folder:
         with wrong_input():
-            task = Task.of(job, job.file(folder), stem, begin)
+            task = RenderTask(job, job.file(folder), stem, begin)
+            task.check()
         progressive = rendering.keeps(task.integrator)
         with (
             Workers(job) as workers,
@@ -56,9 +57,9 @@ def write_image(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
             # The first step ends when the kernels are compiled and one work item is rendered.
             Progress("compiling kernels" if progressive else "rendering", timed=progressive) as bar,
         ):
-            result = render_image(task, bar, workers, shown)
-        if result.black:
-            warn(result.black)
-    click.echo(result.report)
-    if result.interruption:
+            image, report = render_image(task, bar, workers, shown)
+        if image.black:
+            warn(image.black)
+    click.echo(report)
+    if image.interruption:
         sys.exit(1)

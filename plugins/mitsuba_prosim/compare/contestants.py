@@ -1,49 +1,50 @@
-"""One scene with several integrators and samplers."""
+"""The contestants of a comparison: integrators and samplers in one scene."""
 
 from __future__ import annotations
 
-import difflib
+import ast
 import gc
 import json
+import time
+from dataclasses import dataclass
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
+import numpy as np
 
-from ..compat import UNREFERENCED
+from ..denoising import halves
 from ..engine import origin
 from ..scene import scene_file
-from ..scene.overrides import SAMPLING
-from .runs import Contestant
 
 #: The text of a contestant.
 FORM = "INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...]"
 
-#: Parameters of integrators, for suggestions.
-PARAMETERS = (*SAMPLING, "caustics", "diffuse_bounces", "hide_emitters", "max_depth", "max_level", "rr_depth")
-
 
 class Spec:
-    """The text of a contestant, such as ``path:multijitter,max_depth=5``, and its parts."""
+    """The text of a contestant, such as ``path:multijitter,max_depth=5``, and its parts; ``changes``: of parameters."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, **changes: Any) -> None:
         head, *parameters = text.split(",")
         self.text = text
         self.integrator, _, sampler = head.partition(":")
         self.sampler = sampler or None
         self.parameters: dict[str, Any] = {}
         for parameter in parameters:
-            name, equals, value = parameter.partition("=")
-            if not (name and equals and value):
+            name, _, value = map(str.strip, parameter.partition("="))
+            if not (name and value):
                 raise ValueError(f"{parameter!r} in {text!r} is not of the form PARAMETER=VALUE")
-            self.parameters[name.strip()] = typed(value.strip())
+            try:
+                self.parameters[name] = ast.literal_eval({"true": "True", "false": "False"}.get(value, value))
+            except (ValueError, SyntaxError):  # no number
+                self.parameters[name] = value
+        self.parameters |= changes
         if not self.integrator:
             raise ValueError(f"{text!r} is not of the form {FORM}")
 
-    def but(self, **parameters: Any) -> Spec:
+    def but(self, **changes: Any) -> Spec:
         """The same with other values of some parameters."""
-        result = Spec(self.text)
-        result.parameters |= parameters
-        return result
+        return Spec(self.text, **self.parameters | changes)
 
     def until(self, noise: float) -> Spec:
         """The same with a goal for the noise, if the integrator :attr:`is_adaptive`."""
@@ -58,6 +59,44 @@ class Spec:
     def transport(self) -> str | None:
         """The transport of light that the integrator computes; None for one that can compute any."""
         return {"prosim": None, "direct": "direct"}.get(self.integrator, "paths")
+
+
+@dataclass(eq=False)
+class Contestant:
+    """An integrator with a scene, a sensor (and its sampler) and a sample count, 0 for that of the integrator."""
+
+    name: str
+    scene: mi.Scene
+    sensor: mi.Sensor
+    integrator: mi.Integrator
+    spp: int = 0
+    #: The same integrator with the AOV "samples", if it decides on the sample counts.
+    counting: mi.Integrator | None = None
+    #: Whether the image is denoised, from two halves of the samples.
+    denoised: bool = False
+
+    def render(self, seed: int) -> tuple[np.ndarray, float, float]:
+        """Image (height, width, 3), seconds by the clock, and processor seconds per thread."""
+        start, start_cpu = time.perf_counter(), time.process_time()
+        if self.denoised:
+            image = halves.render(self.scene, self.sensor, self.integrator, seed, self.spp).final
+        else:
+            image = self.integrator.render(self.scene, self.sensor, seed=seed, spp=self.spp)
+        dr.eval(image)
+        dr.sync_thread()
+        seconds, cpu = time.perf_counter() - start, time.process_time() - start_cpu
+        return np.array(image)[..., :3], seconds, cpu / max(dr.thread_count(), 1)
+
+    def counts(self) -> np.ndarray:
+        """The number of samples of each pixel, shape (height, width); samplers round the requested number."""
+        if self.counting is not None:
+            if self.denoised:
+                return halves.DenoisedRender(self.scene, self.sensor, self.counting, 0, self.spp).run().counts()
+            return np.array(self.counting.render(self.scene, self.sensor, seed=0, spp=self.spp))[..., -1]
+        sampler = self.sensor.sampler().clone()
+        sampler.set_sample_count((self.spp + 1) // 2 if self.denoised else self.spp)
+        width, height = self.sensor.film().crop_size()
+        return np.full((height, width), float(sampler.sample_count() * (1 + self.denoised)))
 
 
 class Scene:
@@ -143,24 +182,3 @@ def lit(scene: mi.Scene, background: mi.Texture) -> mi.Scene:
     finally:
         for part, name in names.items():  # load_dict renames them
             part.set_id(name)
-
-
-def unknown_parameter(spec: Spec, error: RuntimeError) -> str | None:
-    """The message for a parameter that the integrator does not have; None for another ``error``."""
-    found = UNREFERENCED.search(str(error))
-    if not found or found[2] not in spec.parameters:
-        return None
-    near = difflib.get_close_matches(found[2], PARAMETERS, n=1)
-    return f"{spec.text!r}: {found[1]} has no parameter {found[2]!r}." + (f" Did you mean {near[0]}?" if near else "")
-
-
-def typed(text: str) -> bool | int | float | str:
-    """``text`` as a truth value, a number, or itself."""
-    if text.lower() in ("true", "false"):
-        return text.lower() == "true"
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            pass
-    return text

@@ -1,0 +1,275 @@
+"""One image: its render, step by step, and its files."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import click
+import mitsuba as mi
+
+from ..denoising import halves, layers
+from ..engine import checkpoint
+from ..engine.checkpoint import Checkpoint, CheckpointWriter
+from ..scene import black, images, rendering, scene_file, session
+from . import output_files, report
+from .interrupts import interruptible
+from .job import TARGETS, Job, refuse_scalar
+from .option_types import InputError, need
+from .progress import Progress, warn
+from .tev import Viewer
+
+if TYPE_CHECKING:
+    from .workers import Workers
+
+#: Suffixes of an image, and of its state.
+SUFFIXES, STATE = (".exr", ".png"), ".state.npz"
+
+
+@dataclass(eq=False)
+class RenderTask:
+    """An image that is to be rendered and written to ``stem``, a path without suffix.
+
+    ``begin``: continues from there. ``facts``: further metadata, of a frame of a film, which is written only when it is
+    finished.
+    """
+
+    job: Job
+    file: scene_file.SceneFile
+    stem: Path
+    begin: Checkpoint | None = None
+    facts: Mapping[str, str] = field(default_factory=dict)
+
+    @cached_property
+    def scene(self) -> mi.Scene:
+        """The scene, loaded at the first use. Raises the errors of its plugins."""
+        return self.file.load()
+
+    @cached_property
+    def sensor(self) -> mi.Sensor:
+        """The sensor that the job names. Raises ValueError where the scene has no such sensor."""
+        return scene_file.pick_sensor(self.scene, self.job.sensor)
+
+    @property
+    def integrator(self) -> Any:
+        """The scene's integrator."""
+        return self.scene.integrator()
+
+    @cached_property
+    def about(self) -> dict[str, Any]:
+        """Facts that identify the checkpoints."""
+        return self.job.about(self.file)
+
+    def check(self) -> None:
+        """Raises the errors of loading the scene, and ValueError where the options do not suit it, or :attr:`begin`
+        belongs to another one.
+        """
+        job, film, integrator = self.job, self.sensor.film(), self.integrator
+        refuse_scalar([name for name in TARGETS if getattr(integrator, name, 0)], job.variant)
+        if job.denoise:
+            check_denoising(film, integrator)
+        option = "--part" if job.part else "--checkpoint" if job.checkpoint else job.distributed
+        if option and not rendering.keeps(integrator):
+            raise ValueError(
+                f"{option} needs prosim or prosim_adaptive, in all but scalar variants; this scene's integrator is "
+                f"{integrator.class_name()}. Add --noise 0.01 or --adaptive none --samples 8, for example: "
+                "prosim_adaptive then wraps it."
+            )
+        if self.begin is not None and self.begin.about["digest"] != self.about["digest"]:
+            raise ValueError(
+                f"{job.scene} is not the scene of this state: its text has changed, or a mesh or a picture that it "
+                "names. Render it again, or give the right one by --scene."
+            )
+
+    def writer(self) -> CheckpointWriter | None:
+        """The writer of the checkpoints, or None. Raises InputError where the result can't be written."""
+        part = self.job.part
+        states = [f".{part}.npz" if part else STATE] if part or self.job.checkpoint else []
+        self.check_place(self.size, [*(() if part else SUFFIXES), *states])
+        return CheckpointWriter(Path(f"{self.stem}{states[0]}"), self.about, warn) if states else None
+
+    @property
+    def size(self) -> int:
+        """Bytes of the image at most: ten channels of 32 bits, the integrator's own ones, and the PNG."""
+        width, height = self.sensor.film().crop_size()
+        return int(width * height) * (48 + 4 * len(self.integrator.aov_names())) + 2**16
+
+    def check_place(self, size: int, suffixes: Sequence[str] = SUFFIXES) -> None:
+        """Raises InputError where files of these suffixes, of ``size`` bytes, can't be written."""
+        output_files.check(self.stem, suffixes, size, [self.file.path, *self.file.sources()])
+
+    def unfinished(self) -> Checkpoint | None:
+        """The checkpoint of an interrupted render of this image, if it exists."""
+        try:
+            record = checkpoint.load(f"{self.stem}{STATE}")
+        except (OSError, ValueError):
+            return None
+        return record if json.dumps(record.about, sort_keys=True) == json.dumps(self.about, sort_keys=True) else None
+
+
+@dataclass
+class Image:
+    """A rendered image; it can be pickled.
+
+    ``size``: in pixels; ``contents``: of its files, by suffix; ``lines``: noise, samples and time; ``black``: why
+    nothing is visible; ``interruption``: its cause.
+    """
+
+    size: tuple[int, ...]
+    seconds: float
+    contents: Mapping[str, bytes] = field(default_factory=dict)
+    lines: Sequence[str] = ()
+    black: str | None = None
+    interruption: str | None = None
+
+    def report(self, task: RenderTask, written: Sequence[Path], note: str = "") -> str:
+        """The lines that the command prints; ``note``: for the first."""
+        part, wrapped = task.job.part, task.file.wrapped
+        first = (
+            f"{' and '.join(map(str, written))}: "
+            + (f"part {part.number} of {part.of}, " if part else "")
+            + f"{self.size[0]} x {self.size[1]} pixels, {task.job.variant}, {self.seconds:.2f} s"
+            + (f", {wrapped} within prosim_adaptive" if wrapped else "")
+        )
+        return "\n".join([first + note, *self.lines])
+
+
+def start(job: Job, scene: mi.Scene, sensor: mi.Sensor, **how: Any) -> Any:
+    """The render of a job: an iterator of :class:`.Step`. ``how``: see :func:`.rendering.progressive`."""
+    if job.denoise:
+        how = how if rendering.keeps(scene.integrator()) else {}
+        return halves.DenoisedRender(scene, sensor, scene.integrator(), job.seed, job.spp or 0, **how)
+    return rendering.progressive(scene, sensor, job.seed, job.spp or 0, **how)
+
+
+def render_image(task: RenderTask, bar: Progress, workers: Workers, shown: Viewer | None = None) -> tuple[Image, str]:
+    """Renders and writes an image or its state; returns it and its report. ``workers`` may take the samples; ``shown``:
+    where the image is shown.
+
+    Raises InputError, where nothing has been written, and ClickException; ends the process where it was interrupted
+    before the first sample, unless it is a frame of a film.
+    """
+    job, is_frame = task.job, bool(task.facts)
+    writer, snapshots = task.writer(), Snapshots(task)
+    consumers: list[Any] = [one for one in (writer, snapshots, shown and shown.update) if one]
+    with interruptible(task.integrator.cancel) as signals:
+        executor = workers.executor(task.file)
+        started = perf_counter()
+        try:
+            steps = start(job, task.scene, task.sensor, begin=task.begin, part=job.part, executor=executor)
+            while not (signals or getattr(executor, "gone", None)) and (step := next(steps, None)) is not None:
+                bar.show(step.done)
+                for consume in consumers:
+                    consume(steps)
+            steps.close()
+            snapshots(steps)
+            if writer is not None:
+                writer(steps, last=True)
+        except ValueError as error:
+            raise InputError(str(error)) from None
+        except (RuntimeError, MemoryError) as error:
+            raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
+        image = Image(tuple(task.sensor.film().crop_size()), perf_counter() - started)
+        lost, reached = getattr(executor, "gone", None), steps.reached
+        interruption = lost or ("interrupted" if signals else None)
+        if interruption and not is_frame and reached is not None and reached.samples == 0:
+            end_without_image(signals, lost)
+        if job.part is None and not (is_frame and interruption):
+            by = "the loss of the cluster" if lost else "a signal" if signals else None
+            image = finish(job, task.scene, task.sensor, steps, image.seconds, by, task.facts)
+        if shown is not None:
+            shown.show()
+        paths = output_files.save(task.stem, image.contents) if image.contents else []
+    image.interruption, note = interruption, ""
+    if writer is not None:
+        if writer.unwritten is not None:
+            output_files.save(writer.path.with_suffix(""), {".npz": writer.unwritten})
+        paths.append(writer.path)
+    if interruption:
+        partial = reached is not None and reached.least == 0
+        note = ", interrupted" + (": pixels without a sample are black" if partial else "")
+        end = [f"To continue it: prosim resume {writer.path}"] if writer else []
+        image.lines = [*filter(None, [lost]), *image.lines, *end]
+    return image, image.report(task, paths, note)
+
+
+def end_without_image(signals: Sequence[int], lost: str | None) -> NoReturn:
+    """Ends the process that has rendered nothing. Raises ClickException where the cluster was ``lost``."""
+    nothing = "before the first sample; nothing was written."
+    if lost:
+        raise click.ClickException(f"{lost} {nothing}")
+    click.echo(f"Interrupted {nothing}", err=True)
+    sys.exit(128 + signals[0])
+
+
+class Snapshots:
+    """Writes the image of a task, without suffix ``NAME``, to ``NAME.0.04.exr`` when its error is this small, or to
+    ``NAME.4s.exr`` after 4 seconds, with its true error, counts and time.
+    """
+
+    def __init__(self, task: RenderTask) -> None:
+        self.task, self.left, self.started = task, sorted(task.job.snapshots or ()), perf_counter()
+
+    def __call__(self, steps: Any) -> None:
+        """Writes those that are due."""
+        reached, task = steps.reached if self.left else None, self.task
+        if reached is None or not reached.least:
+            return
+        for text in list(self.left):
+            due = reached.seconds >= float(text[:-1]) if text.endswith("s") else reached.noise <= float(text)
+            if due:
+                self.left.remove(text)
+                steps.put()
+                seconds = perf_counter() - self.started
+                facts = report.metadata(task.job, task.integrator, reached, False, seconds)
+                facts |= {"prosim.ended": f"snapshot {text}", "prosim.noise_at_most": f"{steps.noise_at_most():.6g}"}
+                exr = images.encode(task.sensor.film().bitmap(), facts)[".exr"]
+                output_files.save(task.stem.with_name(f"{task.stem.name}.{text}"), {".exr": exr})
+
+
+def finish(
+    job: Job,
+    scene: mi.Scene,
+    sensor: mi.Sensor,
+    steps: Any,
+    seconds: float,
+    interrupted: str | None = None,
+    facts: Mapping[str, str] | None = None,
+) -> Image:
+    """The image of a render that has ended. ``interrupted``: the cause; ``facts``: further metadata."""
+    integrator, film, reached = scene.integrator(), sensor.film(), steps.reached
+    only_time = rendering.keeps(integrator) and integrator.time and not report.goals(integrator)
+    at_most = steps.noise_at_most() if only_time and not job.denoise else None
+    lines, own = [report.sentence(integrator, reached, interrupted, at_most)], dict[str, str]()
+    if not job.denoise:
+        bitmap = film.bitmap()
+    elif (both := steps.halves).second is None:
+        bitmap, own = layers.undenoised(both), {"prosim.denoised": "no, interrupted"}
+        lines.append("not denoised: interrupted")
+    else:
+        result, estimates = steps.denoised(), steps.render and steps.render.state.estimates
+        bitmap = layers.bitmap(both, result)
+        own, line = report.of_denoised(result, estimates, both.uncertainty, film)
+        lines.append(line)
+    header = report.metadata(job, integrator, reached, interrupted is not None, seconds) | own | dict(facts or {})
+    exposure = job.exposure or 0.0
+    colours = images.colours(bitmap)
+    why = None if colours is None else black.why(scene, sensor, colours * 2.0**exposure, exposure=exposure)
+    contents = images.encode(bitmap, header, exposure, own)
+    return Image(tuple(film.crop_size()), seconds, contents, [*filter(None, lines)], why)
+
+
+def check_denoising(film: mi.Film, integrator: mi.Integrator | None = None) -> None:
+    """Raises ClickException where the package is missing, ValueError where ``film`` stores no colours, or the
+    ``integrator`` already denoises.
+    """
+    need("denoise", "--denoise")
+    if integrator is not None and "denoised.R" in integrator.aov_names():
+        raise ValueError("the scene's integrator, prosim_denoised, already denoises; leave out --denoise.")
+    halves.check(film)

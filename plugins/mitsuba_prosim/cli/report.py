@@ -1,0 +1,120 @@
+"""The result of a render: the metadata of its image, and the lines that the command prints."""
+
+from __future__ import annotations
+
+import json
+from importlib.metadata import version
+from math import isnan
+from typing import TYPE_CHECKING, Any
+
+import mitsuba as mi
+
+from ..denoising import oidn
+from ..engine.plan import UNLIMITED
+
+if TYPE_CHECKING:
+    from ..denoising.denoised import Denoised
+    from ..engine.render import Reached
+    from .job import Job
+
+#: A render has used its time from this part of it on, as it aims to end before.
+IN_TIME = 0.97
+
+#: Goal of an integrator, and measured value of a render -> the same in words.
+NOISES = {"noise": "noise", "noise_99": "that of 99 pixels in 100", "noise_999": "that of 999 in 1000"}
+
+#: From this relative standard error on, the estimated error of a denoised image is called uncertain.
+UNCERTAIN = 0.12
+
+
+def metadata(
+    job: Job, integrator: mi.Integrator, reached: Reached | None, interrupted: bool, seconds: float
+) -> dict[str, str]:
+    """The metadata of an EXR image.
+
+    With a progressive integrator ``prosim.samples``, the mean of a pixel; ``prosim.noise``, ``prosim.noise_99`` and
+    ``prosim.noise_999``, if they were measured; with a goal ``prosim.ended``, see :func:`end`.
+    """
+    result = {
+        "scene": job.scene,
+        "version": version("mitsuba-prosim"),
+        "variant": job.variant,
+        "integrator": str(integrator),
+        "seed": str(job.seed),
+        "seconds": f"{seconds:.3f}",
+    }
+    if reached is not None:
+        values = {name: getattr(reached, name) for name in ("samples", *NOISES)}
+        result |= {name: f"{value:.6g}" for name, value in values.items() if not isnan(value)}
+        if has_goal(integrator):
+            result["ended"] = end(integrator, reached, interrupted)
+    return {f"prosim.{name}": value for name, value in result.items()}
+
+
+def sentence(
+    integrator: mi.Integrator, reached: Reached | None, interrupted: str | None, at_most: float | None = None
+) -> str | None:
+    """Noise, samples and seconds of a render, and its end if that was not the noise; None without a goal.
+
+    ``interrupted``: the cause; ``at_most``: an estimate of the noise where it was not measured.
+    """
+    if reached is None or not has_goal(integrator):
+        return None
+    ended, parts = end(integrator, reached, interrupted is not None), []
+    # The last measurement is older than the image of an interrupted render.
+    below = "" if ended in ("noise", "samples") else "below "
+    for name in goals(integrator):
+        measured = getattr(reached, name)
+        value = "not known yet," if isnan(measured) else f"{below}{measured:.2g}"
+        parts.append(f"{NOISES[name]} {value} of {getattr(integrator, name):g}")
+    if at_most is not None:
+        value = "not known" if isnan(at_most) else f"at most about {at_most:.2g}"
+        parts.append(f"noise {value} (--noise measures it)")
+    limit = f" of {integrator.time:g}" if integrator.time else ""
+    parts += [f"{reached.samples:.1f} samples a pixel", f"{reached.seconds:.1f} s{limit}"]
+    if ended == "samples":
+        parts.append(f"ended by the maximum number of samples per pixel, {integrator.max_samples or UNLIMITED}")
+    elif ended == "interrupted" or (ended == "time" and goals(integrator)):
+        parts.append(f"ended by {interrupted or 'the time'}")
+    return ", ".join(parts)
+
+
+def of_denoised(result: Denoised, estimates: Any, uncertainty: float, film: mi.Film) -> tuple[dict[str, str], str]:
+    """The metadata of a denoised image, and its line. ``estimates``: of the noise during the render."""
+    raw, final = result.noise(result.raw_error), result.noise(result.final_error)
+    facts = {
+        "prosim.denoised": f"by Open Image Denoise {oidn.load().oidn_version()}, where two halves of the samples "
+        "agree; the layers raw and denoised of the EXR are what was mixed",
+        "prosim.denoised.noise": f"{final:.6g}",
+        "prosim.denoised.raw_noise": f"{raw:.6g}",
+    }
+    if estimates:
+        facts["prosim.denoised.estimates"] = json.dumps(estimates)  # samples, fast or not, noise
+    line = f"denoised: noise about {final:.2g}, raw {raw:.2g}"
+    if uncertainty > UNCERTAIN:
+        line += ", uncertain: a few pixels have most of the error"
+    if not film.rfilter().is_box_filter():
+        line += " (the film's filter is wider than a pixel; a box filter suits a denoiser better)"
+    return facts, line
+
+
+def goals(integrator: mi.Integrator) -> list[str]:
+    """The parameters among :data:`NOISES` that an integrator has."""
+    return [name for name in NOISES if getattr(integrator, name, 0)]
+
+
+def has_goal(integrator: mi.Integrator) -> bool:
+    """Whether an integrator has a goal for noise or time."""
+    return bool(goals(integrator) or getattr(integrator, "time", 0))
+
+
+def end(integrator: mi.Integrator, reached: Reached, interrupted: bool) -> str:
+    """The cause of a render's end: ``interrupted``, ``noise``, ``time``, or ``samples`` (the maximum number)."""
+    if interrupted:
+        return "interrupted"
+    noises = goals(integrator)
+    if noises and all(getattr(reached, name) <= getattr(integrator, name) for name in noises):
+        return "noise"
+    if integrator.time and reached.seconds >= IN_TIME * integrator.time:
+        return "time"
+    return "samples"

@@ -1,0 +1,252 @@
+"""The comparison of two contestants: its runs, interleaved, and their results as numbers and images for the page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import measures, runs
+from .contestants import Contestant, Scene, Spec
+from .runs import Reference, Runs
+
+#: Transport of light -> its name in progress reports.
+LIGHT = {"paths": "all paths", "direct": "direct light", "scene": "the scene's light"}
+
+#: Parameters that end a render by its sample counts, not by its noise.
+UNTARGETED: dict[str, Any] = {"noise": 0.0, "time": 0.0}
+
+#: Values of a row of the table, besides the measures of error, that are medians of rounds.
+COSTS = ("seconds", "cpu")
+
+#: Kinds of maps, whose names end in these words: all of one kind share their scale.
+MAPS = ("error", "flip", "counts")
+
+
+@dataclass(frozen=True)
+class Effort:
+    """The amount of work.
+
+    ``levels``: square roots of the sample counts of the curves; ``seconds``: time for the reference of each transport;
+    ``cache``: folder of references; ``denoise``: whether each image is also denoised.
+    """
+
+    levels: tuple[int, ...]
+    rounds: int
+    seconds: float
+    cache: Path
+    denoise: bool
+
+
+class Comparison:
+    """Compares two contestants on a scene called ``name``, at ``exposure`` in stops."""
+
+    def __init__(self, scene: Scene, name: str, a: Spec, b: Spec, effort: Effort, exposure: float) -> None:
+        self.scene, self.a, self.b, self.effort, self.scale = scene, a, b, effort, 2.0**exposure
+        #: Text and numbers, fit for JSON, and arrays by name; complete after :meth:`run`.
+        self.facts: dict[str, Any] = {
+            "scene": name,
+            "a": a.text,
+            "b": b.text,
+            "rounds": effort.rounds,
+            "exposure": exposure,
+            "denoise": effort.denoise,
+        }
+        self.images: dict[str, np.ndarray] = {}
+
+    def run(self) -> Iterator[tuple[str, float]]:
+        """Renders all; yields what is done at the moment, and the part of it that is done, 0 to 1."""
+        a, b, scale = self.a, self.b, self.scale
+        transport = b.transport or a.transport or "scene"
+        free = next((spec for spec in (a, b) if spec.transport is None), None)
+        sections = [Section(self.scene, transport, {"a": a, "b": b}, self.effort)]
+        if free and transport != "scene":
+            sections.append(Section(self.scene, "scene", {"a": free}, self.effort))
+        for section in sections:
+            yield from section.prepare()
+        results = {c: Runs(section.reference.image) for section in sections for c in section.contestants()}
+        scaled = {name: lambda image, truth, m=m: m(image * scale, truth * scale) for name, m in measures.ALL.items()}
+        for done in runs.interleaved(results, self.effort.rounds, scaled):
+            yield "rendering in turn", done
+        height, width = map(int, sections[0].reference.image.shape[:2])
+        self.facts |= {"machine": runs.machine(), "width": width, "height": height}
+        self.facts["sections"] = [section.facts(results, scale) for section in sections]
+        for k, section in enumerate(sections):
+            self.images |= {f"{k}/{name}": image for name, image in section.images(results, scale).items()}
+        if free and len(sections) > 1:
+            paths, own = (section.reference.image * scale for section in sections)
+            self.facts["difference"], more = difference(self.scene, free, paths, own, scale)
+            self.images |= more
+        self.facts["scales"] = scales(self.images)
+
+
+class Section:
+    """The contestants of one transport of light, by ``specs`` for "a" and perhaps "b": the rows of the table by role,
+    and the curves by role and level.
+
+    Roles are "a", "b", "b at equal samples" and "b at equal time" for rows, "a" and "b" for curves. A level is the
+    square root of the sample count.
+    """
+
+    def __init__(self, scene: Scene, transport: str, specs: dict[str, Spec], effort: Effort) -> None:
+        self.scene, self.transport, self.specs, self.effort = scene, transport, specs, effort
+        key = f"{scene.key} {transport} {[spec.text for spec in specs.values()]}"
+        estimators = [converging(scene, spec, transport) for spec in specs.values()]
+        self.reference = Reference(effort.cache, key, estimators)
+
+    def prepare(self) -> Iterator[tuple[str, float]]:
+        """Renders the reference and makes the contestants; yields the progress."""
+        scene, transport, effort = self.scene, self.transport, self.effort
+        for done in self.reference.converge(effort.seconds):
+            yield f"reference of {LIGHT[transport]}", done
+        b = self.specs.get("b")
+        self.rows = {"a": scene.contestant(self.specs["a"], transport)}
+        levels = dict.fromkeys(self.specs, effort.levels)
+        if b and b.is_adaptive:
+            self.rows["b"] = scene.contestant(b, transport)
+        elif b:
+            # B may need more samples for the error of A.
+            levels["b"] = (*effort.levels, round(1.6 * effort.levels[-1]), round(2.5 * effort.levels[-1]))
+            yield "finding equal times", 0.0
+            same = equals(scene, self.rows["a"], b, transport)
+            self.rows["b at equal samples"], self.rows["b at equal time"] = same
+        if effort.denoise:
+            self.rows |= {f"{role} denoised": replace(row, denoised=True) for role, row in self.rows.items()}
+        self.curves = {
+            role: {n: at_level(scene, spec, transport, n) for n in levels[role]} for role, spec in self.specs.items()
+        }
+
+    def contestants(self) -> list[Contestant]:
+        """All contestants, rows first."""
+        return [*self.rows.values(), *(point for curve in self.curves.values() for point in curve.values())]
+
+    def facts(self, results: Mapping[Contestant, Runs], scale: float) -> dict[str, Any]:
+        """Rows, curves and reference, as numbers."""
+        rows: list[dict[str, Any]] = []
+        for role, contestant in self.rows.items():
+            run = results[contestant]
+            values = {
+                name: {"median": run.median(name), "least": min(of_rounds), "most": max(of_rounds)}
+                for name, of_rounds in run.values.items()
+            }
+            rows.append({"role": role, "name": contestant.name, "samples": run.samples, **values})
+        curves: list[dict[str, Any]] = []
+        for role, curve in self.curves.items():
+            points = []
+            for level, contestant in curve.items():
+                medians = {name: results[contestant].median(name) for name in (*COSTS, *measures.ALL)}
+                points.append({"level": level, "samples": results[contestant].samples, **medians})
+            errors = [max(point["rmse"], 1e-12) for point in points]
+            slopes = {cost: measures.slope([point[cost] for point in points], errors) for cost in ("samples", "cpu")}
+            curves.append({"role": role, "name": self.specs[role].text, "points": points, "slopes": slopes})
+        reference = {name: getattr(self.reference, name) for name in ("seconds", "passes", "disagreement")}
+        reference["error"] = self.reference.error * scale
+        mean = float(np.mean(self.reference.image) * scale)
+        result = {"transport": self.transport, "mean": mean, "rows": rows, "curves": curves, "reference": reference}
+        if len(curves) == 2:
+            result["equal_error"] = {
+                measure: {cost: equal_error(curves[1]["points"], cost, measure, rows[0]) for cost in ("samples", "cpu")}
+                for measure in ("rmse", "flip")
+            }
+        return result
+
+    def images(self, results: Mapping[Contestant, Runs], scale: float) -> dict[str, np.ndarray]:
+        """Images, error maps and sample counts of the rows of the table."""
+        reference = self.reference.image * scale
+        images = {"reference": reference}
+        for role, contestant in self.rows.items():
+            image = results[contestant].image * scale
+            images |= {
+                f"{role}/image": image,
+                f"{role}/error": measures.tone_mapped_error(image, reference),
+                f"{role}/flip": measures.flip_map(image, reference),
+                f"{role}/counts": results[contestant].counts,
+            }
+        return images
+
+
+def at_level(scene: Scene, spec: Spec, transport: str, n: int) -> Contestant:
+    """The contestant with n * n samples per pixel, or at most as many if it is adaptive."""
+    if not spec.is_adaptive:
+        return scene.contestant(spec, transport, spp=n * n)
+    own: Any = scene.contestant(spec, transport).integrator
+    # With a fixed threshold all pixels would converge, and the curve would end.
+    changes = {"samples": n, "threshold": own.threshold * own.samples / n} | UNTARGETED
+    return scene.contestant(spec.but(**changes), transport)
+
+
+def converging(scene: Scene, spec: Spec, transport: str) -> Contestant:
+    """The contestant as an unbiased estimator of the reference, with 64 samples."""
+    if spec.is_adaptive:
+        return scene.contestant(spec.but(adaptive="none", samples=8, **UNTARGETED), transport)
+    return scene.contestant(spec, transport, spp=64)
+
+
+def equals(scene: Scene, a: Contestant, b: Spec, transport: str) -> tuple[Contestant, Contestant]:
+    """Contestants of ``b`` with as many samples as ``a`` takes, and with as many as take the same time."""
+    samples = max(round(float(np.mean(a.counts()))), 1)
+
+    def processor_seconds(contestant: Contestant) -> float:
+        contestant.render(0)  # compiles
+        return float(np.median([contestant.render(0)[2] for _ in range(3)]))
+
+    wanted = processor_seconds(a)
+    spp, equal = samples, scene.contestant(b, transport, spp=samples)
+    for _ in range(4):  # a render has costs that do not grow with the samples, so the first guess is not the last
+        ratio = wanted / processor_seconds(equal)
+        if 0.9 < ratio < 1.1:
+            break
+        spp = min(max(round(spp * ratio), 1), 4096)
+        equal = scene.contestant(b, transport, spp=spp)
+    return scene.contestant(b, transport, spp=samples), equal
+
+
+def equal_error(points: list[dict[str, Any]], cost: str, measure: str, row: dict[str, Any]) -> dict[str, Any]:
+    """The cost at which the curve ``points`` has the error of ``row``, over the cost of ``row``.
+
+    If the curve does not reach that error, ``reached`` is false, and its highest cost counts; if it starts below that
+    error, its lowest cost counts.
+    """
+    costs, errors = [point[cost] for point in points], [max(point[measure], 1e-12) for point in points]
+    own, error = row[cost] if cost == "samples" else row[cost]["median"], max(row[measure]["median"], 1e-12)
+    needed = costs[0] if error > errors[0] else measures.cost_at(error, costs, errors)
+    return {"ratio": (max(costs) if needed is None else needed) / own, "reached": needed is not None}
+
+
+def scales(images: Mapping[str, np.ndarray]) -> dict[str, float]:
+    """Kind of map -> the value at which its colours end."""
+    result = {}
+    for kind in MAPS:
+        maps = [image for name, image in images.items() if name.endswith("/" + kind)]
+        result[kind] = float(max((m.max() if kind == "counts" else np.percentile(m, 99.5)) for m in maps)) or 1.0
+    return result
+
+
+def difference(
+    scene: Scene, spec: Spec, paths: np.ndarray, own: np.ndarray, scale: float
+) -> tuple[dict[str, float], dict[str, np.ndarray]]:
+    """The light that the thesis's transport leaves out, and its ambient term: ``(facts, images)``.
+
+    ``paths``, ``own``: converged images with all paths and in the scene's own light, times ``scale``.
+    """
+    ambient = np.zeros_like(own)
+    if scene.ambient is not None:
+        bright, dark = (
+            scene.contestant(spec, "scene", adaptive="none", **more).render(0)[0] for more in ({}, {"ambient": 0.0})
+        )
+        ambient = (bright - dark) * scale  # of the same samples, almost without noise
+    left_out = paths - (own - ambient)
+    numbers = {
+        "paths_mean": paths.mean(),
+        "own_mean": own.mean(),
+        "left_out_mean": left_out.mean(),
+        "ambient_mean": ambient.mean(),
+        "difference_rms": np.sqrt(np.mean(np.square(paths - own))),
+        "left_out_share": left_out.mean() / max(paths.mean(), 1e-30),
+    }
+    images = {"left_out": left_out, "ambient": ambient, "signed": paths - own}
+    facts = {name: float(value) for name, value in numbers.items()}
+    return facts, {f"difference/{name}": image for name, image in images.items()}

@@ -17,7 +17,6 @@ import mitsuba as mi
 
 from ..compat import DIRECTIONAL, emitter_pointers, emitters_in_order, eval_direction
 from ..masks import but_not
-from ..optics.nested import parts
 from ..sampling import sobol
 from ..sampling.hash import combine
 from . import targets as aim
@@ -49,11 +48,10 @@ class Start:
 
 @dataclass(frozen=True)
 class Draw:
-    """Photons to emit: the numbers of their sources and targets, the number of photons of each pair, the points in
-    [0, 1)² that choose the start and the direction, and the wavelengths.
+    """Photons to emit: the numbers of their targets, the number of photons of each pair, the points in [0, 1)² that
+    choose the start and the direction, and the wavelengths.
     """
 
-    number: mi.UInt32
     target: mi.UInt32
     per_pair: mi.Float
     position: mi.Point2f
@@ -67,21 +65,19 @@ class Draw:
         return result
 
 
-#: Kinds of sources, by how their photons start: from one point; from a surface to all sides, or along its normals
-#: alone; from far away.
-KINDS = ("point", "surface", "beam", "far")
+#: Kinds of sources, by where their photons start: at one point; on a surface; far away.
+KINDS = ("point", "surface", "far")
 
 
 def kind(emitter: mi.Emitter) -> str | None:
-    """One of :data:`KINDS`; None if the flags of ``emitter`` do not tell where it is."""
+    """One of :data:`KINDS`; None if the flags of ``emitter`` do not tell where it is, and for ``directionalarea``."""
     flags = emitter.flags()
     if mi.has_flag(flags, mi.EmitterFlags.Infinite) or emitter.class_name() == DIRECTIONAL:
         return "far"
     if mi.has_flag(flags, mi.EmitterFlags.DeltaPosition):
         return "point"
-    if mi.has_flag(flags, mi.EmitterFlags.Surface):
-        return "beam" if mi.has_flag(flags, mi.EmitterFlags.DeltaDirection) else "surface"
-    return None
+    directed = mi.has_flag(flags, mi.EmitterFlags.DeltaDirection)
+    return "surface" if mi.has_flag(flags, mi.EmitterFlags.Surface) and not directed else None
 
 
 def located(emitters: Sequence[mi.Emitter]) -> dict[mi.Emitter, str]:
@@ -91,7 +87,7 @@ def located(emitters: Sequence[mi.Emitter]) -> dict[mi.Emitter, str]:
         mi.Log(
             mi.LogLevel.Warn,
             f"prosim: caustics leave out the light of the emitters {names}, whose flags do not say where they are. "
-            "Allowed are those with DeltaPosition, Surface or Infinite among them.",
+            "Allowed are those with DeltaPosition, Infinite or, without DeltaDirection, Surface among them.",
         )
     return {emitter: found for emitter, found in kinds.items() if found is not None}
 
@@ -113,11 +109,7 @@ class Sources:
         self.kind = mi.UInt32([KINDS.index(name) for name in kinds.values()])
         sphere = scene.bbox().bounding_sphere()
         self.middle, self.far = mi.Point3f(sphere.center), mi.Float(2 * max(float(sphere.radius), 1e-3))
-        # The number of a source by Dr.Jit's identity of its emitter.
-        identities = dr.reinterpret_array(mi.UInt32, scene.emitters_dr())
-        self.numbers = dr.full(mi.UInt32, self.count, int(dr.max(identities)[0]) + 1)
-        dr.scatter(self.numbers, dr.arange(mi.UInt32, self.count), dr.reinterpret_array(mi.UInt32, self.pointers))
-        dr.make_opaque(self.pointers, self.kind, self.middle, self.far, self.numbers)
+        dr.make_opaque(self.pointers, self.kind, self.middle, self.far)
 
     def start(
         self, pair: mi.UInt32, per_pair: mi.Float, position: mi.Point2f, aimed: mi.Point2f, wavelengths: mi.Color0f
@@ -128,9 +120,9 @@ class Sources:
         number = pair // self.targets.count
         target = pair - number * self.targets.count
         emitter, kinds = dr.gather(mi.EmitterPtr, self.pointers, number), dr.gather(mi.UInt32, self.kind, number)
-        draw = Draw(number, target, per_pair, position, aimed, wavelengths)
+        draw = Draw(target, per_pair, position, aimed, wavelengths)
         start = Start(dr.zeros(mi.Ray3f), mi.Spectrum(0), mi.Float(0), dr.zeros(mi.PositionSample3f), emitter)
-        for k, (name, method) in enumerate(zip(KINDS, (self._point, self._surface, self._beam, self._far))):
+        for k, (name, method) in enumerate(zip(KINDS, (self._point, self._surface, self._far))):
             if name in self.kinds:
                 active = kinds == k
                 start = dr.select(active, method(emitter, draw, active), start)
@@ -142,7 +134,7 @@ class Sources:
         center, radius = self.targets.at(draw.target)
         x = emitter.sample_direction(draw.receiver(center), draw.position, active)[0].p
         ray = mi.Ray3f(x, aim.direction(x, center, radius, draw.aimed))
-        density = self._density(draw.number, draw.per_pair, _from_point(x, ray.d), active, draw)
+        density = draw.per_pair * self._density(_from_point(x, ray.d), active, draw.target)
         met, lit = self._met(draw, ray, active)
         weight = emitter.sample_direction(met, draw.position, lit)[1]
         flux = dr.select(lit, weight * (dr.squared_norm(met.p - x) / density), 0)
@@ -153,7 +145,7 @@ class Sources:
         ps, _ = emitter.sample_position(0.0, draw.position, active)
         x, per_area = ps.p, mi.Float(ps.pdf)
         d = aim.direction(x, center, radius, draw.aimed)
-        density = per_area * self._density(draw.number, draw.per_pair, _from_point(x, d), active, draw)
+        density = per_area * draw.per_pair * self._density(_from_point(x, d), active, draw.target)
         cos = dr.dot(ps.n, d)
         active = active & (cos > 0) & (density > 0)
         ray = mi.SurfaceInteraction3f(ps, draw.wavelengths).spawn_ray(d)
@@ -164,24 +156,13 @@ class Sources:
         flux = dr.select(lit, L * (cos / dr.select(lit, density, 1)), 0)
         return Start(ray, flux, density / dr.select(lit, cos, 1), ps, emitter)
 
-    def _beam(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
-        """Not aimed: the point of the surface decides where the photon goes."""
-        ps, _ = emitter.sample_position(0.0, draw.position, active)
-        pair = mi.Bool(True), mi.Float(ps.pdf)
-        density = self._density(draw.number, draw.per_pair, lambda c, r: pair, active, draw)
-        si = mi.SurfaceInteraction3f(ps, draw.wavelengths)
-        lit = active & (density > 0)
-        L = dr.dispatch(emitter, beam_radiance, si, lit)
-        flux = dr.select(lit, L / dr.select(lit, density, 1), 0)
-        return Start(si.spawn_ray(ps.n), flux, mi.Float(ENDLESS), ps, emitter)
-
     def _far(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
         center, radius = self.targets.at(draw.target)
         ds, weight = emitter.sample_direction(draw.receiver(center), draw.position, active)
         d = -ds.d
         disk = mi.warp.square_to_uniform_disk_concentric(draw.aimed) * radius
         x = center + mi.Frame3f(d).to_world(mi.Vector3f(disk.x, disk.y, 0))
-        density = self._density(draw.number, draw.per_pair, _from_afar(x, d), active, draw)
+        density = draw.per_pair * self._density(_from_afar(x, d), active, draw.target)
         back = dr.dot(x - self.middle, d) + self.far
         flux = dr.select(active, weight / density, 0)
         density = dr.select(ds.delta, ENDLESS, density * ds.pdf)
@@ -191,43 +172,38 @@ class Sources:
         """Density of photons (:attr:`Start.density`) on the ray of light that arrives at ``it`` along ``ds``; 0 where
         none start. ``per_pair``: as for :meth:`start`.
         """
-        number = dr.gather(mi.UInt32, self.numbers, dr.reinterpret_array(mi.UInt32, ds.emitter), active)
-        active = active & (number < self.count)
-        kinds = dr.gather(mi.UInt32, self.kind, number, active)
-        d, result = -ds.d, mi.Float(0)
+        d, flags, result = -ds.d, ds.emitter.flags(), mi.Float(0)
         if "surface" in self.kinds:
             cos = dr.dot(ds.n, d)
-            lit = active & (kinds == KINDS.index("surface")) & (cos > 0)
+            lit = active & mi.has_flag(flags, mi.EmitterFlags.Surface) & (cos > 0)
             # Emission that varies over a surface is sampled by its texture, else by the surface.
-            varies = mi.has_flag(ds.emitter.flags(), mi.EmitterFlags.SpatiallyVarying)
+            varies = mi.has_flag(flags, mi.EmitterFlags.SpatiallyVarying)
             per_area = dr.select(
                 varies,
                 ds.emitter.pdf_direction(it, ds, lit & varies) * cos / dr.square(ds.dist),
                 ds.emitter.get_shape().pdf_position(ds, but_not(lit, varies)),
             )
-            density = per_area * self._density(number, per_pair, _from_point(ds.p, d), lit)
+            density = per_area * self._density(_from_point(ds.p, d), lit)
             result = dr.select(lit, density / dr.select(lit, cos, 1), result)
         if "far" in self.kinds:
-            lit = active & (kinds == KINDS.index("far"))
+            lit = active & mi.has_flag(flags, mi.EmitterFlags.Infinite)
             pdf = ds.emitter.pdf_direction(it, ds, lit)
-            result = dr.select(lit, self._density(number, per_pair, _from_afar(it.p, d), lit) * pdf, result)
-        return result
+            result = dr.select(lit, pdf * self._density(_from_afar(it.p, d), lit), result)
+        return per_pair * result
 
-    def _density(
-        self, number: mi.UInt32, per_pair: mi.Float, density_of: DensityOf, active: mi.Bool, own: Draw | None = None
-    ) -> mi.Float:
-        """Density of a ray among the photons of all pairs of a source. ``own``: the photon of this ray, which counts
-        as meeting its target, also where rounding contradicts.
+    def _density(self, density_of: DensityOf, active: mi.Bool, own: mi.UInt32 | None = None) -> mi.Float:
+        """Density of a ray among one photon of each pair of a source. ``own``: the target of its photon, which counts
+        as met, also where rounding contradicts.
         """
         count = dr.opaque(mi.UInt32, self.targets.count)
 
         def step(k: mi.UInt32, total: mi.Float) -> tuple[mi.UInt32, mi.Float]:
             met, density = density_of(*self.targets.at(k))
             if own is not None:
-                met |= k == own.target
+                met |= k == own
             return k + 1, total + dr.select(met, density, 0)
 
-        return per_pair * dr.while_loop((mi.UInt32(0), mi.Float(0)), lambda k, total: active & (k < count), step)[1]
+        return dr.while_loop((mi.UInt32(0), mi.Float(0)), lambda k, total: active & (k < count), step)[1]
 
     def _met(self, draw: Draw, ray: mi.Ray3f, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
         """The receiver where ``ray`` ends, and whether it ends. The sources of 1992 look the same from any distance:
@@ -246,14 +222,6 @@ def _from_point(x: mi.Point3f, d: mi.Vector3f) -> DensityOf:
 def _from_afar(x: mi.Point3f, d: mi.Vector3f) -> DensityOf:
     """For the ray through ``x`` from far away, without the density of its direction ``d``."""
     return lambda c, r: (aim.line_meets(x, d, c, r), dr.rcp(dr.pi * dr.square(r)))
-
-
-def beam_radiance(emitter: mi.Emitter, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Spectrum:
-    """Power per area that ``emitter`` sends along its normal at ``si``, from its texture: ``directionalarea`` samples
-    no ray at given wavelengths. 0 if it has no texture.
-    """
-    radiance = parts(emitter).get("radiance")
-    return mi.Spectrum(0) if radiance is None else mi.Spectrum(radiance.eval(si, active))
 
 
 def start_points(key: mi.UInt32, i: mi.UInt32) -> tuple[mi.Point2f, mi.Point2f]:

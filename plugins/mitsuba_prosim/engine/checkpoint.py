@@ -304,7 +304,6 @@ def put_together(parts: Sequence[Checkpoint]) -> Checkpoint:
 
 def check_parts(parts: Mapping[Path, Checkpoint]) -> None:
     """Raises CheckpointError unless these are all parts of one image, each once."""
-    found: dict[int, Path] = {}
     first_path, first = next(iter(parts.items()))
     for path, checkpoint in parts.items():
         if checkpoint.part is None:
@@ -312,20 +311,15 @@ def check_parts(parts: Mapping[Path, Checkpoint]) -> None:
                 f"{path} is the state of a whole image, not a part of one; continue it by prosim resume"
             )
         mine, theirs = common_facts(checkpoint), common_facts(first)
-        if different := ", ".join(
-            f"{name}: {value} here, {theirs.get(name)} there"
-            for name, value in mine.items()
-            if value != theirs.get(name)
-        ):
-            raise CheckpointError(f"{path} is not of the image that {first_path} is a part of ({different})")
-        if other := found.get(checkpoint.part.number):
-            raise CheckpointError(f"{path} is part {checkpoint.part}, as {other} is already; name each part once")
+        if different := [f"{k}: {v} here, {theirs.get(k)} there" for k, v in mine.items() if v != theirs.get(k)]:
+            raise CheckpointError(f"{path} is not of the image that {first_path} is a part of ({', '.join(different)})")
         if not checkpoint.finished:
             raise CheckpointError(f"{path} is not finished; continue it first: prosim resume {path}")
-        found[checkpoint.part.number] = path
-    _, of = first.facts["part"]
-    if missing := sorted({*range(1, of + 1)} - found.keys()):
-        raise CheckpointError(f"of {of} parts, these are missing: {', '.join(map(str, missing))}")
+    of, paths = first.facts["part"][1], {checkpoint.facts["part"][0]: path for path, checkpoint in parts.items()}
+    if twice := [str(path) for path in parts if path not in paths.values()]:
+        raise CheckpointError(f"{', '.join(twice)}: another file has the same part; name each part once")
+    if missing := [str(number) for number in range(1, of + 1) if number not in paths]:
+        raise CheckpointError(f"of {of} parts, these are missing: {', '.join(missing)}")
 
 
 def common_facts(checkpoint: Checkpoint) -> dict[str, Any]:

@@ -21,9 +21,7 @@ AIR = -1
 
 #: A triangle of a result: the numbers of its vertices, of its leaf and of its facet, a sign, -1 on a subtracted
 #: primitive, and the media on its two sides; its normal points to ``outside``.
-TRIANGLE = np.dtype(
-    [("index", int, 3), ("leaf", int), ("facet", int), ("sign", int), ("inside", int), ("outside", int)]
-)
+TRIANGLE = np.dtype([("index", "i4", 3), *((name, "i4") for name in ("leaf", "facet", "sign", "inside", "outside"))])
 
 
 class Boundary(NamedTuple):
@@ -55,6 +53,8 @@ def primitive_boundary(mesh: Mesh, leaf: int, first: int, medium: int) -> Bounda
 
 def concatenated(boundaries: Sequence[Boundary]) -> Boundary:
     """The triangles of all ``boundaries``."""
+    if len(boundaries) == 1:
+        return boundaries[0]  # saves memory
     starts = np.cumsum([0, *(len(one.vertices) for one in boundaries)])[:-1]
     triangles = np.concatenate([np.empty(0, TRIANGLE), *(one.triangles for one in boundaries)])
     triangles["index"] += np.repeat(starts, np.array([len(one.triangles) for one in boundaries], int))[:, None]

@@ -105,36 +105,40 @@ def tessellate(
     ``cached(key, make)`` returns ``make()``, or its earlier result for an equal key. ``meshes``: the solids of mesh
     files, by file name. Raises :class:`SceneError` for a singular transform, and for too many triangles.
     """
-    leaves = [node for node in document.scene.csg if isinstance(node, Leaf)]
+    places = [(number, node) for number, node in enumerate(document.scene.csg) if isinstance(node, Leaf)]
+    leaves = [leaf for _, leaf in places]
     if not leaves:
         return {}
     tree = csg.tree_of(document.scene.csg)
     names = [None, *map(medium, leaves)]
     media_of = _numbered(names)[1:]
     cut = csg.cut_media(tree, media_of)
-    table = Leaves(document, camera, tolerance, cut > 1, meshes)
+    table = Leaves(document, camera, tolerance, cut > 1, meshes or {})
     reflects = tuple(number == OPAQUE and fresnel(leaf) for number, leaf in zip(media_of, leaves))
     faces = cached(
         (tuple(tree), tuple(media_of), reflects, table.cache_key()),
         lambda: _faces(tree, table, media_of, reflects, cut > 0),
     )
     warn_of_rounding(document, camera, faces.triangles.vertices)
-    visible, lining = np.zeros(len(leaves), bool), np.zeros(len(leaves), bool)
+    visible: set[int] = set()  # leaves
+    filling: set[int] = set()  # media that are visible behind faces of other media
+    lining: set[int] = set()  # opaque leaves that cut glass, and glass that cuts opaque solids
     kinds_of_key: dict[MeshKey, list[int]] = {}
     of_number = dict(zip([OPAQUE, *media_of, AIR], [*names, None]))
-    filling: set[int] = set()  # media that are visible behind faces of other media
-    for number, (leaf, inside, outside) in enumerate(faces.kinds):
-        visible[leaf] |= faces.visible[number]
-        filling |= {inside, outside} - {media_of[leaf]} if faces.visible[number] else set()
-        lining[leaf] |= faces.visible[number] and (inside == OPAQUE) != (media_of[leaf] == OPAQUE)
-        inside, outside = _sides(media_of[leaf], inside, outside, reflects[leaf])
-        kinds_of_key.setdefault(MeshKey(material(leaves[leaf]), of_number[inside], of_number[outside]), []).append(
-            number
-        )
+    for kind, (leaf, inside, outside) in enumerate(faces.kinds):
+        own = media_of[leaf]
+        if faces.visible[kind]:
+            visible.add(leaf)
+            filling |= {inside, outside} - {own, OPAQUE, AIR}
+            lining |= {leaf} if (inside == OPAQUE) != (own == OPAQUE) else set()
+        sides = [of_number[side] for side in _sides(own, inside, outside, reflects[leaf])]
+        kinds_of_key.setdefault(MeshKey(material(leaves[leaf]), *sides), []).append(kind)
     # The face of a medium that fills a hollow belongs to the cutter; the medium is visible.
-    filling -= {OPAQUE, AIR}
-    _report_vanished(document, visible | np.isin(media_of, list(filling)))
-    _report_lining(document, lining, np.array(media_of) == OPAQUE)
+    shown = [leaf in visible or media_of[leaf] in filling for leaf in range(len(leaves))]
+    _report_vanished(document, [place for place, one in zip(places, shown) if not one], not any(shown))
+    first_uses = {(leaves[i].shape, leaves[i].index): i for i in sorted(lining, reverse=True)}
+    for i in sorted(first_uses.values()):
+        _warn_of_lining(document, *places[i], media_of[i] == OPAQUE)
     return {key: faces.chosen(kinds) for key, kinds in kinds_of_key.items() if faces.visible[kinds].any()}
 
 
@@ -198,7 +202,7 @@ def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
 def _surface_mesh(table: Leaves, boundary: Boundary, count: int) -> SurfaceMesh:
     """A boundary with normals and uv; ``count`` is the number of media, with air."""
     triangles = boundary.triangles
-    codes = (triangles["leaf"] * count + triangles["inside"] + 1) * count + triangles["outside"] + 1
+    codes = (triangles["leaf"].astype(int) * count + triangles["inside"] + 1) * count + triangles["outside"] + 1
     order = np.argsort(codes, kind="stable")
     triangles = triangles[order]
     codes, starts, kind = np.unique(codes[order], return_index=True, return_inverse=True)
@@ -209,7 +213,9 @@ def _surface_mesh(table: Leaves, boundary: Boundary, count: int) -> SurfaceMesh:
         positions = boundary.vertices[some["index"]]
         face = table.faces[some["facet"]]
         corners = table.corners(positions, some["leaf"], face)
-        keys = corner_keys(some["index"] * len(codes) + kind[start : start + BATCH, None], face, corners, unshared)
+        keys = corner_keys(
+            some["index"].astype(int) * len(codes) + kind[start : start + BATCH, None], face, corners, unshared
+        )
         unshared += int(corners.unshared.sum())
         normals = corners.normals * some["sign"][:, None, None]
         batches.append([keys, normals.astype("f4"), corners.uv.astype("f4"), heights(positions) > 2 * table.step])
@@ -235,30 +241,23 @@ def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, in
     return own if inside == OPAQUE else inside, outside
 
 
-def _report_lining(document: Document, lining: np.ndarray, opaque: np.ndarray) -> None:
-    """Warns of opaque leaves that cut glass, and of glass that cuts opaque solids: the cutter owns the faces."""
-    numbers = [n for n, node in enumerate(document.scene.csg) if isinstance(node, Leaf)]
-    reported = set()
-    for leaf in np.flatnonzero(lining).tolist():
-        node = document.scene.csg[numbers[leaf]]
-        if isinstance(node, Leaf) and (node.shape, node.index) not in reported:
-            reported.add((node.shape, node.index))
-            document.warn(
-                f"{node.shape.upper()} {node.index} cuts glass and owns the faces of the cut: SURFACE {node.index} "
-                f"is opaque, and lines the glass; expected material dieletrico in SURFACE {node.index}"
-                if opaque[leaf]
-                else f"{node.shape.upper()} {node.index} cuts an opaque solid and owns the faces of the cut: SURFACE "
-                f"{node.index} is a dieletrico, and the solid looks hollow; expected another material in SURFACE "
-                f"{node.index}",
-                "csg",
-                numbers[leaf],
-            )
+def _warn_of_lining(document: Document, number: int, leaf: Leaf, opaque: bool) -> None:
+    """Warns of an opaque leaf that cuts glass, or of glass that cuts an opaque solid: the cutter owns the faces."""
+    surface = f"SURFACE {leaf.index}"
+    what, problem, expected = "an opaque solid", "is a dieletrico, and the solid looks hollow", "another material"
+    if opaque:
+        what, problem, expected = "glass", "is opaque, and lines the glass", "material dieletrico"
+    document.warn(
+        f"{leaf.shape.upper()} {leaf.index} cuts {what} and owns the faces of the cut: {surface} {problem}; "
+        f"expected {expected} in {surface}",
+        "csg",
+        number,
+    )
 
 
-def _report_vanished(document: Document, visible: np.ndarray) -> None:
-    leaves = [(n, leaf) for n, leaf in enumerate(document.scene.csg) if isinstance(leaf, Leaf)]
-    vanished = [leaf for leaf, s in zip(leaves, visible) if not s]
-    if len(vanished) == len(leaves):
+def _report_vanished(document: Document, vanished: list[tuple[int, Leaf]], empty: bool) -> None:
+    """Warns of leaves that the result has no face of; ``empty``: it has no face at all."""
+    if empty:
         document.warn("the tree's result is empty; check its operators and transforms", "csg")
     elif vanished:
         names = [f"{leaf.shape.upper()} {leaf.index} (line {document.line('csg', n)})" for n, leaf in vanished[:10]]

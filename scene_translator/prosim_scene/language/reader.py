@@ -203,7 +203,7 @@ class Reader:
         if value is not None:
             return value
         first, last = (tokens[0], tokens[-1]) if tokens else (keyword, keyword)
-        wrong = next((token for token in tokens if not takes.allow(token.text)), None)
+        wrong = next((token for token in tokens if not takes.allow(takes.number(token.text))), None)
         if not takes.fit(len(tokens)):
             noun = takes.noun + "s" * (len(tokens) != 1)
             reason = f"found {len(tokens)} {noun} after {keyword.text}; expected {takes.counted()}"

@@ -10,7 +10,6 @@ from ..optics.nested import all_within
 from ..transport import lobes
 from ..transport.ray import Vertex
 from ..transport.scattering import Scattering
-from ..transport.transport_context import scene_flags
 from .footprint import Footprint
 from .grid import Photons, gather
 

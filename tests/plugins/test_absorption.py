@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from image_statistics import renderings, same_expectation
 from mitsuba_prosim.compat import to_world_name
-from mitsuba_prosim.transport.media import absorbs_any, media_of
+from mitsuba_prosim.transport.absorption import absorbs_any, media_of
 from scenes import camera, film, sphere_lamp
 
 #: Absorption by unit of length, as the tests have it.

@@ -4,7 +4,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import same_expectation
-from mitsuba_prosim.transport import layers
+from mitsuba_prosim.transport import radiance as layers
 from scenes import diffuse, penumbra, rgb, sphere_lamp
 
 ROUGH = {"type": "roughconductor", "alpha": 0.2}

@@ -18,7 +18,7 @@ from ..engine.checkpoint import Checkpoint
 from ..engine.policies import POLICIES
 from ..engine.tiles import Part
 from ..scene import scene_file, session
-from ..transport.layers import KINDS
+from ..transport.radiance import KINDS
 from . import option_types as types
 from .option_types import InputError, Integer, Number
 

@@ -253,9 +253,8 @@ def finish(
         bitmap, own = layers.undenoised(both), {"prosim.denoised": "no, interrupted"}
         lines.append("not denoised: interrupted")
     else:
-        result, estimates = steps.denoised(), steps.render and steps.render.state.estimates
-        bitmap = layers.bitmap(both, result)
-        own, line = report.of_denoised(result, estimates, both.uncertainty, film)
+        bitmap = layers.bitmap(both, steps.denoised())
+        own, line = report.of_denoised(steps, film)
         lines.append(line)
     header = report.metadata(job, integrator, reached, interrupted is not None, seconds) | own | dict(facts or {})
     exposure = job.exposure or 0.0

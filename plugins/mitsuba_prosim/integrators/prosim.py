@@ -10,13 +10,13 @@ import mitsuba as mi
 from ..alone import alone
 from ..engine.film import aov_values
 from ..engine.integrator import ProgressiveIntegrator
-from ..light.emission import read_emission
+from ..light.emitted_spectrum import read_emission
 from ..parameters import choice, expose, number, reject, whole
 from ..registry import plugin
 from ..sampling.nrook import SamplerPoints
-from ..transport.context import DEEPEST_TREE, Settings
-from ..transport.layers import KINDS, refusal
+from ..transport.radiance import KINDS, refusal
 from ..transport.transport import Transport
+from ..transport.transport_context import DEEPEST_TREE, Settings
 
 if TYPE_CHECKING:
     from ..engine.derivatives import Derivatives

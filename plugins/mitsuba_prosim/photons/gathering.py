@@ -8,9 +8,9 @@ import mitsuba as mi
 from ..compat import BLEND, DIFFUSE, INSTANCE, MASK, TWO_SIDED
 from ..optics.nested import all_within
 from ..transport import lobes
-from ..transport.context import scene_flags
 from ..transport.ray import Vertex
 from ..transport.scattering import Scattering
+from ..transport.transport_context import scene_flags
 from .footprint import Footprint
 from .grid import WIDE, Photons, within_reach
 

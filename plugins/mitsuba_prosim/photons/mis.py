@@ -30,9 +30,9 @@ from ..light.table import Lights
 from ..masks import but_not
 from ..optics.nested import all_shapes
 from ..transport import lobes
-from ..transport.context import scene_flags
 from ..transport.ray import Ray, Vertex, viewer_side
 from ..transport.scattering import Scattering
+from ..transport.transport_context import scene_flags
 from .emission import ENDLESS, Sources, Start
 from .footprint import Footprint
 from .grid import Landed, Photons, within_reach

@@ -11,7 +11,7 @@ from ..masks import but_not
 from ..sampling.hash import combine
 from ..sampling.nrook import to_unit
 from ..transport import lobes
-from ..transport.media import before, beyond, media_of, only_absorbs, transmittance
+from ..transport.absorption import before, beyond, media_of, only_absorbs, transmittance
 from ..transport.scattering import Scattering
 from .emission import Start
 from .footprint import Footprint

@@ -145,14 +145,13 @@ class Prosim(ProgressiveIntegrator):
     Two kinds of light are noisy: highlights of smooth surfaces in rough ones, without :monosp:`caustics`; and, on
     diffuse surfaces, sources other than spheres and a constant sky.
 
-    **Caustics.** Photons go from each source through at most :monosp:`max_level` + 1 specular surfaces to diffuse
-    ones, where they count within a pixel's width. They also count on rough surfaces behind smooth or nearly smooth
-    ones, where they share the light with the rays of the lobe. Each sample of a pixel has its own photons, so that
-    their noise falls with the samples. Paths leave this light to the photons. In spectral variants all pixels share
-    the wavelengths of the photons. Photons come from all sources of this package and from Mitsuba's :monosp:`area`,
-    :monosp:`point`, :monosp:`spot`, :monosp:`projector`, :monosp:`directional`, :monosp:`directionalarea`,
-    :monosp:`constant`, :monosp:`envmap` and :monosp:`sunsky`. (Direct light of a :monosp:`directionalarea` remains
-    unseen, as with :monosp:`path`.) Caustics are not possible in scalar variants and within another integrator.
+    **Caustics.** Photons go from each source through at most :monosp:`max_level` + 1 specular surfaces to diffuse ones,
+    where they count within a pixel's width, or more where they are sparse. They also count on rough surfaces behind
+    smooth or nearly smooth ones, where they share the light with the rays of the lobe. Each sample of a pixel has its
+    own photons, so that their noise falls with the samples. Paths leave this light to the photons. In spectral variants
+    all pixels share the wavelengths of the photons. Photons come from all sources of this package and from Mitsuba's
+    :monosp:`area`, :monosp:`point`, :monosp:`spot`, :monosp:`projector`, :monosp:`directional`, :monosp:`constant`,
+    :monosp:`envmap` and :monosp:`sunsky`. Caustics are not possible in scalar variants and within another integrator.
 
     **Samples.** Each space (the pixel, the lens, each source and each lobe at each node) has its own N-rook pattern.
     :monosp:`graded`, :monosp:`noise`, :monosp:`time`, a nonzero :monosp:`spp` and more than :math:`N^2` samples use

@@ -1,4 +1,4 @@
-"""``prosim compare``: its measures against known values, its page against its own figures, the page in a browser."""
+"""``prosim compare``: its measures against known values, its page against its own figures."""
 
 import html.parser
 import importlib.util

@@ -33,7 +33,6 @@ def folder(tmp_path, monkeypatch):
         ("render", "scense/jug.scn", "File 'scense/jug.scn' does not exist.\n"),
         ("translate", "scenes/jug.xml", "is a Mitsuba scene, not"),
         ("format", "scenes/jug.xml", "prosim render scenes/jug.xml\n"),
-        ("render", "-", "File '-' does not exist.\n"),
         ("resume", "mug.png", "a PNG image, not the state of a render. prosim render --checkpoint"),
         ("resume", "mug.scn", "a text file, not the state of a render. prosim render --checkpoint"),
         ("resume", "night.exr", "an EXR image, not the state of a render. prosim render --checkpoint"),

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from image_statistics import renderings, same_expectation
 from mitsuba_prosim.compat import to_world_name
-from mitsuba_prosim.transport.media import absorbs_any, media_of
-from scenes import camera, film
+from mitsuba_prosim.transport.absorption import absorbs_any, media_of
+from scenes import camera, film, sphere_lamp
 
 #: Absorption by unit of length, as the tests have it.
 SIGMA = np.array([1.0, 2.0, 0.5])
@@ -215,12 +215,7 @@ def test_same_expectation_as_volpath(variant_rgb):
             "exterior": {"type": "ref", "id": "green"},
         },
         "dull": {"type": "sphere", "center": [0.5, -0.3, 0.2], "radius": 0.4, "bsdf": {"type": "diffuse"}},
-        "lamp": {
-            "type": "sphere",
-            "center": [0.2, 0.7, 0.4],
-            "radius": 0.2,
-            "emitter": {"type": "area", "radiance": 3.0},
-        },
+        "lamp": sphere_lamp([0.2, 0.7, 0.4], 0.2, 3.0),
         "rough": {
             "type": "cube",
             "to_world": T().translate([1.6, -1, 0.2]).scale(0.5),

@@ -3,6 +3,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.procedural.patterns import gradient_noise, square_wave
+from scenes import load_scene
 from scipy import integrate
 
 PLUGINS = ("prosim_brick", "prosim_stripes", "prosim_fractal")
@@ -204,14 +205,11 @@ def image(plugin, integrator="path", **parameters):
     reflectance = {"type": plugin, low: rgb(0.2, 0.3, 0.4), high: rgb(0.8, 0.7, 0.6)} | parameters
     place = mi.ScalarTransform4f().look_at([0, -3, 2], [0, 0, 0], [0, 0, 1])
     film = {"type": "hdrfilm", "width": 8, "height": 8}
-    scene = mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": {"type": integrator, "max_depth": 2},
-            "light": {"type": "constant"},
-            "sensor": {"type": "perspective", "to_world": place, "film": film},
-            "ball": {"type": "sphere", "bsdf": {"type": "diffuse", "reflectance": reflectance}},
-        }
+    scene = load_scene(
+        integrator={"type": integrator, "max_depth": 2},
+        light={"type": "constant"},
+        sensor={"type": "perspective", "to_world": place, "film": film},
+        ball={"type": "sphere", "bsdf": {"type": "diffuse", "reflectance": reflectance}},
     )
     return scene, mi.traverse(scene)
 

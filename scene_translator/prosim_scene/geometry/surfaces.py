@@ -166,10 +166,12 @@ def _faces(
         if medium != media_of[number] and not cut[number]:
             return None
         i = int(table.of_leaf[number])
-        mesh = Manifold()
-        if not alone[groups[number]]:
-            mesh = csg.refined(manifold(table.meshes[i], table.first[i], ids.of(number, medium)), cuts[number])
         surfaces = frozenset(table.solids[i].surfaces.tolist()) - {-1}
+
+        def mesh() -> Manifold:
+            own = manifold(table.meshes[i], table.first[i], ids.of(number, medium))
+            return csg.refined(own, cuts[number])
+
         return csg.Body(mesh, boxes[number : number + 1], surfaces, table.planes, i)
 
     bodies: dict[int, dict[int, csg.Body]] = {}
@@ -206,20 +208,20 @@ def _surface_mesh(table: Leaves, boundary: Boundary, count: int) -> SurfaceMesh:
     order = np.argsort(codes, kind="stable")
     triangles = triangles[order]
     codes, starts, kind = np.unique(codes[order], return_index=True, return_inverse=True)
-    batches = []
+    shape = len(kind), 3
+    keys, normals, uv = np.empty(shape, int), np.empty((*shape, 3), "f4"), np.empty((*shape, 2), "f4")
+    high = np.empty(len(kind), bool)
     unshared = 0  # so far
-    for start in range(0, max(len(kind), 1), BATCH):
-        some = triangles[start : start + BATCH]
+    for start in range(0, len(kind), BATCH):
+        batch = slice(start, start + BATCH)
+        some = triangles[batch]
         positions = boundary.vertices[some["index"]]
         face = table.faces[some["facet"]]
         corners = table.corners(positions, some["leaf"], face)
-        keys = corner_keys(
-            some["index"].astype(int) * len(codes) + kind[start : start + BATCH, None], face, corners, unshared
-        )
+        keys[batch] = corner_keys(some["index"].astype(int) * len(codes) + kind[batch, None], face, corners, unshared)
         unshared += int(corners.unshared.sum())
-        normals = corners.normals * some["sign"][:, None, None]
-        batches.append([keys, normals.astype("f4"), corners.uv.astype("f4"), heights(positions) > 2 * table.step])
-    keys, normals, uv, high = map(np.concatenate, zip(*batches))
+        normals[batch], uv[batch] = corners.normals * some["sign"][:, None, None], corners.uv
+        high[batch] = heights(positions) > 2 * table.step
     _, first, index = np.unique(keys, return_index=True, return_inverse=True)
     triangle, at = np.divmod(first, 3)
     positions = boundary.vertices[triangles["index"][triangle, at]] + table.origin

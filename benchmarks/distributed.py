@@ -5,8 +5,8 @@
 
 ``kills``: renders are killed (``SIGKILL``, at random moments) and resumed, workers are killed, parts are merged; the
 pixels are compared with those of an undisturbed render, for all policies and for films with box and gaussian filters.
-The process ends with an error where they differ. ``costs``: processor seconds of ``--keep``, of two workers of one
-thread, and of four parts, over those of one render; quotients by turns, with 95 % intervals.
+The process ends with an error where they differ. ``costs``: processor seconds of ``--checkpoint``, of two workers of
+one thread, and of four parts, over those of one render; quotients by turns, with 95 % intervals.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def disturbed(kind: int, stem: Path, scene: Path, options: list[str], seconds: f
         return 0
     killed, state = 0, stem.with_name(stem.name + ".state.npz")
     more = ["--workers", chance.choice([2, 3])] if kind else []
-    process = prosim("render", scene, "--keep", "-o", stem, *options, *more)
+    process = prosim("render", scene, "--checkpoint", "-o", stem, *options, *more)
     while not ends(process, chance.uniform(0.2, 0.9 * seconds) if killed < 3 else None):
         if kind and state.exists():
             for worker in chance.sample(there, 1) if (there := workers(process)) else []:
@@ -110,7 +110,9 @@ def disturbed(kind: int, stem: Path, scene: Path, options: list[str], seconds: f
             process.wait()
             killed += 1
             begun = state.exists()
-            process = prosim("resume", state) if begun else prosim("render", scene, "--keep", "-o", stem, *options)
+            process = (
+                prosim("resume", state) if begun else prosim("render", scene, "--checkpoint", "-o", stem, *options)
+            )
     return killed
 
 
@@ -144,7 +146,7 @@ def costs(folder: Path, options: argparse.Namespace) -> None:
     scene.write_text(SCENE.format(size=options.size, rfilter="box"))
     ways: dict[str, list[list[object]]] = {
         "one process": [one],
-        "--keep": [[*one, "--keep"]],
+        "--checkpoint": [[*one, "--checkpoint"]],
         "--workers 2": [[*one, "--workers", 2]],
         "4 parts": [[*one, "--part", f"{k}/4"] for k in range(1, 5)],
     }

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from prosim_scene.text_files import refuse_special, replace
+from prosim_scene import refuse_special, replace
 
 #: How the names of temporary folders begin, and of folders for files that could not be written where they should.
 SCRATCH, RESCUE = "prosim-scratch-", "prosim-image-"

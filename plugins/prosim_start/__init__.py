@@ -1,14 +1,12 @@
 """Starts the ``prosim`` command: handles signals, reads the arguments, and only then imports Mitsuba.
 
 Not within ``mitsuba_prosim``, because to import anything of that is to import Mitsuba: help needs none of it, and
-Ctrl-C has to be heard from the beginning.
+Ctrl-C must work from the beginning.
 """
 
 import os
 import signal
 import sys
-
-from .ending import end_at_once
 
 __all__ = ["main"]
 
@@ -17,14 +15,16 @@ def main() -> None:
     """Runs the command with the arguments of the process, and ends the process."""
     for file, name in enumerate(("stdin", "stdout", "stderr")):
         open_if_closed(file, name)
-    end_at_once()  # a render, which has a result to keep, handles the signal itself
+    # Ctrl-C ends the process at any moment, also in compilers and renderers, where Python's handler waits. A render,
+    # which has a result to keep, handles the signal itself. Where it is ignored (by nohup, say), it stays so.
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
     from .group import prosim
 
     try:
         prosim(prog_name="prosim")
-    except OSError as error:  # of their files the commands speak themselves, so this is most often standard output
-        what = error.filename or "what there is to say could not be printed"
-        sys.stderr.write(f"Error: {what}: {error.strerror or error}\n")
+    except OSError as error:  # the commands handle errors of their files, so this is most often standard output
+        sys.stderr.write(f"Error: {error.filename or 'standard output'}: {error.strerror or error}\n")
         # Or else Python would try again when it ends, and complain.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
@@ -33,8 +33,8 @@ def main() -> None:
 
 
 def open_if_closed(file: int, name: str) -> None:
-    """Lets one of the three standard files lead to nowhere, if it is closed: the next file that is opened, an image
-    perhaps, would take its place.
+    """Opens the null device in place of one of the three standard files that is closed: the next file that is opened,
+    an image perhaps, would take its place.
     """
     try:
         os.fstat(file)

@@ -14,7 +14,7 @@ COMMANDS = {
     "doctor": ("doctor:doctor", "Print versions, backends and problems."),
     "format": ("translate:format_scene", "Rewrite scenes in tidy form."),
     "language-server": ("prosim_scene.language_server:language_server", "Help an editor with scenes."),
-    "link": ("mitsuba_prosim.stock_command.link:link", "Let the mitsuba command run plugins in Python."),
+    "link": ("mitsuba_prosim.stock_command.stand_ins:link", "Let the mitsuba command run plugins in Python."),
     "merge": ("resume:merge", "Make the image of parts that were rendered one by one."),
     "mix": ("mix:mix", "Dim and colour the lamps of a rendered image."),
     "render": ("render_command:render", "Render a scene to an EXR and a PNG image."),

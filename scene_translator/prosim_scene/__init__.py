@@ -12,9 +12,9 @@ from .language.diagnostics import SceneError, SceneWarning, Source, Span
 from .language.document import Document
 from .language.expressions import FPS, FRAME, TIME
 from .language.formatter import format
-from .mitsuba.context import images, located, meshes
+from .mitsuba.translation_context import images, located, meshes
 from .model import Leaf, Scene, View
-from .text_files import PART, read, refuse_special, rewrite
+from .text_files import read, refuse_special, replace, rewrite
 from .translator import check, document, load, sensor, translate
 from .view import misfit
 from .writer import TranslationCache
@@ -22,7 +22,6 @@ from .writer import TranslationCache
 __all__ = [
     "FPS",
     "FRAME",
-    "PART",
     "TIME",
     "Document",
     "Leaf",
@@ -45,6 +44,7 @@ __all__ = [
     "parse",
     "read",
     "refuse_special",
+    "replace",
     "rewrite",
     "sensor",
     "translate",

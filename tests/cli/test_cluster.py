@@ -216,6 +216,19 @@ def test_workers_that_are_killed_and_scenes_that_are_forgotten(client, lamp):
     assert gone not in client.cluster.workers.values()
 
 
+@pytest.mark.slow
+def test_values_that_are_lost_with_all_workers(client, lamp):
+    """Each task has ended, and no value has arrived but the first."""
+    acts = [lambda: [os.kill(process, signal.SIGKILL) for process in client.run(os.getpid).values()]]
+
+    def tell(done):
+        if acts and done:
+            time.sleep(2)
+            acts.pop()()
+
+    assert np.array_equal(there(client, lamp, tell, integrator=NOISE), here(lamp, integrator=NOISE)) and not acts
+
+
 #: A glass ball on a floor under a lamp; four sets of photons, for four samples of each pixel.
 GLASS = """<scene version="3.0.0">
     <integrator type="prosim">
@@ -265,16 +278,13 @@ def test_workers_of_another_kind(client, lamp, monkeypatch):
 
 @pytest.mark.slow
 def test_two_renders_on_one_cluster(client, lamp):
-    command = [sys.executable, "-c", "from prosim_start import main; main()", "render", lamp, "--noise", "0.02"]
-    address = client.scheduler.address
-    with subprocess.Popen([*command, "--cluster", address, "--seed", "2", "-o", lamp.parent / "a"]) as process:
-        images = []
-        while process.poll() is None:
-            images.append(there(client, lamp, integrator={"noise": 0.02}))
-        assert process.returncode == 0
-    expected = here(lamp, integrator={"noise": 0.02})
-    assert images and all(np.array_equal(image, expected) for image in images)
-    assert prosim("render", lamp, "--noise", 0.02, "--seed", 2, "-o", lamp.parent / "b").exit_code == 0
+    options = ["render", lamp, "--adaptive", "graded", "--seed", "2", "-o"]
+    command = [sys.executable, "-m", "prosim_start", *options, lamp.parent / "a"]
+    with subprocess.Popen([*command, "--cluster", client.scheduler.address]) as process:
+        image = there(client, lamp, integrator={"adaptive": "graded"})
+        assert process.wait(100) == 0
+    assert np.array_equal(image, here(lamp, integrator={"adaptive": "graded"}))
+    assert prosim(*options, lamp.parent / "b").exit_code == 0
     assert alike(lamp.parent / "a", lamp.parent / "b")
 
 
@@ -327,7 +337,7 @@ def test_a_scheduler_that_goes_away(lamp, monkeypatch):
         with monkeypatch.context() as patch:
             patch.setattr(CheckpointWriter, "__call__", killing)
             address = process.stdout.readline().strip()
-            result = prosim("render", lamp, "--keep", "-o", folder / "a", "--cluster", address, *aim)
+            result = prosim("render", lamp, "--checkpoint", "-o", folder / "a", "--cluster", address, *aim)
     assert result.exit_code == 1 and re.search("the scheduler tcp://.* has gone away", result.output)
     assert f"prosim resume {folder / 'a.state.npz'}" in result.output
     assert prosim("resume", folder / "a.state.npz").exit_code == 0

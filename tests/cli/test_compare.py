@@ -1,4 +1,4 @@
-"""``prosim compare``: its measures against known values, its page against its own figures, the page in a browser."""
+"""``prosim compare``: its measures against known values, its page against its own figures."""
 
 import html.parser
 import importlib.util
@@ -212,15 +212,12 @@ def test_a_reference_is_of_one_content_and_one_version(tmp_path, variant_rgb, mo
     assert key() != first
 
 
-def test_references_that_can_not_be_stored(tmp_path, monkeypatch):
+def test_references_that_can_not_be_stored(tmp_path):
     """An error before they are rendered."""
     (tmp_path / "file").touch()
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    for folder in tmp_path / "file" / "cache", None:
-        with pytest.raises(InputError, match=r"references can't be stored: .*Not a directory"):
-            compare.reference_folder(folder, 10)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert compare.reference_folder(None, 10) == runs.cache_folder()
+    with pytest.raises(InputError, match=r"references can't be stored: .*Not a directory"):
+        compare.check_cache(tmp_path / "file" / "cache", 10)
+    compare.check_cache(tmp_path / "cache", 10)
 
 
 # ---- the page
@@ -300,3 +297,10 @@ def test_wrong_input_writes_nothing(tmp_path, arguments, message):
     assert result.exit_code == 2
     assert message in result.output
     assert [p.name for p in tmp_path.iterdir()] == ["little.xml"]
+
+
+def test_flip_is_1_between_extremes():
+    green, blue = (np.broadcast_to(np.eye(3)[c], (32, 32, 3)).astype(float) for c in (1, 2))
+    # The largest colour difference that the metric knows (Andersson et al. 2020): green to blue.
+    assert measures.flip(green, blue) == pytest.approx(1, abs=0.02)
+    assert measures.flip(green, 0.9 * green) < 0.5

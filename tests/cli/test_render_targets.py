@@ -68,7 +68,7 @@ def test_time_alone_says_what_the_noise_is_at_most(scene, variant_rgb):
 @pytest.mark.parametrize(
     "integrator, options, says",
     [
-        ('"ptracer"/>', "--noise 0.1", "which can't hold the integrator ptracer"),
+        ('"ptracer"/>', "--noise 0.1", "one that takes samples from a sensor"),
         ('"prosim"><float name="noise" value="0.1"/></integrator>', "-m scalar_rgb", "noise: scalar_rgb"),
     ],
 )
@@ -90,7 +90,7 @@ def test_a_signal_after_the_first_pass_leaves_a_whole_image(scene, monkeypatch):
 def test_a_signal_is_heard_within_seconds_in_a_long_pass(scene):
     scene.write_text(NOISY.replace('"12"', '"512"').replace('"8"', '"512"'))
     with subprocess.Popen(
-        [sys.executable, "-m", "prosim_start", "render", scene, "--noise", "1e-5", "-t", "1", "--keep"],
+        [sys.executable, "-m", "prosim_start", "render", scene, "--noise", "1e-5", "-t", "1", "--checkpoint"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     ) as process:

@@ -1,4 +1,4 @@
-"""``prosim render --keep`` and ``--part``, ``prosim resume`` and ``prosim merge``."""
+"""``prosim render --checkpoint`` and ``--part``, ``prosim resume`` and ``prosim merge``."""
 
 import json
 import random
@@ -69,7 +69,7 @@ def test_a_render_that_has_died_is_continued(lamp, tmp_path, monkeypatch, option
     done("render", lamp, "-o", tmp_path / "whole", *options)
     with monkeypatch.context() as patch:
         die_after(patch, 3)
-        assert prosim("render", lamp, "-o", tmp_path / "a", "--keep", *options).exit_code != 0
+        assert prosim("render", lamp, "-o", tmp_path / "a", "--checkpoint", *options).exit_code != 0
     state = tmp_path / "a.state.npz"
     assert state.exists() and not (tmp_path / "a.exr").exists()
     done("resume", state)
@@ -80,7 +80,7 @@ def test_a_render_that_has_died_is_continued(lamp, tmp_path, monkeypatch, option
 
 @pytest.mark.slow
 def test_another_target_and_another_place(lamp, tmp_path):
-    done("render", lamp, "-o", tmp_path / "a", "--keep")
+    done("render", lamp, "-o", tmp_path / "a", "--checkpoint")
     moved = tmp_path / "elsewhere"
     moved.mkdir()
     lamp.rename(moved / "lamp.xml")
@@ -94,7 +94,7 @@ def test_another_target_and_another_place(lamp, tmp_path):
 
 def test_what_does_not_belong_together_is_refused(lamp, tmp_path):
     state = tmp_path / "a.state.npz"
-    done("render", lamp, "-o", tmp_path / "a", "--keep")
+    done("render", lamp, "-o", tmp_path / "a", "--checkpoint")
     lamp.write_text(LAMP.replace('value="9"', 'value="8"', 1))
     refuse("scene.xml is not the scene of this state", "resume", state)
     lamp.write_text(LAMP.replace("<scene", "<!-- the same --><scene", 1))
@@ -107,7 +107,7 @@ def test_what_does_not_belong_together_is_refused(lamp, tmp_path):
         ("origin", origin.here() | {"variant": "llvm_other"}, "llvm_other"),
         ("about", {}, "prosim render did not write this state"),
     ]:
-        done("render", lamp, "-o", tmp_path / "a", "--keep")
+        done("render", lamp, "-o", tmp_path / "a", "--checkpoint")
         change(state, **{name: value})
         refuse(says, "resume", state)
 
@@ -115,12 +115,12 @@ def test_what_does_not_belong_together_is_refused(lamp, tmp_path):
 @pytest.mark.parametrize(
     "options, says",
     [
-        ("--keep -m scalar_rgb", "--keep: scalar_rgb"),
+        ("--checkpoint -m scalar_rgb", "--checkpoint: scalar_rgb"),
         ("--part 1/2 -m scalar_rgb", "--part: scalar_rgb"),
         ("--part 1/2 --time 2", "need the whole image"),
         ("--part 3/2", "part 3 of 2"),
         ("--part 3", "not of the form K/M"),
-        ("--keep", "--keep needs prosim or prosim_adaptive"),
+        ("--checkpoint", "--checkpoint needs prosim or prosim_adaptive"),
         ("--denoise --part 1/2", "--denoise needs the whole image"),
     ],
 )
@@ -142,7 +142,7 @@ def test_parts_make_the_image_and_it_is_continued(lamp, tmp_path, monkeypatch):
     first, second, third = parts = [tmp_path / f"a.{number}-of-3.npz" for number in (1, 2, 3)]
     assert not (tmp_path / "a.exr").exists()
     refuse("of 3 parts, these are missing: 2", "merge", first, third)
-    assert f"can be removed: {tmp_path}/a.state.npz" in done("merge", third, first, second, "--keep").stdout
+    assert f"can be removed: {tmp_path}/a.state.npz" in done("merge", third, first, second, "--checkpoint").stdout
     assert alike(tmp_path / "whole", tmp_path / "a")
     # All that a small noise begins with is in the parts.
     report = done("resume", tmp_path / "a.state.npz", "-o", tmp_path / "on", "--noise", 0.00005, "--adaptive", "graded")
@@ -173,7 +173,9 @@ def test_killed_at_any_moment_and_continued(lamp, tmp_path):
     done("render", lamp, "-o", tmp_path / "whole", *target)
     chance, killed = random.Random(1), 0
     while True:
-        arguments = ["resume", state] if state.exists() else ["render", lamp, "--keep", "-o", tmp_path / "a", *target]
+        arguments = (
+            ["resume", state] if state.exists() else ["render", lamp, "--checkpoint", "-o", tmp_path / "a", *target]
+        )
         command = [sys.executable, "-c", OFTEN, *map(str, arguments)]
         with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
             try:

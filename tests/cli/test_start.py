@@ -19,7 +19,7 @@ def test_help_imports_nothing_heavy():
     assert "compare" in done.stdout and done.stdout.endswith("set()\n")
 
 
-def test_ctrl_c_at_the_start_is_one_line(tmp_path):
+def test_ctrl_c_at_the_start_ends_the_process(tmp_path):
     """While modules are imported, here one that takes a minute, in Python or beyond it."""
     slow = tmp_path / "mitsuba_prosim"
     slow.mkdir()
@@ -30,7 +30,7 @@ def test_ctrl_c_at_the_start_is_one_line(tmp_path):
             assert process.stdout.readline() == b"importing\n"
             process.send_signal(signal.SIGINT)
             said = process.stderr.read()
-        assert process.returncode == 130 and said == b"Interrupted.\n"
+        assert process.returncode == -signal.SIGINT and said == b""  # 130 in a shell
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")

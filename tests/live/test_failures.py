@@ -1,8 +1,7 @@
 """What goes wrong after a scene was opened, and in telling it: the page stays, and the next save is awaited."""
 
-import numpy as np
 import pytest
-from little import LITTLE, running, save, until
+from little import running, save, until
 from mitsuba_prosim.compare.contestants import lit
 from mitsuba_prosim.live.progressive_image import ProgressiveImage
 
@@ -44,28 +43,6 @@ def test_an_image_that_fails(variant_rgb, tmp_path, monkeypatch):
         viewer.requests.move(lambda camera: camera.orbited(10, 0))
         is_(viewer, "done", 1)
         assert viewer.publisher.state.integrator == "path" and viewer.publisher.state.error is None
-
-
-def test_a_camera_that_is_moved_and_back_before_it_is_looked_at(variant_rgb, tmp_path, monkeypatch):
-    path, step, viewers = tmp_path / "little.scn", ProgressiveImage.step, []
-    path.write_text(LITTLE)
-
-    def there_and_back(image):
-        if viewers:
-            viewers[0].requests.move(lambda camera: camera.orbited(10, 0))
-            viewers.pop().requests.change(camera=None, paused=False)
-        return step(image)
-
-    monkeypatch.setattr(ProgressiveImage, "step", there_and_back)
-    with running(path) as viewer:
-        is_(viewer, "done")
-        before = viewer.publisher.pictures["own"]
-        viewers.append(viewer)
-        save(viewer, path, LITTLE)
-        is_(viewer, "done", 1)
-        assert not viewers and viewer.publisher.state.view is None
-        image = viewer.publisher.pictures["own"]
-        assert image is not before and np.array_equal(image.layers["final"], before.layers["final"])
 
 
 def test_a_background_that_path_cannot_be_lit_by(variant_rgb, tmp_path):

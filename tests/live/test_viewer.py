@@ -1,10 +1,8 @@
 """What the viewer shows after which request."""
 
 import itertools
-import threading
 from pathlib import Path
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -51,21 +49,13 @@ def all_portions_seen(monkeypatch):
 
 
 def test_from_coarse_to_the_image_that_render_makes(variant_rgb, path, tmp_path, monkeypatch, all_portions_seen):
-    """Within a wave each pixel is that of its end, or that of before; nothing is compiled for it."""
+    """Within a pass each pixel is that of its end, or that of before."""
     all_portions_seen(12000)
     path.write_text(RED.replace("64 48", "200 150"))
     with running(path) as viewer:
         until(is_done(viewer))
-        before = viewer.publisher.pictures["own"]
-        viewer.requests.call(lambda _: dr.set_flag(dr.JitFlag.KernelHistory, True)).result(20)
-        save(viewer, path, path.read_text())
-        until(is_done(viewer))
-        kernels = viewer.requests.call(lambda _: dr.kernel_history()).result(20)
-        viewer.requests.call(lambda _: dr.set_flag(dr.JitFlag.KernelHistory, False)).result(20)
-        assert len(kernels) > 20 and all(kernel.get("cache_hit", True) for kernel in kernels)
         image = final(viewer)
-        pictures = seen(viewer)
-    coarse, *shown = [layers for number, layers in pictures.items() if number > before.number]
+        coarse, *shown = seen(viewer).values()
     first = [layers["final"] for layers in shown if set(layers) == {"final"}]
     begun, *later, last = shown[len(first) :]
     assert set(coarse) == {"final"} and len(first) > 2 and later
@@ -94,17 +84,6 @@ def test_the_coarse_picture_has_the_colours_of_glass_that_disperses(variant_rgb,
 
 
 def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, monkeypatch):
-    """And never two renders at once."""
-    free, step = threading.Lock(), ProgressiveImage.step
-
-    def alone(image):
-        assert free.acquire(blocking=False), "another image is being rendered"
-        try:
-            return step(image)
-        finally:
-            free.release()
-
-    monkeypatch.setattr(ProgressiveImage, "step", alone)
     with running(path) as viewer:
         until(is_done(viewer))
         red = final(viewer)
@@ -250,22 +229,6 @@ def test_calls_that_nobody_waits_for_any_more():
     failed, last = requests.call(lambda _: 1 / 0), requests.call(lambda scene: scene)
     requests.run_calls(None)
     assert not done and last.result(0) is None and isinstance(failed.exception(0), ZeroDivisionError)
-
-
-@pytest.mark.parametrize("compared", [False, True])
-def test_the_part_that_is_done_never_falls(
-    path, tmp_path, monkeypatch, estimates_that_fall, all_portions_seen, compared
-):
-    """Nor does that of two images which grow side by side."""
-    all_portions_seen(1500)
-    requested = threading.Event()
-    with running(path, requested.wait) as viewer:
-        viewer.requests.change(compared=compared)
-        requested.set()
-        until(is_done(viewer))
-        parts = [state.progress for state, _ in viewer.publisher.said]
-        assert parts == sorted(parts) and len(set(parts)) > 4 and parts[-1] == 1
-        assert set(viewer.publisher.pictures) == ({"own", "path"} if compared else {"own"})
 
 
 def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):

@@ -15,6 +15,27 @@ def diffuse(*value):
     return {"type": "diffuse", "reflectance": rgb(*value)}
 
 
+def load_scene(**things):
+    """A scene that is loaded."""
+    return mi.load_dict({"type": "scene", **things})
+
+
+def film(width, height=None, **more):
+    """A film without a filter."""
+    return {"type": "hdrfilm", "width": width, "height": height or width, "rfilter": {"type": "box"}, **more}
+
+
+def camera(origin, target, film, up=(0, 1, 0), **more):
+    """A perspective camera."""
+    to_world = mi.ScalarTransform4f().look_at(origin, target, list(up))
+    return {"type": "perspective", "to_world": to_world, "film": film, **more}
+
+
+def sphere_lamp(center, radius, radiance):
+    """A sphere that shines."""
+    return {"type": "sphere", "center": center, "radius": radius, "emitter": {"type": "area", "radiance": radiance}}
+
+
 def penumbra(ball=None, size=32, rfilter="box", **integrator):
     """A ball and a pole on a floor before a wall, under a spherical source."""
     T = mi.ScalarTransform4f
@@ -45,12 +66,7 @@ def penumbra(ball=None, size=32, rfilter="box", **integrator):
             "bsdf": {"type": "twosided", "bsdf": diffuse(0.3, 0.6, 0.3)},
         },
         "ball": {"type": "sphere", "center": [0.5, 0.8, 0], "radius": 0.8, "bsdf": ball or diffuse(0.2, 0.5, 0.8)},
-        "light": {
-            "type": "sphere",
-            "center": [-3, 3.5, 3],
-            "radius": 0.5,
-            "emitter": {"type": "area", "radiance": rgb(25, 25, 25)},
-        },
+        "light": sphere_lamp([-3, 3.5, 3], 0.5, rgb(25, 25, 25)),
     }
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from image_statistics import renderings, same_expectation
 from mitsuba_prosim.compat import to_world_name
-from mitsuba_prosim.transport.media import absorbs_any, media_of
+from mitsuba_prosim.transport.absorption import absorbs_any, media_of
+from scenes import camera, film, sphere_lamp
 
 #: Absorption by unit of length, as the tests have it.
 SIGMA = np.array([1.0, 2.0, 0.5])
@@ -36,7 +37,7 @@ def looking(at, **things):
         "sensor": {
             "type": "orthographic",
             "to_world": T().look_at([at, 0, 9], [at, 0, 0], [0, 1, 0]).scale(1e-5),
-            "film": {"type": "hdrfilm", "width": 1, "height": 1, "rfilter": {"type": "box"}},
+            "film": film(1),
         },
         "lamp": {
             "type": "rectangle",
@@ -202,12 +203,7 @@ def test_same_expectation_as_volpath(variant_rgb):
     """Nested media, a lamp and a dull ball within, rough glass beside them: as ``volpath`` renders them."""
     scene = {
         "type": "scene",
-        "sensor": {
-            "type": "perspective",
-            "fov": 28,
-            "to_world": T().look_at([0, 1, 6], [0, 0, 0], [0, 1, 0]),
-            "film": {"type": "hdrfilm", "width": 24, "height": 24, "rfilter": {"type": "box"}},
-        },
+        "sensor": camera([0, 1, 6], [0, 0, 0], film(24), fov=28),
         "green": medium(0.9, 0.2, 1.2) | {"id": "green"},
         "outer": {"type": "sphere", "radius": 1.3, "bsdf": GLASS, "interior": {"type": "ref", "id": "green"}},
         "bubble": {
@@ -219,12 +215,7 @@ def test_same_expectation_as_volpath(variant_rgb):
             "exterior": {"type": "ref", "id": "green"},
         },
         "dull": {"type": "sphere", "center": [0.5, -0.3, 0.2], "radius": 0.4, "bsdf": {"type": "diffuse"}},
-        "lamp": {
-            "type": "sphere",
-            "center": [0.2, 0.7, 0.4],
-            "radius": 0.2,
-            "emitter": {"type": "area", "radiance": 3.0},
-        },
+        "lamp": sphere_lamp([0.2, 0.7, 0.4], 0.2, 3.0),
         "rough": {
             "type": "cube",
             "to_world": T().translate([1.6, -1, 0.2]).scale(0.5),

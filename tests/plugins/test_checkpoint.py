@@ -119,7 +119,7 @@ def test_parts_that_are_missing_doubled_unfinished_or_of_another_image(variant_r
         with pytest.raises(CheckpointError, match=says):
             checkpoint.merge(names)
     (tmp_path / "copy.npz").write_bytes(second.read_bytes())
-    with pytest.raises(CheckpointError, match=r"copy.npz is part 2-of-3, as .*2.npz is already"):
+    with pytest.raises(CheckpointError, match=r"2.npz: another file has the same part"):
         checkpoint.merge([first, second, third, tmp_path / "copy.npz"])
     for path in first, second:
         change(path, origin=origin.here() | {"processor": "another"})

@@ -11,7 +11,7 @@ from mitsuba_prosim import compat
 from mitsuba_prosim.photons.footprint import Footprint
 from mitsuba_prosim.photons.targets import sphere
 from mitsuba_prosim.scene.black import why
-from scenes import mesh, penumbra
+from scenes import load_scene, mesh, penumbra
 
 #: Parameters of Mitsuba 3.9 -> those of 3.10.
 RENAMED = {"to_world": "to_world.transform", "vertex_positions": "positions"}
@@ -141,8 +141,6 @@ def test_class_names_are_those_of_mitsubas_plugins(variant_rgb):
     }
     assert {name: mi.load_dict(plugin).class_name() for name, plugin in classes.items()} == {n: n for n in classes}
     lamp = mi.load_dict({"type": "rectangle", "emitter": {"type": "directionalarea"}}).emitter()
-    instance = mi.load_dict(
-        {"type": "scene", "group": group, "i": {"type": "instance", "g": {"type": "ref", "id": "group"}}}
-    )
+    instance = load_scene(group=group, i={"type": "instance", "g": {"type": "ref", "id": "group"}})
     assert lamp.class_name() == compat.DIRECTIONAL_AREA
     assert [shape.class_name() for shape in instance.shapes()] == [compat.INSTANCE]

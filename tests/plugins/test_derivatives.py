@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.compat import to_world_name
-from scenes import diffuse, mesh, penumbra, rgb
+from scenes import camera, diffuse, film, load_scene, mesh, penumbra, rgb
 
 
 def derivatives(scene, change, seed=1, spp=16, integrator=None):
@@ -49,17 +49,14 @@ def test_all_samples_of_the_image_take_part(variant_rgb, film):
         "pixel_format": "rgb",
         **film,
     }
-    scene = mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": {"type": "prosim", "adaptive": "none"},
-            "sensor": {"type": "perspective", "film": film},
-            "wall": {
-                "type": "rectangle",
-                "to_world": mi.ScalarTransform4f().translate([0, 0, 5]).rotate([0, 1, 0], 180).scale(50),
-                "emitter": {"type": "area", "radiance": 1.0},
-            },
-        }
+    scene = load_scene(
+        integrator={"type": "prosim", "adaptive": "none"},
+        sensor={"type": "perspective", "film": film},
+        wall={
+            "type": "rectangle",
+            "to_world": mi.ScalarTransform4f().translate([0, 0, 5]).rotate([0, 1, 0], 180).scale(50),
+            "emitter": {"type": "area", "radiance": 1.0},
+        },
     )
 
     def change(params, e):
@@ -158,26 +155,11 @@ def lamp(kind):
 def spot(kind, floor, **settings):
     """A floor below a source, of which all pixels see one point; nothing is in the way of anything."""
     T = mi.ScalarTransform4f
-    return mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": {"type": "prosim", "adaptive": "none", "max_level": 0, **settings},
-            "sensor": {
-                "type": "perspective",
-                "fov": 1e-3,
-                "to_world": T().look_at([0, 3, -4], [0, 0, 0], [0, 1, 0]),
-                "film": {
-                    "type": "hdrfilm",
-                    "width": 32,
-                    "height": 32,
-                    "rfilter": {"type": "box"},
-                    "pixel_format": "rgb",
-                    "component_format": "float32",
-                },
-            },
-            "floor": {"type": "rectangle", "to_world": T().rotate([1, 0, 0], -90).scale(20), "bsdf": FLOORS[floor]},
-            "lamp": lamp(kind),
-        }
+    return load_scene(
+        integrator={"type": "prosim", "adaptive": "none", "max_level": 0, **settings},
+        sensor=camera([0, 3, -4], [0, 0, 0], film(32, pixel_format="rgb", component_format="float32"), fov=0.001),
+        floor={"type": "rectangle", "to_world": T().rotate([1, 0, 0], -90).scale(20), "bsdf": FLOORS[floor]},
+        lamp=lamp(kind),
     )
 
 
@@ -373,25 +355,12 @@ def test_forward_and_backward_agree_to_rounding(variant_rgb, bounces):
         "b": diffuse(0.5, 0.4, 0.3),
     }
     blend = {"type": "blendbsdf", "weight": 0.6, "a": {"type": "conductor"}, "b": glossy}
-    scene = mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": {
-                "type": "prosim",
-                "samples": 2,
-                "max_level": 1,
-                "diffuse_bounces": bounces,
-                "adaptive": "none",
-            },
-            "sensor": {
-                "type": "perspective",
-                "to_world": mi.ScalarTransform4f().look_at([0, 1, 5], [0, 0, 0], [0, 1, 0]),
-                "film": {"type": "hdrfilm", "width": 4, "height": 4, "pixel_format": "rgb", "rfilter": {"type": "box"}},
-            },
-            "sky": {"type": "constant", "radiance": 0.5},
-            "lamp": {"type": "point", "position": [1, 2, 3], "intensity": 9.0},
-            "card": mesh([(-9, -9, 0), (9, -9, 0.5), (0, 9, 0)], [(0, 1, 2)], bsdf=blend),
-        }
+    scene = load_scene(
+        integrator={"type": "prosim", "samples": 2, "max_level": 1, "diffuse_bounces": bounces, "adaptive": "none"},
+        sensor=camera([0, 1, 5], [0, 0, 0], film(4, pixel_format="rgb")),
+        sky={"type": "constant", "radiance": 0.5},
+        lamp={"type": "point", "position": [1, 2, 3], "intensity": 9.0},
+        card=mesh([(-9, -9, 0), (9, -9, 0.5), (0, 9, 0)], [(0, 1, 2)], bsdf=blend),
     )
     params = mi.traverse(scene)
     names = (".weight.value", ".alpha.value", ".reflectance.value", "sky.radiance.value", "vertex_positions")
@@ -428,20 +397,12 @@ def below_a_sky(**bsdfs):
         name: {"type": "sphere", "center": [2.1 * i - 1.05 * (len(bsdfs) - 1), 1, 0], "bsdf": bsdf}
         for i, (name, bsdf) in enumerate(bsdfs.items())
     }
-    return mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": {"type": "prb", "max_depth": 4},
-            "sensor": {
-                "type": "perspective",
-                "fov": 25 * len(bsdfs),
-                "to_world": T().look_at([0, 2, 6], [0, 0.5, 0], [0, 1, 0]),
-                "film": {"type": "hdrfilm", "width": 32, "height": 16, "rfilter": {"type": "box"}},
-            },
-            "sky": {"type": "envmap", "bitmap": mi.Bitmap(texels)},
-            "floor": {"type": "rectangle", "to_world": T().rotate([1, 0, 0], -90).scale(10)},
-            **spheres,
-        }
+    return load_scene(
+        integrator={"type": "prb", "max_depth": 4},
+        sensor=camera([0, 2, 6], [0, 0.5, 0], film(32, 16), fov=25 * len(bsdfs)),
+        sky={"type": "envmap", "bitmap": mi.Bitmap(texels)},
+        floor={"type": "rectangle", "to_world": T().rotate([1, 0, 0], -90).scale(10)},
+        **spheres,
     )
 
 

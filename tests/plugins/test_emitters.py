@@ -3,7 +3,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.light import beam
-from scenes import rgb
+from scenes import camera, film, load_scene, rgb
 from scipy import integrate
 
 SIGNIFICANCE = 0.01
@@ -36,30 +36,23 @@ def textured(shape, to_world, plugin="prosim_area"):
 def scene(source, integrator="path", size=16, samples=64, **options):
     """A ball over a floor; the source may be in view."""
     mi_T = mi.ScalarTransform4f()
-    return mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": {"type": integrator, **options},
-            "sensor": {
-                "type": "perspective",
-                "fov": 45,
-                "to_world": mi_T.look_at([0, 2.5, 6], [0, 1, 0], [0, 1, 0]),
-                "film": {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}},
-                "sampler": {"type": "independent", "sample_count": samples},
-            },
-            "floor": {
-                "type": "rectangle",
-                "to_world": mi_T.rotate([1, 0, 0], -90).scale(4),
-                "bsdf": {"type": "diffuse", "reflectance": rgb(0.6, 0.6, 0.5)},
-            },
-            "ball": {
-                "type": "sphere",
-                "center": [0, 0.8, 0],
-                "radius": 0.8,
-                "bsdf": {"type": "diffuse", "reflectance": rgb(0.2, 0.5, 0.8)},
-            },
-            "source": source,
-        }
+    return load_scene(
+        integrator={"type": integrator, **options},
+        sensor=camera(
+            [0, 2.5, 6], [0, 1, 0], film(size), fov=45, sampler={"type": "independent", "sample_count": samples}
+        ),
+        floor={
+            "type": "rectangle",
+            "to_world": mi_T.rotate([1, 0, 0], -90).scale(4),
+            "bsdf": {"type": "diffuse", "reflectance": rgb(0.6, 0.6, 0.5)},
+        },
+        ball={
+            "type": "sphere",
+            "center": [0, 0.8, 0],
+            "radius": 0.8,
+            "bsdf": {"type": "diffuse", "reflectance": rgb(0.2, 0.5, 0.8)},
+        },
+        source=source,
     )
 
 
@@ -389,17 +382,13 @@ BEAMS = (
     ("direction", {**CONE, "direction": [0, 0, 0]}),
     ("direction", {"direction": [0, 0, 1]}),
     ("angle", {"distribution": "cone"}),
-    ("angle", {**CONE, "angle": 0.0}),
     ("angle", {**CONE, "angle": 181.0}),
-    ("angle", {**SPOT, "angle": 91.0}),
     ("angle", {"angle": 20.0}),
     ("exponent", {"distribution": "spot"}),
-    ("exponent", {**SPOT, "exponent": -1.0}),
     ("exponent", {**CONE, "exponent": 3.0}),
     ("to_world", {"to_world": None}),
 )
 POINTS = (
-    ("radius", {"radius": -1.0, "intensity": 1.0}),
     ("radius", {"radiance": 1.0}),
     ("radiance", {"radiance": 1.0, "intensity": 1.0, "radius": 1.0}),
     ("radiance", {"radiance": 1.0, "unattenuated": True, "radius": 1.0}),

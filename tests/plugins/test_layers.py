@@ -4,18 +4,13 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import same_expectation
-from mitsuba_prosim.transport import layers
-from scenes import diffuse, penumbra, rgb
+from mitsuba_prosim.transport import radiance as layers
+from scenes import diffuse, penumbra, rgb, sphere_lamp
 
 ROUGH = {"type": "roughconductor", "alpha": 0.2}
 GLASS = {"type": "roughdielectric", "alpha": 0.1}
 LAMPS = {
-    "light": {
-        "type": "sphere",
-        "center": [-3, 3.5, 3],
-        "radius": 0.5,
-        "emitter": {"type": "area", "radiance": rgb(25, 20, 15)},
-    },
+    "light": sphere_lamp([-3, 3.5, 3], 0.5, rgb(25, 20, 15)),
     "point": {"type": "point", "position": [2, 3, 2], "intensity": rgb(6, 7, 8)},
     "panel": {"type": "rectangle", "emitter": {"type": "area", "radiance": 9.0}},
     "sky": {"type": "constant", "radiance": rgb(0.1, 0.2, 0.3)},

@@ -45,7 +45,7 @@ def xml(tmp_path):
     return path
 
 
-@pytest.mark.parametrize("integrator", [TREES | CAUSTICS, PATHS | CAUSTICS])
+@pytest.mark.parametrize("integrator", [TREES | CAUSTICS, pytest.param(PATHS | CAUSTICS, marks=pytest.mark.slow)])
 def test_a_scene_has_one_image_however_often_it_is_loaded(variant_rgb, xml, integrator):
     loaded = [mi.load_file(str(xml)) for _ in range(5)]  # all of them alive, and so at other addresses
     images = {np.array(mi.render(scene, integrator=mi.load_dict(integrator), seed=3)).tobytes() for scene in loaded}

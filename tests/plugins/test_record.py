@@ -9,7 +9,6 @@ import pytest
 from mitsuba_prosim.engine.checkpoint import put_together
 from mitsuba_prosim.engine.plan import Rectangle
 from mitsuba_prosim.engine.tiles import Part, Tiles
-from mitsuba_prosim.engine.work import Executor
 from scenes import penumbra
 
 COPPER = {"type": "roughconductor", "material": "Cu", "alpha": 0.15}
@@ -91,21 +90,6 @@ def test_what_belongs_to_another_image_is_refused(variant_rgb):
     ]:
         with pytest.raises(ValueError, match=says):
             finished(loaded(**{"size": 8, **settings}), begin=last)
-
-
-def test_work_items_take_about_as_long_as_they_should(variant_rgb):
-    """The first one compiles; then the machine is as slow as before, and later twenty times as fast."""
-    executor, took = Executor(1.0), []
-    executor.speed = 10_000
-    executor.learn(10_000, 300.0)
-    for k in range(20):
-        work = executor.limit(10**12)
-        took.append(work / (100 if k < 10 else 2000))
-        executor.learn(work, took[-1])
-    assert took[0] == 100 and all(0.9 < seconds <= 1 for seconds in took[1:10])
-    assert took[10] < 0.1 and 0.9 < took[-1] <= 1
-    assert executor.limit(10**9, 0.1) == int(0.1 * executor.speed)
-    assert executor.limit(int(1.2 * executor.speed)) == int(1.2 * executor.speed)
 
 
 # ------------------------------------------------------------------ parts

@@ -9,6 +9,7 @@ import pytest
 from mitsuba_prosim.sampling.hash import combine, hash32
 from mitsuba_prosim.sampling.nrook import NRook, Permutations, epoch_key, pixel_key
 from mitsuba_prosim.sampling.sobol import Sobol
+from scenes import film
 from scipy import stats
 
 
@@ -265,13 +266,7 @@ def test_sampler_stratifies_for_integrators_in_cpp_and_in_python(variant_rgb, in
         "sensor": {
             "type": "orthographic",
             "sampler": {"type": "nrook", "sample_count": 100},
-            "film": {
-                "type": "hdrfilm",
-                "width": 8,
-                "height": 64,
-                "pixel_format": "luminance",
-                "rfilter": {"type": "box"},
-            },
+            "film": film(8, 64, pixel_format="luminance"),
         },
         "edge": {
             "type": "rectangle",

@@ -6,6 +6,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings
+from scenes import camera, film, load_scene, sphere_lamp
 
 
 def T():
@@ -21,12 +22,7 @@ def card(bsdf, **others):
     """A card before the camera; a rough metal ball out of sight lets the scene have every kind of lobe."""
     return {
         "type": "scene",
-        "sensor": {
-            "type": "perspective",
-            "fov": 20,
-            "to_world": T().look_at([0, 0, 5], [0, 0, 0], [0, 1, 0]),
-            "film": {"type": "hdrfilm", "width": 8, "height": 8, "rfilter": {"type": "box"}},
-        },
+        "sensor": camera([0, 0, 5], [0, 0, 0], film(8), fov=20),
         "card": {"type": "rectangle", "to_world": T().scale(3), "bsdf": bsdf},
         "ball": {"type": "sphere", "center": [90, 0, 0], "bsdf": {"type": "roughconductor"}},
         **others,
@@ -82,16 +78,7 @@ def test_what_is_seen_through_is_counted_once(variant_rgb, bsdf, bounces):
     ids=["principled", "mask", "blendbsdf", "hair"],
 )
 def test_lobes_that_cannot_be_told_apart_are_counted_once(variant_rgb, bsdf, bounces):
-    scene = card(
-        bsdf,
-        sky={"type": "constant", "radiance": 0.5},
-        light={
-            "type": "sphere",
-            "center": [1.5, 1.5, 3.0],
-            "radius": 0.3,
-            "emitter": {"type": "area", "radiance": 10.0},
-        },
-    )
+    scene = card(bsdf, sky={"type": "constant", "radiance": 0.5}, light=sphere_lamp([1.5, 1.5, 3.0], 0.3, 10.0))
     assert equal_in_the_mean(
         scene,
         {"type": "prosim", "adaptive": "none", "max_level": 6, "diffuse_bounces": bounces},
@@ -130,21 +117,18 @@ def test_nothing_is_seen_beyond_far_clip(variant_rgb, sensor, hidden):
         lamp = {"type": "rectangle", "to_world": T().translate([0, 0, 4]), "emitter": {"type": "area"}}
         return np.array(
             mi.render(
-                mi.load_dict(
-                    {
-                        "type": "scene",
-                        "integrator": {"type": "prosim", "ambient": 1.0, "max_level": 0, "hide_emitters": hidden},
-                        "sensor": {
-                            "type": sensor,
-                            "near_clip": 0.1,
-                            "far_clip": far,
-                            **lens,
-                            "to_world": T().look_at([0, 0, 5], [0, 0, 0], [0, 1, 0]),
-                            "film": {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}},
-                        },
-                        "wall": {"type": "rectangle", "to_world": T().scale(9), "bsdf": LAMBERTIAN},
-                        **({"lamp": lamp} if hidden else {}),
-                    }
+                load_scene(
+                    integrator={"type": "prosim", "ambient": 1.0, "max_level": 0, "hide_emitters": hidden},
+                    sensor={
+                        "type": sensor,
+                        "near_clip": 0.1,
+                        "far_clip": far,
+                        **lens,
+                        "to_world": T().look_at([0, 0, 5], [0, 0, 0], [0, 1, 0]),
+                        "film": {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}},
+                    },
+                    wall={"type": "rectangle", "to_world": T().scale(9), "bsdf": LAMBERTIAN},
+                    **{"lamp": lamp} if hidden else {},
                 ),
                 spp=4,
             )

@@ -4,7 +4,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.sampling.nrook import NRook, Permutations, pixel_key
-from mitsuba_prosim.transport.context import CAMERA_SPACES
+from mitsuba_prosim.transport.transport_context import CAMERA_SPACES
 from scipy import stats
 from test_waves import LUMINANCE, begun
 

@@ -5,6 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.transport import lobes, workarounds
+from scenes import camera, film, load_scene
 
 MIRROR = {"type": "conductor"}
 BLACK = {"type": "diffuse", "reflectance": 0.0}
@@ -40,25 +41,11 @@ def quarters(bsdfs, bounces, light, samples=16, size=16):
         f"card {k}": {"type": "rectangle", "to_world": T().translate([x, y, 0]), "bsdf": bsdf}
         for k, (bsdf, (x, y)) in enumerate(zip(bsdfs, ((1, 1), (-1, 1), (1, -1), (-1, -1)), strict=True))
     }
-    scene = mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": {"type": "prosim", "adaptive": "none", "samples": samples, "diffuse_bounces": bounces},
-            "sensor": {
-                "type": "perspective",
-                "fov": 20,
-                "to_world": T().look_at([0, 0, 5], [0, 0, 0], [0, 1, 0]),
-                "film": {
-                    "type": "hdrfilm",
-                    "width": size,
-                    "height": size,
-                    "pixel_format": "luminance",
-                    "rfilter": {"type": "box"},
-                },
-            },
-            "light": light,
-            **cards,
-        }
+    scene = load_scene(
+        integrator={"type": "prosim", "adaptive": "none", "samples": samples, "diffuse_bounces": bounces},
+        sensor=camera([0, 0, 5], [0, 0, 0], film(size, pixel_format="luminance"), fov=20),
+        light=light,
+        **cards,
     )
     image = np.array(mi.render(scene, seed=1))[..., 0].astype(float)
     half = size // 2

@@ -1,4 +1,4 @@
-"""A damaged image is named at its place in the scene, and watched."""
+"""A damaged image is named at its place in the scene."""
 
 import mitsuba as mi
 import numpy as np

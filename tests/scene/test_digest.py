@@ -41,7 +41,7 @@ def test_a_spectrum_in_another_folder_is_a_file_of_the_scene(variant_rgb, tmp_pa
     for value in (0.5, 0.6):
         spectrum.write_text(f"400 {value}\n700 {value}")
         file = scene_file.SceneFile(tmp_path / "scene.xml", tmp_path)
-        assert file.named_files() == [("grey.spd", spectrum)]
+        assert file.named_files() == [("$grey.spd", spectrum)]
         digests.add(file.digest())
     assert len(digests) == 2
 

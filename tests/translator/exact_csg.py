@@ -103,16 +103,6 @@ def first_surfaces(scene, origins, directions):
     return found, best
 
 
-def crossings(scene, origins, directions):
-    """How often each ray enters or leaves the result."""
-    count, last = np.zeros(len(origins), int), np.full(len(origins), -np.inf)
-    for t, _, owner in surfaces(scene, origins, directions):
-        new = (owner >= 0) & (t > last + COINCIDENT)
-        count += new
-        last = np.where(new, t, last)
-    return count
-
-
 def evaluate(nodes, state):
     """The tree on both sides of a surface, and the leaf that owns the surface where they differ."""
     stack, number = [], len(state)

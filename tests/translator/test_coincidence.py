@@ -3,13 +3,11 @@
 import math
 import re
 
-import exact_csg
 import numpy as np
 import pytest
 from meshes import area, assert_closed, scene, solids, volume
 from prosim_scene import SceneWarning
 from prosim_scene.geometry.coincidence import same_surfaces
-from prosim_scene.language import document_of
 
 GLASS = "material dieletrico n-refr = 1.5"
 BESIDE = ["", "TRANSLATE (1 0 0)"]
@@ -84,19 +82,6 @@ def test_coincident_faces_of_turned_solids(name):
             assert volume(list(meshes.values())) == pytest.approx(expected, **near), turn
 
 
-def test_a_flush_cut_at_a_decimal_height_is_open():
-    for tenths in range(2, 60, 2):
-        height = tenths / 10
-        meshes = solids(
-            scene(
-                "- CUBE 0 CUBE 1",
-                [f"SCALE (1 1 {height})", f"SCALE (.5 .5 .1) TRANSLATE (.25 .25 {round(height - 0.1, 1)})"],
-            )
-        )
-        assert area(meshes[0]) == pytest.approx(2 + 4 * height - 0.25, abs=1e-6), height
-        assert area(meshes[1]) == pytest.approx(0.25 + 4 * 0.05, abs=1e-6), height
-
-
 @pytest.mark.slow
 def test_a_ball_less_itself_is_nothing_however_it_is_turned():
     for turn in turns(5, seed=8):
@@ -105,23 +90,6 @@ def test_a_ball_less_itself_is_nothing_however_it_is_turned():
                 solids(scene("- SPHERE 0 SPHERE 1", ["SCALE (1 2 3)", f"{turn.split('TRANSLATE')[0]} SCALE (1 2 3)"]))
                 == {}
             )
-
-
-@pytest.mark.filterwarnings("ignore:.*nothing is visible of CUBE 2")
-def test_two_halves_of_one_ball():
-    # The same ball twice, turned, cut in halves by the same block from both sides: together the ball again.
-    for turn in turns(5, seed=9):
-        half = "SCALE (4 4 2) TRANSLATE (-2 -2 0)"
-        meshes = solids(
-            scene(
-                "+ * SPHERE 0 CUBE 2 - SPHERE 1 CUBE 2",
-                [turn.replace("TRANSLATE", "ROTATE-X (9) TRANSLATE"), turn, f"{half} {turn}"],
-            )
-        )
-        assert set(meshes) == {0, 1}
-        assert area(meshes[0]) == pytest.approx(2 * math.pi, rel=4e-3)
-        assert area(meshes[1]) == pytest.approx(2 * math.pi, rel=4e-3)
-        assert volume(list(meshes.values())) == pytest.approx(math.pi * 4 / 3, rel=4e-3)
 
 
 def test_a_ball_in_a_pipe_of_its_own_width_does_not_show_through():
@@ -147,35 +115,3 @@ def test_what_is_the_same_but_for_rounding_is_recognised_and_nothing_else():
     small[:3, 0, 3] = [5, 5 + 1e-15, 5]
     found = same_surfaces(quadrics, small)
     assert found[0] == found[1] and found[2] == 2 and found[3] == 3
-
-
-def crossings(meshes, origins, directions):
-    """How often rays meet the meshes' triangles (Moeller and Trumbore 1997)."""
-    p = np.concatenate([mesh.positions for mesh in meshes])
-    a, b = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
-    count = []
-    for o, d in zip(origins, directions):
-        h, s = np.cross(d, b), o - p[:, 0]
-        det = np.einsum("ti,ti->t", a, h)
-        det = np.where(np.abs(det) > 1e-12, det, np.inf)
-        q = np.cross(s, a)
-        u, v = np.einsum("ti,ti->t", s, h) / det, q @ d / det
-        t = np.einsum("ti,ti->t", b, q) / det
-        count.append(np.sum((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0) & np.isfinite(det)))
-    return np.array(count)
-
-
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
-@pytest.mark.parametrize("turned", [False, True])
-def test_light_crosses_every_interface_of_a_glass_once(turned):
-    # Blocks of one glass on a grid: walls within the glass, or missing ones, would be more or fewer crossings.
-    for seed in range(12):
-        rng = np.random.default_rng([seed, turned])
-        text = exact_csg.blocks(rng, exact_csg.turn(rng) if turned else "")
-        text = re.sub(r"lambertiano kd \S+", "dieletrico n-refr 1.5", text)
-        origins = np.full((200, 3), 9.0) * rng.choice([-1, 1], (200, 3))
-        directions = rng.uniform(-2, 2, (200, 3)) - origins
-        meshes = list(solids(text).values())
-        found = crossings(meshes, origins, directions) if meshes else np.zeros(200, int)
-        expected = exact_csg.crossings(document_of(text).scene, origins, directions)
-        assert np.array_equal(found, expected), seed

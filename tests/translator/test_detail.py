@@ -16,7 +16,7 @@ UNION = "+ " * 19 + " ".join(f"SPHERE {i}" for i in range(20))
 def segments(tree, transforms, look="OBS 0 0 20 VRP 0 0 0 WINDOW -5 -5 5 5"):
     """Around a circle, of the leaves of a scene under a view."""
     document = document_of(scene(tree, transforms).replace("OBS 0 0 20 VRP 0 0 0 WINDOW -5 -5 5 5", look), "test.scn")
-    leaves = Leaves(document, camera_of(document), 0.1)
+    leaves = Leaves(document, camera_of(document), 0.1, np.zeros(len(transforms), bool), {})
     return [leaves.solids[i].segments for i in leaves.of_leaf]
 
 

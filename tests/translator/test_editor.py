@@ -5,7 +5,6 @@ import pickle
 import re
 from pathlib import Path
 
-import prosim_scene
 import pytest
 from prosim_scene.evaluation import evaluate
 from prosim_scene.language.analysis import analyse
@@ -41,23 +40,6 @@ def labels(text):
     return [one.label for one in sorted(found, key=lambda one: one.rank)]
 
 
-def test_a_right_text_has_the_scene_of_the_translator():
-    _, found, document = analyse(SCENE)
-    assert not found and document.scene == prosim_scene.parse(SCENE)
-
-
-@pytest.mark.parametrize(
-    "text", ["VIEW OBS 1 2 END", "NSAMPLES {1/0} END", "CSG CUBE 1 - CUBE 2 END", "CSG (", "x", "CSG"]
-)
-def test_an_error_is_the_one_of_the_translator(text):
-    with pytest.raises(prosim_scene.SceneError) as caught:
-        prosim_scene.parse(text)
-    _, found, document = analyse(text)
-    assert document is None and [str(one) for one in found if isinstance(one, prosim_scene.SceneError)] == [
-        str(caught.value)
-    ]
-
-
 def test_every_wrong_statement_is_reported():
     text = "VIEW OBS 1 2\nSURFACE 0 kd 1 2\nAMBIENT {$b} 1 1\nNAMEX: y\nCSG (\nDEFAULT $a 2\n"
     assert codes(text) == ["count", "count", "undefined", "unknown-word", "unclosed", "no-end"]
@@ -83,7 +65,7 @@ def test_completion_knows_what_fits():
     assert labels(SCENE.replace("SURFACE 1", "SURFACE |"))[0] == "1"
     assert {"t-tijolo", "t-mine", "NULL"} <= set(labels(SCENE.replace("t-listra", "t-|")))
     assert {"ouro", "cobre", "cu_palik"} <= set(labels(SCENE.replace("ouro", "o|")))
-    assert {"vidro", "diamante"} & set(labels("SURFACE 0 material dieletrico |"))
+    assert "diamante" in labels("SURFACE 0 material dieletrico |")
     assert labels("SURFACE 0 material |")[:4] == ["condutor", "dieletrico", "lambertiano", "composto"]
     assert labels(SCENE.replace("ks 0", "k|"))[:3] == ["material", "metal", "ka"]
     assert labels("DO-SHADOW |")[:2] == ["TRUE", "FALSE"]
@@ -150,13 +132,3 @@ def test_the_grammar_of_editors_has_the_words_of_the_language():
     for word in WORDS:
         for spelling in word.spellings:
             assert any((found := pattern.match(spelling)) and found.end() == len(spelling) for pattern in patterns)
-
-
-def large(count):
-    """A scene of so many primitives, of eight lines each."""
-    names = [f"{('CUBE', 'SPHERE', 'CYLINDER', 'CONE')[i % 4]} {i}" for i in range(count)]
-    tables = [
-        f"SURFACE {i}\n  material lambertiano\n  kd = .5 .5 .4\nTRANSFORM {i}\n  SCALE (.4 .4 .4)\n  ROTATE-Y ({i})\n"
-        f"  TRANSLATE ({i % 35} 0 {i // 35})" for i in range(count)
-    ]  # fmt: skip
-    return "\n".join(["LIGHTS AREA position 9 9 9", "CSG-TREE", "+ " * (count - 1), *names, *tables, "END\n"])

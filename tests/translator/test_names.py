@@ -1,13 +1,12 @@
 """Names and arithmetic: what they come to, what is wrong with them, and that they are kept as they are written."""
 
 import math
-import warnings
 
 import prosim_scene
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from prosim_scene import SceneError, SceneWarning
+from prosim_scene import SceneError
 from test_errors import MINIMAL
 
 pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
@@ -33,15 +32,10 @@ def value(expression, define=None):
         ("(1 + 2)*3", 9),
         ("2^3^2", 512),
         ("-2^2", -4),
-        ("2^-1", 0.5),
-        ("--3 - -3*+2", 9),
-        ("1e-3 + .5 + 2.", 2.501),
         ("sin(90) + cos(180) + sin(-90)", -1),
         ("sin(30) + cos(60) + tan(45)", 2),
-        ("cos(90) + sin(720) + cos(270) + tan(180)", 0),
         ("atan2(1, 0) + sqrt(16) + abs(-1)", 95),
         ("floor(-1.5) + round(2.5) + mod(-1, 24)", 24),
-        ("min(3, 1, 2) + max(4, 1)", 5),
         ("360 * $frame / 48", 0),
     ],
 )
@@ -101,26 +95,18 @@ def test_names_stand_for_words_of_all_kinds():
     "line, column, words",
     [
         ("NSAMPLES {$n + 1}", 11, "$n has no value; expected DEFAULT $n = 1 above its use, -D n=1"),
-        ("DEFAULT $angle = 1 NSAMPLES $Angle", 29, "did you mean '$angle'"),
         ("NSAMPLES $n DEFAULT $n = 1", 10, "$n has no value"),
         ("DEFAULT $n = 1 DEFAULT $n = 2", 24, "DEFAULT $n stands twice"),
-        ("DEFAULT n = 1", 9, "expected a name such as $angle"),
         ("DEFAULT $n = ouro NSAMPLES {$n + 1}", 29, "$n stands for 'ouro'; expected a finite number"),
         ("DEFAULT $n = CUBE LIGHTS $n", 26, "$n stands for 'CUBE', a keyword"),
         ("NSAMPLES {7 / (2 - 2)}", 11, "divides by 0"),
         ("NSAMPLES {10^400}", 11, "'10^400' is not a finite number"),
-        ("NSAMPLES {1 + sqrt(-1)}", 15, "'sqrt(-1)' is not a finite number"),
-        ("NSAMPLES {}", 11, "expected a number, a $name"),
         ("NSAMPLES {(1}", 13, "expected an operator (+ - * / ^) or ')'"),
-        ("NSAMPLES {1 2}", 13, "found '2' in an expression; expected an operator"),
-        ("NSAMPLES {0,5}", 12, "a fraction has a point"),
         ("NSAMPLES {2 * angle}", 15, "unknown word 'angle' in an expression; expected a name such as $angle"),
         ("NSAMPLES {sinn(3)}", 11, "did you mean 'sin'"),
         ("NSAMPLES {sin(1, 2)}", 11, "found 2 numbers in sin(); expected 1"),
-        ("NSAMPLES {min(1)}", 11, "found 1 number in min(); expected 2 or more"),
         ("NSAMPLES {1\n}", 10, "this '{' is not closed on its line"),
         ("NSAMPLES 2*3", 10, "'2*3' is not a number; expected 1 number (the number N); braces"),
-        ("NSAMPLES 4 / 2", 12, "'/' is not a number; braces hold arithmetic"),
         ("NSAMPLES $n-1", 10, "expected letters, digits and _ after $"),
     ],
 )
@@ -135,7 +121,6 @@ def test_each_error_names_its_place(line, column, words):
     [
         ({"turm": 3}, "does not use .turm, .*did you mean '.turn'"),
         ({"turn": math.nan}, "turn = nan is not a value"),
-        ({"turn": [1]}, r"turn = \[1\] is not a value"),
         ({"a-b": 1}, "'a-b' cannot be a name"),
     ],
 )
@@ -150,7 +135,6 @@ def test_a_wrong_value_from_the_caller(define, words):
         ("AMBIENT $n", "1,5", "; $n stands for '1,5', by -D n=1,5"),
         ("AMBIENT 1 1 {1 / ($n - 2)}", 2, "divides by 0; $n stands for '2', by -D n=2"),
         ("NSAMPLES {$n + 1}", "x", "$n stands for 'x', by -D n=x; expected a finite number"),
-        ("NSAMPLES $n", "END", "$n stands for 'END', by -D n=END, a keyword"),
         ("CSG-TREE CUBE $n", 8, "; $n stands for '8', by -D n=8"),
         ("DEFAULT $n = 2000 NSAMPLES $n", None, "; $n stands for '2000'\n"),
     ],
@@ -160,13 +144,6 @@ def test_an_error_in_the_value_of_a_name_shows_the_name(line, value, words):
     with pytest.raises(SceneError) as caught:
         prosim_scene.parse(f"{line}\n{scene}", "s.scn", {} if value is None else {"n": value})
     assert words in str(caught.value)
-
-
-def test_a_default_that_nothing_uses_is_a_warning():
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always", SceneWarning)
-        prosim_scene.parse(f"DEFAULT $n = 1 {MINIMAL}", define={"n": 2})
-    assert [(w.message.code, w.message.line, w.message.column) for w in said] == [("unused", 1, 9)]
 
 
 def test_deep_arithmetic_exhausts_nothing():

@@ -61,7 +61,7 @@ def compare(
     if job.variant.startswith("scalar_") or not job.variant.endswith("_rgb"):
         raise click.ClickException(f"prosim compare can't use {job.variant}; give an rgb variant that is not scalar.")
 
-    from ..compare import comparison, contestants, page
+    from ..compare import comparison, contestants, page, runs
 
     with atomic.scratch() as folder, log(0):
         with wrong_input():
@@ -86,7 +86,8 @@ def compare(
         if min(width, height) < LEAST:
             raise InputError(f"{scene}: SSIM needs {LEAST} x {LEAST} pixels; the image has {width} x {height}.")
         output_files.check(stem, SUFFIXES, 2**23, [scene])
-        cache = reference_folder(cache, 2**4 * 3 * width * height)
+        cache = cache or runs.cache_folder()
+        check_cache(cache, 2**4 * 3 * width * height)
         effort = comparison.Effort(levels, rounds, reference_seconds, cache, job.denoise)
         compared = comparison.Comparison(opened, scene.name, *specs, effort, job.exposure or 0.0)
         with Progress("comparing") as bar:
@@ -98,18 +99,13 @@ def compare(
     click.echo(" and ".join(map(str, written)))
 
 
-def reference_folder(cache: Path | None, size: int) -> Path:
-    """The folder for references of ``size`` bytes: ``cache``, or that of the user. Raises InputError."""
-    from ..compare import runs
-
-    folder = cache or runs.cache_folder()
+def check_cache(folder: Path, size: int) -> None:
+    """Raises InputError where references of ``size`` bytes can't be stored in ``folder``."""
     try:
         atomic.check([folder / "reference"], size)
     except OSError as error:
-        raise InputError(
-            f"references can't be stored: {output_files.reason(error)}. Give another folder by --cache"
-        ) from None
-    return folder
+        why = output_files.reason(error)
+        raise InputError(f"references can't be stored: {why}. Give another folder by --cache") from None
 
 
 def summary(facts: Mapping[str, Any]) -> str:

@@ -21,35 +21,35 @@ def doctor() -> None:
     Exit code 1 if there are problems, else 0.
     """
     problems = []
-    say("Python", f"{platform.python_version()}, {sys.executable}")
+    row("Python", f"{platform.python_version()}, {sys.executable}")
     for name in ("mitsuba-prosim", "mitsuba", "drjit", "numpy", "OpenEXR", "manifold3d"):
-        say(name, version(name))
-    say("platform", f"{platform.platform()}, {os.cpu_count()} processors")
+        row(name, version(name))
+    row("platform", f"{platform.platform()}, {os.cpu_count()} processors")
 
     usable = [v for v in mi.variants() if session.has_backend(v)]
-    say("variants", f"{', '.join(usable)} (default {session.default_variant()})")
+    row("variants", f"{', '.join(usable)} (default {session.default_variant()})")
     for kind, (_, need) in session.BACKENDS.items():
         if (unusable := [v for v in mi.variants() if v.startswith(f"{kind}_")]) and unusable[0] not in usable:
-            say("", f"not {', '.join(unusable)}, which need {need}")
+            row("", f"not {', '.join(unusable)}, which need {need}")
 
     found = llvm.version()
-    say("LLVM", f"{'.'.join(map(str, found))}, {llvm.library()}" if found else "none")
+    row("LLVM", f"{'.'.join(map(str, found))}, {llvm.library()}" if found else "none")
     if problem := llvm.problem():
         problems.append(problem)
 
     if sys.platform == "linux":
         installed = stand_ins.installed()
         if not installed:
-            say("mitsuba", "the mitsuba command can't run plugins in Python; to let it: prosim link")
+            row("mitsuba", "the mitsuba command can't run plugins in Python; to let it: prosim link")
         elif missing := sorted(set(stand_ins.plugin_names()) - set(installed)):
             problems.append(f"The mitsuba command can't run {', '.join(missing)} (prosim render can). Run: prosim link")
         else:
-            say("mitsuba", f"{len(installed)} stand-ins for plugins in Python in {stand_ins.plugin_folder()}")
+            row("mitsuba", f"{len(installed)} stand-ins for plugins in Python in {stand_ins.plugin_folder()}")
     else:
-        say("mitsuba", "the mitsuba command runs plugins in Python on Linux only; use prosim render")
+        row("mitsuba", "the mitsuba command runs plugins in Python on Linux only; use prosim render")
 
     for extra in sorted(extras.EXTRAS):
-        say(extra, extras.needs("", extra).strip() if extras.missing(extra) else "ready")
+        row(extra, extras.needs("", extra).strip() if extras.missing(extra) else "ready")
 
     for problem in problems:
         click.echo(f"\n{problem}")
@@ -58,6 +58,6 @@ def doctor() -> None:
     sys.exit(bool(problems))
 
 
-def say(label: str, text: str) -> None:
+def row(label: str, text: str) -> None:
     """Prints a line of two columns."""
     click.echo(f"{label:<16}{text}")

@@ -111,7 +111,7 @@ class Film:
         for task in tasks:
             with wrong_input():
                 task.check()
-                if task.job.keep and not task.job.overwrite:
+                if task.job.checkpoint and not task.job.overwrite:
                     task.begin = task.unfinished()
             if self.signals:  # from here on the render listens itself
                 return
@@ -124,7 +124,7 @@ class Film:
         loses no samples; a time limit is that of all workers; or they may lack the denoiser.
         """
         job = task.job
-        return bool(job.keep or task.integrator.time or (job.denoise and job.cluster))
+        return bool(job.checkpoint or task.integrator.time or (job.denoise and job.cluster))
 
     def images_of_workers(self, tasks: Iterator[RenderTask], dask: DaskExecutor, size: int) -> Iterator[Rendered]:
         """Lets one worker render each frame, and writes them as they are finished; ``size``: bytes of one at most.

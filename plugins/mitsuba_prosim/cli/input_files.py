@@ -19,14 +19,7 @@ TEXT, XML, EXR, ARCHIVE = "a text file", "a Mitsuba scene", "an EXR image", "an 
 STATE, PART = "the state of a render", "a part of an image"
 
 #: The first bytes of files that are no text, and their kinds.
-MAGIC = {
-    b"v/1\x01": EXR,
-    b"\x89PNG": "a PNG image",
-    b"\xff\xd8\xff": "a JPEG image",
-    b"ply": "a mesh",
-    b"%PDF": "a PDF file",
-    b"PK\x03\x04": ARCHIVE,
-}
+MAGIC = {b"v/1\x01": EXR, b"\x89PNG": "a PNG image", b"\xff\xd8\xff": "a JPEG image", b"PK\x03\x04": ARCHIVE}
 
 #: Advice for a file of another kind than a command needs.
 USES = {
@@ -42,43 +35,37 @@ SUFFIXES = re.compile(r"(\.state|\.\d+-of-(?P<of>\d+))\.npz$|\.exr$")
 class InputFile(click.Path):
     """A file that exists, of one of these ``kinds``, all of which messages call ``what``.
 
-    ``patterns``: names of such files, the likeliest first; ``writer``: the command that writes one.
+    ``patterns``: names of such files; ``writer``: the command that writes one.
     """
 
     def __init__(self, what: str, kinds: Collection[str], patterns: Collection[str], writer: str = "") -> None:
-        super().__init__(exists=True, readable=True, path_type=Path)
+        super().__init__(exists=True, dir_okay=False, path_type=Path)
         self.what, self.kinds, self.patterns = what, kinds, patterns
         self.writes = writer and f" {writer} writes one."
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Returns the path of the file."""
         path = Path(os.fsdecode(value))
-        if path.is_dir():
-            self.fail(f"'{path}' is a folder.{self.suggestion(path)}", param, ctx)
-        if not os.path.lexists(path):
-            self.fail(f"File '{path}' does not exist.{self.suggestion(path)}", param, ctx)
-        super().convert(value, param, ctx)
+        try:
+            super().convert(value, param, ctx)
+        except click.BadParameter as error:
+            self.fail(error.message + self.suggestion(path), param, ctx)
         if (found := kind(path)) not in self.kinds:
             hint = f" {USES[found].format(parts(path))}" if found in USES else self.suggestion(path)
             self.fail(f"'{path}' is {found}, not {self.what}.{hint or self.writes}", param, ctx)
         return path
 
     def suggestion(self, path: Path) -> str:
-        """A question for the file of this kind in the same folder, or in one below it, whose name is like ``path``."""
-        folder = path if path.is_dir() else path.parent
-        found = chain.from_iterable(folder.glob(below + one) for below in ("", "*/") for one in self.patterns)
-        files: dict[str, Path] = {}
-        for file in filter(lambda file: file != path, found):
-            files.setdefault(stem(file).name, file)
-        begin = path.name.partition(".")[0]
-        likely = [*files] if path == folder else [begin] * (begin in files)
-        likely += difflib.get_close_matches(path.stem, files, n=1)
-        return f" Did you mean {parts(files[likely[0]])}?" if likely else ""
+        """A question for the file of this kind in the same folder whose name begins like that of ``path``."""
+        found = chain.from_iterable(map(path.parent.glob, self.patterns))
+        files = {file.name.partition(".")[0]: file for file in found if file != path}
+        near = difflib.get_close_matches(path.name.partition(".")[0], files, n=1)
+        return f" Did you mean {parts(files[near[0]])}?" if near else ""
 
 
-SCENE_FILE = InputFile("a scene", (TEXT, XML), ("*.scn", "*.xml"))
+SCENE_FILE = InputFile("a scene", (TEXT, XML), ("*.xml", "*.scn"))
 LANGUAGE_FILE = InputFile("a scene in the thesis's language", (TEXT,), ("*.scn",))
-STATE_FILE = InputFile(STATE, (STATE, PART), ("*.state.npz", "*.*-of-*.npz"), "prosim render --keep")
+STATE_FILE = InputFile(STATE, (STATE, PART), ("*.state.npz", "*.*-of-*.npz"), "prosim render --checkpoint")
 PART_FILE = InputFile(PART, (PART,), ("*.*-of-*.npz",), "prosim render --part 1/4")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
@@ -18,7 +17,7 @@ from ..engine.checkpoint import Checkpoint
 from ..engine.policies import POLICIES
 from ..engine.tiles import Part
 from ..scene import scene_file, session
-from ..transport.layers import KINDS
+from ..transport.radiance import KINDS
 from . import option_types as types
 from .option_types import InputError, Integer, Number
 
@@ -29,9 +28,9 @@ TARGETS = ("noise", "noise_99", "noise_999", "time")
 INTEGRATOR = ("caustics", "max_level", "layers", "threshold", "max_samples", "adaptive", *TARGETS)
 LANGUAGE = ("light_units", "tolerance", "allow_outside")
 
-#: Fields that do not change the image.
-FILES = ("output", "keep", "snapshots", "view", "verbose", "frames", "fps", "overwrite")
-RUNNING = (*FILES, "threads", "workers", "cluster", "part")
+#: Fields of films, and all that do not change the image.
+FILM = ("frames", "fps", "overwrite")
+RUNNING = ("output", "checkpoint", "snapshots", "view", "verbose", *FILM, "threads", "workers", "cluster", "part")
 
 POSITIVE = Number(0, min_open=True)
 UNITS = click.Choice(["calibrated", "radiance", "unattenuated"])
@@ -68,7 +67,7 @@ class Job:
         click.Choice(KINDS[1:]), "Write layers to the EXR too, whose sum is the image; see prosim mix."
     )
     exposure: float | None = _output(Number(-64, 64), "Exposure of the PNG in stops.")
-    keep: bool = _output(None, "Write checkpoints, NAME.state.npz, from which prosim resume continues.")
+    checkpoint: bool = _output(None, "Write checkpoints, NAME.state.npz, from which prosim resume continues.")
     snapshots: tuple[str, ...] | None = _output(
         types.SNAPSHOTS, "Also write NAME.0.04.exr, ... when the error is this small, or NAME.4s.exr after 4 s."
     )
@@ -162,10 +161,6 @@ class Job:
                 "integrator.progressive(begin=...)"
             ) from None
 
-    def about(self, file: scene_file.SceneFile) -> dict[str, Any]:
-        """Facts of a checkpoint by which another process continues the job: ``job`` and ``digest``."""
-        return {"job": self.image() | {"scene": os.path.abspath(self.scene)}, "digest": file.digest()}
-
     def file(self, folder: Path, **how: Any) -> scene_file.SceneFile:
         """The scene file; ``folder``: for translations; ``how``: see :class:`.scene_file.SceneFile`, which says what is
         raised.
@@ -199,7 +194,7 @@ def takes(*names: str) -> Callable[[Callable], Callable]:
 GROUPS = ("Quality", "Output", "Scene", "Film", "Comparison", "Page", "Distribution", "Advanced", "Others")
 
 #: Options of the version before, and their names today.
-OLD = {"--anew": "--overwrite"}
+OLD = {"--anew": "--overwrite", "--keep": "--checkpoint"}
 
 
 class Command(click.Command):
@@ -235,8 +230,8 @@ CONFLICTS = (
         "part",
         " ".join(TARGETS),
         "--noise and --time need the whole image, and a part knows only its own pixels. Render the parts without them, "
-        "with --adaptive none; then prosim merge --keep, and prosim resume NAME.state.npz --noise X --adaptive graded. "
-        "Where the machines are connected, --cluster does all that.",
+        "with --adaptive none; then prosim merge --checkpoint, and prosim resume NAME.state.npz --noise X --adaptive "
+        "graded. Where the machines are connected, --cluster does all that.",
     ),
     ("denoise", "part", "--denoise needs the whole image, and --part renders a part of it; give one of them."),
     ("snapshots", "denoise part frames", "--snapshots shows a single image as its samples are; leave out the other."),
@@ -255,7 +250,7 @@ def job_of(asked: dict[str, Any]) -> Job:
     if "frames" not in given and (film := given & {"fps", "overwrite"}):
         raise click.UsageError(f"--{min(film)} is for films; add --frames.")
     if asked.get("adaptive") == "thesis" and given & set(TARGETS):
-        raise click.UsageError("--adaptive thesis knows neither --noise nor --time; give another policy, or none.")
+        raise click.UsageError("--adaptive thesis does not measure the noise; leave it out with --noise and --time.")
     asked["scene"] = scene = str(asked.get("scene") or "")
     for name in ("light_units", "tolerance"):
         if name in given and scene.lower().endswith(".xml"):
@@ -269,7 +264,7 @@ def job_of(asked: dict[str, Any]) -> Job:
     asked["definitions"] = dict(asked.get("definitions", ()))
     if "variant" in asked:
         asked["variant"] = choose_variant(asked["variant"])
-        progressive = (*TARGETS, "max_samples", "adaptive", "keep", "part", "workers", "cluster")
+        progressive = (*TARGETS, "max_samples", "adaptive", "checkpoint", "part", "workers", "cluster")
         refuse_scalar([f"--{name.replace('_', '-')}" for name in progressive if name in given], asked["variant"])
     return Job(**asked)
 
@@ -289,6 +284,6 @@ def refuse_scalar(names: list[str], variant: str) -> None:
     """Raises InputError for these options with a scalar variant, which renders pixel by pixel."""
     if variant.startswith("scalar_") and names:
         raise InputError(
-            f"{', '.join(names)}: {variant} renders one pixel after the other, and knows nothing of the whole image. "
-            "Give another variant, such as -m llvm_ad_rgb (prosim doctor lists those of this machine), or --spp."
+            f"{', '.join(names)}: {variant} renders pixel by pixel, not progressively. Give another variant, "
+            "such as -m llvm_ad_rgb (prosim doctor lists those of this machine), or --spp."
         )

@@ -60,7 +60,7 @@ def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> N
     for k, letter in enumerate("RGB"):
         planes[letter] = whole[..., k]
         planes |= {f"{name}.{letter}": values[..., k] for name, values in colours.items()}
-    header["prosim.mix"] = said(factors)
+    header["prosim.mix"] = described(factors)
     stem = output_files.stem(job.output, image.with_name(f"{image.stem}-mix"), SUFFIXES)
     output_files.check(stem, SUFFIXES, sum(plane.nbytes for plane in planes.values()), [image])
     ordered = {name: planes[name] for name in sorted(planes, key=lambda name: ("." in name, "RGBA".find(name)))}
@@ -68,17 +68,12 @@ def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> N
     click.echo(" and ".join(map(str, output_files.save(stem, contents))))
 
 
-def said(factors: Iterable[tuple[str, np.ndarray]]) -> str:
+def described(factors: Iterable[tuple[str, np.ndarray]]) -> str:
     """The factors, for the metadata."""
     return ", ".join(f"{name} x {' '.join(map(str, factor))}" for name, factor in factors)
 
 
-def total(planes: dict[str, np.ndarray], layers: list[str], letter: str) -> np.ndarray:
-    """The sum of one colour of the ``layers``."""
-    return np.sum([planes[f"{name}.{letter}"] for name in layers], axis=0)
-
-
 def is_sum(planes: dict[str, np.ndarray], layers: list[str], letter: str) -> bool:
     """Whether one colour of the image is the sum of the ``layers``."""
-    image = planes.get(letter, np.zeros(1))
-    return bool(np.abs(total(planes, layers, letter) - image).max() <= ROUNDING * max(np.abs(image).max(), 1e-3))
+    image, total = planes.get(letter, np.zeros(1)), np.sum([planes[f"{name}.{letter}"] for name in layers], axis=0)
+    return bool(np.abs(total - image).max() <= ROUNDING * max(np.abs(image).max(), 1e-3))

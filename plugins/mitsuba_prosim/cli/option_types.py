@@ -82,9 +82,10 @@ class Number(click.FloatRange):
         return number
 
 
-def _resolution(width: str, height: str) -> tuple[int, int]:
-    overrides.check_size(int(width), int(height))
-    return int(width), int(height)
+def _resolution(*size: str) -> tuple[int, ...]:
+    width, height = map(int, size)
+    overrides.check_size(width, height)
+    return width, height
 
 
 def _frames(first: str, end: str | None, step: str | None) -> range:

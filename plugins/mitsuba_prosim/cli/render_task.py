@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -53,7 +54,7 @@ class RenderTask:
 
     @cached_property
     def sensor(self) -> mi.Sensor:
-        """The sensor that the job names. Raises ValueError where there is none."""
+        """The sensor that the job names. Raises ValueError where the scene has no such sensor."""
         return scene_file.pick_sensor(self.scene, self.job.sensor)
 
     @property
@@ -63,8 +64,9 @@ class RenderTask:
 
     @cached_property
     def about(self) -> dict[str, Any]:
-        """Facts that identify the checkpoints."""
-        return self.job.about(self.file)
+        """Facts that identify the checkpoints, and by which another process continues the job."""
+        image = self.job.image() | {"scene": os.path.abspath(self.job.scene)}
+        return {"job": image, "digest": self.file.digest()}
 
     def check(self) -> None:
         """Raises the errors of loading the scene, and ValueError where the options do not suit it, or :attr:`begin`
@@ -74,7 +76,7 @@ class RenderTask:
         refuse_scalar([name for name in TARGETS if getattr(integrator, name, 0)], job.variant)
         if job.denoise:
             check_denoising(film, integrator)
-        option = "--part" if job.part else "--keep" if job.keep else job.distributed
+        option = "--part" if job.part else "--checkpoint" if job.checkpoint else job.distributed
         if option and not rendering.keeps(integrator):
             raise ValueError(
                 f"{option} needs prosim or prosim_adaptive, in all but scalar variants; this scene's integrator is "
@@ -90,7 +92,7 @@ class RenderTask:
     def writer(self) -> CheckpointWriter | None:
         """The writer of the checkpoints, or None. Raises InputError where the result can't be written."""
         part = self.job.part
-        states = [f".{part}.npz" if part else STATE] if part or self.job.keep else []
+        states = [f".{part}.npz" if part else STATE] if part or self.job.checkpoint else []
         self.check_place(self.size, [*(() if part else SUFFIXES), *states])
         return CheckpointWriter(Path(f"{self.stem}{states[0]}"), self.about, warn) if states else None
 
@@ -253,9 +255,8 @@ def finish(
         bitmap, own = layers.undenoised(both), {"prosim.denoised": "no, interrupted"}
         lines.append("not denoised: interrupted")
     else:
-        result, estimates = steps.denoised(), steps.render and steps.render.state.estimates
-        bitmap = layers.bitmap(both, result)
-        own, line = report.of_denoised(result, estimates, both.uncertainty, film)
+        bitmap = layers.bitmap(both, steps.denoised())
+        own, line = report.of_denoised(steps, film)
         lines.append(line)
     header = report.metadata(job, integrator, reached, interrupted is not None, seconds) | own | dict(facts or {})
     exposure = job.exposure or 0.0

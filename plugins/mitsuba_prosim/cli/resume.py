@@ -35,7 +35,7 @@ scene_option = option("Scene", "--scene", "moved", type=SCENE_FILE, help="Path o
 @takes(*TARGET, "output", "exposure", "verbose", "threads", "workers", "cluster")
 @scene_option
 def resume(job: Job, state: Path, moved: Path | None) -> None:
-    """Continue a render from STATE, a file that prosim render --keep has written, until its target.
+    """Continue a render from STATE, a file that prosim render --checkpoint has written, until its target.
 
     The image is the same to the bit as without the interruption. Another target continues the image from where it is;
     --time counts from the beginning. A state of another scene or version is refused.
@@ -45,14 +45,14 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
     if record.part and (target or job.distributed):
         raise click.UsageError(
             f"{state} is a part, and all parts of an image have one target; finish it without further options. "
-            "prosim merge --keep makes a state of all parts, which can be continued."
+            "prosim merge --checkpoint makes a state of all parts, which can be continued."
         )
     if target.get("adaptive") in BY_FIRST:
         raise click.UsageError(f"--adaptive {target['adaptive']} decides by the first samples, which exist already.")
     if target:
         policy = record.facts["sampling"]["adaptive"]
         target = {"adaptive": "graded" if policy in BY_FIRST else policy} | target
-    job = continued(before, job, keep=True, part=record.part, **target)
+    job = continued(before, job, checkpoint=True, part=record.part, **target)
     write_image(job, output_files.stem(job.output, stem(state), SUFFIXES), record)
     if record.finished and not target:
         click.echo(
@@ -64,7 +64,7 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
 
 @click.command(cls=Command)
 @click.argument("files", metavar="PART...", type=PART_FILE, nargs=-1, required=True)
-@takes("output", "exposure", "keep", "verbose", "threads")
+@takes("output", "exposure", "checkpoint", "verbose", "threads")
 @scene_option
 def merge(job: Job, files: tuple[Path, ...], moved: Path | None) -> None:
     """Merge the PARTs of an image, files that prosim render --part has written.
@@ -77,8 +77,8 @@ def merge(job: Job, files: tuple[Path, ...], moved: Path | None) -> None:
     write_image(continued(before, job), target, record)
     click.echo(
         f"The parts can be removed: {target}{STATE} stores all of them."
-        if job.keep
-        else "The parts can be removed, unless the image is to be continued: prosim merge --keep makes a state of them."
+        if job.checkpoint
+        else "The parts can be removed, unless the image is to be continued: --checkpoint makes a state of them."
     )
 
 

@@ -23,11 +23,7 @@ TARGETS = click.Choice(["prosim", "stock"])
     "Output", "-o", "--output", type=click.Path(file_okay=False), help="Folder to write to.", show_default="the scene's"
 )
 @option(
-    "Output",
-    "--target",
-    type=click.Choice(["prosim", "stock"]),
-    default="prosim",
-    help="Plugins of the XML: this package's, or Mitsuba's own only.",
+    "Output", "--target", type=TARGETS, default="prosim", help="Plugins of the XML: this package's, or Mitsuba's only."
 )
 @option("Output", "--check", is_flag=True, help="Write nothing; only print errors and warnings.")
 def translate(job: Job, target: str, check: bool) -> None:
@@ -49,19 +45,18 @@ def translate(job: Job, target: str, check: bool) -> None:
 @click.option("--check", is_flag=True, help="Write nothing; exit with 1 if a file is not tidy.")
 def format_scene(scenes: tuple[Path, ...], check: bool) -> None:
     """Rewrite SCENES, in the thesis's scene language, in tidy form; their meaning stays the same."""
-    tidy = {}
+    untidy = {}
     for scene in scenes:
         with wrong_input():
-            before = prosim_scene.read(scene)
-            after = prosim_scene.format(before, str(scene))
-        if before != after:
-            tidy[scene] = after
-    for scene, text in tidy.items():
+            text = prosim_scene.read(scene)
+            tidy = prosim_scene.format(text, str(scene))
+        if text != tidy:
+            untidy[scene] = tidy
+    for scene, tidy in untidy.items():
         if not check:
             try:
-                prosim_scene.rewrite(scene, text)
+                prosim_scene.rewrite(scene, tidy)
             except prosim_scene.SceneError as error:  # of the disk
                 raise click.ClickException(str(error)) from None
         click.echo(f"{scene}: {'not tidy' if check else 'tidied'}")
-    if check and tidy:
-        sys.exit(1)
+    sys.exit(bool(check and untidy))

@@ -16,13 +16,13 @@ from .. import atomic
 from ..scene import images, scene_file, session
 from .input_files import SCENE_FILE
 from .interrupts import interruptible
-from .job import OPTIONS, Command, Job, refuse_scalar, takes
+from .job import FILM, OPTIONS, Command, Job, refuse_scalar, takes
 from .log import log
 from .option_types import Integer, need, option
 from .report import metadata
 
-#: Options of files, films and other processes, which it does not have.
-LEFT_OUT = ("output", "exposure", "keep", "view", "crop", "frames", "fps", "overwrite", "workers", "cluster", "part")
+#: Options of files and other processes, which it does not have, besides those of films.
+LEFT_OUT = ("output", "exposure", "checkpoint", "snapshots", "view", "crop", "workers", "cluster", "part", *FILM)
 
 
 @click.command(cls=Command)
@@ -38,7 +38,7 @@ def watch(job: Job, port: int, browser: bool) -> None:
     """
     need("watch", "prosim watch")
     from ..live import server, viewer
-    from .mix import said
+    from .mix import described
 
     refuse_scalar(["prosim watch"], job.variant)
     if job.denoise:
@@ -63,7 +63,7 @@ def watch(job: Job, port: int, browser: bool) -> None:
             state, bitmap, integrator, reached = shown.result(factors)
             facts = metadata(job, integrator, reached, state.status != "done", state.seconds)
             if factors:
-                facts["prosim.mix"] = said([(name.partition(".")[2], factor) for name, factor in factors])
+                facts["prosim.mix"] = described([(name.partition(".")[2], factor) for name, factor in factors])
             return images.encode(bitmap, facts, exposure)
 
         with server.served(shown, encode, sock) as address:

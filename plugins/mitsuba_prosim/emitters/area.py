@@ -7,7 +7,7 @@ import mitsuba as mi
 
 from ..compat import SPHERE
 from ..light.beam import read_beam
-from ..light.emission import read_emission, sample_spectrum
+from ..light.emitted_spectrum import read_emission, sample_spectrum
 from ..parameters import describe, expose, reject
 from ..registry import plugin
 

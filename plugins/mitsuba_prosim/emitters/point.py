@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..light.beam import read_beam
-from ..light.emission import read_emission, sample_spectrum
+from ..light.emitted_spectrum import read_emission, sample_spectrum
 from ..parameters import describe, expose, number, reject
 from ..registry import plugin
 

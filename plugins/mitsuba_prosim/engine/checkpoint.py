@@ -72,7 +72,6 @@ class Checkpoint:
             "part": None if state.part is None else (state.part.number, state.part.of),
             "endless": state.plan.endless,
             "noise": state.noise,
-            "slope": state.slope,
             "estimates": state.estimates,
             "rounds": state.rounds,
             "effort": state.effort,
@@ -116,7 +115,7 @@ class Checkpoint:
         # Further samples may be of an endless sequence after N-rook patterns, but not the reverse.
         state.plan = replace(state.plan, endless=state.plan.endless or self.facts["endless"])
         rms, most, nearly_all = self.facts["noise"]
-        state.noise, state.slope = (rms, most, nearly_all), self.facts["slope"]
+        state.noise = rms, most, nearly_all
         state.estimates = [tuple(estimate) for estimate in self.facts["estimates"]]
         # The policies look at different numbers of pixels around a crop window.
         _, mine, theirs = np.intersect1d(self.pixels["index"], index(state), True, return_indices=True)
@@ -195,7 +194,7 @@ def read(path: str | Path, arrays: bool = True) -> Checkpoint:
     with open(path, "rb") as file:
         begin = file.read(1 << 10)
         if not begin.startswith(MAGIC) or b"facts.npy" not in begin:
-            raise NotACheckpointError(f"{path} is no checkpoint; --keep and --part write some")
+            raise NotACheckpointError(f"{path} is no checkpoint; --checkpoint and --part write some")
         file.seek(0)
         groups: dict[str, dict[str, np.ndarray]] = {"facts": {}, "pixels": {}, "second": {}}
         try:
@@ -304,7 +303,6 @@ def put_together(parts: Sequence[Checkpoint]) -> Checkpoint:
 
 def check_parts(parts: Mapping[Path, Checkpoint]) -> None:
     """Raises CheckpointError unless these are all parts of one image, each once."""
-    found: dict[int, Path] = {}
     first_path, first = next(iter(parts.items()))
     for path, checkpoint in parts.items():
         if checkpoint.part is None:
@@ -312,20 +310,15 @@ def check_parts(parts: Mapping[Path, Checkpoint]) -> None:
                 f"{path} is the state of a whole image, not a part of one; continue it by prosim resume"
             )
         mine, theirs = common_facts(checkpoint), common_facts(first)
-        if different := ", ".join(
-            f"{name}: {value} here, {theirs.get(name)} there"
-            for name, value in mine.items()
-            if value != theirs.get(name)
-        ):
-            raise CheckpointError(f"{path} is not of the image that {first_path} is a part of ({different})")
-        if other := found.get(checkpoint.part.number):
-            raise CheckpointError(f"{path} is part {checkpoint.part}, as {other} is already; name each part once")
+        if different := [f"{k}: {v} here, {theirs.get(k)} there" for k, v in mine.items() if v != theirs.get(k)]:
+            raise CheckpointError(f"{path} is not of the image that {first_path} is a part of ({', '.join(different)})")
         if not checkpoint.finished:
             raise CheckpointError(f"{path} is not finished; continue it first: prosim resume {path}")
-        found[checkpoint.part.number] = path
-    _, of = first.facts["part"]
-    if missing := sorted({*range(1, of + 1)} - found.keys()):
-        raise CheckpointError(f"of {of} parts, these are missing: {', '.join(map(str, missing))}")
+    of, paths = first.facts["part"][1], {checkpoint.facts["part"][0]: path for path, checkpoint in parts.items()}
+    if twice := [str(path) for path in parts if path not in paths.values()]:
+        raise CheckpointError(f"{', '.join(twice)}: another file has the same part; name each part once")
+    if missing := [str(number) for number in range(1, of + 1) if number not in paths]:
+        raise CheckpointError(f"of {of} parts, these are missing: {', '.join(missing)}")
 
 
 def common_facts(checkpoint: Checkpoint) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from ..sampling import wavelengths
 from ..sampling.hash import combine
 from ..sampling.nrook import NRook
 from ..sampling.sobol import Sobol
-from ..transport.context import LENS, PIXEL, TIME_AND_WAVELENGTH
+from ..transport.transport_context import LENS, PIXEL, TIME_AND_WAVELENGTH
 from .accumulators import BRIGHTEST, DARKEST, Accumulators
 from .camera import ray_sampler
 from .film import Channels, luminance

@@ -103,11 +103,7 @@ def asked_aovs(props: mi.Properties) -> tuple[list[str], mi.Integrator | None]:
 
 def with_more_channels(image: mi.TensorXf, more: int) -> mi.TensorXf:
     """``image``, shape (height, width, channels), with ``more`` further channels of zeros at the end."""
-    height, width, channels = image.shape
-    complete = dr.zeros(mi.Float, height * width * (channels + more))
-    i = dr.arange(mi.UInt32, height * width * channels)
-    dr.scatter(complete, image.array, i // channels * (channels + more) + i % channels)
-    return mi.TensorXf(complete, (height, width, channels + more))
+    return dr.concat((image, dr.zeros(mi.TensorXf, (*image.shape[:2], more))), axis=2) if more else image
 
 
 def film_values(state: FilmState, own_aovs: Sequence[str], second: Accumulators | None = None) -> mi.TensorXf:

@@ -56,8 +56,8 @@ class Pass:
 
     pixels: Pixels
     wanted: np.ndarray
-    #: The part of the image that is done before and after; None: it stays the same.
-    span: tuple[float, float] | None = None
+    #: Samples of the image at its end, as far as is known; 0: the progress stays the same.
+    expected: float = 0.0
     #: Whether the image is shown afterwards; whether the time limit ends it; whether a call of ``stop()`` does.
     shown: bool = True
     timed: bool = False
@@ -65,11 +65,10 @@ class Pass:
     #: Whether all samples have been taken.
     complete: bool = field(default=False, init=False)
 
-    @property
-    def missing(self) -> int:
-        """Number of the samples."""
-        lack = np.int64(self.wanted) - np.array(self.pixels.accumulators.count)
-        return int(lack[lack > 0].sum())
+    def lack(self) -> tuple[int, int]:
+        """Number of the samples that there are, and of those that are missing."""
+        count = np.array(self.pixels.accumulators.count, dtype=np.int64)
+        return int(count.sum()), int(np.maximum(self.wanted - count, 0).sum())
 
 
 class Render:
@@ -142,8 +141,7 @@ class Render:
                     work = next(passes, None)
                 if work is None:
                     break
-                taken, missing = 0, work.missing
-                begin, end = work.span or (self._done, self._done)
+                (before, missing), taken = work.lack(), 0
                 for wanted in photon_steps(work.pixels, work.wanted, self.executor.sets):
                     items = work_items(work.pixels, wanted, self._limit)
                     with closing(self.executor(items)) as results:
@@ -153,13 +151,11 @@ class Render:
                                 with alone():
                                     item.put(sums)
                                 taken += item.work
-                                self._done = max(begin + (end - begin) * taken / missing, self._by_time(work))
+                                self._done = self._progress(work, before + taken)
                             yield Step(self._done, False)
                             if taken < missing and self._over(work):
                                 break
                 complete = work.complete = taken == missing
-                if complete:
-                    self._done = max(end, self._by_time(work))
                 if (work.shown or not complete) and np.all(self.state.counts > 0):
                     yield Step(self._done, True)
             self.finished = not self._stopped and (complete or self.target.over)
@@ -173,9 +169,10 @@ class Render:
     def _over(self, work: Pass) -> bool:
         return (work.stoppable and self._stopped) or (work.timed and self.target.over)
 
-    def _by_time(self, work: Pass) -> float:
-        seconds = self.target.seconds
-        return min(1 - self.target.left / seconds, 1.0) if work.timed and seconds else 0.0
+    def _progress(self, work: Pass, samples: int) -> float:
+        """The part of the image that is done, by its samples or by its time."""
+        by_time = 1 - self.target.left / self.target.seconds if work.timed and self.target.seconds else 0.0
+        return min(max(samples / work.expected if work.expected else self._done, by_time), 1.0)
 
     def _limit(self, left: int) -> int:
         return self.executor.limit(left, self.target.item_seconds)
@@ -193,13 +190,13 @@ class Render:
     def _image_passes(self) -> Iterator[Pass]:
         """The passes over the image. A state with samples and decisions continues."""
         state, plan, policy = self.state, self.state.plan, self.state.policy
-        begin = policy.first / plan.most  # as long as the number of the following passes is unknown
+        most = float(plan.most * dr.width(state.x))  # as long as the number of the following passes is unknown
         if state.rounds == 0:
             first = np.full(dr.width(state.x), policy.first, np.uint32)
             first = state.share(first, policy.rounds * policy.reach)
             if self.target.seconds:  # there is an image after one sample of each pixel
                 yield Pass(state, np.minimum(first, 1), shown=False)
-            work = Pass(state, first, (0.0, begin), timed=True)
+            work = Pass(state, first, most, timed=True)
             yield work
             if not work.complete and dr.any(state.accumulators.count > 0):
                 yield Pass(state, np.minimum(first, 1), shown=False, stoppable=False)
@@ -218,20 +215,19 @@ class Render:
                 if left:  # few samples know little
                     wanted = np.minimum(wanted, np.maximum(GROWTH * np.array(state.accumulators.count), plan.n**2))
                 state.wanted, state.rounds = state.share(wanted, left * policy.reach), state.rounds + 1
-            end = int(state.wanted.max()) / plan.most if left else 1.0
-            work = Pass(state, state.wanted, (begin, end))
+            work = Pass(state, state.wanted, most if left else float(state.wanted.sum(dtype=np.int64)))
             yield work
             if not work.complete:
                 return
-            state.wanted, begin = None, end
+            state.wanted = None
 
     def _refine(self) -> Iterator[Pass]:
         """The passes that reach the error target, each followed by one that measures the error. Each pixel gets samples
         in proportion to those that the policy requests.
         """
-        state, second, target, started = self.state, self.second, self.target, time.perf_counter()
+        state, second, started = self.state, self.second, time.perf_counter()
         have = mean(state.counts)
-        speed = have / target.passed if state.effort else 0.0  # else the first pass had to compile
+        speed = have / self.target.passed if state.effort else 0.0  # else the first pass had to compile
         while True:
             count = np.array(state.accumulators.count)
             if state.wanted is None:
@@ -252,10 +248,9 @@ class Render:
                 if not np.any(state.wanted > count):  # each pixel has all that the plan allows
                     state.wanted = None
                     return
-            have, wanted = mean(count), mean(state.wanted)
-            end = max(have * remaining(state, target), wanted) if any(target.limits) else np.inf
-            work = Pass(state, state.wanted, (have / end, wanted / end), shown=False, timed=True)
-            started = time.perf_counter()
+            have, started = mean(count), time.perf_counter()
+            expected = max(have * remaining(state, target), mean(state.wanted)) if any(target.limits) else np.inf
+            work = Pass(state, state.wanted, expected * len(count), shown=False, timed=True)
             yield work
             if not work.complete:
                 return

@@ -16,15 +16,11 @@ from .reparameterisation import with_sphere
 from .spherical_cap import pdf_projected_cap, sample_projected_cap
 from .strategy import Emitter, Index, OtherLights, Receiver, direction_sample, weighted
 
-#: Four times the unit of rounding in single precision.
-SINGLE = 2.0**-22
-
 
 class SphereLights(OtherLights):
     """Emitters that are spheres and emit outwards; ``emitters``: all of them, in the order of their numbers."""
 
     whole_sphere = False
-    can_exclude = True
     follows_shape = False
 
     def __init__(self, emitters: Sequence[mi.Emitter]) -> None:
@@ -71,16 +67,6 @@ class SphereLights(OtherLights):
         ds = direction_sample(receiver, d)
         ds.n = -d
         return ds, jacobian
-
-    def may_meet(self, number: Index, o: mi.Point3f, d: mi.Vector3f) -> mi.Bool:
-        """Whether the ray (o, d) meets the source ``number`` if nothing is in the way."""
-        center, radius = self.sphere(number)
-        to_center = center - o
-        b = dr.dot(to_center, d)
-        # With a margin for rounding: the renderer's own test compares squares of the distance, in single precision.
-        distance2 = dr.squared_norm(to_center) + dr.squared_norm(center)
-        near = dr.squared_norm(to_center - b * d) <= dr.square(1.001 * radius) + SINGLE * distance2
-        return near & (b > -radius)
 
 
 def sphere_of(emitter: Emitter) -> tuple[mi.Point3f, mi.Float]:

@@ -56,8 +56,6 @@ class OtherLights:
 
     #: Whether the whole source is sampled, the part below the horizon included.
     whole_sphere = True
-    #: Whether :meth:`may_meet` can exclude that a ray meets a source.
-    can_exclude = False
     #: Whether :meth:`reparameterised` needs the point ``met``.
     follows_shape = True
 
@@ -82,10 +80,6 @@ class OtherLights:
     def pdf(self, number: Index, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
         """Density per solid angle with which :meth:`sample` takes the direction ``ds``."""
         return ds.emitter.pdf_direction(receiver.si, ds, active)
-
-    def may_meet(self, number: Index, o: mi.Point3f, d: mi.Vector3f) -> mi.Bool:
-        """Whether the ray (o, d) may meet the source ``number`` if nothing is in the way."""
-        return mi.Bool(True)
 
     def reparameterised(
         self, number: Index, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f | None, active: mi.Bool

@@ -82,10 +82,6 @@ class Lamp:
         """``(ds, jacobian)``, both with derivatives; see :meth:`.OtherLights.reparameterised`."""
         return self._by_strategy(active, lambda s, k, mine: s.reparameterised(k, receiver, d, met, mine))
 
-    def may_meet(self, o: mi.Point3f, d: mi.Vector3f) -> mi.Bool:
-        """Whether the ray (o, d) may meet the source; see :meth:`.OtherLights.may_meet`."""
-        return self._by_strategy(mi.Bool(True), lambda s, k, _: s.may_meet(k, o, d))
-
     def _by_strategy(self, active: mi.Bool, evaluate: Callable[[OtherLights, Index, mi.Bool], Any]) -> Any:
         """The result of ``evaluate`` for the strategy of the lamp, the lamp's number within it, and a mask.
 
@@ -135,12 +131,7 @@ class Lights:
         if skies:
             sky = ConstantSky(2 * scene.bbox().bounding_sphere().radius)
             self.sky = Lamp(self.lamps, skies[-1], [(sky, self.lamps, self.count)])
-        deltas = [mi.has_flag(e.flags(), mi.EmitterFlags.Delta) for e in self.emitters]
-        self.only_points = all(deltas)
-        #: Whether :meth:`may_meet` can exclude that a ray meets a source.
-        self.can_exclude = self.sky is None and all(
-            strategy.can_exclude or all(deltas[first:end]) for strategy, first, end in self.groups
-        )
+        self.only_points = all(mi.has_flag(e.flags(), mi.EmitterFlags.Delta) for e in self.emitters)
         self.jit = dr.is_jit_v(mi.Float)
         if self.jit and self.emitters:
             self._tabulate(scene)
@@ -175,19 +166,12 @@ class Lights:
         """The lamp of the number ``k``."""
         return Lamp(k, dr.gather(mi.EmitterPtr, self.pointers, k) if self.jit else self.emitters[k], self.groups)
 
-    def for_each(
-        self,
-        body: Callable[[Lamp, Any], Any],
-        total: Any,
-        active: mi.Bool,
-        groups: list[Group] | None = None,
-        attached: bool = False,
-    ) -> Any:
-        """The last ``total = body(lamp, total)`` over the lamps, or those of some of the ``groups``.
+    def for_each(self, body: Callable[[Lamp, Any], Any], total: Any, active: mi.Bool, attached: bool = False) -> Any:
+        """The last ``total = body(lamp, total)`` over the lamps.
 
         ``attached``: whether the derivatives of ``total`` are wanted, which do not pass through a symbolic loop.
         """
-        for strategy, first, end in self.groups if groups is None else groups:
+        for strategy, first, end in self.groups:
             if self.jit and self.lamps > self.UNROLLED:
                 group = strategy, dr.opaque(mi.UInt32, first), dr.opaque(mi.UInt32, end)
                 total = self._loop(body, group, total, active, attached)
@@ -241,12 +225,3 @@ class Lights:
             return d, mi.Float(1)
         ds, jacobian = Lamp(k, emitter, self.groups).reparameterised(receiver, d, met, active)
         return dr.select(active, ds.d, d), dr.select(active, jacobian, 1)
-
-    def may_meet(self, o: mi.Point3f, d: mi.Vector3f) -> mi.Bool:
-        """Whether the ray (o, d) may meet a source if nothing is in the way; only where the table ``can_exclude``."""
-        return self.for_each(
-            lambda lamp, meets: meets | lamp.may_meet(o, d),
-            mi.Bool(False),
-            mi.Bool(True),
-            [group for group in self.groups if group[0].can_exclude],
-        )

@@ -9,8 +9,8 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import BLEND, MAPS, MASK, TWO_SIDED
-from .nested import parts
+from ..compat import MAPS
+from .nested import leaves, parts
 
 #: Name of the attribute.
 NAME = "ambient"
@@ -21,21 +21,15 @@ def reflectance(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool = Tr
 
     Black without the parameter, and on the back of BSDFs with one side.
     """
-    kind = bsdf.class_name()
-    if kind == TWO_SIDED:
-        front, back = (parts(bsdf)[name] for name in ("brdf_0", "brdf_1"))
-        turned = mi.SurfaceInteraction3f(si)
-        turned.wi.z = dr.abs(si.wi.z)
-        on_front = reflectance(front, turned, active)
-        return on_front if front is back else dr.select(si.wi.z > 0, on_front, reflectance(back, turned, active))
-    if kind == MASK:
-        inner = parts(bsdf)
-        return dr.clip(inner["opacity"].eval_1(si, active), 0, 1) * reflectance(inner["nested_bsdf"], si, active)
-    if kind == BLEND:
-        inner = parts(bsdf)
-        first, second = (reflectance(inner[name], si, active) for name in ("bsdf_0", "bsdf_1"))
-        return dr.lerp(first, second, dr.clip(inner["weight"].eval_1(si, active), 0, 1))
-    if kind in MAPS:
+    total = mi.UnpolarizedSpectrum(0)
+    for leaf in leaves(bsdf, si, active):
+        if leaf.bsdf is not None:
+            total += leaf.share * _of_leaf(leaf.bsdf, leaf.seen_by(si), active)
+    return total
+
+
+def _of_leaf(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
+    if bsdf.class_name() in MAPS:
         return reflectance(parts(bsdf)["nested_bsdf"], si, active)
     if not dr.all(bsdf.has_attribute(NAME)):  # in scalar variants, to evaluate it then is an error
         return mi.UnpolarizedSpectrum(0)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
+import drjit as dr
 import mitsuba as mi
 
-from ..compat import INSTANCE
+from ..compat import BLEND, INSTANCE, MASK, TWO_SIDED
 
 
 @functools.cache
@@ -53,3 +54,62 @@ def all_shapes(scene: mi.Scene) -> list[mi.Shape]:
         groups = [part for part in parts(scene).values() if isinstance(part, mi.Shape)]
         shapes += [s for group in groups for s in parts(group).values() if isinstance(s, mi.Shape)]
     return shapes
+
+
+class Leaf(NamedTuple):
+    """A BSDF that contains no ``blendbsdf``, ``mask`` or ``twosided``."""
+
+    #: Its weight, and the factor of that which ``blendbsdf`` gives.
+    share: mi.Float
+    blend: mi.Float
+    #: None for the null lobe of a ``mask``.
+    bsdf: mi.BSDF | None
+    #: Whether a ``twosided`` always shows it the front side.
+    turned: bool = False
+
+    def seen_by(self, si: mi.SurfaceInteraction3f) -> mi.SurfaceInteraction3f:
+        """``si`` as the leaf sees it."""
+        return from_front(si) if self.turned else si
+
+
+def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[Leaf]:
+    """The BSDFs that ``bsdf`` mixes at ``si``, with weights that sum up to 1; in the order of the intervals of the
+    number by which Mitsuba chooses among them.
+    """
+    kind, inner = bsdf.class_name(), parts(bsdf)
+    if kind == BLEND:
+        weight = dr.clip(inner["weight"].eval_1(si, active), 0, 1)
+        return [
+            leaf._replace(share=part * leaf.share, blend=part * leaf.blend)
+            for part, half in ((weight, inner["bsdf_1"]), (1 - weight, inner["bsdf_0"]))
+            for leaf in leaves(half, si, active)
+        ]
+    if kind == MASK:
+        opacity = dr.clip(inner["opacity"].eval_1(si, active), 0, 1)
+        nested = leaves(inner["nested_bsdf"], si, active)
+        hole = Leaf(1 - opacity, mi.Float(1), None)
+        return [*(leaf._replace(share=opacity * leaf.share) for leaf in nested), hole]
+    if kind == TWO_SIDED:
+        return [
+            leaf._replace(share=part * leaf.share, turned=True)
+            for part, side in sides(bsdf, si)
+            for leaf in leaves(side, from_front(si), active)
+        ]
+    return [Leaf(mi.Float(1), mi.Float(1), bsdf)]
+
+
+def sides(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f) -> list[tuple[mi.Float, mi.BSDF]]:
+    """The BSDFs of a ``twosided``: each with weight 1 where ``si`` is on its side, else 0."""
+    inner = parts(bsdf)
+    front, back = inner["brdf_0"], inner["brdf_1"]
+    if front is back:
+        return [(mi.Float(1), front)]
+    in_front = mi.Frame3f.cos_theta(si.wi) > 0
+    return [(dr.select(in_front, mi.Float(1), 0), front), (dr.select(in_front, mi.Float(0), 1), back)]
+
+
+def from_front(si: mi.SurfaceInteraction3f) -> mi.SurfaceInteraction3f:
+    """``si`` with the viewer on the front side."""
+    other = mi.SurfaceInteraction3f(si)
+    other.wi.z = dr.abs(si.wi.z)
+    return other

@@ -46,9 +46,10 @@ class Task:
     name: str
     submit: Callable[[], distributed.Future]
     read: Callable[[Any], Any]
-    #: The workers that may run it.
+    #: The workers that may run it; and seconds that its value may take to arrive.
     workers: frozenset[str] = frozenset()
     future: Any = None
+    timeout: float = 1.0
 
 
 class DaskExecutor(Executor):
@@ -68,7 +69,8 @@ class DaskExecutor(Executor):
         #: Seconds of all workers together.
         self.worker_seconds = 0.0
         self.address = getattr(client.scheduler, "address", "of the cluster")
-        self._workers, self._refused = frozenset[str](), dict[str, str]()
+        #: The workers, and the reason why one can't take part.
+        self._known = dict[str, str]()
         self._next_look, self._begun, self._said = 0.0, time.perf_counter(), set[str]()
         self._photons = dict[Which, distributed.Future]()
         self._files = dict[bytes, distributed.Future]()
@@ -132,36 +134,16 @@ class DaskExecutor(Executor):
         Raises ClusterError if no worker can take part, or if a task fails too often.
         """
         running: list[Task] = []
-
-        def submit(task: Task) -> None:
-            task.future, task.workers = task.submit(), self._workers
-
         try:
             while not self._look():
-                window = WINDOW * len(self._workers)
-                for task in running:
-                    if window and task.workers.isdisjoint(self._workers):  # all of them were lost
-                        submit(task)
-                busy = sum(not task.future.done() for task in running)
-                while busy < window and (new := next(tasks, None)) is not None:
-                    submit(new)
-                    running.append(new)
-                    busy += 1
-                if window and not running:
+                self._begin(tasks, running)
+                if self._workers and not running:
                     return
                 ready = next((task for task in running if task.future.done()), None)
-                if ready is None:
+                value = None if ready is None else self._value(ready)
+                if ready is None or value is None:
                     time.sleep(0.01)
                     yield None
-                    continue
-                try:
-                    value = ready.future.result()
-                except (distributed.CancelledError, OSError):  # it was lost
-                    submit(ready)
-                except Exception as error:
-                    raise ClusterError(
-                        f"{ready.name}: {RETRIES + 1} attempts failed, the last one with: {error}"
-                    ) from error
                 else:
                     running.remove(ready)
                     yield ready.read(value)
@@ -169,57 +151,78 @@ class DaskExecutor(Executor):
             for task in running:
                 task.future.cancel()
 
+    def _begin(self, tasks: Iterator[Task], running: list[Task]) -> None:
+        """Submits the next tasks, and those again whose workers were all lost."""
+        for task in running:
+            if self._workers and task.workers.isdisjoint(self._workers):
+                task.future, task.workers = task.submit(), self._workers
+        busy = sum(not task.future.done() for task in running)
+        while busy < WINDOW * len(self._workers) and (new := next(tasks, None)) is not None:
+            new.future, new.workers = new.submit(), self._workers
+            running.append(new)
+            busy += 1
+
+    def _value(self, task: Task) -> Any:
+        """The value of a finished task; None where it is late or lost. Raises ClusterError."""
+        try:
+            return task.future.result(task.timeout)
+        except distributed.TimeoutError:  # late, or lost with all workers that may repeat the task
+            task.timeout *= 2
+        except (distributed.CancelledError, OSError):
+            task.workers = frozenset()  # lost: it is submitted again
+        except Exception as error:
+            raise ClusterError(f"{task.name}: {RETRIES + 1} attempts failed, the last one with: {error}") from error
+
     # ---------------------------------------------------------------- workers
+
+    @property
+    def _workers(self) -> frozenset[str]:
+        """The workers that take part."""
+        return frozenset(address for address, refusal in self._known.items() if not refusal)
 
     def _look(self) -> bool:
         """Finds out which workers exist, and checks new ones; returns whether the cluster has gone away. Raises
         ClusterError if all workers are refused.
         """
-        now = time.perf_counter()
+        now, before = time.perf_counter(), self._workers
         if self.gone or now < self._next_look:
             return bool(self.gone)
         self._next_look = now + LOOK
         try:
             if self.client.status != "running":
                 raise OSError
-            present = frozenset(self.client.ncores())
-            new = [*present - self._workers - self._refused.keys()]
-            variant = self.bundle.origin["variant"]
+            present = self.client.ncores().keys()
+            new, variant = [*present - self._known.keys()], self.bundle.origin["variant"]
             checks = self.client.run(worker.check, variant, workers=new, on_error="return") if new else {}
         except (OSError, ValueError, TypeError, AttributeError):  # a lost connection raises any of these
             self.gone = f"the scheduler {self.address} has gone away"
             return True
-        before, self._workers = self._workers, self._workers & present
+        found = {a: self._refusal(a, facts) for a, facts in checks.items() if not isinstance(facts, OSError)}
+        self._known = {address: why for address, why in (self._known | found).items() if address in present}
         if before - present:
-            left = len(self._workers) or "none"
+            left = len(before & present) or "none"
             self._warn(f"a worker was lost, {left} left; others do its work, and the image stays the same")
-        self._refused = {address: why for address, why in self._refused.items() if address in present}
-        for address, found in checks.items():
-            self._checked(address, found)
         if self._workers != before:
             self._photons.clear()  # workers that are lost can't draw them again
-        if not self._workers and self._refused:
-            raise ClusterError("no worker of the cluster can take part: " + "; ".join(self._refused.values()))
+        if not self._workers and self._known:
+            raise ClusterError("no worker of the cluster can take part: " + "; ".join(self._known.values()))
         if not self._workers and now - self._begun > PATIENCE:
             self._warn("the cluster has no workers yet; the render begins when there are some")
         return False
 
-    def _checked(self, address: str, found: Mapping[str, str] | Exception) -> None:
-        """Takes the result of :func:`.worker.check` into account."""
-        if isinstance(found, OSError):
-            return  # the worker has gone
+    def _refusal(self, address: str, found: Mapping[str, str] | Exception) -> str:
+        """The reason why a worker can't take part, by the result of :func:`.worker.check`; empty if it can."""
         if isinstance(found, Exception):
             why = f"it can't run this version of mitsuba-prosim ({str(found) or type(found).__name__})"
         elif not (why := origin.differences(found, self.bundle.origin, origin.EXACT)):
-            self._workers |= {address}
             if other := origin.differences(found, self.bundle.origin, origin.CLOSE):
                 self._warn(
                     f"the worker {address} is of another kind ({other}): its samples are as good, but may differ in "
                     "their last bits"
                 )
-            return
-        self._refused[address] = f"{address}: {why}"
-        self._warn(f"a worker cannot take part, {self._refused[address]}")
+            return ""
+        self._warn(f"a worker cannot take part, {address}: {why}")
+        return f"{address}: {why}"
 
     def _warn(self, text: str) -> None:
         if text not in self._said:

@@ -12,7 +12,7 @@ from ..optics.nested import all_shapes
 from ..sampling.hash import combine, hash32
 from ..sampling.nrook import to_unit
 from ..transport import lobes
-from ..transport.scattering import sample_lobe
+from ..transport.scattering import Scattering
 from ..transport.workarounds import is_inseparable
 
 #: A surface is near-specular if nine in ten rays of its lobe have a density per solid angle above both limits: this
@@ -46,7 +46,7 @@ class NearSpecular:
         if len(glossy) < 2:
             return cls(None)
         identities = [int(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))[0]) for bsdf in glossy]
-        densities = density_of_rays(identities)
+        densities = density_of_rays(Scattering.of(scene), identities)
         limit = max(RATIO * densities.min(), LEAST)
         found = [
             i for i, b, v in zip(identities, glossy, densities) if v > limit and not getattr(b, "disperses", False)
@@ -68,7 +68,7 @@ class NearSpecular:
         return dr.gather(mi.UInt32, self.table, identity, known) != 0
 
 
-def density_of_rays(identities: list[int]) -> np.ndarray:
+def density_of_rays(scattering: Scattering, identities: list[int]) -> np.ndarray:
     """Density per solid angle that nine in ten sampled rays of each BSDF's glossy lobes exceed; 0 without such rays.
 
     The surfaces are evaluated at 45°, anywhere on their textures.
@@ -83,7 +83,8 @@ def density_of_rays(identities: list[int]) -> np.ndarray:
     si.sh_frame, si.wi = mi.Frame3f(si.n), mi.Vector3f(0.5**0.5, 0, 0.5**0.5)
     if mi.is_spectral:
         si.wavelengths = mi.UnpolarizedSpectrum(550)
-    bs, _ = sample_lobe(lobes.specular(), si, bsdf, numbers[0], mi.Point2f(*numbers[1:3]), None, mi.Bool(True))
+    point = mi.Point2f(*numbers[1:3])
+    bs, _, _ = scattering.sample(lobes.specular(), si, bsdf, numbers[0], point, None, mi.Bool(True))
     drawn = (bs.pdf > 0) & lobes.has_any(bs.sampled_type, *lobes.GLOSSY)
     pdf = np.array(dr.select(drawn, bs.pdf, 0)).reshape(count, RAYS)
     return np.array([np.percentile(row[row > 0], 10) if row.any() else 0.0 for row in pdf])

@@ -26,7 +26,7 @@ class Sobol:
         self.reversed = reverse(t)
 
     def __call__(self, space: int | mi.UInt32, active: mi.Bool = True) -> mi.Point2f:
-        """The ``mi.Point2f`` in [0, 1)² for ``space`` (an integer: 0 is the pixel; see ``transport/context.py``)."""
+        """The ``mi.Point2f`` in [0, 1)² for ``space`` (an integer: 0 is the pixel; see ``transport_context.py``)."""
         return point(combine(self.key, space), self.reversed)
 
     def choice(self, space: int | mi.UInt32) -> mi.Float:

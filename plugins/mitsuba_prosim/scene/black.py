@@ -8,8 +8,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compat import world_matrix
-
 #: Half of the darkest grey of a PNG, in linear light.
 BLACK = 0.5 / 255 / 12.92
 
@@ -53,7 +51,7 @@ def _reason(scene: mi.Scene, sensor: mi.Sensor) -> str:
     si = scene.ray_intersect(ray)
     visible = si.is_valid()
     if not dr.any(visible):
-        return "nothing is in view. " + _place(scene, sensor, np.array(ray.d).mean(axis=1))
+        return "nothing is in view. Does the camera look at the scene, and between its clipping planes?"
     if dr.all(~visible | (dr.dot(si.n, ray.d) > 0)):
         return "all visible surfaces show their inner side: the eye is within a solid, or a mesh is turned inside out."
     on_light = mi.Point2f(k * 0.7548776662466927, k * 0.5698402909980532)
@@ -68,20 +66,3 @@ def _reason(scene: mi.Scene, sensor: mi.Sensor) -> str:
             "glass that show something black?"
         )
     return "no light arrives at the visible surfaces: they lie in shadow. Are the lights enclosed, or behind a wall?"
-
-
-def _place(scene: mi.Scene, sensor: mi.Sensor, ahead: np.ndarray) -> str:
-    """The place of the scene in the view of the camera, without lights, which may be far away."""
-    eye, ahead = world_matrix(sensor)[:3, 3], ahead / np.linalg.norm(ahead)
-    box = mi.ScalarBoundingBox3f()
-    for shape in [shape for shape in scene.shapes() if not shape.is_emitter()] or scene.shapes():
-        box.expand(shape.bbox())
-    if not box.valid():
-        return "The scene has no surfaces."
-    middle = np.array(box.center()).ravel()
-    distance = float(np.linalg.norm(middle - eye))
-    angle = math.degrees(math.acos(np.clip(ahead @ (middle - eye) / max(distance, 1e-30), -1, 1)))
-    wide = float(max(box.extents()))
-    return (
-        f"The middle of the scene is {angle:.0f} degrees off the view and {distance:.3g} away; it is {wide:.3g} wide."
-    )

@@ -27,11 +27,6 @@ def pointed(words: str, scene: Path | None = None) -> str:
     return words.rstrip()
 
 
-def files(words: str) -> list[str]:
-    """Names of the files in which ``words`` name a place."""
-    return [found[1] for found in PLACE.finditer(words)]
-
-
 def _line(path: Path, line: int, column: int) -> str:
     """A line of an XML file and the caret below it; empty where it can't be read."""
     if path.suffix != ".xml":

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import html
+import os
 import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import mitsuba as mi
@@ -19,9 +20,6 @@ from .. import compat, registry
 from . import overrides, session
 from .confinement import Confinement, named
 from .errors import check_images
-
-#: The value of a parameter, where the command gives none: the first of its name.
-DEFAULT = re.compile(r'<default\s+name="(\w+)"\s+value="([^"]*)"')
 
 
 class SceneFile:
@@ -109,16 +107,17 @@ class SceneFile:
     def named_files(self) -> list[tuple[str, Path]]:
         """``(name, path)`` of each file that the scene names, without XML files.
 
-        The parser replaces a spectrum by its content, so these files are those of that name in any folder of the scene.
+        The parser replaces a spectrum by its content, so these files are those of that name, with any
+        parameters, in all folders of the scene.
         """
-        texts = [Path(str(path)) for path in self.state.files]
-        folders = dict.fromkeys([*map(str, self._resolver), *(str(path.parent) for path in texts)])
-        text = "\n".join(path.read_text(encoding="utf-8", errors="replace") for path in texts)
-        values = dict(reversed(DEFAULT.findall(text))) | self.changes["definitions"]
         files = [(props[name], path) for props, name, path in self._strings(self.state)]
+        texts = [Path(str(path)) for path in self.state.files]
+        folders = {*map(str, self._resolver), *(str(path.parent) for path in texts)}
+        text = "\n".join(path.read_text(encoding="utf-8", errors="replace") for path in texts)
         for name in sorted({name for tag, name, _ in named(text) if tag == "spectrum"}):
-            spectrum = Template(html.unescape(name)).safe_substitute(values)
-            files += [(spectrum, path) for folder in folders if (path := Path(folder, spectrum)).is_file()]
+            pattern = re.sub(r"\$\w+", "*", glob.escape(html.unescape(name)))  # whatever the parameters are
+            places = sorted(os.path.join(glob.escape(folder), pattern) for folder in folders)
+            files += [(name, Path(found)) for place in places for found in glob.glob(place)]
         return files
 
     def sources(self) -> list[Path]:
@@ -137,8 +136,7 @@ class SceneFile:
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene; ``sampler``: the plugin that takes the place of its sampler, with as many samples.
 
-        Raises Mitsuba's errors, ValueError where ``prosim_adaptive`` can't hold the integrator, and
-        :class:`prosim_scene.SceneError` for a damaged image, at its place in the text.
+        Raises Mitsuba's errors, and :class:`prosim_scene.SceneError` for a damaged image, at its place in the text.
         """
         state = mi.parser.ParserState(self.state)
         for node in state.nodes:
@@ -149,14 +147,9 @@ class SceneFile:
         try:
             with session.resolving(self._resolver), session.enough_threads():
                 return instantiate(state)
-        except RuntimeError as error:
+        except RuntimeError:
             if self.document is not None:
                 check_images(self.document)
-            if self.wrapped and "prosim_adaptive" in str(error):
-                raise ValueError(
-                    f"{self.path}: {', '.join(overrides.ENOUGH)} need prosim_adaptive, which can't hold the integrator "
-                    f"{self.wrapped}: {session.message(error)}"
-                ) from None
             raise
 
 
@@ -197,6 +190,5 @@ def pick_sensor(scene: mi.Scene, index: int) -> mi.Sensor:
     if not sensors:
         raise ValueError(f"No sensor specified for scene: {scene}")
     if not 0 <= index < len(sensors):
-        there = f"sensors 0 to {len(sensors) - 1}" if len(sensors) > 1 else "one sensor, number 0"
-        raise ValueError(f"Specified sensor index is out of bounds! The scene has {there}.")
+        raise ValueError(f"Specified sensor index is out of bounds! The scene has sensors 0 to {len(sensors) - 1}.")
     return sensors[index]

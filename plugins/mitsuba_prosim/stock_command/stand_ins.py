@@ -1,4 +1,4 @@
-"""The stand-ins for plugins in Python (see ``stand_in.c``): compiles, installs, finds and removes them."""
+"""``prosim link``: compiles, installs, finds and removes the stand-ins for plugins in Python (see ``stand_in.c``)."""
 
 import importlib.util
 import os
@@ -11,6 +11,7 @@ from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
 
+import click
 import mitsuba as mi
 
 from .. import registry
@@ -103,3 +104,29 @@ def record(paths: Iterable[Path]) -> None:
     new = [name for path in paths if (name := os.path.relpath(path, listing.parents[1])) not in known]
     with listing.open("a", encoding="utf-8") as file:
         file.writelines(f"{name},,\n" for name in new)
+
+
+@click.command()
+@click.option("--remove", is_flag=True, help="Remove the stand-ins.")
+def link(remove: bool) -> None:
+    """Let the `mitsuba` command run plugins that are written in Python.
+
+    Writes a stand-in for each plugin of every installed package (this one, and Mitsuba's own prb and the like) to
+    Mitsuba's folder of plugins. Needs Linux and a C compiler. Run it once after each installation of a package with
+    plugins. Uninstalling removes the stand-ins.
+    """
+    if sys.platform != "linux":
+        raise click.ClickException("the stand-ins exist for Linux only; use prosim render.")
+    folder = plugin_folder()
+    try:
+        if remove:
+            paths = list(installed().values())
+            for path in paths:
+                path.unlink()
+            click.echo(f"{len(paths)} stand-ins removed from {folder}")
+        else:
+            paths = install(plugin_names(), folder)
+            record(paths)
+            click.echo(f"{len(paths)} stand-ins in {folder}: {', '.join(path.stem for path in paths)}")
+    except (RuntimeError, OSError) as error:
+        raise click.ClickException(str(error)) from None

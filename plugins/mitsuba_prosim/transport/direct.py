@@ -11,12 +11,14 @@ from ..light.reparameterisation import reparameterised_sample
 from ..light.strategy import Receiver
 from ..light.table import Lamp
 from ..masks import but_not
+from ..sampling.nrook import SamplerPoints
 from ..sampling.sobol import Points
 from . import lobes
-from .context import NODE_SPACES, Context
-from .layers import Radiance
-from .media import beyond, transmittance
+from .absorption import beyond, transmittance
+from .next_ray import lobe_numbers
+from .radiance import Radiance
 from .ray import Vertex, mis
+from .transport_context import NODE_SPACES, Context
 
 
 def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
@@ -24,25 +26,25 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
     one chosen lamp. Where photons were gathered before, through the diffuse lobes alone.
     """
     lights, layers, ray, active = context.lights, context.layers, vertex.ray, vertex.smooth
-    first_space = context.space(ray.node, NODE_SPACES)
+    space = context.space(ray.node, NODE_SPACES)
     other_pdf = None
     if context.photon_mis is not None:
         of_photons = active if ray.gathered_photons is None else but_not(active, ray.gathered_photons)
         other_pdf = context.photon_mis.light_pdf(vertex, of_photons)
     if lights.sampler is None:
         L = lights.for_each(
-            lambda lamp, L: L + lamp_light(context, vertex, lamp, points(first_space + lamp.k, active), other_pdf),
+            lambda lamp, L: L + lamp_light(context, vertex, points, lamp, points(space + lamp.k, active), other_pdf),
             layers.none(),
             active,
             attached=context.attached,
         )
     else:
         assert vertex.importance is not None
-        point = points(first_space, active)
+        point = points(space, active)
         k, probability, rest = lights.sampler.choose(vertex.receiver, vertex.importance, point.x, active)
-        L = lamp_light(context, vertex, lights.lamp(k), mi.Point2f(rest, point.y), other_pdf, probability)
+        L = lamp_light(context, vertex, points, lights.lamp(k), mi.Point2f(rest, point.y), other_pdf, probability)
     if lights.sky is not None and context.light_lobes is not None:
-        value = sky_light(context, vertex, points, first_space + lights.lamps)
+        value = sky_light(context, vertex, points, space + lights.lamps)
         L = L.plus(value, layers.of(ray, "diffuse", lambda: lights.lamps))
     return L
 
@@ -50,6 +52,7 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
 def lamp_light(
     context: Context,
     vertex: Vertex,
+    points: Points,
     lamp: Lamp,
     point: mi.Point2f,
     other_pdf: Any = None,
@@ -76,7 +79,7 @@ def lamp_light(
         mis_active = but_not(lit, gathered)
     diffuse = f
     for lobe in context.mis_lobes:
-        f_lobe, pdf_lobe = context.scattering.eval_pdf(lobe, si, bsdf, wo, mis_active)
+        f_lobe, pdf_lobe = eval_lobe(context, lobe, vertex, wo, points, mis_active)
         if other_pdf is not None:
             pdf_lobe = other_pdf(ds, f_lobe, pdf_lobe, but_not(mis_active, ds.delta))
         f = f + f_lobe * dr.select(ds.delta, 1, mis(pdf, pdf_lobe))
@@ -90,6 +93,18 @@ def lamp_light(
     diffuse = dr.select(vertex.inseparable, f, diffuse)
     value, diffuse = unless_in_shadow(context, vertex, ds.p, [f * weight, diffuse * weight], lit)
     return layers.none().plus(value, glossy).moved(diffuse, glossy, layers.of(ray, "diffuse"))
+
+
+def eval_lobe(
+    context: Context, lobe: mi.BSDFContext, vertex: Vertex, wo: mi.Vector3f, points: Points, active: mi.Bool
+) -> tuple[mi.Spectrum, mi.Float]:
+    """Value of ``lobe`` times the cosine for ``wo``, and its density. Samples its ray, too, if the context says so."""
+    if not context.samples_with_light or isinstance(points, SamplerPoints):  # those are taken in order
+        return context.scattering.eval_pdf(lobe, vertex.si, vertex.bsdf, wo, active)
+    choice, point = lobe_numbers(context, lobe, vertex, points, vertex.active)
+    f, pdf, *drawn = vertex.bsdf.eval_pdf_sample(lobe, vertex.si, wo, choice, point, vertex.active)
+    vertex.drawn[lobe.type_mask] = tuple(drawn)
+    return dr.select(active, f, 0), dr.select(active, pdf, 0)
 
 
 def sky_light(context: Context, vertex: Vertex, points: Points, space: mi.UInt32) -> mi.Spectrum:

@@ -10,7 +10,7 @@ import mitsuba as mi
 
 from ..masks import but_not, idle
 from . import lobes
-from .media import ENDLESS, before, beyond, media_of, transmittance
+from .absorption import ENDLESS, before, beyond, media_of, transmittance
 from .scattering import Scattering
 
 #: Names of the values that :func:`features` gives, channel by channel.

@@ -9,8 +9,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from .context import Context
-from .layers import Radiance
+from .radiance import Radiance
+from .transport_context import Context
 from .vertex import last_emission
 
 
@@ -19,37 +19,28 @@ def walk(
 ) -> tuple[Radiance, mi.Bool]:
     """``(L, hit)`` of the last of the states that ``step`` makes of ``state``, from node to node.
 
-    ``state``: a dataclass with at least ``L``, ``hit``, ``ray`` and ``active``. Rays below the deepest level can only
-    end in a source: where no tree ``branches``, they are traced after the loop, which saves all other lanes an
-    iteration.
+    ``state``: a dataclass with at least ``L``, ``hit``, ``ray`` and ``active``. ``branches``: whether a node may have
+    two rays.
     """
-    max_level = context.settings.max_level
-    ends = max_level >= 0 and not branches
-    if ends and max_level == 0:
+    if context.settings.max_level == 0 and not branches:  # no loop: the second ray can only end in a source
         state = step(state)
+        state.L += last_emission(context, state.ray, camera, state.active)
+    elif context.attached:
+        state = differentiable_loop(state, step)
     else:
-
-        def going(state: Any) -> mi.Bool:
-            return state.active & (state.ray.level <= max_level) if ends else state.active
-
-        if context.attached:
-            state = differentiable_loop(state, going, step)
-        else:
-            (state,) = dr.while_loop((state,), going, lambda state: (step(state),))
-    if ends and not context.lights.only_points:
-        return state.L + last_emission(context, state.ray, camera, state.active), state.hit
+        (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (step(state),))
     return state.L, state.hit
 
 
-def differentiable_loop(state: Any, going: Callable[[Any], mi.Bool], step: Callable[[Any], Any]) -> Any:
-    """The last of the states that ``step`` makes of ``state``, in each lane while it is ``going``, with derivatives.
+def differentiable_loop(state: Any, step: Callable[[Any], Any]) -> Any:
+    """The last of the states that ``step`` makes of ``state``, in each lane while it is active, with derivatives.
 
     An iteration is one kernel, and its derivative another: the same for all iterations. Dr.Jit 1.5 cannot do that: of a
     symbolic loop that has derivatives it generates wrong code for masks; and its evaluated loop goes backwards in the
     order of a hash table, so that each iteration is compiled again.
     """
     dr.make_opaque(state)
-    while dr.any(active := going(state)):
+    while dr.any(active := state.active):
         state = dr.select(active, step(state), state)
         dr.eval(state)
         places = differentiable(state)

@@ -11,30 +11,26 @@ from ..light.reparameterisation import reparameterised_ray
 from ..masks import but_not, idle
 from ..sampling.sobol import Points
 from . import lobes
-from .context import CHOICE, DIFFUSE, REFRACTED, Context
-from .media import beyond
+from .absorption import beyond
 from .ray import Ray, Vertex
+from .transport_context import CHOICE, DIFFUSE, REFRACTED, Context, direction_space
 
 
 def next_ray(
-    context: Context, lobe: mi.BSDFContext, k: int, vertex: Vertex, points: Points, active: mi.Bool
+    context: Context, lobe: mi.BSDFContext, vertex: Vertex, points: Points, active: mi.Bool
 ) -> tuple[Ray, mi.Bool, mi.Float]:
     """``(ray, active, eta)``: samples the ray that leaves ``vertex`` through ``lobe``, its lanes, and the ratio of the
-    indices of refraction that it crosses. ``k``: the vertex's space for its direction.
+    indices of refraction that it crosses.
     """
-    ray, si = vertex.ray, vertex.si
+    ray, si, k = vertex.ray, vertex.si, direction_space(lobe)
     if idle(active):
         return ray, active, mi.Float(1)
-    bs, weight, d, belongs = sample_direction(context, lobe, k, vertex, points, active)
+    bs, weight, d, belongs = sample_direction(context, lobe, vertex, points, active)
     ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL)
     o, throughput = si.spawn_ray(dr.detach(d)).o, ray.throughput * weight
     if context.attached:
         o = dr.replace_grad(o, si.p)
     active = active & belongs & (bs.pdf > 0) & (dr.max(throughput) > context.settings.cutoff)
-    if context.settings.max_level >= 0 and context.lights.can_exclude:
-        # The rays below the deepest level can only end in a source.
-        may_meet = context.lights.may_meet(dr.detach(o), dr.detach(d))
-        active = active & ((ray.level < context.settings.max_level) | may_meet)
     following = replace(
         ray,
         o=o,
@@ -67,18 +63,17 @@ def next_ray(
 
 
 def sample_direction(
-    context: Context, lobe: mi.BSDFContext, k: int, vertex: Vertex, points: Points, active: mi.Bool
+    context: Context, lobe: mi.BSDFContext, vertex: Vertex, points: Points, active: mi.Bool
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Vector3f, mi.Bool]:
     """``(bs, weight, d, belongs)``: a sample of ``lobe``, its direction in the world, and whether it is one of that
     lobe. Derivatives are those of its density, weight and direction where the direction is fixed or moves with the
     source that it meets.
     """
     si, bsdf, scattering, throughput = vertex.si, vertex.bsdf, context.scattering, vertex.ray.throughput
-    space = context.space(vertex.ray.node, CHOICE)
-    # Strata pay only where all lobes are sampled together, and with dispersion.
-    stratified = lobes.is_everything(lobe) or scattering.disperses
-    choice = points(space, active).x if stratified else points.choice(space)
-    choice, point = scattering.choice(points, space, choice), points(context.space(vertex.ray.node, k), active)
+    if lobe.type_mask in vertex.drawn:
+        bs, weight = vertex.drawn[lobe.type_mask]
+        return bs, weight, si.to_world(bs.wo), (bs.sampled_type & lobe.type_mask) != 0
+    choice, point = lobe_numbers(context, lobe, vertex, points, active)
 
     def sample(active: mi.Bool) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Bool]:
         return scattering.sample(lobe, si, bsdf, choice, point, throughput, active, vertex.inseparable)
@@ -99,3 +94,15 @@ def sample_direction(
         weight = dr.select(ideal, ideal_weight, weight)
     bs.pdf = dr.replace_grad(bs.pdf, pdf)
     return bs, weight, dr.replace_grad(d, moved), belongs
+
+
+def lobe_numbers(
+    context: Context, lobe: mi.BSDFContext, vertex: Vertex, points: Points, active: mi.Bool
+) -> tuple[mi.Float, mi.Point2f]:
+    """The number in [0, 1) and the point in [0, 1)² by which the ray of ``lobe`` is sampled at ``vertex``."""
+    space = context.space(vertex.ray.node, CHOICE)
+    # Strata pay only where all lobes are sampled together, and with dispersion.
+    stratified = lobes.is_everything(lobe) or context.scattering.disperses
+    choice = points(space, active).x if stratified else points.choice(space)
+    point = points(context.space(vertex.ray.node, direction_space(lobe)), active)
+    return context.scattering.choice(points, space, choice), point

@@ -9,11 +9,11 @@ import mitsuba as mi
 
 from ..sampling.sobol import Points
 from . import lobes
-from .context import CHOICE, DIFFUSE, REFLECTED, REFRACTED, ROULETTE, Context
-from .layers import Radiance
 from .loop import walk
 from .next_ray import next_ray
+from .radiance import Radiance
 from .ray import Ray, Vertex
+from .transport_context import CHOICE, REFRACTED, ROULETTE, Context
 from .vertex import shade
 
 
@@ -42,7 +42,7 @@ def radiance(
         L, vertex = shade(context, state.ray, camera, points, state.active)
         hit, bounces = state.hit | (state.ray.level == 0) & vertex.active, state.bounces
         if bounces is None:
-            ray, going, eta = next_ray(context, lobes.everything(), DIFFUSE, vertex, points, vertex.active)
+            ray, going, eta = next_ray(context, lobes.everything(), vertex, points, vertex.active)
         else:
             ray, going, eta, bounces = one_of_two(context, vertex, points, bounces)
         ray.node = state.ray.node + 1
@@ -65,9 +65,9 @@ def one_of_two(
     """``(ray, active, eta, bounces)``: samples a specular and, up to ``diffuse_bounces``, a diffuse ray, and chooses
     one of the two.
     """
-    specular, reflects, eta = next_ray(context, lobes.specular(), REFLECTED, vertex, points, vertex.active)
+    specular, reflects, eta = next_ray(context, lobes.specular(), vertex, points, vertex.active)
     more = vertex.active & (bounces < context.settings.diffuse_bounces)
-    diffuse, scatters, _ = next_ray(context, lobes.diffuse(), DIFFUSE, vertex, points, more)
+    diffuse, scatters, _ = next_ray(context, lobes.diffuse(), vertex, points, more)
     # Light sampling, and photons, took all of the diffuse lobe: emission that this ray meets does not count.
     diffuse = replace(diffuse, sees_emission=mi.Bool(False))
     if diffuse.gathered_photons is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import drjit as dr
 import mitsuba as mi
@@ -71,6 +71,8 @@ class Vertex:
     receiver: Receiver
     #: Total importance of the lamps, see :attr:`Ray.importance`.
     importance: mi.Float | None = None
+    #: Samples ``(bs, weight)`` of lobes by their type mask, where light sampling evaluated the lobe in the same call.
+    drawn: dict[int, tuple[mi.BSDFSample3f, mi.Spectrum]] = field(default_factory=dict)
 
 
 def mis(pdf: mi.Float, other: mi.Float) -> mi.Float:

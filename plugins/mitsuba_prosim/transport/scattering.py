@@ -66,22 +66,43 @@ class Scattering:
         the lanes ``inseparable`` all lobes are sampled together, and each sample belongs to one of those that have a
         ray of their own.
         """
-        if self.disperses or self.mixes:
-            throughput = throughput if self.disperses else None
-            bs, weight = sample_lobe(lobe, si, bsdf, choice, point, throughput, active)
-        else:
-            bs, weight = bsdf.sample(lobe, si, choice, point, active)
+        bs, weight = self._sample(lobe, si, bsdf, choice, point, throughput, active)
         # thindielectric samples lobes outside of the type mask: these have a ray of their own.
         belongs = (bs.sampled_type & lobe.type_mask) != 0
         if not self.any_inseparable or inseparable is None or idle(active & inseparable):
             return bs, weight, belongs
-        every, active = lobes.everything(lobe.mode), active & inseparable
-        if self.mixes:
-            bs_all, weight_all = sample_lobe(every, si, bsdf, choice, point, None, active)
-        else:
-            bs_all, weight_all = bsdf.sample(every, si, choice, point, active)
+        every = lobes.everything(lobe.mode)
+        bs_all, weight_all = self._sample(every, si, bsdf, choice, point, None, active & inseparable)
         belongs_all = workarounds.belongs_to(lobe, si.wi, bs_all)
         return dr.select(inseparable, (bs_all, weight_all, belongs_all), (bs, weight, belongs))
+
+    def _sample(
+        self,
+        lobe: mi.BSDFContext,
+        si: mi.SurfaceInteraction3f,
+        bsdf: AnyBSDF,
+        choice: mi.Float,
+        point: mi.Point2f,
+        throughput: mi.Spectrum | None,
+        active: mi.Bool,
+    ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+        """``(bs, weight)`` of the ``lobe`` of ``bsdf``. Dispersive, ideally smooth glass refracts one of the
+        wavelengths of the ray, chosen by their ``throughput``; without a throughput all, in one direction.
+        """
+        if not self.disperses and not self.mixes:
+            return bsdf.sample(lobe, si, choice, point, active)
+        weights = None
+        if self.disperses and throughput is not None:
+            values = [dr.maximum(t, 0) for t in dr.detach(mi.unpolarized_spectrum(throughput))]
+            total = sum(values, mi.Float(0))
+            weights = [dr.select(total > 0, t / dr.select(total > 0, total, 1), 1 / len(values)) for t in values]
+
+        def sample(one: mi.BSDF, weights: list[mi.Float] | None, *args: Any) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+            if getattr(one, "disperses", False):
+                return one.sample_dispersed(lobe, *args[:-1], weights, args[-1])
+            return workarounds.sample(lobe, one, *args)
+
+        return dispatch(bsdf, sample, weights, si, choice, point, active)
 
     def eval_pdf(
         self,
@@ -125,32 +146,3 @@ class Scattering:
         if not self.disperses or not mi.is_spectral or isinstance(points, SamplerPoints):
             return choice
         return wavelengths.chosen(combine(points.key, space), *points.division, choice)
-
-
-def sample_lobe(
-    lobe: mi.BSDFContext,
-    si: mi.SurfaceInteraction3f,
-    bsdf: AnyBSDF,
-    choice: mi.Float,
-    point: mi.Point2f,
-    throughput: mi.Spectrum | None,
-    active: mi.Bool,
-) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """Samples the ``lobe`` of ``bsdf`` like :func:`.workarounds.sample`.
-
-    Dispersive, ideally smooth glass refracts one wavelength. It chooses among those of the ray by their ``throughput``.
-    Without a throughput (None) all wavelengths have the same direction.
-    """
-    weights = None
-    if throughput is not None:
-        values = [dr.maximum(t, 0) for t in dr.detach(mi.unpolarized_spectrum(throughput))]
-        total = sum(values, mi.Float(0))
-        weights = [dr.select(total > 0, t / dr.select(total > 0, total, 1), 1 / len(values)) for t in values]
-
-    def sample(one: mi.BSDF, weights: list[mi.Float] | None, *args: Any) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        if getattr(one, "disperses", False):
-            si, choice, point, active = args
-            return one.sample_dispersed(lobe, si, choice, point, weights, active)
-        return workarounds.sample(lobe, one, *args)
-
-    return dispatch(bsdf, sample, weights, si, choice, point, active)

@@ -4,7 +4,6 @@ integrator.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import drjit as dr
@@ -14,49 +13,34 @@ from ..registry import create
 from ..sampling.nrook import NRook, SamplerPoints
 from ..sampling.sobol import Points, Sobol
 from . import path, tree
-from .context import CAMERA_SPACES, Context, Settings
-
-#: Unlimited number of diffuse reflections of paths.
-UNLIMITED = (1 << 31) - 1
+from .transport_context import CAMERA_SPACES, Context
 
 
-class Transport:
-    """Estimates radiance in ``scene`` under ``settings``; made once a render.
+class Transport(Context):
+    """Estimates radiance in a scene; made once per render."""
 
-    ``attached``, ``around``: see :class:`.Context`. ``caustics``: photons that surfaces gather, in the place of rays
-    (:mod:`..photons`).
-    """
+    @property
+    def aov_names(self) -> list[str]:
+        """Names of the channels of the layers."""
+        return [f"{name}.{letter}" for name in self.layers.names for letter in "RGB"]
 
-    def __init__(
-        self,
-        settings: Settings,
-        scene: mi.Scene,
-        attached: bool = False,
-        around: mi.Medium | None = None,
-        caustics: Any | None = None,
-    ) -> None:
-        if caustics is not None and settings.diffuse_bounces < 0:
-            # A path must distinguish diffuse from other reflections, which a ray of the whole BRDF does not.
-            settings = replace(settings, diffuse_bounces=UNLIMITED)
-        #: The photons that must have been emitted before samples are taken.
-        self.caustics = caustics
-        self._context = Context(scene, settings, attached, around, caustics)
-        self._radiance = tree.radiance if settings.follows_tree else path.radiance
-        #: Names of the channels of the layers, and whether there are any.
-        self.aov_names = [f"{name}.{letter}" for name in self._context.layers.names for letter in "RGB"]
-        self.has_layers = bool(self.aov_names)
+    @property
+    def has_layers(self) -> bool:
+        """Whether there are any layers."""
+        return bool(self.layers.names)
 
     def __call__(
         self, ray: mi.Ray3f, points: Points, active: mi.Bool, sampler: mi.Sampler | None = None
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Spectrum]]:
         """``(L, hit, layers)``: the radiance of the camera ray ``ray``, whether it met a surface, and the radiance of
-        each layer (:mod:`.layers`).
+        each layer (:mod:`.radiance`).
 
-        ``points(space, active)`` gives a ``mi.Point2f`` in [0, 1)² for a space of the sampling pattern, and
+        ``points(space, active)`` returns a ``mi.Point2f`` in [0, 1)² for a space of the sampling pattern, and
         ``points.choice(space)`` a number; ``sampler`` is the state behind them, if there is one that loops have to
         carry.
         """
-        L, hit = self._radiance(self._context, ray, points, active, sampler)
+        radiance = tree.radiance if self.settings.follows_tree else path.radiance
+        L, hit = radiance(self, ray, points, active, sampler)
         return L.total, hit, L.layers
 
 

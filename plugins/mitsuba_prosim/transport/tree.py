@@ -10,11 +10,11 @@ import mitsuba as mi
 from ..masks import but_not
 from ..sampling.sobol import Points
 from . import lobes
-from .context import REFLECTED, REFRACTED, ROULETTE, Context
-from .layers import Radiance
 from .loop import walk
 from .next_ray import next_ray
+from .radiance import Radiance
 from .ray import Ray, Vertex
+from .transport_context import ROULETTE, Context
 from .vertex import shade
 
 
@@ -71,17 +71,17 @@ def radiance(
     first = context.first(camera)
     stack = Stack.empty(context.settings.max_level + 1 if context.reflects and context.refracts else 0, first)
 
-    def branch(follows: bool, lobe: mi.BSDFContext, k: int, vertex: Vertex) -> tuple[Ray, mi.Bool]:
+    def branch(follows: bool, lobe: mi.BSDFContext, vertex: Vertex) -> tuple[Ray, mi.Bool]:
         if not follows:
             return vertex.ray, mi.Bool(False)
-        ray, active, _ = next_ray(context, lobe, k, vertex, points, vertex.active)
+        ray, active, _ = next_ray(context, lobe, vertex, points, vertex.active)
         return roulette(context, ray, active, points)
 
     def step(state: State) -> State:
         L, vertex = shade(context, state.ray, camera, points, state.active)
         hit = state.hit | (state.ray.level == 0) & vertex.active
-        reflected = branch(context.reflects, lobes.reflected(), REFLECTED, vertex)
-        refracted = branch(context.refracts, lobes.refracted(), REFRACTED, vertex)
+        reflected = branch(context.reflects, lobes.reflected(), vertex)
+        refracted = branch(context.refracts, lobes.refracted(), vertex)
         following, going, stack = state.stack.next(*reflected, *refracted, state.active)
         return State(state.L + L, hit, following, going, stack, state.sampler)
 

@@ -13,11 +13,11 @@ from ..optics import ambient
 from ..sampling.nrook import SamplerPoints
 from ..sampling.sobol import Points
 from . import lobes
-from .context import Context
+from .absorption import ENDLESS, before, transmittance
 from .direct import direct_light
-from .layers import Layer, Radiance
-from .media import ENDLESS, before, transmittance
+from .radiance import Layer, Radiance
 from .ray import Ray, Vertex, mis, viewer_side
+from .transport_context import Context
 from .workarounds import past_emitters
 
 
@@ -47,9 +47,9 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
     if settings.ambient is not None and context.flags:  # else Dr.Jit has no BSDF to dispatch to
         L = L.plus(ambient_term(settings.ambient, vertex), context.layers.of(ray, "ambient"))
     L += direct_light(context, vertex, points)
-    if context.photons is not None:
+    if context.caustics is not None:
         assert not isinstance(points, SamplerPoints)
-        total = context.photons.add_to(L.total, vertex, context.glossy, points.t)
+        total = context.caustics.add_to(L.total, vertex, context.glossy, points.t)
         L = L.with_total(total, total - L.total, context.layers.of(ray, "caustics"))
     return L.scaled(ray.throughput), vertex
 
@@ -90,6 +90,8 @@ def absorbed(context: Context, ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteracti
 
 def last_emission(context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> Radiance:
     """The radiance that a ray below the deepest level adds: it can only meet a source."""
+    if context.lights.only_points:
+        return context.layers.none()
     ray3, si = intersect(context, ray, camera, active)
     if context.absorbs:
         ray = absorbed(context, ray, ray3, si, active)

@@ -24,14 +24,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import BLEND, EVALUATED_TOGETHER, MAPS, MASK, TWO_SIDED
+from ..compat import BLEND, EVALUATED_TOGETHER, MAPS, MASK
 from ..masks import but_not, idle
-from ..optics.nested import all_shapes, all_within, parts
+from ..optics.nested import all_shapes, all_within, leaves
 from . import lobes
 
 
@@ -142,73 +141,14 @@ def belongs_to(lobe: mi.BSDFContext, wi: mi.Vector3f, bs: mi.BSDFSample3f) -> mi
     return (dr.select(diffuse, lobes.mask(*lobes.DIFFUSE), side) & lobe.type_mask) != 0
 
 
-class Leaf(NamedTuple):
-    """A BSDF within others and its weight; None for a null lobe."""
-
-    share: mi.Float
-    bsdf: mi.BSDF | None
-    #: Whether a ``twosided`` always shows it the front side.
-    turned: bool = False
-
-    def scaled(self, part: mi.Float) -> Leaf:
-        """The leaf with a ``part`` of its share."""
-        return self._replace(share=part * self.share)
-
-
-def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[Leaf]:
-    """The BSDFs that ``bsdf`` mixes at ``si``, with weights that sum up to 1."""
-    kind, inner = bsdf.class_name(), parts(bsdf)
-    if kind == BLEND:
-        weight = dr.clip(inner["weight"].eval_1(si, active), 0, 1)
-        halves = (1 - weight, inner["bsdf_0"]), (weight, inner["bsdf_1"])
-        return [leaf.scaled(part) for part, half in halves for leaf in leaves(half, si, active)]
-    if kind == MASK:
-        opacity = dr.clip(inner["opacity"].eval_1(si, active), 0, 1)
-        nested = [leaf.scaled(opacity) for leaf in leaves(inner["nested_bsdf"], si, active)]
-        return [*nested, Leaf(1 - opacity, None)]
-    if kind == TWO_SIDED:
-        return [
-            leaf._replace(turned=True).scaled(part)
-            for part, side in sides(bsdf, si)
-            for leaf in leaves(side, from_front(si), active)
-        ]
-    return [Leaf(mi.Float(1), bsdf)]
-
-
-def sides(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f) -> list[tuple[mi.Float, mi.BSDF]]:
-    """The BSDFs of a ``twosided``: each with weight 1 where ``si`` is on its side, else 0."""
-    inner = parts(bsdf)
-    front, back = inner["brdf_0"], inner["brdf_1"]
-    if front is back:
-        return [(mi.Float(1), front)]
-    in_front = mi.Frame3f.cos_theta(si.wi) > 0
-    return [(dr.select(in_front, mi.Float(1), 0), front), (dr.select(in_front, mi.Float(0), 1), back)]
-
-
-def from_front(si: mi.SurfaceInteraction3f) -> mi.SurfaceInteraction3f:
-    """``si`` with the viewer on the front side."""
-    other = mi.SurfaceInteraction3f(si)
-    other.wi.z = dr.abs(si.wi.z)
-    return other
-
-
 def blend_share(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, active: mi.Bool) -> mi.Float:
-    """Share, with derivatives, of the BSDF within the blends of ``bsdf`` that this samples by the number ``choice``."""
-    kind, inner = bsdf.class_name(), parts(bsdf)
-    if kind == BLEND:
-        weight = dr.clip(inner["weight"].eval_1(si, active), 0, 1)
-        w = dr.detach(weight)
-        first = blend_share(inner["bsdf_0"], si, (choice - w) / dr.maximum(1 - w, 1e-8), active)
-        second = blend_share(inner["bsdf_1"], si, choice / dr.maximum(w, 1e-8), active)
-        return dr.select(choice > w, (1 - weight) * first, weight * second)
-    if kind == MASK:  # its own derivative by the opacity is right
-        a = dr.clip(dr.detach(inner["opacity"].eval_1(si, active)), 0, 1)
-        nested = blend_share(inner["nested_bsdf"], si, choice / dr.maximum(a, 1e-8), active)
-        return dr.select(choice < a, nested, 1)
-    if kind == TWO_SIDED:
-        front = from_front(si)
-        return sum((part * blend_share(side, front, choice, active) for part, side in sides(bsdf, si)), mi.Float(0))
-    return mi.Float(1)
+    """Share, with derivatives, that the blends of ``bsdf`` give to the BSDF that is chosen by the number ``choice``."""
+    share, below = mi.Float(1), mi.Float(0)
+    for leaf in leaves(bsdf, si, active):
+        part = dr.detach(leaf.share)
+        share = dr.select((choice >= below) & (part > 0), leaf.blend, share)
+        below += part
+    return share
 
 
 def sample_leaves(
@@ -225,27 +165,27 @@ def sample_leaves(
     bs, weight, below = dr.zeros(mi.BSDFSample3f), mi.Spectrum(0), mi.Float(0)
     bs.wo = -si.wi
     mixed = leaves(bsdf, si, active)
-    for known, leaf, turned in mixed:
-        part = dr.detach(known)
+    for leaf in mixed:
+        part = dr.detach(leaf.share)
         chosen = active & (choice >= below) & (part > 0)
-        if leaf is None:
+        if leaf.bsdf is None:
             one, value = dr.zeros(mi.BSDFSample3f), mi.Spectrum(1)
             one.wo, one.pdf, one.eta, one.sampled_type = -si.wi, mi.Float(1), mi.Float(1), mi.UInt32(+mi.BSDFFlags.Null)
         else:
             rest = dr.clip((choice - below) / dr.select(part > 0, part, 1), 0, 1)
-            one, value = leaf.sample(lobe, from_front(si) if turned else si, rest, point, chosen)
-            if turned:
+            one, value = leaf.bsdf.sample(lobe, leaf.seen_by(si), rest, point, chosen)
+            if leaf.turned:
                 one.wo.z = dr.mulsign(one.wo.z, si.wi.z)
         one.pdf *= part
-        bs, weight = dr.select(chosen, one, bs), dr.select(chosen, value * dr.relative_grad(known), weight)
+        bs, weight = dr.select(chosen, one, bs), dr.select(chosen, value * dr.relative_grad(leaf.share), weight)
         below += part
     smooth = active & mi.has_flag(bs.sampled_type, mi.BSDFFlags.Smooth) & (bs.pdf > 0)
     f, pdf = mi.Spectrum(0), mi.Float(0)
-    for part, leaf, turned in mixed:
-        if leaf is not None:
-            wo = mi.Vector3f(bs.wo.x, bs.wo.y, dr.mulsign(bs.wo.z, si.wi.z)) if turned else bs.wo
-            f_leaf, pdf_leaf = leaf.eval_pdf(lobe, from_front(si) if turned else si, wo, smooth)
-            f, pdf = f + part * f_leaf, pdf + part * pdf_leaf
+    for leaf in mixed:
+        if leaf.bsdf is not None:
+            wo = mi.Vector3f(bs.wo.x, bs.wo.y, dr.mulsign(bs.wo.z, si.wi.z)) if leaf.turned else bs.wo
+            f_leaf, pdf_leaf = leaf.bsdf.eval_pdf(lobe, leaf.seen_by(si), wo, smooth)
+            f, pdf = f + leaf.share * f_leaf, pdf + leaf.share * pdf_leaf
     bs.pdf = dr.select(smooth, pdf, bs.pdf)
     return bs, dr.select(smooth, f / dr.select(pdf > 0, pdf, 1), weight)
 

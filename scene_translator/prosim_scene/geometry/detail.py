@@ -18,7 +18,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..language.document import Document
-from ..model import Leaf, Operator
 from ..view import Camera
 from .grouping import group_equal, sweep
 from .primitives import MAX_SEGMENTS, OUTSIDE_SEGMENTS, OUTSIDE_TOLERANCE, box_corners
@@ -35,45 +34,37 @@ class Ball(NamedTuple):
 UNBOUNDED = Ball((0.0, 0.0, 0.0), math.inf)
 
 
-def active_zones(nodes: Sequence[Operator | Leaf], solids: Sequence[Solid], of_leaf: Sequence[int]) -> list[Ball]:
+def active_zones(tree: Sequence[str | int], solids: Sequence[Solid], of_leaf: Sequence[int]) -> list[Ball]:
     """The active zone of each solid: a ball outside of which the solid has no effect; UNBOUNDED if none is known.
 
-    ``of_leaf``: the solid of each leaf. A subtracted solid has an effect only inside the solid that it is subtracted
-    from, an intersected one only inside the other operand.
+    ``tree`` is in prefix order, ``of_leaf`` has the solid of each leaf. A subtracted solid has an effect only inside
+    the solid that it is subtracted from, an intersected one only inside the other operand.
     """
-    result = [UNBOUNDED] * len(solids)
-    if all(node.symbol == "+" for node in nodes if not isinstance(node, Leaf)):
-        return result
-    balls_of = bounding_balls(solids)
-    leaves = np.zeros(len(nodes), int)
-    leaves[[i for i, node in enumerate(nodes) if isinstance(node, Leaf)]] = of_leaf
-    balls = [UNBOUNDED] * len(nodes)  # bounding balls of the values of the nodes
-    operands: list[tuple[int, int]] = [(0, 0)] * len(nodes)
+    if not {"-", "*"} & set(tree):
+        return [UNBOUNDED] * len(solids)
+    of_solid = bounding_balls(solids)
+    value = {"+": union_ball, "-": lambda first, second: first, "*": intersection_ball}
+    balls = [UNBOUNDED] * len(tree)  # bounding balls of the values of the nodes
+    operands: list[tuple[int, int]] = [(0, 0)] * len(tree)
     stack: list[int] = []
-    for i in range(len(nodes) - 1, -1, -1):
-        node = nodes[i]
-        if isinstance(node, Leaf):
-            balls[i] = balls_of[leaves[i]]
-        else:
+    for i, node in reversed(list(enumerate(tree))):
+        if isinstance(node, str):
             a, b = operands[i] = stack.pop(), stack.pop()
-            first, second = balls[a], balls[b]
-            balls[i] = (
-                first
-                if node.symbol == "-"
-                else (union_ball if node.symbol == "+" else intersection_ball)(first, second)
-            )
-        stack.append(i)
-    bounds = [UNBOUNDED] * len(nodes)
-    for i, node in enumerate(nodes):
-        if isinstance(node, Leaf):
-            result[leaves[i]] = (
-                bounds[i] if result[leaves[i]] is UNBOUNDED else union_ball(result[leaves[i]], bounds[i])
-            )
+            balls[i] = value[node](balls[a], balls[b])
         else:
+            balls[i] = of_solid[of_leaf[node]]
+        stack.append(i)
+    bounds = [UNBOUNDED] * len(tree)
+    result: dict[int, Ball] = {}
+    for i, node in enumerate(tree):
+        if isinstance(node, str):
             a, b = operands[i]
-            bounds[a] = intersection_ball(bounds[i], balls[b]) if node.symbol == "*" else bounds[i]
-            bounds[b] = bounds[i] if node.symbol == "+" else intersection_ball(bounds[i], balls[a])
-    return result
+            bounds[a] = intersection_ball(bounds[i], balls[b]) if node == "*" else bounds[i]
+            bounds[b] = bounds[i] if node == "+" else intersection_ball(bounds[i], balls[a])
+        else:
+            solid = of_leaf[node]
+            result[solid] = union_ball(result[solid], bounds[i]) if solid in result else bounds[i]
+    return [result[i] for i in range(len(solids))]
 
 
 def bounding_balls(solids: Sequence[Solid]) -> list[Ball]:
@@ -197,16 +188,17 @@ SPACING = 0.004  # how far below 0 that value may be where the faces touch betwe
 def shrink_inscribed(solids: list[Solid]) -> None:
     """Sets ``shrink`` of the solids that touch another's curved face from inside; needs their ``segments``."""
     curved = [s for s in solids if s.primitive.curved is not None]
-    pairs = _overlapping(curved)
-    bounds = [
-        (inner, outer)
-        for i, j in pairs
-        for inner, outer in ((curved[i], curved[j]), (curved[j], curved[i]))
-        if _is_inscribed(inner, outer)
+    boxes = corners(curved)
+    pairs = [
+        (curved[i], curved[j])
+        for some in sweep(boxes.min(axis=1), boxes.max(axis=1))
+        for one, other in zip(*(numbers.tolist() for numbers in some))
+        for i, j in ((one, other), (other, one))
     ]
-    for _ in range(len(bounds)):  # a chain of n inscribed solids takes n rounds
+    inscribed = [(inner, outer) for inner, outer in pairs if _is_inscribed(inner, outer)]
+    for _ in inscribed:  # a chain of n inscribed solids takes n rounds
         changed = False
-        for inner, outer in bounds:
+        for inner, outer in inscribed:
             gap = 1 - outer.inradius * outer.shrink
             factor = max(1 - gap * outer.size / inner.narrowest, 0.5)
             if factor < inner.shrink:
@@ -218,23 +210,12 @@ def shrink_inscribed(solids: list[Solid]) -> None:
             break
 
 
-def _overlapping(solids: list[Solid]) -> list[tuple[int, int]]:
-    """Pairs of solids with overlapping boxes and different curved faces."""
-    boxes = corners(solids)
-    surface = np.array([s.curved_surface for s in solids])
-    found = []
-    for first, second in sweep(boxes.min(axis=1), boxes.max(axis=1)):
-        chosen = (surface[first] < 0) | (surface[first] != surface[second])
-        found += list(zip(first[chosen].tolist(), second[chosen].tolist()))
-    return found
-
-
 def _is_inscribed(inner: Solid, outer: Solid) -> bool:
     """Whether the inner solid is a ball inside the quadric of the outer one's curved face, and touches it.
 
     A pipe or a cone would touch it along a generator or with its rim, where a gap would look like a wall.
     """
-    if inner.primitive.axes < 3:
+    if inner.primitive.axes < 3 or inner.curved_surface == outer.curved_surface >= 0:
         return False
     relative = np.linalg.solve(outer.to_world, inner.to_world)
     quadric = outer.primitive.quadrics[outer.primitive.curved]

@@ -10,6 +10,7 @@ from ..language.document import Document
 from ..model import Leaf
 from ..view import Camera
 from .coincidence import STEP, Planes, same_surfaces
+from .csg import tree_of
 from .detail import active_zones, choose_segments, shrink_inscribed
 from .grouping import components
 from .primitives import PRIMITIVES, Corners, Primitive
@@ -31,12 +32,7 @@ class Leaves:
     """
 
     def __init__(
-        self,
-        document: Document,
-        camera: Camera,
-        tolerance: float,
-        cutters: np.ndarray | None = None,
-        meshes: Mapping[str, Primitive] | None = None,
+        self, document: Document, camera: Camera, tolerance: float, cutters: np.ndarray, meshes: Mapping[str, Primitive]
     ) -> None:
         """``cutters`` marks leaves whose faces may coincide with themselves; ``meshes`` are the solids of mesh files.
 
@@ -49,7 +45,7 @@ class Leaves:
         with np.errstate(all="ignore"):
             places = matrices([document.scene.transforms[index] for index in indices])
         self.solids = [
-            Solid(meshes[file] if meshes and file is not None else PRIMITIVES[shape], to_world)
+            Solid(PRIMITIVES[shape] if file is None else meshes[file], to_world)
             for (shape, file, _), to_world in zip(numbers_of_keys, places)
         ]
         with np.errstate(all="ignore"):
@@ -61,7 +57,7 @@ class Leaves:
         size = float(np.abs(np.stack([low, high]) - self.origin).max())
         self.step = STEP * 2.0 ** (math.frexp(size)[1] - 1)
         self._find_shared_surfaces(cutters)
-        bounds = active_zones(document.scene.csg, self.solids, self.of_leaf.tolist())
+        bounds = active_zones(tree_of(document.scene.csg), self.solids, self.of_leaf.tolist())
         choose_segments(document, self.solids, bounds, camera, tolerance)
         shrink_inscribed(self.solids)
         offset = np.pad(self.origin[:, None], ((0, 1), (3, 0)))
@@ -71,9 +67,9 @@ class Leaves:
         self.primitives = list(dict.fromkeys(s.primitive for s in self.solids))
         self.shape = np.array([self.primitives.index(s.primitive) for s in self.solids])
 
-    def _find_shared_surfaces(self, cutters: np.ndarray | None) -> None:
+    def _find_shared_surfaces(self, cutters: np.ndarray) -> None:
         """Finds surfaces that several leaves share, and merges equal solids."""
-        uses = np.bincount(self.of_leaf) + (0 if cutters is None else np.bincount(self.of_leaf, cutters))
+        uses = np.bincount(self.of_leaf) + np.bincount(self.of_leaf, cutters)
         counts = [len(s.primitive.quadrics) for s in self.solids]
         if not any(counts):
             return
@@ -113,7 +109,8 @@ class Leaves:
     def cache_key(self) -> Hashable:
         """A hashable key, equal for equal tables."""
         solids = tuple(
-            (s.primitive.name, s.segments, s.shrink, s.to_world.tobytes(), s.surfaces.tobytes()) for s in self.solids
+            (s.primitive.name, s.segments, s.shrink, s.to_world.tobytes(), s.frame.tobytes(), s.surfaces.tobytes())
+            for s in self.solids
         )
         return solids, self.of_leaf.tobytes(), self.origin.tobytes()
 

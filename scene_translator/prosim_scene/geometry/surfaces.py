@@ -12,7 +12,8 @@ from ..collector import paused
 from ..language.document import Document
 from ..model import Leaf
 from ..view import Camera
-from . import csg, media
+from . import csg
+from .boundaries import AIR, OPAQUE, Boundary, Ids, boundaries, concatenated, heights, primitive_boundary
 from .detail import warn_of_rounding
 from .grouping import components
 from .leaves import Leaves
@@ -62,40 +63,24 @@ def corner_keys(of: np.ndarray, face: np.ndarray, corners: Corners, first: int =
 
 @dataclass(eq=False)
 class SurfaceMesh:
-    """The boundary of a tree's result without materials: all triangles, the number ``kind`` (n,) of each triangle's
-    kind, and that of each vertex, ``vertex_kind`` (k,).
+    """The boundary of a tree's result without materials: all triangles, sorted by their kinds; those of kind i are
+    number ``starts[i]`` to ``starts[i + 1]``.
 
     ``kinds`` are the numbers of the leaf and of the media inside and outside. ``visible`` (kinds,) is False for kinds
     that have only seams of no width.
     """
 
     triangles: Triangles
-    kind: np.ndarray
-    vertex_kind: np.ndarray
+    starts: np.ndarray
     kinds: list[tuple[int, int, int]]
     visible: np.ndarray
 
-    def chosen(self, groups: list[list[int]]) -> list[Triangles]:
-        """The triangles of groups of kinds."""
-        group_of = np.full(len(self.kinds), len(groups))
-        for number, kinds in enumerate(groups):
-            group_of[kinds] = number
-        triangles, starts = _sorted(group_of[self.kind], len(groups))
-        vertices, firsts = _sorted(group_of[self.vertex_kind], len(groups))
+    def chosen(self, kinds: list[int]) -> Triangles:
+        """The triangles of some kinds."""
         of = self.triangles
-        place = np.empty(len(vertices), int)
-        place[vertices] = np.arange(len(vertices))
-        result = []
-        for group, first in enumerate(firsts[:-1]):
-            chosen = vertices[first : firsts[group + 1]]
-            index = place[of.index[triangles[starts[group] : starts[group + 1]]]] - first
-            result.append(Triangles(of.vertices[chosen], of.normals[chosen], of.uv[chosen], index))
-        return result
-
-
-def _sorted(groups: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """The positions sorted by group, and the limits of the ``count`` groups in them."""
-    return np.argsort(groups, kind="stable"), np.cumsum(np.bincount(groups + 1, minlength=count + 2))[: count + 1]
+        chosen = np.concatenate([of.index[self.starts[kind] : self.starts[kind + 1]] for kind in kinds])
+        vertices, index = np.unique(chosen, return_inverse=True)
+        return Triangles(of.vertices[vertices], of.normals[vertices], of.uv[vertices], index.reshape(-1, 3))
 
 
 BATCH = 1 << 16  # triangles
@@ -120,38 +105,41 @@ def tessellate(
     ``cached(key, make)`` returns ``make()``, or its earlier result for an equal key. ``meshes``: the solids of mesh
     files, by file name. Raises :class:`SceneError` for a singular transform, and for too many triangles.
     """
-    leaves = [node for node in document.scene.csg if isinstance(node, Leaf)]
+    places = [(number, node) for number, node in enumerate(document.scene.csg) if isinstance(node, Leaf)]
+    leaves = [leaf for _, leaf in places]
     if not leaves:
         return {}
     tree = csg.tree_of(document.scene.csg)
     names = [None, *map(medium, leaves)]
     media_of = _numbered(names)[1:]
     cut = csg.cut_media(tree, media_of)
-    table = Leaves(document, camera, tolerance, cut > 1, meshes)
-    reflects = tuple(number == media.OPAQUE and fresnel(leaf) for number, leaf in zip(media_of, leaves))
+    table = Leaves(document, camera, tolerance, cut > 1, meshes or {})
+    reflects = tuple(number == OPAQUE and fresnel(leaf) for number, leaf in zip(media_of, leaves))
     faces = cached(
         (tuple(tree), tuple(media_of), reflects, table.cache_key()),
         lambda: _faces(tree, table, media_of, reflects, cut > 0),
     )
     warn_of_rounding(document, camera, faces.triangles.vertices)
-    visible, lining = np.zeros(len(leaves), bool), np.zeros(len(leaves), bool)
-    kinds_of_key: dict[MeshKey, list[int]] = {}
-    of_number = dict(zip([media.OPAQUE, *media_of, media.AIR], [*names, None]))
+    visible: set[int] = set()  # leaves
     filling: set[int] = set()  # media that are visible behind faces of other media
-    for number, (leaf, inside, outside) in enumerate(faces.kinds):
-        visible[leaf] |= faces.visible[number]
-        filling |= {inside, outside} - {media_of[leaf]} if faces.visible[number] else set()
-        lining[leaf] |= faces.visible[number] and (inside == media.OPAQUE) != (media_of[leaf] == media.OPAQUE)
-        inside, outside = _sides(media_of[leaf], inside, outside, reflects[leaf])
-        kinds_of_key.setdefault(MeshKey(material(leaves[leaf]), of_number[inside], of_number[outside]), []).append(
-            number
-        )
+    lining: set[int] = set()  # opaque leaves that cut glass, and glass that cuts opaque solids
+    kinds_of_key: dict[MeshKey, list[int]] = {}
+    of_number = dict(zip([OPAQUE, *media_of, AIR], [*names, None]))
+    for kind, (leaf, inside, outside) in enumerate(faces.kinds):
+        own = media_of[leaf]
+        if faces.visible[kind]:
+            visible.add(leaf)
+            filling |= {inside, outside} - {own, OPAQUE, AIR}
+            lining |= {leaf} if (inside == OPAQUE) != (own == OPAQUE) else set()
+        sides = [of_number[side] for side in _sides(own, inside, outside, reflects[leaf])]
+        kinds_of_key.setdefault(MeshKey(material(leaves[leaf]), *sides), []).append(kind)
     # The face of a medium that fills a hollow belongs to the cutter; the medium is visible.
-    filling -= {media.OPAQUE, media.AIR}
-    _report_vanished(document, visible | np.isin(media_of, list(filling)))
-    _report_lining(document, lining, np.array(media_of) == media.OPAQUE)
-    visible_keys = {key: chosen for key, chosen in kinds_of_key.items() if faces.visible[chosen].any()}
-    return dict(zip(visible_keys, faces.chosen(list(visible_keys.values()))))
+    shown = [leaf in visible or media_of[leaf] in filling for leaf in range(len(leaves))]
+    _report_vanished(document, [place for place, one in zip(places, shown) if not one], not any(shown))
+    first_uses = {(leaves[i].shape, leaves[i].index): i for i in sorted(lining, reverse=True)}
+    for i in sorted(first_uses.values()):
+        _warn_of_lining(document, *places[i], media_of[i] == OPAQUE)
+    return {key: faces.chosen(kinds) for key, kinds in kinds_of_key.items() if faces.visible[kinds].any()}
 
 
 def _numbered(keys: Iterable[Hashable]) -> list[int]:
@@ -167,10 +155,9 @@ def _faces(
     and reflects by Fresnel's equations, ``cut[i]`` whether it is in the second operand of - or *.
     """
     table.make_meshes()
-    ids = media.Ids(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
+    ids = Ids(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
     boxes = table.boxes[table.of_leaf] + table.step * np.array([[-1.0], [1.0]])
     fresnel = np.flatnonzero(reflects).tolist()
-
     groups = components(boxes[:, 0], boxes[:, 1])
     alone = np.bincount(groups, minlength=len(groups)) == 1
     cuts = csg.touching_small(boxes)
@@ -179,28 +166,27 @@ def _faces(
         if medium != media_of[number] and not cut[number]:
             return None
         i = int(table.of_leaf[number])
-        mesh = Manifold()
-        if not alone[groups[number]]:
-            mesh = csg.refined(manifold(table.meshes[i], table.first[i], ids.of(number, medium)), cuts[number])
         surfaces = frozenset(table.solids[i].surfaces.tolist()) - {-1}
+
+        def mesh() -> Manifold:
+            own = manifold(table.meshes[i], table.first[i], ids.of(number, medium))
+            return csg.refined(own, cuts[number])
+
         return csg.Body(mesh, boxes[number : number + 1], surfaces, table.planes, i)
 
     bodies: dict[int, dict[int, csg.Body]] = {}
     for m in sorted(set(media_of)):
         for group, value in csg.evaluate(tree, groups.tolist(), partial(body, medium=m)).items():
             bodies.setdefault(group, {})[m] = value
-    boundaries: list[media.Boundary] = []
+    found: list[Boundary] = []
     for group in sorted(bodies):
         of_group = bodies.pop(group)  # frees memory
         if alone[group]:  # a leaf that has the number of its group
             i = int(table.of_leaf[group])
-            boundaries.append(media.primitive_boundary(table.meshes[i], group, table.first[i], media_of[group]))
+            found.append(primitive_boundary(table.meshes[i], group, table.first[i], media_of[group]))
         else:
-            boundaries += media.boundaries(of_group, ids, fresnel)
-    if not boundaries:
-        nothing = Triangles(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2)), np.empty((0, 3), int))
-        return SurfaceMesh(nothing, np.empty(0, int), np.empty(0, int), [], np.empty(0, bool))
-    return _surface_mesh(table, media.concatenated(boundaries), max(media_of) + 2)
+            found += boundaries(of_group, ids, fresnel)
+    return _surface_mesh(table, concatenated(found), max(media_of) + 2)
 
 
 def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
@@ -215,30 +201,35 @@ def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
     return csg.checked(Manifold(mesh64))
 
 
-def _surface_mesh(table: Leaves, boundary: media.Boundary, count: int) -> SurfaceMesh:
+def _surface_mesh(table: Leaves, boundary: Boundary, count: int) -> SurfaceMesh:
     """A boundary with normals and uv; ``count`` is the number of media, with air."""
-    codes = (boundary.leaf * count + boundary.inside + 1) * count + boundary.outside + 1
-    codes, kind = np.unique(codes, return_inverse=True)
-    batches = []
+    triangles = boundary.triangles
+    codes = (triangles["leaf"].astype(int) * count + triangles["inside"] + 1) * count + triangles["outside"] + 1
+    order = np.argsort(codes, kind="stable")
+    triangles = triangles[order]
+    codes, starts, kind = np.unique(codes[order], return_index=True, return_inverse=True)
+    shape = len(kind), 3
+    keys, normals, uv = np.empty(shape, int), np.empty((*shape, 3), "f4"), np.empty((*shape, 2), "f4")
+    high = np.empty(len(kind), bool)
     unshared = 0  # so far
     for start in range(0, len(kind), BATCH):
-        chosen = boundary.chosen(slice(start, start + BATCH))
-        positions = chosen.vertices[chosen.triangles]
-        face = table.faces[chosen.facet]
-        corners = table.corners(positions, chosen.leaf, face)
-        keys = corner_keys(chosen.triangles * len(codes) + kind[start : start + BATCH, None], face, corners, unshared)
+        batch = slice(start, start + BATCH)
+        some = triangles[batch]
+        positions = boundary.vertices[some["index"]]
+        face = table.faces[some["facet"]]
+        corners = table.corners(positions, some["leaf"], face)
+        keys[batch] = corner_keys(some["index"].astype(int) * len(codes) + kind[batch, None], face, corners, unshared)
         unshared += int(corners.unshared.sum())
-        normals = corners.normals * chosen.sign[:, None, None]
-        batches.append([keys, normals.astype("f4"), corners.uv.astype("f4"), media.heights(positions) > 2 * table.step])
-    keys, normals, uv, high = map(np.concatenate, zip(*batches))
+        normals[batch], uv[batch] = corners.normals * some["sign"][:, None, None], corners.uv
+        high[batch] = heights(positions) > 2 * table.step
     _, first, index = np.unique(keys, return_index=True, return_inverse=True)
     triangle, at = np.divmod(first, 3)
-    positions = boundary.vertices[boundary.triangles[triangle, at]] + table.origin
-    triangles = Triangles(positions, normals[triangle, at], uv[triangle, at], index.reshape(-1, 3))
+    positions = boundary.vertices[triangles["index"][triangle, at]] + table.origin
+    result = Triangles(positions, normals[triangle, at], uv[triangle, at], index.reshape(-1, 3))
     visible = np.bincount(kind[high], minlength=len(codes)) > 0
     leaf, sides = np.divmod(codes, count**2)
     kinds = list(zip(leaf.tolist(), (sides // count - 1).tolist(), (sides % count - 1).tolist()))
-    return SurfaceMesh(triangles, kind, kind[triangle], kinds, visible)
+    return SurfaceMesh(result, np.append(starts, len(kind)), kinds, visible)
 
 
 def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, int]:
@@ -247,35 +238,28 @@ def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, in
     An opaque face has an outer medium only if it ``reflects`` by Fresnel's equations. If a dielectric cuts
     an opaque solid, the face is still the dielectric's.
     """
-    if own == media.OPAQUE:
-        return own, outside if reflects else media.AIR
-    return own if inside == media.OPAQUE else inside, outside
+    if own == OPAQUE:
+        return own, outside if reflects else AIR
+    return own if inside == OPAQUE else inside, outside
 
 
-def _report_lining(document: Document, lining: np.ndarray, opaque: np.ndarray) -> None:
-    """Warns of opaque leaves that cut glass, and of glass that cuts opaque solids: the cutter owns the faces."""
-    numbers = [n for n, node in enumerate(document.scene.csg) if isinstance(node, Leaf)]
-    reported = set()
-    for leaf in np.flatnonzero(lining).tolist():
-        node = document.scene.csg[numbers[leaf]]
-        if isinstance(node, Leaf) and (node.shape, node.index) not in reported:
-            reported.add((node.shape, node.index))
-            document.warn(
-                f"{node.shape.upper()} {node.index} cuts glass and owns the faces of the cut: SURFACE {node.index} "
-                f"is opaque, and lines the glass; expected material dieletrico in SURFACE {node.index}"
-                if opaque[leaf]
-                else f"{node.shape.upper()} {node.index} cuts an opaque solid and owns the faces of the cut: SURFACE "
-                f"{node.index} is a dieletrico, and the solid looks hollow; expected another material in SURFACE "
-                f"{node.index}",
-                "csg",
-                numbers[leaf],
-            )
+def _warn_of_lining(document: Document, number: int, leaf: Leaf, opaque: bool) -> None:
+    """Warns of an opaque leaf that cuts glass, or of glass that cuts an opaque solid: the cutter owns the faces."""
+    surface = f"SURFACE {leaf.index}"
+    what, problem, expected = "an opaque solid", "is a dieletrico, and the solid looks hollow", "another material"
+    if opaque:
+        what, problem, expected = "glass", "is opaque, and lines the glass", "material dieletrico"
+    document.warn(
+        f"{leaf.shape.upper()} {leaf.index} cuts {what} and owns the faces of the cut: {surface} {problem}; "
+        f"expected {expected} in {surface}",
+        "csg",
+        number,
+    )
 
 
-def _report_vanished(document: Document, visible: np.ndarray) -> None:
-    leaves = [(n, leaf) for n, leaf in enumerate(document.scene.csg) if isinstance(leaf, Leaf)]
-    vanished = [leaf for leaf, s in zip(leaves, visible) if not s]
-    if len(vanished) == len(leaves):
+def _report_vanished(document: Document, vanished: list[tuple[int, Leaf]], empty: bool) -> None:
+    """Warns of leaves that the result has no face of; ``empty``: it has no face at all."""
+    if empty:
         document.warn("the tree's result is empty; check its operators and transforms", "csg")
     elif vanished:
         names = [f"{leaf.shape.upper()} {leaf.index} (line {document.line('csg', n)})" for n, leaf in vanished[:10]]

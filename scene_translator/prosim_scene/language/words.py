@@ -30,6 +30,7 @@ class Numbers:
     nonzero: bool = False  #: whether 0 is refused
 
     noun: ClassVar = "number"
+    whole_type: ClassVar[type[int]] = int
 
     def counted(self) -> str:
         """How many there are, in words."""
@@ -48,33 +49,34 @@ class Numbers:
         """Whether this is an allowed count of values."""
         return count == self.count or (self.channels and count == 1)
 
-    def allow(self, text: str) -> bool:
+    def number(self, text: str) -> float:
+        """The number that a text stands for; NaN for another text."""
+        return float(text)
+
+    def allow(self, value: float) -> bool:
         """Whether a value is allowed."""
-        value = float(text)
         return (
             self.low <= value <= self.high
             and (abs(value) >= self.least or (value == 0 and not self.nonzero))
             and (not self.whole or value == int(value))
         )
 
-    def convert(self, text: str) -> Any:
-        """The value of an allowed text."""
-        return int(float(text)) if self.whole else float(text)
-
     def value(self, texts: Sequence[str]) -> Any:
         """The values: one, or a tuple; None if their count is wrong, or one is not allowed."""
-        if not self.fit(len(texts)) or not all(map(self.allow, texts)):
+        values = tuple(map(self.number, texts))
+        if not self.fit(len(values)) or not all(map(self.allow, values)):
             return None
-        values = tuple(map(self.convert, texts))
         if self.direction and math.hypot(*values) < 1 / LARGE:
             return None
+        if self.whole:
+            values = tuple(map(self.whole_type, values))
         return values[0] if self.count == 1 else values * (self.count // len(values))
 
 
 class Flags(Numbers):
     """The TRUE or FALSE, or 1 or 0, that follow a word: how many, and their names in messages."""
 
-    noun = "word"
+    noun, whole_type = "word", bool
 
     def counted(self) -> str:
         """How many there are, in words."""
@@ -84,13 +86,9 @@ class Flags(Numbers):
         """The allowed values, in words."""
         return "TRUE or FALSE"
 
-    def allow(self, text: str) -> bool:
-        """Whether a value is allowed."""
-        return normalise(text) in FLAGS
-
-    def convert(self, text: str) -> bool:
-        """The value of an allowed text."""
-        return FLAGS[normalise(text)]
+    def number(self, text: str) -> float:
+        """1 for TRUE, 0 for FALSE; NaN for another text."""
+        return FLAGS.get(normalise(text), math.nan)
 
 
 NOTHING = Numbers(0)
@@ -104,7 +102,7 @@ def _numbers(cell: str) -> Numbers:
         return NOTHING
     count, what, low, high, rules = found.groups()
     if high is None:
-        return Flags(int(count), what)
+        return Flags(int(count), what, whole=True)
     values: dict[str, Any] = {}
     for rule in rules.split(", ")[1:]:
         name, _, value = rule.partition(" ")

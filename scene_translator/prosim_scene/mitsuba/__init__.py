@@ -13,10 +13,10 @@
 ``surface(context, number, leaf, sides)``
     The entries of a shape for the SURFACE of a leaf, node ``number`` of the tree, with the media ``sides``.
 
-Both use ``lights``, ``materials``, ``textures`` and ``sensor``, and the state of a translation in ``context``;
-``assemble`` makes the whole scene.
+Both use ``lights``, ``materials``, ``textures`` and ``sensor``, and the state of a translation in
+``translation_context``; ``assemble`` makes the whole scene.
 """
 
-from . import prosim, stock
+from . import prosim_target, stock_target
 
-TARGETS = {"prosim": prosim, "stock": stock}
+TARGETS = {"prosim": prosim_target, "stock": stock_target}

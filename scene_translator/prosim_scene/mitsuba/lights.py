@@ -16,7 +16,7 @@ import math
 
 from ..model import Light, Vector
 from ..nodes import Node, Point, rgb
-from .context import Context
+from .translation_context import Context
 
 FULL_SCALE = 65535
 UNITS = ("calibrated", "radiance", "unattenuated")

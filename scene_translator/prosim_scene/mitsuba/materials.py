@@ -7,7 +7,7 @@ from ..language.words import INDICES, numbers
 from ..model import GREY, Leaf, Surface, Texture, Vector
 from ..nodes import Node, rgb
 from . import textures
-from .context import Context
+from .translation_context import Context
 
 BLACK = (0.0, 0.0, 0.0)
 #: The least absorption of a channel, relative to the largest: ``volpath`` returns NaN for 0.

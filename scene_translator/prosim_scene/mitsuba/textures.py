@@ -12,7 +12,7 @@ import numpy as np
 from ..geometry.transforms import matrix
 from ..model import Leaf, Scene, Texture
 from ..nodes import Node, rgb_clipped
-from .context import Context
+from .translation_context import Context
 
 #: Defaults of the patterns: factors of ka and kd, and lengths in (u, v) or in the primitive's own space.
 DEFAULTS: dict[str, dict[str, Any]] = {

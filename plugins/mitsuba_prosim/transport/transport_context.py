@@ -1,9 +1,9 @@
-"""The context of trees and paths: settings, and facts about the scene that are gathered once a render."""
+"""The context of trees and paths: the settings, and properties of the scene that are found once per render."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, replace
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -11,14 +11,17 @@ import mitsuba as mi
 from ..compat import INSTANCE
 from ..light.table import Lights
 from . import lobes
-from .layers import layers_of
-from .media import absorbs_any
+from .absorption import absorbs_any
+from .radiance import layers_of
 from .ray import Ray
 from .scattering import Scattering
 from .workarounds import warn_of_dim_lobes
 
 #: The nodes of a ray tree are numbered as in a heap, in 32 bits.
 DEEPEST_TREE = 24
+
+#: Unlimited number of diffuse reflections of paths.
+UNLIMITED = (1 << 31) - 1
 
 #: Spaces of the sampling pattern that belong to the camera; those of the nodes follow.
 PIXEL, LENS, TIME_AND_WAVELENGTH, CAMERA_SPACES = 0, 1, 2, 3
@@ -48,66 +51,36 @@ class Settings:
         return self.diffuse_bounces == 0
 
 
-class PhotonMIS(Protocol):
-    """Multiple importance sampling of rays and photons that find the same light, at glossy surfaces."""
-
-    def first(self, ray: Any) -> Any:
-        """The camera ray ``ray``, with the data for its MIS weights."""
-
-    def next(self, vertex: Any, following: Any, bs: Any, weight: Any) -> Any:
-        """The same for ``following``, which leaves ``vertex`` with the sample ``bs`` of this ``weight``."""
-
-    def absorbed(self, ray: Any, transmitted: Any) -> Any:
-        """The same for ``ray``, of whose light a medium has ``transmitted`` this part."""
-
-    def emission_weight(self, ray: Any, origin: Any, ds: Any, pdf: Any, uses_mis: Any, weight: Any, active: Any) -> Any:
-        """The MIS weight of emission that ``ray`` meets; ``weight`` where no photon could have found it.
-
-        ``origin``, ``ds``: where the ray leaves, and the sample of the source there, which light sampling takes with
-        the density ``pdf`` in the lanes ``uses_mis``.
-        """
-
-    def light_pdf(self, vertex: Any, active: Any) -> Any:
-        """A function of a light sample at ``vertex``: the density of all other strategies that find its light."""
-
-
-class PhotonMaps(Protocol):
-    """Photons that surfaces gather."""
-
-    #: The MIS of photons and rays; None where only diffuse surfaces gather.
-    mis: PhotonMIS | None
-
-    def add_to(self, L: Any, vertex: Any, drawn: Any, t: Any) -> Any:
-        """``L`` plus the radiance of the photons at ``vertex``, for the ``t``-th sample of a pixel. ``drawn``: the
-        glossy lobes, each with its own ray.
-        """
-
-
 class Context:
     """``scene`` under ``settings``.
 
     ``attached``: whether derivatives are wanted. Directions are then fixed, or move with a source
     (:mod:`..light.reparameterisation`), and their weights are evaluated again. ``around``: the medium that the camera
-    is in, or None. ``photons``: find the light that reaches surfaces through specular ones; None if the rays find it.
+    is in, or None. ``caustics``: the photons (``photons.caustics.Caustics``) that find the light which reaches surfaces
+    through specular ones; None if the rays find it.
     """
 
     def __init__(
         self,
-        scene: mi.Scene,
         settings: Settings,
+        scene: mi.Scene,
         attached: bool = False,
         around: mi.Medium | None = None,
-        photons: PhotonMaps | None = None,
+        caustics: Any | None = None,
     ) -> None:
+        if caustics is not None and settings.diffuse_bounces < 0:
+            # A path must distinguish diffuse from other reflections, which a ray of the whole BRDF does not.
+            settings = replace(settings, diffuse_bounces=UNLIMITED)
         warn_of_dim_lobes(scene)
         self.scene, self.settings, self.attached, self.around = scene, settings, attached, around
-        self.photons = photons
+        #: The photons, which must have been emitted before samples are taken; and their MIS with rays, or None.
+        self.caustics, self.photon_mis = caustics, None if caustics is None else caustics.mis
         self.lights = Lights(scene, choose=not settings.follows_tree)
         #: To which layer light belongs.
-        self.layers = layers_of(settings.layers, settings, self.lights, photons is not None)
+        self.layers = layers_of(settings.layers, settings, self.lights, caustics is not None)
         #: How BSDFs are sampled and evaluated.
         self.scattering = Scattering.of(scene, separate=settings.diffuse_bounces >= 0)
-        #: Whether anything absorbs light on its way, see :mod:`.media`.
+        #: Whether anything absorbs light on its way, see :mod:`.absorption`.
         self.absorbs = absorbs_any(scene, around)
         #: Union of the ``mi.BSDFFlags`` of all surfaces: whether any has a specular reflection, a specular
         #: transmission, smooth lobes lit from both sides.
@@ -127,14 +100,16 @@ class Context:
         #: The lobes lit by light sampling and by their own rays, with MIS; and those lit by light sampling alone, as no
         #: ray of theirs may meet a source, or None.
         self.mis_lobes = self.glossy if settings.diffuse_bounces < 0 or not self.lights.only_points else ()
+        #: Whether one call of a BSDF evaluates a lobe for the only lamp and samples its ray, so that its textures are
+        #: evaluated once.
+        self.samples_with_light = (
+            not attached
+            and not (self.scattering.disperses or self.scattering.mixes or self.scattering.any_inseparable)
+            and (self.lights.sampler is not None or self.lights.lamps == 1)
+        )
         self.light_lobes = None
         if settings.diffuse_bounces >= 0:
             self.light_lobes = lobes.diffuse() if self.mis_lobes else lobes.everything()
-
-    @property
-    def photon_mis(self) -> PhotonMIS | None:
-        """The MIS of photons and rays, or None."""
-        return None if self.photons is None else self.photons.mis
 
     def first(self, camera: mi.Ray3f) -> Ray:
         """The ray that begins with the ``mi.Ray3f`` of the camera."""
@@ -146,7 +121,7 @@ class Context:
         if self.absorbs:
             ray.medium = mi.MediumPtr(self.around) if dr.is_jit_v(mi.Float) else self.around
             ray.offset = mi.Float(0)
-        if self.photons is not None and (self.scattering.any_inseparable or not self.settings.follows_tree):
+        if self.caustics is not None and (self.scattering.any_inseparable or not self.settings.follows_tree):
             ray.gathered_photons = mi.Bool(False)
         if self.lights.sampler is not None:
             ray.importance = mi.Float(0)
@@ -157,6 +132,13 @@ class Context:
     def space(self, node: mi.UInt32, k: int | mi.UInt32) -> mi.UInt32:
         """Number of the ``k``-th space of a node."""
         return CAMERA_SPACES + node * (NODE_SPACES + self.lights.count) + k
+
+
+def direction_space(lobe: mi.BSDFContext) -> int:
+    """The space of a node for the direction of the ray of ``lobe``."""
+    if lobe.type_mask & lobes.mask(*lobes.DIFFUSE):
+        return DIFFUSE
+    return REFLECTED if lobe.type_mask & lobes.mask(*lobes.REFLECTED) else REFRACTED
 
 
 def scene_flags(scene: mi.Scene) -> int:

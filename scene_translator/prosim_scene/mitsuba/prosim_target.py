@@ -4,7 +4,7 @@ from ..model import Leaf, Light
 from ..nodes import Comment, Default, Node, rgb
 from ..view import Camera
 from . import lights, materials
-from .context import Context
+from .translation_context import Context
 
 SAMPLER = "nrook"
 

@@ -7,7 +7,7 @@ which manifold3d propagates to the triangles of the result.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,49 +19,46 @@ OPAQUE = 0
 AIR = -1
 
 
-@dataclass
-class Boundary:
-    """Triangles of a result: ``vertices`` (n, 3), ``triangles`` (m, 3), and for each triangle the number of its
-    ``leaf`` and of its ``facet``, and a ``sign``, -1 on a subtracted primitive. ``inside`` and ``outside`` (m,) are the
-    media on its two sides; its normal points to ``outside``.
-    """
+#: A triangle of a result: the numbers of its vertices, of its leaf and of its facet, a sign, -1 on a subtracted
+#: primitive, and the media on its two sides; its normal points to ``outside``.
+TRIANGLE = np.dtype([("index", "i4", 3), *((name, "i4") for name in ("leaf", "facet", "sign", "inside", "outside"))])
+
+
+class Boundary(NamedTuple):
+    """Triangles of a result: ``vertices`` (n, 3), and a table ``triangles`` of the type TRIANGLE."""
 
     vertices: np.ndarray
     triangles: np.ndarray
-    leaf: np.ndarray
-    facet: np.ndarray
-    sign: np.ndarray
-    inside: np.ndarray
-    outside: np.ndarray
 
-    def chosen(self, which: np.ndarray | slice) -> Boundary:
-        """The triangles that an index array, a mask or a slice selects."""
-        arrays = (self.triangles, self.leaf, self.facet, self.sign, self.inside, self.outside)
-        return Boundary(self.vertices, *(column[which] for column in arrays))
+    @classmethod
+    def of(cls, vertices: np.ndarray, **columns: np.ndarray | int) -> Boundary:
+        """The boundary with these columns of the table."""
+        triangles = np.empty(len(np.asarray(columns["index"])), TRIANGLE)
+        for name, values in columns.items():
+            triangles[name] = values
+        return cls(vertices, triangles)
 
     def reversed_side(self, outside: int) -> Boundary:
         """The boundary with reversed orientation, and a medium outside."""
-        return replace(
-            self, triangles=self.triangles[:, ::-1], sign=-self.sign, outside=np.full_like(self.outside, outside)
-        )
+        columns = {name: self.triangles[name] for name in ("leaf", "facet", "inside")}
+        index, sign = self.triangles["index"][:, ::-1], -self.triangles["sign"]
+        return Boundary.of(self.vertices, index=index, sign=sign, outside=outside, **columns)
 
 
 def primitive_boundary(mesh: Mesh, leaf: int, first: int, medium: int) -> Boundary:
     """The boundary of a primitive that touches no other; ``first`` is the number of its first facet."""
-    numbers = (np.full(len(mesh.triangles), number) for number in (leaf, 1, medium, AIR))
-    leaves, sign, inside, outside = numbers
-    return Boundary(mesh.vertices, mesh.triangles, leaves, first + mesh.facets, sign, inside, outside)
+    columns = {"index": mesh.triangles, "facet": first + mesh.facets}
+    return Boundary.of(mesh.vertices, leaf=leaf, sign=1, inside=medium, outside=AIR, **columns)
 
 
 def concatenated(boundaries: Sequence[Boundary]) -> Boundary:
-    """The triangles of all ``boundaries``, which are not empty."""
+    """The triangles of all ``boundaries``."""
     if len(boundaries) == 1:
-        return boundaries[0]
-    starts = np.cumsum([0, *(len(b.vertices) for b in boundaries)])
-    triangles = np.concatenate([b.triangles + first for b, first in zip(boundaries, starts)])
-    arrays = zip(*((b.vertices, b.leaf, b.facet, b.sign, b.inside, b.outside) for b in boundaries))
-    vertices, *others = map(np.concatenate, arrays)
-    return Boundary(vertices, triangles, *others)
+        return boundaries[0]  # saves memory
+    starts = np.cumsum([0, *(len(one.vertices) for one in boundaries)])[:-1]
+    triangles = np.concatenate([np.empty(0, TRIANGLE), *(one.triangles for one in boundaries)])
+    triangles["index"] += np.repeat(starts, np.array([len(one.triangles) for one in boundaries], int))[:, None]
+    return Boundary(np.concatenate([np.empty((0, 3)), *(one.vertices for one in boundaries)]), triangles)
 
 
 class Ids:
@@ -79,14 +76,14 @@ class Ids:
         mesh = checked(body.planes.snap(checked(body.manifold), body.surfaces)).to_mesh64()
         ids = per_triangle(mesh, np.asarray(mesh.run_original_id, dtype=np.int64))
         medium, leaf = np.divmod(ids - self.base, self.leaves)
-        return Boundary(
+        return Boundary.of(
             np.array(mesh.vert_properties)[:, :3],
-            np.array(mesh.tri_verts, dtype=np.int64),
-            leaf,
-            np.asarray(mesh.face_id, dtype=np.int64),
-            signs(mesh),
-            medium,
-            np.full_like(medium, AIR),
+            index=np.asarray(mesh.tri_verts, dtype=np.int64),
+            leaf=leaf,
+            facet=np.asarray(mesh.face_id, dtype=np.int64),
+            sign=signs(mesh),
+            inside=medium,
+            outside=AIR,
         )
 
 
@@ -109,8 +106,8 @@ def boundaries(bodies: dict[int, Body], ids: Ids, fresnel: Collection[int]) -> l
         if total and neighbours:
             found = ids.boundary(remainder(total, body))
             for other in neighbours:
-                face = found.chosen(found.inside == other)
-                interfaces[other] += [face.reversed_side(medium)] if len(face.leaf) else []
+                face = Boundary(found.vertices, found.triangles[found.triangles["inside"] == other])
+                interfaces[other] += [face.reversed_side(medium)] if len(face.triangles) else []
         total = combined("+", total, body) if total else body
         layers.append((medium, total))
     result: list[Boundary] = []
@@ -118,14 +115,14 @@ def boundaries(bodies: dict[int, Body], ids: Ids, fresnel: Collection[int]) -> l
         width = 2 * body.planes.step
         touched = any(  # beyond seams of no width
             (
-                (heights(face.vertices[face.triangles]) > width)
-                & (medium != OPAQUE or np.isin(face.leaf, list(fresnel)))
+                (heights(face.vertices[face.triangles["index"]]) > width)
+                & (medium != OPAQUE or np.isin(face.triangles["leaf"], list(fresnel)))
             ).any()
             for face in interfaces[medium]
         )
         assert total
         found = ids.boundary(total if touched else body)
-        result.append(found.chosen(found.inside == medium))
+        result.append(Boundary(found.vertices, found.triangles[found.triangles["inside"] == medium]))
         result += interfaces[medium] * touched
     return result
 

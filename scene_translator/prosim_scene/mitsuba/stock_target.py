@@ -11,7 +11,7 @@ from ..model import Leaf, Light, Surface, Vector
 from ..nodes import Comment, Default, Node, Point, rgb, rgb_clipped
 from ..view import Camera
 from . import lights, materials, textures
-from .context import Context
+from .translation_context import Context
 
 SAMPLER = "multijitter"
 

@@ -25,8 +25,8 @@ import mitsuba as mi
 from ..light.table import Lights
 
 if TYPE_CHECKING:
-    from .context import Settings
     from .ray import Ray
+    from .transport_context import Settings
 
 #: Values of the parameter ``layers``.
 KINDS = ("none", "lights", "levels", "terms")

@@ -74,7 +74,7 @@ def compare(
             opened = contestants.Scene(replace(job, noise=None).file(folder))
             if job.denoise:
                 check_denoising(opened.sensor().film())
-            for spec in specs:  # whatever is wrong with them shows before the long work
+            for spec in specs:  # errors of the contestants come before the long work
                 try:
                     opened.contestant(spec, spec.transport or "scene", spp=4)
                 except RuntimeError as error:

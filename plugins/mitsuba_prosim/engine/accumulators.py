@@ -87,9 +87,8 @@ class FilmState:
         #: RMS error of the displayed image (white = 1), and the bounds of 99 and of 99.9 % of its pixels, as measured
         #: last by :class:`.SecondImage`.
         self.noise: tuple[float, float, float] = (float("nan"),) * 3
-        #: The error falls with this power of the number of samples; and each estimate of the denoised image's error:
-        #: samples of a pixel, the denoiser's networks, and the error as above.
-        self.slope, self.estimates = 0.5, list[tuple[Any, ...]]()
+        #: Each estimate of the denoised image's error: samples of a pixel, the denoiser's networks, the error as above.
+        self.estimates = list[tuple[Any, ...]]()
         #: How often the policy has decided; 0 before the end of the first pass.
         self.rounds = 0
         #: The counts of the current pass; None in the first pass and between two.

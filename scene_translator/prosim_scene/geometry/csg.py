@@ -156,7 +156,7 @@ class _Chain:
         adds = np.array([sign == "+" for sign, _ in self.operands])
         boxes = np.array([body.box for _, body in self.operands])
         step = np.zeros(len(adds), int)
-        for i in range(1, len(adds)):
+        for i in range(1, len(adds) if self.cuts else 0):
             near = touching(boxes[:i], boxes[i])
             step[i] = (step[near] + (adds[near] & ~adds[i])).max(initial=0)
         steps: list[tuple[list[Body], list[Body]]] = [([], []) for _ in range(step.max() + 1)]

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -25,7 +25,7 @@ WHOLE = OtherLights(())
 #: A strategy, and the numbers of its first lamp and of the one after its last.
 Group = tuple[OtherLights, Any, Any]
 #: Evaluates a strategy for a lamp, by its number within the strategy, in the lanes of a mask.
-Evaluate = Callable[[OtherLights, Index, mi.Bool], Any]
+Evaluate: TypeAlias = "Callable[[OtherLights, Index, mi.Bool], Any]"
 
 
 @dataclass

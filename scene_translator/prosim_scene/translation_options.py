@@ -24,19 +24,19 @@ class Options:
     def __post_init__(self) -> None:
         """Checks the values."""
         samples, pixels = numbers("SETTING", "samples"), numbers("VIEW_PARAMETER", "resolution")
-        self._check("target", self.target in list(TARGETS), f"one of {', '.join(TARGETS)}")
-        self._check("light_units", self.light_units in lights.UNITS, f"one of {', '.join(lights.UNITS)}")
-        self._check("tolerance", self.tolerance is None or _is_positive(self.tolerance), "a number of pixels above 0")
-        self._check("samples", self.samples is None or _whole(self.samples, samples), samples.bounds())
-        self._check(
-            "resolution",
-            self.resolution is None or _is_size(self.resolution, pixels),
-            f"width and height, each {pixels.bounds()}, and {PIXELS} in all",
-        )
-
-    def _check(self, name: str, allowed: bool, expected: str) -> None:
-        if not allowed:
-            raise SceneError(f"{name} is {getattr(self, name)!r}; expected {expected}")
+        for name, allowed, expected in (
+            ("target", self.target in list(TARGETS), f"one of {', '.join(TARGETS)}"),
+            ("light_units", self.light_units in lights.UNITS, f"one of {', '.join(lights.UNITS)}"),
+            ("tolerance", self.tolerance is None or _is_positive(self.tolerance), "a number of pixels above 0"),
+            ("samples", self.samples is None or _whole(self.samples, samples), samples.bounds()),
+            (
+                "resolution",
+                self.resolution is None or _is_size(self.resolution, pixels),
+                f"width and height, each {pixels.bounds()}, and {PIXELS} in all",
+            ),
+        ):
+            if not allowed:
+                raise SceneError(f"{name} is {getattr(self, name)!r}; expected {expected}")
 
 
 def _is_positive(value: Any) -> bool:

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
 from hashlib import blake2b
+from html import escape
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -155,13 +156,7 @@ def _defaults(node: Node) -> Iterator[Default]:
 def _entry(parent: ElementTree.Element, key: str, value: Any, depth: int) -> None:
     """Adds a parameter, a plugin or a comment to ``parent``, whose children are indented ``depth`` times."""
     if isinstance(value, Comment):
-        text = (
-            INVALID_IN_XML.sub("?", value)
-            .replace("&", "&amp;")
-            .replace("<", "&lt;")
-            .replace(">", "&gt;")
-            .replace("--", "- -")
-        )
+        text = escape(INVALID_IN_XML.sub("?", value), quote=False).replace("--", "- -")
         parent.append(ElementTree.Comment(f" {text} "))
     elif isinstance(value, dict):
         _element(parent, key, value, depth)

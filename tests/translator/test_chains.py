@@ -1,7 +1,5 @@
 """Long chains of + and -, which are evaluated in halves."""
 
-import random
-
 import exact_csg
 import numpy as np
 import pytest
@@ -10,25 +8,10 @@ from prosim_scene.geometry import csg
 from test_exact_csg import EDGE, wrong_pixels
 
 
-@pytest.mark.parametrize("kind", ["general", "grid", "nested", "grazing"])
+@pytest.mark.parametrize("kind", ["general", "grid", "recesses", "chains", "nested", "grazing"])
 def test_chains_in_halves_are_what_the_tree_means(variant_rgb, tmp_path, monkeypatch, kind):
     monkeypatch.setattr(csg, "MAX_SEQUENCE", 0)
     assert wrong_pixels(exact_csg.KINDS[kind](np.random.default_rng([1, 7])), tmp_path) <= EDGE
-
-
-def test_a_comb_in_halves_is_the_comb_one_by_one(monkeypatch):
-    # A bar with teeth, and gaps in these, all flush with its sides.
-    rng = random.Random(3)
-    transforms = ["SCALE (8 1 1) TRANSLATE (-4 0 0)"] + [
-        f"SCALE ({rng.uniform(0.5, 1)} 1 {rng.uniform(1.5, 2)}) TRANSLATE ({0.3 * i - 3} 0 0)" for i in range(20)
-    ]
-    tree = " ".join(["-+"[i % 2] for i in range(20)]) + " " + " ".join(f"CUBE {i}" for i in range(21))
-    text = scene(tree, transforms)
-    expected = volume(list(solids(text).values()))
-    monkeypatch.setattr(csg, "MAX_SEQUENCE", 0)
-    meshes = list(solids(text).values())
-    assert_closed(meshes)
-    assert volume(meshes) == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.filterwarnings("ignore:.*nothing is visible of CUBE 1")

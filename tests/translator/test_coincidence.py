@@ -82,19 +82,6 @@ def test_coincident_faces_of_turned_solids(name):
             assert volume(list(meshes.values())) == pytest.approx(expected, **near), turn
 
 
-def test_a_flush_cut_at_a_decimal_height_is_open():
-    for tenths in range(2, 60, 2):
-        height = tenths / 10
-        meshes = solids(
-            scene(
-                "- CUBE 0 CUBE 1",
-                [f"SCALE (1 1 {height})", f"SCALE (.5 .5 .1) TRANSLATE (.25 .25 {round(height - 0.1, 1)})"],
-            )
-        )
-        assert area(meshes[0]) == pytest.approx(2 + 4 * height - 0.25, abs=1e-6), height
-        assert area(meshes[1]) == pytest.approx(0.25 + 4 * 0.05, abs=1e-6), height
-
-
 @pytest.mark.slow
 def test_a_ball_less_itself_is_nothing_however_it_is_turned():
     for turn in turns(5, seed=8):
@@ -103,23 +90,6 @@ def test_a_ball_less_itself_is_nothing_however_it_is_turned():
                 solids(scene("- SPHERE 0 SPHERE 1", ["SCALE (1 2 3)", f"{turn.split('TRANSLATE')[0]} SCALE (1 2 3)"]))
                 == {}
             )
-
-
-@pytest.mark.filterwarnings("ignore:.*nothing is visible of CUBE 2")
-def test_two_halves_of_one_ball():
-    # The same ball twice, turned, cut in halves by the same block from both sides: together the ball again.
-    for turn in turns(5, seed=9):
-        half = "SCALE (4 4 2) TRANSLATE (-2 -2 0)"
-        meshes = solids(
-            scene(
-                "+ * SPHERE 0 CUBE 2 - SPHERE 1 CUBE 2",
-                [turn.replace("TRANSLATE", "ROTATE-X (9) TRANSLATE"), turn, f"{half} {turn}"],
-            )
-        )
-        assert set(meshes) == {0, 1}
-        assert area(meshes[0]) == pytest.approx(2 * math.pi, rel=4e-3)
-        assert area(meshes[1]) == pytest.approx(2 * math.pi, rel=4e-3)
-        assert volume(list(meshes.values())) == pytest.approx(math.pi * 4 / 3, rel=4e-3)
 
 
 def test_a_ball_in_a_pipe_of_its_own_width_does_not_show_through():

@@ -99,33 +99,6 @@ def test_coincident_faces_in_a_large_union():
             assert face[i] == pytest.approx(1.5 - lost)
 
 
-def test_dielectrics_give_way_to_opaque_solids():
-    glass = "material dieletrico n-refr = 1.5"
-    text = scene(
-        "+ CUBE 0 SPHERE 1", ["TRANSLATE (-.5 -1 -.5)", "SCALE (.4 .4 .4)"], ["material lambertiano kd = .5", glass]
-    )
-    meshes = solids(text, 0.005)
-    # The opaque box keeps its whole surface: the ray inside the glass meets it.
-    assert_closed([meshes[0]])
-    assert volume([meshes[0]]) == pytest.approx(1)
-    # Of the ball there is the upper half; its shell is closed by the box's top.
-    assert area(meshes[1]) == pytest.approx(2 * math.pi * 0.16, rel=1e-3)
-    unshared = solids(scene("- SPHERE 0 CUBE 1", ["", "TRANSLATE (-.5 -.5 0) SCALE (4 4 4)"], [glass, glass]), 0.005)
-    assert_closed(list(unshared.values()))
-    assert len(unshared) == 1
-
-
-def test_a_cut_face_belongs_to_the_cutter_whatever_it_is_made_of():
-    surfaces = ["material dieletrico n-refr = 1.5"] + 2 * ["material lambertiano kd = .5"]
-    meshes = solids(
-        scene("- SPHERE 0 + CUBE 1 CUBE 2", ["", "SCALE (4 4 4)", "SCALE (4 4 4) TRANSLATE (0 -4 0)"], surfaces)
-    )
-    assert_closed(list(meshes.values()))
-    assert area(meshes[1]) == pytest.approx(
-        2 * math.pi / 2, rel=1e-3
-    )  # a quarter of the ball is gone; half discs remain
-
-
 def test_what_vanishes_is_reported():
     with pytest.warns(SceneWarning, match=r"nothing is visible of SPHERE 1 \(line 3\)"):
         solids(scene("+ CUBE 0 SPHERE 1", ["", "SCALE (.1 .1 .1) TRANSLATE (.5 .5 .5)"]))

@@ -187,20 +187,6 @@ def test_caustics_are_said_where_a_scene_asks_for_them(said, asked, tmp_path, re
     assert len(left) == asked and "caustics" not in stock
 
 
-def test_alike_surfaces_share_a_mesh(tmp_path):
-    path = tmp_path / "a.scn"
-    path.write_text(
-        "VIEW OBS 0 0 9 LIGHTS POINT position 0 5 5 CSG-TREE + CUBE 0 + CUBE 1 CUBE 2 "
-        + " ".join(
-            f"SURFACE {i} material lambertiano kd = {0.5 if i < 2 else 0.4} TRANSFORM {i} TRANSLATE ({2 * i} 0 0)"
-            for i in range(3)
-        )
-        + " END"
-    )
-    prosim_scene.translate(path)
-    assert sorted(p.name.split("-")[0] for p in (tmp_path / "a-meshes").iterdir()) == ["surface_0", "surface_2"]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "light, irradiance",

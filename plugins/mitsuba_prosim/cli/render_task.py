@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -63,8 +64,9 @@ class RenderTask:
 
     @cached_property
     def about(self) -> dict[str, Any]:
-        """Facts that identify the checkpoints."""
-        return self.job.about(self.file)
+        """Facts that identify the checkpoints, and by which another process continues the job."""
+        image = self.job.image() | {"scene": os.path.abspath(self.job.scene)}
+        return {"job": image, "digest": self.file.digest()}
 
     def check(self) -> None:
         """Raises the errors of loading the scene, and ValueError where the options do not suit it, or :attr:`begin`
@@ -253,9 +255,8 @@ def finish(
         bitmap, own = layers.undenoised(both), {"prosim.denoised": "no, interrupted"}
         lines.append("not denoised: interrupted")
     else:
-        result, estimates = steps.denoised(), steps.render and steps.render.state.estimates
-        bitmap = layers.bitmap(both, result)
-        own, line = report.of_denoised(result, estimates, both.uncertainty, film)
+        bitmap = layers.bitmap(both, steps.denoised())
+        own, line = report.of_denoised(steps, film)
         lines.append(line)
     header = report.metadata(job, integrator, reached, interrupted is not None, seconds) | own | dict(facts or {})
     exposure = job.exposure or 0.0

@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 from importlib.metadata import version
 from math import isnan
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import mitsuba as mi
 
 from ..denoising import oidn
+from ..denoising.halves import TOLERANCE, DenoisedRender
 from ..engine.plan import UNLIMITED
 
 if TYPE_CHECKING:
-    from ..denoising.denoised import Denoised
     from ..engine.render import Reached
     from .job import Job
 
@@ -22,9 +22,6 @@ IN_TIME = 0.97
 
 #: Goal of an integrator, and measured value of a render -> the same in words.
 NOISES = {"noise": "noise", "noise_99": "that of 99 pixels in 100", "noise_999": "that of 999 in 1000"}
-
-#: From this relative standard error on, the estimated error of a denoised image is called uncertain.
-UNCERTAIN = 0.12
 
 
 def metadata(
@@ -79,20 +76,23 @@ def sentence(
     return ", ".join(parts)
 
 
-def of_denoised(result: Denoised, estimates: Any, uncertainty: float, film: mi.Film) -> tuple[dict[str, str], str]:
-    """The metadata of a denoised image, and its line. ``estimates``: of the noise during the render."""
-    raw, final = result.noise(result.raw_error), result.noise(result.final_error)
+def of_denoised(steps: DenoisedRender, film: mi.Film) -> tuple[dict[str, str], str]:
+    """The metadata of a denoised image, and its line."""
+    result, limit = steps.denoised(), getattr(steps.integrator, "noise", 0.0)
     facts = {
         "prosim.denoised": f"by Open Image Denoise {oidn.load().oidn_version()}, where two halves of the samples "
         "agree; the layers raw and denoised of the EXR are what was mixed",
-        "prosim.denoised.noise": f"{final:.6g}",
-        "prosim.denoised.raw_noise": f"{raw:.6g}",
+        "prosim.denoised.noise": f"{result.noise:.6g}",
+        "prosim.denoised.raw_noise": f"{result.raw_noise:.6g}",
     }
-    if estimates:
-        facts["prosim.denoised.estimates"] = json.dumps(estimates)  # samples, fast or not, noise
-    line = f"denoised: noise about {final:.2g}, raw {raw:.2g}"
-    if uncertainty > UNCERTAIN:
-        line += ", uncertain: a few pixels have most of the error"
+    line = f"denoised: noise about {result.noise:.2g}, raw {result.raw_noise:.2g}"
+    if steps.networks == "none":
+        facts["prosim.denoised"] = "no, the raw image is within the limit"
+        line = "not denoised: the raw image is within the limit"
+    if steps.render is not None and (estimates := steps.render.state.estimates):
+        facts["prosim.denoised.estimates"] = json.dumps(estimates)  # samples, networks, noise
+    if result.at_most > TOLERANCE * max(result.noise, limit):
+        line += f", uncertain: its noise may be {result.at_most:.2g}"
     if not film.rfilter().is_box_filter():
         line += " (the film's filter is wider than a pixel; a box filter suits a denoiser better)"
     return facts, line

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..denoising import halves
 from ..engine import origin
-from ..scene import scene_file
+from ..scene import rendering, scene_file
 
 #: The text of a contestant.
 FORM = "INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...]"
@@ -70,8 +70,8 @@ class Contestant:
     sensor: mi.Sensor
     integrator: mi.Integrator
     spp: int = 0
-    #: The same integrator with the AOV "samples", if it decides on the sample counts.
-    counting: mi.Integrator | None = None
+    #: Whether the integrator decides on the sample counts.
+    adaptive: bool = False
     #: Whether the image is denoised, from two halves of the samples.
     denoised: bool = False
 
@@ -89,10 +89,9 @@ class Contestant:
 
     def counts(self) -> np.ndarray:
         """The number of samples of each pixel, shape (height, width); samplers round the requested number."""
-        if self.counting is not None:
-            if self.denoised:
-                return halves.DenoisedRender(self.scene, self.sensor, self.counting, 0, self.spp).run().counts()
-            return np.array(self.counting.render(self.scene, self.sensor, seed=0, spp=self.spp))[..., -1]
+        if self.adaptive:
+            progressive = halves.DenoisedRender if self.denoised else rendering.progressive
+            return progressive(self.scene, self.sensor, spp=self.spp, integrator=self.integrator).run().counts()
         sampler = self.sensor.sampler().clone()
         sampler.set_sample_count((self.spp + 1) // 2 if self.denoised else self.spp)
         width, height = self.sensor.film().crop_size()
@@ -148,11 +147,10 @@ class Scene:
             settings |= {"max_level": 0} if transport == "direct" else {"max_level": -1, "diffuse_bounces": -1}
         settings |= overrides | spec.parameters
         sensor = self.sensor(spec.sampler)
-        counting = mi.load_dict(settings | {"aovs": "samples"}) if spec.is_adaptive else None
         if not spec.is_adaptive and not spp:
             spp = sensor.sampler().sample_count()
         scene = self.scene if transport == "scene" else self.lit()
-        return Contestant(spec.text, scene, sensor, mi.load_dict(settings), spp, counting)
+        return Contestant(spec.text, scene, sensor, mi.load_dict(settings), spp, spec.is_adaptive)
 
 
 def can_light(background: Any) -> bool:

@@ -4,7 +4,8 @@
 two images of a scene and their features; ``layers``: the result as a bitmap or in a film.
 """
 
-from .denoised import Denoised, denoise
+from .denoised import denoise
 from .halves import render
+from .mixing import Denoised
 
 __all__ = ["Denoised", "denoise", "render"]

@@ -2,49 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from statistics import NormalDist
-
 import numpy as np
 
 from ..engine.accumulators import BRIGHTEST
-from .mixing import displayed, inputs, mix
+from .mixing import Denoised, inputs, mix, unmixed
 from .oidn import Denoiser
-
-
-@dataclass(frozen=True)
-class Denoised:
-    """Images of shape (height, width, channels) and maps of shape (height, width), of 32 bits."""
-
-    #: The mean of the two halves; the output of the denoiser; and the mixture of both.
-    raw: np.ndarray
-    denoised: np.ndarray
-    final: np.ndarray
-    #: Estimated standard error of each pixel of these three: RMS over the colours and the neighbourhood.
-    raw_error: np.ndarray
-    denoised_error: np.ndarray
-    final_error: np.ndarray
-
-    def noise(self, error: np.ndarray) -> float:
-        """RMS error of the displayed image (white = 1), by one of the error maps.
-
-        It is about the noise of :class:`~mitsuba_prosim.engine.error_target.ErrorTarget`, and higher where few pixels
-        of a neighbourhood have all of its error.
-        """
-        light = displayed(self.final)
-        return float(np.sqrt(np.mean((np.sqrt(light + error) - np.sqrt(light)) ** 2, dtype=np.float64)))
-
-    def errors(self) -> tuple[float, float, float]:
-        """RMS error of the displayed final image (white = 1), and the bounds of 99 and of 99.9 % of its pixels, with
-        normal errors in each.
-        """
-        light = displayed(self.final)
-        deviation = (np.sqrt(light + self.final_error) - np.sqrt(light)).ravel()
-        deviation = deviation[:: max(1, deviation.size // 16384)]
-        normal = NormalDist()
-        errors = np.outer(deviation, [normal.inv_cdf(0.5 + (k + 0.5) / 128) for k in range(64)]).ravel()
-        tails = np.percentile(errors, [99, 99.9])
-        return self.noise(self.final_error), float(tails[0]), float(tails[1])
 
 
 def denoise(
@@ -82,13 +44,15 @@ def denoise(
     return mixed(first, second, Denoiser(albedo, normal, fast))
 
 
-def mixed(first: np.ndarray, second: np.ndarray, denoiser: Denoiser) -> Denoised:
-    """As :func:`denoise`, for arrays of shape (height, width, 1 or 3), by a ``denoiser`` with the features."""
+def mixed(first: np.ndarray, second: np.ndarray, denoiser: Denoiser | None) -> Denoised:
+    """As :func:`denoise`, for arrays of shape (height, width, 1 or 3), by a ``denoiser`` with the features;
+    None: the raw image.
+    """
     first, second = (np.where(np.isfinite(a), a, b) for a, b in ((first, second), (second, first)))
     # Their squares must be finite.
     first, second = (
         np.clip(np.nan_to_num(half, posinf=0, neginf=0), -BRIGHTEST, BRIGHTEST) for half in (first, second)
     )
-    mixture = mix(first, second, *(denoiser(image) for image in inputs(first, second)))
-    errors = (np.sqrt(e) for e in (mixture.raw_error, mixture.denoised_error, mixture.error))
-    return Denoised((first + second) / 2, mixture.denoised, mixture.image, *errors)
+    if denoiser is None:
+        return unmixed(first, second)
+    return mix(first, second, *(denoiser(image) for image in inputs(first, second)))

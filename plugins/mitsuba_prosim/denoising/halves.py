@@ -4,63 +4,62 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 import numpy as np
 
-from ..engine.error_target import ENOUGH
+from ..engine.error_target import AIM, ENOUGH
 from ..engine.work import Step
 from ..registry import create
 from ..sampling.hash import combine, hash32
 from ..scene import rendering
 from ..transport.features import NAMES
-from .denoised import Denoised, mixed
-from .mixing import displayed
+from .denoised import mixed
+from .mixing import Denoised
 from .oidn import Denoiser
 
 if TYPE_CHECKING:
-    from ..engine.accumulators import FilmState
     from ..engine.checkpoint import Checkpoint
     from ..engine.render import Render
 
 #: N: the features of a pixel have N² samples.
 FEATURE_SAMPLES = 4
 
+#: Minimum width and height of the part that is denoised to decide whether it is worth the time.
+LEAST_SIDE = 64
+
+#: The error of the final image is within this many times the limit with a probability of about 95 %.
+TOLERANCE = 1.1
+
+#: RMS error of the displayed image (white = 1), and the bounds of 99 and of 99.9 % of its pixels.
+Noise = tuple[float, float, float]
+
 
 @dataclass(frozen=True)
 class Halves:
-    """The two images with all of their channels, shape (height, width, channels), and the features, shape
-    (height, width, 3). ``second`` is None where the rendering was stopped; then there are no features either.
+    """The two images with all of their channels, shape (height, width, channels). ``second`` is None where the
+    rendering was stopped.
     """
 
     #: Of the channels, the film's own first.
     names: list[str]
     first: np.ndarray
     second: np.ndarray | None
-    albedo: np.ndarray | None = None
-    normal: np.ndarray | None = None
 
     @property
     def colours(self) -> int:
         """Number of the channels that are colours."""
         return 1 if self.names[0] == "Y" else 3
 
-    def denoised(self, fast: bool = False, denoiser: Denoiser | None = None) -> Denoised:
-        """The result of :func:`.denoise` for both halves; ``denoiser``: one with these features."""
+    def denoised(self, denoiser: Denoiser | None, pixels: Any = ...) -> Denoised:
+        """The result of :func:`.denoise` for both halves, or some of the ``pixels``."""
         assert self.second is not None
-        first, second = (half[..., : self.colours] for half in (self.first, self.second))
-        return mixed(first, second, denoiser or Denoiser(self.albedo, self.normal, fast))
-
-    @property
-    def uncertainty(self) -> float:
-        """Relative standard error of the estimated squared error: large if a few pixels have most of it."""
-        assert self.second is not None
-        first, second = (displayed(half[..., : self.colours]) for half in (self.first, self.second))
-        squares = np.square(np.sqrt(first, dtype=np.float64) - np.sqrt(second, dtype=np.float64))
-        return float(np.sqrt(np.sum(squares**2)) / max(float(np.sum(squares)), 1e-300))
+        first, second = (half[..., : self.colours][pixels] for half in (self.first, self.second))
+        return mixed(first, second, denoiser)
 
     def others(self) -> dict[str, np.ndarray]:
         """Alpha and the integrator's own channels, of both halves together, by name."""
@@ -97,15 +96,19 @@ def render(
 class DenoisedRender:
     """Two halves of the samples in progress, which are denoised at the end, and earlier to estimate the error of the
     final image: the interface of :class:`~mitsuba_prosim.engine.render.Render`. ``how``: for ``progressive``.
+
+    With an error target the raw image ends the render if it is within it, and is then the result. The denoiser is
+    called if its image is likely to be within the target by fewer samples, whose number is worth the call: first with
+    the smallest networks for a ninth of the pixels, then for all. These decisions depend on samples and rounded
+    errors alone: times, or bits of the denoiser that differ with the number of threads, do not change the image.
     """
 
-    #: The denoiser estimates the error when the raw one is at most this many times the limit: at most so often with
-    #: smaller networks, and so often with those of the final image.
-    FAR, FAST, BEST = 5.0, 3, 2
-    #: The error with the smaller networks over that with the final image's own, about.
-    SMALLER_NETWORKS = 1.1
-    #: The power of the number of samples with which the final error falls: first assumption, and its bounds.
-    SLOPE, LEAST, MOST = 0.4, 0.25, 0.6
+    #: The denoiser is called when the raw error is at most this many times the target.
+    FAR = 3.0
+    #: Maximum number of calls for all pixels before that of the final image.
+    CALLS = 3
+    #: Samples of a pixel that cost about as much as a call, and so many that the best networks are worth theirs.
+    CALL, BEST = 64, 512
 
     def __init__(
         self,
@@ -119,10 +122,9 @@ class DenoisedRender:
     ) -> None:
         check(sensor.film())
         self.scene, self.sensor, self.integrator, self.seed, self.fast = scene, sensor, integrator, seed, fast
-        self.features: tuple[np.ndarray, np.ndarray] | None = None
-        #: The denoised image, and the number of samples that it has; the denoisers by their speed.
-        self._latest: tuple[float, Denoised] | None = None
-        self._denoisers: dict[bool, Denoiser] = {}
+        #: The denoised image, and the networks and the number of samples that it has.
+        self._latest: tuple[tuple[str, float], Denoised] | None = None
+        self._denoiser = cache(self._load)
         #: The render of our own integrators; the images of others.
         self.render: Render | None = None
         self._images: list[np.ndarray] = []
@@ -184,66 +186,89 @@ class DenoisedRender:
             complete = np.all(np.array(self.render.second.accumulators.count) > 0)
             images = [np.array(self.render.image(k)) for k in ((True, False) if complete else (False,))][::-1]
         names = [field.name for field in film.bitmap().struct_()]
-        if len(images) < 2:
-            return Halves(names, images[0], None)
-        if self.features is None:
-            hide_emitters = getattr(self.integrator, "hide_emitters", False)
-            self.features = features(self.scene, self.sensor, self.seed, hide_emitters)
-        (first, second), (albedo, normal) = images, self.features
-        return Halves(names, first, second, albedo, normal)
+        return Halves(names, images[0], images[1] if len(images) == 2 else None)
+
+    @cached_property
+    def features(self) -> tuple[np.ndarray, np.ndarray]:
+        """Albedo and normal, see :func:`features`."""
+        return features(self.scene, self.sensor, self.seed, getattr(self.integrator, "hide_emitters", False))
+
+    @property
+    def networks(self) -> str:
+        """The denoiser's networks for the samples so far: "fast" or "best"; "none" where the raw image is within the
+        error target.
+        """
+        if self.render is not None and self.render.second is not None:
+            state, target = self.render.state, self.render.target
+            if state.estimates and state.estimates[-1][0] == self._samples and state.estimates[-1][1] != "probe":
+                return str(state.estimates[-1][1])
+            if target.excess(self.render.second.noise(state)) <= ENOUGH:
+                return "none"
+        return "fast" if self.fast else "best"
 
     def denoised(self) -> Denoised:
-        """The denoised image of the samples so far."""
-        samples = 0.0 if self.render is None else float(self.render.counts().mean(dtype=np.float64))
-        if self._latest is None or self._latest[0] != samples:
-            self._latest = samples, self._denoise(self.fast)
+        """The denoised image of the samples so far, or the raw image if that is within the error target."""
+        return self._denoised(self.networks)
+
+    def _denoised(self, networks: str) -> Denoised:
+        of = networks, 0.0 if self.render is None else self._samples
+        if self._latest is None or self._latest[0] != of:
+            self._latest = of, self.halves.denoised(self._denoiser(networks))
         return self._latest[1]
 
-    def _denoise(self, fast: bool) -> Denoised:
-        both = self.halves
-        if fast not in self._denoisers:
-            self._denoisers[fast] = Denoiser(both.albedo, both.normal, fast)
-        return both.denoised(denoiser=self._denoisers[fast])
+    @property
+    def _samples(self) -> float:
+        return float(self.counts().mean(dtype=np.float64))
 
-    def estimate(self, render: Render) -> tuple[float, float, float]:
-        """The error of the final image; see :class:`~mitsuba_prosim.engine.render.Denoiser`. Far from the limits it is
-        not denoised; then the error is one with which the raw one comes near.
+    def _load(self, networks: str) -> Denoiser | None:
+        return None if networks == "none" else Denoiser(*self.features, fast=networks == "fast")
 
-        The decisions go by rounded numbers, as the bits of the denoiser may depend on the number of threads.
+    def estimate(self, render: Render) -> Noise:
+        """The error of the final image; see :class:`~mitsuba_prosim.engine.render.Denoiser`. Where the denoiser is not
+        called, it is the one that the last call promises, or that of the raw image.
         """
-        state, target, samples = render.state, render.target, float(render.counts().mean(dtype=np.float64))
         assert render.second is not None
-        raw, timed = render.second.noise(state), target.seconds and not target.reserved
-        if target.excess(raw) > self.FAR and not timed:
-            return raw[0] / self.FAR, raw[1] / self.FAR, raw[2] / self.FAR
-        if not any(target.limits) and not timed:
-            return raw
-        last = state.estimates[-1] if state.estimates else None
-        if last is not None and last[0] == samples:  # before an interruption
-            return last[2], last[3], last[4]
-        best = sum(not fast for _, fast, *_ in state.estimates)
-        noise: tuple[float, ...] = raw
-        if not self.fast and len(state.estimates) - best < self.FAST and not timed:
-            noise = self._record(state, samples, True, self._denoise(True))
-        elif last is not None:
-            noise = tuple(error * (last[0] / samples) ** state.slope for error in last[2:])
-        if timed or (best < self.BEST and (self.fast or target.excess((noise[0], noise[1], noise[2])) <= ENOUGH)):
+        state, target, samples = render.state, render.target, self._samples
+        raw = render.second.noise(state)
+        if target.seconds and not target.reserved:
             started = time.perf_counter()
-            noise = self._record(state, samples, False, self.denoised())
-            if target.seconds:
-                render.target = dataclasses.replace(target, reserved=1.2 * (time.perf_counter() - started))
-        return noise[0], noise[1], noise[2]
+            self.denoised()
+            render.target = target = dataclasses.replace(target, reserved=1.2 * (time.perf_counter() - started))
+        if not any(target.limits) or target.excess(raw) <= ENOUGH:
+            return raw
+        if target.excess(raw) > self.FAR:
+            return scaled(raw, 1 / self.FAR)
+        by_raw = samples * (target.excess(raw) / AIM) ** 2
+        if not state.estimates and by_raw - samples >= 2 * self.CALL:
+            self._record("probe", raw, self._probed())
+        while state.estimates:
+            last, networks, *error = state.estimates[-1]
+            noise = scaled(error, (last / samples) ** 0.5)
+            excess, called = target.excess(noise), last == samples and networks != "probe"
+            if called and excess <= ENOUGH:
+                return noise
+            if by_raw - samples * (excess / AIM) ** 2 < self.CALL or len(state.estimates) > self.CALLS:
+                break
+            if called or (excess > 1 and networks != "probe"):
+                return noise
+            networks = "fast" if self.fast or by_raw < self.BEST else "best"
+            result = self._denoised(networks)
+            self._record(networks, raw, max(result.noise, result.at_most * ENOUGH / TOLERANCE) / result.raw_noise)
+        return raw
 
-    def _record(self, state: FilmState, samples: float, fast: bool, image: Denoised) -> tuple[float, ...]:
-        """Keeps the estimated error, rounded, and how fast it falls."""
-        noise = tuple(float(f"{error / (self.SMALLER_NETWORKS if fast else 1):.3g}") for error in image.errors())
-        if state.estimates and samples > state.estimates[-1][0]:
-            before, _, error, *_ = state.estimates[-1]
-            state.slope = min(max(np.log(error / noise[0]) / np.log(samples / before), self.LEAST), self.MOST)
-        elif not state.estimates:
-            state.slope = self.SLOPE
-        state.estimates.append((samples, fast, *noise))
-        return noise
+    def _probed(self) -> float:
+        """The final error over the raw one, by the smallest networks without features in the middle of the image."""
+        halves = self.halves
+        sides = [(n, max(n // 3, min(n, LEAST_SIDE))) for n in halves.first.shape[:2]]
+        part = tuple(slice((n - side) // 2, (n + side) // 2) for n, side in sides)
+        result = halves.denoised(Denoiser(fast=True), part)
+        return result.at_most / max(result.raw_noise, 1e-30)
+
+    def _record(self, networks: str, raw: Noise, ratio: float) -> None:
+        """Keeps the errors, rounded: those of the raw image multiplied by ``ratio``."""
+        assert self.render is not None
+        noise = (float(f"{error:.3g}") for error in scaled(raw, ratio))
+        self.render.state.estimates.append((self._samples, networks, *noise))
 
     def _blocking(self, spp: int) -> Generator[Step, None, None]:
         """Renders the halves by an integrator that reports no progress."""
@@ -265,6 +290,11 @@ def features(
     integrator.render(scene, sensor, seed=combine(hash32(seed), 2), spp=FEATURE_SAMPLES**2)
     values = np.array(sensor.film().develop())[..., -len(NAMES) :]
     return values[..., :3], values[..., 3:]
+
+
+def scaled(noise: Sequence[float], factor: float) -> Noise:
+    """The three errors, each multiplied by ``factor``."""
+    return noise[0] * factor, noise[1] * factor, noise[2] * factor
 
 
 def check(film: mi.Film) -> None:

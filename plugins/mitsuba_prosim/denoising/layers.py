@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 import mitsuba as mi
 import numpy as np
 
-from .denoised import Denoised
 from .halves import Halves
+from .mixing import Denoised
 
 
 def bitmap(halves: Halves, denoised: Denoised) -> mi.Bitmap:

@@ -15,6 +15,9 @@ The result is D plus a share of M - D, which depends on the share of signal in i
 Wiener's filter. So light that the denoiser has lost in small spots returns as a wide, faint difference, which many
 pixels together determine. The variance of each share is estimated too; where the share does not differ significantly
 from that of a wide neighbourhood, the latter is used (James and Stein 1961).
+
+The squared error of the result F in display units f is estimated by (f(F) - f(A)) (f(F) - f(B)) plus twice the product
+of the noise and its response, which includes the response of the shares. The mean over the image is nearly unbiased.
 """
 
 from __future__ import annotations
@@ -37,22 +40,51 @@ PIXELS = 4 * np.pi * 10
 #: A pixel is converged if its variance is much less than this part of the mean.
 SURE = 1 / 30
 
+#: Step of the numerical derivative of the mixture, in units of d.
+STEP = np.float32(0.1)
+
+#: Luminance of linear sRGB, as Mitsuba has it.
+LUMINANCE = np.array([0.212671, 0.715160, 0.072169], np.float32)
+
 #: Maximum share of light that is added: more would come from single samples and be visible everywhere.
 LIGHT = 0.02
 
 
 @dataclass(frozen=True)
-class Mixture:
-    """Arrays of 32 bits."""
+class Denoised:
+    """Images of shape (height, width, channels) and maps of shape (height, width)."""
 
-    #: Shape (height, width, channels): the mixture, and the denoised image.
-    image: np.ndarray
+    #: The mean of the two halves; the output of the denoiser; and the mixture of both.
+    raw: np.ndarray
     denoised: np.ndarray
-    #: Squared standard errors of ``image``, of the raw and of the denoised image, shape (height, width): means over the
-    #: channels and the window, with the sum of the pixels' own.
-    error: np.ndarray
+    final: np.ndarray
+    #: Estimated standard error of each pixel of these three: RMS over the colours and the neighbourhood.
     raw_error: np.ndarray
     denoised_error: np.ndarray
+    final_error: np.ndarray
+    #: Estimated squared errors of the displayed luminance (white = 1) of ``raw`` and ``final``, 64 bits. Their means
+    #: over many pixels are about unbiased; single values are uncertain, and may be negative.
+    raw_squares: np.ndarray
+    final_squares: np.ndarray
+
+    @property
+    def raw_noise(self) -> float:
+        """Estimated RMS error of the displayed raw image (white = 1)."""
+        return float(self.raw_squares.mean()) ** 0.5
+
+    @property
+    def noise(self) -> float:
+        """Estimated RMS error of the displayed final image (white = 1)."""
+        return max(float(self.final_squares.mean()), 0.0) ** 0.5
+
+    @property
+    def at_most(self) -> float:
+        """Upper bound of that RMS error, which it exceeds with a probability of about 5 %.
+
+        The noise of ``final_squares`` is the product of those of both halves, of variance 4/3 d^4.
+        """
+        deviation = float(np.sqrt(np.sum(self.raw_squares**2) * 4 / 3)) / self.raw_squares.size
+        return max(float(self.final_squares.mean()) + 1.645 * deviation, 0.0) ** 0.5
 
 
 def inputs(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -61,7 +93,7 @@ def inputs(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return first - quarter, second + quarter
 
 
-def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_second: np.ndarray) -> Mixture:
+def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_second: np.ndarray) -> Denoised:
     """The mixture of (first + second) / 2 and (near_first + near_second) / 2 with the least expected error.
 
     ``near_first``, ``near_second``: the denoised images of :func:`inputs`. All arrays have the shape (height, width,
@@ -69,23 +101,61 @@ def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_seco
     """
     raw, noise = (first + second) / 2, (first - second) / 2
     denoised, followed = (near_first + near_second) / 2, near_first - near_second
-    removed = raw - denoised
-    light = average(displayed(denoised))
     # Errors are weighted by the slope of the displayed value, a square root.
-    scales = [bands(image, SCALES, LEAST_SIDE) for image in (removed, noise, noise - followed)]
-    slopes = halved(1 / light, len(scales[0]))
-    parts = [part(r, d, d - t, s)[..., None] for r, d, t, s in zip(*scales, slopes)]
-    image = denoised + whole([share * r for share, r in zip(parts, scales[0])])
-    # Near much brighter pixels the scales may not cancel out. The result is never darker than all of its inputs.
-    image = np.maximum(image, np.minimum(np.minimum(raw, denoised), average(raw)))
-    left = followed + whole([share * taken for share, taken in zip(parts, scales[2])])
+    slope = 1 / average(displayed(denoised))
+    image, left = combined(raw, denoised, noise, followed, slope)
+    # The same for noise like d on the samples: the shares depend on it, too.
+    above, below = (
+        combined(raw + k * noise, denoised + k * followed, noise, followed, slope)[0] for k in (STEP, -STEP)
+    )
+    removed = raw - denoised
     own = noise * noise
     error = removed * removed - own + 2 * noise * followed
     # Both are at least the variance, which is positive.
-    squares = noise * left, left * left, own, error, followed * followed
-    mean = spread(np.stack([x.mean(2) for x in squares], axis=2), displayed(image))
-    error, denoised_error = np.maximum(mean[0], mean[1]), np.maximum(mean[3], mean[4])
-    return Mixture(with_light(image, raw, error), denoised, error, mean[2], denoised_error)
+    products = noise * left, left * left, own, error, followed * followed
+    mean = spread(np.stack([x.mean(2) for x in products], axis=2), displayed(image))
+    final_error, denoised_error = np.maximum(mean[0], mean[1]), np.maximum(mean[3], mean[4])
+    image = with_light(image, raw, final_error)
+    errors = np.sqrt(mean[2]), np.sqrt(denoised_error), np.sqrt(final_error)
+    return Denoised(raw, denoised, image, *errors, *squares(image, first, second, (above - below) / (4 * STEP)))
+
+
+def unmixed(first: np.ndarray, second: np.ndarray) -> Denoised:
+    """The same without a denoiser: the raw image."""
+    raw, own = (first + second) / 2, np.square((first - second) / 2)
+    error = np.sqrt(spread(own.mean(2, keepdims=True), displayed(raw))[0])
+    raw_squares = np.square((in_display(first) - in_display(second)) / 2)
+    return Denoised(raw, raw, raw, error, error, error, raw_squares, raw_squares)
+
+
+def combined(
+    raw: np.ndarray, denoised: np.ndarray, noise: np.ndarray, followed: np.ndarray, slope: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The mixture of ``raw`` and ``denoised``, and its response to ``noise`` with the same shares. ``followed``: the
+    response of the denoiser.
+    """
+    scales = [bands(image, SCALES, LEAST_SIDE) for image in (raw - denoised, noise, noise - followed)]
+    parts = [part(r, d, d - t, s)[..., None] for r, d, t, s in zip(*scales, halved(slope, len(scales[0])))]
+    image = denoised + whole([share * r for share, r in zip(parts, scales[0])])
+    # Near much brighter pixels the scales may not cancel out. The result is never darker than all of its inputs.
+    image = np.maximum(image, np.minimum(np.minimum(raw, denoised), average(raw)))
+    return image, followed + whole([share * taken for share, taken in zip(parts, scales[2])])
+
+
+def squares(
+    image: np.ndarray, first: np.ndarray, second: np.ndarray, response: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """``(raw_squares, final_squares)`` of :class:`Denoised`. ``response``: half the difference that noise like d makes
+    in ``image``.
+    """
+    final, a, b, above, below = (in_display(x) for x in (image, first, second, image + response, image - response))
+    return np.square((a - b) / 2), (final - a) * (final - b) + (a - b) * (above - below)
+
+
+def in_display(image: np.ndarray) -> np.ndarray:
+    """The displayed luminance, shape (height, width), as :func:`~mitsuba_prosim.engine.error.displayed` has it."""
+    luminance = image @ LUMINANCE if image.shape[2] == 3 else image[..., 0]
+    return np.sqrt(np.maximum(luminance, 0, dtype=np.float64) + 0.01)
 
 
 def displayed(image: np.ndarray) -> np.ndarray:

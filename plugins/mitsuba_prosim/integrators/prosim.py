@@ -145,14 +145,13 @@ class Prosim(ProgressiveIntegrator):
     Two kinds of light are noisy: highlights of smooth surfaces in rough ones, without :monosp:`caustics`; and, on
     diffuse surfaces, sources other than spheres and a constant sky.
 
-    **Caustics.** Photons go from each source through at most :monosp:`max_level` + 1 specular surfaces to diffuse
-    ones, where they count within a pixel's width. They also count on rough surfaces behind smooth or nearly smooth
-    ones, where they share the light with the rays of the lobe. Each sample of a pixel has its own photons, so that
-    their noise falls with the samples. Paths leave this light to the photons. In spectral variants all pixels share
-    the wavelengths of the photons. Photons come from all sources of this package and from Mitsuba's :monosp:`area`,
-    :monosp:`point`, :monosp:`spot`, :monosp:`projector`, :monosp:`directional`, :monosp:`directionalarea`,
-    :monosp:`constant`, :monosp:`envmap` and :monosp:`sunsky`. (Direct light of a :monosp:`directionalarea` remains
-    unseen, as with :monosp:`path`.) Caustics are not possible in scalar variants and within another integrator.
+    **Caustics.** Photons go from each source through at most :monosp:`max_level` + 1 specular surfaces to diffuse ones,
+    where they count within a pixel's width, or more where they are sparse. They also count on rough surfaces behind
+    smooth or nearly smooth ones, where they share the light with the rays of the lobe. Each sample of a pixel has its
+    own photons, so that their noise falls with the samples. Paths leave this light to the photons. In spectral variants
+    all pixels share the wavelengths of the photons. Photons come from all sources of this package and from Mitsuba's
+    :monosp:`area`, :monosp:`point`, :monosp:`spot`, :monosp:`projector`, :monosp:`directional`, :monosp:`constant`,
+    :monosp:`envmap` and :monosp:`sunsky`. Caustics are not possible in scalar variants and within another integrator.
 
     **Samples.** Each space (the pixel, the lens, each source and each lobe at each node) has its own N-rook pattern.
     :monosp:`graded`, :monosp:`noise`, :monosp:`time`, a nonzero :monosp:`spp` and more than :math:`N^2` samples use
@@ -237,7 +236,6 @@ class Prosim(ProgressiveIntegrator):
         if reason := refusal(self.layers, self._settings(), self.caustics):
             raise reject(props, "layers", self.layers, reason)
         self._layer_channels: list[str] = []  # of the last scene
-        self._scalar: Transport | None = None  # in scalar variants, while an image is rendered
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
         expose(callback, ambient=self.ambient, background=self.background)
@@ -275,14 +273,10 @@ class Prosim(ProgressiveIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        if self.layers != "none":
+        if self.layers != "none" or self.caustics:
             raise RuntimeError(
-                "prosim: its own render() alone knows layers; leave them out of a prosim within another integrator."
-            )
-        if self.caustics:
-            raise RuntimeError(
-                "prosim: caustics are known to its own render() alone, which sends out the photons; leave them out of "
-                "a prosim within another integrator."
+                "prosim: its own render() alone knows layers and caustics; leave them out of a prosim within another "
+                "integrator."
             )
         transport = self._scalar or Transport(self._settings(), scene, around=medium)
         L, hit, _ = transport(ray, SamplerPoints(sampler), active, sampler)
@@ -310,11 +304,9 @@ class Prosim(ProgressiveIntegrator):
         return transport
 
     def _derivatives(self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int) -> Derivatives:
-        if self.layers != "none":
-            raise RuntimeError("prosim: layers have no derivatives; leave layers out where derivatives are wanted.")
-        if self.caustics:
+        if self.layers != "none" or self.caustics:
             raise RuntimeError(
-                "prosim: where photons lie has no derivatives here; leave caustics out where derivatives are wanted."
+                "prosim: layers and caustics have no derivatives; leave them out where derivatives are wanted."
             )
         return super()._derivatives(scene, sensor, seed, spp)
 

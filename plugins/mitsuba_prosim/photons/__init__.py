@@ -5,8 +5,9 @@ light, after Arvo's illumination maps (1986), which the thesis names, in Jensen'
 
 - :mod:`.targets`, :mod:`.emission`: the sources emit photons towards spheres around the specular surfaces;
 - :mod:`.tracing`: specular surfaces reflect or refract them, until they land on a diffuse or glossy surface;
-- :mod:`.grid`: landed photons are sorted into cells, about as large as a pixel's footprint (:mod:`.footprint`);
-- :mod:`.gathering`: a diffuse surface that the eye sees collects the photons within a pixel's width;
+- :mod:`.grid`: landed photons get a radius, a pixel's width (:mod:`.footprint`) or more where they are sparse, and are
+  sorted into cells of about this size;
+- :mod:`.gathering`: a diffuse surface that the eye sees collects the photons within their radius;
 - :mod:`.mis`: so does a glossy one, which shares that light with the rays that its lobes draw;
 - :mod:`.caustics`: each sample of a pixel has its own photon map. So photons are noise like any other: adaptive
   sampling sees it, and more samples reduce it.

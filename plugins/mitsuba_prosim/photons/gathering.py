@@ -10,9 +10,8 @@ from ..optics.nested import all_within
 from ..transport import lobes
 from ..transport.ray import Vertex
 from ..transport.scattering import Scattering
-from ..transport.transport_context import scene_flags
 from .footprint import Footprint
-from .grid import WIDE, Photons, within_reach
+from .grid import Photons, gather
 
 #: Class names of BSDFs whose diffuse lobe is Lambert's, ours and Mitsuba's, and of those around others that change
 #: nothing in it.
@@ -21,14 +20,12 @@ AROUND = (TWO_SIDED, MASK, BLEND)
 
 
 class Gathering:
-    """The diffuse lobes of the surfaces of ``scene``, lit by photons within a pixel's width (``footprint``)."""
+    """The diffuse lobes of the surfaces of ``scene``, lit by photons; ``footprint``: of the pixels."""
 
     def __init__(self, scene: mi.Scene, footprint: Footprint) -> None:
         self.footprint = footprint
         bsdfs = list(dict.fromkeys(shape.bsdf() for shape in scene.shapes() if shape.bsdf() is not None))
         self.scattering = Scattering.of(scene)
-        #: Whether photons may come from glossy lobes.
-        self.glossy = bool(lobes.has_any(scene_flags(scene), *lobes.GLOSSY))
         #: Whether all diffuse lobes are Lambert's.
         self.lambertian = (
             not any(s.class_name() == INSTANCE for s in scene.shapes())
@@ -39,30 +36,24 @@ class Gathering:
     def __call__(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
         """Radiance of the photons of the map ``number`` by the diffuse lobes at ``vertex``; by all lobes if they are
         inseparable.
-
-        Photons count within a pixel's width, by Epanechnikov's kernel, 2 (1 - d² / r²) / (π r²). So caustics are
-        blurred by no more than a pixel.
         """
         si, bsdf, inseparable = vertex.si, vertex.bsdf, vertex.inseparable
         active = vertex.active & (lobes.has_any(bsdf.flags(), *lobes.DIFFUSE) | inseparable)
 
-        def light(i: mi.UInt32, kernel: mi.Float, near: mi.Bool) -> mi.Spectrum:
+        def light(i: mi.UInt32, near: mi.Bool) -> mi.Spectrum:
             wo = -dr.gather(mi.Vector3f, photons.directions, i, near)
             flux = dr.gather(mi.Spectrum, photons.flux, i, near)
             cos = dr.dot(si.sh_frame.n, wo)
             if self.lambertian:
                 near = near & (cos * si.wi.z > 0)
-                return dr.select(near, flux * kernel, 0)
+                return dr.select(near, flux, 0)
             near = near & (dr.abs(cos) > 1e-6)
             wo = si.to_local(wo)
             f = bsdf.eval(lobes.diffuse(), si, wo, near)
             f = self.scattering.or_all_lobes(f, si, bsdf, wo, near, inseparable)
-            return dr.select(near, f * flux * (kernel / dr.select(near, dr.abs(cos), 1)), 0)
+            return dr.select(near, f * flux / dr.select(near, dr.abs(cos), 1), 0)
 
-        L = mi.Spectrum(0)
-        for times in (1, WIDE) if self.glossy else (1,):
-            total, per_area = within_reach(photons, number, self.footprint, si, light, active, times)
-            L += total * per_area
+        L = gather(photons, number, self.footprint, si, light, active)
         if self.lambertian:
             lit = active & (dr.max(L) > 0)
             L *= bsdf.eval(lobes.diffuse(), si, mi.Vector3f(0, 0, dr.sign(si.wi.z)), lit)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import drjit as dr
 import mitsuba as mi
@@ -20,8 +21,15 @@ SIZES = 4
 #: another wall.
 OFF = 0.25
 
-#: Search radius for photons of a wide glossy lobe, in pixel widths.
-WIDE = 4
+#: Radii of the kernels, in pixel widths, and the logarithm to base 2 of the ratio of one to the next.
+OCTAVES = 2
+REACHES = tuple(2 ** (OCTAVES * k) for k in range(3))
+
+#: A photon has the first of these radii within which about this number of photons lie, of all maps together.
+ENOUGH = 100
+
+#: Entries of the hash table that photons are counted in.
+ENTRIES = 1 << 18
 
 
 @dataclass
@@ -35,8 +43,6 @@ class Landed:
     flux: mi.Spectrum
     #: Whether it has landed, after at least one specular surface.
     valid: mi.Bool
-    #: Whether it counts within :data:`WIDE` pixel widths, as the light of its glossy lobe varies slowly.
-    wide: mi.Bool
     #: On glossy surfaces: density of photons there (:attr:`.Start.density`) ...
     density: mi.Float | None = None
     #: ... and number of surfaces on their way.
@@ -45,7 +51,7 @@ class Landed:
     @classmethod
     def nowhere(cls) -> Landed:
         """Photons that have not landed."""
-        return cls(mi.Point3f(0), mi.Vector3f(0, 0, 1), mi.Spectrum(0), mi.Bool(False), mi.Bool(False))
+        return cls(mi.Point3f(0), mi.Vector3f(0, 0, 1), mi.Spectrum(0), mi.Bool(False))
 
 
 @dataclass(frozen=True)
@@ -76,11 +82,11 @@ class Photons:
         there = dr.compress(landed.valid)
         if dr.width(there) == 0:
             there = mi.UInt32(0)  # a photon that is far away
-        of_each = [landed.p, landed.d, landed.flux, dr.select(landed.wide, mi.Float(WIDE), 1)]
+        of_each = [landed.p, landed.d, landed.flux]
         if landed.density is not None:
             of_each += [landed.density, landed.level]
-        p, d, flux, wide, *others = (dr.gather(type(v), v, there) for v in of_each)
-        level = level_of(footprint.width(p) * wide)
+        p, d, flux, *others = (dr.gather(type(v), v, there) for v in of_each)
+        level = level_of(reach(p, footprint.width(p)))
         x, y, z = cell(p, level)
         rows = key(level, y, z)
         at = bucket_of(dr.gather(mi.UInt32, map_of, there), rows, x, mask)
@@ -107,6 +113,27 @@ class Photons:
         first, last = (bucket_of(number, row, x, self.mask) for x in (low, high))
         begin, end = (dr.gather(mi.UInt32, self.begins, at, active) for at in (first, last + 1))
         return begin, dr.select(last < first, end + size, end)
+
+
+def reach(p: mi.Point3f, width: mi.Float) -> mi.Float:
+    """The kernel radius of each of the photons at ``p``, where a pixel has this ``width``.
+
+    It is greater where photons are sparse: one alone would make an isolated bright pixel (Silverman 1986, 5.1). Photons
+    of all maps are counted, so that the radius hardly depends on those of one map. Each photon keeps its power.
+    """
+    result = mi.Float(width)
+    for narrow, wide in pairwise(REACHES):
+        level, within = level_of(2 * narrow * width), mi.Float(0)
+        # A cell at the edge of a caustic is nearly empty. One that is shifted by half an edge is not.
+        for shift in (0, 0.5):
+            x, y, z = cell(p + shift * edge(level), level)
+            entry = combine(key(level, y, z), mi.UInt32(x)) & (ENTRIES - 1)
+            count = dr.zeros(mi.UInt32, ENTRIES)
+            dr.scatter_add(count, mi.UInt32(1), entry)
+            within = dr.maximum(within, dr.gather(mi.UInt32, count, entry))
+        within *= dr.pi * dr.square(narrow * width / edge(level))
+        result = dr.select((within < ENOUGH) & (result == narrow * width), wide * width, result)
+    return result
 
 
 def first_of_each(key: mi.UInt32, count: int) -> mi.UInt32:
@@ -146,59 +173,62 @@ def bucket_of(number: mi.UInt32, row: mi.UInt32, x: mi.Int32, mask: mi.UInt32) -
     return number * (mask + 1) + ((row + mi.UInt32(x)) & mask)
 
 
-def within_reach(
+def gather(
     photons: Photons,
     number: mi.UInt32,
     footprint: Footprint,
     si: mi.SurfaceInteraction3f,
-    light: Callable[[mi.UInt32, mi.Float, mi.Bool], mi.Spectrum],
+    light: Callable[[mi.UInt32, mi.Bool], mi.Spectrum],
     active: mi.Bool,
-    times: int = 1,
-) -> tuple[mi.Spectrum, mi.Float]:
-    """``(sum, per_area)``: the sum of ``light(i, kernel, near)`` over the photons i of the map ``number`` near ``si``,
-    and the factor that makes it a density (the kernel is 1 in the middle). ``near``: the lanes with such a photon.
-    ``times``: the search radius in pixel widths; only photons of this radius count.
+) -> mi.Spectrum:
+    """Sum of ``light(i, near)`` times the kernel over the photons i of the map ``number`` near ``si``; ``near``: the
+    lanes with such a photon. Epanechnikov's kernel for the radius r of a photon is 2 (1 - d² / r²) / (π r²).
     """
-    distance = footprint.distance(si.p)
-    reach = times * footprint.at(distance)
-    # Photons within reach have about the same distance from the eye: mostly one grid has them, seldom two.
-    first = level_of(times * footprint.at(dr.maximum(distance - reach, 0)))
-    last = level_of(times * footprint.at(distance + reach))
-    inv_reach2 = dr.rcp(dr.square(reach))
+    distance, n2 = footprint.distance(si.p), dr.square(si.n)
     # They are between two planes parallel to the surface: along its normal mostly in one cell, not in two.
-    n2 = dr.square(si.n)
-    off_axis = dr.minimum(dr.safe_sqrt(1 - n2) + OFF * dr.sqrt(n2), 1) * (reach * (1 + 1e-3))
-    low_corner, high_corner = si.p - off_axis, si.p + off_axis
-
-    def second(axis: int) -> mi.UInt32:
-        """1 where they lie in two cells along ``axis``, else 0."""
-        two = mi.Bool(False)
-        for level in (first, last):
-            two |= cell(low_corner, level)[axis] != cell(high_corner, level)[axis]
-        return dr.select(two, mi.UInt32(1), 0)
-
-    more_y, more_z = second(1), second(2)
-    rows = dr.select(active, mi.UInt32(last - first + 1) << (more_y + more_z), 0)
+    off_axis = dr.minimum(dr.safe_sqrt(1 - n2) + OFF * dr.sqrt(n2), 1) * (1 + 1e-3)
     of_map, size = photons.of_map(number, active)
 
-    def photon(i: mi.UInt32, end: mi.UInt32, row_key: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
-        there = i < end
-        k = dr.select(i < of_map + size, i, i - size)
-        place = dr.gather(mi.Vector4f, photons.places, k, there)
-        off = mi.Point3f(place.x, place.y, place.z) - si.p
-        d2 = dr.squared_norm(off) * inv_reach2
-        # Rows that share a bucket are met in turn: the photons of each, with it alone.
-        near = there & (d2 < 1) & (dr.reinterpret_array(mi.UInt32, place.w) == row_key)
-        near &= dr.square(dr.dot(off, si.n)) * inv_reach2 < OFF**2
-        return i + 1, L + light(k, 1 - d2, near)
+    def of_reach(k: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
+        """Adds the photons whose radius is the ``k``-th of :data:`REACHES`."""
+        times = dr.exp2(mi.Float(OCTAVES * k))
+        reach = times * footprint.at(distance)
+        # Photons within reach have about the same distance from the eye: mostly one grid has them, seldom two.
+        first = level_of(times * footprint.at(dr.maximum(distance - reach, 0)))
+        last = level_of(times * footprint.at(distance + reach))
+        inv_reach2 = dr.rcp(dr.square(reach))
+        low_corner, high_corner = si.p - off_axis * reach, si.p + off_axis * reach
 
-    def row(k: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
-        level = first + mi.Int32(k >> (more_y + more_z))
-        x, y, z = cell(low_corner, level)
-        row_key = key(level, y + mi.Int32(k & more_y), z + mi.Int32((k >> more_y) & more_z))
-        i, end = photons.run(number, row_key, x, cell(high_corner, level)[0], size, k < rows)
-        _, L = dr.while_loop((i, L), lambda i, L: i < end, lambda i, L: photon(i, end, row_key, L), labels=("i", "L"))
-        return k + 1, L
+        def second(axis: int) -> mi.UInt32:
+            """1 where they lie in two cells along ``axis``, else 0."""
+            two = mi.Bool(False)
+            for level in (first, last):
+                two |= cell(low_corner, level)[axis] != cell(high_corner, level)[axis]
+            return dr.select(two, mi.UInt32(1), 0)
 
-    _, L = dr.while_loop((mi.UInt32(0), mi.Spectrum(0)), lambda k, L: k < rows, row, labels=("k", "L"))
-    return L, 2 * dr.inv_pi * inv_reach2
+        more_y, more_z = second(1), second(2)
+        rows = dr.select(active, mi.UInt32(last - first + 1) << (more_y + more_z), 0)
+
+        def photon(i: mi.UInt32, end: mi.UInt32, row_key: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
+            there = i < end
+            k = dr.select(i < of_map + size, i, i - size)
+            place = dr.gather(mi.Vector4f, photons.places, k, there)
+            off = mi.Point3f(place.x, place.y, place.z) - si.p
+            d2 = dr.squared_norm(off) * inv_reach2
+            # Rows that share a bucket are met in turn: the photons of each, with it alone.
+            near = there & (d2 < 1) & (dr.reinterpret_array(mi.UInt32, place.w) == row_key)
+            near &= dr.square(dr.dot(off, si.n)) * inv_reach2 < OFF**2
+            return i + 1, L + light(k, near) * (2 * dr.inv_pi * inv_reach2 * (1 - d2))
+
+        def row(k: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
+            level = first + mi.Int32(k >> (more_y + more_z))
+            x, y, z = cell(low_corner, level)
+            row_key = key(level, y + mi.Int32(k & more_y), z + mi.Int32((k >> more_y) & more_z))
+            i, end = photons.run(number, row_key, x, cell(high_corner, level)[0], size, k < rows)
+            _, L = dr.while_loop((i, L), lambda i, L: i < end, lambda i, L: photon(i, end, row_key, L))
+            return k + 1, L
+
+        return k + 1, dr.while_loop((mi.UInt32(0), L), lambda k, L: k < rows, row)[1]
+
+    count = len(REACHES)
+    return dr.while_loop((mi.UInt32(0), mi.Spectrum(0)), lambda k, L: active & (k < count), of_reach)[1]

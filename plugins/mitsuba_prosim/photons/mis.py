@@ -35,7 +35,7 @@ from ..transport.scattering import Scattering
 from ..transport.transport_context import scene_flags
 from .emission import ENDLESS, Sources, Start
 from .footprint import Footprint
-from .grid import Landed, Photons, within_reach
+from .grid import Landed, Photons, gather
 from .near_specular import LANDING, NearSpecular
 
 #: Density of all other strategies that find a light sample, from the sample, the value and density of a lobe, a mask.
@@ -89,7 +89,8 @@ class PhotonMIS:
     of these photons and of the rays that find the same light.
 
     ``deepest``: greatest number of specular surfaces, those of the eye's ray included. ``tree``: whether the eye's rays
-    follow both specular lobes of a surface, or one of the two. Photons count within a pixel's width (``footprint``).
+    follow both specular lobes of a surface, or one of the two. The weights take it that photons count within a pixel's
+    width (``footprint``); sparse ones count within more.
     """
 
     def __init__(self, scene: mi.Scene, sources: Sources, footprint: Footprint, deepest: mi.UInt32, tree: bool) -> None:
@@ -104,9 +105,9 @@ class PhotonMIS:
         self.both_sides = bool(lobes.has_any(scene_flags(scene), *lobes.BOTH_SIDES))
         self._emitted: tuple[Photons, mi.Float] | None = None
 
-    def use(self, photons: Photons, counts: mi.Float) -> None:
-        """Samples gather from ``photons`` from now on; ``counts``: number of photons of each cell in a map."""
-        self._emitted = photons, counts
+    def use(self, photons: Photons, per_pair: mi.Float) -> None:
+        """Samples gather from ``photons`` from now on; ``per_pair``: number of photons of each pair in a map."""
+        self._emitted = photons, per_pair
 
     def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
         """Density of the photons that come from the source to ``it`` along ``ds``."""
@@ -194,7 +195,7 @@ class PhotonMIS:
         if self.near_specular.any:
             etendue = dr.select(self.near_specular(bsdf, active), etendue_of(ray), 0)
 
-        def light(i: mi.UInt32, kernel: mi.Float, near: mi.Bool) -> mi.Spectrum:
+        def light(i: mi.UInt32, near: mi.Bool) -> mi.Spectrum:
             near = near & (ray.level + dr.gather(mi.UInt32, photons.level, i, near) < self.deepest)
             d = -dr.gather(mi.Vector3f, photons.directions, i, near)
             wo = si.to_local(d)
@@ -206,11 +207,10 @@ class PhotonMIS:
                 photons_expected = expected(area * dr.abs(dr.dot(si.n, d)), f_lobe, pdf, density, etendue)
                 f += f_lobe * (1 - ray_weight(photons_expected))
             flux = dr.gather(mi.Spectrum, photons.flux, i, near)
-            return dr.select(near, f * flux * (kernel / dr.select(near, cos, 1)), 0)
+            return dr.select(near, f * flux / dr.select(near, cos, 1), 0)
 
         number = t % dr.opaque(mi.UInt32, photons.maps)
-        L, per_area = within_reach(photons, number, self.footprint, si, light, active)
-        return L * per_area
+        return gather(photons, number, self.footprint, si, light, active)
 
     # ------------------------------------------------------------ photons
 
@@ -244,7 +244,7 @@ class PhotonMIS:
             times = dr.select(near, times / LANDING, times)
             lands = but_not(lands, near & (sample >= LANDING))
             share = share * times
-        here = Landed(hit.si.p, hit.d, hit.flux * share, mi.Bool(True), mi.Bool(False), density, hit.level)
+        here = Landed(hit.si.p, hit.d, hit.flux * share, mi.Bool(True), density, hit.level)
         beyond = density * dr.select(hit.inseparable, 0, passed_on(bs, weight, flags) * dr.square(bs.eta))
         if self.near_specular.any:
             glossy = active & lobes.has_any(bs.sampled_type, *lobes.GLOSSY)

@@ -119,20 +119,8 @@ def versine(x: mi.Point3f, center: mi.Point3f, radius: mi.Float) -> mi.Float:
 
 def direction(x: mi.Point3f, center: mi.Point3f, radius: mi.Float, sample: mi.Point2f) -> mi.Vector3f:
     """A direction from ``x`` to a sphere, uniform over its solid angle."""
-    return frame(x, center).to_world(sample_falloff(sample, versine(x, center, radius)))
-
-
-def aimed_by(x: mi.Point3f, d: mi.Vector3f, center: mi.Point3f, radius: mi.Float) -> mi.Point2f:
-    """The point in [0, 1)² by which :func:`direction` samples ``d``."""
-    local = frame(x, center).to_local(d)
-    scale = dr.rsqrt(dr.maximum(versine(x, center, radius) * (1 + local.z), 1e-30))
-    return mi.warp.uniform_disk_to_square_concentric(mi.Point2f(local.x, local.y) * scale)
-
-
-def frame(x: mi.Point3f, center: mi.Point3f) -> mi.Frame3f:
-    """A frame whose third axis points from ``x`` to ``center``."""
-    to_center = center - x
-    return mi.Frame3f(dr.select(dr.squared_norm(to_center) > 1e-30, dr.normalize(to_center), mi.Vector3f(0, 0, 1)))
+    axis = dr.select(dr.squared_norm(center - x) > 1e-30, dr.normalize(center - x), mi.Vector3f(0, 0, 1))
+    return mi.Frame3f(axis).to_world(sample_falloff(sample, versine(x, center, radius)))
 
 
 def meets(x: mi.Point3f, d: mi.Vector3f, center: mi.Point3f, radius: mi.Float) -> mi.Bool:

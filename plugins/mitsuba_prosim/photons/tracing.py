@@ -14,8 +14,7 @@ from ..transport import lobes
 from ..transport.absorption import before, beyond, media_of, only_absorbs, transmittance
 from ..transport.scattering import Scattering
 from .emission import Start
-from .footprint import Footprint
-from .grid import WIDE, Landed
+from .grid import Landed
 from .mis import GlossyPhotons, Hit, PhotonMIS
 
 #: Indices of a photon's random numbers at a surface, and how many each surface has.
@@ -32,10 +31,6 @@ FAINT = 0.5
 #: as hundreds. It loses about a thousandth of the light that a ball of facets gathers.
 MOST = 8
 
-#: A lobe is wide if this part of its width is more than the reach :data:`.grid.WIDE`, where its width is the distance
-#: times the root of the solid angle 1 / pdf.
-PART = 0.2
-
 
 @dataclass
 class State:
@@ -48,8 +43,6 @@ class State:
     level: mi.UInt32
     active: mi.Bool
     landed: Landed
-    #: Width over distance of the glossy lobe that it comes from; 0 of an ideal one.
-    lobe: mi.Float
     #: Whether a smooth lobe of a BSDF without separable lobes has scattered it; None where no BSDF is like that.
     from_inseparable: mi.Bool | None
     #: Photons for glossy surfaces, with MIS; else None.
@@ -57,17 +50,15 @@ class State:
 
 
 class Walk:
-    """Traces photons in ``scene`` through up to ``deepest`` specular surfaces, for pixels of this ``footprint``.
+    """Traces photons in ``scene`` through up to ``deepest`` specular surfaces.
 
     ``tree``: whether the eye's rays form a tree. Then BSDFs without separable lobes send photons on by all specular
     lobes; for paths only by their ideal ones, and all other photons land there. ``mis``: if photons land on glossy
     surfaces.
     """
 
-    def __init__(
-        self, scene: mi.Scene, deepest: mi.UInt32, tree: bool, footprint: Footprint, mis: PhotonMIS | None
-    ) -> None:
-        self.scene, self.deepest, self.tree, self.footprint, self.mis = scene, deepest, tree, footprint, mis
+    def __init__(self, scene: mi.Scene, deepest: mi.UInt32, tree: bool, mis: PhotonMIS | None) -> None:
+        self.scene, self.deepest, self.tree, self.mis = scene, deepest, tree, mis
         self.specular = lobes.specular()
         self.specular.mode = mi.TransportMode.Importance
         self.absorbs = any(map(only_absorbs, media_of(scene)))
@@ -84,7 +75,6 @@ class Walk:
             mi.UInt32(0),
             dr.max(start.flux) > 0,
             Landed.nowhere(),
-            mi.Float(0),
             mi.Bool(False) if self.scattering.any_inseparable else None,
             None if self.mis is None else self.mis.start(start.density),
         )
@@ -114,11 +104,8 @@ class Walk:
             p = dr.select((hit.level == 0) & (kept > 0) & (kept < FAINT), 1, p)
         goes &= number(key, first + ROULETTE) < p
         lands = but_not(lands, goes) & (hit.cos > 0)
-        wide = PART * state.lobe * hit.si.t > WIDE * self.footprint.width(hit.si.p)
         here = hit.flux * (hit.shading / dr.maximum(1 - p, 1e-6))
-        landed = Landed(hit.si.p, hit.d, here, mi.Bool(True), wide)
-        # Where a choice between reflection and refraction is part of the density, that does not tell the width.
-        by_gloss = but_not(lobes.has_any(bs.sampled_type, *lobes.GLOSSY), lobes.has_any(flags, *lobes.REFRACTED))
+        landed = Landed(hit.si.p, hit.d, here, mi.Bool(True))
         return State(
             hit.si.spawn_ray(d),
             beyond(hit.si, medium, d, goes) if self.absorbs else None,
@@ -126,7 +113,6 @@ class Walk:
             hit.level + 1,
             goes,
             dr.select(lands, landed, state.landed),
-            dr.select(by_gloss, dr.rsqrt(dr.maximum(bs.pdf, 1e-6)), 0),
             None if state.from_inseparable is None else state.from_inseparable | by_all_lobes,
             glossy,
         )

@@ -16,6 +16,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -65,15 +66,20 @@ def cut_media(tree: Tree, media_of: Sequence[int]) -> np.ndarray:
 
 @dataclass(eq=False)
 class Body:
-    """A solid of one medium: its lazy mesh, the ``boxes`` (n, 2, 3) of its leaves (min and max corner), and the shared
-    ``surfaces`` that its faces may lie on. Equal leaves have the same ``solid``.
+    """A solid of one medium: ``make`` returns its lazy mesh, ``boxes`` (n, 2, 3) are those of its leaves (min and max
+    corner), and ``surfaces`` the shared ones that its faces may lie on. Equal leaves have the same ``solid``.
     """
 
-    manifold: Manifold
+    make: Callable[[], Manifold]
     boxes: np.ndarray
     surfaces: frozenset[int]
     planes: Planes
     solid: int | None = None
+
+    @cached_property
+    def manifold(self) -> Manifold:
+        """Its mesh."""
+        return self.make()
 
     @property
     def box(self) -> np.ndarray:
@@ -150,7 +156,7 @@ class _Chain:
         adds = np.array([sign == "+" for sign, _ in self.operands])
         boxes = np.array([body.box for _, body in self.operands])
         step = np.zeros(len(adds), int)
-        for i in range(1, len(adds)):
+        for i in range(1, len(adds) if self.cuts else 0):
             near = touching(boxes[:i], boxes[i])
             step[i] = (step[near] + (adds[near] & ~adds[i])).max(initial=0)
         steps: list[tuple[list[Body], list[Body]]] = [([], []) for _ in range(step.max() + 1)]
@@ -207,7 +213,7 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
         assert first and second
         return combined("+", first, second)
     result = Manifold.batch_boolean([body.manifold for body in distinct], OpType.Add)
-    return Body(result, np.concatenate([body.boxes for body in distinct]), surfaces, distinct[0].planes)
+    return Body(lambda: result, np.concatenate([body.boxes for body in distinct]), surfaces, distinct[0].planes)
 
 
 def combined(symbol: str, first: Body, second: Body) -> Body:
@@ -234,7 +240,7 @@ def _operation(first: Body, second: Body, operation: OpType | None, outwards: in
     result = Manifold.batch_boolean(pair if operation else pair[::-1], operation or OpType.Subtract)
     if common and not checked(result).is_empty():
         result = planes.relax(result, common)
-    return Body(result, boxes, first.surfaces | second.surfaces, planes)
+    return Body(lambda: result, boxes, first.surfaces | second.surfaces, planes)
 
 
 MAX_CUTS = 64  # small solids that touch a leaf, per triangle; above it the leaf's mesh is refined

@@ -117,7 +117,7 @@ def tessellate(
     reflects = tuple(number == OPAQUE and fresnel(leaf) for number, leaf in zip(media_of, leaves))
     faces = cached(
         (tuple(tree), tuple(media_of), reflects, table.cache_key()),
-        lambda: _faces(tree, table, media_of, reflects, cut > 0),
+        lambda: _surface_mesh(table, _boundary(tree, table, media_of, reflects, cut > 0), max(media_of) + 2),
     )
     warn_of_rounding(document, camera, faces.triangles.vertices)
     visible: set[int] = set()  # leaves
@@ -148,9 +148,9 @@ def _numbered(keys: Iterable[Hashable]) -> list[int]:
     return [numbers.setdefault(key, len(numbers)) for key in keys]
 
 
-def _faces(
+def _boundary(
     tree: csg.Tree, table: Leaves, media_of: list[int], reflects: Sequence[bool], cut: np.ndarray
-) -> SurfaceMesh:
+) -> Boundary:
     """The boundary of the tree's result. ``media_of[i]`` is the medium of leaf i, ``reflects[i]`` whether it is opaque
     and reflects by Fresnel's equations, ``cut[i]`` whether it is in the second operand of - or *.
     """
@@ -166,10 +166,12 @@ def _faces(
         if medium != media_of[number] and not cut[number]:
             return None
         i = int(table.of_leaf[number])
-        mesh = Manifold()
-        if not alone[groups[number]]:
-            mesh = csg.refined(manifold(table.meshes[i], table.first[i], ids.of(number, medium)), cuts[number])
         surfaces = frozenset(table.solids[i].surfaces.tolist()) - {-1}
+
+        def mesh() -> Manifold:
+            own = manifold(table.meshes[i], table.first[i], ids.of(number, medium))
+            return csg.refined(own, cuts[number])
+
         return csg.Body(mesh, boxes[number : number + 1], surfaces, table.planes, i)
 
     bodies: dict[int, dict[int, csg.Body]] = {}
@@ -184,7 +186,7 @@ def _faces(
             found.append(primitive_boundary(table.meshes[i], group, table.first[i], media_of[group]))
         else:
             found += boundaries(of_group, ids, fresnel)
-    return _surface_mesh(table, concatenated(found), max(media_of) + 2)
+    return concatenated(found)
 
 
 def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
@@ -201,28 +203,28 @@ def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
 
 def _surface_mesh(table: Leaves, boundary: Boundary, count: int) -> SurfaceMesh:
     """A boundary with normals and uv; ``count`` is the number of media, with air."""
-    triangles = boundary.triangles
+    vertices, triangles = boundary
+    del boundary  # frees memory
     codes = (triangles["leaf"].astype(int) * count + triangles["inside"] + 1) * count + triangles["outside"] + 1
-    order = np.argsort(codes, kind="stable")
-    triangles = triangles[order]
-    codes, starts, kind = np.unique(codes[order], return_index=True, return_inverse=True)
-    batches = []
+    triangles = triangles[np.argsort(codes, kind="stable")]
+    codes, starts, kind = np.unique(np.sort(codes), return_index=True, return_inverse=True)
+    shape = len(kind), 3
+    keys, normals, uv = np.empty(shape, int), np.empty((*shape, 3), "f4"), np.empty((*shape, 2), "f4")
+    high = np.empty(len(kind), bool)
     unshared = 0  # so far
-    for start in range(0, max(len(kind), 1), BATCH):
-        some = triangles[start : start + BATCH]
-        positions = boundary.vertices[some["index"]]
+    for start in range(0, len(kind), BATCH):
+        batch = slice(start, start + BATCH)
+        some = triangles[batch]
+        positions = vertices[some["index"]]
         face = table.faces[some["facet"]]
         corners = table.corners(positions, some["leaf"], face)
-        keys = corner_keys(
-            some["index"].astype(int) * len(codes) + kind[start : start + BATCH, None], face, corners, unshared
-        )
+        keys[batch] = corner_keys(some["index"].astype(int) * len(codes) + kind[batch, None], face, corners, unshared)
         unshared += int(corners.unshared.sum())
-        normals = corners.normals * some["sign"][:, None, None]
-        batches.append([keys, normals.astype("f4"), corners.uv.astype("f4"), heights(positions) > 2 * table.step])
-    keys, normals, uv, high = map(np.concatenate, zip(*batches))
+        normals[batch], uv[batch] = corners.normals * some["sign"][:, None, None], corners.uv
+        high[batch] = heights(positions) > 2 * table.step
     _, first, index = np.unique(keys, return_index=True, return_inverse=True)
     triangle, at = np.divmod(first, 3)
-    positions = boundary.vertices[triangles["index"][triangle, at]] + table.origin
+    positions = vertices[triangles["index"][triangle, at]] + table.origin
     result = Triangles(positions, normals[triangle, at], uv[triangle, at], index.reshape(-1, 3))
     visible = np.bincount(kind[high], minlength=len(codes)) > 0
     leaf, sides = np.divmod(codes, count**2)

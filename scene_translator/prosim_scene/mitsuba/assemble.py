@@ -7,13 +7,13 @@ from types import ModuleType
 from ..geometry import TOLERANCE, MeshKey, Triangles, tessellate
 from ..language.document import Document
 from ..model import Leaf, Scene
-from ..nodes import Comment, Default, Node
+from ..nodes import Comment, Node
 from ..translation_options import Options
-from ..view import Camera, camera_of, warn_of_distortion
+from ..view import camera_of, warn_of_distortion
 from ..writer import TranslationCache, ply
 from . import TARGETS, lights, materials
 from .materials import MediumInterface
-from .sensor import clipping, sensor
+from .sensor import sensor
 from .translation_context import Context, check, meshes
 
 
@@ -71,7 +71,7 @@ def assemble(
 
     result: Node = {"type": "scene"} | check(document, target.settings(context))
     result["view_comment"] = _comment(document, "VIEW", "view")
-    result["view"] = check(document, _sensor(context, target, camera, list(triangles.values())), "view")
+    result["view"] = check(document, sensor(context, target, camera, list(triangles.values())), "view")
     for i, light in enumerate(scene.lights):
         lights.warn_of_radius(context, i, light)
         result[f"light_{i}_comment"] = _comment(document, light.kind.upper(), "lights", i)
@@ -85,7 +85,7 @@ def view_sensor(document: Document, options: Options, cache: TranslationCache | 
     faces = cache.surface if cache else None
     bodies = [faces.triangles] if faces and len(faces.triangles.vertices) else []
     camera = camera_of(document, options.resolution)
-    return check(document, _sensor(context, TARGETS[options.target], camera, bodies), "view")
+    return check(document, sensor(context, TARGETS[options.target], camera, bodies), "view")
 
 
 def _shapes(
@@ -142,22 +142,3 @@ def _by_appearance(scene: Scene) -> list[list[tuple[int, Leaf]]]:
         if isinstance(leaf, Leaf):
             groups.setdefault(appearance(scene, leaf), []).append((number, leaf))
     return list(groups.values())
-
-
-def _sensor(context: Context, target: ModuleType, camera: Camera, bodies: list[Triangles]) -> Node:
-    camera = target.camera(context, camera)
-    width, height = camera.resolution
-    film = {
-        "type": "hdrfilm",
-        "width": Default("width", width),
-        "height": Default("height", height),
-        "pixel_format": "rgb",
-        "component_format": "float32",
-        "filter": {"type": "box"},
-    }
-    return sensor(
-        camera,
-        clipping(camera, bodies, context.scene.lights),
-        film,
-        {"type": target.SAMPLER, "sample_count": context.samples**2},
-    )

@@ -4,13 +4,15 @@ The language has no clipping, so the clipping planes of Mitsuba's cameras enclos
 
 import math
 from collections.abc import Iterable, Sequence
+from types import ModuleType
 
 import numpy as np
 
 from ..geometry import Triangles
 from ..model import Light
-from ..nodes import Node
+from ..nodes import Default, Node
 from ..view import Camera
+from .translation_context import Context
 
 #: By default, in units of the view plane's distance.
 NEAR, FAR = 1e-3, 1e5
@@ -49,13 +51,28 @@ def _reaches(point: np.ndarray, body: Triangles, distance: float) -> bool:
     return bool(np.all(below[body.index].any(axis=1) & above[body.index].any(axis=1), axis=1).any())
 
 
-def sensor(camera: Camera, planes: tuple[float, float], film: Node, sampler: Node) -> Node:
-    """Mitsuba's ``perspective`` for square pixels, ``prosim_window`` for any others, between two ``planes``."""
+def sensor(context: Context, target: ModuleType, camera: Camera, bodies: Sequence[Triangles]) -> Node:
+    """Mitsuba's ``perspective`` for square pixels, ``prosim_window`` for any others; no triangle is clipped."""
+    camera = target.camera(context, camera)
+    near, far = clipping(camera, bodies, context.scene.lights)
     width, height = camera.right - camera.left, camera.top - camera.bottom
     to_world = np.eye(4)
     # Mitsuba's camera looks along +z with x to the left of the image.
     to_world[:3] = np.stack([-camera.u, camera.v, -camera.n, camera.eye], axis=1)
-    common = {"to_world": to_world, "near_clip": planes[0], "far_clip": planes[1], "film": film, "sampler": sampler}
+    common = {
+        "to_world": to_world,
+        "near_clip": near,
+        "far_clip": far,
+        "film": {
+            "type": "hdrfilm",
+            "width": Default("width", camera.resolution[0]),
+            "height": Default("height", camera.resolution[1]),
+            "pixel_format": "rgb",
+            "component_format": "float32",
+            "filter": {"type": "box"},
+        },
+        "sampler": {"type": target.SAMPLER, "sample_count": context.samples**2},
+    }
     if not camera.square_pixels:
         return {
             "type": "prosim_window",

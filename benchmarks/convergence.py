@@ -12,7 +12,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from gains import NESTED, PATHS
+from gains import DEPTH, NESTED, PATHS
 from measure import Run, arguments, begin, by_turns, interval, reference
 from mitsuba_prosim.compare import measures
 from scenes import BUILT, Subject

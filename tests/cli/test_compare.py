@@ -297,3 +297,10 @@ def test_wrong_input_writes_nothing(tmp_path, arguments, message):
     assert result.exit_code == 2
     assert message in result.output
     assert [p.name for p in tmp_path.iterdir()] == ["little.xml"]
+
+
+def test_flip_is_1_between_extremes():
+    green, blue = (np.broadcast_to(np.eye(3)[c], (32, 32, 3)).astype(float) for c in (1, 2))
+    # The largest colour difference that the metric knows (Andersson et al. 2020): green to blue.
+    assert measures.flip(green, blue) == pytest.approx(1, abs=0.02)
+    assert measures.flip(green, 0.9 * green) < 0.5

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from mitsuba_prosim import registry
 from mitsuba_prosim.compat import PLUGINS_IN_PYTHON
-from mitsuba_prosim.stock_command import stand_ins
+from mitsuba_prosim.stock_command import hosted, stand_ins
 
 SCENE = """<scene version="3.0.0">
     <default name="spp" value="4"/>
@@ -234,3 +234,24 @@ def test_ctrl_c_ends_at_once(tmp_path, plugins, monkeypatch):
         process.send_signal(signal.SIGINT)
         assert process.wait(10) == -signal.SIGINT
     assert not (tmp_path / "scene.exr").exists()
+
+
+def test_arguments():
+    options = vars(
+        hosted.parse_arguments(["-vvt4", "-Da=1", "a.xml", "--define", "b=2", "-O0", "-ap;q", "-WW", "b.xml"])
+    )
+    assert {name: value for name, value in options.items() if value} == {
+        "verbose": 2,
+        "threads": 4,
+        "define": ["a=1", "b=2"],
+        "append": "p;q",
+        "wavefront": 2,
+        "scenes": ["a.xml", "b.xml"],
+    }
+    assert options["optimizations"] == 0
+
+
+def test_an_error_is_that_of_the_native_command(capsys, monkeypatch):
+    monkeypatch.setattr(mi, "set_log_level", lambda _: None)
+    assert hosted.main("nrook", "-m", "llvm_wrong") == 255
+    assert "Caught a critical exception" in capsys.readouterr().err

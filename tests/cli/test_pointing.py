@@ -1,5 +1,7 @@
 """An error in an XML scene shows its place as one in a scene of the language does."""
 
+import re
+
 import pytest
 from running import prosim
 
@@ -60,3 +62,19 @@ def test_no_line_of_another_folder_is_shown_by_a_scenes_own_words(tmp_path):
         assert (pointed(words, scene) != words) == shown
     words = f"While loading {tmp_path}/named.xml (line 1, col 2): wrong"
     assert pointed(words, tmp_path / "named.xml").endswith("\n    <part/>\n     ^")
+
+
+def test_what_can_not_be_shown_is_said_alone(tmp_path):
+    """Words without a place, or with one that is not there to be read."""
+    from mitsuba_prosim.scene.errors import pointed
+
+    gone = f"At {tmp_path}/gone.xml (line 3, col 6): failed"
+    for words in ("[Film] too wide", gone, 'Loading "a.ply" (line 1, col 1)'):
+        assert pointed(words) == words
+    short = tmp_path / "short.xml"
+    short.write_text("<scene/>\n", encoding="utf-8")
+    said = f"While loading {short} (line {{}}, col 2): wrong\n  - more"
+    assert pointed(said.format(9)) == said.format(9)
+    assert re.search(r"more\n    <scene/>\n     \^$", pointed(said.format(1)))
+    outer = f"Error while loading {tmp_path}/gone.xml (line 1, col 2): while processing <include>:\n"
+    assert pointed(outer + said.format(1)).endswith("     ^")

@@ -184,3 +184,10 @@ def test_record_lists_a_file_once(own):
 def test_help(command):
     assert f"Usage: prosim {command}" in done(command, "-h").output
     assert command in prosim("-h").output
+
+
+@pytest.mark.parametrize("compiler", ["/nowhere/cc", "false"])
+def test_compiler_that_fails(compiler, tmp_path, monkeypatch):
+    monkeypatch.setenv("CC", compiler)
+    with pytest.raises(RuntimeError, match="the C compiler failed"):
+        stand_ins.compile_stand_in(tmp_path / "a.so")

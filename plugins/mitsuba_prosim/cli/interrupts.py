@@ -29,7 +29,6 @@ def interruptible(stop: Callable[[], None]) -> Iterator[list[int]]:
 
     # In a thread, because Mitsuba's own integrators hold up Python's handlers, in the main thread, until they are done.
     def watch() -> None:
-        come = 0
         while True:
             try:
                 received = reader.recv(1)
@@ -40,8 +39,7 @@ def interruptible(stop: Callable[[], None]) -> Iterator[list[int]]:
                 return
             if (number := received[0]) not in handled:
                 continue
-            come += 1
-            if come > 1:
+            if reader.gettimeout() is not None:  # the second
                 os.write(2, b"\nEnded at once.\n" if os.isatty(2) else b"Ended at once.\n")
                 os._exit(128 + number)
             if number == signal.SIGINT and os.isatty(2):  # below ^C

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
@@ -161,10 +160,6 @@ class Job:
                 "prosim render did not write this state; continue it where it comes from, by "
                 "integrator.progressive(begin=...)"
             ) from None
-
-    def about(self, file: scene_file.SceneFile) -> dict[str, Any]:
-        """Facts of a checkpoint by which another process continues the job: ``job`` and ``digest``."""
-        return {"job": self.image() | {"scene": os.path.abspath(self.scene)}, "digest": file.digest()}
 
     def file(self, folder: Path, **how: Any) -> scene_file.SceneFile:
         """The scene file; ``folder``: for translations; ``how``: see :class:`.scene_file.SceneFile`, which says what is

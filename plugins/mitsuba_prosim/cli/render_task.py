@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -63,8 +64,9 @@ class RenderTask:
 
     @cached_property
     def about(self) -> dict[str, Any]:
-        """Facts that identify the checkpoints."""
-        return self.job.about(self.file)
+        """Facts that identify the checkpoints, and by which another process continues the job."""
+        image = self.job.image() | {"scene": os.path.abspath(self.job.scene)}
+        return {"job": image, "digest": self.file.digest()}
 
     def check(self) -> None:
         """Raises the errors of loading the scene, and ValueError where the options do not suit it, or :attr:`begin`

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import mitsuba as mi
 
 from ..denoising import oidn
+from ..denoising.halves import TOLERANCE, DenoisedRender
 from ..engine.plan import UNLIMITED
 
 if TYPE_CHECKING:
-    from ..denoising.halves import DenoisedRender
     from ..engine.render import Reached
     from .job import Job
 
@@ -22,9 +22,6 @@ IN_TIME = 0.97
 
 #: Goal of an integrator, and measured value of a render -> the same in words.
 NOISES = {"noise": "noise", "noise_99": "that of 99 pixels in 100", "noise_999": "that of 999 in 1000"}
-
-#: The error of a denoised image is called uncertain if its upper bound is more than this many times the limit.
-UNCERTAIN = 1.1
 
 
 def metadata(
@@ -94,7 +91,7 @@ def of_denoised(steps: DenoisedRender, film: mi.Film) -> tuple[dict[str, str], s
         line = "not denoised: the raw image is within the limit"
     if steps.render is not None and (estimates := steps.render.state.estimates):
         facts["prosim.denoised.estimates"] = json.dumps(estimates)  # samples, networks, noise
-    if result.at_most > UNCERTAIN * max(result.noise, limit):
+    if result.at_most > TOLERANCE * max(result.noise, limit):
         line += f", uncertain: its noise may be {result.at_most:.2g}"
     if not film.rfilter().is_box_filter():
         line += " (the film's filter is wider than a pixel; a box filter suits a denoiser better)"

@@ -32,6 +32,9 @@ FEATURE_SAMPLES = 4
 #: Minimum width and height of the part that is denoised to decide whether it is worth the time.
 LEAST_SIDE = 64
 
+#: The error of the final image is within this many times the limit with a probability of about 95 %.
+TOLERANCE = 1.1
+
 #: RMS error of the displayed image (white = 1), and the bounds of 99 and of 99.9 % of its pixels.
 Noise = tuple[float, float, float]
 
@@ -102,9 +105,6 @@ class DenoisedRender:
 
     #: The denoiser is called when the raw error is at most this many times the target.
     FAR = 3.0
-    #: The error of the final image falls with about this power of the number of samples: between the third of a
-    #: kernel regression of smooth surfaces (Stone 1982) and the half of the raw image.
-    SLOPE = 0.4
     #: Maximum number of calls for all pixels before that of the final image.
     CALLS = 3
     #: Samples of a pixel that cost about as much as a call, and so many that the best networks are worth theirs.
@@ -229,7 +229,7 @@ class DenoisedRender:
         """
         assert render.second is not None
         state, target, samples = render.state, render.target, self._samples
-        raw, state.slope = render.second.noise(state), 0.5
+        raw = render.second.noise(state)
         if target.seconds and not target.reserved:
             started = time.perf_counter()
             self.denoised()
@@ -240,34 +240,35 @@ class DenoisedRender:
             return scaled(raw, 1 / self.FAR)
         by_raw = samples * (target.excess(raw) / AIM) ** 2
         if not state.estimates and by_raw - samples >= 2 * self.CALL:
-            self._record("probe", self._probed(raw))
+            self._record("probe", raw, self._probed())
         while state.estimates:
             last, networks, *error = state.estimates[-1]
-            noise = scaled(error, (last / samples) ** self.SLOPE)
+            noise = scaled(error, (last / samples) ** 0.5)
             excess, called = target.excess(noise), last == samples and networks != "probe"
             if called and excess <= ENOUGH:
                 return noise
-            if by_raw - samples * (excess / AIM) ** (1 / self.SLOPE) < self.CALL or len(state.estimates) > self.CALLS:
+            if by_raw - samples * (excess / AIM) ** 2 < self.CALL or len(state.estimates) > self.CALLS:
                 break
             if called or (excess > 1 and networks != "probe"):
-                state.slope = self.SLOPE
                 return noise
             networks = "fast" if self.fast or by_raw < self.BEST else "best"
-            self._record(networks, scaled(raw, (result := self._denoised(networks)).noise / result.raw_noise))
+            result = self._denoised(networks)
+            self._record(networks, raw, max(result.noise, result.at_most * ENOUGH / TOLERANCE) / result.raw_noise)
         return raw
 
-    def _probed(self, raw: Noise) -> Noise:
-        """The final error, by the smallest networks without features in the middle of the image."""
+    def _probed(self) -> float:
+        """The final error over the raw one, by the smallest networks without features in the middle of the image."""
         halves = self.halves
         sides = [(n, max(n // 3, min(n, LEAST_SIDE))) for n in halves.first.shape[:2]]
         part = tuple(slice((n - side) // 2, (n + side) // 2) for n, side in sides)
         result = halves.denoised(Denoiser(fast=True), part)
-        return scaled(raw, result.at_most / max(result.raw_noise, 1e-30))
+        return result.at_most / max(result.raw_noise, 1e-30)
 
-    def _record(self, networks: str, noise: Noise) -> None:
-        """Keeps the error, rounded."""
+    def _record(self, networks: str, raw: Noise, ratio: float) -> None:
+        """Keeps the errors, rounded: those of the raw image multiplied by ``ratio``."""
         assert self.render is not None
-        self.render.state.estimates.append((self._samples, networks, *(float(f"{error:.3g}") for error in noise)))
+        noise = (float(f"{error:.3g}") for error in scaled(raw, ratio))
+        self.render.state.estimates.append((self._samples, networks, *noise))
 
     def _blocking(self, spp: int) -> Generator[Step, None, None]:
         """Renders the halves by an integrator that reports no progress."""

@@ -79,8 +79,11 @@ class Denoised:
 
     @property
     def at_most(self) -> float:
-        """Upper bound of that RMS error, which it exceeds with a probability of about 5 %."""
-        deviation = float(np.sqrt(np.sum(self.final_squares**2))) / self.final_squares.size
+        """Upper bound of that RMS error, which it exceeds with a probability of about 5 %.
+
+        The noise of ``final_squares`` is the product of those of both halves, of variance 4/3 d^4.
+        """
+        deviation = float(np.sqrt(np.sum(self.raw_squares**2) * 4 / 3)) / self.raw_squares.size
         return max(float(self.final_squares.mean()) + 1.645 * deviation, 0.0) ** 0.5
 
 

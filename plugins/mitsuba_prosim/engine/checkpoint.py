@@ -72,7 +72,6 @@ class Checkpoint:
             "part": None if state.part is None else (state.part.number, state.part.of),
             "endless": state.plan.endless,
             "noise": state.noise,
-            "slope": state.slope,
             "estimates": state.estimates,
             "rounds": state.rounds,
             "effort": state.effort,
@@ -116,7 +115,7 @@ class Checkpoint:
         # Further samples may be of an endless sequence after N-rook patterns, but not the reverse.
         state.plan = replace(state.plan, endless=state.plan.endless or self.facts["endless"])
         rms, most, nearly_all = self.facts["noise"]
-        state.noise, state.slope = (rms, most, nearly_all), self.facts["slope"]
+        state.noise = rms, most, nearly_all
         state.estimates = [tuple(estimate) for estimate in self.facts["estimates"]]
         # The policies look at different numbers of pixels around a crop window.
         _, mine, theirs = np.intersect1d(self.pixels["index"], index(state), True, return_indices=True)

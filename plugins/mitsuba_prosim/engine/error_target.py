@@ -180,7 +180,7 @@ def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarr
 
 def remaining(state: FilmState, target: ErrorTarget) -> float:
     """The samples at the end over those so far, by the power law of the error."""
-    return (target.excess(state.noise) / AIM) ** (1 / state.slope)
+    return (target.excess(state.noise) / AIM) ** 2
 
 
 def in_full_sets(have: np.ndarray, want: np.ndarray, most: int, maps: int, photons: int) -> int:

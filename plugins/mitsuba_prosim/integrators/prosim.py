@@ -236,7 +236,6 @@ class Prosim(ProgressiveIntegrator):
         if reason := refusal(self.layers, self._settings(), self.caustics):
             raise reject(props, "layers", self.layers, reason)
         self._layer_channels: list[str] = []  # of the last scene
-        self._scalar: Transport | None = None  # in scalar variants, while an image is rendered
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
         expose(callback, ambient=self.ambient, background=self.background)
@@ -274,14 +273,10 @@ class Prosim(ProgressiveIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        if self.layers != "none":
+        if self.layers != "none" or self.caustics:
             raise RuntimeError(
-                "prosim: its own render() alone knows layers; leave them out of a prosim within another integrator."
-            )
-        if self.caustics:
-            raise RuntimeError(
-                "prosim: caustics are known to its own render() alone, which sends out the photons; leave them out of "
-                "a prosim within another integrator."
+                "prosim: its own render() alone knows layers and caustics; leave them out of a prosim within another "
+                "integrator."
             )
         transport = self._scalar or Transport(self._settings(), scene, around=medium)
         L, hit, _ = transport(ray, SamplerPoints(sampler), active, sampler)
@@ -309,11 +304,9 @@ class Prosim(ProgressiveIntegrator):
         return transport
 
     def _derivatives(self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int) -> Derivatives:
-        if self.layers != "none":
-            raise RuntimeError("prosim: layers have no derivatives; leave layers out where derivatives are wanted.")
-        if self.caustics:
+        if self.layers != "none" or self.caustics:
             raise RuntimeError(
-                "prosim: where photons lie has no derivatives here; leave caustics out where derivatives are wanted."
+                "prosim: layers and caustics have no derivatives; leave them out where derivatives are wanted."
             )
         return super()._derivatives(scene, sensor, seed, spp)
 

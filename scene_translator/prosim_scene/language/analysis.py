@@ -14,7 +14,7 @@ from .diagnostics import MAX_ERRORS, SceneError, SceneWarning, Span, combined_er
 from .document import Document, Path
 from .reader import Reader
 from .suggestions import nearest
-from .words import ALIASES, BUILT_IN, KINDS, PIXELS, STATEMENT_OF, WORDS, canonical, of_role
+from .words import ALIASES, BUILT_IN, KINDS, PIXELS, WORDS, canonical, of_role
 
 #: The largest size of a text in bytes; a scene of 10,000 primitives has about 2 MiB.
 SIZE_LIMIT = 16 * 2**20
@@ -22,11 +22,10 @@ SIZE_LIMIT = 16 * 2**20
 DARK = 256
 #: Characters that are not allowed in the name of a scene.
 NO_NAME = frozenset('/\\:*?<>|"')
-#: Parameter -> the kinds of lights, of materials or of textures that have it, unless all kinds have it.
-LIMITED = {
-    owner.name: {word.name: word.of for word in WORDS if word.of and STATEMENT_OF[word.role] == owner.role}
-    for owner in of_role("LIGHTS", "SURFACE", "TEXTURE")
-}
+#: (field of the model, parameter) -> the kinds of lights, materials or textures that have it; absent: all kinds.
+LIMITED = {(of_role(word.statement)[0].name, word.name): word.of for word in WORDS if word.of}
+#: Field of the model -> the field of its values that is their kind.
+KIND_OF = {"lights": "distribution", "surfaces": "material", "patterns": "kind"}
 
 
 def document_of(
@@ -185,21 +184,20 @@ def _materials(document: Document) -> Iterator[SceneError | SceneWarning]:
 
 def _kinds(document: Document) -> Iterator[SceneError | SceneWarning]:
     """Errors about textures without a kind, and about parameters that a kind does not have."""
-    scene = document.scene
-    kinds: list[tuple[str, str | int, str]] = []
-    kinds += [("lights", number, light.distribution) for number, light in enumerate(scene.lights)]
-    kinds += [("surfaces", index, surface.material or "phong") for index, surface in scene.surfaces.items()]
-    kinds += [("patterns", name, pattern.kind) for name, pattern in scene.patterns.items()]
-    for field, key, kind in kinds:
-        if not kind:
+    for key, pattern in document.scene.patterns.items():
+        if not pattern.kind:
             reason = f"the texture {quote(key)} has no kind; expected brick, stripes or fractal after its name"
-            yield document.error(reason + nearest(str(key), BUILT_IN), field, key, code="incomplete")
-        for name, of in LIMITED[field].items() if kind else ():
-            if kind not in of and document.given(field, key, name):
-                word, kinds_of = document.word(field, key, name), listing(KINDS[other] for other in of)
-                reason = f"{word} has no effect on {KINDS[kind]}; it is for {kinds_of}"
-                diagnostic = document.error if field == "patterns" else document.warning
-                yield diagnostic(reason, field, key, name, code="unexpected" if field == "patterns" else "no-effect")
+            yield document.error(reason + nearest(key, BUILT_IN), "patterns", key, code="incomplete")
+    for path in document.spans:
+        field = str(path[0])
+        of = LIMITED.get((field, str(path[2]))) if len(path) == 3 else None
+        if of is None:
+            continue
+        kind = getattr(getattr(document.scene, field)[path[1]], KIND_OF[field]) or "phong" * (field == "surfaces")
+        if kind and kind not in of:
+            reason = f"{document.word(*path)} has no effect on {KINDS[kind]}; it is for {listing(KINDS[k] for k in of)}"
+            diagnostic = document.error if field == "patterns" else document.warning
+            yield diagnostic(reason, *path, code="unexpected" if field == "patterns" else "no-effect")
 
 
 def _indices(document: Document) -> Iterator[SceneError]:

@@ -160,22 +160,24 @@ class Reader:
     def begin(self, *path: str | int, at: Token | None = None) -> None:
         """Sets the path of the statement's value, with the span of the keyword or of ``at``; reports a duplicate."""
         token, self.path = at or self.keyword, path
-        what = " ".join([self.keyword.text, at.text] if at else map(str, [self.keyword.text, *path[1:]]))
-        if not self.note_once(token, what):
+        if path in self.spans:
+            self.note_once(token, " ".join(map(str, [self.keyword.text, *([at.text] if at else path[1:])])))
             self.path = "duplicate", token.start
+        self.note(token.span)
 
     def note(self, span: Span, *path: str | int) -> None:
         """Stores the span of the statement's value, or of a part of it."""
         path = (*self.path, *path)
         self.spans[path] = span
 
-    def note_once(self, token: Token, what: str, *path: str | int) -> bool:
-        """Stores the span of a part, and returns whether it is the first one; reports a duplicate."""
-        first = self.spans.setdefault((*self.path, *path), token.span)
-        if first.start != token.start:
+    def note_once(self, token: Token, what: str, *path: str | int) -> None:
+        """Stores the span of a part; reports a duplicate."""
+        path = (*self.path, *path)
+        if first := self.spans.get(path):
             reason = f"{what} stands twice; the first is on line {self.source.line(first)}; delete one"
             self.report(token.span, reason, "twice")
-        return first.start == token.start
+        else:
+            self.spans[path] = token.span
 
     # ---- Values
 

@@ -20,9 +20,8 @@ PIECE = re.compile(
     r'|(?P<word>[^\s()#":={$][^\s()#":=]*)|(?P<equals>[:=])|(?P<comment>\#[^\n]*)|(?P<expression>\{[^{}\n]*\}?)|(?P<name>\$[^\s()#":=]*)|(?P<string>"[^"\n]*"?))',
     re.IGNORECASE,
 )
-#: Plain numbers, where they follow one another.
-NUMBERS = re.compile(rf'(?:\s*{NUMBER}(?![^\s()#":=]))+', re.IGNORECASE)
-WORD = re.compile(r"\S+")
+#: A plain number, where numbers follow one another.
+NEXT_NUMBER = re.compile(rf'\s*({NUMBER})(?![^\s()#":=])', re.IGNORECASE)
 PARENTHESIS = re.compile(r"[()]")
 #: The roles of tokens that a name may represent: values, which begin no statement.
 VALUES = frozenset(
@@ -96,12 +95,13 @@ class Scanner:
 
     def plain_numbers(self) -> list[Token]:
         """The plain numbers that follow, or an empty list; other values, such as expressions, may follow them."""
-        if not (found := NUMBERS.match(self.source.text, self.position)):
-            return []
-        numbers = WORD.finditer(self.source.text, self.position, found.end())
-        tokens = [Token("NUMBER", number[0], number.start(), number.end()) for number in numbers]
-        self.position, self.last = found.end(), tokens[-1]
-        self.tokens += tokens
+        text, match, tokens = self.source.text, NEXT_NUMBER.match, list[Token]()
+        while found := match(text, self.position):
+            start, self.position = found.span(1)
+            tokens.append(Token("NUMBER", found[1], start, self.position))
+        if tokens:
+            self.tokens += tokens
+            self.last = tokens[-1]
         return tokens
 
     def comment(self, kind: str, start: int) -> None:

@@ -179,7 +179,8 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         transport = self.transport(scene, sensor)
         channels = Channels(sensor.film(), self.channels, transport.aov_names, self.mitsuba_aovs)
         result = Estimator(scene, sensor, transport, channels)
-        sensor.film().prepare(self.aov_names())  # which may depend on the scene
+        # The names may depend on the scene. A specfilm that is not prepared ends the process.
+        sensor.film().prepare(self.aov_names())
         return result
 
     def _render_scalar(self, scene: mi.Scene, sensor: mi.Sensor, *arguments: Any) -> mi.TensorXf:

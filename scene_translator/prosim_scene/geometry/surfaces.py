@@ -160,7 +160,7 @@ def _boundary(
     fresnel = np.flatnonzero(reflects).tolist()
     groups = components(boxes[:, 0], boxes[:, 1])
     alone = np.bincount(groups, minlength=len(groups)) == 1
-    cuts = csg.touching_small(boxes)
+    cuts = csg.count_small_neighbours(boxes)
 
     def body(number: int, medium: int) -> csg.Body | None:
         if medium != media_of[number] and not cut[number]:

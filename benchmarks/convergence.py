@@ -12,7 +12,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from gains import NESTED, PATHS
+from gains import DEPTH, NESTED, PATHS
 from measure import Run, arguments, begin, by_turns, interval, reference
 from mitsuba_prosim.compare import measures
 from scenes import BUILT, Subject
@@ -24,7 +24,7 @@ SAMPLERS = ("independent", "multijitter", "owen")
 def curves(subject: Subject) -> tuple[dict[str, list[Run]], dict, int]:
     """``(curves, integrator, samples)``: runs at growing cost by the name of the curve, and what the reference is."""
     direct = subject.name in BUILT and subject.tree
-    theirs = {"type": "direct"} if direct else {"type": "path", "max_depth": PATHS["rr_depth"]}
+    theirs = {"type": "direct"} if direct else {"type": "path", "max_depth": DEPTH}
     ours = (subject.tree if direct else PATHS) | {"adaptive": "none"}
     scene, found = subject.load(), {}
     found["prosim, N x N"] = [Run("", scene, ours | {"samples": n}) for n in COUNTS]

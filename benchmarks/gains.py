@@ -35,8 +35,9 @@ from scenes import Subject
 from scipy.ndimage import maximum_filter
 
 DEPTH = 8
-#: The vertices of a path of DEPTH edges, but for the camera and the lamp, are DEPTH - 1: levels 0 to DEPTH - 2.
-PATHS = {"type": "prosim", "diffuse_bounces": -1, "max_level": DEPTH - 2, "rr_depth": DEPTH}
+#: As deep as a path of DEPTH edges, whose vertices but for the camera and the lamp are levels 0 to DEPTH - 2; with the
+#: same Russian roulette.
+PATHS = {"type": "prosim", "diffuse_bounces": -1, "max_level": DEPTH - 2}
 NESTED = {"type": "prosim_adaptive", "nested": {"type": "path", "max_depth": DEPTH}}
 Entries = tuple[list[Run], dict[str, Any], int]
 

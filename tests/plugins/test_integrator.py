@@ -10,7 +10,7 @@ from image_statistics import renderings, same_expectation
 from mitsuba_prosim.compat import to_world_name
 from mitsuba_prosim.engine.camera import ray_sampler
 from mitsuba_prosim.engine.policies import POLICIES
-from scenes import alone, penumbra, rgb
+from scenes import alone, penumbra, rgb, sphere_lamp
 
 COPPER = {"type": "roughconductor", "material": "Cu", "alpha": 0.15}
 ROUGH_GLASS = {"type": "roughdielectric", "alpha": 0.1}
@@ -124,12 +124,14 @@ def test_every_kind_of_source_equals_path(variant_rgb):
 def test_sky_on_diffuse_and_rough_surfaces_equals_path(variant_rgb, monkeypatch, unrolled):
     """The sky is sampled by projected solid angle; with and without the loop over sources."""
     monkeypatch.setattr("mitsuba_prosim.light.table.Lights.UNROLLED", unrolled)
-    sky = {"sky": {"type": "constant", "radiance": rgb(0.3, 0.4, 0.5)}}
+    lamp = sphere_lamp([3, 3, 2], 0.3, rgb(9, 6, 3))  # a second one: only then there may be a loop
+    sky = {"sky": {"type": "constant", "radiance": rgb(0.3, 0.4, 0.5)}, "lamp": lamp}
     path = renderings({**penumbra(type="path", max_depth=2), **sky}, 12, spp=100)
     ours = renderings({**penumbra(type="prosim", adaptive="none"), **sky}, 12, spp=25)
     assert same_expectation(path, ours)
-    path = renderings(alone(COPPER, type="path", max_depth=10, rr_depth=100), 12, spp=100)
-    assert same_expectation(path, renderings(alone(COPPER, type="prosim", adaptive="none", max_level=8), 12, spp=25))
+    copper = alone(COPPER) | {"lamp": lamp}
+    path = renderings(copper, 12, spp=100, type="path", max_depth=10, rr_depth=100)
+    assert same_expectation(path, renderings(copper, 12, spp=25, type="prosim", adaptive="none", max_level=8))
 
 
 def test_full_sphere_on_a_diffuse_surface_has_no_variance(variant_rgb):

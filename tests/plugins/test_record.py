@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mitsuba_prosim.engine.checkpoint import put_together
 from mitsuba_prosim.engine.plan import Rectangle
-from mitsuba_prosim.engine.tiles import Part, Tiles
+from mitsuba_prosim.engine.tiles import Part, near, owners
 from scenes import penumbra
 
 COPPER = {"type": "roughconductor", "material": "Cu", "alpha": 0.15}
@@ -102,21 +102,21 @@ def test_each_pixel_is_in_one_part_and_each_part_knows_its_surroundings(variant_
     inside = (x >= left) & (x < right) & (y >= top) & (y < bottom)
     for of in (1, 2, 3, 16):
         parts = [Part(number, of) for number in range(1, of + 1)]
-        tiles = Tiles.of(region, of, margin)
-        mine = [tiles.owned(part, x, y) & inside for part in parts]
+        owned = owners(region, of, margin, x, y)
+        mine = [(owned == part.number) & inside for part in parts]
         assert np.array_equal(np.sum(mine, axis=0), inside)
         sizes = np.sum(mine, axis=(1, 2))
         assert sizes.min() > 0.5 * sizes.mean()
         for part, own, reach in zip(parts, mine, (0, 1, 3, 6)):
-            near = tiles.near(part, x, y, reach)
+            close = near(part, region, margin, x, y, reach)
             around = np.zeros_like(own)
             for dy, dx in itertools.product(range(-reach, reach + 1), repeat=2):
                 around |= np.roll(own, (dy, dx), (0, 1))
             within = (np.abs(2 * x - left - right + 1) < right - left + 2 * reach) & (
                 np.abs(2 * y - top - bottom + 1) < bottom - top + 2 * reach
             )
-            assert not np.any(around & within & ~near)
-            assert np.all((near & inside & ~around) == 0)
+            assert not np.any(around & within & ~close)
+            assert np.all((close & inside & ~around) == 0)
 
 
 @pytest.mark.parametrize("margin, most", [(0, 1.03), (2, 1.06), (6, 1.25)])
@@ -125,8 +125,8 @@ def test_parts_have_their_share_of_what_is_slow(of, margin, most):
     """A ball in the middle, each of whose pixels takes as long as ten others."""
     x, y = np.ogrid[:800, :600]
     cost = np.where((x - 410) ** 2 + (y - 320) ** 2 < 150**2, 10, 1)
-    tiles = Tiles.of((0, 0, 800, 600), of, margin)
-    costs = [cost[tiles.owned(Part(number, of), x, y)].sum() for number in range(1, of + 1)]
+    owned = owners((0, 0, 800, 600), of, margin, x, y)
+    costs = [cost[owned == number].sum() for number in range(1, of + 1)]
     assert sum(costs) == cost.sum() and max(costs) < most * np.mean(costs)
 
 

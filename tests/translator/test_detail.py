@@ -71,7 +71,6 @@ def test_the_rim_of_a_lens_is_as_fine_as_its_faces(tree, expected, recwarn):
     assert not any("far from the origin" in str(w.message) for w in recwarn)  # as the eye is not far from the ball
 
 
-@pytest.mark.slow
 def test_equal_solids_are_united_once():
     text = scene("+ " * 3000 + "SPHERE 0 " * 3000 + "SPHERE 1", ["SCALE (3 3 3)", "ROTATE-X (20) SCALE (3 3 3)"])
     with pytest.warns(SceneWarning, match="nothing is visible of"):

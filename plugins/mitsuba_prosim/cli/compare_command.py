@@ -61,7 +61,7 @@ def compare(
     if job.variant.startswith("scalar_") or not job.variant.endswith("_rgb"):
         raise click.ClickException(f"prosim compare can't use {job.variant}; give an rgb variant that is not scalar.")
 
-    from ..compare import comparison, contestants, page, runs
+    from ..compare import comparison, comparison_page, contestants, runs
 
     with atomic.scratch() as folder, log(0):
         with wrong_input():
@@ -74,7 +74,7 @@ def compare(
             opened = contestants.Scene(replace(job, noise=None).file(folder))
             if job.denoise:
                 check_denoising(opened.sensor().film())
-            for spec in specs:  # whatever is wrong with them shows before the long work
+            for spec in specs:  # errors of the contestants come before the long work
                 try:
                     opened.contestant(spec, spec.transport or "scene", spp=4)
                 except RuntimeError as error:
@@ -93,7 +93,7 @@ def compare(
         with Progress("comparing") as bar:
             for step, done in compared.run():
                 bar.show(done, step)
-    texts = page.html(compared.facts, compared.images), page.json_text(compared.facts)
+    texts = comparison_page.html(compared.facts, compared.images), comparison_page.json_text(compared.facts)
     written = output_files.save(stem, {suffix: text.encode("utf-8") for suffix, text in zip(SUFFIXES, texts)})
     click.echo(summary(compared.facts))
     click.echo(" and ".join(map(str, written)))

@@ -1,1 +1,5 @@
-"""Integrators and samplers against converged references: the measures, the runs and the page of ``prosim compare``."""
+"""``prosim compare``: integrators and samplers against converged references.
+
+``comparison``: the runs and their numbers; ``contestants``: integrators and samplers in a scene; ``runs``: references
+and timed rounds; ``measures``: of error; ``comparison_page``: the page.
+"""

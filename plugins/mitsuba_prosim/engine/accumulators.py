@@ -12,7 +12,7 @@ import numpy as np
 from .error import standard_error
 from .plan import UNLIMITED, Plan, Rectangle, area, pixels, widened
 from .policies import policy_of
-from .tiles import Part, Tiles
+from .tiles import Part, near
 
 if TYPE_CHECKING:
     from .estimator import Estimator
@@ -77,10 +77,10 @@ class FilmState:
 
     def __init__(self, plan: Plan, estimator: Estimator, part: Part | None = None) -> None:
         self.plan, self.estimator, self.policy, self.part = plan, estimator, policy_of(plan), part
-        margin = self.policy.rounds * self.policy.reach  # its decisions look at pixels beyond the image
+        #: The decisions look at these pixels around the image.
+        self.margin = self.policy.rounds * self.policy.reach
         #: The pixels of the arrays, row by row.
-        self.outer = widened(plan.region, margin, plan.domain)
-        self.tiles = None if part is None else Tiles.of(plan.region, part.of, margin)
+        self.outer = widened(plan.region, self.margin, plan.domain)
         self.x, self.y, *_ = pixels(self.outer)
         self.accumulators = Accumulators.empty(estimator.values, area(self.outer))
         dr.eval(self.x, self.y)
@@ -113,9 +113,10 @@ class FilmState:
 
     def share(self, counts: np.ndarray, reach: int) -> np.ndarray:
         """``counts`` for the pixels within ``reach`` of this part, 0 for the others."""
-        if self.part is None or self.tiles is None:
+        if self.part is None:
             return counts
-        return np.where(self.tiles.near(self.part, np.array(self.x), np.array(self.y), reach), counts, np.uint32(0))
+        x, y = np.array(self.x), np.array(self.y)
+        return np.where(near(self.part, self.plan.region, self.margin, x, y, reach), counts, np.uint32(0))
 
     def request(self, margin: int = 0) -> np.ndarray:
         """The samples that the policy requests for each pixel within ``margin`` of the region, 0 for the others."""

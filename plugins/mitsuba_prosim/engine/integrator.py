@@ -109,7 +109,9 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         if not dr.is_jit_v(mi.Float):
             return self._render_scalar(scene, sensor, seed, spp, develop, evaluate)
-        render = self.progressive(scene, sensor, seed, spp).run()
+        render = self.progressive(scene, sensor, seed, spp)
+        for _ in render:
+            pass
         with alone():
             image = render.image() if develop else mi.TensorXf()  # another thread may have put its image into the film
             if evaluate:
@@ -179,7 +181,8 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         transport = self.transport(scene, sensor)
         channels = Channels(sensor.film(), self.channels, transport.aov_names, self.mitsuba_aovs)
         result = Estimator(scene, sensor, transport, channels)
-        sensor.film().prepare(self.aov_names())  # which may depend on the scene
+        # The names may depend on the scene. A specfilm that is not prepared ends the process.
+        sensor.film().prepare(self.aov_names())
         return result
 
     def _render_scalar(self, scene: mi.Scene, sensor: mi.Sensor, *arguments: Any) -> mi.TensorXf:

@@ -193,7 +193,7 @@ class Render:
         most = float(plan.most * dr.width(state.x))  # as long as the number of the following passes is unknown
         if state.rounds == 0:
             first = np.full(dr.width(state.x), policy.first, np.uint32)
-            first = state.share(first, policy.rounds * policy.reach)
+            first = state.share(first, state.margin)
             if self.target.seconds:  # there is an image after one sample of each pixel
                 yield Pass(state, np.minimum(first, 1), shown=False)
             work = Pass(state, first, most, timed=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from math import gcd
 
 import numpy as np
@@ -35,45 +34,27 @@ class Part:
         return f"{self.number}-of-{self.of}"
 
 
-@dataclass(frozen=True)
-class Tiles:
-    """The pixels of ``region``, cut into columns and rows of tiles that are distributed over ``parts`` in turn."""
+def owners(region: Rectangle, parts: int, margin: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The number of the part that owns each of the pixels (x, y) of ``region``, integer arrays: tiles are distributed
+    over ``parts`` in turn. Their size suits decisions that look at ``margin`` pixels around each: where they look at
+    none, the smallest tiles cost nothing.
+    """
+    left, top, right, bottom = region
+    side = max(min(int((area(region) / (TILES * parts)) ** 0.5), LARGEST * margin), SMALLEST)
+    columns, rows = max(1, (right - left) // side), max(1, (bottom - top) // side)
+    column, row = (x - left) * columns // (right - left), (y - top) * rows // (bottom - top)
+    # Coprime, so that every part has tiles in every column.
+    coprime = (shift for shift in range(1, parts + 1) if gcd(shift, parts) == 1)
+    return (column + row * min(coprime, key=lambda shift: abs(shift - SHIFT * parts))) % parts + 1
 
-    region: Rectangle
-    columns: int
-    rows: int
-    parts: int
 
-    @classmethod
-    def of(cls, region: Rectangle, parts: int, margin: int) -> Tiles:
-        """As equal as may be where decisions look at ``margin`` pixels around each: where they look at none, the
-        smallest tiles cost nothing.
-        """
-        side = max(min(int((area(region) / (TILES * parts)) ** 0.5), LARGEST * margin), SMALLEST)
-        width, height = region[2] - region[0], region[3] - region[1]
-        return cls(region, max(1, width // side), max(1, height // side), parts)
-
-    def owned(self, part: Part, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Which of the pixels (x, y) of the region, integer arrays, are those of ``part``."""
-        left, top, right, bottom = self.region
-        column, row = (x - left) * self.columns // (right - left), (y - top) * self.rows // (bottom - top)
-        return (column + row * self.shift) % self.parts == part.number - 1
-
-    @cached_property
-    def shift(self) -> int:
-        """The shift of the owners from one row to the next; it is coprime, so that every owner has tiles in every
-        column.
-        """
-        coprime = (shift for shift in range(1, self.parts + 1) if gcd(shift, self.parts) == 1)
-        return min(coprime, key=lambda shift: abs(shift - SHIFT * self.parts))
-
-    def near(self, part: Part, x: np.ndarray, y: np.ndarray, reach: int) -> np.ndarray:
-        """Which of the pixels (x, y), all within ``reach`` of the region, are within ``reach`` of one of ``part``;
-        ``reach``: at most the side of a tile.
-        """
-        left, top, right, bottom = self.region
-        result = np.zeros(np.broadcast_shapes(x.shape, y.shape), bool)
-        for px in (np.clip(x + step, left, right - 1) for step in (-reach, 0, reach)):
-            for py in (np.clip(y + step, top, bottom - 1) for step in (-reach, 0, reach)):
-                result |= self.owned(part, px, py)
-        return result
+def near(part: Part, region: Rectangle, margin: int, x: np.ndarray, y: np.ndarray, reach: int) -> np.ndarray:
+    """Which of the pixels (x, y), all within ``reach`` of the region, are within ``reach`` of one that ``part`` owns;
+    ``reach``: at most the side of a tile.
+    """
+    left, top, right, bottom = region
+    result = np.zeros(np.broadcast_shapes(x.shape, y.shape), bool)
+    for px in (np.clip(x + step, left, right - 1) for step in (-reach, 0, reach)):
+        for py in (np.clip(y + step, top, bottom - 1) for step in (-reach, 0, reach)):
+            result |= owners(region, part.of, margin, px, py) == part.number
+    return result

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -24,6 +24,8 @@ WHOLE = OtherLights(())
 
 #: A strategy, and the numbers of its first lamp and of the one after its last.
 Group = tuple[OtherLights, Any, Any]
+#: Evaluates a strategy for a lamp, by its number within the strategy, in the lanes of a mask.
+Evaluate: TypeAlias = "Callable[[OtherLights, Index, mi.Bool], Any]"
 
 
 @dataclass
@@ -52,29 +54,11 @@ class Lamp:
         self, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
         """``(ds, weight)``: a point of the source, see :meth:`.OtherLights.sample`. ``sample``: a point in [0, 1)²."""
-        both_sides = receiver.both_sides
-
-        def by_strategy(active: mi.Bool) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
-            return self._by_strategy(active, lambda s, k, mine: s.sample(k, self.emitter, receiver, sample, mine))
-
-        if self.whole_sphere or both_sides is False:
-            return by_strategy(active)
-        above = by_strategy(but_not(active, both_sides))
-        return dr.select(both_sides, WHOLE.sample(self.k, self.emitter, receiver, sample, active & both_sides), above)
+        return self._by_side(receiver, active, lambda s, k, mine: s.sample(k, self.emitter, receiver, sample, mine))
 
     def pdf(self, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
         """Density per solid angle with which :meth:`sample` takes the direction ``ds``."""
-        both_sides = receiver.both_sides
-
-        def by_strategy(active: mi.Bool) -> mi.Float:
-            return self._by_strategy(active, lambda s, k, mine: s.pdf(k, receiver, ds, mine))
-
-        if self.whole_sphere or both_sides is False:
-            return by_strategy(active)
-        pdf, above, whole = mi.Float(0), but_not(active, both_sides), active & both_sides
-        if not idle(above):
-            pdf = by_strategy(above)
-        return pdf if idle(whole) else dr.select(whole, WHOLE.pdf(self.k, receiver, ds, whole), pdf)
+        return self._by_side(receiver, active, lambda s, k, mine: s.pdf(k, receiver, ds, mine))
 
     def reparameterised(
         self, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f | None, active: mi.Bool
@@ -82,7 +66,16 @@ class Lamp:
         """``(ds, jacobian)``, both with derivatives; see :meth:`.OtherLights.reparameterised`."""
         return self._by_strategy(active, lambda s, k, mine: s.reparameterised(k, receiver, d, met, mine))
 
-    def _by_strategy(self, active: mi.Bool, evaluate: Callable[[OtherLights, Index, mi.Bool], Any]) -> Any:
+    def _by_side(self, receiver: Receiver, active: mi.Bool, evaluate: Evaluate) -> Any:
+        """:meth:`_by_strategy`, but :data:`WHOLE` where light reaches ``receiver`` from both sides."""
+        both_sides = receiver.both_sides
+        if self.whole_sphere or both_sides is False or idle(both_sides):
+            return self._by_strategy(active, evaluate)
+        whole = evaluate(WHOLE, self.k, active & both_sides)
+        above = but_not(active, both_sides)
+        return whole if idle(above) else dr.select(both_sides, whole, self._by_strategy(above, evaluate))
+
+    def _by_strategy(self, active: mi.Bool, evaluate: Evaluate) -> Any:
         """The result of ``evaluate`` for the strategy of the lamp, the lamp's number within it, and a mask.
 
         With several groups, in scalar variants ``active`` must be true.
@@ -134,33 +127,22 @@ class Lights:
         self.only_points = all(mi.has_flag(e.flags(), mi.EmitterFlags.Delta) for e in self.emitters)
         self.jit = dr.is_jit_v(mi.Float)
         if self.jit and self.emitters:
-            self._tabulate(scene)
+            #: The emitters, and their numbers by Dr.Jit's identity of an emitter.
+            self.pointers = emitter_pointers(scene, self.emitters)
+            identity = dr.reinterpret_array(mi.UInt32, self.pointers)
+            self.numbers = dr.full(mi.UInt32, self.lamps, dr.max(identity)[0] + 1)
+            dr.scatter(self.numbers, dr.arange(mi.UInt32, self.count), identity)
+            dr.make_opaque(self.numbers)
         #: Chooses among several lamps; None where every lamp is sampled.
         from .light_sampler import LightSampler  # with the first image, as NumPy is slow to import
 
         self.sampler = LightSampler(scene, self.emitters[: self.lamps]) if choose and self.lamps > 1 else None
 
-    def _tabulate(self, scene: mi.Scene) -> None:
-        """Makes the table of pointers by number, and for many lamps that of numbers by Dr.Jit's identity of an emitter,
-        whose size has to be waited for.
-        """
-        self.pointers = emitter_pointers(scene, self.emitters)
-        if self.lamps > self.UNROLLED:
-            identity = dr.reinterpret_array(mi.UInt32, self.pointers)
-            self.numbers = dr.full(mi.UInt32, self.lamps, dr.max(identity)[0] + 1)
-            dr.scatter(self.numbers, dr.arange(mi.UInt32, self.count), identity)
-            dr.make_opaque(self.numbers)
-
     def number_of(self, emitter: Emitter, active: mi.Bool) -> Index:
         """The number of the lamp ``emitter``; the number of lamps for the sky and for None, which are no lamps."""
         if not self.jit:
             return self.emitters.index(emitter) if active and emitter is not None else self.lamps
-        if self.lamps > self.UNROLLED:
-            return dr.gather(mi.UInt32, self.numbers, dr.reinterpret_array(mi.UInt32, emitter), active)
-        number = mi.UInt32(self.lamps)
-        for k in range(self.lamps):
-            number = dr.select(emitter == dr.gather(mi.EmitterPtr, self.pointers, k), k, number)
-        return number
+        return dr.gather(mi.UInt32, self.numbers, dr.reinterpret_array(mi.UInt32, emitter), active)
 
     def lamp(self, k: Index) -> Lamp:
         """The lamp of the number ``k``."""
@@ -172,27 +154,23 @@ class Lights:
         ``attached``: whether the derivatives of ``total`` are wanted, which do not pass through a symbolic loop.
         """
         for strategy, first, end in self.groups:
-            if self.jit and self.lamps > self.UNROLLED:
-                group = strategy, dr.opaque(mi.UInt32, first), dr.opaque(mi.UInt32, end)
-                total = self._loop(body, group, total, active, attached)
-            else:
+            if not self.jit or self.lamps <= self.UNROLLED:
                 for k in range(first, end):
                     total = body(Lamp(k, self.emitters[k], [(strategy, first, end)]), total)
+                continue
+            group = strategy, dr.opaque(mi.UInt32, first), dr.opaque(mi.UInt32, end)
+
+            def step(k: mi.UInt32, total: Any, group: Group = group) -> tuple[mi.UInt32, Any]:
+                return k + 1, body(Lamp(k, dr.gather(mi.EmitterPtr, self.pointers, k), [group]), total)
+
+            _, total = dr.while_loop(
+                (mi.UInt32(group[1]), total),
+                lambda k, total, end=group[2]: active & (k < end),
+                step,
+                labels=("k", "total"),
+                mode="evaluated" if attached else None,
+            )
         return total
-
-    def _loop(self, body: Callable[[Lamp, Any], Any], group: Group, total: Any, active: mi.Bool, attached: bool) -> Any:
-        _, first, end = group
-
-        def step(k: mi.UInt32, total: Any) -> tuple[mi.UInt32, Any]:
-            return k + 1, body(Lamp(k, dr.gather(mi.EmitterPtr, self.pointers, k), [group]), total)
-
-        return dr.while_loop(
-            (mi.UInt32(first), total),
-            lambda k, total: active & (k < end),
-            step,
-            labels=("k", "total"),
-            mode="evaluated" if attached else None,
-        )[1]
 
     def pdf(
         self, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool, importance: mi.Float | None = None

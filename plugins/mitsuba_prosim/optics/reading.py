@@ -110,16 +110,10 @@ def metal(props: mi.Properties) -> tuple[mi.Texture, mi.Texture]:
             raise reject(props, name, props[name], f'no "{name}" together with "material", which is {material!r}')
     try:
         conductor = create("conductor", material=material)
-    except RuntimeError as error:
+    except RuntimeError:
         names = metals()
-        if not names:
-            raise reject(
-                props, "material", material, "none, for the tables of metals in Mitsuba's folder data/ior are not found"
-            ) from error
-        if material in names:
-            raise RuntimeError(
-                f'{props.plugin_name()}: the table of the metal "{material}" can\'t be loaded: {error}'
-            ) from None
+        if not names or material in names:  # a table cannot be read
+            raise
         raise reject(props, "material", material, "none, " + ", ".join(names)) from None
     found = parts(conductor)
     return found["eta"], found["k"]

@@ -13,6 +13,13 @@ from ..engine.camera import uncropped
 #: Least width of a pixel, for sensors without pixels (a meter of one ray): this part of the scene's radius.
 LEAST = 1e-5
 
+#: Radii of the kernels of photons, in pixel widths, and the logarithm to base 2 of the ratio of one to the next.
+OCTAVES = 2
+RADII = tuple(2 ** (OCTAVES * k) for k in range(3))
+
+#: Greatest radius but that of a pixel, as a part of the image.
+WIDEST = 1 / 25
+
 #: Area on which photons have equal weights, over the area of an Epanechnikov kernel of the same noise.
 EVENLY = 0.75
 
@@ -24,6 +31,8 @@ class Footprint:
     eye: mi.Point3f
     size: mi.Float
     spread: mi.Float
+    #: Those of :data:`RADII` that fit the image.
+    radii: tuple[int, ...] = RADII
 
     @classmethod
     def of(cls, scene: mi.Scene, sensor: mi.Sensor) -> Footprint:
@@ -42,7 +51,8 @@ class Footprint:
         # Rays start at the near plane, where those of a perspective camera already have a distance.
         eye = world_transform(sensor, sensor.shutter_open()).translation()
         near = float(dr.norm(middle.o - eye)[0])
-        result = cls(mi.Point3f(eye), mi.Float(max(offset - near * spread, least)), mi.Float(spread))
+        radii = tuple(radius for radius in RADII if radius == 1 or radius <= WIDEST * max(width, height))
+        result = cls(mi.Point3f(eye), mi.Float(max(offset - near * spread, least)), mi.Float(spread), radii)
         dr.make_opaque(result.eye, result.size, result.spread)
         return result
 

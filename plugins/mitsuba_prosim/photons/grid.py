@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..sampling.hash import combine
-from .footprint import Footprint
+from .footprint import OCTAVES, Footprint
 
 #: Cell sizes per octave. Each size has a grid. A photon is in the grid that fits the pixel footprint at its place, so
 #: that a search meets about as many photons near the eye as far away.
@@ -21,11 +21,8 @@ SIZES = 4
 #: another wall.
 OFF = 0.25
 
-#: Radii of the kernels, in pixel widths, and the logarithm to base 2 of the ratio of one to the next.
-OCTAVES = 2
-REACHES = tuple(2 ** (OCTAVES * k) for k in range(3))
-
-#: A photon has the first of these radii within which about this number of photons lie, of all maps together.
+#: A photon has the first of the radii (:data:`.footprint.RADII`) within which about this number of photons lie, of all
+#: maps together.
 ENOUGH = 100
 
 #: Entries of the hash table that photons are counted in.
@@ -86,7 +83,7 @@ class Photons:
         if landed.density is not None:
             of_each += [landed.density, landed.level]
         p, d, flux, *others = (dr.gather(type(v), v, there) for v in of_each)
-        level = level_of(reach(p, footprint.width(p)))
+        level = level_of(reach(p, footprint))
         x, y, z = cell(p, level)
         rows = key(level, y, z)
         at = bucket_of(dr.gather(mi.UInt32, map_of, there), rows, x, mask)
@@ -115,14 +112,15 @@ class Photons:
         return begin, dr.select(last < first, end + size, end)
 
 
-def reach(p: mi.Point3f, width: mi.Float) -> mi.Float:
-    """The kernel radius of each of the photons at ``p``, where a pixel has this ``width``.
+def reach(p: mi.Point3f, footprint: Footprint) -> mi.Float:
+    """The kernel radius of each of the photons at ``p``.
 
     It is greater where photons are sparse: one alone would make an isolated bright pixel (Silverman 1986, 5.1). Photons
     of all maps are counted, so that the radius hardly depends on those of one map. Each photon keeps its power.
     """
+    width = footprint.width(p)
     result = mi.Float(width)
-    for narrow, wide in pairwise(REACHES):
+    for narrow, wide in pairwise(footprint.radii):
         level, within = level_of(2 * narrow * width), mi.Float(0)
         # A cell at the edge of a caustic is nearly empty. One that is shifted by half an edge is not.
         for shift in (0, 0.5):
@@ -190,8 +188,8 @@ def gather(
     of_map, size = photons.of_map(number, active)
 
     def of_reach(k: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
-        """Adds the photons whose radius is the ``k``-th of :data:`REACHES`."""
-        times = dr.exp2(mi.Float(OCTAVES * k))
+        """Adds the photons whose radius is the ``k``-th of the footprint's."""
+        times = mi.Float(1 << (OCTAVES * k))
         reach = times * footprint.at(distance)
         # Photons within reach have about the same distance from the eye: mostly one grid has them, seldom two.
         first = level_of(times * footprint.at(dr.maximum(distance - reach, 0)))
@@ -230,5 +228,5 @@ def gather(
 
         return k + 1, dr.while_loop((mi.UInt32(0), L), lambda k, L: k < rows, row)[1]
 
-    count = len(REACHES)
+    count = len(footprint.radii)
     return dr.while_loop((mi.UInt32(0), mi.Spectrum(0)), lambda k, L: active & (k < count), of_reach)[1]

@@ -8,10 +8,11 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..masks import but_not, idle
+from ..masks import idle
 from . import lobes
 from .absorption import ENDLESS, before, beyond, media_of, transmittance
 from .scattering import Scattering
+from .workarounds import past_emitters
 
 #: Names of the values that :func:`features` gives, channel by channel.
 NAMES = ("albedo.R", "albedo.G", "albedo.B", "normal.X", "normal.Y", "normal.Z")
@@ -57,6 +58,8 @@ def features(
     def step(state: State) -> State:
         ray, active = state.ray, state.active
         si = scene.ray_intersect(ray, active)
+        if hide_emitters:
+            si = past_emitters(scene, ray, si, active & (state.level == 0), attached=False)
         albedo, throughput, medium = state.albedo, state.throughput, state.medium
         if media:
             medium = before(si, medium, ray.d, active & si.is_valid() & (state.level == 0))
@@ -70,23 +73,21 @@ def features(
         if idle(surface):
             return State(ray, albedo, throughput, state.normal, surface, state.level, state.sampler, medium)
         first = surface & (state.level == 0)
-        hidden = first & si.shape.is_emitter() if hide_emitters else mi.Bool(False)
-        surface, first = but_not(surface, hidden), but_not(first, hidden)
         facing = si.sh_frame.n * dr.sign(mi.Frame3f.cos_theta(si.wi))
         scattered, _ = sample_albedo(si, diffuse, state.sampler, surface, scattering)
         weight, d = sample_albedo(si, specular, state.sampler, surface, scattering)
         albedo = albedo + dr.select(surface, throughput * scattered, 0)
-        throughput = dr.select(hidden, throughput, throughput * weight)
+        throughput = throughput * weight
         if media:
             medium = beyond(si, medium, d, surface)
         going = surface & (state.level < DEEPEST) & (dr.max(throughput) > LEAST)
         return State(
-            si.spawn_ray(dr.select(hidden, ray.d, d)),
+            si.spawn_ray(d),
             albedo,
             throughput,
             dr.select(first, facing, state.normal),
-            going | hidden,
-            dr.select(hidden, 0, state.level + 1),
+            going,
+            state.level + 1,
             state.sampler,
             medium,
         )

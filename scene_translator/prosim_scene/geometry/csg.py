@@ -156,13 +156,13 @@ class _Chain:
         adds = np.array([sign == "+" for sign, _ in self.operands])
         boxes = np.array([body.box for _, body in self.operands])
         step = np.zeros(len(adds), int)
-        for i in range(1, len(adds)):
+        for i in range(1, len(adds) if self.cuts else 0):
             near = touching(boxes[:i], boxes[i])
             step[i] = (step[near] + (adds[near] & ~adds[i])).max(initial=0)
         steps: list[tuple[list[Body], list[Body]]] = [([], []) for _ in range(step.max() + 1)]
         for (sign, body), number in zip(self.operands, step.tolist()):
             steps[number][sign == "+"].append(body)
-        result = after(None, [(union(taken), union(added)) for taken, added in steps])
+        result = apply_steps(None, [(union(taken), union(added)) for taken, added in steps])
         assert result
         return result
 
@@ -170,16 +170,16 @@ class _Chain:
 MAX_SEQUENCE = 16  # steps that are evaluated one by one; of more steps, several are merged into one
 
 
-def after(before: Body | None, steps: list[Step]) -> Body | None:
-    """A body after a sequence of steps, or None if it is empty. Where that is possible, they are merged into one."""
+def apply_steps(before: Body | None, steps: list[Step]) -> Body | None:
+    """Applies a sequence of steps to a body, merged where possible; returns the result, or None if it is empty."""
     if len(steps) == 1:
         ((taken, added),) = steps
         rest = combined("-", before, taken) if before and taken else before
         return union([rest, added])
     if before and len(steps) > MAX_SEQUENCE and _mergeable(before, steps):
-        return after(before, [(union(taken for taken, _ in steps), after(None, steps))])
+        return apply_steps(before, [(union(taken for taken, _ in steps), apply_steps(None, steps))])
     middle = len(steps) // 2
-    return after(after(before, steps[:middle]), steps[middle:])
+    return apply_steps(apply_steps(before, steps[:middle]), steps[middle:])
 
 
 def _mergeable(before: Body, steps: list[Step]) -> bool:
@@ -249,7 +249,7 @@ SMALL = 8  # a solid is small if its volume is less than that of the other one b
 MIN_TRIANGLES = 4  # of a closed mesh
 
 
-def touching_small(boxes: np.ndarray) -> np.ndarray:
+def count_small_neighbours(boxes: np.ndarray) -> np.ndarray:
     """For each of the boxes (n, 2, 3) the number of small ones that touch it."""
     result = np.zeros(len(boxes), int)
     if len(boxes) > MIN_TRIANGLES * MAX_CUTS:

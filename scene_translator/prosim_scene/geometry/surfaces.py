@@ -117,7 +117,7 @@ def tessellate(
     reflects = tuple(number == OPAQUE and fresnel(leaf) for number, leaf in zip(media_of, leaves))
     faces = cached(
         (tuple(tree), tuple(media_of), reflects, table.cache_key()),
-        lambda: _faces(tree, table, media_of, reflects, cut > 0),
+        lambda: _surface_mesh(table, _boundary(tree, table, media_of, reflects, cut > 0), max(media_of) + 2),
     )
     warn_of_rounding(document, camera, faces.triangles.vertices)
     visible: set[int] = set()  # leaves
@@ -148,9 +148,9 @@ def _numbered(keys: Iterable[Hashable]) -> list[int]:
     return [numbers.setdefault(key, len(numbers)) for key in keys]
 
 
-def _faces(
+def _boundary(
     tree: csg.Tree, table: Leaves, media_of: list[int], reflects: Sequence[bool], cut: np.ndarray
-) -> SurfaceMesh:
+) -> Boundary:
     """The boundary of the tree's result. ``media_of[i]`` is the medium of leaf i, ``reflects[i]`` whether it is opaque
     and reflects by Fresnel's equations, ``cut[i]`` whether it is in the second operand of - or *.
     """
@@ -160,7 +160,7 @@ def _faces(
     fresnel = np.flatnonzero(reflects).tolist()
     groups = components(boxes[:, 0], boxes[:, 1])
     alone = np.bincount(groups, minlength=len(groups)) == 1
-    cuts = csg.touching_small(boxes)
+    cuts = csg.count_small_neighbours(boxes)
 
     def body(number: int, medium: int) -> csg.Body | None:
         if medium != media_of[number] and not cut[number]:
@@ -186,7 +186,7 @@ def _faces(
             found.append(primitive_boundary(table.meshes[i], group, table.first[i], media_of[group]))
         else:
             found += boundaries(of_group, ids, fresnel)
-    return _surface_mesh(table, concatenated(found), max(media_of) + 2)
+    return concatenated(found)
 
 
 def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
@@ -203,11 +203,11 @@ def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
 
 def _surface_mesh(table: Leaves, boundary: Boundary, count: int) -> SurfaceMesh:
     """A boundary with normals and uv; ``count`` is the number of media, with air."""
-    triangles = boundary.triangles
+    vertices, triangles = boundary
+    del boundary  # frees memory
     codes = (triangles["leaf"].astype(int) * count + triangles["inside"] + 1) * count + triangles["outside"] + 1
-    order = np.argsort(codes, kind="stable")
-    triangles = triangles[order]
-    codes, starts, kind = np.unique(codes[order], return_index=True, return_inverse=True)
+    triangles = triangles[np.argsort(codes, kind="stable")]
+    codes, starts, kind = np.unique(np.sort(codes), return_index=True, return_inverse=True)
     shape = len(kind), 3
     keys, normals, uv = np.empty(shape, int), np.empty((*shape, 3), "f4"), np.empty((*shape, 2), "f4")
     high = np.empty(len(kind), bool)
@@ -215,7 +215,7 @@ def _surface_mesh(table: Leaves, boundary: Boundary, count: int) -> SurfaceMesh:
     for start in range(0, len(kind), BATCH):
         batch = slice(start, start + BATCH)
         some = triangles[batch]
-        positions = boundary.vertices[some["index"]]
+        positions = vertices[some["index"]]
         face = table.faces[some["facet"]]
         corners = table.corners(positions, some["leaf"], face)
         keys[batch] = corner_keys(some["index"].astype(int) * len(codes) + kind[batch, None], face, corners, unshared)
@@ -224,7 +224,7 @@ def _surface_mesh(table: Leaves, boundary: Boundary, count: int) -> SurfaceMesh:
         high[batch] = heights(positions) > 2 * table.step
     _, first, index = np.unique(keys, return_index=True, return_inverse=True)
     triangle, at = np.divmod(first, 3)
-    positions = boundary.vertices[triangles["index"][triangle, at]] + table.origin
+    positions = vertices[triangles["index"][triangle, at]] + table.origin
     result = Triangles(positions, normals[triangle, at], uv[triangle, at], index.reshape(-1, 3))
     visible = np.bincount(kind[high], minlength=len(codes)) > 0
     leaf, sides = np.divmod(codes, count**2)

@@ -97,9 +97,11 @@ NUMBERS = re.compile(r"(\d) ?(.*): (?:TRUE or FALSE|(\S+) to ([^\s,]+)((?:, \w+ 
 
 
 def _numbers(cell: str) -> Numbers:
-    """The numbers of a cell of the table."""
-    if (found := NUMBERS.fullmatch(cell)) is None:
+    """The numbers of a cell of the table. Raises ValueError for a cell of another form."""
+    if not cell:
         return NOTHING
+    if (found := NUMBERS.fullmatch(cell)) is None:
+        raise ValueError(f"words.txt: {cell!r} are no numbers; expected COUNT NAMES: LOW to HIGH")
     count, what, low, high, rules = found.groups()
     if high is None:
         return Flags(int(count), what, whole=True)

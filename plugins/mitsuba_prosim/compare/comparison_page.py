@@ -43,7 +43,7 @@ def html(facts: Facts, images: Mapping[str, np.ndarray]) -> str:
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
     environment.globals.update(number=number, described=described, MEASURES=MEASURES, TRANSPORTS=TRANSPORTS)
-    template = environment.from_string(files(__package__).joinpath("page.html").read_text(encoding="utf-8"))
+    template = environment.from_string(files(__package__).joinpath("comparison_page.html").read_text(encoding="utf-8"))
     return template.render(
         facts=facts, pictures=encode(facts, images), charts=[chart(section) for section in facts["sections"]]
     )

@@ -140,7 +140,7 @@ def test_refused(variant_rgb, parameters, word):
 
 
 def test_refused_later(variant_rgb):
-    many = {f"lamp{k}": LAMPS["point"] for k in range(layers.MOST + 1)}
+    many = {f"lamp{k}": LAMPS["point"] for k in range(layers.MAX_LAYERS + 1)}
     with pytest.raises((ValueError, RuntimeError), match="33 layers"):
         rendered(scene(light=many, layers="lights"))
     loaded = mi.load_dict(scene(layers="levels"))

@@ -22,7 +22,7 @@ from .render_task import check_denoising
 SUFFIXES = (".html", ".json")
 
 #: Pixels a side that SSIM needs.
-LEAST = 7
+SSIM_WINDOW = 7
 
 CACHE = click.Path(file_okay=False, path_type=Path)
 
@@ -83,8 +83,9 @@ def compare(
                         f"'{spec.text}': {PLACE.sub('', session.message(error)).removeprefix(': ')}"
                     ) from None
         width, height = opened.sensor().film().crop_size()
-        if min(width, height) < LEAST:
-            raise InputError(f"{scene}: SSIM needs {LEAST} x {LEAST} pixels; the image has {width} x {height}.")
+        if min(width, height) < SSIM_WINDOW:
+            smallest = f"{SSIM_WINDOW} x {SSIM_WINDOW}"
+            raise InputError(f"{scene}: SSIM needs {smallest} pixels; the image has {width} x {height}.")
         output_files.check(stem, SUFFIXES, 2**23, [scene])
         cache = cache or runs.cache_folder()
         check_cache(cache, 2**4 * 3 * width * height)

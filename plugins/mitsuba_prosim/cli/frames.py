@@ -82,7 +82,7 @@ class Film:
                 raise type(error)(f"frame {self.number}: {error.message}") from None
             except RuntimeError as error:  # of the cluster
                 raise click.ClickException(str(error)) from None
-            return "interrupted" if self.signals else getattr(workers.dask, "gone", None)
+            return "interrupted" if self.signals else getattr(workers.dask, "loss_reason", None)
 
     def missing(self, folder: Path) -> Iterator[RenderTask]:
         """The frames that are to be rendered, each read when it is its turn, until a signal arrives."""
@@ -154,7 +154,7 @@ class Film:
             if result is not None:
                 task, image = result
                 yield task, image, image.report(task, output_files.save(task.stem, image.contents))
-        if errors and not dask.gone:
+        if errors and not dask.loss_reason:
             raise errors[0]
 
     def count(self, task: RenderTask, image: Image, report: str) -> None:

@@ -18,7 +18,7 @@ from .log import log
 from .option_types import wrong_input
 from .progress import Progress, warn
 from .render_task import SUFFIXES, RenderTask, render_image
-from .tev import Viewer
+from .tev import TevClient
 from .workers import Workers
 
 
@@ -50,10 +50,10 @@ def write_image(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
         with wrong_input():
             task = RenderTask(job, job.file(folder), stem, begin)
             task.check()
-        progressive = rendering.keeps(task.integrator)
+        progressive = rendering.is_progressive(task.integrator)
         with (
             Workers(job) as workers,
-            closing(Viewer(job, task.sensor.film())) as shown,
+            closing(TevClient(job, task.sensor.film())) as shown,
             # The first step ends when the kernels are compiled and one work item is rendered.
             Progress("compiling kernels" if progressive else "rendering", timed=progressive) as bar,
         ):

@@ -24,7 +24,7 @@ from .interrupts import interruptible
 from .job import TARGETS, Job, refuse_scalar
 from .option_types import InputError, need
 from .progress import Progress, warn
-from .tev import Viewer
+from .tev import TevClient
 
 if TYPE_CHECKING:
     from .workers import Workers
@@ -77,7 +77,7 @@ class RenderTask:
         if job.denoise:
             check_denoising(film, integrator)
         option = "--part" if job.part else "--checkpoint" if job.checkpoint else job.distributed
-        if option and not rendering.keeps(integrator):
+        if option and not rendering.is_progressive(integrator):
             raise ValueError(
                 f"{option} needs prosim or prosim_adaptive, in all but scalar variants; this scene's integrator is "
                 f"{integrator.class_name()}. Add --noise 0.01 or --adaptive none --samples 8, for example: "
@@ -145,12 +145,14 @@ class Image:
 def start(job: Job, scene: mi.Scene, sensor: mi.Sensor, **how: Any) -> Any:
     """The render of a job: an iterator of :class:`.Step`. ``how``: see :func:`.rendering.progressive`."""
     if job.denoise:
-        how = how if rendering.keeps(scene.integrator()) else {}
+        how = how if rendering.is_progressive(scene.integrator()) else {}
         return halves.DenoisedRender(scene, sensor, scene.integrator(), job.seed, job.spp or 0, **how)
     return rendering.progressive(scene, sensor, job.seed, job.spp or 0, **how)
 
 
-def render_image(task: RenderTask, bar: Progress, workers: Workers, shown: Viewer | None = None) -> tuple[Image, str]:
+def render_image(
+    task: RenderTask, bar: Progress, workers: Workers, shown: TevClient | None = None
+) -> tuple[Image, str]:
     """Renders and writes an image or its state; returns it and its report. ``workers`` may take the samples; ``shown``:
     where the image is shown.
 
@@ -165,7 +167,7 @@ def render_image(task: RenderTask, bar: Progress, workers: Workers, shown: Viewe
         started = perf_counter()
         try:
             steps = start(job, task.scene, task.sensor, begin=task.begin, part=job.part, executor=executor)
-            while not (signals or getattr(executor, "gone", None)) and (step := next(steps, None)) is not None:
+            while not (signals or getattr(executor, "loss_reason", None)) and (step := next(steps, None)) is not None:
                 bar.show(step.done)
                 for consume in consumers:
                     consume(steps)
@@ -178,7 +180,7 @@ def render_image(task: RenderTask, bar: Progress, workers: Workers, shown: Viewe
         except (RuntimeError, MemoryError) as error:
             raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
         image = Image(tuple(task.sensor.film().crop_size()), perf_counter() - started)
-        lost, reached = getattr(executor, "gone", None), steps.reached
+        lost, reached = getattr(executor, "loss_reason", None), steps.reached
         interruption = lost or ("interrupted" if signals else None)
         if interruption and not is_frame and reached is not None and reached.samples == 0:
             end_without_image(signals, lost)
@@ -244,9 +246,12 @@ def finish(
     interrupted: str | None = None,
     facts: Mapping[str, str] | None = None,
 ) -> Image:
-    """The image of a render that has ended. ``interrupted``: the cause; ``facts``: further metadata."""
+    """The files' content of a render that has ended, denoised if the job requests it.
+
+    ``interrupted``: the cause; ``facts``: further metadata.
+    """
     integrator, film, reached = scene.integrator(), sensor.film(), steps.reached
-    only_time = rendering.keeps(integrator) and integrator.time and not report.goals(integrator)
+    only_time = rendering.is_progressive(integrator) and integrator.time and not report.goals(integrator)
     at_most = steps.noise_at_most() if only_time and not job.denoise else None
     lines, own = [report.sentence(integrator, reached, interrupted, at_most)], dict[str, str]()
     if not job.denoise:

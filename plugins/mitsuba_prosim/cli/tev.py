@@ -16,10 +16,10 @@ from .option_types import need
 from .progress import warn
 
 #: Seconds after which a tev that reads nothing counts as gone: it reads whenever it draws, many times a second.
-PATIENCE = 10.0
+SOCKET_TIMEOUT = 10.0
 
 
-class Viewer:
+class TevClient:
     """Shows the image of a job in tev, if the job requests it: the content of ``film``.
 
     Raises ClickException where tev does not run, or tevclient is missing.
@@ -28,14 +28,14 @@ class Viewer:
     def __init__(self, job: Job, film: mi.Film) -> None:
         self._name, self._film, self._throttle = Path(job.scene).stem, film, Throttle()
         self._created = False
-        self._tev: Any = self._connected(*job.view) if job.view else None
+        self._tev: Any = self._connect(*job.view) if job.view else None
 
-    def _connected(self, host: str, port: int) -> Any:
+    def _connect(self, host: str, port: int) -> Any:
         need("tev", "--view tev (Python 3.11 or later)")
         import tevclient
 
         before = socket.getdefaulttimeout()
-        socket.setdefaulttimeout(PATIENCE)  # of the socket that is made now
+        socket.setdefaulttimeout(SOCKET_TIMEOUT)  # of the new connection
         try:
             return tevclient.Ipc(host, port).__enter__()
         except OSError as error:

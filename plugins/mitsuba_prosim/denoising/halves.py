@@ -128,7 +128,7 @@ class DenoisedRender:
         #: The render of our own integrators; the images of others.
         self.render: Render | None = None
         self._images: list[np.ndarray] = []
-        if rendering.keeps(integrator):
+        if rendering.is_progressive(integrator):
             self.render = integrator.progressive(scene, sensor, seed, spp, denoiser=self, **how)
         self._blocks = self._blocking(((spp or sensor.sampler().sample_count()) + 1) // 2)
 

@@ -89,8 +89,8 @@ class Derivatives:
         """The derivative of the film's values, by those that the scene's parameters have."""
         total = dr.zeros(mi.Float, len(self.storage.array))
         channels = self.storage.shape[2]
-        # Not by symbolic calls: Dr.Jit 1.5 goes forward from what one of them reads (a blend's weight) through all that
-        # hangs on it, what other calls have left behind included, where it must not.
+        # Not by symbolic calls: from a variable that one of them reads (a blend's weight), Dr.Jit 1.5 also propagates
+        # derivatives into variables that other calls have left behind.
         with dr.scoped_set_flag(dr.JitFlag.SymbolicCalls, False):
             for values, spread in self.samples():
                 values = [(c, value) for c, value in enumerate(values) if dr.grad_enabled(value)]

@@ -84,19 +84,19 @@ class SecondImage:
     """
 
     #: One pixel of this many is in the second image, and at least this number of pixels.
-    ONE_IN, LEAST = 16, 4096
+    ONE_IN, MIN_PIXELS = 16, 4096
     #: Fewer pixels than this are repeated, because their differences could all be small by chance; and the maximum
     #: number of copies of each.
-    FEW, MOST = 512, 64
+    FEW, MAX_COPIES = 512, 64
 
     policy = None  # its counts are those of the image
 
     def __init__(self, state: FilmState, complete: bool = False) -> None:
         self.state, self.complete = state, complete
         index, seed = state.crop(np.arange(area(state.outer)), state.plan.region).ravel(), state.plan.seed + 1
-        every = 1 if complete else max(1, min(self.ONE_IN, len(index) // self.LEAST))
+        every = 1 if complete else max(1, min(self.ONE_IN, len(index) // self.MIN_PIXELS))
         index = index[hash32(hash32(index.astype(np.uint64)) + 1) % every == 0]
-        copies = 1 if complete else min(-(-self.FEW // len(index)), self.MOST)
+        copies = 1 if complete else min(-(-self.FEW // len(index)), self.MAX_COPIES)
         if copies > 1:
             seed = seed + dr.arange(mi.UInt32, len(index) * copies) // len(index)
             index = np.tile(index, copies)

@@ -305,8 +305,8 @@ class Render:
         """Upper bound of the RMS error of the displayed image (white = 1) by the samples within each pixel; NaN if some
         have less than two.
 
-        It is the error of samples without a pattern. Their pattern makes it smaller, by how much only another image can
-        show.
+        This is the error of independent samples. That of well-distributed ones is smaller; only a second image can
+        measure it.
         """
         state, sums = self.state, self.state.accumulators
         error = in_display_units(sums.error(state.plan.n), sums.total / mi.Float(sums.count))

@@ -1,4 +1,4 @@
-"""A part of an image: pixels that one of several processes renders, none of which knows of the others."""
+"""A part of an image: the pixels that one of several processes renders. The processes do not communicate."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from .plan import Rectangle, area
 
 #: Minimum side of a tile in pixels; maximum side over the margin that decisions look at; and minimum number of tiles of
-#: a part. A part also takes the first samples of the margin: large tiles have less margin, small ones cost about the
-#: same.
+#: a part. A part also takes the first samples of the pixels around its tiles: large tiles have fewer of these, small
+#: tiles divide the work more equally.
 SMALLEST, LARGEST, TILES = 8, 12, 16
 
 #: The shift of the owners from one row of tiles to the next, as a fraction of their number: by the golden section no

@@ -14,7 +14,7 @@ from ..light.emitted_spectrum import read_emission
 from ..parameters import choice, expose, number, reject, whole
 from ..registry import plugin
 from ..sampling.nrook import SamplerPoints
-from ..transport.radiance import KINDS, refusal
+from ..transport.radiance import KINDS, layers_conflict
 from ..transport.transport import Transport
 from ..transport.transport_context import DEEPEST_TREE, Settings
 
@@ -233,7 +233,7 @@ class Prosim(ProgressiveIntegrator):
             raise reject(
                 props, "layers", self.layers, f'"none" in the variant {mi.variant()}; llvm_ad_rgb knows layers'
             )
-        if reason := refusal(self.layers, self._settings(), self.caustics):
+        if reason := layers_conflict(self.layers, self._settings(), self.caustics):
             raise reject(props, "layers", self.layers, reason)
         self._layer_channels: list[str] = []  # of the last scene
 

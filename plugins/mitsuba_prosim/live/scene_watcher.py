@@ -13,7 +13,7 @@ from time import perf_counter as clock
 INTERVAL, SHARE = 0.02, 0.02
 
 #: Maximum number of files in the scene's folder that are watched while the scene cannot be opened.
-MOST = 1000
+MAX_WATCHED_FILES = 1000
 
 #: Differs after a file was written; None for a missing file.
 Stamp = tuple[int, ...] | None
@@ -47,7 +47,7 @@ class SceneWatcher:
     def failed(self) -> None:
         """Also watches the scene's folder and its subfolders, because one of their files may be missing or wrong."""
         folder = self._scene.absolute().parent
-        self._set({*self._stamps, folder, *islice(chain(folder.glob("*"), folder.glob("*/*")), MOST)})
+        self._set({*self._stamps, folder, *islice(chain(folder.glob("*"), folder.glob("*/*")), MAX_WATCHED_FILES)})
 
     def _set(self, files: set[Path]) -> None:
         with self._lock:

@@ -65,7 +65,7 @@ class DaskExecutor(Executor):
         super().__init__(SECONDS)
         self.client, self.bundle, self.say = client, bundle, say
         #: Why the cluster has gone away.
-        self.gone: str | None = None
+        self.loss_reason: str | None = None
         #: Seconds of all workers together.
         self.worker_seconds = 0.0
         self.address = getattr(client.scheduler, "address", "of the cluster")
@@ -185,8 +185,8 @@ class DaskExecutor(Executor):
         ClusterError if all workers are refused.
         """
         now, before = time.perf_counter(), self._workers
-        if self.gone or now < self._next_look:
-            return bool(self.gone)
+        if self.loss_reason or now < self._next_look:
+            return bool(self.loss_reason)
         self._next_look = now + LOOK
         try:
             if self.client.status != "running":
@@ -195,7 +195,7 @@ class DaskExecutor(Executor):
             new, variant = [*present - self._known.keys()], self.bundle.origin["variant"]
             checks = self.client.run(worker.check, variant, workers=new, on_error="return") if new else {}
         except (OSError, ValueError, TypeError, AttributeError):  # a lost connection raises any of these
-            self.gone = f"the scheduler {self.address} has gone away"
+            self.loss_reason = f"the scheduler {self.address} has gone away"
             return True
         found = {a: self._refusal(a, facts) for a, facts in checks.items() if not isinstance(facts, OSError)}
         self._known = {address: why for address, why in (self._known | found).items() if address in present}
@@ -252,7 +252,7 @@ def render(
         loaded = file.load()
         bundle = SceneBundle.of(file, sensor)
     integrator: Any = loaded.integrator()
-    if not rendering.keeps(integrator):
+    if not rendering.is_progressive(integrator):
         raise ValueError(
             f"{scene}: a cluster renders with prosim or prosim_adaptive, in all but scalar variants; this scene's "
             f'integrator is {integrator.class_name()}. Add integrator={{"noise": 0.01}}, for example: prosim_adaptive '
@@ -261,6 +261,6 @@ def render(
     executor = DaskExecutor(client or distributed.default_client(), bundle, warnings.warn)
     chosen = scene_file.pick_sensor(loaded, sensor)
     progress = integrator.progressive(loaded, chosen, seed, spp, executor=executor).run()
-    if executor.gone:
-        raise ClusterError(executor.gone)
+    if executor.loss_reason:
+        raise ClusterError(executor.loss_reason)
     return progress.image()

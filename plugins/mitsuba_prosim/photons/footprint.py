@@ -11,7 +11,7 @@ from ..compat import world_transform
 from ..engine.camera import uncropped
 
 #: Least width of a pixel, for sensors without pixels (a meter of one ray): this part of the scene's radius.
-LEAST = 1e-5
+MIN_PIXEL_WIDTH = 1e-5
 
 #: Radii of the kernels of photons, in pixel widths, and the logarithm to base 2 of the ratio of one to the next.
 OCTAVES = 2
@@ -47,7 +47,7 @@ class Footprint:
             min(float(dr.norm(getattr(ray, name) - getattr(middle, name))[0]) for ray in (right, below))
             for name in ("o", "d")
         )
-        least = LEAST * float(scene.bbox().bounding_sphere().radius)
+        least = MIN_PIXEL_WIDTH * float(scene.bbox().bounding_sphere().radius)
         # Rays start at the near plane, where those of a perspective camera already have a distance.
         eye = world_transform(sensor, sensor.shutter_open()).translation()
         near = float(dr.norm(middle.o - eye)[0])

@@ -1,4 +1,6 @@
-"""Near-specular surfaces: glossy ones with narrow lobes, in which rougher surfaces see highlights."""
+"""Near-specular surfaces: glossy ones whose lobes are much narrower than the roughest. They cast caustics on rougher
+surfaces.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ from ..transport.workarounds import is_inseparable
 
 #: A surface is near-specular if nine in ten rays of its lobe have a density per solid angle above both limits: this
 #: multiple of the roughest surface's, and this density, which a metal of m = 0.11 has, or glass of 0.25.
-RATIO, LEAST = 3.0, 1.0
+MIN_DENSITY_RATIO, MIN_DENSITY = 3.0, 1.0
 
 #: Fraction of the photons that land on a near-specular surface; the others go on, for rougher surfaces beyond it.
 LANDING = 0.5
@@ -47,7 +49,7 @@ class NearSpecular:
             return cls(None)
         identities = [int(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))[0]) for bsdf in glossy]
         densities = density_of_rays(Scattering.of(scene), identities)
-        limit = max(RATIO * densities.min(), LEAST)
+        limit = max(MIN_DENSITY_RATIO * densities.min(), MIN_DENSITY)
         found = [
             i for i, b, v in zip(identities, glossy, densities) if v > limit and not getattr(b, "disperses", False)
         ]

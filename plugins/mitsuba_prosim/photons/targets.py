@@ -15,7 +15,7 @@ from ..transport import lobes
 from ..transport.workarounds import is_inseparable
 
 #: Most spheres; where there are more surfaces, neighbours share one.
-MOST = 64
+MAX_TARGETS = 64
 
 #: Radius of a sphere over that of its contents, for rounding.
 MARGIN = 1 + 1e-4
@@ -84,7 +84,7 @@ def sphere(shape: mi.Shape) -> tuple[float, float, float, float]:
     return (*center.tolist(), MARGIN * radius)
 
 
-def merged(spheres: Sequence[tuple[float, ...]], most: int = MOST) -> list[tuple[float, ...]]:
+def merged(spheres: Sequence[tuple[float, ...]], most: int = MAX_TARGETS) -> list[tuple[float, ...]]:
     """At most ``most`` spheres around all of ``spheres``: groups are halved along their widest axis."""
     groups = [np.array(spheres, dtype=np.float64)]
     while len(groups) < min(most, len(spheres)):

@@ -29,7 +29,7 @@ FAINT = 0.5
 
 #: Bound on the ratio of cosines at shading normals. Without it single photons at grazing incidence would be as bright
 #: as hundreds. It loses about a thousandth of the light that a ball of facets gathers.
-MOST = 8
+MAX_COSINE_RATIO = 8
 
 
 @dataclass
@@ -161,8 +161,8 @@ def adjoint_correction(si: mi.SurfaceInteraction3f, wo: mi.Vector3f, d: mi.Vecto
 
 
 def bounded(a: mi.Float, b: mi.Float) -> mi.Float:
-    """a / b, but no more than :data:`MOST`."""
-    return dr.select(a < MOST * b, a / dr.maximum(b, 1e-30), MOST)
+    """a / b, but no more than :data:`MAX_COSINE_RATIO`."""
+    return dr.select(a < MAX_COSINE_RATIO * b, a / dr.maximum(b, 1e-30), MAX_COSINE_RATIO)
 
 
 def number(key: mi.UInt32, k: mi.UInt32) -> mi.Float:

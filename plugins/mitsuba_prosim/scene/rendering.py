@@ -10,7 +10,7 @@ import mitsuba as mi
 from ..engine.work import Step
 
 
-def keeps(integrator: mi.Integrator) -> bool:
+def is_progressive(integrator: mi.Integrator) -> bool:
     """Whether an integrator renders progressively, as ours does in all but scalar variants."""
     return hasattr(integrator, "progressive") and dr.is_jit_v(mi.Float)
 
@@ -23,7 +23,7 @@ def progressive(
     ``spp``: samples per pixel, 0 for those of the scene; ``how``: for the method ``progressive``.
     """
     integrator = integrator or scene.integrator()
-    if not keeps(integrator):
+    if not is_progressive(integrator):
         return Blocking(integrator, scene, sensor, seed, spp)
     return integrator.progressive(scene, sensor, seed, spp, **how)
 

@@ -1,1 +1,1 @@
-"""Views through a window on a view plane (appendix A)."""
+"""The sensor prosim_window: a pinhole camera with a window on the view plane (appendix A)."""

@@ -18,7 +18,7 @@ from .workarounds import past_emitters
 NAMES = ("albedo.R", "albedo.G", "albedo.B", "normal.X", "normal.Y", "normal.Z")
 
 #: Reflections and refractions that are followed, and the least part of the light that they may still carry.
-DEEPEST, LEAST = 6, 0.01
+MAX_LEVEL, MIN_THROUGHPUT = 6, 0.01
 
 
 @dataclass
@@ -80,7 +80,7 @@ def features(
         throughput = throughput * weight
         if media:
             medium = beyond(si, medium, d, surface)
-        going = surface & (state.level < DEEPEST) & (dr.max(throughput) > LEAST)
+        going = surface & (state.level < MAX_LEVEL) & (dr.max(throughput) > MIN_THROUGHPUT)
         return State(
             si.spawn_ray(d),
             albedo,

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 KINDS = ("none", "lights", "levels", "terms")
 
 #: Greatest number of layers.
-MOST = 32
+MAX_LAYERS = 32
 
 #: The number of a layer: an integer, or a Dr.Jit array.
 Layer: TypeAlias = "int | mi.UInt32"
@@ -134,12 +134,12 @@ class ByTerm(Layers):
         return dr.select(ray.level == 0, lobe, ray.branch)
 
 
-def refusal(kind: str, settings: Settings, caustics: bool) -> str | None:
-    """The values of "layers" that go with the other parameters, where ``kind`` does not; else None."""
+def layers_conflict(kind: str, settings: Settings, caustics: bool) -> str | None:
+    """What to use instead where ``kind`` conflicts with another parameter; else None."""
     if kind == "lights" and caustics:
         return "another value with caustics, as photons do not know their source"
-    if kind == "levels" and not 0 <= settings.max_level < MOST:
-        return f"another value, or max_level from 0 to {MOST - 1}"
+    if kind == "levels" and not 0 <= settings.max_level < MAX_LAYERS:
+        return f"another value, or max_level from 0 to {MAX_LAYERS - 1}"
     if kind == "terms" and settings.diffuse_bounces < 0:
         return "another value with diffuse_bounces -1, whose rays do not distinguish lobes"
     return None
@@ -151,14 +151,14 @@ def layers_of(kind: str, settings: Settings, lights: Lights, caustics: bool) -> 
     if kind == "levels":
         return ByLevel([f"level{level}" for level in range(settings.max_level + 1)])
     if kind == "terms":
-        own = ["emitted", *constant, "diffuse", "glossy", *["caustics"] * caustics, "reflected", "refracted"]
-        return ByTerm(own + ["indirect"] * (settings.diffuse_bounces > 0))
+        names = ["emitted", *constant, "diffuse", "glossy", *["caustics"] * caustics, "reflected", "refracted"]
+        return ByTerm(names + ["indirect"] * (settings.diffuse_bounces > 0))
     if kind != "lights":
         return Layers()
     names = [*light_names(lights.emitters), *constant]
-    if len(names) > MOST:
+    if len(names) > MAX_LAYERS:
         raise ValueError(
-            f'prosim: parameter "layers" is "lights", but {len(names)} layers are more than {MOST}; leave it out.'
+            f'prosim: parameter "layers" is "lights", but {len(names)} layers are more than {MAX_LAYERS}; leave it out.'
         )
     return ByLight(names)
 

@@ -209,12 +209,14 @@ class Planes:
         return solid.warp_batch(warp)
 
     def move_points(
-        self, points: np.ndarray, vertex: np.ndarray, plane: np.ndarray, shift: np.ndarray | float
+        self, points: np.ndarray, vertex: np.ndarray, plane: np.ndarray, distance: np.ndarray | float
     ) -> np.ndarray:
-        """Points, number ``vertex[i]`` moved to the height ``shift[i]`` over ``plane[i]``, by the smallest distance."""
+        """Moves each point ``vertex[i]`` by the shortest way to the signed ``distance[i]`` from ``plane[i]``; changes
+        ``points`` and returns it.
+        """
         touched, index = np.unique(vertex, return_inverse=True)
         normal, offset = self.planes[plane, :3], self.planes[plane, 3]
-        height = shift - (np.einsum("ij,ij->i", normal, points[vertex]) + offset)
+        height = distance - (np.einsum("ij,ij->i", normal, points[vertex]) + offset)
         normals = np.zeros((len(touched), 3, 3))  # sums of n n^T
         heights = np.zeros((len(touched), 3, 1))
         for i in range(3):

@@ -12,7 +12,7 @@ NUMBER = r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:e[+-]?[0-9]+)?"
 #: Marks of other languages: a pattern of the text, and the equivalent in this language.
 MARKS = [(re.compile(pattern, re.IGNORECASE | re.MULTILINE), text) for _, pattern, *_, text in TABLE["marks"]]
 BRACES = next(text for what, *_, text in TABLE["marks"] if what == "braces")
-#: An operator, except for the sign of a number or of its exponent.
+#: An operator, except for the sign of a number or of its exponent; or the `$` of a name.
 ARITHMETIC = re.compile(r"[*/^$]|^[-+]$|(?<=[\d.])[-+]")
 
 #: The textures that exist without a statement, by all their names.

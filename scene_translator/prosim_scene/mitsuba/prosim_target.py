@@ -15,7 +15,7 @@ def settings(context: Context) -> Node:
     background = rgb(lights.radiometric(scene.background.color))
     if scene.background.image is not None:
         background = {"type": "bitmap", "filename": context.image(scene.background.image, "background", "image")}
-    # Only a scene with CAUSTICS has the parameter.
+    # The parameter `caustics` is written only if the scene has CAUSTICS.
     word, caustics = (", CAUSTICS", {"caustics": True}) if scene.caustics else ("", {})
     return {
         "comment": Comment(f"{scene.name}: SAVE-RGB, MAX-LEVEL, NSAMPLES, DO-SHADOW{word}, AMBIENT, BACKGROUND"),

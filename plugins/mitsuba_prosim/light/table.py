@@ -129,10 +129,10 @@ class Lights:
         if self.jit and self.emitters:
             #: The emitters, and their numbers by Dr.Jit's identity of an emitter.
             self.pointers = emitter_pointers(scene, self.emitters)
-            identity = dr.reinterpret_array(mi.UInt32, self.pointers)
-            self.numbers = dr.full(mi.UInt32, self.lamps, dr.max(identity)[0] + 1)
-            dr.scatter(self.numbers, dr.arange(mi.UInt32, self.count), identity)
-            dr.make_opaque(self.numbers)
+            # Not by a scatter: within the loop of another integrator Dr.Jit would postpone it.
+            identity = list(dr.reinterpret_array(mi.UInt32, self.pointers))
+            numbers = {which: number for number, which in enumerate(identity)}
+            self.numbers = mi.UInt32([numbers.get(which, self.lamps) for which in range(max(identity) + 1)])
         #: Chooses among several lamps; None where every lamp is sampled.
         from .light_sampler import LightSampler  # with the first image, as NumPy is slow to import
 

@@ -1,5 +1,8 @@
 """The digest of a scene: of its content, wherever its files lie."""
 
+import re
+
+import mitsuba as mi
 import numpy as np
 import OpenEXR
 from mitsuba_prosim.live.loaded_scene import LoadedScene
@@ -41,9 +44,37 @@ def test_a_spectrum_in_another_folder_is_a_file_of_the_scene(variant_rgb, tmp_pa
     for value in (0.5, 0.6):
         spectrum.write_text(f"400 {value}\n700 {value}")
         file = scene_file.SceneFile(tmp_path / "scene.xml", tmp_path)
-        assert file.named_files() == [("$grey.spd", spectrum)]
+        assert file.named_files() == [("grey.spd", spectrum)]
         digests.add(file.digest())
     assert len(digests) == 2
+
+
+def test_the_files_of_spectra_are_those_that_mitsuba_reads(variant_rgb, tmp_path):
+    """One each: neither folders, nor neighbours, nor those of its name further on in the search path."""
+    said = '<bsdf type="diffuse"><spectrum name="reflectance" filename="{}"/></bsdf>'
+    for number, name in enumerate(("red.spd", "green.spd", "a/red.spd", "a/b/red.spd", "a/b/green.spd", "scene.exr")):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(f"400 {number}\n700 {number}")
+    (tmp_path / "a" / "part.xml").write_text(f'<scene version="3.0.0">{said.format("$file")}</scene>')
+
+    def files(text, **definitions):
+        (tmp_path / "scene.xml").write_text(f'<scene version="3.0.0">{text}</scene>')
+        file = scene_file.SceneFile(tmp_path / "scene.xml", tmp_path, definitions=definitions)
+        paths = [path for _, path in file.named_files()]
+        read = re.findall(r"400:(\d)", mi.parser.write_string(file.state))
+        assert [path.read_text()[4] for path in paths] == read
+        return [str(path.relative_to(tmp_path)) for path in paths]
+
+    default = '<!-- <default name="file" value="a"/> --><default value="red.spd" name="file"/>'
+    assert files(default + said.format("$file")) == ["red.spd"]
+    assert files(default + said.format("$file"), file="green.spd") == ["green.spd"]
+    assert files(f'<path value="a"/><!-- {said.format("$none")} -->' + said.format("red.spd")) == ["a/red.spd"]
+    assert files(said.format("red.spd") + '<path value="a"/>') == ["red.spd"]
+    assert files(default + '<include filename="a/part.xml"/>') == ["red.spd"]
+    assert files('<path value="a/b"/>' + default + '<include filename="a/part.xml"/>') == ["red.spd"]
+    assert files('<default name="f" value="red"/><default name="fi" value="gre"/>' + said.format("$fien.spd")) == [
+        "green.spd"
+    ]
 
 
 def test_a_mesh_of_the_language_is_a_source_but_does_not_travel(variant_rgb, tmp_path):

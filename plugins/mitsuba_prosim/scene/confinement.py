@@ -11,9 +11,9 @@ import mitsuba as mi
 
 from ..compat import LIBRARIES, MATERIAL_FILES
 
-#: An element by which Mitsuba's parser opens a file or searches a folder, at any place, also within comments; and one
-#: of its attributes.
-ELEMENT = re.compile(r"""(?=<(include|spectrum|path)\b((?:[^<>"']|"[^"]*"|'[^']*')*))""")
+#: An element by which Mitsuba's parser opens a file, searches a folder or defines a parameter, at any place, also
+#: within comments; and one of its attributes.
+ELEMENT = re.compile(r"""(?=<(include|spectrum|path|default)\b((?:[^<>"']|"[^"]*"|'[^']*')*))""")
 ATTRIBUTE = re.compile(r"""([^\s=<>"']+)\s*=\s*("[^"]*"|'[^']*')""")
 
 #: A declared encoding that is not UTF-8.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 import hashlib
 import html
 import os
@@ -18,8 +17,10 @@ from prosim_scene import Document, located, meshes
 
 from .. import compat, registry
 from . import overrides, session
-from .confinement import Confinement, named
+from .confinement import ATTRIBUTE, ELEMENT, Confinement
 from .errors import check_images
+
+COMMENT = re.compile("<!--.*?-->", re.DOTALL)
 
 
 class SceneFile:
@@ -55,7 +56,8 @@ class SceneFile:
             Further arguments of :func:`prosim_scene.translate`.
 
         Raises :class:`prosim_scene.SceneError`, ValueError where the changes do not fit the scene, and what the
-        confinement and Mitsuba's parser raise. Warns if another resolution distorts the image.
+        confinement and Mitsuba's parser raise. Warns if another resolution distorts the image of a scene in the
+        thesis's language.
         """
         self.path = self.xml = Path(path)
         #: The parsed text; None for XML.
@@ -78,8 +80,9 @@ class SceneFile:
         }
         folders = [self.xml.parent, self.path.parent]
         confinement = Confinement(reversed(folders)) if confined else None
-        # <path> elements extend the search path.
-        with session.resolving(confinement.search_path() if confinement else session.resolver(folders)):
+        resolver = confinement.search_path() if confinement else session.resolver(folders)
+        self._folders = [str(folder) for folder in resolver]  # <path> elements extend the search path
+        with session.resolving(resolver):
             if confinement and self.xml is self.path:
                 confinement.check_text(self.xml)
             self.state = parse(self.xml, definitions or {})
@@ -105,20 +108,36 @@ class SceneFile:
         return hashlib.sha256(f"{versions}\n{mi.parser.write_string(state)}".encode()).hexdigest()
 
     def named_files(self) -> list[tuple[str, Path]]:
-        """``(name, path)`` of each file that the scene names, without XML files.
-
-        The parser replaces a spectrum by its content, so these files are those of that name, with any
-        parameters, in all folders of the scene.
-        """
+        """``(name, path)`` of each file that the scene names, without XML files."""
         files = [(props[name], path) for props, name, path in self._strings(self.state)]
-        texts = [Path(str(path)) for path in self.state.files]
-        folders = {*map(str, self._resolver), *(str(path.parent) for path in texts)}
-        text = "\n".join(path.read_text(encoding="utf-8", errors="replace") for path in texts)
-        for name in sorted({name for tag, name, _ in named(text) if tag == "spectrum"}):
-            pattern = re.sub(r"\$\w+", "*", glob.escape(html.unescape(name)))  # whatever the parameters are
-            places = sorted(os.path.join(glob.escape(folder), pattern) for folder in folders)
-            files += [(name, Path(found)) for place in places for found in glob.glob(place)]
-        return files
+        return files + sorted(set(self._spectra(self.xml, self._folders, dict(self.changes["definitions"]))))
+
+    def _spectra(
+        self, text: Path, folders: list[str], values: dict[str, str], within: tuple[str, ...] = ()
+    ) -> Iterator[tuple[str, Path]]:
+        """``(name, path)`` of each spectrum in an XML text, which the parser has replaced by its content.
+
+        Follows the parser: a file is the first of its name, a parameter has its first value, and what a text includes
+        is found and read with that text's folder first in the search path.
+        """
+        folders, within = [*folders], (*within, os.path.realpath(text))
+        for found in ELEMENT.finditer(COMMENT.sub("", text.read_text(encoding="utf-8", errors="replace"))):
+            said = {key: html.unescape(value[1:-1]) for key, value in ATTRIBUTE.findall(found[2])}
+            for key in sorted(values, key=len, reverse=True):
+                said = {attribute: value.replace(f"${key}", values[key]) for attribute, value in said.items()}
+            if found[1] == "default":
+                values.setdefault(said.get("name", ""), said.get("value", ""))
+                continue
+            name = said.get("value" if found[1] == "path" else "filename", "")
+            search = [str(text.parent), *folders] if found[1] == "include" else folders
+            places = (os.path.join(folder, name) for folder in (*search, ""))
+            place = next(filter(os.path.exists, places), "")
+            if found[1] == "path" and place:
+                folders.insert(0, place)
+            elif found[1] == "spectrum" and os.path.isfile(place):
+                yield name, Path(place)
+            elif found[1] == "include" and os.path.isfile(place) and os.path.realpath(place) not in within:
+                yield from self._spectra(Path(place), search, values, within)
 
     def sources(self) -> list[Path]:
         """The files that the scene names, and the meshes that a translation has read."""

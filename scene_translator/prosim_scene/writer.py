@@ -231,9 +231,7 @@ def write(folder: Path, stem: str, text: str, meshes: dict[str, bytes]) -> Path:
     """
     xml, folder_of_meshes = folder / f"{stem}.xml", folder / meshes_folder(stem)
     _check_replaceable(xml, folder_of_meshes)
-    folder_of_meshes.mkdir(parents=True, exist_ok=True)
     with _locked(folder_of_meshes) as locked:
-        folder_of_meshes.mkdir(exist_ok=True)  # another translation that failed may have removed it
         written: list[Path] = []
         try:
             for name, content in meshes.items():
@@ -275,34 +273,51 @@ def _check_replaceable(xml: Path, folder_of_meshes: Path) -> None:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[bool]:
-    """Locks a folder against other translations, which could remove meshes before their XML is written.
+    """Makes the folder and locks it against other translations, which could remove meshes before their XML is written.
 
     Yields whether the lock is held: Windows and some network file systems have none. The system removes the lock of a
     killed process. Raises TimeoutError after WAIT seconds.
     """
-    if sys.platform == "win32":
-        yield False
-        return
+    folder.parent.mkdir(parents=True, exist_ok=True)
     end = time.monotonic() + WAIT
-    locked, descriptor = False, os.open(folder, os.O_RDONLY)
+    while True:
+        with suppress(FileExistsError):
+            folder.mkdir()  # in each turn: another translation that failed may have removed it
+        if sys.platform == "win32":
+            yield False
+            return
+        try:
+            descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        except FileNotFoundError:
+            if time.monotonic() > end:
+                raise
+            continue
+        try:
+            locked = _lock(descriptor, folder)
+            if locked is not None:
+                yield locked
+                return
+        finally:
+            os.close(descriptor)
+        if time.monotonic() > end:
+            raise TimeoutError(
+                0, "another translation is writing to this folder; wait for it, or choose another folder", folder
+            )
+        time.sleep(0.02)
+
+
+def _lock(descriptor: int, folder: Path) -> bool | None:
+    """Whether an open folder could be locked; None if another translation has the lock, or has removed the folder."""
     try:
-        while not locked:
-            try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                locked = True
-            except BlockingIOError:
-                if time.monotonic() > end:
-                    raise TimeoutError(
-                        0,
-                        "another translation is writing to this folder; wait for it, or choose another folder",
-                        folder,
-                    ) from None
-                time.sleep(0.02)
-            except OSError:
-                break
-        yield locked
-    finally:
-        os.close(descriptor)
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return None
+    except OSError:
+        return False
+    try:
+        return os.path.samestat(os.fstat(descriptor), os.stat(folder)) or None
+    except FileNotFoundError:
+        return None
 
 
 def _has_content(path: Path, content: bytes) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from image_statistics import renderings
 from mitsuba_prosim.engine.error_target import SecondImage
-from mitsuba_prosim.engine.work import work_items
+from mitsuba_prosim.engine.work import Executor, work_items
 from scenes import alone, penumbra
 from scipy import stats
 
@@ -383,6 +383,14 @@ def test_time_ends_in_time(variant_rgb, adaptive):
     far = reached(scene, seed=2)
     assert 1 < time.perf_counter() - start < 4
     assert far.seconds == pytest.approx(2, abs=1) and far.samples > 1
+
+
+def test_work_items_do_not_shrink_to_single_samples(variant_rgb):
+    executor = Executor()
+    for _ in range(10):
+        samples = executor.limit(10**7, 0.01)
+        executor.learn(samples, 0.02 + 1e-7 * samples)  # the launch takes longer than a work item should
+    assert samples > 1000
 
 
 def test_the_shortest_time_gives_every_pixel_one_sample(variant_rgb):

@@ -195,6 +195,43 @@ def test_a_translation_waits_for_another_one_but_not_for_ever(scene, monkeypatch
     assert prosim_scene.translate(scene, tolerance=1) == xml
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="folders cannot be locked there")
+@pytest.mark.parametrize("step", ["time.sleep", "os.open", "fcntl.flock"])
+def test_the_locked_folder_is_the_one_at_the_path(tmp_path, monkeypatch, step):
+    """Another translation fails and removes the folder while one waits, or at a step before the lock."""
+    import fcntl
+
+    folder = tmp_path / "s-meshes"
+    folder.mkdir()
+    first = os.open(folder, os.O_RDONLY)
+    if step == "time.sleep":
+        fcntl.flock(first, fcntl.LOCK_EX)
+    module, name = step.split(".")
+    original = getattr(sys.modules[module], name)
+
+    def remove(*arguments):
+        monkeypatch.setattr(step, original)
+        folder.rmdir()
+        if step != "os.open":
+            folder.mkdir()  # by a third one
+        os.close(first)
+        return original(*arguments)
+
+    written = []
+
+    def is_locked(path, *_):
+        third = os.open(folder, os.O_RDONLY)
+        with pytest.raises(BlockingIOError):
+            fcntl.flock(third, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        os.close(third)
+        written.append(path.name)
+
+    monkeypatch.setattr(writer, "replace", is_locked)
+    monkeypatch.setattr(step, remove)
+    writer.write(tmp_path, "s", "", {})
+    assert written == ["s.xml"]
+
+
 def test_the_meshes_of_a_loaded_scene_live_as_long_as_its_dictionary(scene, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     loaded = prosim_scene.load(scene, tolerance=1, transform=lambda matrix: matrix)

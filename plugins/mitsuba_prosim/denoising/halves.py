@@ -200,8 +200,9 @@ class DenoisedRender:
         """
         if self.render is not None and self.render.second is not None:
             state, target = self.render.state, self.render.target
-            if state.estimates and state.estimates[-1][0] == self._samples and state.estimates[-1][1] != "probe":
-                return str(state.estimates[-1][1])
+            samples, networks, *error = state.estimates[-1] if state.estimates else (0, "probe")
+            if networks != "probe" and samples == self._samples and target.excess(error) <= ENOUGH:
+                return str(networks)
             if target.excess(self.render.second.noise(state)) <= ENOUGH:
                 return "none"
         return "fast" if self.fast else "best"

@@ -196,18 +196,20 @@ def read(path: str | Path, arrays: bool = True) -> Checkpoint:
         if not begin.startswith(MAGIC) or b"facts.npy" not in begin:
             raise NotACheckpointError(f"{path} is no checkpoint; --checkpoint and --part write some")
         file.seek(0)
-        groups: dict[str, dict[str, np.ndarray]] = {"facts": {}, "pixels": {}, "second": {}}
+        groups: dict[str, dict[str, np.ndarray]] = {"pixels": {}, "second": {}}
         try:
             with np.load(file) as archive:
-                for name in archive.files if arrays else ["facts"]:
-                    group, _, own = name.partition(".")
-                    groups[group][own] = archive[name]
-            text = json.loads(str(groups["facts"][""]))
+                text = json.loads(str(archive["facts"]))
+                version = text["format"]
+                for name in archive.files if arrays and version == FORMAT else ():
+                    group, dot, own = name.partition(".")
+                    if dot:
+                        groups[group][own] = archive[name]
         except (zipfile.BadZipFile, ValueError, KeyError, EOFError, NotImplementedError):
             raise CheckpointError(f"{path} is damaged or not complete; render again") from None
-    if text["format"] != FORMAT:
+    if version != FORMAT:
         raise CheckpointError(
-            f"{path} has format {text['format']}, and this version reads format {FORMAT}; finish it with the version "
+            f"{path} has format {version}, and this version reads format {FORMAT}; finish it with the version "
             "that wrote it, or render again"
         )
     return Checkpoint(text["facts"], groups["pixels"], groups["second"], text["about"], text["origin"])
@@ -303,6 +305,8 @@ def put_together(parts: Sequence[Checkpoint]) -> Checkpoint:
 
 def check_parts(parts: Mapping[Path, Checkpoint]) -> None:
     """Raises CheckpointError unless these are all parts of one image, each once."""
+    if not parts:
+        raise CheckpointError("no parts are named")
     first_path, first = next(iter(parts.items()))
     for path, checkpoint in parts.items():
         if checkpoint.part is None:

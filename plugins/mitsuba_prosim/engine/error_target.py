@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import drjit as dr
@@ -49,7 +49,7 @@ class ErrorTarget:
         """The target of ``sampling``; ``passed``: seconds since the beginning."""
         return cls(sampling.noises, sampling.time, time.perf_counter() - passed)
 
-    def excess(self, noise: tuple[float, float, float]) -> float:
+    def excess(self, noise: Sequence[float]) -> float:
         """The measured ``noise`` over the target; the worst of the three."""
         ratios = [measured / limit for measured, limit in zip(noise, self.limits) if limit]
         return min(max(ratios, default=np.nan), 1e100)

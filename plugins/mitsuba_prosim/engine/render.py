@@ -127,6 +127,8 @@ class Render:
         if not self.ended:
             self.stop()
             self.run()
+        if not self.ended:  # the generator was closed
+            self._end()
 
     def _end(self) -> None:
         self.ended = True
@@ -190,10 +192,9 @@ class Render:
     def _image_passes(self) -> Iterator[Pass]:
         """The passes over the image. A state with samples and decisions continues."""
         state, plan, policy = self.state, self.state.plan, self.state.policy
-        most = float(plan.most * dr.width(state.x))  # as long as the number of the following passes is unknown
+        first = state.share(np.full(dr.width(state.x), policy.first, np.uint32), state.margin)
+        most = float(plan.most * np.count_nonzero(first))  # as long as the number of the following passes is unknown
         if state.rounds == 0:
-            first = np.full(dr.width(state.x), policy.first, np.uint32)
-            first = state.share(first, state.margin)
             if self.target.seconds:  # there is an image after one sample of each pixel
                 yield Pass(state, np.minimum(first, 1), shown=False)
             work = Pass(state, first, most, timed=True)

@@ -111,6 +111,8 @@ class Executor:
     #: Maximum growth of the speed from one work item to the next; and the remaining samples are one work item if they
     #: are fewer than this number of work items.
     GROWTH, LAST = 4, 1.25
+    #: Minimum number of samples of a work item: fewer take as long, as the kernel has to be launched.
+    SMALLEST = 1 << 12
 
     def __init__(self, seconds: float = 1.0) -> None:
         self.seconds = seconds
@@ -122,7 +124,7 @@ class Executor:
     def limit(self, left: int, seconds: float = np.inf) -> int:
         """Samples of the next work item, of those that are ``left``, if it should not take more than ``seconds``."""
         size = self.speed * min(self.seconds, seconds)
-        return left if left < self.LAST * size else max(int(size), 1)
+        return left if left < self.LAST * size else max(int(size), self.SMALLEST)
 
     def learn(self, work: int, seconds: float) -> None:
         """Adapts the speed to the time of a work item of ``work`` samples."""

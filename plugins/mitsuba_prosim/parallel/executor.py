@@ -28,8 +28,9 @@ from .bundle import SceneBundle
 #: Seconds between two looks at the workers, and without workers until a warning.
 LOOK, PATIENCE = 0.5, 10.0
 
-#: Tasks for each worker: one runs and one waits. Number of times that Dask repeats a task that fails.
-WINDOW, RETRIES = 2, 2
+#: Tasks for each worker: one runs and one waits. Number of times that Dask repeats a task that fails; and that a task
+#: is submitted again whose worker was lost.
+WINDOW, RETRIES, LOSSES = 2, 2, 20
 
 #: Seconds of a work item; the last ones are smaller, by this factor at most. Photon sets that stay in the cluster.
 SECONDS, FEWER, SETS = 2.0, 8, 4
@@ -50,6 +51,8 @@ class Task:
     workers: frozenset[str] = frozenset()
     future: Any = None
     timeout: float = 1.0
+    #: How often it was lost with its worker.
+    losses: int = 0
 
 
 class DaskExecutor(Executor):
@@ -168,8 +171,10 @@ class DaskExecutor(Executor):
             return task.future.result(task.timeout)
         except distributed.TimeoutError:  # late, or lost with all workers that may repeat the task
             task.timeout *= 2
-        except (distributed.CancelledError, OSError):
-            task.workers = frozenset()  # lost: it is submitted again
+        except (distributed.CancelledError, OSError) as error:
+            task.workers, task.losses = frozenset(), task.losses + 1  # it is submitted again
+            if task.losses > LOSSES:
+                raise ClusterError(f"{task.name}: lost {LOSSES} times, the last one with: {error}") from error
         except Exception as error:
             raise ClusterError(f"{task.name}: {RETRIES + 1} attempts failed, the last one with: {error}") from error
 

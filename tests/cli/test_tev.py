@@ -67,7 +67,7 @@ def test_a_tev_that_is_not_there_or_goes_away(scene, tmp_path, monkeypatch):
     assert done.exit_code == 0 and "tev has gone" in done.stderr and scene.with_suffix(".exr").exists()
     viewer.packets()
     # One that is there, but takes nothing: stopped, or at the end of a line that is cut.
-    monkeypatch.setattr(tev, "PATIENCE", 0.3)
+    monkeypatch.setattr(tev, "SOCKET_TIMEOUT", 0.3)
     with socket.create_server(("127.0.0.1", 0)) as deaf:
         deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 12)
         place = f"tev=127.0.0.1:{deaf.getsockname()[1]}"

@@ -50,6 +50,7 @@ class Task:
     #: The workers that may run it; and seconds that its value may take to arrive.
     workers: frozenset[str] = frozenset()
     future: Any = None
+    value: Any = None
     timeout: float = 1.0
     #: How often it was lost with its worker.
     losses: int = 0
@@ -143,13 +144,12 @@ class DaskExecutor(Executor):
                 if self._workers and not running:
                     return
                 ready = next((task for task in running if task.future.done()), None)
-                value = None if ready is None else self._value(ready)
-                if ready is None or value is None:
+                if ready is not None and self._arrived(ready):
+                    running.remove(ready)
+                    yield ready.read(ready.value)
+                else:
                     time.sleep(0.01)
                     yield None
-                else:
-                    running.remove(ready)
-                    yield ready.read(value)
         finally:
             for task in running:
                 task.future.cancel()
@@ -165,10 +165,11 @@ class DaskExecutor(Executor):
             running.append(new)
             busy += 1
 
-    def _value(self, task: Task) -> Any:
-        """The value of a finished task; None where it is late or lost. Raises ClusterError."""
+    def _arrived(self, task: Task) -> bool:
+        """Whether the value of a finished task is here; it may be late or lost. Raises ClusterError."""
         try:
-            return task.future.result(task.timeout)
+            task.value = task.future.result(task.timeout)
+            return True
         except distributed.TimeoutError:  # late, or lost with all workers that may repeat the task
             task.timeout *= 2
         except (distributed.CancelledError, OSError) as error:
@@ -177,6 +178,7 @@ class DaskExecutor(Executor):
                 raise ClusterError(f"{task.name}: lost {LOSSES} times, the last one with: {error}") from error
         except Exception as error:
             raise ClusterError(f"{task.name}: {RETRIES + 1} attempts failed, the last one with: {error}") from error
+        return False
 
     # ---------------------------------------------------------------- workers
 

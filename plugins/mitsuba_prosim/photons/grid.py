@@ -78,7 +78,7 @@ class Photons:
         mask = dr.opaque(mi.UInt32, buckets - 1)
         there = dr.compress(landed.valid)
         if dr.width(there) == 0:
-            there = mi.UInt32(0)  # a photon that is far away
+            there = mi.UInt32(0)  # a photon without flux
         of_each = [landed.p, landed.d, landed.flux]
         if landed.density is not None:
             of_each += [landed.density, landed.level]

@@ -36,7 +36,7 @@ MODULES = {
     "mitsuba_prosim.engine.integrator": ["ProgressiveIntegrator.progressive"],
     "mitsuba_prosim.engine.render": [
         f"Render.{name}"
-        for name in ("image", "error", "counts", "noise_at_most", "reached", "checkpoint", "stop", "close")
+        for name in ("image", "error", "counts", "noise_bound", "reached", "checkpoint", "stop", "close")
     ],
     "mitsuba_prosim.engine.checkpoint": ["load", "merge", "save"],
     "mitsuba_prosim.engine.tiles": ["Part"],
@@ -118,12 +118,12 @@ def words_section():
     rows = []
     for word in WORDS:
         first, *others = (f"``{spelling}``" for spelling in word.spellings)
-        takes = word.takes.counted() if word.takes else ""
-        bounds = word.takes.bounds() if isinstance(word.takes, Numbers) else ""
+        takes = word.numbers.count_in_words() if word.numbers else ""
+        bounds = word.numbers.range_in_words() if isinstance(word.numbers, Numbers) else ""
         rows.append([first, ", ".join(others), takes, bounds])
     title = "Words of the scene language"
     words = table(["word", "other spellings", "takes", "range"], rows)
-    named = [[cells[0].replace(" ", ", "), f"``{cells[1]}``"] for cells in TABLE["metals"] + TABLE["glasses"]]
+    named = [[cells[1].replace(" ", ", "), f"``{cells[2]}``"] for cells in TABLE["metals"] + TABLE["glasses"]]
     materials = table(["metal or glass", "table of Mitsuba, or material of prosim_dielectric"], named)
     return f"{title}\n{'-' * len(title)}\n\n{words}\n\n{materials}\n"
 

@@ -157,12 +157,12 @@ def passes():
 
 
 def association():
-    """Which sample of the lamp each sample of the pixel meets, were the order always the same, and as it is."""
+    """The five samples of a pixel and of a lamp: with the same order of the rows, and with a permutation of its own."""
     from drawing.sampling import nrook_points, square
 
     figure = Figure(figsize=(6, 2.2), layout="constrained")
     pixel, lamp = nrook_points(5, 0, 0), nrook_points(5, 0, 1)
-    spaces = {"pixel": pixel, "lamp, were i to meet i": pixel, "lamp, as it is": lamp}
+    spaces = {"pixel": pixel, "lamp, same order": pixel, "lamp, permuted": lamp}
     for place, (title, points) in enumerate(spaces.items()):
         axes = square(figure, (1, 3, place + 1), 5)
         axes.set_title(title, fontsize=10)

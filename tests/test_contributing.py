@@ -1,6 +1,5 @@
 """The worked examples of CONTRIBUTING.md work."""
 
-import ast
 import re
 import types
 from pathlib import Path
@@ -28,45 +27,6 @@ def module(package, first):
     made.__package__ = package
     exec(compile(text, made.__name__, "exec", dont_inherit=True), made.__dict__)
     return made
-
-
-def test_rooms():
-    """All rooms are in the list, and imports point downwards there, or to the right: none go in circles."""
-    (said,) = re.findall(r"^```\n(prosim_start .*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
-    listed = [room for line in said.splitlines() for room in line.split("   ")[0].split()]
-    package = Path(registry.__file__).parent
-    found = {path.relative_to(package).with_suffix("").parts[0] for path in package.rglob("*.py")} - {"__init__"}
-    assert found == set(listed[1:])
-    upwards = []
-    for path in package.rglob("*.py"):
-        here = path.relative_to(package).with_suffix("").parts
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-            if here != ("__init__",) and isinstance(node, ast.ImportFrom) and node.level == len(here):
-                names = [node.module] if node.module else [alias.name for alias in node.names]
-                others = {name.partition(".")[0] for name in names} & found - {here[0]}
-                upwards += [(here, room) for room in others if listed.index(room) < listed.index(here[0])]
-    assert not upwards
-
-
-def test_arguments_are_left_as_they_are():
-    """``a &= b`` changes an array of Dr.Jit in place, the caller's as well where ``a`` is an argument as it came."""
-    changed = []
-    for path in Path(registry.__file__).parent.rglob("*.py"):
-        for function in (n for n in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(n, ast.FunctionDef)):
-            given = {a.arg: a.annotation for a in (*function.args.args, *function.args.kwonlyargs)}
-            own = {
-                t.id: n.lineno
-                for n in function.body
-                if isinstance(n, ast.Assign)
-                for t in n.targets
-                if hasattr(t, "id")
-            }
-            for node in (n for n in ast.walk(function) if isinstance(n, ast.AugAssign)):
-                name = getattr(node.target, "id", None)
-                number = name in given and ast.unparse(given[name] or node) in ("int", "float")
-                if name in given and not number and own.get(name, node.lineno) >= node.lineno:
-                    changed.append(f"{path.name}:{node.lineno}: {ast.unparse(node)}")
-    assert not changed
 
 
 def test_bsdf(variant_rgb, monkeypatch):
@@ -114,15 +74,6 @@ def under_tubes(count, floor, **integrator):
 
 @pytest.mark.parametrize("count", [1, Lights.UNROLLED + 1])
 def test_light(variant_rgb, count, monkeypatch):
-    check_light(count, monkeypatch)
-
-
-@pytest.mark.slow
-def test_light_in_scalar_variants(variant_scalar, monkeypatch):
-    check_light(1, monkeypatch)
-
-
-def check_light(count, monkeypatch):
     """The expectation of Mitsuba's own sampling, on a rough mirror too; with less variance."""
     settings = {"type": "prosim", "adaptive": "none", "max_level": 0}
     floors = {"type": "diffuse"}, {"type": "roughconductor", "alpha": 0.4}
@@ -161,4 +112,4 @@ def test_primitive():
     p = np.append(corners, np.ones((8, 3, 1)), axis=2)
     assert np.allclose(np.einsum("tki,tij,tkj->tk", p, wedge.quadrics[face], p), 0)  # on the surfaces that it names
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    assert np.all(np.einsum("ti,tki->tk", normals, wedge.corners(corners, face).normals) > 0)
+    assert np.all(np.einsum("ti,tki->tk", normals, wedge.corner_attributes(corners, face).normals) > 0)

@@ -1,6 +1,5 @@
-"""What the pages name exists: options, modules and files; and words that have gone do not come back as names."""
+"""What the pages name exists: options, modules and files."""
 
-import ast
 import importlib
 import re
 from pathlib import Path
@@ -51,37 +50,3 @@ def test_modules_and_files_exist(page):
         assert (ROOT / name).exists() or name == "docs/_build", name
     for name in set(re.findall(r"\b(?:python|bash) ((?:benchmarks|docs|tests|examples)/[\w./-]+)", text)):
         assert (ROOT / name).exists(), name
-
-
-def words_that_have_gone():
-    """The first column of the table of terms in CONTRIBUTING.md."""
-    (table,) = re.findall(
-        r"^\| gone \| term \|\n\|.*\n((?:\|.*\n)+)", (ROOT / "CONTRIBUTING.md").read_text("utf-8"), re.MULTILINE
-    )
-    return {word for row in table.splitlines() for word in row.split("|")[1].strip().split(", ")}
-
-
-def names(tree):
-    """The names in a module: of functions, classes, arguments, variables, attributes and imports."""
-    for node in ast.walk(tree):
-        for attribute in ("name", "arg", "id", "attr"):
-            if isinstance(name := getattr(node, attribute, None), str):
-                yield name
-
-
-def test_names_that_have_gone_do_not_come_back():
-    gone, found = words_that_have_gone(), []
-    assert len(gone) > 20
-    sources = [
-        path for room in ("plugins", "scene_translator", "benchmarks", "docs") for path in (ROOT / room).rglob("*.py")
-    ]
-    for path in sources:
-        for name in {path.stem, *names(ast.parse(path.read_text("utf-8")))}:
-            parts = {part.lower() for part in re.findall("[A-Z]?[a-z]+|[A-Z]+", name)} | {name.lower()}
-            found += [f"{path.relative_to(ROOT)}: {name}" for _ in parts & gone]
-    for page in PAGES:
-        if page.name != "CONTRIBUTING.md":
-            found += [
-                f"{page.name}: {code}" for code in re.findall(r"`(\w+)`", page.read_text("utf-8")) if code in gone
-            ]
-    assert not found

@@ -44,12 +44,6 @@ def test_quick_tests_pass(tmp_path, packages):
     python = tmp_path / "bin" / "python"
     subprocess.run([python, "-m", "pip", "install", "-q", *packages], check=True)
     alone = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "DRJIT_LIBLLVM_PATH")}
-    done = subprocess.run(
-        [python, "-m", "pytest", "-p", "no:cacheprovider"],
-        check=False,
-        cwd=ROOT,
-        env=alone,
-        capture_output=True,
-        text=True,
-    )
+    command = [python, "-m", "pytest", "-p", "no:cacheprovider"]
+    done = subprocess.run(command, check=False, cwd=ROOT, env=alone, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout[-10000:]

@@ -21,6 +21,6 @@ def idle(active: mi.Bool) -> bool:
 
 def dispatch(pointer: Any, function: Callable[..., Any], *args: Any) -> Any:
     """The results of ``function(instance, *args)`` for the instances of a Dr.Jit ``pointer``: once for each kind, with
-    everything that it computes with among ``args``. In scalar variants ``pointer`` is the instance.
+    everything that it computes with among ``args``, the mask last. In scalar variants ``pointer`` is the instance.
     """
     return dr.dispatch(pointer, function, *args) if dr.is_jit_v(mi.Float) else function(pointer, *args)

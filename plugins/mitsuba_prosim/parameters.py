@@ -62,6 +62,16 @@ def choice(props: mi.Properties, name: str, allowed: Sequence[str], default: str
     return value
 
 
+def nested_integrator(props: mi.Properties) -> mi.SamplingIntegrator:
+    """The integrator that is nested in a plugin. Raises ValueError for another object, and unless there is one."""
+    children = [child for _, child in props.objects()]
+    if len(children) != 1 or not isinstance(children[0], mi.SamplingIntegrator):
+        found = ", ".join(child.class_name() for child in children) or "nothing"
+        allowed = "one integrator that takes samples from a sensor: path, volpath, direct, aov or prosim, for example"
+        raise reject(props, "integrator", found, allowed)
+    return children[0]
+
+
 def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 

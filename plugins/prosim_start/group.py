@@ -15,10 +15,10 @@ COMMANDS = {
     "format": ("translate:format_scene", "Rewrite scenes in tidy form."),
     "language-server": ("prosim_scene.language_server:language_server", "Help an editor with scenes."),
     "link": ("mitsuba_prosim.stock_command.stand_ins:link", "Let the mitsuba command run plugins in Python."),
-    "merge": ("resume:merge", "Make the image of parts that were rendered one by one."),
+    "merge": ("render_commands:merge", "Make the image of parts that were rendered one by one."),
     "mix": ("mix:mix", "Dim and colour the lamps of a rendered image."),
-    "render": ("render_command:render", "Render a scene to an EXR and a PNG image."),
-    "resume": ("resume:resume", "Continue a render from its saved state."),
+    "render": ("render_commands:render", "Render a scene to an EXR and a PNG image."),
+    "resume": ("render_commands:resume", "Continue a render from its saved state."),
     "translate": ("translate:translate", "Translate the scene language to Mitsuba's XML."),
     "watch": ("watch:watch", "Show a scene's picture while the scene is written."),
 }

@@ -16,7 +16,7 @@ from .mitsuba.translation_context import images, located, meshes
 from .model import Leaf, Scene, View
 from .text_files import read, refuse_special, replace, rewrite
 from .translator import check, document, load, sensor, translate
-from .view import misfit
+from .view import distortion_message
 from .writer import TranslationCache
 
 __all__ = [
@@ -33,6 +33,7 @@ __all__ = [
     "TranslationCache",
     "View",
     "check",
+    "distortion_message",
     "document",
     "document_of",
     "format",
@@ -40,7 +41,6 @@ __all__ = [
     "load",
     "located",
     "meshes",
-    "misfit",
     "parse",
     "read",
     "refuse_special",

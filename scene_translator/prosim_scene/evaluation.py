@@ -10,7 +10,7 @@ import warnings
 from pathlib import Path
 
 from .language import document_of
-from .language.diagnostics import SceneError, SceneWarning
+from .language.diagnostics import Problem, SceneError, SceneWarning
 from .translator import check
 
 #: The largest time of an evaluation in seconds.
@@ -19,9 +19,9 @@ TIME_LIMIT = 60.0
 PACKAGES = Path(__file__).parents[1]
 
 
-def evaluate(text: str, filename: str) -> list[SceneError | SceneWarning]:
+def evaluate(text: str, filename: str) -> list[Problem]:
     """The errors and warnings of :func:`prosim_scene.check` for the text of a scene."""
-    found: list[SceneError | SceneWarning] = []
+    found: list[Problem] = []
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always", SceneWarning)
         try:
@@ -31,7 +31,7 @@ def evaluate(text: str, filename: str) -> list[SceneError | SceneWarning]:
     return found + [one.message for one in warned if isinstance(one.message, SceneWarning)]
 
 
-async def evaluate_in_process(text: str, filename: str) -> list[SceneError | SceneWarning] | None:
+async def evaluate_in_process(text: str, filename: str) -> list[Problem] | None:
     """The result of :func:`evaluate`; None if it takes longer than :data:`TIME_LIMIT`. Cancelling ends the process."""
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-c", "from prosim_scene.evaluation import main; main()"),

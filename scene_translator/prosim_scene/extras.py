@@ -20,11 +20,11 @@ EXTRAS = {
 
 
 def missing(extra: str) -> list[str]:
-    """Packages of an extra that are not installed."""
+    """The packages of an extra that are not installed."""
     return [package for module, package in EXTRAS[extra].items() if find_spec(module) is None]
 
 
-def needs(what: str, extra: str) -> str:
-    """The message that ``what`` needs an extra: its missing packages, and how to install it."""
+def needs(feature: str, extra: str) -> str:
+    """The message that a feature needs an extra: the missing packages, and how to install it."""
     packages = ", ".join(missing(extra)) or "a package that can be imported"
-    return f"{what} needs {packages}; to get it: pip install 'mitsuba-prosim[{extra}]'"
+    return f"{feature} needs {packages}; to get it: pip install 'mitsuba-prosim[{extra}]'"

@@ -22,7 +22,7 @@ except ModuleNotFoundError:
     raise click.ClickException(extras.needs("the language server", "editors")) from None
 
 from .evaluation import evaluate_in_process
-from .language.diagnostics import SceneError, SceneWarning
+from .language.diagnostics import Problem, SceneError
 from .language.formatter import format
 from .symbols import Completion, Occurrence, Symbols
 
@@ -49,7 +49,7 @@ class OpenDocument:
 
     @cached_property
     def symbols(self) -> Symbols:
-        """The text, read."""
+        """The symbols of the text, which is read at the first use."""
         return Symbols(self.scene, self.filename)
 
     def offset(self, position: lsp.Position) -> int:
@@ -58,16 +58,16 @@ class OpenDocument:
         return min(self.starts[place.line] + place.character, len(self.text))
 
     def range(self, start: int, end: int) -> lsp.Range:
-        """The protocol's range of two offsets."""
+        """The protocol's range from one offset to another."""
         lines = [bisect_right(self.starts, offset) - 1 for offset in (start, end)]
         places = [lsp.Position(line, offset - self.starts[line]) for line, offset in zip(lines, (start, end))]
         return lsp.Range(*(self.codec.position_to_client_units(self.lines, place) for place in places))
 
-    def locations(self, found: list[Occurrence]) -> list[lsp.Location]:
+    def locations(self, occurrences: list[Occurrence]) -> list[lsp.Location]:
         """The protocol's locations of occurrences."""
-        return [lsp.Location(self.uri, self.range(one.start, one.end)) for one in found]
+        return [lsp.Location(self.uri, self.range(one.start, one.end)) for one in occurrences]
 
-    def diagnostic(self, one: SceneError | SceneWarning) -> lsp.Diagnostic:
+    def diagnostic(self, one: Problem) -> lsp.Diagnostic:
         """The protocol's diagnostic of an error or a warning; without a span it is at the beginning of the text."""
         severity = lsp.DiagnosticSeverity.Error if isinstance(one, SceneError) else lsp.DiagnosticSeverity.Warning
         start, end = one.span or (0, 1)
@@ -76,7 +76,7 @@ class OpenDocument:
 
 
 class SceneServer(LanguageServer):
-    """A server, and the documents that are open."""
+    """The language server, and the documents that are open in the editor."""
 
     def __init__(self) -> None:
         # An editor sends the whole text, because the reader needs all of it.
@@ -96,25 +96,25 @@ class SceneServer(LanguageServer):
             document.pending.cancel()
 
     async def evaluate(self, document: OpenDocument) -> None:
-        """Publishes the diagnostics of a document and of its evaluated tree."""
+        """Evaluates the tree of a document in a process, and publishes all diagnostics."""
         found = await evaluate_in_process(document.scene, document.filename)
         if found is not None:
             self.publish(document, found)
 
-    def publish(self, document: OpenDocument, found: list[SceneError | SceneWarning]) -> None:
-        """Publishes diagnostics."""
+    def publish(self, document: OpenDocument, found: list[Problem]) -> None:
+        """Sends the diagnostics of a document to the editor."""
         diagnostics = [document.diagnostic(one) for one in found]
         self.text_document_publish_diagnostics(
             lsp.PublishDiagnosticsParams(document.uri, diagnostics, document.version)
         )
 
-    def symbol(
+    def occurrences(
         self, params: lsp.DefinitionParams | lsp.ReferenceParams | lsp.RenameParams
-    ) -> tuple[OpenDocument, Occurrence] | None:
-        """The document and the symbol at a position."""
+    ) -> tuple[OpenDocument, list[Occurrence]]:
+        """The document, and all occurrences of the symbol at a position in it."""
         document = self.documents[params.text_document.uri]
-        here = document.symbols.at(document.offset(params.position))
-        return (document, here) if here else None
+        here = document.symbols.occurrence_at(document.offset(params.position))
+        return document, document.symbols.occurrences(here.symbol) if here else []
 
 
 server = SceneServer()
@@ -133,7 +133,7 @@ def language_server() -> None:
 @server.feature(lsp.TEXT_DOCUMENT_DID_OPEN)
 @server.feature(lsp.TEXT_DOCUMENT_DID_SAVE)
 def opened(ls: SceneServer, params: lsp.DidOpenTextDocumentParams | lsp.DidSaveTextDocumentParams) -> None:
-    """Publishes all diagnostics; those of the tree follow."""
+    """Handles an opened or saved document: publishes its diagnostics, and later those of its evaluated tree."""
     document = ls.update(params.text_document.uri)
     ls.publish(document, document.symbols.diagnostics)
     if document.symbols.document is not None and len(document.symbols.document.scene.csg) <= LARGEST:
@@ -142,7 +142,7 @@ def opened(ls: SceneServer, params: lsp.DidOpenTextDocumentParams | lsp.DidSaveT
 
 @server.feature(lsp.TEXT_DOCUMENT_DID_CHANGE)
 def changed(ls: SceneServer, params: lsp.DidChangeTextDocumentParams) -> None:
-    """Publishes the diagnostics of the text after a delay without a keystroke."""
+    """Handles a changed document: publishes its diagnostics after a delay without a keystroke."""
     document = ls.update(params.text_document.uri)
     document.pending = asyncio.get_running_loop().call_later(
         DELAY, lambda: ls.publish(document, document.symbols.diagnostics)
@@ -151,20 +151,20 @@ def changed(ls: SceneServer, params: lsp.DidChangeTextDocumentParams) -> None:
 
 @server.feature(lsp.TEXT_DOCUMENT_DID_CLOSE)
 def closed(ls: SceneServer, params: lsp.DidCloseTextDocumentParams) -> None:
-    """Removes a document and its diagnostics."""
+    """Handles a closed document: removes it and its diagnostics."""
     ls.close(params.text_document.uri)
     ls.text_document_publish_diagnostics(lsp.PublishDiagnosticsParams(params.text_document.uri, []))
 
 
 @server.feature(lsp.TEXT_DOCUMENT_COMPLETION, lsp.CompletionOptions(trigger_characters=["$", "-"]))
 def complete(ls: SceneServer, params: lsp.CompletionParams) -> list[lsp.CompletionItem]:
-    """The words that fit."""
+    """The words that fit at a position."""
     document = ls.documents[params.text_document.uri]
     offset = document.offset(params.position)
-    return [_completion(one, document.range(one.start, offset)) for one in document.symbols.completions(offset)]
+    return [_completion_item(one, document.range(one.start, offset)) for one in document.symbols.completions(offset)]
 
 
-def _completion(one: Completion, place: lsp.Range) -> lsp.CompletionItem:
+def _completion_item(one: Completion, replaced: lsp.Range) -> lsp.CompletionItem:
     """The protocol's item of a completion. Indices are sorted as numbers."""
     return lsp.CompletionItem(
         label=one.label,
@@ -172,13 +172,13 @@ def _completion(one: Completion, place: lsp.Range) -> lsp.CompletionItem:
         detail=one.detail or None,
         documentation=lsp.MarkupContent(lsp.MarkupKind.Markdown, one.documentation) if one.documentation else None,
         sort_text=f"{one.rank}{one.label.zfill(9) if one.kind == 'Value' else one.label}",
-        text_edit=lsp.TextEdit(place, one.label),
+        text_edit=lsp.TextEdit(replaced, one.label),
     )
 
 
 @server.feature(lsp.TEXT_DOCUMENT_HOVER)
 def hover(ls: SceneServer, params: lsp.HoverParams) -> lsp.Hover | None:
-    """The meaning of a word."""
+    """The meaning of the word at a position; None if it has none."""
     document = ls.documents[params.text_document.uri]
     if (found := document.symbols.hover(document.offset(params.position))) is None:
         return None
@@ -188,37 +188,36 @@ def hover(ls: SceneServer, params: lsp.HoverParams) -> lsp.Hover | None:
 
 @server.feature(lsp.TEXT_DOCUMENT_DEFINITION)
 def definition(ls: SceneServer, params: lsp.DefinitionParams) -> list[lsp.Location]:
-    """SURFACE and TRANSFORM of an index, TEXTURE of a texture, SOLID of a solid, DEFAULT of a name."""
-    if (found := ls.symbol(params)) is None:
-        return []
-    document, here = found
-    return document.locations([one for one in document.symbols.occurrences(here.symbol) if one.defines])
+    """The definitions of a symbol: SURFACE and TRANSFORM of an index, TEXTURE, SOLID, or DEFAULT of a name."""
+    document, occurrences = ls.occurrences(params)
+    return document.locations([one for one in occurrences if one.defines])
 
 
 @server.feature(lsp.TEXT_DOCUMENT_REFERENCES)
 def references(ls: SceneServer, params: lsp.ReferenceParams) -> list[lsp.Location]:
-    """All occurrences of a symbol."""
-    found = ls.symbol(params)
-    return found[0].locations(found[0].symbols.occurrences(found[1].symbol)) if found else []
+    """All occurrences of the symbol at a position."""
+    document, occurrences = ls.occurrences(params)
+    return document.locations(occurrences)
 
 
 @server.feature(lsp.TEXT_DOCUMENT_RENAME)
 def rename(ls: SceneServer, params: lsp.RenameParams) -> lsp.WorkspaceEdit | None:
     """Renames all occurrences of a symbol; raises JsonRpcException for an invalid name."""
-    if (found := ls.symbol(params)) is None:
+    document, occurrences = ls.occurrences(params)
+    if not occurrences:
         return None
-    document, here = found
-    new = "$" * (here.symbol.kind == "name") + params.new_name.removeprefix("$")
-    if document.symbols.renamed(here.symbol, new) is None:
-        reason = f"{new!r} is another symbol's name, or not a name of this kind ({here.symbol.kind}); choose another"
+    symbol = occurrences[0].symbol
+    new = "$" * (symbol.kind == "name") + params.new_name.removeprefix("$")
+    if document.symbols.renamed_text(symbol, new) is None:
+        reason = f"{new!r} is another symbol's name, or not a name of this kind ({symbol.kind}); choose another"
         raise JsonRpcException(reason, lsp.LSPErrorCodes.RequestFailed)
-    places = document.locations(document.symbols.occurrences(here.symbol))
-    return lsp.WorkspaceEdit({document.uri: [lsp.TextEdit(one.range, new) for one in places]})
+    edits = [lsp.TextEdit(location.range, new) for location in document.locations(occurrences)]
+    return lsp.WorkspaceEdit({document.uri: edits})
 
 
 @server.feature(lsp.TEXT_DOCUMENT_FORMATTING)
 def formatting(ls: SceneServer, params: lsp.DocumentFormattingParams) -> list[lsp.TextEdit] | None:
-    """The canonical layout; None if the text has errors."""
+    """The edit that brings a document into canonical layout; None if it has errors."""
     document = ls.documents[params.text_document.uri]
     lines = document.scene.replace("\r\n", "\n")
     try:

@@ -11,7 +11,7 @@ GREY: Vector = (0.5, 0.5, 0.5)
 
 @dataclass(frozen=True)
 class Light:
-    """A source (5.2): a sphere, or a point whose ``radius`` is virtual."""
+    """A light source (section 5.2 of the thesis): a sphere, or a point whose ``radius`` is virtual."""
 
     kind: str  # "area" or "point"; or "sky": an environment image; of the other values only ``image`` is used
     position: Vector = (0.0, 0.0, 0.0)
@@ -75,7 +75,7 @@ class Leaf:
 
 @dataclass(frozen=True)
 class Surface:
-    """Optics of a primitive. Missing values are None; their defaults depend on the material."""
+    """The optics of a primitive. Missing values are None; their defaults depend on the material."""
 
     material: str | None = None  # "conductor", "dielectric", "lambertian", "composite"; None: the classic Phong surface
     metal: str | None = None  # one of Mitsuba's tables
@@ -102,7 +102,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Transform:
-    """Steps in the order in which they are applied."""
+    """The place of a primitive: steps, in the order in which they are applied."""
 
     steps: tuple[Step, ...] = ()
 
@@ -140,6 +140,11 @@ class Scene:
     transforms: dict[int, Transform] = field(default_factory=dict)
     patterns: dict[str, Pattern] = field(default_factory=dict)
     text: str = field(default="", compare=False, repr=False)
+
+    @property
+    def leaves(self) -> list[tuple[int, Leaf]]:
+        """The primitives of the tree, each with its number in ``csg``."""
+        return [(number, node) for number, node in enumerate(self.csg) if isinstance(node, Leaf)]
 
     def _repr_html_(self) -> str:
         """The text of the scene, for notebooks."""

@@ -1,8 +1,35 @@
-"""A Mitsuba scene as nested dictionaries, those of ``mi.load_dict``, with comments and defaults for XML."""
+"""A Mitsuba scene as nested dictionaries, those of ``mi.load_dict``, and its XML text."""
 
-from collections.abc import Iterable
+import re
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from html import escape
 from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+INDENT = "    "
+INVALID_IN_XML = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
+
+#: The element of each plugin that the translator uses.
+TAGS = {
+    plugin: tag
+    for tag, plugins in {
+        "integrator": "prosim path volpath",
+        "sensor": "perspective prosim_window",
+        "film": "hdrfilm",
+        "sampler": "nrook multijitter",
+        "rfilter": "box",
+        "shape": "ply sphere",
+        "medium": "homogeneous",
+        "emitter": "prosim_area prosim_point area point spot constant envmap",
+        "texture": "bitmap prosim_brick prosim_stripes prosim_fractal prosim_product",
+        "bsdf": "prosim_conductor prosim_dielectric prosim_lambertian prosim_composite prosim_phong diffuse conductor "
+        "roughconductor dielectric roughdielectric plastic roughplastic blendbsdf",
+    }.items()
+    for plugin in plugins.split()
+}
 
 #: A plugin: its "type", its parameters, and the plugins in it.
 Node = dict[str, Any]
@@ -25,10 +52,106 @@ class Point(list[float]):
 
 
 def rgb(color: Iterable[float]) -> Node:
-    """A colour."""
+    """The dictionary of a colour."""
     return {"type": "rgb", "value": [float(c) for c in color]}
 
 
 def rgb_clipped(color: Iterable[float]) -> Node:
-    """A reflectance, clipped to 1."""
+    """The dictionary of a reflectance: a colour of at most 1."""
     return rgb(min(c, 1.0) for c in color)
+
+
+def plain(node: Node, transform: Callable[[np.ndarray], Any]) -> Node:
+    """The dictionary for ``mi.load_dict``: without comments, with values of defaults, and matrices by ``transform``."""
+
+    def plain_value(value: Any) -> Any:
+        """One value of the dictionary."""
+        if isinstance(value, dict):
+            return plain(value, transform)
+        return (
+            value.value if isinstance(value, Default) else transform(value) if isinstance(value, np.ndarray) else value
+        )
+
+    return {key: plain_value(value) for key, value in node.items() if not isinstance(value, Comment)}
+
+
+def xml(scene: Node) -> str:
+    """The XML text of a scene."""
+    root = ElementTree.Element("scene", version="3.0.0")
+    for default in {d.name: d for d in _defaults(scene)}.values():
+        ElementTree.SubElement(root, "default", name=default.name, value=xml_number(default.value))
+    statements = []  # positions of the comments that begin them
+    for key, value in scene.items():
+        if isinstance(value, Comment):
+            statements.append(len(root))
+        if key != "type":
+            _append(root, key, value, 1)
+    ElementTree.indent(root, INDENT)
+    for i in statements:  # a blank line before each
+        if i:
+            root[i - 1].tail = f"\n{root[i - 1].tail}"
+        else:
+            root.text = f"\n{root.text}"
+    # ElementTree writes "<a />", and character references for line ends in a matrix.
+    text = ElementTree.tostring(root, encoding="unicode").replace(" />", "/>").replace("&#10;", "\n")
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'
+
+
+def is_valid_in_xml(text: str) -> bool:
+    """Whether a name is valid in XML: it has no control characters, and no bytes that are not UTF-8."""
+    return not INVALID_IN_XML.search(text)
+
+
+def xml_number(value: float) -> str:
+    """The text of a number in XML: ten digits, more than Mitsuba's single precision keeps."""
+    return format(value, ".10g")
+
+
+def _defaults(node: Node) -> Iterator[Default]:
+    """All defaults in a scene's dictionary."""
+    for value in node.values():
+        if isinstance(value, Default):
+            yield value
+        elif isinstance(value, dict):
+            yield from _defaults(value)
+
+
+def _append(parent: ElementTree.Element, name: str, value: Any, depth: int) -> None:
+    """Adds a parameter, a plugin or a comment to ``parent``, whose children are indented ``depth`` times."""
+    if isinstance(value, Comment):
+        text = escape(INVALID_IN_XML.sub("?", value), quote=False).replace("--", "- -")
+        parent.append(ElementTree.Comment(f" {text} "))
+    elif isinstance(value, dict) and value["type"] == "rgb":
+        ElementTree.SubElement(parent, "rgb", name=name, value=", ".join(map(xml_number, value["value"])))
+    elif isinstance(value, dict):
+        element = ElementTree.SubElement(parent, TAGS[value["type"]], type=value["type"])
+        # An object in the scene has an id, a nested texture the name of a parameter.
+        if parent.tag == "scene":
+            element.set("id", name)
+        elif element.tag in ("texture", "bsdf", "medium"):
+            element.set("name", name)
+        for key, part in value.items():
+            if key != "type":
+                _append(element, key, part, depth + 1)
+    elif isinstance(value, np.ndarray):
+        transform = ElementTree.SubElement(parent, "transform", name=name)
+        new_row = "\n" + INDENT * (depth + 1) + " " * len('<matrix value="')
+        rows = ("  ".join(map(xml_number, row)) for row in value)
+        ElementTree.SubElement(transform, "matrix", value=new_row.join(rows))
+    elif isinstance(value, list | tuple):
+        x, y, z = map(xml_number, value)
+        ElementTree.SubElement(parent, "point" if isinstance(value, Point) else "vector", name=name, x=x, y=y, z=z)
+    else:
+        tag, text = _scalar(value)
+        ElementTree.SubElement(parent, tag, name=name, value=text)
+
+
+def _scalar(value: Any) -> tuple[str, str]:
+    """The tag and the text of a number, a boolean, a string, or a default."""
+    if isinstance(value, Default):
+        return _scalar(value.value)[0], f"${value.name}"
+    if isinstance(value, bool):
+        return "boolean", str(value).lower()
+    if isinstance(value, int):
+        return "integer", str(value)
+    return ("float", xml_number(value)) if isinstance(value, float) else ("string", value.replace("$", "\\$"))

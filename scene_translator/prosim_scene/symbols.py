@@ -13,7 +13,7 @@ from .language.diagnostics import USE
 from .language.expressions import CONSTANTS, FRAME, FUNCTIONS, TIME
 from .language.reader import Reader
 from .language.tokens import Token
-from .language.words import NAMED, NOTHING, ROLES, STATEMENTS, Flags, Word, row
+from .language.words import NAMED, NO_NUMBERS, ROLES, STATEMENTS, Flags, Word, find_word
 
 #: The keywords that an index follows.
 INDEXED = ("SURFACE", "TRANSFORM", "PRIMITIVE", "USE")
@@ -35,13 +35,13 @@ class Symbol(NamedTuple):
 
 
 class Occurrence(NamedTuple):
-    """A use or a definition of a symbol, from offset ``start`` to ``end``; ``after``: the role before it."""
+    """A use or a definition of a symbol, from ``start`` to ``end``; ``role_before``: the role of the token before."""
 
     symbol: Symbol
     start: int
     end: int
     defines: bool
-    after: str
+    role_before: str
 
 
 class Completion(NamedTuple):
@@ -64,12 +64,12 @@ class Symbols:
 
     @cached_property
     def tokens(self) -> list[Token]:
-        """All tokens except comments."""
+        """All tokens of the text except comments."""
         return [token for token in self.reader.tokens if token.role not in ("COMMENT", "REST")]
 
     @cached_property
     def table(self) -> dict[Symbol, list[Occurrence]]:
-        """The places of each symbol, in order."""
+        """The occurrences of each symbol, in order."""
         result: dict[Symbol, list[Occurrence]] = {}
         before = ""
         for token in self.tokens:
@@ -93,15 +93,15 @@ class Symbols:
             yield Occurrence(Symbol("solid", words.normalise(token.text)), *token.span, before == "SOLID", before)
 
     def occurrences(self, symbol: Symbol) -> list[Occurrence]:
-        """The places where a symbol is used or defined."""
+        """The occurrences of a symbol in the text."""
         return self.table.get(symbol, [])
 
-    def at(self, offset: int) -> Occurrence | None:
-        """The symbol at an offset, or one that ends there."""
+    def occurrence_at(self, offset: int) -> Occurrence | None:
+        """The occurrence at an offset, or one that ends there; None if there is no symbol."""
         everywhere = (one for found in self.table.values() for one in found)
         return min((o for o in everywhere if o.start <= offset <= o.end), key=lambda o: o.start, default=None)
 
-    def renamed(self, symbol: Symbol, new: str) -> str | None:
+    def renamed_text(self, symbol: Symbol, new: str) -> str | None:
         """The text with a symbol renamed; None if the name is invalid, or another symbol's."""
         text = self.text
         for one in reversed(self.occurrences(symbol)):
@@ -114,32 +114,31 @@ class Symbols:
 
     def hover(self, offset: int) -> tuple[int, int, str] | None:
         """``(start, end, Markdown)``: the meaning of the word at an offset."""
-        if here := self.at(offset):
-            return here.start, here.end, self._of_symbol(here.symbol)
+        if here := self.occurrence_at(offset):
+            return here.start, here.end, self._symbol_markdown(here.symbol)
         i = bisect_right(self.tokens, offset, key=lambda token: token.start) - 1
         if i < 0 or offset >= self.tokens[i].end:
             return None
         token, before = self.tokens[i], self.tokens[i - 1].role
         text = OPERATORS.get(token.role, "")
         if token.role in ROLES:
-            text = description(row(token.role, token.text))
+            text = description(find_word(token.role, token.text))
         elif token.role == "WORD" and before in NAMED:
-            text = _of_name(*NAMED[before], words.normalise(token.text))
+            text = _name_markdown(*NAMED[before], words.normalise(token.text))
         return (token.start, token.end, text) if text else None
 
     @property
     def _names(self) -> dict[str, str]:
-        """The values of names."""
-        defaults: dict[str, str] = self.reader.fields["defaults"]
-        return {FRAME: "0", TIME: f"${FRAME} / 24"} | defaults
+        """The names that have a value in this text, with the text of the value."""
+        return {FRAME: "0", TIME: f"${FRAME} / 24"} | self.reader.definitions.defaults
 
     @property
     def _textures(self) -> dict[str, str]:
-        """The kinds of textures."""
+        """The textures that this text may use, with their kinds."""
         patterns = self.reader.fields["patterns"].items()
         return words.BUILT_IN | {name: pattern.kind for name, pattern in patterns if pattern.kind}
 
-    def _of_symbol(self, symbol: Symbol) -> str:
+    def _symbol_markdown(self, symbol: Symbol) -> str:
         """The definition of a symbol, as Markdown."""
         if symbol.kind == "name":
             return f"**${symbol.key}** = {self._names.get(symbol.key, '? It has no value in this text')}"
@@ -159,7 +158,7 @@ class Symbols:
         if braces := BRACES.search(line):
             start = offset - len(braces[1])
             functions = [Completion(name, "Function", start, rank=2) for name in (*FUNCTIONS, *CONSTANTS)]
-            return [*self._variables(start), *functions]
+            return [*self._name_completions(start), *functions]
         start = offset - len((WORD.search(line) or [""])[0])
         before = Reader(self.text[:start])
         last, expected = before.scanner.last, before.expected
@@ -168,62 +167,64 @@ class Symbols:
         if unclosed or comment or last.role == "END":
             return []
         if last.role in INDEXED:
-            return [*self._indices(last.role, start), *self._variables(start)]
-        takes = row(last.role, last.text).takes if last.role in ROLES else NOTHING
-        if takes.count and not isinstance(takes, Flags):
-            return self._variables(start)
-        result = [one for role in words.ORDER if role in ROLES and role in expected for one in _words(role, start)]
+            return [*self._index_completions(last.role, start), *self._name_completions(start)]
+        numbers = find_word(last.role, last.text).numbers if last.role in ROLES else NO_NUMBERS
+        if numbers.count and not isinstance(numbers, Flags):
+            return self._name_completions(start)
+        fitting = [role for role in words.ORDER if role in expected and role in ROLES]
+        result = [one for role in fitting for one in _keyword_completions(role, start)]
         values = NAMED[last.role][1] if last.role in NAMED else self._textures if "TEXTURE_NAME" in expected else {}
         result += [Completion(name, "Color", start, value) for name, value in values.items()]
         if "USE" in expected:
             result += [Completion(name, "Class", start) for name in before.fields["solids"]]
         if {"NUMBER", "WORD"} & expected:
-            result += self._variables(start)
+            result += self._name_completions(start)
         return result
 
-    def _variables(self, start: int) -> list[Completion]:
+    def _name_completions(self, start: int) -> list[Completion]:
+        """The completions for ``$names``, with their values."""
         return [Completion(f"${name}", "Variable", start, value, rank=1) for name, value in self._names.items()]
 
-    def _indices(self, role: str, start: int) -> list[Completion]:
-        """Indices without this statement; after a primitive, indices with a statement."""
-        given: dict[str, set[int]] = {keyword: set() for keyword in INDEXED}
-        for symbol, found in self.table.items():
-            for one in found if symbol.kind == "index" else ():
-                given[one.after].add(int(symbol.key))
-        used, defined = given["PRIMITIVE"] | given["USE"], given["SURFACE"] | given["TRANSFORM"]
-        fitting = defined if role in ("PRIMITIVE", "USE") else (used | defined) - given[role]
-        fitting = fitting or {max(set().union(*given.values()), default=-1) + 1}
+    def _index_completions(self, role: str, start: int) -> list[Completion]:
+        """The completions for an index: without this statement yet, or after a primitive with some statement."""
+        indices = {symbol.key: places for symbol, places in self.table.items() if symbol.kind == "index"}
+        roles = {int(key): {place.role_before for place in places} for key, places in indices.items()}
+        if role in STATEMENTS:
+            fitting = [index for index, before in roles.items() if role not in before]
+        else:
+            fitting = [index for index, before in roles.items() if before & STATEMENTS]
+        fitting = fitting or [max(roles, default=-1) + 1]
         return [Completion(str(i), "Value", start) for i in sorted(fitting)]
 
 
-def _words(role: str, start: int) -> Iterator[Completion]:
+def _keyword_completions(role: str, start: int) -> Iterator[Completion]:
     """The keywords of a role: those of the statement before statements, canonical spellings before others."""
     kind, rank = ("Keyword", 2) if role in STATEMENTS else ("Property", 0)
-    for word in words.of_role(role):
+    for word in words.words_of(role):
         for i, spelling in enumerate(word.spellings):
-            yield Completion(spelling, kind, start, _takes(word), description(word), rank + (i > 0))
+            yield Completion(spelling, kind, start, _numbers_in_words(word), description(word), rank + (i > 0))
 
 
-def _takes(word: Word) -> str:
-    """The values after a word: ``x y z``, or nothing."""
-    return " ".join(["TRUE"] * word.takes.count) if isinstance(word.takes, Flags) else word.takes.what
+def _numbers_in_words(word: Word) -> str:
+    """The names of the numbers after a word, such as ``x y z``; or TRUE for each flag."""
+    return " ".join(["TRUE"] * word.numbers.count) if isinstance(word.numbers, Flags) else word.numbers.names
 
 
 def description(word: Word) -> str:
     """A word's meaning, its values with their units and range, and its other spellings, as Markdown."""
-    lines = [f"**{word.canonical}** {_takes(word)}".rstrip(), word.meaning]
-    if word.takes.count and not isinstance(word.takes, Flags):
-        each = "each " if word.takes.count > 1 else ""
-        lines.append(f"{word.takes.what}: {each}{word.takes.bounds()}")
-    lines += ["Of: " + ", ".join(word.of)] if word.of else []
+    lines = [f"**{word.canonical}** {_numbers_in_words(word)}".rstrip(), word.meaning]
+    if word.numbers.count and not isinstance(word.numbers, Flags):
+        each = "each " if word.numbers.count > 1 else ""
+        lines.append(f"{word.numbers.names}: {each}{word.numbers.range_in_words()}")
+    lines += ["Of: " + ", ".join(word.kinds)] if word.kinds else []
     lines += ["Also: " + ", ".join(word.spellings[1:])] if word.spellings[1:] else []
     return "\n\n".join(lines)
 
 
-def _of_name(what: str, names: dict[str, str], name: str) -> str:
+def _name_markdown(kind: str, names: dict[str, str], name: str) -> str:
     """The table or the material behind the name of a metal or a glass, and its other names, as Markdown."""
     if name not in names:
-        return f"no {what} has this name"
-    index = f": n-refr = {words.INDICES[names[name]]} at 587.6 nm" if what == "glass" else ""
+        return f"no {kind} has this name"
+    index = f": n-refr = {words.INDICES[names[name]]} at 587.6 nm" if kind == "glass" else ""
     others = ", ".join(other for other in names if names[other] == names[name])
-    return f"The {what} **{names[name]}**{index}\n\nNames: {others}"
+    return f"The {kind} **{names[name]}**{index}\n\nNames: {others}"

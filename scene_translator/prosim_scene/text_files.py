@@ -7,17 +7,16 @@ import stat
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable
 from contextlib import suppress
-from os import PathLike
 from pathlib import Path
 
 from .language.analysis import SIZE_LIMIT, too_large
-from .language.diagnostics import SceneError
+from .language.diagnostics import AnyPath, SceneError
 
 #: The prefix of an unfinished file's name; short, so that the name is never too long.
 PART = ".prosim-part-"
 
 
-def read(path: str | PathLike[str]) -> str:
+def read(path: AnyPath) -> str:
     """The text of a scene file: UTF-8, UTF-16 with a byte order mark, or else Latin-1."""
     path = Path(path)
     try:
@@ -35,7 +34,7 @@ def read(path: str | PathLike[str]) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def rewrite(path: str | PathLike[str], text: str) -> None:
+def rewrite(path: AnyPath, text: str) -> None:
     """Replaces the text of a scene file atomically.
 
     The file keeps its permissions; a symbolic link stays, and its target is rewritten. Raises SceneError if the file

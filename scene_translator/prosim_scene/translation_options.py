@@ -6,7 +6,7 @@ from numbers import Integral, Real
 from typing import Any
 
 from .language.diagnostics import SceneError
-from .language.words import PIXELS, Numbers, numbers
+from .language.words import PIXELS, Numbers, numbers_of
 from .mitsuba import TARGETS, lights
 
 
@@ -23,16 +23,16 @@ class Options:
 
     def __post_init__(self) -> None:
         """Checks the values."""
-        samples, pixels = numbers("SETTING", "samples"), numbers("VIEW_PARAMETER", "resolution")
+        samples, pixels = numbers_of("SETTING", "samples"), numbers_of("VIEW_PARAMETER", "resolution")
         for name, allowed, expected in (
             ("target", self.target in list(TARGETS), f"one of {', '.join(TARGETS)}"),
             ("light_units", self.light_units in lights.UNITS, f"one of {', '.join(lights.UNITS)}"),
             ("tolerance", self.tolerance is None or _is_positive(self.tolerance), "a number of pixels above 0"),
-            ("samples", self.samples is None or _whole(self.samples, samples), samples.bounds()),
+            ("samples", self.samples is None or _is_whole(self.samples, samples), samples.range_in_words()),
             (
                 "resolution",
                 self.resolution is None or _is_size(self.resolution, pixels),
-                f"width and height, each {pixels.bounds()}, and {PIXELS} in all",
+                f"width and height, each {pixels.range_in_words()}, and {PIXELS} in all",
             ),
         ):
             if not allowed:
@@ -40,16 +40,19 @@ class Options:
 
 
 def _is_positive(value: Any) -> bool:
+    """Whether a value is a finite number above 0."""
     return isinstance(value, Real) and 0 < float(value) < math.inf
 
 
 def _is_size(size: Any, pixels: Numbers) -> bool:
+    """Whether a value is an allowed width and height; ``pixels``: the range of each."""
     try:
         width, height = size
     except (TypeError, ValueError):
         return False
-    return _whole(width, pixels) and _whole(height, pixels) and width * height <= PIXELS
+    return _is_whole(width, pixels) and _is_whole(height, pixels) and width * height <= PIXELS
 
 
-def _whole(value: Any, takes: Numbers) -> bool:
-    return isinstance(value, Integral) and takes.low <= int(value) <= takes.high
+def _is_whole(value: Any, allowed: Numbers) -> bool:
+    """Whether a value is a whole number in a range."""
+    return isinstance(value, Integral) and allowed.low <= int(value) <= allowed.high

@@ -11,16 +11,14 @@ from typing import Any
 
 from . import writer
 from .language import document_of
-from .language.diagnostics import SceneError
+from .language.diagnostics import AnyPath, SceneError
 from .language.document import Document
 from .mitsuba.assemble import assemble, view_sensor
 from .model import Scene
-from .nodes import Comment, Node
+from .nodes import Comment, Node, is_valid_in_xml, plain, xml
 from .text_files import read
 from .translation_options import Options
 from .writer import TranslationCache
-
-AnyPath = str | os.PathLike[str]
 
 
 def document(path: AnyPath, define: Mapping[str, object] | None = None) -> Document:
@@ -32,11 +30,11 @@ def document(path: AnyPath, define: Mapping[str, object] | None = None) -> Docum
     return document_of(read(path), path, define)
 
 
-def _opened(source: AnyPath | Document, define: Mapping[str, object] | None) -> tuple[Document, Path]:
+def _document_and_path(source: AnyPath | Document, define: Mapping[str, object] | None) -> tuple[Document, Path]:
+    """The document of a scene file, and the path of the file; a document is returned as it is."""
     if isinstance(source, Document) and define:
-        raise SceneError(
-            f"{source.source.filename}: define has no effect on a document; pass it to prosim_scene.document"
-        )
+        reason = "define has no effect on a document; pass it to prosim_scene.document"
+        raise SceneError(f"{source.source.filename}: {reason}")
     opened = source if isinstance(source, Document) else document(source, define)
     return opened, Path(opened.source.filename)
 
@@ -76,40 +74,38 @@ def translate(
     removed. Doubtful input is a :class:`SceneWarning`, through :mod:`warnings`.
     """
     checked = Options(**options)
-    opened, source_path = _opened(source, define)
-    if not writer.is_valid_in_xml(source_path.stem):
-        raise SceneError(
-            f"{str(source_path)!r}: the translation's files have this name, and it is not valid in XML; "
-            "expected a name without control characters, in UTF-8",
-            str(source_path),
-        )
+    opened, source_path = _document_and_path(source, define)
+    if not is_valid_in_xml(source_path.stem):
+        reason = "the translation's files have this name, and it is not valid in XML; "
+        reason += "expected a name without control characters, in UTF-8"
+        raise SceneError(f"{str(source_path)!r}: {reason}", str(source_path))
     folder = Path(out_dir) if out_dir is not None else source_path.parent
     stem = source_path.stem
     result = folder / f"{stem}.xml"
     if os.path.exists(result) and source_path.exists() and result.samefile(source_path):
-        raise SceneError(
-            f"{source_path}: the translation would overwrite the scene itself; give the scene another suffix, "
-            "such as .scn, or choose another folder",
-            str(source_path),
-        )
+        reason = "the translation would overwrite the scene itself; "
+        reason += "give the scene another suffix, such as .scn, or choose another folder"
+        raise SceneError(f"{source_path}: {reason}", str(source_path))
     meshes: dict[str, bytes] = {}
 
     def image_path(path: Path) -> str:
+        """The path of an image as the XML names it."""
         try:
             relative = Path(os.path.relpath(path, folder.resolve())).as_posix()
         except ValueError:  # on another drive of Windows
             relative = path.resolve().as_posix()
-        if not writer.is_valid_in_xml(relative):
+        if not is_valid_in_xml(relative):
             raise ValueError(f"the path {relative!r} is not valid in XML; expected printable characters, in UTF-8")
         return relative
 
     def store(name: str, content: bytes) -> str:
+        """Keeps a mesh until all are written; returns its path as the XML names it."""
         meshes[file := writer.mesh_name(name, content)] = content
         return f"{writer.meshes_folder(stem)}/{file}"
 
     tree = {"mark": Comment(writer.MARK), **assemble(opened, source_path.parent, checked, store, image_path, cache)}
     try:
-        return writer.write(folder, stem, writer.xml(tree), meshes)
+        return writer.write(folder, stem, xml(tree), meshes)
     except OSError as error:
         raise SceneError(f"{error.filename or folder}: {error.strerror or error}", str(source_path)) from None
 
@@ -129,16 +125,16 @@ def load(
     ``mitsuba.ScalarTransform4f`` of the active variant if Mitsuba is imported; otherwise arrays are not converted.
     """
     checked = Options(**options)
-    opened, path = _opened(source, define)
+    opened, path = _document_and_path(source, define)
     try:
-        folder = _Temporary()
+        folder = _TemporaryFolder()
         tree = assemble(opened, path.parent, checked, folder.store, str, cache)
     except OSError as error:
         raise SceneError(f"{error.filename or tempfile.gettempdir()}: {error.strerror or error}", str(path)) from None
-    return _plain(tree, transform)
+    return _plain_dictionary(tree, transform)
 
 
-class _Temporary:
+class _TemporaryFolder:
     """A folder that is removed when no reference to this object or to one of its file names exists."""
 
     def __init__(self) -> None:
@@ -146,7 +142,7 @@ class _Temporary:
         weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)  # also at the end of the process
 
     def store(self, name: str, content: bytes) -> str:
-        """Writes a mesh; returns its file name."""
+        """Writes the PLY file of a mesh; returns its name."""
         file = _FileName(self.path / f"{name}.ply")
         file.folder = self
         Path(file).write_bytes(content)
@@ -156,7 +152,7 @@ class _Temporary:
 class _FileName(str):
     """The name of a file in a temporary folder; a reference to the name keeps the folder."""
 
-    folder: _Temporary
+    folder: _TemporaryFolder
 
     def __deepcopy__(self, _: Any) -> "_FileName":
         return self
@@ -174,14 +170,15 @@ def sensor(
     The options are those of :func:`load`. No solid is evaluated or refined. ``cache`` is the cache of that translation:
     the clipping planes enclose its faces. Raises :class:`SceneError` for a degenerate view.
     """
-    return _plain(view_sensor(source, Options(**options), cache), transform)
+    return _plain_dictionary(view_sensor(source, Options(**options), cache), transform)
 
 
-def _plain(tree: Node, transform: Callable[[Any], Any] | None) -> Node:
+def _plain_dictionary(tree: Node, transform: Callable[[Any], Any] | None) -> Node:
+    """The dictionary for ``mi.load_dict``; ``transform`` is that of :func:`load`."""
     mitsuba = sys.modules.get("mitsuba")
     if transform is None and mitsuba is not None and mitsuba.variant() is not None:
         transform = mitsuba.ScalarTransform4f
-    return writer.plain(tree, transform or (lambda matrix: matrix))
+    return plain(tree, transform or (lambda matrix: matrix))
 
 
 def check(source: AnyPath | Document, *, define: Mapping[str, object] | None = None, **options: Any) -> Scene:
@@ -190,6 +187,6 @@ def check(source: AnyPath | Document, *, define: Mapping[str, object] | None = N
     Returns the scene. The tree is evaluated, so that empty results are reported too.
     """
     checked = Options(**options)
-    opened, path = _opened(source, define)
+    opened, path = _document_and_path(source, define)
     assemble(opened, path.parent, checked, lambda name, _: name, str)
     return opened.scene

@@ -17,7 +17,7 @@ WIDEST, NARROWEST = 1e5, 1e-9  # sides of a window in units of its distance
 
 @dataclass(frozen=True)
 class Camera:
-    """The frame of a view: unit axes u (right), v (up), n (towards the eye's side), and the window relative to the eye.
+    """A camera: unit axes u (right), v (up), n (towards the eye's side), and the window relative to the eye.
 
     ``left, bottom, right, top`` are plane coordinates relative to the foot of the eye on the plane, ``depth`` the
     eye's distance to it.
@@ -58,13 +58,14 @@ class Camera:
 
     @cached_property
     def _axes(self) -> np.ndarray:
+        """The rows right, up and forward, which turn world coordinates into the camera's."""
         return np.stack([self.u, self.v, -self.n])
 
 
-def misfit(width: int, height: int, ratio: float) -> str | None:
-    """The message about the distortion of an image with this size and a window with this aspect ``ratio``.
+def distortion_message(width: int, height: int, ratio: float) -> str | None:
+    """The message that pixels of this image are not square, because its window has another aspect ``ratio``.
 
-    None if the distortion is below 1 %, or due to rounding.
+    None if the distortion is below 1 %, or due to rounding to whole pixels.
     """
     rounding = min(abs(width - height * ratio), abs(height - width / ratio)) <= 1
     if rounding or abs(width / (height * ratio) - 1) <= 0.01:
@@ -80,9 +81,9 @@ def warn_of_distortion(document: Document) -> None:
     """Warns if a scene's RESOLUTION and WINDOW distort the image."""
     given = document.scene.view
     umin, vmin, umax, vmax = given.window
-    wrong = misfit(*given.resolution, (umax - umin) / (vmax - vmin))
+    wrong = distortion_message(*given.resolution, (umax - umin) / (vmax - vmin))
     if wrong is not None:
-        known = document.given("view", "resolution")
+        known = document.is_given("view", "resolution")
         document.warn(wrong, "view", "resolution" if known else "window")
 
 
@@ -93,9 +94,8 @@ def camera_of(document: Document, resolution: tuple[int, int] | None = None) -> 
     if not normal.any():
         normal = eye - vrp
         if np.linalg.norm(normal) < MIN_LENGTH:
-            raise document.error(
-                "OBS and VRP are the same point and VPN is 0 0 0; expected an eye off the view plane", "view", "eye"
-            )
+            reason = "OBS and VRP are the same point and VPN is 0 0 0; expected an eye off the view plane"
+            raise document.error(reason, "view", "eye")
     if np.linalg.norm(normal) < MIN_LENGTH:
         raise document.error("VPN has length 0 in single precision; expected a direction, or 0 0 0", "view", "vpn")
     if np.linalg.norm(vup) < MIN_LENGTH:
@@ -103,9 +103,8 @@ def camera_of(document: Document, resolution: tuple[int, int] | None = None) -> 
     n, up = normal / np.linalg.norm(normal), vup / np.linalg.norm(vup)
     depth = float((eye - vrp) @ n)
     if abs(depth) <= PARALLEL * max(np.linalg.norm(eye - vrp), np.linalg.norm(eye), np.linalg.norm(vrp)):
-        raise document.error(
-            "OBS lies on the view plane (through VRP, normal VPN); expected an eye off that plane", "view", "eye"
-        )
+        reason = "OBS lies on the view plane (through VRP, normal VPN); expected an eye off that plane"
+        raise document.error(reason, "view", "eye")
     if depth < 0:
         n, depth = -n, -depth
     u = np.cross(up, n)
@@ -115,21 +114,15 @@ def camera_of(document: Document, resolution: tuple[int, int] | None = None) -> 
     v = np.cross(n, u)
     umin, vmin, umax, vmax = view.window
     if umin >= umax or vmin >= vmax:
-        raise document.error(
-            f"the window {umin:g} {vmin:g} {umax:g} {vmax:g} is empty; "
-            "expected umin vmin umax vmax with umin < umax and vmin < vmax",
-            "view",
-            "window",
-        )
+        reason = f"the window {umin:g} {vmin:g} {umax:g} {vmax:g} is empty; "
+        reason += "expected umin vmin umax vmax with umin < umax and vmin < vmax"
+        raise document.error(reason, "view", "window")
     offset = vrp - eye
     a, b = float(offset @ u), float(offset @ v)
     result = Camera(eye, u, v, n, depth, a + umin, b + vmin, a + umax, b + vmax, resolution or view.resolution)
     sides = result.right - result.left, result.top - result.bottom
     if not NARROWEST * depth <= min(sides) <= max(sides) <= WIDEST * depth:
-        raise document.error(
-            f"the window is too large or too small at the distance {depth:g} from OBS; expected sides between "
-            f"{NARROWEST * depth:g} and {WIDEST * depth:g}",
-            "view",
-            "window",
-        )
+        reason = f"the window is too large or too small at the distance {depth:g} from OBS; "
+        reason += f"expected sides between {NARROWEST * depth:g} and {WIDEST * depth:g}"
+        raise document.error(reason, "view", "window")
     return result

@@ -1,27 +1,53 @@
-"""Running the ``prosim`` command within the test, and looking at what it wrote."""
+"""Scenes for the ``prosim`` command, running it within the test, and looking at what it wrote."""
 
 import os
+import sys
 from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
 import OpenEXR
+import pytest
 from click.testing import CliRunner
 from mitsuba_prosim.cli.progress import Progress
+from mitsuba_prosim.stock_command import stand_ins
 from prosim_start import group
 
 PALITO = Path(__file__).parents[2] / "examples" / "palito.scn"
 
-XML = """<scene version="3.0.0">
+CONSTANT = '<emitter type="constant"><rgb name="radiance" value="$radiance"/></emitter>'
+LIT_FLOOR = """<shape type="rectangle"><transform name="to_world">
+        <rotate y="1" angle="180"/><scale value="9"/><translate z="4"/></transform></shape>
+    <shape type="sphere"><point name="center" x="1.5" y="1" z="2"/><float name="radius" value="0.3"/>
+        <emitter type="area"><rgb name="radiance" value="9"/></emitter></shape>"""
+PATH = '<integrator type="path"/>'
+ADAPTIVE_PATH = f'<integrator type="prosim_adaptive">{PATH}<integer name="band" value="100"/></integrator>'
+
+
+def scene_text(integrator=PATH, content=CONSTANT, width=12, height=8, sampler="nrook", spp=4):
+    """The XML of a scene."""
+    return f"""<scene version="3.0.0">
     <default name="radiance" value="0.5"/>
-    <integrator type="path"/>
+    {integrator}
     <sensor type="perspective">
-        <film type="hdrfilm"><integer name="width" value="12"/><integer name="height" value="8"/></film>
-        <sampler type="nrook"><integer name="sample_count" value="4"/></sampler>
+        <film type="hdrfilm"><integer name="width" value="{width}"/><integer name="height" value="{height}"/></film>
+        <sampler type="{sampler}"><integer name="sample_count" value="{spp}"/></sampler>
     </sensor>
-    <emitter type="constant"><rgb name="radiance" value="$radiance"/></emitter>
+    {content}
 </scene>
 """
+
+
+XML = scene_text()
+#: A lamp over a floor: an image with noise.
+NOISY = scene_text(content=LIT_FLOOR)
+LAMP = scene_text(ADAPTIVE_PATH, LIT_FLOOR, 32, 24)
+
+
+#: Marks tests of the stand-ins of plugins.
+compiled = pytest.mark.skipif(
+    sys.platform != "linux" or not stand_ins.compiler(), reason="needs a C compiler, on Linux"
+)
 
 
 def prosim(*arguments):
@@ -35,8 +61,11 @@ def done(*arguments):
     return result
 
 
-def refused(says, *arguments, folder, code=2):
-    """A command that has to fail with these words, and to write nothing."""
+def refused(says, *arguments, code=2, folder=None):
+    """A command that has to fail with these words, and to write nothing into a folder: that of its file, the second of
+    the ``arguments``.
+    """
+    folder = folder or arguments[1].parent
     before = names(folder)
     result = prosim(*arguments)
     assert result.exit_code == code and says in result.stderr and "Traceback" not in result.output, result.output
@@ -62,7 +91,13 @@ def pixels(path):
     return np.array(mi.Bitmap(str(path)))
 
 
-def facts(path):
+def alike(*paths):
+    """Whether the images of these names have the same bytes in the PNG and the same pixels in the EXR."""
+    images = {(path.with_suffix(".png").read_bytes(), pixels(path.with_suffix(".exr")).tobytes()) for path in paths}
+    return len(images) == 1
+
+
+def metadata(path):
     """The metadata of an image of ours."""
     header = OpenEXR.File(str(path.with_suffix(".exr")), header_only=True).header()
     return {name[7:]: value for name, value in header.items() if name.startswith("prosim.")}

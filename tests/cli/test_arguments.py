@@ -5,13 +5,20 @@ from running import refused
 
 #: What files of other kinds begin with.
 PNG, EXR = b"\x89PNG\r\n\x1a\n" + bytes(40), b"\x76\x2f\x31\x01" + bytes(40)
+OLD = EXR + b"prosim.state\0string\0"
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """Current folder, with a scene and images, no state and no part."""
     monkeypatch.chdir(tmp_path)
-    for name, content in [("mug.scn", b"SCENE"), ("mug.png", PNG), ("mug.0007.exr", EXR), ("night.exr", EXR)]:
+    for name, content in [
+        ("mug.scn", b"SCENE"),
+        ("mug.png", PNG),
+        ("mug.0007.exr", EXR),
+        ("night.exr", EXR),
+        ("old.state.exr", OLD),
+    ]:
         (tmp_path / name).write_bytes(content)
     (tmp_path / "scenes").mkdir()
     (tmp_path / "scenes" / "jug.xml").write_text("<scene/>")
@@ -36,6 +43,8 @@ def folder(tmp_path, monkeypatch):
         ("resume", "mug.png", "a PNG image, not the state of a render. prosim render --checkpoint"),
         ("resume", "mug.scn", "a text file, not the state of a render. prosim render --checkpoint"),
         ("resume", "night.exr", "an EXR image, not the state of a render. prosim render --checkpoint"),
+        ("resume", "old.state.exr", "a state that an older version wrote, not the state of a render. Continue it with"),
+        ("merge", "old.state.exr", "a state that an older version wrote, not a part of an image. Continue it with"),
         ("merge", "mug.scn", "a text file, not a part of an image. prosim render --part 1/4"),
         ("merge", "night.*-of-4.npz", "File 'night.*-of-4.npz' does not exist.\n"),
     ],

@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from running import prosim
+from running import done
 
 SCENE = """LIGHTS {light}
 VIEW RESOLUTION 8 6 WINDOW -4 -3 4 3 {view}
@@ -33,18 +33,15 @@ AREA = "AREA position 90 90 90 raio 4"
     ],
 )
 def test_black_pictures_say_why(tmp_path, light, view, says):
-    scene = tmp_path / "scene.scn"
     view, _, surface = view.partition("|")
-    scene.write_text(SCENE.format(light=light, view=view, surface=surface), encoding="utf-8")
-    done = prosim("render", scene, "--samples", 1)
-    assert done.exit_code == 0, done.output
-    assert ("the picture is black" in done.output) == (says is not None)
-    assert says is None or says in done.output
+    (tmp_path / "scene.scn").write_text(SCENE.format(light=light, view=view, surface=surface))
+    said = done("render", tmp_path / "scene.scn", "--samples", 1).output
+    assert ("the picture is black" in said) == (says is not None) and (says or "") in said
 
 
 def test_a_picture_shown_brighter_is_not_black(tmp_path):
-    scene = tmp_path / "scene.scn"
-    scene.write_text(SCENE.format(light=LAMP + " Intensity 3 3 3", view=VIEW, surface=""), encoding="utf-8")
-    said = prosim("render", scene, "--samples", 1, "--exposure", -9).output
+    (tmp_path / "scene.scn").write_text(SCENE.format(light=LAMP + " Intensity 3 3 3", view=VIEW, surface=""))
+    command = ["render", tmp_path / "scene.scn", "--samples", 1, "--exposure"]
+    said = done(*command, -9).output
     enough = re.search(r"the picture is black: its brightest value is .*--exposure (-?\d+) makes it bright", said)[1]
-    assert "black" not in prosim("render", scene, "--samples", 1, "--exposure", enough).output
+    assert "black" not in done(*command, enough).output

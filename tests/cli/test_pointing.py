@@ -3,6 +3,7 @@
 import re
 
 import pytest
+from mitsuba_prosim.scene.errors import with_line, with_suggestion
 from running import prosim
 
 XML = """<scene version="3.0.0">
@@ -33,8 +34,6 @@ def test_places_in_xml_have_a_caret(tmp_path, old, new, line, under):
 
 
 def test_the_plugin_that_is_meant_is_of_the_kind_that_is_named(variant_rgb):
-    from mitsuba_prosim.scene.errors import with_nearest
-
     words = 'failed to instantiate {} plugin of type "{}": [PluginManager] Plugin "{}" not found!'
     for kind, name, meant in [
         ("bsdf", "roughconductorr", " Did you mean roughconductor?"),
@@ -44,12 +43,10 @@ def test_the_plugin_that_is_meant_is_of_the_kind_that_is_named(variant_rgb):
         ("bsdf", "xyzzy", ""),
     ]:
         said = words.format(kind, name, name)
-        assert with_nearest(f"{said}\nmore") == f"{said}{meant}\nmore"
+        assert with_suggestion(f"{said}\nmore") == f"{said}{meant}\nmore"
 
 
 def test_no_line_of_another_folder_is_shown_by_a_scenes_own_words(tmp_path):
-    from mitsuba_prosim.scene.errors import pointed
-
     scene, part, secret = tmp_path / "scene" / "scene.xml", tmp_path / "scene" / "part.xml", tmp_path / "secret.xml"
     scene.parent.mkdir()
     for path in (secret, part):
@@ -59,22 +56,20 @@ def test_no_line_of_another_folder_is_shown_by_a_scenes_own_words(tmp_path):
     (tmp_path / "named.xml").symlink_to(part)
     for path, shown in ((secret, False), (scene.parent / "link.xml", False), (part, True), (scene, True)):
         words = f'could not parse floating point value "At "{path}" (line 1, col 2)"'
-        assert (pointed(words, scene) != words) == shown
+        assert (with_line(words, scene) != words) == shown
     words = f"While loading {tmp_path}/named.xml (line 1, col 2): wrong"
-    assert pointed(words, tmp_path / "named.xml").endswith("\n    <part/>\n     ^")
+    assert with_line(words, tmp_path / "named.xml").endswith("\n    <part/>\n     ^")
 
 
 def test_what_can_not_be_shown_is_said_alone(tmp_path):
     """Words without a place, or with one that is not there to be read."""
-    from mitsuba_prosim.scene.errors import pointed
-
     gone = f"At {tmp_path}/gone.xml (line 3, col 6): failed"
     for words in ("[Film] too wide", gone, 'Loading "a.ply" (line 1, col 1)'):
-        assert pointed(words) == words
+        assert with_line(words) == words
     short = tmp_path / "short.xml"
     short.write_text("<scene/>\n", encoding="utf-8")
     said = f"While loading {short} (line {{}}, col 2): wrong\n  - more"
-    assert pointed(said.format(9)) == said.format(9)
-    assert re.search(r"more\n    <scene/>\n     \^$", pointed(said.format(1)))
+    assert with_line(said.format(9)) == said.format(9)
+    assert re.search(r"more\n    <scene/>\n     \^$", with_line(said.format(1)))
     outer = f"Error while loading {tmp_path}/gone.xml (line 1, col 2): while processing <include>:\n"
-    assert pointed(outer + said.format(1)).endswith("     ^")
+    assert with_line(outer + said.format(1)).endswith("     ^")

@@ -12,7 +12,7 @@ from mitsuba_prosim.scene import session
 from mitsuba_prosim.stock_command import stand_ins
 from prosim_scene import extras
 from prosim_start import group
-from running import PALITO, XML, done, facts, names, pixels, prosim, refused
+from running import PALITO, XML, compiled, done, metadata, names, pixels, prosim, refused
 
 
 @pytest.mark.slow
@@ -40,7 +40,7 @@ def test_the_two_images_agree(scene):
     assert np.allclose(pixels(scene.with_suffix(".exr")), 0.25, atol=1e-6)
     srgb = 255 * (1.055 * 0.5 ** (1 / 2.4) - 0.055)
     assert np.all(np.abs(pixels(scene.with_suffix(".png")).astype(int) - srgb) <= 1)
-    assert facts(scene)["seed"] == "3" and facts(scene)["scene"] == str(scene)
+    assert metadata(scene)["seed"] == "3" and metadata(scene)["scene"] == str(scene)
 
 
 @pytest.mark.parametrize(
@@ -57,14 +57,14 @@ def test_a_wrong_scene_writes_nothing(scene, text, says):
     """Images of before stay."""
     scene.with_suffix(".exr").write_bytes(b"before")
     scene.write_text(text)
-    refused(says, "render", scene, folder=scene.parent)
+    refused(says, "render", scene)
     assert scene.with_suffix(".exr").read_bytes() == b"before"
 
 
 def test_a_wrong_scene_in_the_language(palito):
     palito.write_text(PALITO.read_text().replace("AREA-", "ARIA-").replace("LIGHTS", "LIHTS"))
     for command in "render", "translate", "format":
-        refused("LIGHTS", command, palito, folder=palito.parent)
+        refused("LIGHTS", command, palito)
 
 
 def test_translate_writes_all_or_nothing(palito):
@@ -96,13 +96,15 @@ def test_unknown_commands(palito):
         ("paint", ""),
         (palito, f"To render that file: prosim render {palito}"),
     ]:
-        refused(f"No such command '{word}'. {hint}".rstrip() + "\n", word, palito, folder=palito.parent)
+        refused(f"No such command '{word}'. {hint}".rstrip() + "\n", word, palito)
     assert "No such option" in prosim("--rneder").stderr
     completing = click.Context(group.prosim, resilient_parsing=True)
     assert group.prosim.resolve_command(completing, ["rneder"])[1] is None
 
 
 def test_the_help_has_groups_and_no_old_names():
+    for command in group.COMMANDS:
+        assert f"Usage: prosim {command}" in done(command, "-h").output and command in done("-h").output
     printed = prosim("render", "-h").output
     groups = [line[:-1] for line in printed.splitlines() if line.endswith(":") and not line.startswith(" ")]
     assert groups == ["Quality", "Output", "Scene", "Film", "Distribution", "Advanced", "Others"]
@@ -137,53 +139,26 @@ def test_doctor(monkeypatch):
     assert "compare needs no-such-package; to get it: pip install 'mitsuba-prosim[compare]'" in printed
 
 
-compiled = pytest.mark.skipif(
-    sys.platform != "linux" or not stand_ins.compiler(), reason="needs a C compiler, on Linux"
-)
-
-
 @compiled
-def test_link_and_unlink(own, tmp_path, monkeypatch):
-    folder, listed = tmp_path / "plugins", []
-    folder.mkdir()
-    (folder / "path.so").write_bytes(b"Mitsuba's own")
-    monkeypatch.setattr(stand_ins, "plugin_folder", lambda: folder)
-    monkeypatch.setattr(stand_ins, "record", listed.extend)
-    done("link")
-    assert {"prosim_conductor", "nrook", "prb"} <= set(stand_ins.installed())
-    assert {path.name for path in listed} | {"path.so"} == set(names(folder))
-    done("link", "--remove")
-    assert names(folder) == ["path.so"]
-
-
-@pytest.fixture
-def own(tmp_path, monkeypatch):
-    """A distribution "own" in ``tmp_path``, which ``prosim link`` takes for this package's."""
-    info = tmp_path / "own-1.dist-info"
-    info.mkdir()
+def test_link_and_unlink(tmp_path, monkeypatch):
+    """What is linked is in the list of files that pip removes: here that of a package "own"."""
+    info, folder = tmp_path / "own-1.dist-info", tmp_path / "plugins"
+    for made in info, folder:
+        made.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: own\nVersion: 1\n")
     (info / "RECORD").write_text("own-1.dist-info/RECORD,,\n")
-    monkeypatch.setattr(stand_ins, "distribution", lambda _: distribution("own"))
+    (folder / "path.so").write_bytes(b"Mitsuba's own")
     monkeypatch.syspath_prepend(tmp_path)
-    return tmp_path
-
-
-def test_record_lists_a_file_once(own):
-    """What pip removes on uninstalling."""
-    files = own / "mitsuba" / "plugins" / "a.so", own.parent / "elsewhere.so"
-    files[0].parent.mkdir(parents=True)
-    for file in files:
-        file.touch()  # what is not there is not listed, where importlib_metadata has been imported
+    monkeypatch.setattr(stand_ins, "distribution", lambda _: distribution("own"))
+    monkeypatch.setattr(stand_ins, "plugin_folder", lambda: folder)
     for _ in range(2):
-        stand_ins.record(files)
-    lines = (own / "own-1.dist-info" / "RECORD").read_text().splitlines()
-    assert lines[1:] == ["mitsuba/plugins/a.so,,", "../elsewhere.so,,"]
-
-
-@pytest.mark.parametrize("command", group.COMMANDS)
-def test_help(command):
-    assert f"Usage: prosim {command}" in done(command, "-h").output
-    assert command in prosim("-h").output
+        done("link")
+    linked = {*names(folder)} - {"path.so"}
+    assert {"prosim_conductor", "nrook", "prb"} <= set(stand_ins.installed()) == {name[:-3] for name in linked}
+    lines = (info / "RECORD").read_text().splitlines()[1:]
+    assert sorted(lines) == sorted(f"plugins/{name},," for name in linked)
+    done("link", "--remove")
+    assert names(folder) == ["path.so"]
 
 
 @pytest.mark.parametrize("compiler", ["/nowhere/cc", "false"])

@@ -4,10 +4,10 @@ import re
 
 import prosim_scene
 import pytest
-from mitsuba_prosim.cli import render_command as render
+from mitsuba_prosim.cli import render_commands
 from mitsuba_prosim.cli.job import Job
-from mitsuba_prosim.scene import scene_file, session
-from running import XML, done, facts, prosim, refused
+from mitsuba_prosim.scene import scene_file
+from running import XML, done, prosim, refused
 from tqdm import tqdm
 
 
@@ -33,40 +33,68 @@ from tqdm import tqdm
         ("--adaptive all", "graded"),
         ("--noise 0.1 --adaptive thesis", "--adaptive thesis does not"),
         ("--noise 0.1 -m scalar_rgb", "--noise: scalar_rgb"),
-        ("--light-units radiance", "--light-units is for scenes in the thesis's language"),
+        ("--light-units radiance", "light_units is for scenes in the thesis's language"),
+        ("--snapshots 0.1,4s", "errors or times, not both"),
+        ("--snapshots 0", "positive"),
+        ("--snapshots x", "X,X"),
+        ("--view vet", "'vet' is not of the form tev"),
+        ("--view tev --frames 0:2", "--view"),
+        ("--denoise --layers lights", "--denoise"),
+        ("--checkpoint", "--checkpoint needs prosim or prosim_adaptive"),
+        ("--checkpoint -m scalar_rgb", "--checkpoint: scalar_rgb"),
+        ("--part 1/2 -m scalar_rgb", "--part: scalar_rgb"),
+        ("--part 1/2 --time 2", "need the whole image"),
+        ("--part 1/2 --denoise", "--denoise needs the whole image"),
+        ("--part 3/2", "part 3 of 2"),
+        ("--part 3", "not of the form K/M"),
+        ("--workers 2 --cluster tcp://a:1", "give one of them"),
+        ("--workers 2 --part 1/2", "leave it out with a cluster"),
+        ("--workers 2 -m scalar_rgb", "--workers: scalar_rgb"),
+        ("--workers 2", "needs prosim or prosim_adaptive"),
+        ("--cluster localhost", "'localhost' is not of the form ADDRESS, such as tcp://machine:8786"),
+        ("--fps 3", "--fps is for films"),
+        ("--anew", "--overwrite is for films"),
+        ("--frames 3:3", "B has to be more than A"),
+        *[(f"--frames={frames}", "not of the form A:B[:STEP]") for frames in ("-1:3", "9:0:-1", "a:b", "0:3:1:1")],
+        ("--frames 0:3 -D frame=3", "-D frame=... and --frames both define $frame"),
+        ("--frames 0:3 --part 1/2", "--part is for single images"),
+        ("--frames 0:3 --workers 2 -m scalar_rgb", "--workers: scalar_rgb"),
+        ("--frames 0:2", "uses neither $frame nor $time"),
     ],
 )
 def test_wrong_use(scene, arguments, says):
-    refused(says, "render", scene, *arguments.split(), folder=scene.parent)
+    refused(says, "render", scene, *arguments.split())
 
 
 def test_resolution_of_a_scene_that_no_film_can_hold(palito):
     palito.write_text(re.sub(r"RESOLUTION\W*\d+ \d+", "RESOLUTION: 65536 65536", palito.read_text()))
-    refused("too many pixels", "render", palito, "--tolerance", 1000, folder=palito.parent)
-
-
-def test_a_variant_that_this_machine_cannot_run(scene, monkeypatch):
-    monkeypatch.setattr(session, "has_backend", lambda variant: not variant.startswith("cuda"))
-    refused("needs an NVIDIA GPU", "render", scene, "-m", "cuda_ad_rgb", folder=scene.parent, code=1)
+    refused("too many pixels", "render", palito, "--tolerance", 1000)
 
 
 @pytest.mark.parametrize("suffix", [".scn", ".xml"])
 def test_parameters_of_the_integrator(palito, tmp_path, variant_rgb, suffix):
     scene = palito if suffix == ".scn" else prosim_scene.translate(palito)
-    for asked, samples, expected in [
-        ({"paths": True}, None, ["diffuse_bounces = -1", "max_level = -1"]),
+    for asked, expected in [
+        ({"paths": True}, ["diffuse_bounces = -1", "max_level = -1"]),
         (
-            {"paths": True, "max_level": 2, "threshold": 0.5},
-            2,
+            {"paths": True, "max_level": 2, "threshold": 0.5, "samples": 2},
             ["diffuse_bounces = -1", "max_level = 2", "threshold = 0.5", "samples = 2"],
         ),
-        ({"max_level": 0}, None, ["diffuse_bounces = 0", "max_level = 0"]),
+        ({"max_level": 0}, ["diffuse_bounces = 0", "max_level = 0"]),
     ]:
-        loaded = scene_file.SceneFile(
-            scene, tmp_path / "out", samples=samples, integrator=Job(**asked).integrator
-        ).load()
+        loaded = scene_file.SceneFile(scene, tmp_path / "out", integrator=Job(**asked).integrator).load()
         assert [text for text in expected if text not in str(loaded.integrator())] == []
         assert (loaded.integrator().ambient is None) == ("paths" in asked)
+
+
+def test_the_number_of_samples_has_one_name(palito, tmp_path, variant_rgb):
+    """It is a parameter of the integrator, also where the translation needs it; another one is an error."""
+    file = scene_file.SceneFile(palito, tmp_path / "out", integrator={"samples": 3})
+    loaded = file.load()
+    assert loaded.integrator().sampling.samples == 3 and loaded.sensors()[0].sampler().sample_count() == 9
+    for path, error in (palito, TypeError), (file.xml, ValueError):
+        with pytest.raises(error, match="samples"):
+            scene_file.SceneFile(path, tmp_path / "out", integrator={"samples": 3}, samples=2)
 
 
 @pytest.mark.parametrize("written", ["", "CAUSTICS TRUE\n"])
@@ -79,19 +107,13 @@ def test_the_command_goes_before_the_scene_in_caustics(palito, tmp_path, variant
 
 def test_the_command_line_makes_a_job(scene, monkeypatch):
     jobs = []
-    monkeypatch.setattr(render, "write_image", lambda job, *_, **__: jobs.append(job))
+    monkeypatch.setattr(render_commands, "write_image", lambda job, *_, **__: jobs.append(job))
     for options in "", "--caustics", "--no-caustics --noise 0.01", "-D a=1 -D b=2=3 --noise-99.9 0.5 -vv":
         assert prosim("render", scene, *options.split()).exit_code == 0
     expected = {}, {"caustics": True}, {"caustics": False, "noise": 0.01, "adaptive": "graded"}
     assert tuple(job.integrator for job in jobs[:3]) == expected
     assert jobs[0] == Job(scene=str(scene), variant=jobs[0].variant, definitions={})
     assert (jobs[3].definitions, jobs[3].noise_999, jobs[3].verbose) == ({"a": "1", "b": "2=3"}, 0.5, 2)
-
-
-@pytest.mark.slow
-def test_paths_are_rendered(palito):
-    done("render", palito, "--resolution", "8x8", "--samples", 1, "--paths")
-    assert "diffuse_bounces = -1" in facts(palito)["integrator"]
 
 
 @pytest.mark.parametrize(

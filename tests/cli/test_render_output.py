@@ -12,11 +12,11 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim import atomic
-from mitsuba_prosim.cli import output_files as output
+from mitsuba_prosim.cli import files
 from mitsuba_prosim.cli.interrupts import interruptible
 from mitsuba_prosim.engine.plan import Plan
 from mitsuba_prosim.scene import rendering
-from running import XML, at_step, done, facts, names, pixels, prosim, refused
+from running import at_step, done, metadata, names, pixels, prosim, refused, scene_text
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,7 @@ def test_names_of_images(tmp_path, monkeypatch, given, stem):
     monkeypatch.setenv("HOME", str(tmp_path))
     (tmp_path / "there").mkdir()
     for place in tmp_path, "~":
-        found = output.stem(given and f"{place}/{given}", tmp_path / "c.d", (".exr", ".png"))
+        found = files.output_stem(given and f"{place}/{given}", tmp_path / "c.d", (".exr", ".png"))
         assert found == tmp_path / stem
 
 
@@ -51,12 +51,16 @@ def test_names_of_images(tmp_path, monkeypatch, given, stem):
         ("compare", "{}/x.png", ".html and .json"),
         ("translate", "{}/pal.xml", "give a folder"),
         ("translate", "{}/" + "a" * 260, "File name too long"),
+        ("render", "/proc/image", "No such file"),
+        *[("render", "{}/" + name, "too long") for name in ("a" * 252, "é" * 126)],
+        ("render", "{}/listing.scn/a", "Not a directory"),
     ],
 )
-def test_wrong_places(palito, command, given, says):
+def test_wrong_places(palito, monkeypatch, command, given, says):
+    """They are found before the render."""
+    monkeypatch.setattr(rendering, "progressive", lambda *_, **__: pytest.fail("has rendered"))
     os.mkfifo(palito.with_name("pipe"))
-    folder = palito.parent
-    refused(says.format(folder), command, palito, "-o", given.format(folder), folder=folder)
+    refused(says, command, palito, "-o", given.format(palito.parent))
 
 
 def test_a_device_is_not_overwritten(palito):
@@ -66,33 +70,19 @@ def test_a_device_is_not_overwritten(palito):
     for name in ("listing.png", "listing.xml"):
         palito.with_name(name).symlink_to(pipe)
     for command in ("render", "translate"):
-        refused("this is a device or a pipe, not a file", command, palito, folder=palito.parent)
+        refused("this is a device or a pipe, not a file", command, palito)
     assert pipe.is_fifo()
 
 
 def test_no_input_is_overwritten(palito, variant_rgb):
     """The scene, and a picture under its name."""
     scene = palito.rename(palito.with_name("scene.png"))
-    refused(f"{scene} is an input of this command", "render", scene, folder=scene.parent)
+    refused(f"{scene} is an input of this command", "render", scene)
     scene.rename(palito)
     sky = palito.with_name("listing.png")
     mi.Bitmap(np.full((2, 4, 3), 9, np.uint8)).write(str(sky))
     palito.write_text(re.sub("(BACKGROUND:.*) NULL", r"\1 listing.png", palito.read_text()))
-    refused(f"{sky} is an input of this command", "render", palito, folder=palito.parent)
-
-
-@pytest.mark.parametrize(
-    "place, says",
-    [
-        ("/proc/image", "No such file"),
-        ("a" * 252, "too long"),
-        ("é" * 126, "too long"),
-        ("scene.xml/a", "Not a directory"),
-    ],
-)
-def test_a_place_is_checked_before_the_render(scene, monkeypatch, place, says):
-    monkeypatch.setattr(rendering, "progressive", lambda *_, **__: pytest.fail("has rendered"))
-    refused(says, "render", scene, "-o", scene.parent / place, folder=scene.parent)
+    refused(f"{sky} is an input of this command", "render", palito)
 
 
 def test_an_image_is_rescued_from_a_full_disk(scene, monkeypatch, tmp_path_factory):
@@ -112,8 +102,8 @@ def test_an_image_is_rescued_from_a_full_disk(scene, monkeypatch, tmp_path_facto
     assert pixels(folder / "scene.exr").shape == (8, 12, 3)
 
 
-BANDS = XML.replace(
-    '"path"/>', '"prosim"><integer name="samples" value="2"/><integer name="band" value="48"/></integrator>'
+BANDS = scene_text(
+    '<integrator type="prosim"><integer name="samples" value="2"/><integer name="band" value="48"/></integrator>'
 )
 
 
@@ -127,7 +117,7 @@ def test_a_signal_keeps_the_image_so_far(scene, monkeypatch, number):
     assert signal.getsignal(number) is before
     image = pixels(scene.with_suffix(".exr"))
     assert image[0].min() > 0 and image[-1].min() > 0
-    assert float(facts(scene)["samples"]) < 2  # in the last rows one
+    assert float(metadata(scene)["samples"]) < 2  # in the last rows one
 
 
 def test_a_signal_before_the_first_sample_writes_nothing(scene, monkeypatch):
@@ -140,7 +130,7 @@ def test_a_signal_before_the_first_sample_writes_nothing(scene, monkeypatch):
 
     monkeypatch.setattr(Plan, "of", interrupted)
     scene.write_text(BANDS)
-    refused("Interrupted before the first sample", "render", scene, folder=scene.parent, code=130)
+    refused("Interrupted before the first sample", "render", scene, code=130)
 
 
 def test_stop_is_called_again_until_the_end(monkeypatch, capfd):
@@ -166,14 +156,13 @@ def test_ignored_and_other_signals_stop_nothing(scene, monkeypatch, number, hand
         done("render", scene)
     finally:
         signal.signal(number, before)
-    assert len(steps) > 1 and float(facts(scene)["samples"]) >= 2
+    assert len(steps) > 1 and float(metadata(scene)["samples"]) >= 2
 
 
+@pytest.mark.slow
 def test_a_signal_is_heard_while_mitsubas_own_integrator_renders(scene):
     """It holds up Python's signal handlers until it is done, which would take minutes."""
-    scene.write_text(
-        XML.replace('"4"', '"65536"').replace('"12"', '"512"').replace('"8"', '"512"').replace("nrook", "independent")
-    )
+    scene.write_text(scene_text(width=512, height=512, sampler="independent", spp=65536))
     with subprocess.Popen(
         [sys.executable, "-m", "prosim_start", "render", scene, "-m", "scalar_rgb", "-v"],
         stdout=subprocess.PIPE,

@@ -1,43 +1,19 @@
 """``prosim render --checkpoint`` and ``--part``, ``prosim resume`` and ``prosim merge``."""
 
 import json
-import random
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
-from mitsuba_prosim.engine import origin
+from mitsuba_prosim.engine import environment
 from mitsuba_prosim.engine.checkpoint import CheckpointWriter
-from running import done, names, pixels, prosim, refused
-from test_render_targets import NOISY
-
-LAMP = (
-    NOISY.replace(
-        '"path"/>', '"prosim_adaptive"><integrator type="path"/><integer name="band" value="100"/></integrator>'
-    )
-    .replace('"12"', '"32"')
-    .replace('"8"', '"24"')
-)
+from running import LAMP, alike, done, names, prosim, refused
 
 
 @pytest.fixture
 def lamp(scene):
     scene.write_text(LAMP)
     return scene
-
-
-def refuse(says, *arguments):
-    """``arguments``: a command, a file beside which nothing may be written, and options."""
-    refused(says, *arguments, folder=arguments[1].parent)
-
-
-def alike(*paths):
-    first, *others = (
-        (path.with_suffix(".png").read_bytes(), pixels(path.with_suffix(".exr")).tobytes()) for path in paths
-    )
-    return all(first == other for other in others)
 
 
 def change(path, **values):
@@ -84,7 +60,7 @@ def test_another_target_and_another_place(lamp, tmp_path):
     moved = tmp_path / "elsewhere"
     moved.mkdir()
     lamp.rename(moved / "lamp.xml")
-    refuse("scene.xml does not exist, nor does the folder of", "resume", tmp_path / "a.state.npz")
+    refused("scene.xml does not exist, nor does the folder of", "resume", tmp_path / "a.state.npz")
     report = done("resume", tmp_path / "a.state.npz", "--noise", 0.02, "--scene", moved / "lamp.xml", "-o", moved / "b")
     assert re.search(r"noise 0\.0\d+ of 0\.02", report.stdout)
     third = moved.rename(tmp_path / "third")  # beside the state it is found
@@ -96,41 +72,25 @@ def test_what_does_not_belong_together_is_refused(lamp, tmp_path):
     state = tmp_path / "a.state.npz"
     done("render", lamp, "-o", tmp_path / "a", "--checkpoint")
     lamp.write_text(LAMP.replace('value="9"', 'value="8"', 1))
-    refuse("scene.xml is not the scene of this state", "resume", state)
+    refused("scene.xml is not the scene of this state", "resume", state)
     lamp.write_text(LAMP.replace("<scene", "<!-- the same --><scene", 1))
     assert "It was finished before. To improve it" in done("resume", state).stdout
-    refuse(f"not the state of a render. Did you mean {state}?", "resume", tmp_path / "a.exr")
-    refuse("the state of a render, not a scene. To continue it: prosim resume ", "render", state)
-    refuse("is the state of a render, not a part of an image", "merge", state)
+    refused(f"not the state of a render. Did you mean {state}?", "resume", tmp_path / "a.exr")
+    refused("the state of a render, not a scene. To continue it: prosim resume ", "render", state)
+    refused("is the state of a render, not a part of an image", "merge", state)
     for name, value, says in [
-        ("origin", origin.here() | {"mitsuba-prosim": "0.0.9"}, "mitsuba-prosim 0.0.9 there"),
-        ("origin", origin.here() | {"variant": "llvm_other"}, "llvm_other"),
+        ("environment", environment.this_environment() | {"mitsuba-prosim": "0.0.9"}, "mitsuba-prosim 0.0.9 there"),
+        ("environment", environment.this_environment() | {"variant": "llvm_other"}, "llvm_other"),
         ("about", {}, "prosim render did not write this state"),
     ]:
         done("render", lamp, "-o", tmp_path / "a", "--checkpoint")
         change(state, **{name: value})
-        refuse(says, "resume", state)
-
-
-@pytest.mark.parametrize(
-    "options, says",
-    [
-        ("--checkpoint -m scalar_rgb", "--checkpoint: scalar_rgb"),
-        ("--part 1/2 -m scalar_rgb", "--part: scalar_rgb"),
-        ("--part 1/2 --time 2", "need the whole image"),
-        ("--part 3/2", "part 3 of 2"),
-        ("--part 3", "not of the form K/M"),
-        ("--checkpoint", "--checkpoint needs prosim or prosim_adaptive"),
-        ("--denoise --part 1/2", "--denoise needs the whole image"),
-    ],
-)
-def test_wrong_use(scene, options, says):
-    refuse(says, "render", scene, *options.split())
+        refused(says, "resume", state)
 
 
 def test_noise_of_the_scene_with_a_part(lamp):
     lamp.write_text(LAMP.replace('"path"/>', '"path"/><float name="noise" value="0.1"/>'))
-    refuse("limits noise and time", "render", lamp, "--part", "1/2")
+    refused("limits noise and time", "render", lamp, "--part", "1/2")
 
 
 def test_parts_make_the_image_and_it_is_continued(lamp, tmp_path, monkeypatch):
@@ -141,47 +101,18 @@ def test_parts_make_the_image_and_it_is_continued(lamp, tmp_path, monkeypatch):
         assert report.startswith(f"{tmp_path}/a.{number}-of-3.npz: part {number} of 3, 32 x 24 pixels")
     first, second, third = parts = [tmp_path / f"a.{number}-of-3.npz" for number in (1, 2, 3)]
     assert not (tmp_path / "a.exr").exists()
-    refuse("of 3 parts, these are missing: 2", "merge", first, third)
+    refused("of 3 parts, these are missing: 2", "merge", first, third)
     assert f"can be removed: {tmp_path}/a.state.npz" in done("merge", third, first, second, "--checkpoint").stdout
     assert alike(tmp_path / "whole", tmp_path / "a")
     # All that a small noise begins with is in the parts.
     report = done("resume", tmp_path / "a.state.npz", "-o", tmp_path / "on", "--noise", 0.00005, "--adaptive", "graded")
     assert re.search(r"noise \S+ of 5e-05", report.stdout)
-    refuse("all parts of an image have one target", "resume", second, "--noise", 0.01)
+    refused("all parts of an image have one target", "resume", second, "--noise", 0.01)
     with monkeypatch.context() as patch:
         die_after(patch, 2)
         assert prosim("render", lamp, "-o", tmp_path / "a", "--part", "2/3", *every).exit_code != 0
-    refuse("a.2-of-3.npz is not finished", "merge", *parts)
+    refused("a.2-of-3.npz is not finished", "merge", *parts)
     done("resume", second)
     assert f"finished: prosim merge {tmp_path}/a.*-of-3.npz\n" in done("resume", second).stdout
     assert "can be removed, unless" in done("merge", *parts, "-o", tmp_path / "b").stdout
     assert alike(tmp_path / "whole", tmp_path / "b")
-
-
-#: States are written more often than usual, so that there is something to continue.
-OFTEN = (
-    "from mitsuba_prosim.engine.checkpoint import CheckpointWriter as W; W.SHORTEST, W.SHARE = 0.1, 1; "
-    "from prosim_start import main; main()"
-)
-
-
-@pytest.mark.slow
-def test_killed_at_any_moment_and_continued(lamp, tmp_path):
-    """By the signal that none can handle."""
-    lamp.write_text(LAMP.replace('"32"', '"128"').replace('"24"', '"128"'))
-    target, state = ["--noise", "0.006"], tmp_path / "a.state.npz"
-    done("render", lamp, "-o", tmp_path / "whole", *target)
-    chance, killed = random.Random(1), 0
-    while True:
-        arguments = (
-            ["resume", state] if state.exists() else ["render", lamp, "--checkpoint", "-o", tmp_path / "a", *target]
-        )
-        command = [sys.executable, "-c", OFTEN, *map(str, arguments)]
-        with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
-            try:
-                assert process.wait(timeout=chance.uniform(1, 2) if killed < 2 else 100) == 0
-                break
-            except subprocess.TimeoutExpired:
-                process.kill()
-                killed += 1
-    assert killed >= 1 and alike(tmp_path / "whole", tmp_path / "a")

@@ -7,8 +7,8 @@ import threading
 import numpy as np
 import pytest
 from mitsuba_prosim.cli import tev
-from mitsuba_prosim.live import throttle
-from running import pixels, prosim
+from mitsuba_prosim.live import publisher
+from running import done, pixels, refused
 
 pytest.importorskip("tevclient", reason="tevclient is not installed (it needs Python 3.11)")
 
@@ -27,6 +27,7 @@ class Tev:
 
     def listen(self):
         connection, _ = self.socket.accept()
+        connection.settimeout(None)  # that of the process may be another's just now
         with connection:
             while len(self.heard) < self.end and (more := connection.recv(1 << 16)):
                 self.heard += more
@@ -44,11 +45,10 @@ class Tev:
 
 
 def test_waves_are_sent_and_the_last_is_the_image(palito, monkeypatch):
-    monkeypatch.setattr(throttle, "INTERVAL", 0.0)
-    monkeypatch.setattr(throttle, "SHARE", 1e9)
+    monkeypatch.setattr(publisher, "DRAW_INTERVAL", 0.0)
+    monkeypatch.setattr(publisher, "DRAW_SHARE", 1e9)
     viewer = Tev()
-    done = prosim("render", palito, "--resolution", "24x16", "--samples", 2, "--view", viewer.place)
-    assert done.exit_code == 0, done.output
+    done("render", palito, "--resolution", "24x16", "--samples", 2, "--view", viewer.place)
     (kind, first), *updates = viewer.packets()
     assert kind == CREATE and first[1:9] == b"listing\0" and struct.unpack("<3i", first[9:21]) == (24, 16, 3)
     assert {kind for kind, _ in updates} == {UPDATE} and len(updates) > 2
@@ -59,19 +59,15 @@ def test_waves_are_sent_and_the_last_is_the_image(palito, monkeypatch):
 def test_a_tev_that_is_not_there_or_goes_away(scene, tmp_path, monkeypatch):
     with socket.create_server(("127.0.0.1", 0)) as unused:
         port = unused.getsockname()[1]
-    done = prosim("render", scene, "--view", f"tev=127.0.0.1:{port}")
-    assert done.exit_code == 1 and f"no tev at 127.0.0.1:{port}" in done.stderr
-    assert not scene.with_suffix(".exr").exists()
+    refused(f"no tev at 127.0.0.1:{port}", "render", scene, "--view", f"tev=127.0.0.1:{port}", code=1)
     viewer = Tev(end=1)
-    done = prosim("render", scene, "--view", viewer.place, "--resolution", "640x480", "--spp", 1)
-    assert done.exit_code == 0 and "tev has gone" in done.stderr and scene.with_suffix(".exr").exists()
+    said = done("render", scene, "--view", viewer.place, "--resolution", "640x480", "--spp", 1).stderr
+    assert "tev has gone" in said and scene.with_suffix(".exr").exists()
     viewer.packets()
     # One that is there, but takes nothing: stopped, or at the end of a line that is cut.
     monkeypatch.setattr(tev, "SOCKET_TIMEOUT", 0.3)
     with socket.create_server(("127.0.0.1", 0)) as deaf:
         deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 12)
         place = f"tev=127.0.0.1:{deaf.getsockname()[1]}"
-        done = prosim("render", scene, "--view", place, "--resolution", "960x720", "--spp", 1)
-    assert done.exit_code == 0 and "tev has gone (timed out)" in done.stderr
-    assert prosim("render", scene, "--view", "vet").exit_code == 2
-    assert prosim("render", scene, "--view", "tev", "--frames", "0:2").exit_code == 2
+        said = done("render", scene, "--view", place, "--resolution", "960x720", "--spp", 1).stderr
+    assert "tev has gone (timed out)" in said

@@ -7,8 +7,7 @@ A process stands for Windows that says it is on Windows, and has none of these m
 import subprocess
 import sys
 
-import pytest
-from running import XML
+from running import names, scene_text
 
 #: What Windows lacks. (``os.set_blocking`` it has from Python 3.12 on; before, the signal module needs none there.)
 MODULES = "fcntl grp posix pty pwd resource syslog termios tty"
@@ -64,26 +63,16 @@ IMPORT_ALL = """
 
 RENDER = """
     from prosim_start import main
+    from prosim_start.group import prosim
+    prosim([*sys.argv[1:], "-m", "scalar_rgb"], standalone_mode=False)
     main()
     """
 
 
-def windows(code, *arguments):
-    return subprocess.run(
-        [sys.executable, "-c", WINDOWS + code, *map(str, arguments)], check=False, capture_output=True, text=True
-    )
-
-
-def test_every_module_is_imported():
-    done = windows(IMPORT_ALL)
+def test_every_module_is_imported_and_a_scene_is_rendered(tmp_path):
+    """With a log, in a scalar variant and in the usual one."""
+    (tmp_path / "scene.xml").write_text(scene_text('<integrator type="prosim"/>'))
+    command = [sys.executable, "-c", WINDOWS + IMPORT_ALL + RENDER, "render", tmp_path / "scene.xml", "-v"]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-
-
-@pytest.mark.parametrize("variant", ["scalar_rgb", "llvm_ad_rgb"])
-def test_a_scene_is_rendered(tmp_path, variant):
-    """With a leftover of a killed run beside it, and a log."""
-    (tmp_path / "scene.xml").write_text(XML.replace('"path"', '"prosim"'))
-    done = windows(RENDER, "render", tmp_path / "scene.xml", "-m", variant, "-v")
-    assert done.returncode == 0, done.stderr
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["scene.exr", "scene.png", "scene.xml"]
-    assert "INFO" in done.stderr
+    assert names(tmp_path) == ["scene.exr", "scene.png", "scene.xml"] and "INFO" in done.stderr

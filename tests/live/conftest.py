@@ -4,6 +4,13 @@ import pytest
 from little import BROWSER, LITTLE, watching
 
 
+@pytest.fixture
+def path(tmp_path):
+    path = tmp_path / "little.scn"
+    path.write_text(LITTLE)
+    return path
+
+
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
     path = tmp_path_factory.mktemp("watched") / "little.scn"

@@ -1,6 +1,7 @@
 """A little scene, and ``prosim watch`` of it as a process."""
 
-import os
+import http.client
+import json
 import select
 import shutil
 import signal
@@ -9,9 +10,12 @@ import sys
 import threading
 import time
 from contextlib import contextmanager
+from urllib.parse import urlsplit
 
+import numpy as np
+from mitsuba_prosim.live.loaded_scene import LoadedScene
 from mitsuba_prosim.live.viewer import Viewer
-from mitsuba_prosim.scene.scene_file import SceneFile, pick_sensor
+from mitsuba_prosim.scene.scene_file import SceneFile
 
 #: Its path; None where there is none.
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
@@ -53,7 +57,49 @@ def watching(scene, *options):
                 try:
                     process.wait(20)
                 except subprocess.TimeoutExpired:
-                    os.kill(process.pid, signal.SIGKILL)
+                    process.kill()
+
+
+def ask(address, path="", method="GET", **headers):
+    """An answer of the page's server and its content; what is not given as a header is as a browser would say it."""
+    url = urlsplit(address)
+    connection = http.client.HTTPConnection("127.0.0.1", url.port, timeout=60)
+    connection.request(method, url.path + path, headers={"Host": url.netloc} | headers)
+    answer = connection.getresponse()
+    content = answer.read() if path != "events" else answer.readline()
+    connection.close()
+    return answer, content
+
+
+def state_when(address, status):
+    """The state of the page's viewer, as soon as its status is this."""
+    until(lambda: json.loads(ask(address, "events")[1].removeprefix(b"data: "))["status"] == status)
+    return json.loads(ask(address, "events")[1].removeprefix(b"data: "))
+
+
+@contextmanager
+def opened(browser, address, **options):
+    """A page in the browser, which may say nothing on its console and ask nobody but its own server."""
+    page, said, asked = browser.new_page(**options), [], []
+    page.on("console", lambda message: said.append(message.text))
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(address)
+    try:
+        yield page
+    finally:
+        page.close()
+    assert said == [] and all(url.startswith((address, "blob:", "data:")) for url in asked)
+
+
+def shown(page, canvas="own"):
+    """The pixels of a canvas, shape (height, width, 3)."""
+    width, height, data = page.evaluate(
+        """id => { const c = document.getElementById(id);
+        return [c.width, c.height, [...c.getContext("2d").getImageData(0, 0, c.width, c.height).data]]; }""",
+        canvas,
+    )
+    return np.array(data).reshape(height, width, 4)[..., :3]
 
 
 @contextmanager
@@ -63,13 +109,12 @@ def running(path, opened=lambda: None, **options):
     ``opened`` is called when the scene has been read, before the viewer has it.
     """
 
-    def opener():
-        file = SceneFile(path, path.parent / "scratch")
-        scene = file.load()
+    def open_scene():
+        scene = LoadedScene(SceneFile(path, path.parent / "scratch"))
         opened()
-        return file, scene, pick_sensor(scene, 0)
+        return scene
 
-    viewer = Viewer(path, opener, **options)
+    viewer = Viewer(path, open_scene, **options)
     publisher, publish = viewer.publisher, viewer.publisher.publish
     publisher.said = []
 

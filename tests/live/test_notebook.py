@@ -12,17 +12,9 @@ import nbformat
 import numpy as np
 import prosim_scene
 import pytest
-from little import LITTLE
 from mitsuba_prosim.live import notebook
 from mitsuba_prosim.live.progressive_image import ProgressiveImage
 from nbclient import NotebookClient
-
-
-@pytest.fixture
-def path(tmp_path):
-    path = tmp_path / "little.scn"
-    path.write_text(LITTLE)
-    return path
 
 
 def test_without_a_variant_it_says_what_to_do(path, monkeypatch):

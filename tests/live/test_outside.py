@@ -24,14 +24,14 @@ def test_a_scene_in_xml_names_files_of_its_folder_alone(variant_rgb, tmp_path, m
         yield "nowhere"
 
     class Viewer(viewer.Viewer):
-        def __init__(self, path, opener, *others):
-            super().__init__(path, opener, *others)
-            self.run = lambda: opened.append(opener())
+        def __init__(self, path, open_scene, *others):
+            super().__init__(path, open_scene, *others)
+            self.run = lambda: opened.append(open_scene().scene)
 
     monkeypatch.setattr(server, "served", served)
     monkeypatch.setattr(viewer, "Viewer", Viewer)
     done = CliRunner().invoke(group.prosim, ["watch", str(scene), "--no-browser", "-m", mi.variant(), *options])
     if options:
-        assert done.exit_code == 0 and isinstance(opened[0][1], mi.Scene), done.output
+        assert done.exit_code == 0 and isinstance(opened[0], mi.Scene), done.output
     else:
         assert isinstance(done.exception, OutsideError) and "--allow-outside" in str(done.exception)

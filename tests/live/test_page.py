@@ -6,7 +6,7 @@ import signal
 import mitsuba as mi
 import numpy as np
 import pytest
-from little import BROWSER, LITTLE, until, watching
+from little import BROWSER, LITTLE, opened, shown, until, watching
 
 pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome on this machine")]
 
@@ -15,18 +15,9 @@ LONG = LITTLE.replace("NSAMPLES: 2", "NSAMPLES: 40")
 
 @pytest.fixture
 def page(browser, address):
-    page = browser.new_page(viewport={"width": 1400, "height": 900})
-    said = []
-    page.on("console", lambda message: said.append(message.text))
-    page.on("pageerror", lambda error: said.append(str(error)))
-    asked = []
-    page.on("request", lambda request: asked.append(request.url))
-    page.goto(address)
-    is_(page, "done")
-    yield page
-    page.close()
-    assert said == []
-    assert all(url.startswith((address, "blob:", "data:")) for url in asked)
+    with opened(browser, address, viewport={"width": 1400, "height": 900}) as page:
+        is_(page, "done")
+        yield page
 
 
 def is_(page, doing):
@@ -35,25 +26,35 @@ def is_(page, doing):
     until(lambda: page.get_attribute("#own", "data-number") == page.get_attribute("body", "data-newest"))
 
 
-def shown(page, canvas="own"):
-    """The pixels of a canvas, shape (height, width, 3)."""
-    width, height, data = page.evaluate(
-        """id => { const c = document.getElementById(id);
-        return [c.width, c.height, [...c.getContext("2d").getImageData(0, 0, c.width, c.height).data]]; }""",
-        canvas,
-    )
-    return np.array(data).reshape(height, width, 4)[..., :3]
+def decoded(content):
+    """The pixels of an image file."""
+    stream = mi.MemoryStream()
+    stream.write(content)
+    stream.seek(0)
+    return np.array(mi.Bitmap(stream)).astype(int)
 
 
 def seen(page):
     """The pixels of the screen where the picture is, shape (height, width, 3)."""
-    stream = mi.MemoryStream()
-    stream.write(page.screenshot())
-    stream.seek(0)
-    x, y, width, height = (
-        round(page.locator("#picture").bounding_box()[name]) for name in ("x", "y", "width", "height")
-    )
-    return np.array(mi.Bitmap(stream))[y : y + height, x : x + width, :3].astype(int)
+    x, y, width, height = (round(box(page)[name]) for name in ("x", "y", "width", "height"))
+    return decoded(page.screenshot())[y : y + height, x : x + width, :3]
+
+
+def box(page):
+    """Where the picture is."""
+    return page.locator("#picture").bounding_box()
+
+
+def press(page, key, on="#stage"):
+    page.focus(on)
+    page.keyboard.press(key)
+
+
+def drag(page, start, end):
+    page.mouse.move(*start)
+    page.mouse.down()
+    page.mouse.move(*end)
+    page.mouse.up()
 
 
 def caret_in_view(page):
@@ -87,10 +88,7 @@ def test_a_picture_as_the_png_has_it(page, address):
     for stops in ("0", "-1"):
         page.fill("#exposure", stops)
         png = page.request.get(f"{address}save/png?exposure={stops}").body()
-        stream = mi.MemoryStream()
-        stream.write(png)
-        stream.seek(0)
-        assert np.abs(shown(page) - np.array(mi.Bitmap(stream)).astype(int)).max() <= 1
+        assert np.abs(shown(page) - decoded(png)).max() <= 1
     page.click("#neutral")
     assert page.input_value("#exposure") == "0" and page.is_disabled("#neutral")
     with page.expect_download() as download:
@@ -108,8 +106,7 @@ def test_values_layers_and_keys(page):
         r"\(\d+, \d+\) · RGB [\d.]+ [\d.]+ [\d.]+ · error [\d.e-]+ · \d samples", page.inner_text("#pixel")
     )
     picture = shown(page)
-    page.focus("input[value=final]")
-    page.keyboard.press("ArrowRight")  # the next radio button
+    press(page, "ArrowRight", "input[value=final]")  # the next radio button
     until(lambda: page.get_attribute("#own", "data-layer") == "error")
     assert not np.array_equal(shown(page), picture)
     white = page.evaluate("async () => Number((await fetch('layer/own/error')).headers.get('X-White'))")
@@ -118,36 +115,31 @@ def test_values_layers_and_keys(page):
         marks = [mark.split()[0] for mark in page.locator("#scale span").all_inner_texts()]
         ends = [white / 2 ** int(stops) * part for part in (0, 0.25, 1)]
         assert [float(mark) for mark in marks] == pytest.approx(ends, rel=0.05)
-    page.focus("input[value=error]")
-    page.keyboard.press("ArrowRight")
+    press(page, "ArrowRight", "input[value=error]")
     until(lambda: page.get_attribute("#own", "data-layer") == "samples")
     assert page.locator("#scale span").all_inner_texts() == ["0", "1", "4 or more"]
     page.keyboard.press("Home")
     page.check("input[value=final]", force=True)
     until(lambda: np.array_equal(shown(page), picture))
     assert page.is_hidden("#scale")
-    fitted = page.locator("#picture").bounding_box()
-    page.focus("#stage")
-    page.keyboard.press("1")
-    assert page.locator("#picture").bounding_box()["width"] == 64
+    fitted = box(page)
+    press(page, "1")
+    assert box(page)["width"] == 64
     page.keyboard.press("Tab")  # there is no frame around it
     assert np.array_equal(seen(page), picture)
-    page.focus("#stage")
-    page.keyboard.press("+")
-    assert page.locator("#picture").bounding_box()["width"] == 80
-    x = page.locator("#picture").bounding_box()["x"]
+    press(page, "+")
+    assert box(page)["width"] == 80
+    x = box(page)["x"]
     page.keyboard.press("ArrowRight")
-    assert page.locator("#picture").bounding_box()["x"] == x - 40
+    assert box(page)["x"] == x - 40
     page.keyboard.press("0")
-    assert page.locator("#picture").bounding_box() == fitted
+    assert box(page) == fitted
     page.mouse.move(500, 400)
     page.mouse.wheel(0, -300)
-    until(lambda: page.locator("#picture").bounding_box()["width"] > fitted["width"])
-    x = page.locator("#picture").bounding_box()["x"]
-    page.mouse.down()
-    page.mouse.move(530, 400)
-    page.mouse.up()
-    assert page.locator("#picture").bounding_box()["x"] == pytest.approx(x + 30)
+    until(lambda: box(page)["width"] > fitted["width"])
+    x = box(page)["x"]
+    drag(page, (500, 400), (530, 400))
+    assert box(page)["x"] == pytest.approx(x + 30)
 
 
 def test_saves_errors_and_a_second_page(page, browser, address, scene):
@@ -165,8 +157,8 @@ def test_saves_errors_and_a_second_page(page, browser, address, scene):
     assert np.array_equal(shown(page), red)
     for width, height in ((390, 844), (1400, 900)):
         page.set_viewport_size({"width": width, "height": height})
-        until(lambda width=width: page.locator("#picture").bounding_box()["width"] <= width)
-        until(lambda: lower(page, "#error") <= page.locator("#picture").bounding_box()["y"])
+        until(lambda width=width: box(page)["width"] <= width)
+        until(lambda: lower(page, "#error") <= box(page)["y"])
         assert caret_in_view(page)
         assert lower(page, "#picture") <= page.locator("#pixel").bounding_box()["y"] + 0.05
     save(page, scene, LITTLE.replace("kd = 0.6 0.2 0.1", "kd = 0.1 0.2 0.6"))
@@ -200,8 +192,7 @@ def test_stop_and_go_on(page, scene):
     is_(page, "paused")
     number = page.get_attribute("#own", "data-number")
     assert page.inner_text("#pause") == "Resume"
-    page.focus("#pause")
-    page.keyboard.press("Enter")
+    press(page, "Enter", "#pause")
     is_(page, "rendering")
     until(lambda: page.get_attribute("#own", "data-number") != number)
     page.check("#compare", force=True)
@@ -213,37 +204,29 @@ def test_stop_and_go_on(page, scene):
 
 
 def test_a_finger_that_touches_a_pixel_and_the_largest_zoom(browser, page, address, scene):
-    phone = browser.new_page(viewport={"width": 390, "height": 844}, has_touch=True)
-    phone.goto(address)
-    is_(phone, "done")
-    box = phone.locator("#picture").bounding_box()
-    phone.touchscreen.tap(box["x"] + box["width"] / 2 + 3, box["y"] + box["height"] / 2 + 3)
-    until(lambda: phone.inner_text("#pixel").startswith("(32, 24) · RGB"))
-    assert phone.locator("#picture").bounding_box() == box
-    phone.close()
+    with opened(browser, address, viewport={"width": 390, "height": 844}, has_touch=True) as phone:
+        is_(phone, "done")
+        picture = box(phone)
+        phone.touchscreen.tap(picture["x"] + picture["width"] / 2 + 3, picture["y"] + picture["height"] / 2 + 3)
+        until(lambda: phone.inner_text("#pixel").startswith("(32, 24) · RGB"))
+        assert box(phone) == picture
     scene.write_text(LITTLE.replace("64 48", "1 1"))
     until(lambda: page.evaluate("document.getElementById('own').width") == 1)
-    fitted = page.locator("#picture").bounding_box()
-    page.focus("#stage")
-    page.keyboard.press("+")
-    assert page.locator("#picture").bounding_box() == fitted
+    fitted = box(page)
+    press(page, "+")
+    assert box(page) == fitted
     save(page, scene, LITTLE)
 
 
 def test_camera_and_comparison(page):
     home = shown(page)
-    page.focus("#camera")
-    page.keyboard.press("Space")
-    page.mouse.move(500, 400)
-    page.mouse.down()
-    page.mouse.move(560, 430)
-    page.mouse.up()
+    press(page, "Space", "#camera")
+    drag(page, (500, 400), (560, 430))
     until(lambda: page.is_visible("#view") and page.inner_text("#text").startswith("VIEW"))
     is_(page, "done")
     until(lambda: not np.array_equal(shown(page), home) and shown(page).shape == home.shape)
     text = page.inner_text("#text")
-    page.focus("#stage")
-    page.keyboard.press("ArrowRight")
+    press(page, "ArrowRight")
     until(lambda: page.inner_text("#text") != text)
     page.click("#home")
     assert page.evaluate("document.activeElement.id") == "stage"
@@ -253,18 +236,12 @@ def test_camera_and_comparison(page):
     until(lambda: page.is_visible("#path") and page.get_attribute("#path", "data-number") is not None)
     until(lambda: shown(page, "path").shape == home.shape)
     until(lambda: "prosim: " in page.inner_text("#state") and "samples a pixel" in page.inner_text("#state"))
-    page.focus("#split")
-    page.keyboard.press("Home")
-    assert "0 0 0 0%" in (page.get_attribute("#path", "style") or "") or "inset(0px" in page.get_attribute(
-        "#path", "style"
-    )
+    press(page, "Home", "#split")
+    assert re.search(r"0 0 0 0%|inset\(0px", page.get_attribute("#path", "style"))
     page.fill("#split", "50")
-    picture = page.locator("#picture").bounding_box()
-    page.mouse.move(picture["x"] + picture["width"] / 2 + 5, 400)
-    page.mouse.down()
-    page.mouse.move(picture["x"] + picture["width"] / 4, 400)
-    page.mouse.up()
-    assert page.input_value("#split") == "25" and page.locator("#picture").bounding_box() == picture
+    picture = box(page)
+    drag(page, (picture["x"] + picture["width"] / 2 + 5, 400), (picture["x"] + picture["width"] / 4, 400))
+    assert page.input_value("#split") == "25" and box(page) == picture
     page.uncheck("#compare", force=True)
     until(lambda: page.is_hidden("#path"))
 

@@ -1,37 +1,15 @@
 """Who may ask the page's server, and for what; and how it ends."""
 
-import http.client
-import json
 import signal
 import socket
-import time
 from urllib.parse import urlsplit
 
 import pytest
 from click.testing import CliRunner
-from little import LITTLE, watching
+from little import ask, state_when, watching
 from prosim_start import group
 
 pytestmark = pytest.mark.slow
-
-
-def ask(address, path="", method="GET", **headers):
-    """Status and content of an answer; what is not given as a header is as a browser here would say it."""
-    url = urlsplit(address)
-    connection = http.client.HTTPConnection("127.0.0.1", url.port, timeout=60)
-    connection.request(method, url.path + path, headers={"Host": url.netloc} | headers)
-    answer = connection.getresponse()
-    content = answer.read() if path != "events" else answer.readline()
-    connection.close()
-    return answer, content
-
-
-def wait_for(address, doing):
-    end = time.monotonic() + 100
-    while (state := json.loads(ask(address, "events")[1].removeprefix(b"data: ")))["status"] != doing:
-        assert time.monotonic() < end, state
-        time.sleep(0.05)
-    return state
 
 
 def test_only_this_machine_and_who_knows_the_token(address):
@@ -46,22 +24,13 @@ def test_only_this_machine_and_who_knows_the_token(address):
     for host in ("evil.example", f"evil.example:{port}", "127.0.0.1.evil.example", f"192.168.0.1:{port}", ""):
         assert ask(address, Host=host)[0].status == 403, host
     bare = f"http://127.0.0.1:{port}/"
-    for path in (
-        "",
-        "page.js",
-        "events",
-        f"{token[:-1]}/",
-        f"{token[:-1]}{'y' if token[-1] == 'x' else 'x'}/page.js",
-        f"{token}x/",
-        f"x/{token}/",
-        "%2e%2e/",
-    ):
+    other = f"{token[:-1]}{'y' if token[-1] == 'x' else 'x'}/page.js"
+    for path in ("", "page.js", "events", f"{token[:-1]}/", other, f"{token}x/", f"x/{token}/", "%2e%2e/"):
         assert ask(bare, path)[0].status == 403, path
     assert ask(bare, f"?token={token}")[0].status == 403
-    own = f"http://{url.netloc}"
-    assert ask(address, "do/pause", "POST", Origin="http://evil.example")[0].status == 403
-    assert ask(address, "do/pause", "POST", Origin="null")[0].status == 403
-    assert ask(address, "do/resume", "POST", Origin=own)[0].status == 204
+    for origin in "http://evil.example", "null":
+        assert ask(address, "do/pause", "POST", Origin=origin)[0].status == 403
+    assert ask(address, "do/resume", "POST", Origin=f"http://{url.netloc}")[0].status == 204
     # Nobody else can reach it: it listens at this machine's own address alone.
     others = {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)}
     for other in others - {"127.0.0.1", "127.0.1.1"}:
@@ -70,23 +39,10 @@ def test_only_this_machine_and_who_knows_the_token(address):
 
 
 def test_nothing_but_what_is_its_own(address, scene):
-    wait_for(address, "done")
+    state_when(address, "done")
     (scene.parent / "secret.html").write_text("secret")
-    for path in (
-        "../secret.html",
-        "secret.html",
-        "..%2fsecret.html",
-        "%2e%2e/%2e%2e/etc/passwd",
-        "little.scn",
-        "server.py",
-        "save/scn",
-        "save/..",
-        "layer/own/secret",
-        "layer/other/final",
-        "pixel/-1/0",
-        "do/pause",
-        "move/orbit",
-    ):
+    files = "../secret.html secret.html ..%2fsecret.html %2e%2e/%2e%2e/etc/passwd little.scn server.py save/scn save/.."
+    for path in (*files.split(), "layer/own/secret", "layer/other/final", "pixel/-1/0", "do/pause", "move/orbit"):
         answer, content = ask(address, path)
         assert answer.status in (404, 405) and b"secret" not in content, path
     assert ask(address, "pixel/64/0")[1] == b"{}"
@@ -97,17 +53,15 @@ def test_nothing_but_what_is_its_own(address, scene):
     assert ask(address, "save/exr?exposure=bright")[0].status == 400
 
 
-def test_what_it_ends_by_and_refuses(tmp_path):
-    path = tmp_path / "little.scn"
-    path.write_text(LITTLE)
+def test_what_it_ends_by_and_refuses(path):
     with watching(path, "-t", "2") as (process, address):
-        wait_for(address, "done")
+        state_when(address, "done")
         port = urlsplit(address).port
         taken = CliRunner().invoke(group.prosim, ["watch", str(path), "--no-browser", "--port", str(port)])
         assert taken.exit_code == 1 and "--port" in taken.output
         process.send_signal(signal.SIGINT)
         assert process.wait(20) == 0
         assert process.stderr.read() == ""
-    assert [p.name for p in tmp_path.iterdir()] == ["little.scn"]
+    assert [p.name for p in path.parent.iterdir()] == ["little.scn"]
     scalar = CliRunner().invoke(group.prosim, ["watch", str(path), "--no-browser", "-m", "scalar_rgb"])
     assert scalar.exit_code == 2 and "scalar_rgb" in scalar.output

@@ -9,7 +9,7 @@ import pytest
 from little import LITTLE, running, save, until
 from mitsuba_prosim import denoising
 from mitsuba_prosim.engine.work import Executor
-from mitsuba_prosim.live import progressive_image, throttle
+from mitsuba_prosim.live import progressive_image, publisher
 from mitsuba_prosim.live.progressive_image import ProgressiveImage
 from mitsuba_prosim.live.view_requests import ViewRequests
 from mitsuba_prosim.scene.scene_file import SceneFile
@@ -20,20 +20,13 @@ RED, BLUE = LITTLE, LITTLE.replace("kd = 0.6 0.2 0.1", "kd = 0.1 0.2 0.6")
 LONG = LITTLE.replace("NSAMPLES: 2", "NSAMPLES: 40")
 
 
-def final(viewer, take="own"):
-    return viewer.publisher.pictures[take].layers["final"]
+def final(viewer, name="own"):
+    return viewer.publisher.pictures[name].layers["final"]
 
 
 def seen(viewer):
     """The layers of all pictures of the scene's own image, by their numbers."""
     return {p["own"].number: p["own"].layers for _, p in viewer.publisher.said if "own" in p}
-
-
-@pytest.fixture
-def path(tmp_path):
-    path = tmp_path / "little.scn"
-    path.write_text(RED)
-    return path
 
 
 def is_done(viewer):
@@ -43,8 +36,8 @@ def is_done(viewer):
 @pytest.fixture
 def all_portions_seen(monkeypatch):
     """However small and quick they are."""
-    monkeypatch.setattr(throttle, "INTERVAL", 0)
-    monkeypatch.setattr(throttle, "SHARE", 1e9)
+    monkeypatch.setattr(publisher, "DRAW_INTERVAL", 0)
+    monkeypatch.setattr(publisher, "DRAW_SHARE", 1e9)
     return lambda samples: monkeypatch.setattr(Executor, "limit", lambda *_: samples)
 
 
@@ -185,10 +178,8 @@ def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monk
         viewer.requests.change(compared=True)
         until(lambda: "path" in viewer.publisher.pictures and is_done(viewer)())
         path_image = final(viewer, "path")
-        assert (
-            viewer.requests.call(lambda scene: scene.surface_at(30, 20)).result(20) == "SPHERE 0, SURFACE 0 (line 14)"
-        )
-        assert np.array_equal(final(viewer), home)
+        words = viewer.requests.call(lambda scene: scene.surface_at(30, 20)).result(20)
+        assert words == "SPHERE 0, SURFACE 0 (line 14)" and np.array_equal(final(viewer), home)
         assert path_image.shape == home.shape and 0.5 < path_image.mean() / home.mean() < 2
         # The sky, no source to prosim, lights the image of path, and is seen in it.
         assert np.allclose(path_image[1, 1], home[1, 1], rtol=1e-3)

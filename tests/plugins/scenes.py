@@ -3,8 +3,18 @@
 import tempfile
 from pathlib import Path
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
+
+COPPER = {"type": "roughconductor", "material": "Cu", "alpha": 0.15}
+#: A crop window of a film that is 40 pixels wide.
+CROP = {"width": 40, "crop_offset_x": 7, "crop_offset_y": 11, "crop_width": 20, "crop_height": 9}
+
+
+def T():
+    """The transform that changes nothing, on which others follow."""
+    return mi.ScalarTransform4f()
 
 
 def rgb(*value):
@@ -13,6 +23,15 @@ def rgb(*value):
 
 def diffuse(*value):
     return {"type": "diffuse", "reflectance": rgb(*value)}
+
+
+def bitmap(texels, **more):
+    """A texture whose texels are raw numbers."""
+    return {"type": "bitmap", "raw": True, "bitmap": mi.Bitmap(np.asarray(texels, dtype=np.float32)), **more}
+
+
+#: The texel of a map that changes no normal.
+FLAT = np.full((2, 2, 3), (0.5, 0.5, 1.0))
 
 
 def load_scene(**things):
@@ -31,33 +50,35 @@ def camera(origin, target, film, up=(0, 1, 0), **more):
     return {"type": "perspective", "to_world": to_world, "film": film, **more}
 
 
+def area(radiance=1.0):
+    """What makes a shape shine: an entry for its dictionary."""
+    return {"emitter": {"type": "area", "radiance": radiance}}
+
+
 def sphere_lamp(center, radius, radiance):
     """A sphere that shines."""
-    return {"type": "sphere", "center": center, "radius": radius, "emitter": {"type": "area", "radiance": radiance}}
+    return {"type": "sphere", "center": center, "radius": radius, **area(radiance)}
+
+
+def rectangle(to_world, **more):
+    return {"type": "rectangle", "to_world": to_world, **more}
+
+
+def ground(half, bsdf, **more):
+    """A square in the plane y = 0 that faces up; ``half``: half its side."""
+    return rectangle(T().rotate([1, 0, 0], -90).scale(half), bsdf=bsdf, **more)
 
 
 def penumbra(ball=None, size=32, rfilter="box", **integrator):
     """A ball and a pole on a floor before a wall, under a spherical source."""
-    T = mi.ScalarTransform4f
+    pixels = film(size, pixel_format="rgb", component_format="float32") | {"rfilter": {"type": rfilter}}
+    sampler = {"type": "independent", "sample_count": 16}
     return {
         "type": "scene",
         "integrator": integrator or {"type": "prosim"},
-        "sensor": {
-            "type": "perspective",
-            "fov": 40,
-            "to_world": T().look_at([0, 2.2, 6], [0, 0.9, 0], [0, 1, 0]),
-            "film": {
-                "type": "hdrfilm",
-                "width": size,
-                "height": size,
-                "pixel_format": "rgb",
-                "component_format": "float32",
-                "rfilter": {"type": rfilter},
-            },
-            "sampler": {"type": "independent", "sample_count": 16},
-        },
-        "floor": {"type": "rectangle", "to_world": T().rotate([1, 0, 0], -90).scale(6), "bsdf": diffuse(0.6, 0.6, 0.5)},
-        "wall": {"type": "rectangle", "to_world": T().translate([0, 0, -2]).scale(6), "bsdf": diffuse(0.6, 0.45, 0.4)},
+        "sensor": camera([0, 2.2, 6], [0, 0.9, 0], pixels, fov=40, sampler=sampler),
+        "floor": ground(6, diffuse(0.6, 0.6, 0.5)),
+        "wall": rectangle(T().translate([0, 0, -2]).scale(6), bsdf=diffuse(0.6, 0.45, 0.4)),
         "pole": {
             "type": "cylinder",
             "p0": [-1.2, 0, 0.3],
@@ -70,13 +91,42 @@ def penumbra(ball=None, size=32, rfilter="box", **integrator):
     }
 
 
+def without(scene, *names):
+    """The scene without the things of these names."""
+    return {name: thing for name, thing in scene.items() if name not in names}
+
+
 def alone(ball, size=32, **integrator):
     """The ball under a constant environment and the source, nothing diffuse in sight."""
-    scene = penumbra(ball, size, **integrator)
-    for name in ("floor", "wall", "pole"):
-        del scene[name]
-    scene["environment"] = {"type": "constant", "radiance": rgb(0.3, 0.4, 0.5)}
-    return scene
+    scene = without(penumbra(ball, size, **integrator), "floor", "wall", "pole")
+    return scene | {"environment": {"type": "constant", "radiance": rgb(0.3, 0.4, 0.5)}}
+
+
+# ------------------------------------------------------------------ what tests do with them
+
+
+def derivative(function, at=0.0):
+    """Derivative of ``function``, from ``mi.Float`` to ``mi.Float``, in reverse mode."""
+    x = mi.Float(at)
+    dr.enable_grad(x)
+    dr.backward(function(x))
+    return dr.grad(x)[0]
+
+
+def grid(n):
+    """The midpoints of n² cells of the unit square."""
+    i = dr.arange(mi.UInt32, n * n)
+    return (mi.Point2f(i % n, i // n) + 0.5) / n
+
+
+def in_threads(count, function, *arguments, **named):
+    """What ``function`` returns where Dr.Jit has ``count`` threads."""
+    before = dr.thread_count()
+    try:
+        dr.set_thread_count(count)
+        return function(*arguments, **named)
+    finally:
+        dr.set_thread_count(before)
 
 
 def mesh(positions, faces, normals=None, **within):

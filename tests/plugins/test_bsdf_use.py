@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drawing import curves
 from mitsuba_prosim.optics import ambient
-from scenes import camera, film, load_scene
+from scenes import FLAT, T, bitmap, camera, film, load_scene
 
 RGB = {"type": "rgb", "value": [0.2, 0.4, 0.6]}
 MATERIALS = {
@@ -19,17 +19,14 @@ MATERIALS = {
 each = pytest.mark.parametrize("material", MATERIALS.values(), ids=MATERIALS)
 
 
-def scene(bsdf, size=16, spp=16, integrator="path", light=None, depth=3):
-    return load_scene(
-        integrator={"type": integrator, "max_depth": depth},
-        sensor=camera([0, 2, 3], [0, 0, 0], film(size), fov=40, sampler={"type": "independent", "sample_count": spp}),
+def image(bsdf, size=16, spp=16):
+    scene = load_scene(
+        integrator={"type": "path", "max_depth": 3},
+        sensor=camera([0, 2, 3], [0, 0, 0], film(size), fov=40),
         ball={"type": "sphere", "radius": 0.9, "bsdf": bsdf},
-        light=light or {"type": "constant", "radiance": 0.5},
+        light={"type": "constant", "radiance": 0.5},
     )
-
-
-def image(*args, **options):
-    return np.array(mi.render(scene(*args, **options), seed=3))
+    return np.array(mi.render(scene, seed=3, spp=spp))
 
 
 @each
@@ -42,21 +39,15 @@ def test_renders_in_every_variant(variant, material):
 @pytest.mark.slow
 @each
 @pytest.mark.parametrize("wrapper", ("twosided", "mask", "bumpmap", "normalmap", "blendbsdf"))
-def test_nested(variant_rgb, wrapper, material):
-    """Inside an adapter that changes nothing, a material looks as it does alone."""
-    flat = {"type": "bitmap", "data": mi.TensorXf(np.full((2, 2, 3), (0.5, 0.5, 1.0))), "raw": True}
-    nested = {
-        "twosided": {"type": "twosided", "a": material},
-        "mask": {"type": "mask", "opacity": 1.0, "a": material},
-        "bumpmap": {
-            "type": "bumpmap",
-            "scale": 0.0,
-            "arbitrary": {"type": "bitmap", "raw": True, "data": mi.TensorXf(np.ones((2, 2, 1)))},
-            "a": material,
-        },
-        "normalmap": {"type": "normalmap", "normalmap": flat, "a": material},
-        "blendbsdf": {"type": "blendbsdf", "weight": 0.5, "a": material, "b": material},
+def test_a_material_looks_the_same_within_an_adapter_that_changes_nothing(variant_rgb, wrapper, material):
+    settings = {
+        "twosided": {},
+        "mask": {"opacity": 1.0},
+        "bumpmap": {"scale": 0.0, "arbitrary": bitmap(np.ones((2, 2, 1)))},
+        "normalmap": {"normalmap": bitmap(FLAT)},
+        "blendbsdf": {"weight": 0.5, "b": material},
     }[wrapper]
+    nested = {"type": wrapper, **settings, "a": material}
     if wrapper == "twosided" and material["type"] == "prosim_dielectric":
         with pytest.raises(RuntimeError, match="transmission"):
             mi.load_dict(nested)
@@ -81,13 +72,10 @@ def test_nested(variant_rgb, wrapper, material):
         ("exponent", {"type": "prosim_phong"}),
     ),
 )
-def test_textures(variant_rgb, parameter, material):
-    """A texture of two values is one constant material here, another there."""
+def test_a_texture_of_two_values_is_one_material_here_and_another_there(variant_rgb, parameter, material):
     low, high = (2.0, 30.0) if parameter == "exponent" else (0.2, 0.6)
-    texels = mi.TensorXf(np.array([low, high]).reshape(1, 2, 1))
-    both = mi.load_dict(
-        material | {parameter: {"type": "bitmap", "raw": True, "filter_type": "nearest", "data": texels}}
-    )
+    texture = bitmap(np.array([low, high]).reshape(1, 2, 1), filter_type="nearest")
+    both = mi.load_dict(material | {parameter: texture})
     wi, wo = curves.direction([30.0]), curves.direction([35.0], -1)
     for uv, value in (((0.25, 0.25), low), ((0.75, 0.25), high)):
         si = curves.interaction(wi)
@@ -99,15 +87,12 @@ def test_textures(variant_rgb, parameter, material):
 
 def test_a_texture_may_be_smooth_in_places(variant_rgb):
     for kind in ("prosim_conductor", "prosim_dielectric", "prosim_composite"):
-        texels = mi.TensorXf(np.array([0.0, 0.3]).reshape(1, 2, 1))
-        result = image({"type": kind, "alpha": {"type": "bitmap", "raw": True, "data": texels}}, spp=64)
+        result = image({"type": kind, "alpha": bitmap(np.array([0.0, 0.3]).reshape(1, 2, 1))}, spp=64)
         assert np.isfinite(result).all() and result.mean() > 0.1
 
 
-def test_ambient_attribute(variant):
-    """The reflectance for light that comes from everywhere: kd, unless stated, for the two that the thesis gives
-    one.
-    """
+def test_the_ambient_attribute_is_the_diffuse_reflectance_unless_stated(variant):
+    """For the two materials that the thesis gives one; others have none unless stated."""
     si = curves.interaction(mi.Vector3f(0, 0, 1))
     for material, expected in (
         ({"type": "prosim_lambertian", "reflectance": 0.3}, 0.3),
@@ -132,8 +117,8 @@ def ambient_cases():
     back.
     """
     low, high = ({"type": "prosim_lambertian", "reflectance": x} for x in (0.4, 0.8))
-    flat = {"type": "bitmap", "data": mi.TensorXf(np.full((2, 2, 3), (0.5, 0.5, 1.0))), "raw": True}
     blend = {"type": "blendbsdf", "weight": 0.25, "a": low, "b": high}
+    half = {"type": "blendbsdf", "weight": 0.5, "a": low, "b": {"type": "diffuse"}}
     return (
         (low, 0.4, 0),
         ({"type": "prosim_dielectric", "ambient": 0.3}, 0.3, 0.3),
@@ -142,19 +127,11 @@ def ambient_cases():
         ({"type": "mask", "opacity": 0.25, "a": low}, 0.1, 0),
         (blend, 0.5, 0),
         ({"type": "bumpmap", "texture": {"type": "checkerboard"}, "a": low}, 0.4, 0),
-        ({"type": "normalmap", "normalmap": flat, "a": low}, 0.4, 0),
+        ({"type": "normalmap", "normalmap": bitmap(FLAT), "a": low}, 0.4, 0),
         ({"type": "twosided", "a": low}, 0.4, 0.4),
         ({"type": "twosided", "a": low, "b": high}, 0.4, 0.8),
         ({"type": "twosided", "a": blend}, 0.5, 0.5),
-        (
-            {
-                "type": "mask",
-                "opacity": 0.5,
-                "a": {"type": "blendbsdf", "weight": 0.5, "a": low, "b": {"type": "diffuse"}},
-            },
-            0.1,
-            0,
-        ),
+        ({"type": "mask", "opacity": 0.5, "a": half}, 0.1, 0),
     )
 
 
@@ -172,30 +149,30 @@ def test_ambient_reflectance_through_adapters(name):
             np.testing.assert_allclose(np.array(found)[1], expected, rtol=1e-5)
 
 
-@pytest.mark.parametrize("name", ("none", "Ag", "Cu", "Cu_palik", "Al", "TiO2-e_palik"))
-def test_every_metal_of_mitsubas(variant, name):
-    ours, theirs = (mi.load_dict({"type": kind, "material": name}) for kind in ("prosim_conductor", "conductor"))
+def test_metals_are_those_of_mitsuba(variant):
     si = curves.interaction(mi.Vector3f(0.6, 0, 0.8))
-    if mi.is_spectral:
-        si.wavelengths = [450, 520, 580, 640]
-    (_, found), (_, expected) = (b.sample(mi.BSDFContext(), si, 0.5, [0.5, 0.5]) for b in (ours, theirs))
-    np.testing.assert_allclose(np.ravel(found), np.ravel(expected), rtol=1e-6)
+    for name in ("none", "Ag", "Cu", "Cu_palik", "Al", "TiO2-e_palik"):
+        bsdfs = (mi.load_dict({"type": kind, "material": name}) for kind in ("prosim_conductor", "conductor"))
+        (_, found), (_, expected) = (b.sample(mi.BSDFContext(), si, 0.5, [0.5, 0.5]) for b in bsdfs)
+        np.testing.assert_allclose(np.ravel(found), np.ravel(expected), rtol=1e-6, err_msg=name)
 
 
-def test_metal_in_another_medium(variant_rgb):
-    """Only the ratio of the indices matters."""
+def test_only_the_ratio_of_the_indices_of_a_metal_and_its_medium_matters(variant_rgb):
     water = mi.load_dict({"type": "prosim_conductor", "eta": 1.333, "k": 4.0, "ext_ior": "water"})
     air = mi.load_dict({"type": "prosim_conductor", "eta": 1.0, "k": 4.0 / 1.333})
     np.testing.assert_allclose(curves.reflectance(water, [0, 70]), curves.reflectance(air, [0, 70]), rtol=1e-5)
+
+
+METAL = {"type": "prosim_conductor", "alpha": 0.3, "eta": 1.5, "k": 2.0}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "material, key, step",
     (
-        ({"type": "prosim_conductor", "alpha": 0.3, "eta": 1.5, "k": 2.0}, "eta.value", 0.01),
-        ({"type": "prosim_conductor", "alpha": 0.3, "eta": 1.5, "k": 2.0}, "k.value", 0.01),
-        ({"type": "prosim_conductor", "alpha": 0.3, "eta": 1.5, "k": 2.0, "fresnel": "thesis"}, "k.value", 0.01),
+        (METAL, "eta.value", 0.01),
+        (METAL, "k.value", 0.01),
+        (METAL | {"fresnel": "thesis"}, "k.value", 0.01),
         ({"type": "prosim_conductor", "alpha": 0.3, "distribution": "gaussian"}, "alpha.value", 0.003),
         ({"type": "prosim_conductor", "exponent": 20.0}, "exponent.value", 0.1),
         ({"type": "prosim_dielectric", "alpha": 0.3}, "eta", 0.01),
@@ -211,14 +188,10 @@ def test_metal_in_another_medium(variant_rgb):
 )
 def test_derivatives_match_finite_differences(variant_rgb, material, key, step):
     """Through prb, for a plate seen and lit in parallel: a pixel is then the value of the BSDF, without noise."""
-    place = mi.ScalarTransform4f
+    place = T().look_at([1, 0, 2], [0, 0, 0], [0, 1, 0]).scale(0.1)
     world = load_scene(
         integrator={"type": "prb", "max_depth": 2},
-        sensor={
-            "type": "orthographic",
-            "to_world": place().look_at([1, 0, 2], [0, 0, 0], [0, 1, 0]).scale(0.1),
-            "film": film(2),
-        },
+        sensor={"type": "orthographic", "to_world": place, "film": film(2)},
         plate={"type": "rectangle", "bsdf": material},
         sun={"type": "directional", "direction": [1.2, 0.3, -2], "irradiance": 1.0},
     )

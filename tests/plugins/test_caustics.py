@@ -8,7 +8,7 @@ import mitsuba as mi
 import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 import pytest
-from mitsuba_prosim.engine.error_target import in_full_sets
+from mitsuba_prosim.engine.error_target import limit_by_photons
 from mitsuba_prosim.light.strategy import Receiver
 from mitsuba_prosim.light.table import Lights
 from mitsuba_prosim.photons import grid
@@ -17,33 +17,26 @@ from mitsuba_prosim.photons.emission import Sources, Start, located, start_point
 from mitsuba_prosim.photons.footprint import RADII, Footprint
 from mitsuba_prosim.photons.gathering import Gathering
 from mitsuba_prosim.photons.grid import Landed, Photons
-from mitsuba_prosim.photons.mis import Hit, etendue_of, expected, passed_on, ray_weight
+from mitsuba_prosim.photons.mis import Hit, etendue_of, expected_photons, passed_on, ray_weight
 from mitsuba_prosim.photons.targets import Targets, merged
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.ray import Ray, Vertex, mis, viewer_side
-from scenes import mesh
+from scenes import T, area, bitmap, camera, film, ground, in_threads, load_scene, mesh, rectangle
 from test_taking import Elsewhere, image
 
 
-def film(size):
-    return {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
-
-
-def camera(size, origin=(0, 4, 6), target=(0, 0, 0), fov=35):
-    place = mi.ScalarTransform4f().look_at(origin=origin, target=target, up=(0, 1, 0))
-    return {"type": "perspective", "fov": fov, "to_world": place, "film": film(size)}
+def view(size, origin=(0, 4, 6), target=(0, 0, 0), fov=35):
+    return camera(origin, target, film(size, pixel_format="rgb"), fov=fov)
 
 
 def parallel(size, half, origin, target, up=(0, 0, 1)):
     """A camera with parallel rays that sees ``half`` to each side of its target."""
-    place = mi.ScalarTransform4f().look_at(origin=origin, target=target, up=up).scale((half, half, 1))
-    return mi.load_dict({"type": "orthographic", "to_world": place, "film": film(size)})
+    place = T().look_at(origin=origin, target=target, up=up).scale((half, half, 1))
+    return mi.load_dict({"type": "orthographic", "to_world": place, "film": film(size, pixel_format="rgb")})
 
 
 def floor(reflectance, kind="diffuse"):
-    place = mi.ScalarTransform4f().rotate((1, 0, 0), -90).scale(6)
-    bsdf = {"type": kind, "reflectance" if kind == "diffuse" else "base_color": reflectance}
-    return {"type": "rectangle", "to_world": place, "bsdf": bsdf}
+    return ground(6, {"type": kind, "reflectance" if kind == "diffuse" else "base_color": reflectance})
 
 
 def ball(bsdf, center=(0, 1.2, 0), radius=0.8):
@@ -51,19 +44,17 @@ def ball(bsdf, center=(0, 1.2, 0), radius=0.8):
 
 
 def lamp(radius=2.0, radiance=5.0, center=(-3, 5, 1)):
-    return ball({"type": "diffuse", "reflectance": 0.0}, center, radius) | {
-        "emitter": {"type": "area", "radiance": radiance}
-    }
+    return ball({"type": "diffuse", "reflectance": 0.0}, center, radius) | area(radiance)
 
 
 def scene(size=24, reflectance=0.5, **things):
-    return mi.load_dict({"type": "scene", "sensor": camera(size), "floor": floor(reflectance)} | things)
+    return load_scene(**{"sensor": view(size), "floor": floor(reflectance)} | things)
 
 
-def render(scene, seed=0, **parameters):
+def render(scene, seed=0, sensor=0, **parameters):
     defaults = {"type": "prosim", "samples": 4, "adaptive": "none", "max_level": 6, "caustics": True}
     integrator = mi.load_dict(defaults | {"caustic_photons": 1 << 15} | parameters)
-    return np.array(mi.render(scene, integrator=integrator, seed=seed))
+    return np.array(mi.render(scene, sensor=sensor, integrator=integrator, seed=seed))
 
 
 #: Glass that turns light into a rainbow.
@@ -80,8 +71,8 @@ def small(size=16, glass=None, **things):
 
 def on_metal(size=16):
     """The same with a plate of rough metal before the ball, which gathers photons too."""
-    place = mi.ScalarTransform4f().translate((0, 0.1, 1.4)).rotate((1, 0, 0), -90).scale((1.8, 0.9, 1))
-    return small(size, plate={"type": "rectangle", "to_world": place, "bsdf": ROUGH})
+    place = T().translate((0, 0.1, 1.4)).rotate((1, 0, 0), -90).scale((1.8, 0.9, 1))
+    return small(size, plate=rectangle(place, bsdf=ROUGH))
 
 
 # ---------------------------------------------------------------- what they are aimed at
@@ -112,7 +103,7 @@ def test_all_photons_within_reach_are_found(variant_rgb, monkeypatch, enough, ti
     """Against a sum over all of them, on planes that lie aslant in the grids; so few buckets that many cells share one,
     and the last is next to the first. Where photons are sparse, their radius is greater.
     """
-    monkeypatch.setattr(grid, "ENOUGH", enough)
+    monkeypatch.setattr(grid, "MIN_NEIGHBOURS", enough)
     rng, count, maps, size = np.random.default_rng(3), 1600, 100, 1024
     normals = np.array([(0, 1, 0), (1, 0, 0), (0, 0, 1), (1, 2, 3)], dtype=float)
     normal = np.repeat(normals / np.linalg.norm(normals, axis=1, keepdims=True), size // 4, axis=0)
@@ -130,11 +121,11 @@ def test_all_photons_within_reach_are_found(variant_rgb, monkeypatch, enough, ti
     si.p, si.n = mi.Point3f(*points.T), mi.Normal3f(*normal.T)
     si.sh_frame, si.wi = mi.Frame3f(si.n), mi.Vector3f(0, 0, 1)
     white = mi.load_dict({"type": "diffuse", "reflectance": 1.0})
-    world = mi.load_dict({"type": "scene", "floor": floor(1.0), "ball": ball(ROUGH)})
-    vertex = Vertex(None, si, white, mi.Bool(True), mi.Bool(True), mi.Bool(False), None)
+    world = load_scene(floor=floor(1.0), ball=ball(ROUGH))
+    vertex = Vertex(si, white, mi.Bool(True), mi.Bool(False), mi.Bool(True), None, None)
     L = Gathering(world, footprint)(photons, mi.UInt32(number), vertex)
     width = footprint.width(place)
-    radius = np.round(np.array(grid.reach(place, footprint) / width)).astype(int)
+    radius = np.round(np.array(grid.kernel_radii(place, footprint) / width)).astype(int)
     assert set(radius) == {times} if times else len(set(radius)) > 1
     reach = (pixel + spread * np.linalg.norm(points - (0.4, 3, 0.1), axis=1))[:, None] * radius
     off = p - points[:, None]
@@ -149,29 +140,24 @@ def test_all_photons_within_reach_are_found(variant_rgb, monkeypatch, enough, ti
 # ---------------------------------------------------------------- the same bits
 
 
-def test_images_are_the_same_to_the_bit_under_bands_crops_and_threads(variant_rgb):
-    the_same_bits(on_metal())
+def test_bands_crops_and_threads_do_not_change_a_bit(variant_rgb):
+    assert_same_bits(on_metal())
 
 
 @pytest.mark.slow
-def test_so_are_those_of_spectral_variants(variant_spectral):
-    the_same_bits(small(glass=DISPERSIVE))
+def test_bands_crops_and_threads_do_not_change_a_bit_in_spectral_variants(variant_spectral):
+    assert_same_bits(small(glass=DISPERSIVE))
 
 
-def the_same_bits(world):
+def assert_same_bits(world):
     whole = render(world, adaptive="neighbours")
     assert np.array_equal(render(world, adaptive="neighbours", band=37), whole)
     parameters = mi.traverse(world.sensors()[0])
     parameters["film.crop_offset"], parameters["film.crop_size"] = (3, 5), (9, 8)
     parameters.update()
-    assert np.array_equal(render(world, adaptive="neighbours"), whole[5:13, 3:12])
-    if dr.backend_v(mi.Float) == dr.JitBackend.LLVM:
-        threads = dr.thread_count()
-        try:
-            dr.set_thread_count(1)
-            assert np.array_equal(render(world, adaptive="neighbours"), whole[5:13, 3:12])
-        finally:
-            dr.set_thread_count(threads)
+    for threads in (1, dr.thread_count()):
+        crop = in_threads(threads, render, world, adaptive="neighbours")
+        assert np.array_equal(crop, whole[5:13, 3:12])
 
 
 def test_without_specular_surfaces_or_sources_nothing_changes(variant_rgb):
@@ -210,33 +196,30 @@ def test_each_sample_has_photons_of_its_own(variant_rgb):
 
 
 @pytest.mark.parametrize("more", ({"max_samples": 8, "noise": 1e-4}, {"max_samples": 32, "adaptive": "none"}))
-def test_an_image_by_another_process_in_small_portions_has_the_same_photons(variant_rgb, more):
+def test_an_image_by_another_process_in_small_work_items_has_the_same_photons(variant_rgb, more):
     """Also that of the second image of a few pixels, which has several copies of them with a seed each."""
     world = small(6, integrator={"type": "prosim", "samples": 2, "caustics": True, "caustic_photons": 1 << 10} | more)
     expected = image(world)
     assert image(world, Elsewhere(world, most=500))[1] == expected[1]
 
 
-def test_no_photons_are_sent_out_for_a_few_pixels():
-    """A wave goes as far as many want to, where its sets of photons would be for few."""
+def test_a_pass_takes_as_many_samples_as_most_pixels_request():
+    """A few pixels that request more get no photons of their own."""
 
-    def bound(want, most=1 << 20):
-        return in_full_sets(np.full(len(want), 25), np.array(want), most, 25, 1 << 20)
+    def samples(requested, most=1 << 20):
+        return limit_by_photons(np.full(len(requested), 25), np.array(requested), most, 25, 1 << 20)
 
-    assert bound([50] * 900 + [100] * 90 + [5000] * 10) == 50
-    assert bound([50] * 400 + [100] * 590 + [5000] * 10) == 100
-    assert bound([25] * 990 + [5000] * 10) == 0  # no more than there is
-    assert bound([25] * 990 + [5000] * 10, most=5000) == 5000  # nothing else is to come
+    assert samples([50] * 900 + [100] * 90 + [5000] * 10) == 50
+    assert samples([50] * 400 + [100] * 590 + [5000] * 10) == 100
+    assert samples([25] * 990 + [5000] * 10) == 0  # no more than there is
+    assert samples([25] * 990 + [5000] * 10, most=5000) == 5000  # nothing else is to come
 
 
 @pytest.mark.parametrize("more", ({}, {"diffuse_bounces": -1}))
 def test_emitters_without_eval_direction_leave_the_light_of_others(variant_rgb, more):
-    beam = {"type": "rectangle", "emitter": {"type": "directionalarea"}}
-    images = [
-        render(small(12, **things), **more)
-        for things in ({}, {"beam": beam | {"to_world": mi.ScalarTransform4f().translate((0, 9, 0)).scale(0.1)}})
-    ]
-    assert images[1].mean() == pytest.approx(images[0].mean(), rel=0.05)
+    beam = rectangle(T().translate((0, 9, 0)).scale(0.1), emitter={"type": "directionalarea"})
+    alone, beside = (render(small(12, **things), **more) for things in ({}, {"beam": beam}))
+    assert beside.mean() == pytest.approx(alone.mean(), rel=0.05)
 
 
 # ---------------------------------------------------------------- what is refused
@@ -261,7 +244,7 @@ def test_variants_that_know_no_photons_say_so(variant_scalar):
         mi.load_dict({"type": "prosim", "caustics": True})
 
 
-def test_a_source_that_does_not_say_where_it_is_is_left_out_with_a_warning(variant_rgb, monkeypatch):
+def test_a_source_that_does_not_say_where_it_is_is_left_out_with_a_warning(variant_rgb, logged):
     class Fake(SimpleNamespace):  # not an emitter: kernels are compiled for every emitter that there has been
         __hash__ = object.__hash__
 
@@ -269,22 +252,20 @@ def test_a_source_that_does_not_say_where_it_is_is_left_out_with_a_warning(varia
         Fake(flags=lambda flags=flags: flags, id=lambda: "nowhere", class_name=lambda: "Lamp")
         for flags in (int(mi.EmitterFlags.DeltaPosition), 0)
     )
-    said = []
-    monkeypatch.setattr(mi, "Log", lambda level, text: said.append((level, text)))
     assert list(located([somewhere, nowhere])) == [somewhere]
-    assert [level for level, _ in said] == [mi.LogLevel.Warn]
-    assert "'nowhere'" in said[0][1] and "DeltaPosition" in said[0][1]
+    ((level, text),) = logged
+    assert level == mi.LogLevel.Warn and "'nowhere'" in text and "DeltaPosition" in text
 
 
-def test_what_whole_materials_cast_on_one_another_is_said_to_be_left_out_of_a_tree(variant_rgb, monkeypatch):
+def test_a_warning_names_materials_without_separate_lobes_that_cast_light_on_one_another(variant_rgb, logged):
+    """In a tree this light is left out."""
     glass = {"type": "principled", "roughness": 0.3, "spec_trans": 1.0, "eta": 1.5}
     world = scene(4, thing=ball(glass), lamp=lamp(), floor=floor(0.5, "principled"))
-    said = []
-    monkeypatch.setattr(mi, "Log", lambda level, text: said.append(text) if "caustics" in text else None)
-    sensor = world.sensors()[0]
-    assert Caustics.of(small(4, glass), sensor, 16, 3, tree=True) is not None and not said
-    assert Caustics.of(world, sensor, 16, 3, tree=True) is not None
-    assert len(said) == 1 and "'thing'" in said[0] and "'floor'" in said[0] and "diffuse_bounces" in said[0]
+    Caustics.of(small(4, glass), world.sensors()[0], 16, 3, tree=True)
+    assert not logged
+    Caustics.of(world, world.sensors()[0], 16, 3, tree=True)
+    ((_, text),) = logged
+    assert "'thing'" in text and "'floor'" in text and "diffuse_bounces" in text
 
 
 # ---------------------------------------------------------------- shared with rays
@@ -293,20 +274,18 @@ def test_what_whole_materials_cast_on_one_another_is_said_to_be_left_out_of_a_tr
 def met_by_rays():
     """A source of each kind that rays can meet, around the middle."""
     values = np.arange(1, 13, dtype=np.float32).reshape(2, 2, 3)
-    texture = {"type": "bitmap", "bitmap": mi.Bitmap(values), "raw": True}
 
     def facing(x, z):
-        return {"to_world": mi.ScalarTransform4f().look_at(origin=(x, 5, z), target=(0, 1, 0), up=(0, 1, 0))}
+        return {"to_world": T().look_at(origin=(x, 5, z), target=(0, 1, 0), up=(0, 1, 0))}
 
     beam = {"type": "prosim_area", "distribution": "cone", "angle": 40.0, "direction": (3, -4, 3)}
-    plain = {"type": "area", "radiance": 3.0}
     return {
         "ball": lamp(0.3, center=(-5, 5, 0)),
         "cone": lamp(0.3, center=(-3, 5, -3)) | {"emitter": beam},
-        "square": {"type": "rectangle", "emitter": plain} | facing(3, 3),
-        "cube": {"type": "cube", "emitter": plain} | facing(5, 0),
-        "window": {"type": "rectangle", "emitter": {"type": "area", "radiance": texture}} | facing(0, 5),
-        "screen": {"type": "rectangle", "emitter": {"type": "prosim_area", "radiance": texture}} | facing(0, -5),
+        "square": {"type": "rectangle"} | area(3.0) | facing(3, 3),
+        "cube": {"type": "cube"} | area(3.0) | facing(5, 0),
+        "window": {"type": "rectangle"} | area(bitmap(values)) | facing(0, 5),
+        "screen": {"type": "rectangle", "emitter": {"type": "prosim_area", "radiance": bitmap(values)}} | facing(0, -5),
         "sky": {"type": "envmap", "bitmap": mi.Bitmap(np.tile(values, (2, 2, 1)))},
     }
 
@@ -379,10 +358,10 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
     sampled, and by photons on the inside of the glass and on the metal, reckoned from the lamp.
     """
     glass = ball({"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.1}, (0, 1.2, 0), 0.8)
-    world = scene(128, floor=floor(1.0) | {"bsdf": ROUGH}, ball=glass, lamp=lamp(2.5, center=(0, 5, -2)))
+    world = scene(128, floor=ground(6, ROUGH), ball=glass, lamp=lamp(2.5, center=(0, 5, -2)))
     caustics, lights = Caustics.of(world, world.sensors()[0], 1, 7, tree), Lights(world)
     shared = caustics.mis
-    shared.use(None, mi.Float(1000))
+    shared.per_pair = mi.Float(1000)
     n = 128 * 128
     random = [mi.Float(v) for v in np.random.default_rng(5).random((11, n), dtype=np.float32)]
     camera = world.sensors()[0].sample_ray(0, 0.5, mi.Point2f(*random[:2]), mi.Point2f(0.5))[0]
@@ -395,14 +374,14 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
         met &= si.is_valid() & (bs.pdf > 0) & ((si.p.y > 0.01) if k else (si.p.y < 0.01))
         d = si.to_world(bs.wo)
         following = replace(ray, o=si.spawn_ray(d).o, d=d, pdf=bs.pdf, uses_mis=mi.Bool(True), n=viewer_side(si))
-        vertex = Vertex(ray, si, si.bsdf(), met, met, mi.Bool(False), Receiver(si, following.n))
+        vertex = Vertex(si, si.bsdf(), met, mi.Bool(False), met, ray, Receiver(si, following.n))
         chain.append((vertex, bs.wo, *si.bsdf().eval_pdf(lobe, si, bs.wo, met)))
         ray = shared.next(vertex, following, bs, weight)
     end, (last, _, f, pdf) = world.ray_intersect(mi.Ray3f(ray.o, ray.d), met), chain[-1]
     ds = mi.DirectionSample3f(world, end, last.si)
     met &= end.is_valid() & (ds.emitter != mi.EmitterPtr(None)) & (dr.dot(end.n, ray.d) < 0)
     density, of_lamp = shared.density(last.si, ds, met), lights.pdf(Receiver(last.si, ray.n, mi.Bool(True)), ds, met)
-    other = shared.light_pdf(last, met)(ds, f, pdf, met)
+    other = shared.light_pdf(last)(ds, f, pdf, met)
     of_ray = shared.emission_weight(ray, last.si, ds, of_lamp, met, mis(ray.pdf, of_lamp), met)
     shares = [of_ray, mis(of_lamp, other)]
     start = Start(mi.Ray3f(), mi.Spectrum(1), density, mi.PositionSample3f(end), ds.emitter)
@@ -411,10 +390,10 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
         area = shared.area(si, bsdf) * dr.abs(dr.dot(si.n, si.to_world(wo)))
         if level:
             etendue = dr.select(shared.near_specular(bsdf, met), etendue_of(vertex.ray), 0)
-            shares.append(1 - ray_weight(expected(area, f, pdf, density, etendue)))
+            shares.append(1 - ray_weight(expected_photons(area, f, pdf, density, etendue)))
         back = mi.SurfaceInteraction3f(si)
         back.wi = wo
-        hit = Hit(back, bsdf, -si.to_world(wo), mi.UInt32(level), met, mi.Bool(False), None, None, None, None)
+        hit = Hit(back, bsdf, met, mi.Bool(False), -si.to_world(wo), mi.UInt32(level), None, None, None, None)
         density = shared.density_beyond(density, start, hit, si.wi, met)
     dr.eval(shares, met)
     shares = np.array(shares)[:, np.array(met)]
@@ -428,12 +407,12 @@ def test_dark_varnish_sends_as_many_photons_on_to_rough_metal_as_a_mirror(varian
     enamel = {"type": "prosim_composite", "diffuse_reflectance": 0.0, "int_ior": 1.5}
     lying = []
     for bsdf in (enamel, {"type": "conductor", "material": "none"}):
-        world = scene(4, floor=floor(1.0) | {"bsdf": ROUGH}, ball=ball(bsdf), lamp=lamp(0.2))
+        world = scene(4, floor=ground(6, ROUGH), ball=ball(bsdf), lamp=lamp(0.2))
         caustics = Caustics.of(world, world.sensors()[0], 1, 7, True)
         i = dr.arange(mi.UInt32, 4096)
         pair = i // 4096 + next(k for k in range(2) if abs(caustics.sources.targets.radii[k] - 0.8) < 0.01)
         start = caustics.sources.start(pair, mi.Float(1), *start_points(mi.UInt32(5), i), mi.Color0f())
-        lying.append(dr.count(caustics.walk(start, i)[1].valid)[0])
+        lying.append(dr.count(caustics.tracer(start, i)[1].valid)[0])
     assert lying[0] > 0.9 * lying[1] > 500
 
 
@@ -445,16 +424,15 @@ def test_glass_in_a_closed_box_casts_all_the_light_that_it_gets_on_the_walls(var
     """Walls of radiance 1 send pi times the surface of a ball into it. Facets that shade one another lose some, as much
     as the eye misses of an even sky that it sees through the ball.
     """
-    walls = {"type": "cube", "flip_normals": True, "emitter": {"type": "area", "radiance": 1.0}}
     thing = ball(glass, (0.2, 0.1, 0), 0.5)
-    world = mi.load_dict({"type": "scene", "sensor": camera(4), "walls": walls, "ball": thing})
+    world = load_scene(sensor=view(4), walls={"type": "cube", "flip_normals": True} | area(), ball=thing)
     caustics = Caustics.of(world, world.sensors()[0], 1, 1 << 31, True)
     i = dr.arange(mi.UInt32, 1 << 17)
     start = caustics.sources.start(i * 0, mi.Float(1 << 17), *start_points(mi.UInt32(7), i), mi.Color0f())
-    landed, _ = caustics.walk(start, i)
+    landed, _ = caustics.tracer(start, i)
     power = dr.sum(dr.select(landed.valid, landed.flux.x, 0))[0]
     eye = parallel(32, 0.5, (0.2, 0.1, 2), (0.2, 0.1, 0), (0, 1, 0))
-    world = mi.load_dict({"type": "scene", "sensor": eye, "sky": {"type": "constant"}, "ball": thing})
+    world = load_scene(sensor=eye, sky={"type": "constant"}, ball=thing)
     paths = mi.load_dict({"type": "path", "max_depth": 100, "rr_depth": 100})
     missed = (1 - np.array(mi.render(world, integrator=paths, spp=64, seed=1)).mean()) * 4 / np.pi
     assert missed < 0.01
@@ -463,8 +441,8 @@ def test_glass_in_a_closed_box_casts_all_the_light_that_it_gets_on_the_walls(var
 
 def upright_mirror(half, z=0.1):
     """A mirror in the plane x = 0."""
-    place = mi.ScalarTransform4f().translate((0, 1.1, z)).rotate((0, 1, 0), 90).scale((half, half, 1))
-    return {"type": "rectangle", "to_world": place, "bsdf": {"type": "conductor", "material": "none"}}
+    place = T().translate((0, 1.1, z)).rotate((0, 1, 0), 90).scale((half, half, 1))
+    return rectangle(place, bsdf={"type": "conductor", "material": "none"})
 
 
 def mirrored(kind, channel):
@@ -472,13 +450,12 @@ def mirrored(kind, channel):
     (0, 1.1, 0.1).
     """
     power = {"type": "rgb", "value": [3.0 * (k == channel) for k in range(3)]}
-    place = mi.ScalarTransform4f().look_at(origin=(1.5, 2, 0.2), target=(0, 1.1, 0.1), up=(0, 1, 0))
+    place = T().look_at(origin=(1.5, 2, 0.2), target=(0, 1.1, 0.1), up=(0, 1, 0))
     if kind == "directional":
         return {"type": kind, "direction": (-2, -0.8, -0.1), "irradiance": power}
     if kind == "projector":
-        picture = mi.Bitmap(np.full((4, 4, 3), power["value"], dtype=np.float32))
-        power = {"type": "bitmap", "bitmap": picture, "raw": True}
-        return {"type": kind, "to_world": place, "irradiance": power, "fov": 100}
+        picture = bitmap(np.full((4, 4, 3), power["value"]))
+        return {"type": kind, "to_world": place, "irradiance": picture, "fov": 100}
     if kind in BALLS:
         beam = BALLS[kind] | {"type": "prosim_area", "direction": (-3.5, -2, -0.2), "radiance": power}
         return {"type": "sphere", "center": (1.5, 2, 0.2), "radius": 0.1, "emitter": beam}
@@ -505,13 +482,8 @@ def test_a_mirror_lights_a_floor_as_the_image_of_the_lamp_would(variant_rgb, kin
     lamps = {f"lamp_{k}": mirrored(kind, k) for k, kind in enumerate(kinds)}
     world = scene(mirror=mirror, reflectance=1.0, **lamps)
     sensor = parallel(size, 0.3, (2, 5, 0), (2, 0, 0))
-    images = []
-    for caustics in (True, False):
-        integrator = mi.load_dict(
-            {"type": "prosim", "samples": 4, "adaptive": "none", "caustics": caustics, "caustic_photons": photons}
-        )
-        images.append(np.array(mi.render(world, sensor=sensor, integrator=integrator, seed=1)))
-    by_mirror = (images[0] - images[1]).mean(axis=(0, 1))
+    all_light, direct = (render(world, 1, sensor, caustics=on, caustic_photons=photons) for on in (True, False))
+    by_mirror = (all_light - direct).mean(axis=(0, 1))
     x, z = np.meshgrid(*[(np.arange(240) + 0.5) / 400 - 0.3] * 2)
     it = dr.zeros(mi.SurfaceInteraction3f, x.size)
     it.p = mi.Point3f(-2 - x.ravel(), 0, z.ravel())
@@ -532,17 +504,13 @@ def test_an_edge_is_blurred_by_half_a_pixel(variant_rgb):
     mirror = upright_mirror(half, 0)
     world = scene(mirror=mirror, reflectance=1.0, lamp={"type": "point", "position": (1.5, 2, 0), "intensity": 3.0})
     sensor = parallel(n, width / 2, (2, 5, 0.7), (2, 0, 0.7))
-    prosim = {"type": "prosim", "samples": 4, "adaptive": "none"}
-    with_mirror, without = (
-        np.array(mi.render(world, sensor=sensor, integrator=mi.load_dict(prosim | more), seed=1))[..., 0]
-        for more in ({"caustics": True, "caustic_photons": 1 << 21}, {})
-    )
+    all_light, direct = (render(world, 1, sensor, caustics=on, caustic_photons=1 << 21) for on in (True, False))
     across = ((np.arange(n) + 0.5) / n - 0.5) * width
     x, z = np.meshgrid(2 - across, 0.7 - across)
     image = 3 * 2 / np.pi / ((x + 1.5) ** 2 + 4 + z**2) ** 1.5  # of the lamp, at (-1.5, 2, 0)
     slant = np.hypot(1, half / 1.5)
     within = (half * (x + 1.5) / 1.5 - z) / slant / (width / n)  # distance from the edge, in pixels
-    share = (with_mirror - without) / image
+    share = (all_light - direct)[..., 0] / image
     assert share[within > 2] == pytest.approx(1, abs=0.25) and share[within > 2].mean() == pytest.approx(1, abs=0.01)
     assert not share[within < -2].any()
     missing = np.where(within > 0, 1 - share, share)[abs(within) < 2]
@@ -552,15 +520,12 @@ def test_an_edge_is_blurred_by_half_a_pixel(variant_rgb):
 
 
 def test_a_mirror_lights_rough_metal_as_the_image_of_the_lamp_would(variant_rgb):
-    mirror = upright_mirror(0.6)
-    metal = floor(1.0) | {"bsdf": ROUGH}
-    sensor = parallel(6, 0.3, (4, 3, 0), (2, 0, 0))
+    sensor, mirror = parallel(6, 0.3, (4, 3, 0), (2, 0, 0)), {"mirror": upright_mirror(0.6)}
     images = []
-    for caustics, x, things in ((True, 1.5, {"mirror": mirror}), (False, 1.5, {"mirror": mirror}), (False, -1.5, {})):
-        world = scene(floor=metal, lamp={"type": "point", "intensity": 3.0, "position": (x, 2, 0.2)}, **things)
-        integrator = mi.load_dict({"type": "prosim", "adaptive": "none", "samples": 4, "caustics": caustics})
-        integrator.caustic_photons = 1 << 17
-        images.append(np.array(mi.render(world, sensor=sensor, integrator=integrator, seed=1)).mean(axis=(0, 1)))
+    for caustics, x, things in ((True, 1.5, mirror), (False, 1.5, mirror), (False, -1.5, {})):
+        lamp = {"type": "point", "intensity": 3.0, "position": (x, 2, 0.2)}
+        world = scene(floor=ground(6, ROUGH), lamp=lamp, **things)
+        images.append(render(world, 1, sensor, caustics=caustics, caustic_photons=1 << 17).mean(axis=(0, 1)))
     assert np.allclose(images[0] - images[1], images[2], rtol=0.02)  # some thousand photons
 
 
@@ -593,19 +558,16 @@ def test_a_thin_lens_gathers_a_point_source_as_the_lens_makers_equation_says(var
     glass = {"type": "dielectric", "int_ior": n, "ext_ior": 1.0}
     faces = {f"face_{side}": cap(curvature, radius, side, glass) for side in (-1, 1)}
     source = {"type": "point", "position": [0, 0, lamp], "intensity": intensity}
-    integrator = {"type": "prosim", "samples": 3, "adaptive": "none", "caustics": True, "caustic_photons": 1 << 16}
-    white = {"type": "diffuse", "reflectance": 1.0}
-    size, behind = 32, mi.ScalarTransform4f().translate
+    white, size = {"type": "diffuse", "reflectance": 1.0}, 32
     x = (2 * np.arange(size) + 1) / size - 1
     for distance in (0.5 * image, 1.4 * image):  # before the image and behind it
         circle = radius * abs(1 - distance / image)
         half = 1.25 * circle
         r2 = half**2 * (x**2 + x[:, None] ** 2)
-        screen = {"type": "rectangle", "to_world": behind((0, 0, -distance)).scale(100), "bsdf": white}
-        world = mi.load_dict({"type": "scene", "lamp": source, "screen": screen} | faces)
+        screen = rectangle(T().translate((0, 0, -distance)).scale(100), bsdf=white)
+        world = load_scene(lamp=source, screen=screen, **faces)
         sensor = parallel(size, half, (0, 0, 10 - distance), (0, 0, -distance), (0, 1, 0))
-        radiance = mi.render(world, sensor=sensor, integrator=mi.load_dict(integrator), seed=1)
-        irradiance = np.pi * np.array(radiance)[..., 1]
+        irradiance = np.pi * render(world, 1, sensor, samples=3, caustic_photons=1 << 16)[..., 1]
         # What is reflected twice within the lens, 0.16 %, is spread far around.
         assert irradiance.sum() * (2 * half / size) ** 2 == pytest.approx(flux, rel=3e-3)
         assert np.sqrt(2 * np.average(r2, weights=irradiance)) == pytest.approx(circle, rel=0.015)
@@ -691,14 +653,8 @@ def test_sparse_photons_are_no_specks(variant_rgb):
 HEADS = {"glass": {"type": "dielectric"}, "frosted": {"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.1}}
 
 
-@pytest.mark.parametrize(
-    "head, exponent",
-    (
-        ("glass", 60.0),
-        pytest.param("glass", 5.0, marks=pytest.mark.slow),
-        pytest.param("frosted", 60.0, marks=pytest.mark.slow),
-    ),
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("head, exponent", (("glass", 60.0), ("glass", 5.0), ("frosted", 60.0)))
 def test_photons_of_a_large_glossy_floor_are_no_specks(variant_rgb, head, exponent):
     """Few of the photons that a floor reflects come to what is seen. They made some ten specks an image; now there are
     as few as without photons, but for two in four images.
@@ -707,16 +663,16 @@ def test_photons_of_a_large_glossy_floor_are_no_specks(variant_rgb, head, expone
     paint = {"type": "prosim_composite", "diffuse_reflectance": 0.3, "int_ior": 1.5, "exponent": 40.0}
     world = scene(
         100,
-        sensor=camera(100, (0.3, 1.2, 5), (0, 0.7, 0), 28),
-        floor=floor(0.4) | {"bsdf": gloss, "to_world": mi.ScalarTransform4f().rotate((1, 0, 0), -90).scale(14)},
+        sensor=view(100, (0.3, 1.2, 5), (0, 0.7, 0), 28),
+        floor=ground(14, gloss),
         body={"type": "cylinder", "p0": (0, 0, 0), "p1": (0, 0.9, 0), "radius": 0.3, "bsdf": paint},
         head=ball(HEADS[head], (0, 1.25, 0), 0.33),
         lamp=lamp(0.3, 350.0, (-3, 4.5, 3.5)),
     )
-    found = [
-        sum(specks(render(world, k, samples=5, caustics=on, caustic_photons=1 << 18)) for k in range(4))
-        for on in (True, False)
-    ]
+    found = []
+    for on in (True, False):
+        images = [render(world, k, samples=5, caustics=on, caustic_photons=1 << 18) for k in range(4)]
+        found.append(sum(map(specks, images)))
     assert found[0] <= found[1] + 2
 
 
@@ -728,7 +684,7 @@ def test_rough_metal_sees_the_highlights_of_smooth_things_without_fireflies(vari
     """
     silver = {"type": "prosim_conductor", "material": "Ag", "alpha": 0.03}
     things = {
-        "floor": floor(1.0) | {"bsdf": ROUGH},
+        "floor": ground(6, ROUGH),
         "glass": ball({"type": "dielectric"}, (0.5, 0.9, 0), 0.6),
         "metal": ball(silver, (-0.8, 0.8, 0.6), 0.5),
     }
@@ -744,9 +700,7 @@ def test_rough_metal_sees_the_highlights_of_smooth_things_without_fireflies(vari
 
 def slab():
     """A pane of glass that the camera looks through, at right angles, so that what is behind it stays in its place."""
-    place = (
-        mi.ScalarTransform4f().look_at(origin=(0, 10 / 3, 5), target=(0, 0, 0), up=(0, 1, 0)).scale((0.6, 0.6, 0.05))
-    )
+    place = T().look_at(origin=(0, 10 / 3, 5), target=(0, 0, 0), up=(0, 1, 0)).scale((0.6, 0.6, 0.05))
     return {"type": "cube", "to_world": place, "bsdf": {"type": "dielectric"}}
 
 
@@ -774,20 +728,15 @@ def test_nothing_is_counted_twice_by_paths(variant_rgb):
     """A white box, roughly varnished, with a glass ball, its floor taken whole: photons in the place of what paths
     would have found, or shared with them.
     """
-    inside = mi.ScalarTransform4f().translate((0, 1, 0))
-    flat = mi.ScalarTransform4f().translate((0, 0.01, 0)).rotate((1, 0, 0), -90)
-    above = mi.ScalarTransform4f().translate((0, 1.9, 0)).rotate((1, 0, 0), 90).scale(0.6)
-    world = mi.load_dict(
-        {
-            "type": "scene",
-            "sensor": camera(12, (0, 1, 0.95), (0, 0.9, -1), 70),
-            "box": {"type": "cube", "flip_normals": True, "to_world": inside}
-            | {"bsdf": {"type": "prosim_composite", "diffuse_reflectance": 0.6, "alpha": 0.3}},
-            "carpet": {"type": "rectangle", "to_world": flat, "bsdf": {"type": "principled", "base_color": 0.7}},
-            "ball": ball({"type": "dielectric"}, (0.1, 0.5, -0.3), 0.4),
-            "lamp": {"type": "rectangle", "to_world": above, "bsdf": {"type": "diffuse", "reflectance": 0.0}}
-            | {"emitter": {"type": "area", "radiance": 5.0}},
-        }
+    varnished = {"type": "prosim_composite", "diffuse_reflectance": 0.6, "alpha": 0.3}
+    flat = T().translate((0, 0.01, 0)).rotate((1, 0, 0), -90)
+    above = T().translate((0, 1.9, 0)).rotate((1, 0, 0), 90).scale(0.6)
+    world = load_scene(
+        sensor=view(12, (0, 1, 0.95), (0, 0.9, -1), 70),
+        box={"type": "cube", "flip_normals": True, "to_world": T().translate((0, 1, 0)), "bsdf": varnished},
+        carpet=rectangle(flat, bsdf={"type": "principled", "base_color": 0.7}),
+        ball=ball({"type": "dielectric"}, (0.1, 0.5, -0.3), 0.4),
+        lamp=rectangle(above, bsdf={"type": "diffuse", "reflectance": 0.0}, **area(5.0)),
     )
     every = {"diffuse_bounces": -1, "max_level": -1}
     ours = np.stack([render(world, seed, samples=10, **every)[..., 1] for seed in range(10)])

@@ -2,6 +2,8 @@
 
 import errno
 import json
+import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,10 +12,10 @@ import numpy as np
 import OpenEXR
 import pytest
 from mitsuba_prosim import atomic
-from mitsuba_prosim.engine import checkpoint, origin
+from mitsuba_prosim.engine import checkpoint, environment
 from mitsuba_prosim.engine.checkpoint import Checkpoint, CheckpointError, CheckpointWriter, NotACheckpointError
 
-FACTS = {
+ATTRIBUTES = {
     "samples": {"seed": 0, "window": [0, 0, 5, 3]},
     "sampling": {"adaptive": "none"},
     "part": None,
@@ -23,23 +25,28 @@ FACTS = {
 }
 
 
-def made(**facts):
+def made(**attributes):
     rng = np.random.default_rng(1)
     bits = rng.integers(0, 2**32, (3, 15), dtype=np.uint32)  # whatever 32 bits may be: NaNs, denormals, -0
     bits[0, :4] = 0x7FC12345, 0xFF812345, 0x80000000, 1
     pixels = {"total": bits[0].view(np.float32), "index": bits[1]}
-    return Checkpoint(FACTS | facts, pixels, {"total": bits[2]}, {"job": {"scene": "é\udcff"}})
+    return Checkpoint(ATTRIBUTES | attributes, pixels, {"total": bits[2]}, {"job": {"scene": "é\udcff"}})
 
 
-def parts(of=3, **facts):
+def parts(of=3, **attributes):
     return [
-        Checkpoint(FACTS | {"part": [k, of], **facts}, {"index": np.arange(k)}, {}, {"digest": "a"})
+        Checkpoint(ATTRIBUTES | {"part": [k, of], **attributes}, {"index": np.arange(k)}, {}, {"digest": "a"})
         for k in range(1, of + 1)
     ]
 
 
+def utf_32(text):
+    """``text`` as a file of NumPy has it."""
+    return text.encode("utf-32-le")
+
+
 def change(path, **values):
-    """Replaces facts of a checkpoint."""
+    """Replaces values in the header of a checkpoint."""
     with np.load(path) as archive:
         contents = dict(archive)
     contents["facts"] = np.array(json.dumps(json.loads(str(contents["facts"])) | values))
@@ -51,11 +58,12 @@ def test_a_checkpoint_is_read_as_it_was_written(variant_rgb, tmp_path):
     before, path = made(), tmp_path / "a.state.npz"
     checkpoint.save(before, path)
     after = checkpoint.load(path)
-    for mine, theirs in ((before.pixels, after.pixels), (before.second, after.second)):
-        assert [(k, v.dtype, v.tobytes()) for k, v in mine.items()] == [
-            (k, v.dtype, v.tobytes()) for k, v in theirs.items()
-        ]
-    assert json.dumps(after.facts) == json.dumps(before.facts) and after.about == before.about
+    mine, theirs = (
+        [(name, array.dtype, array.tobytes()) for part in (c.pixels, c.second) for name, array in part.items()]
+        for c in (before, after)
+    )
+    assert mine == theirs
+    assert json.dumps(after.attributes) == json.dumps(before.attributes) and after.about == before.about
 
 
 def test_what_is_no_complete_checkpoint_is_refused(variant_rgb, tmp_path):
@@ -66,10 +74,7 @@ def test_what_is_no_complete_checkpoint_is_refused(variant_rgb, tmp_path):
         path.write_bytes(content[:size])
         with pytest.raises(CheckpointError, match=r"is no checkpoint|is damaged or not complete"):
             checkpoint.load(path)
-    for old, new in (
-        (np.uint32(0x7FC12345).tobytes(), b"\0\0\0\0"),
-        ('"seed"'.encode("utf-32-le"), '"sead"'.encode("utf-32-le")),
-    ):
+    for old, new in ((np.uint32(0x7FC12345).tobytes(), bytes(4)), (utf_32('"seed"'), utf_32('"sead"'))):
         assert old in content
         path.write_bytes(content.replace(old, new))
         with pytest.raises(CheckpointError, match="is damaged"):
@@ -83,26 +88,26 @@ def test_what_is_no_complete_checkpoint_is_refused(variant_rgb, tmp_path):
         made().write(Path("/dev/full"))
 
 
-def test_the_origin_of_a_checkpoint(variant_rgb, tmp_path):
-    path, here = tmp_path / "a.state.npz", origin.here()
+def test_a_checkpoint_of_another_version_or_variant_is_refused(variant_rgb, tmp_path):
+    path, here = tmp_path / "a.state.npz", environment.this_environment()
     assert all(here.values()) and here["variant"] == mi.variant()
     checkpoint.save(made(), path)
     for name, says in [
         ("mitsuba-prosim", "mitsuba-prosim 0.0 there"),
         ("variant", "variant 0.0 there, llvm_ad_rgb here"),
     ]:
-        change(path, origin=here | {name: "0.0"})
+        change(path, environment=here | {name: "0.0"})
         with pytest.raises(CheckpointError, match=says):
             checkpoint.load(path)
-    change(path, origin=here | {"processor": "another"})
+    change(path, environment=here | {"processor": "another"})
     with pytest.warns(UserWarning, match="processor another there"):
         checkpoint.load(path)
-    change(path, origin=here, format=checkpoint.FORMAT + 1)
+    change(path, environment=here, format=checkpoint.FORMAT + 1)
     with pytest.raises(CheckpointError, match=r"has format \d+, and this version reads format"):
         checkpoint.load(path)
 
 
-def test_parts_that_are_missing_doubled_unfinished_or_of_another_image(variant_rgb, tmp_path):
+def test_parts_that_are_missing_doubled_unfinished_or_of_another_image_are_refused(variant_rgb, tmp_path):
     first, second, third, foreign, other, open_, whole = paths = [tmp_path / f"{name}.npz" for name in "123fouw"]
     more = [parts(samples={"seed": 7, "window": [0, 0, 5, 3]})[2], parts(2)[1], parts(finished=False)[2], made()]
     for path, part in zip(paths, parts() + more):
@@ -122,11 +127,26 @@ def test_parts_that_are_missing_doubled_unfinished_or_of_another_image(variant_r
     with pytest.raises(CheckpointError, match=r"2.npz: another file has the same part"):
         checkpoint.merge([first, second, third, tmp_path / "copy.npz"])
     for path in first, second:
-        change(path, origin=origin.here() | {"processor": "another"})
-    with pytest.warns(UserWarning, match=r"^2 of 3 parts were made elsewhere \(processor another there") as said:
+        change(path, environment=environment.this_environment() | {"processor": "another"})
+    with pytest.warns(UserWarning, match=r"^made elsewhere: .*1.npz \(processor another .*; .*2.npz \(") as said:
         merged = checkpoint.merge([third, first, second])
     assert len(said) == 1
-    assert merged.part is None and merged.facts["seconds"] == pytest.approx(3e-300, rel=1e-9)
+    assert merged.part is None and merged.attributes["seconds"] == pytest.approx(3e-300, rel=1e-9)
+
+
+def test_parts_are_not_in_memory_twice(variant_rgb, tmp_path):
+    paths = [tmp_path / f"{number}.npz" for number in range(3)]
+    for path, part in zip(paths, parts()):
+        pixels = {f"sum{k}": np.zeros(1 << 18) for k in range(8)}
+        checkpoint.save(replace(part, pixels=pixels), path)
+    size = sum(path.stat().st_size for path in paths)
+    tracemalloc.start()
+    try:
+        checkpoint.merge(paths)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert size < peak < 1.6 * size
 
 
 def test_a_checkpoint_is_written_every_few_seconds_and_seldom_if_that_takes_long(tmp_path, variant_rgb, monkeypatch):

@@ -10,7 +10,7 @@ import pytest
 from mitsuba_prosim import compat
 from mitsuba_prosim.photons.footprint import Footprint
 from mitsuba_prosim.photons.targets import sphere
-from mitsuba_prosim.scene.black import why
+from mitsuba_prosim.scene.black import reason
 from scenes import load_scene, mesh, penumbra
 
 #: Parameters of Mitsuba 3.9 -> those of 3.10.
@@ -98,7 +98,7 @@ def test_what_is_measured_is_the_same(next_mitsuba):
             footprint.spread[0],
             *sphere(pane),
             *compat.world_matrix(sensor).ravel(),
-            why(scene, sensor, np.zeros((2, 2, 3))),
+            reason(scene, sensor, np.zeros((2, 2, 3))),
         )
 
     before = measured()

@@ -5,33 +5,30 @@ import numpy as np
 import pytest
 from image_statistics import same_expectation
 from mitsuba_prosim.transport import radiance as layers
-from scenes import diffuse, penumbra, rgb, sphere_lamp
+from scenes import T, area, diffuse, penumbra, rectangle, rgb, sphere_lamp, without
 
 ROUGH = {"type": "roughconductor", "alpha": 0.2}
 GLASS = {"type": "roughdielectric", "alpha": 0.1}
 LAMPS = {
     "light": sphere_lamp([-3, 3.5, 3], 0.5, rgb(25, 20, 15)),
     "point": {"type": "point", "position": [2, 3, 2], "intensity": rgb(6, 7, 8)},
-    "panel": {"type": "rectangle", "emitter": {"type": "area", "radiance": 9.0}},
+    "panel": {"type": "rectangle", **area(9.0)},
     "sky": {"type": "constant", "radiance": rgb(0.1, 0.2, 0.3)},
 }
 
 
 def lamps(*shining):
     """All lamps; where any are named, the others are black, and still in the way."""
-    panel = {"to_world": mi.ScalarTransform4f().look_at([0, 4, 3], [0, 0, 0], [0, 0, 1]).scale(0.4)}
-    made = LAMPS | {"panel": LAMPS["panel"] | panel}
-    for name in set(LAMPS) - set(shining or LAMPS):
-        black = {"type": "area", "radiance": 0.0}
-        made[name] = made[name] | {"emitter": black} if "emitter" in made[name] else None
-    return {name: lamp for name, lamp in made.items() if lamp is not None}
+    place = T().look_at([0, 4, 3], [0, 0, 0], [0, 0, 1]).scale(0.4)
+    made = LAMPS | {"panel": rectangle(place, **area(9.0))}
+    dark = set(LAMPS) - set(shining or LAMPS)
+    black = {name: made[name] | area(0.0) for name in dark if "emitter" in made[name]}
+    return without(made, *dark) | black
 
 
 def scene(ball=ROUGH, light=None, size=16, **integrator):
     settings = {"type": "prosim", "samples": 3, "adaptive": "none", "max_level": 2}
-    made = penumbra(ball, size, **settings | integrator)
-    del made["light"]
-    return made | (lamps() if light is None else light)
+    return without(penumbra(ball, size, **settings | integrator), "light") | (lamps() if light is None else light)
 
 
 def rendered(description, seed=0):
@@ -47,12 +44,10 @@ def rendered(description, seed=0):
 @pytest.mark.parametrize("kind", ["lights", "levels", "terms"])
 @pytest.mark.parametrize("bounces", [0, 2, -1])
 @pytest.mark.parametrize("more", [{}, {"ambient": 0.3, "background": rgb(0.1, 0.2, 0.3), "hide_emitters": True}])
-def test_the_sum_is_the_image_which_is_the_one_without_layers(variant_rgb, kind, bounces, more):
+def test_the_sum_of_layers_is_the_image_without_layers(variant_rgb, kind, bounces, more):
     if (kind, bounces) == ("terms", -1):
         pytest.skip("refused")
-    description = scene(GLASS, diffuse_bounces=bounces, **more)
-    if more:
-        del description["sky"]
+    description = without(scene(GLASS, diffuse_bounces=bounces, **more), *["sky"] * bool(more))
     alone, _ = rendered(description)
     description["integrator"] |= {"layers": kind}
     image, parts = rendered(description)
@@ -119,9 +114,8 @@ def test_caustics_are_a_term(variant_rgb):
 
 def test_the_layers_of_lamps_recombine_to_a_new_render(variant_rgb):
     _, parts = rendered(scene(layers="lights"))
-    dimmed = lamps()
-    dimmed["light"] = dimmed["light"] | {"emitter": {"type": "area", "radiance": rgb(12.5, 10, 7.5)}}
-    image, _ = rendered(scene(light=dimmed))
+    dimmed = LAMPS["light"] | area(rgb(12.5, 10, 7.5))
+    image, _ = rendered(scene(light=lamps() | {"light": dimmed}))
     assert np.allclose(sum(parts.values()) - 0.5 * parts["light"], image, atol=1e-5 * image.max())
 
 
@@ -134,12 +128,12 @@ def test_the_layers_of_lamps_recombine_to_a_new_render(variant_rgb):
         ({"layers": "terms", "diffuse_bounces": -1}, "diffuse_bounces"),
     ],
 )
-def test_refused(variant_rgb, parameters, word):
+def test_layers_that_cannot_be_are_refused(variant_rgb, parameters, word):
     with pytest.raises((ValueError, RuntimeError), match=word):
         mi.load_dict({"type": "prosim", **parameters})
 
 
-def test_refused_later(variant_rgb):
+def test_many_layers_derivatives_and_nesting_are_refused(variant_rgb):
     many = {f"lamp{k}": LAMPS["point"] for k in range(layers.MAX_LAYERS + 1)}
     with pytest.raises((ValueError, RuntimeError), match="33 layers"):
         rendered(scene(light=many, layers="lights"))
@@ -155,6 +149,6 @@ def test_no_layers_in_scalar_variants(variant_scalar):
         mi.load_dict({"type": "prosim", "layers": "levels"})
 
 
-def test_names(variant_rgb):
+def test_lamps_without_names_are_numbered(variant_rgb):
     plain = mi.load_string('<scene version="3.0.0"><emitter type="point"/><emitter type="point" id="a.b"/></scene>')
     assert layers.light_names(plain.emitters()) == ["lamp1", "a_b"]

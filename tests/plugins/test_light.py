@@ -7,17 +7,7 @@ import pytest
 from image_statistics import renderings
 from mitsuba_prosim.light.spheres import direction_to_sphere
 from mitsuba_prosim.light.strategy import Receiver
-from scenes import camera, film, load_scene, sphere_lamp
-
-
-def T():
-    return mi.ScalarTransform4f()
-
-
-def grid(n=128):
-    """The midpoints of n² cells of the unit square."""
-    i = dr.arange(mi.UInt32, n * n)
-    return (mi.Point2f(i % n, i // n) + 0.5) / n
+from scenes import T, camera, film, grid, ground, load_scene, sphere_lamp
 
 
 @pytest.mark.slow
@@ -33,7 +23,7 @@ def check_ball(normal, aside, radius):
     across = np.cross(normal, [0.3, 0.1, 0.9])
     distance = 5.0
     center = distance * (normal * np.cos(aside) + across / np.linalg.norm(across) * np.sin(aside))
-    sample = grid()
+    sample = grid(128)
     si = dr.zeros(mi.SurfaceInteraction3f, dr.width(sample))
     receiver = Receiver(si, mi.Normal3f(*normal.tolist()))
     ds = direction_to_sphere(receiver, mi.Point3f(*center.tolist()), mi.Float(radius), sample)
@@ -50,11 +40,7 @@ def test_a_sun_lights_every_pixel_of_a_floor_alike(variant_rgb, height, aside):
     scene = load_scene(
         integrator={"type": "prosim", "adaptive": "none", "max_level": 0},
         sensor={"type": "orthographic", "to_world": T().look_at([0, 3, 0], [0, 0, 0], [0, 0, 1]), "film": film(16)},
-        floor={
-            "type": "rectangle",
-            "to_world": T().rotate([1, 0, 0], -90).scale(2),
-            "bsdf": {"type": "diffuse", "reflectance": 1.0},
-        },
+        floor=ground(2, {"type": "diffuse", "reflectance": 1.0}),
         sun=sphere_lamp([aside, height, 0.0], 0.005 * height, 1 / 0.005**2),
     )
     image = np.array(mi.render(scene, spp=64))

@@ -5,9 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings, same_expectation
-from scenes import penumbra, rgb
-
-COPPER = {"type": "roughconductor", "material": "Cu", "alpha": 0.15}
+from scenes import COPPER, CROP, T, derivative, in_threads, penumbra, rgb
 
 
 def adaptive(nested, **settings):
@@ -33,16 +31,11 @@ def foggy(inside=False):
     scene = penumbra(COPPER)
     fog = {"type": "homogeneous", "albedo": 0.7, "sigma_t": 0.25}
     if inside:
-        scene["sensor"]["medium"] = fog
-        for name in ("floor", "wall"):
-            scene[name]["exterior"] = fog
+        scene["sensor"]["medium"] = scene["floor"]["exterior"] = scene["wall"]["exterior"] = fog
         return scene
-    scene["box"] = {
-        "type": "cube",
-        "to_world": mi.ScalarTransform4f().translate([0, 1, 0]).scale([1.8, 0.95, 1.5]),
-        "bsdf": {"type": "null"},
-        "interior": {**fog, "sigma_t": 1.0},
-    }
+    place = T().translate([0, 1, 0]).scale([1.8, 0.95, 1.5])
+    cloud = {"bsdf": {"type": "null"}, "interior": {**fog, "sigma_t": 1.0}}
+    scene["box"] = {"type": "cube", "to_world": place, **cloud}
     scene["light"]["emitter"]["radiance"] = rgb(60, 60, 60)
     return scene
 
@@ -140,19 +133,14 @@ def test_bands_and_crops_do_not_change_a_bit(variant_rgb):
     whole = image()
     assert len(np.unique(whole[..., -1])) > 2
     assert np.array_equal(whole, image(band=333))
-    crop = image(crop_offset_x=7, crop_offset_y=11, crop_width=20, crop_height=9)
-    assert np.array_equal(whole[11:20, 7:27], crop)
+    assert np.array_equal(whole[11:20, 7:27], image(**CROP))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("threads", [1, 3])
 def test_with_a_noise_to_reach_bands_and_threads_do_not_change_a_bit(variant_rgb, threads):
-    whole, before = image(settings={"noise": 0.01}), dr.thread_count()
-    try:
-        dr.set_thread_count(threads)
-        assert np.array_equal(whole, image(settings={"noise": 0.01}, band=100))
-    finally:
-        dr.set_thread_count(before)
+    whole = image(settings={"noise": 0.01})
+    assert np.array_equal(whole, in_threads(threads, image, settings={"noise": 0.01}, band=100))
 
 
 # ------------------------------------------------------------------ derivatives
@@ -160,40 +148,36 @@ def test_with_a_noise_to_reach_bands_and_threads_do_not_change_a_bit(variant_rgb
 
 def test_derivatives_are_the_nested_integrators(variant_rgb):
     """Forward to the bit; backward but for the order of the sums."""
+    scene, nested = mi.load_dict(penumbra(COPPER)), mi.load_dict({"type": "prb"})
+    ours, params = mi.load_dict(adaptive("prb", aovs="samples")), mi.traverse(scene)
 
-    def derivatives(integrator):
-        scene = mi.load_dict(penumbra(COPPER))
-        params = mi.traverse(scene)
-        key = "floor.bsdf.reflectance.value"
-        results = []
-        for forward in (True, False):
-            e = mi.Float(0)
-            dr.enable_grad(e)
-            params[key] = mi.Color3f(0.6, 0.6, 0.5) + e
-            params.update()
-            image = mi.render(scene, params, integrator=mi.load_dict(integrator), seed=1, seed_grad=2, spp=4)
-            if forward:
-                dr.forward(e)
-                results.append(np.array(dr.grad(image)))
-            else:
-                dr.backward(dr.mean(dr.square(image - 0.1)[:, :, :3], axis=None))
-                results.append(dr.grad(e)[0])
-        return results
+    def change(e):
+        params["floor.bsdf.reflectance.value"] = mi.Color3f(0.6, 0.6, 0.5) + e
+        params.update()
 
-    forward, _ = derivatives({"type": "prb"})
-    ours, backward = derivatives(adaptive("prb", aovs="samples"))
-    assert np.array_equal(ours[..., :3], forward) and forward.max() > 0
-    assert ours.shape == (32, 32, 4) and ours[..., 3].max() == 0
+    def image(e, integrator):
+        change(e)
+        return mi.render(scene, params, integrator=integrator, seed=1, seed_grad=2, spp=4)
+
+    def loss(e):
+        return dr.mean(dr.square(image(e, ours) - 0.1)[:, :, :3], axis=None)
+
+    forward = []
+    for integrator in (nested, ours):
+        e = mi.Float(0)
+        dr.enable_grad(e)
+        found = image(e, integrator)
+        dr.forward(e)
+        forward.append(np.array(dr.grad(found)))
+    assert np.array_equal(forward[1][..., :3], forward[0]) and forward[0].max() > 0
+    assert forward[1].shape == (32, 32, 4) and forward[1][..., 3].max() == 0
+    backward = derivative(loss)
     # The nested integrator's own, by the gradient of our image.
-    scene, integrator = mi.load_dict(penumbra(COPPER)), mi.load_dict({"type": "prb"})
-    params = mi.traverse(scene)
-    loss_gradient = mi.render(scene, integrator=mi.load_dict(adaptive("prb")), seed=1, spp=4)
-    loss_gradient = 2 * (loss_gradient - 0.1) / dr.prod(loss_gradient.shape)
+    loss_gradient = 2 * (mi.render(scene, integrator=ours, seed=1, spp=4)[..., :3] - 0.1) / (32 * 32 * 3)
     e = mi.Float(0)
     dr.enable_grad(e)
-    params["floor.bsdf.reflectance.value"] = mi.Color3f(0.6, 0.6, 0.5) + e
-    params.update()
-    integrator.render_backward(scene, params, loss_gradient, 0, 2, 4)
+    change(e)
+    nested.render_backward(scene, params, loss_gradient, 0, 2, 4)
     assert backward == pytest.approx(dr.grad(e)[0], rel=1e-4) and backward != 0
 
 
@@ -209,14 +193,17 @@ def test_parameters_of_the_nested_integrator_are_found(variant_rgb):
 @pytest.mark.parametrize(
     "children, message",
     [
-        ({}, "prosim_adaptive: it holds 0 integrators; nest one in it, such as <integrator type='path'/>"),
-        ({"a": {"type": "path"}, "b": {"type": "direct"}}, "prosim_adaptive: it holds 2 integrators"),
-        ({"a": {"type": "ptracer"}}, "'ParticleTracerIntegrator'; allowed: one that takes samples from a sensor"),
+        ({}, "prosim_adaptive: parameter \"integrator\" is 'nothing'; allowed: one integrator that takes samples"),
+        ({"a": {"type": "path"}, "b": {"type": "direct"}}, "is 'PathIntegrator, DirectIntegrator'; allowed: one"),
+        (
+            {"a": {"type": "ptracer"}},
+            "'ParticleTracerIntegrator'; allowed: one integrator that takes samples from a sensor",
+        ),
         ({"a": {"type": "path"}, "adaptive": "thesis", "noise": 0.1}, "noise and time ask for more than N² samples"),
         ({"a": {"type": "path"}, "noise": -1.0}, '"noise" is -1.0'),
         ({"a": {"type": "path"}, "adaptive": "always"}, '"adaptive" is .always.; allowed: one of'),
         ({"a": {"type": "path"}, "max_level": 2}, "max_level"),
-        ({"a": {"type": "path"}, "bsdf": {"type": "diffuse"}}, "bsdf"),
+        ({"a": {"type": "path"}, "b": {"type": "diffuse"}}, "PathIntegrator, SmoothDiffuse"),
     ],
 )
 def test_wrong_inputs_are_named(variant_rgb, children, message):

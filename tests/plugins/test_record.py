@@ -1,17 +1,15 @@
-"""An image that is gone on with from a record, and one that is put together from parts, is that of one run."""
+"""An image that is resumed from a checkpoint, and one that is merged from parts, is that of one run."""
 
 import itertools
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.engine.checkpoint import put_together
 from mitsuba_prosim.engine.plan import Rectangle
-from mitsuba_prosim.engine.tiles import Part, near, owners
-from scenes import penumbra
+from mitsuba_prosim.engine.tiles import Part, part_numbers, within_reach
+from scenes import COPPER, in_threads, penumbra
 
-COPPER = {"type": "roughconductor", "material": "Cu", "alpha": 0.15}
 CROP = {"width": 96, "height": 90, "crop_offset_x": 17, "crop_offset_y": 11, "crop_width": 50, "crop_height": 40}
 
 
@@ -28,18 +26,18 @@ def finished(scene, **how):
     return np.array(scene.sensors()[0].film().develop()), (reached.samples, str(reached.noise))
 
 
-def records(scene, **how):
+def checkpoints(scene, **how):
     """A checkpoint after each step, and the last."""
     render = scene.integrator().progressive(scene, seed=3, **how)
     return [*(render.checkpoint() for _ in render), render.checkpoint()]
 
 
-def goes_on_the_same(scene, some):
+def assert_resumed_alike(scene, some):
     expected = finished(scene)
-    found = records(scene)
+    found = checkpoints(scene)
     for i in sorted({round(share * (len(found) - 1)) for share in some}):
         image, reached = finished(scene, begin=found[i])
-        assert np.array_equal(image, expected[0]) and reached == expected[1], f"record {i} of {len(found)}"
+        assert np.array_equal(image, expected[0]) and reached == expected[1], f"checkpoint {i} of {len(found)}"
 
 
 # ------------------------------------------------------------------ going on
@@ -47,9 +45,9 @@ def goes_on_the_same(scene, some):
 LONG = {"noise": 0.002, "max_samples": 300}
 
 
-def test_an_image_goes_on_to_the_same_bits(variant_rgb):
+def test_a_resumed_render_has_the_same_bits(variant_rgb):
     """Within the first wave, within a later one, and while its noise is measured."""
-    goes_on_the_same(loaded(band=700, **LONG), (0.1, 0.6, 0.9))
+    assert_resumed_alike(loaded(band=700, **LONG), (0.1, 0.6, 0.9))
 
 
 @pytest.mark.slow
@@ -63,24 +61,24 @@ def test_an_image_goes_on_to_the_same_bits(variant_rgb):
     ],
     ids=str,
 )
-def test_an_image_goes_on_to_the_same_bits_from_anywhere(variant_rgb, settings):
-    goes_on_the_same(loaded(band=700, **settings), (0, 0.4, 0.8, 1))
+def test_a_render_resumed_anywhere_has_the_same_bits(variant_rgb, settings):
+    assert_resumed_alike(loaded(band=700, **settings), (0, 0.4, 0.8, 1))
 
 
 @pytest.mark.slow
-def test_another_aim_is_pursued_from_where_it_is(variant_rgb):
+def test_a_checkpoint_is_resumed_with_another_limit(variant_rgb):
     """More samples of every pixel: the image is that of one run. Less noise: it is reached, by adding samples alone."""
-    half = records(loaded(size=24, adaptive="none", max_samples=10))[-1]
+    half = checkpoints(loaded(size=24, adaptive="none", max_samples=10))[-1]
     more = loaded(size=24, adaptive="none", max_samples=20)
     assert np.array_equal(finished(more, begin=half)[0], finished(more)[0])
-    quick = records(loaded(size=24, adaptive="neighbours"))[-1]
+    quick = checkpoints(loaded(size=24, adaptive="neighbours"))[-1]
     image, (samples, noise) = finished(loaded(size=24, noise=0.0015, adaptive="graded"), begin=quick)
     assert float(noise) <= 0.0015 and samples > np.mean(quick.pixels["count"])
     assert np.all(np.rint(image[..., -2]).ravel() >= quick.pixels["count"])
 
 
-def test_what_belongs_to_another_image_is_refused(variant_rgb):
-    (*_, last) = records(loaded(size=8))
+def test_checkpoints_of_another_image_are_refused(variant_rgb):
+    (*_, last) = checkpoints(loaded(size=8))
     for settings, says in [
         ({"samples": 4}, "samples of a pass: 5 there, 4 here"),
         ({"size": 10}, "window"),
@@ -102,13 +100,13 @@ def test_each_pixel_is_in_one_part_and_each_part_knows_its_surroundings(variant_
     inside = (x >= left) & (x < right) & (y >= top) & (y < bottom)
     for of in (1, 2, 3, 16):
         parts = [Part(number, of) for number in range(1, of + 1)]
-        owned = owners(region, of, margin, x, y)
+        owned = part_numbers(region, of, margin, x, y)
         mine = [(owned == part.number) & inside for part in parts]
         assert np.array_equal(np.sum(mine, axis=0), inside)
         sizes = np.sum(mine, axis=(1, 2))
         assert sizes.min() > 0.5 * sizes.mean()
         for part, own, reach in zip(parts, mine, (0, 1, 3, 6)):
-            close = near(part, region, margin, x, y, reach)
+            close = within_reach(part, region, margin, x, y, reach)
             around = np.zeros_like(own)
             for dy, dx in itertools.product(range(-reach, reach + 1), repeat=2):
                 around |= np.roll(own, (dy, dx), (0, 1))
@@ -121,17 +119,17 @@ def test_each_pixel_is_in_one_part_and_each_part_knows_its_surroundings(variant_
 
 @pytest.mark.parametrize("margin, most", [(0, 1.03), (2, 1.06), (6, 1.25)])
 @pytest.mark.parametrize("of", [2, 3, 8, 16])
-def test_parts_have_their_share_of_what_is_slow(of, margin, most):
+def test_parts_have_equal_shares_of_slow_pixels(of, margin, most):
     """A ball in the middle, each of whose pixels takes as long as ten others."""
     x, y = np.ogrid[:800, :600]
     cost = np.where((x - 410) ** 2 + (y - 320) ** 2 < 150**2, 10, 1)
-    owned = owners((0, 0, 800, 600), of, margin, x, y)
+    owned = part_numbers((0, 0, 800, 600), of, margin, x, y)
     costs = [cost[owned == number].sum() for number in range(1, of + 1)]
     assert sum(costs) == cost.sum() and max(costs) < most * np.mean(costs)
 
 
 def in_parts(scene, of):
-    parts = [records(scene, part=Part(number, of))[-1] for number in range(1, of + 1)]
+    parts = [checkpoints(scene, part=Part(number, of))[-1] for number in range(1, of + 1)]
     np.random.default_rng(1).shuffle(parts)
     return finished(scene, begin=put_together(parts))[0]
 
@@ -147,22 +145,20 @@ def test_parts_make_the_image(variant_rgb):
 )
 def test_any_number_of_parts_makes_the_image(variant_rgb, adaptive, rfilter):
     """Also with a crop window, and with a sampled border."""
-    for film, numbers in [({}, [7]), (CROP, [4]), ({"sample_border": True}, [2])]:
-        scene = loaded(28, rfilter=rfilter, adaptive=adaptive, film=film, aovs="samples,error", max_level=1)
-        expected = finished(scene)[0]
-        for of in numbers:
-            assert np.array_equal(in_parts(scene, of), expected), of
+    for film, of in [({}, 7), (CROP, 4), ({"sample_border": True}, 2)]:
+        scene = loaded(28, rfilter=rfilter, adaptive=adaptive, film=film, max_level=1)
+        assert np.array_equal(in_parts(scene, of), finished(scene)[0]), of
 
 
-def test_a_part_that_was_stopped_goes_on(variant_rgb):
+def test_a_stopped_part_is_resumed(variant_rgb):
     scene = loaded(size=24, band=100)
-    stopped, *_, last = records(scene, part=Part(2, 3))[2:]
-    on = records(scene, begin=stopped)
+    stopped, *_, last = checkpoints(scene, part=Part(2, 3))[2:]
+    on = checkpoints(scene, begin=stopped)
     assert on[-1].part == Part(2, 3) and on[-1].finished and not stopped.finished
     assert all(np.array_equal(on[-1].pixels[name], last.pixels[name]) for name in last.pixels)
 
 
-def test_parts_know_nothing_of_noise(variant_rgb):
+def test_parts_refuse_noise_and_wrong_numbers(variant_rgb):
     with pytest.raises(ValueError, match="limits noise and time"):
         finished(loaded(noise=0.01), part=Part(1, 2))
     with pytest.raises(ValueError, match="part 3 of 2"):
@@ -173,12 +169,6 @@ def test_samples_too_dark_for_a_square_are_the_same_in_all_threads(variant_rgb):
     """Where there is one thread only, kernels run in Python's own, which knows denormal numbers."""
     scene = penumbra(size=16, type="prosim", aovs="error")
     scene["light"]["emitter"]["radiance"]["value"] = [1e-17] * 3
-    scene, before = mi.load_dict(scene), dr.thread_count()
-    images = []
-    try:
-        for threads in (1, 2):
-            dr.set_thread_count(threads)
-            images.append(np.array(mi.render(scene)))
-    finally:
-        dr.set_thread_count(before)
+    scene = mi.load_dict(scene)
+    images = [np.array(in_threads(threads, mi.render, scene)) for threads in (1, 2)]
     assert np.array_equal(*images) and images[0][..., :3].max() > 0

@@ -6,10 +6,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from image_statistics import renderings, same_expectation
 from mitsuba_prosim.sampling.hash import combine, hash32
 from mitsuba_prosim.sampling.nrook import NRook, Permutations, epoch_key, pixel_key
 from mitsuba_prosim.sampling.sobol import Sobol
-from scenes import film
+from scenes import T, area, film, load_scene, rectangle
 from scipy import stats
 
 
@@ -22,7 +23,7 @@ def pattern(n, pixels, space=3, seed=7, jitter="multi"):
 
 
 @pytest.mark.parametrize("jitter", ["multi", "uniform"])
-@pytest.mark.parametrize("n", [1, 2, 5, 7, 16])
+@pytest.mark.parametrize("n", [1, 2, 5, 16])
 def test_passes_are_nrook_patterns_that_fill_all_cells(variant_rgb, n, jitter):
     points = pattern(n, 50, jitter=jitter)
     assert points.min() >= 0 and points.max() < 1
@@ -33,13 +34,9 @@ def test_passes_are_nrook_patterns_that_fill_all_cells(variant_rgb, n, jitter):
 
 
 def test_multi_jitter_fills_all_strata_of_each_axis(variant_rgb):
-    strata = np.sort(np.floor(pattern(5, 50).reshape(50, 25, 2) * 25).astype(int), axis=1)
-    assert np.all(strata == np.arange(25)[:, None])
-
-
-def test_multi_jitter_is_correlated(variant_rgb):
     """Kensler 2013: the place within a row's strata depends on the column alone, and the other way round."""
     points = pattern(5, 50).reshape(50, 25, 2)
+    assert np.all(np.sort(np.floor(points * 25).astype(int), axis=1) == np.arange(25)[:, None])
     cell, place = np.floor(points * 5).astype(int), np.floor(points * 25).astype(int) % 5
     for axis in (0, 1):
         pairs = cell[..., 1 - axis] * 5 + place[..., axis]
@@ -103,8 +100,8 @@ def test_scalar_samples_are_those_of_the_vectorised_variants():
         assert np.allclose(np.array(point), expected[pixel, r, i], atol=1e-7)
 
 
-def test_keys_of_two_seeds_are_no_stream_shifted(variant_rgb):
-    """Wherever a key of one seed is one of another's too, the next pixels' are not; under one seed all differ."""
+def test_keys_of_two_seeds_are_not_the_same_sequence_shifted(variant_rgb):
+    """Wherever two seeds share a key, the next pixels' keys differ; under one seed all differ."""
     pixel = np.arange(1 << 18, dtype=np.uint64)
 
     def keys(seed):
@@ -119,7 +116,7 @@ def test_keys_of_two_seeds_are_no_stream_shifted(variant_rgb):
 
 
 @pytest.mark.parametrize("jitter", ["multi", "uniform"])
-@pytest.mark.parametrize("n", [2, 5, 8])
+@pytest.mark.parametrize("n", [2, 5])
 def test_beyond_all_cells_a_new_pattern_begins(variant_rgb, n, jitter):
     """Each epoch is a whole pattern of its own: the cells of the first two, in their order, are independent (chi², at
     significance 0.001, of the first sample's cell in each).
@@ -128,8 +125,6 @@ def test_beyond_all_cells_a_new_pattern_begins(variant_rgb, n, jitter):
     key = pixel_key(7, lane // (3 * size))
     points = np.array(NRook.at(Permutations(n), key, lane % (3 * size), jitter)(3)).T.reshape(4000, 3, size, 2)
     assert np.array_equal(points[:, 0], pattern(n, 4000, jitter=jitter).reshape(4000, size, 2))
-    first = NRook.in_first_epoch(Permutations(n), key, lane % size, jitter)(3)
-    assert np.array_equal(np.array(first).T.reshape(4000, 3, size, 2)[:, 0], points[:, 0])
     cells = np.floor(points * n).astype(int) @ [n, 1]
     assert np.all(np.sort(cells, axis=2) == np.arange(size))
     first, second = cells[:, 0, 0], cells[:, 1, 0]
@@ -219,8 +214,7 @@ def test_samplers_take_these_points_in_any_variant(variant, plugin, n):
     assert np.all(np.sort(np.floor(points * n * n).astype(int), axis=1) == np.arange(n * n)[:, None])
 
 
-def test_sampler_passes_of_a_wavefront_are_those_of_one(variant_rgb):
-    """advance() goes on where the wavefront ended."""
+def test_a_sampler_and_its_clone_continue_where_a_wavefront_ended(variant_rgb):
 
     def take(per_wavefront):
         sampler = mi.load_dict({"type": "nrook", "sample_count": 16})
@@ -228,26 +222,18 @@ def test_sampler_passes_of_a_wavefront_are_those_of_one(variant_rgb):
         sampler.seed(3, per_wavefront)
         points = []
         for _ in range(16 // per_wavefront):
+            clone = sampler.clone()
             points.append(np.array(sampler.next_2d()).T)
+            assert np.array_equal(points[-1], np.array(clone.next_2d()).T)
             sampler.advance()
         return np.concatenate(points)
 
     assert np.array_equal(take(16), take(4))
 
 
-def test_sampler_clone_goes_on_like_the_original(variant_rgb):
-    sampler = mi.load_dict({"type": "nrook", "sample_count": 4})
-    sampler.seed(1, 8)
-    sampler.next_2d()
-    clone = sampler.clone()
-    assert np.array_equal(np.array(sampler.next_2d()), np.array(clone.next_2d()))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["path", "direct", "prb"])
 def test_sampler_estimates_what_others_do(variant_rgb, integrator):
-    from image_statistics import renderings, same_expectation
-
     scene = mi.cornell_box()
     scene["sensor"]["film"]["width"] = scene["sensor"]["film"]["height"] = 32
     images = []
@@ -260,22 +246,13 @@ def test_sampler_estimates_what_others_do(variant_rgb, integrator):
 @pytest.mark.parametrize("integrator", ["direct", "prb"])
 def test_sampler_stratifies_for_integrators_in_cpp_and_in_python(variant_rgb, integrator):
     """A vertical edge cuts the pixels of a column: 10 x 10 strata leave each an error below 1/100."""
-    scene = {
-        "type": "scene",
-        "integrator": {"type": integrator},
-        "sensor": {
-            "type": "orthographic",
-            "sampler": {"type": "nrook", "sample_count": 100},
-            "film": film(8, 64, pixel_format="luminance"),
-        },
-        "edge": {
-            "type": "rectangle",
-            "to_world": mi.ScalarTransform4f().translate([1.1, 0, 2]).scale([1, 10, 1]),
-            "flip_normals": True,
-            "emitter": {"type": "area", "radiance": 1.0},
-        },
-    }
-    image = np.array(mi.render(mi.load_dict(scene)))[:, :, 0]
+    sampler = {"type": "nrook", "sample_count": 100}
+    scene = load_scene(
+        integrator={"type": integrator},
+        sensor={"type": "orthographic", "sampler": sampler, "film": film(8, 64, pixel_format="luminance")},
+        edge=rectangle(T().translate([1.1, 0, 2]).scale([1, 10, 1]), flip_normals=True, **area()),
+    )
+    image = np.array(mi.render(scene))[:, :, 0]
     cut = np.flatnonzero((image.mean(axis=0) > 0.01) & (image.mean(axis=0) < 0.99))
     assert len(cut) == 1
     assert np.ptp(image[:, cut]) < 0.02

@@ -53,7 +53,7 @@ def quadrature(c, s):
 
 
 @pytest.mark.parametrize("s", SINES)
-def test_area_against_quadrature(variant, s):
+def test_the_projected_area_is_that_of_quadrature(variant, s):
     for c in heights(s):
         expected = quadrature(c, s)
         area = np.array(projected_cap_area(*cap(c, s))).item()

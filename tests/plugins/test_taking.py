@@ -18,7 +18,7 @@ from test_record import CROP, loaded
 class Elsewhere:
     """Takes samples by what travels, in another copy of the scene, a few work items at a time, in any order."""
 
-    sets = None
+    photon_passes = None
 
     def __init__(self, scene, most=3000, together=3, history=False):
         self.estimator = None
@@ -40,7 +40,7 @@ class Elsewhere:
             sensor = self.scene.sensors()[0]
             self.estimator = self.scene.integrator().estimator(self.scene, sensor)
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, self.history):
-            _, sums = worker.taken(self.estimator, worker.packed(item))
+            _, sums = worker.timed_sums(self.estimator, worker.packed(item))
             self.compiled.append(sum(not kernel.get("cache_hit", True) for kernel in dr.kernel_history()))
         return pickle.loads(sums)
 
@@ -65,8 +65,13 @@ def test_samples_that_were_taken_elsewhere(variant_rgb, monkeypatch):
     """With noise, larger patterns, a second image, and a filter that reaches other pixels; nor does Python's garbage
     collector run meanwhile, which would free scenes that the kernels know.
     """
-    take, collects = Estimator.take, set()
-    monkeypatch.setattr(Estimator, "take", lambda *rest, **more: collects.add(collecting()) or take(*rest, **more))
+    accumulate, collects = Estimator.accumulate, set()
+
+    def watched(*rest):
+        collects.add(collecting())
+        return accumulate(*rest)
+
+    monkeypatch.setattr(Estimator, "accumulate", watched)
     taken_alike({"size": 24, "noise": 0.004, "max_samples": 200}, most=20000)
     assert collects == {False} and collecting()
 

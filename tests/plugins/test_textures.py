@@ -3,25 +3,30 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.procedural.patterns import gradient_noise, square_wave
-from scenes import load_scene
+from scenes import camera, derivative, film, load_scene, rgb
 from scipy import integrate
 
-PLUGINS = ("prosim_brick", "prosim_stripes", "prosim_fractal")
-FEW_OCTAVES = {"prosim_fractal": {"octaves": 3}}  # each is compiled
-COLORS = {
-    "prosim_brick": ("mortar", "brick"),
-    "prosim_stripes": ("color1", "color0"),
-    "prosim_fractal": ("color0", "color1"),
-}  # at pattern value 0, 1
+#: name -> names of the colours at pattern value 0 and 1.
+BRICK, STRIPES, FRACTAL = "prosim_brick", "prosim_stripes", "prosim_fractal"
+COLORS = {BRICK: ("mortar", "brick"), STRIPES: ("color1", "color0"), FRACTAL: ("color0", "color1")}
+FEW_OCTAVES = {FRACTAL: {"octaves": 3}}  # each is compiled
 
-
-def rgb(*value):
-    return {"type": "rgb", "value": list(value)}
+each = pytest.mark.parametrize("plugin", COLORS)
+flat_and_solid = pytest.mark.parametrize("solid", (False, True))
 
 
 def texture(plugin, low=0.0, high=1.0, **parameters):
     names = COLORS[plugin]
     return mi.load_dict({"type": plugin, names[0]: low, names[1]: high, **parameters})
+
+
+def surface():
+    """A surface in any variant, seen without ray differentials."""
+    si = mi.SurfaceInteraction3f() if mi.variant() == "scalar_rgb" else dr.zeros(mi.SurfaceInteraction3f)
+    si.dp_du = si.dp_dv = mi.Vector3f(0)
+    si.duv_dx = si.duv_dy = mi.Vector2f(0)
+    si.wavelengths = [450, 520, 580, 640] if mi.is_spectral else []
+    return si
 
 
 def at(uv, p=None):
@@ -37,7 +42,7 @@ def points(n, dimensions, seed=0, low=-3, high=3):
     return np.random.default_rng(seed).uniform(low, high, (dimensions, n))
 
 
-def test_stripes(variant_rgb):
+def test_stripes_are_where_their_parameters_say(variant_rgb):
     stripes = texture("prosim_stripes", frequency=2.0, duty=0.25, axis=[0, 3, 0])
     v = np.array([0.0, 0.06, 0.065, 0.25, 0.43, 0.44, 0.5, -0.06, -0.07, 7.0])
     inside = [1, 1, 0, 0, 0, 1, 1, 1, 0, 1]
@@ -53,7 +58,7 @@ def test_stripes_across_a_slanted_axis(variant_rgb):
     assert np.allclose(stripes.eval_1(at(across[:2], across - 0.5 / np.sqrt(3))), 1)
 
 
-def test_brick(variant_rgb):
+def test_bricks_are_where_their_parameters_say(variant_rgb):
     """Rows of 0.3 with joints of 0.1, centred on the origin; every other row is shifted by half a brick of 0.9 +
     0.1.
     """
@@ -64,7 +69,7 @@ def test_brick(variant_rgb):
     assert np.allclose(brick.eval_1(at([x, y])), inside, atol=1e-3)
 
 
-def test_solid_brick(variant_rgb):
+def test_solid_bricks_are_where_their_parameters_say(variant_rgb):
     """The same in three dimensions, centred on the middle of a brick."""
     brick = texture("prosim_brick", brick_width=0.9, brick_height=0.3, mortar_width=0.1, solid=True)
     x = [0, 0.44, 0.46, 0, 0, 0, 0, 0, 0.1]
@@ -74,13 +79,11 @@ def test_solid_brick(variant_rgb):
     assert np.allclose(brick.eval_1(at([x, x], [x, y, z])), inside, atol=1e-3)
 
 
-@pytest.mark.parametrize("solid", (False, True))
-@pytest.mark.parametrize("plugin", PLUGINS)
-def test_mean(variant_rgb, plugin, solid):
-    """Against the average over 2^20 points in a large region; 4.5 standard errors of independent points (fractal: of
-    its lattice cells).
-    """
-    whole = texture(plugin, solid=solid, low=0.1, high=0.7, **({"octaves": 3} if plugin == "prosim_fractal" else {}))
+@flat_and_solid
+@each
+def test_mean_is_the_average_of_many_points(variant_rgb, plugin, solid):
+    """2^20 points in a large region; 4.5 standard errors of independent points (fractal: of its lattice cells)."""
+    whole = texture(plugin, solid=solid, low=0.1, high=0.7, **FEW_OCTAVES.get(plugin, {}))
     p = points(1 << 20, 3, high=300)
     values = np.array(whole.eval_1(at(p[:2], p)))
     assert values.mean() == pytest.approx(np.array(whole.mean()).item(), abs=0.003)
@@ -88,32 +91,27 @@ def test_mean(variant_rgb, plugin, solid):
     assert whole.max() == pytest.approx(0.7) and whole.is_spatially_varying()
 
 
-@pytest.mark.parametrize("solid", (False, True))
-@pytest.mark.parametrize("plugin", PLUGINS)
-def test_scalar_agrees_with_vectorised(plugin, solid):
-    p = points(40, 3, seed=5)
+def test_scalar_agrees_with_vectorised():
+    p, cases = points(40, 3, seed=5), [(plugin, solid) for plugin in COLORS for solid in (False, True)]
     mi.set_variant("llvm_ad_rgb")
-    expected = np.array(texture(plugin, solid=solid).eval_1(at(p[:2], p)))
+    expected = [np.array(texture(plugin, solid=solid).eval_1(at(p[:2], p))) for plugin, solid in cases]
     mi.set_variant("scalar_rgb")
-    pattern = texture(plugin, solid=solid)
-    si = mi.SurfaceInteraction3f()
-    si.dp_du, si.dp_dv, si.duv_dx, si.duv_dy = [0, 0, 0], [0, 0, 0], [0, 0], [0, 0]
-    for column, value in zip(p.T, expected):
-        si.uv, si.p = mi.Point2f(column[:2]), mi.Point3f(column)
-        assert pattern.eval_1(si) == pytest.approx(value, abs=2e-3)
+    si = surface()
+    for (plugin, solid), values in zip(cases, expected):
+        pattern = texture(plugin, solid=solid)
+        for column, value in zip(p.T, values):
+            si.uv, si.p = mi.Point2f(column[:2]), mi.Point3f(column)
+            assert pattern.eval_1(si) == pytest.approx(value, abs=2e-3)
 
 
-@pytest.mark.parametrize("plugin", PLUGINS)
-def test_colours(variant, plugin):
-    """The mixture of two colours, by every way to ask for it; a nested texture as colour."""
+@each
+def test_a_pattern_mixes_two_colours_or_textures(variant, plugin):
+    """By every way to ask for it."""
     names = COLORS[plugin]
     low, high = np.array([0.1, 0.2, 0.3]), np.array([0.9, 0.5, 0.2])
     colored = mi.load_dict({"type": plugin, names[0]: rgb(*low), names[1]: rgb(*high)})
     nested = mi.load_dict({"type": plugin, names[0]: 0.0, names[1]: {"type": plugin, names[0]: 0.0, names[1]: 1.0}})
-    plain = texture(plugin)
-    si = dr.zeros(mi.SurfaceInteraction3f) if variant != "scalar_rgb" else mi.SurfaceInteraction3f()
-    si.dp_du, si.dp_dv, si.duv_dx, si.duv_dy = [mi.Vector3f(0)] * 2 + [mi.Vector2f(0)] * 2
-    si.wavelengths = [450, 520, 580, 640] if variant == "llvm_ad_spectral" else []
+    plain, si = texture(plugin), surface()
     for uv in ((0.31, 0.27), (0.02, 0.44), (0.75, 0.8), (0.5, 0.13)):
         si.uv = mi.Point2f(uv)
         dr.make_opaque(si.uv)
@@ -137,9 +135,9 @@ def test_square_wave_is_averaged_exactly(variant_rgb):
     assert np.allclose(square_wave(mi.Float(x), mi.Float(0.3), mi.Float(1e6)), 0.3, atol=1e-3)
 
 
-@pytest.mark.parametrize("solid", (False, True))
-@pytest.mark.parametrize("plugin", PLUGINS)
-def test_footprint_and_smoothing(variant_rgb, plugin, solid):
+@flat_and_solid
+@each
+def test_footprint_and_smoothing_lessen_the_contrast_and_keep_the_mean(variant_rgb, plugin, solid):
     """A footprint known from ray differentials, or the parameter, lessens the contrast and keeps the mean; a huge one
     leaves the mean alone: no crawling.
     """
@@ -161,8 +159,8 @@ def test_footprint_and_smoothing(variant_rgb, plugin, solid):
     assert deviations[0] > 1.02 * deviations[1] and deviations[2] < 0.01
 
 
-@pytest.mark.parametrize("plugin", PLUGINS)
-def test_to_local(variant_rgb, plugin):
+@each
+def test_to_local_transforms_the_points(variant_rgb, plugin):
     p = points(500, 3)
     moved = texture(plugin, solid=True, to_local=mi.ScalarTransform4f().translate([1, 2, 3]).scale(2))
     expected = texture(plugin, solid=True).eval_1(at(p[:2], 2 * p + np.array([[1], [2], [3]])))
@@ -188,37 +186,30 @@ def test_noise(variant_rgb):
         assert dr.max(dr.abs(left + right - 2 * middle))[0] < 1e-3  # a jump of the slope by 1 would leave 1e-3 * 2
 
 
-@pytest.mark.parametrize("plugin", PLUGINS)
-def test_gradient_for_bump_maps(variant_rgb, plugin):
-    """The flux of the gradient: its integral along a line is the difference of the ends."""
+@each
+def test_the_integral_of_the_gradient_is_the_difference_of_the_ends(variant_rgb, plugin):
+    """As bump maps need it."""
     smooth = texture(plugin, smoothing=0.1)
     u = np.linspace(0.11, 0.62, 2001)
     slope = np.array(smooth.eval_1_grad(at([u, u * 0 + 0.3])))
     ends = np.array(smooth.eval_1(at([u[[0, -1]], [0.3, 0.3]])))
     assert integrate.trapezoid(slope[0], u) == pytest.approx(ends[1] - ends[0], abs=2e-3)
-    loaded = mi.load_dict({"type": "bumpmap", "nested": smooth, "bsdf": {"type": "diffuse"}})
-    assert "bump" in str(loaded).lower()
-
-
-def image(plugin, integrator="path", **parameters):
-    low, high = COLORS[plugin]
-    reflectance = {"type": plugin, low: rgb(0.2, 0.3, 0.4), high: rgb(0.8, 0.7, 0.6)} | parameters
-    place = mi.ScalarTransform4f().look_at([0, -3, 2], [0, 0, 0], [0, 0, 1])
-    film = {"type": "hdrfilm", "width": 8, "height": 8}
-    scene = load_scene(
-        integrator={"type": integrator, "max_depth": 2},
-        light={"type": "constant"},
-        sensor={"type": "perspective", "to_world": place, "film": film},
-        ball={"type": "sphere", "bsdf": {"type": "diffuse", "reflectance": reflectance}},
-    )
-    return scene, mi.traverse(scene)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("plugin", PLUGINS)
-def test_derivatives_of_colours(variant_rgb, plugin):
+@each
+def test_derivatives_by_colours_match_finite_differences(variant_rgb, plugin):
     """Through prb; the image is linear in them. The two seeds differ: 5 % is five times the noise."""
-    scene, params = image(plugin, "prb", **FEW_OCTAVES.get(plugin, {}))
+    low, high = COLORS[plugin]
+    colours = {low: rgb(0.2, 0.3, 0.4), high: rgb(0.8, 0.7, 0.6)}
+    reflectance = {"type": plugin, **colours, **FEW_OCTAVES.get(plugin, {})}
+    scene = load_scene(
+        integrator={"type": "prb", "max_depth": 2},
+        light={"type": "constant"},
+        sensor=camera([0, -3, 2], [0, 0, 0], film(8), up=(0, 0, 1)),
+        ball={"type": "sphere", "bsdf": {"type": "diffuse", "reflectance": reflectance}},
+    )
+    params = mi.traverse(scene)
     for color in COLORS[plugin]:
         key = f"ball.bsdf.reflectance.{color}.value"
         start = mi.Color3f(params[key])
@@ -229,11 +220,8 @@ def test_derivatives_of_colours(variant_rgb, plugin):
             return dr.mean(mi.render(scene, params, spp=512, seed=3, seed_grad=4).array)
 
         low, high = mean(-0.1)[0], mean(0.1)[0]
-        x = mi.Float(0)
-        dr.enable_grad(x)
-        dr.backward(mean(x))
         assert high > low
-        assert dr.grad(x)[0] == pytest.approx((high - low) / 0.2, rel=0.05)
+        assert derivative(mean) == pytest.approx((high - low) / 0.2, rel=0.05)
         mean(0)
 
 
@@ -241,12 +229,12 @@ def test_derivatives_of_colours(variant_rgb, plugin):
 @pytest.mark.parametrize(
     "plugin, name",
     (
-        *(("prosim_brick", name) for name in ("brick_width", "brick_height", "mortar_width", "smoothing")),
-        *(("prosim_stripes", name) for name in ("frequency", "duty", "axis", "smoothing")),
-        *(("prosim_fractal", name) for name in ("scale", "gain", "lacunarity", "smoothing")),
+        *((BRICK, name) for name in ("brick_width", "brick_height", "mortar_width", "smoothing")),
+        *((STRIPES, name) for name in ("frequency", "duty", "axis", "smoothing")),
+        *((FRACTAL, name) for name in ("scale", "gain", "lacunarity", "smoothing")),
     ),
 )
-def test_derivatives_of_numbers(variant_rgb, plugin, name):
+def test_derivatives_by_numbers_match_finite_differences(variant_rgb, plugin, name):
     """Of a weighted mean over a region, against central differences; with edges soft enough to have a derivative, but
     joints not filled, for the step from one row of bricks to the next has none.
     """
@@ -258,31 +246,23 @@ def test_derivatives_of_numbers(variant_rgb, plugin, name):
     start = type(params[name])(params[name])
     step = 1e-4
 
-    def mean(shift):
+    def values(shift):
         params[name] = start + mi.Vector3f(0, shift, 0) if name == "axis" else start + shift
         params.update()
         dr.make_opaque(params[name])
         return weight * dr.square(pattern.eval_1(at(p[:2], p)))
 
-    low, high = (np.array(mean(shift), dtype=np.float64).mean() for shift in (-step, step))
-    x = mi.Float(0)
-    dr.enable_grad(x)
-    dr.backward(dr.mean(mean(x)))
-    assert abs(dr.grad(x)[0]) > 1e-3
-    assert dr.grad(x)[0] == pytest.approx((high - low) / (2 * step), rel=0.05)
+    def mean(shift):
+        return dr.mean(values(shift))
+
+    low, high = (np.array(values(shift), dtype=np.float64).mean() for shift in (-step, step))
+    found = derivative(mean)
+    assert abs(found) > 1e-3 and found == pytest.approx((high - low) / (2 * step), rel=0.05)
 
 
-def test_product(variant):
-    product = mi.load_dict(
-        {
-            "type": "prosim_product",
-            "a": {"type": "prosim_stripes", "color0": 0.3, "color1": 0.8},
-            "b": {"type": "prosim_stripes", "color0": 0.5, "color1": 0.2},
-        }
-    )
-    si = dr.zeros(mi.SurfaceInteraction3f) if variant != "scalar_rgb" else mi.SurfaceInteraction3f()
-    si.wavelengths = [450, 520, 580, 640] if variant == "llvm_ad_spectral" else []
-    si.duv_dx, si.duv_dy = mi.Vector2f(0), mi.Vector2f(0)
+def test_a_product_multiplies_two_textures(variant):
+    a, b = ({"type": STRIPES, "color0": first, "color1": other} for first, other in ((0.3, 0.8), (0.5, 0.2)))
+    product, si = mi.load_dict({"type": "prosim_product", "a": a, "b": b}), surface()
     for uv, expected in (((0.2, 0.3), 0.15), ((0.3, 0.3), 0.16)):
         si.uv = mi.Point2f(uv)
         assert np.allclose(np.array(product.eval_1(si)), expected)
@@ -293,24 +273,14 @@ def test_product(variant):
 
 
 @pytest.mark.parametrize(
-    "plugin, parameter, value",
+    "plugin, wrong",
     (
-        ("prosim_brick", "brick_width", 0.0),
-        ("prosim_brick", "brick_height", -1.0),
-        ("prosim_brick", "mortar_width", -0.1),
-        ("prosim_brick", "smoothing", -1.0),
-        ("prosim_stripes", "frequency", 0.0),
-        ("prosim_stripes", "duty", 1.5),
-        ("prosim_stripes", "axis", [0, 0, 1]),
-        ("prosim_fractal", "scale", 0.0),
-        ("prosim_fractal", "octaves", 0),
-        ("prosim_fractal", "octaves", 17),
-        ("prosim_fractal", "octaves", 2.5),
-        ("prosim_fractal", "gain", -1.0),
-        ("prosim_fractal", "lacunarity", 0.0),
-        ("prosim_fractal", "seed", -1),
+        (BRICK, {"brick_width": 0.0, "brick_height": -1.0, "mortar_width": -0.1, "smoothing": -1.0}),
+        (STRIPES, {"frequency": 0.0, "duty": 1.5, "axis": [0, 0, 1]}),
+        (FRACTAL, {"scale": 0.0, "octaves": 17, "gain": -1.0, "lacunarity": 0.0, "seed": -1}),
     ),
 )
-def test_errors(variant_rgb, plugin, parameter, value):
-    with pytest.raises(Exception, match=f'{plugin}.*parameter "{parameter}" is .*; allowed: '):
-        mi.load_dict({"type": plugin, parameter: value})
+def test_wrong_parameters_are_named(variant_rgb, plugin, wrong):
+    for parameter, value in wrong.items():
+        with pytest.raises(Exception, match=f'{plugin}.*parameter "{parameter}" is .*; allowed: '):
+            mi.load_dict({"type": plugin, parameter: value})

@@ -6,12 +6,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings
-from scenes import camera, film, load_scene, sphere_lamp
-
-
-def T():
-    return mi.ScalarTransform4f()
-
+from scenes import T, area, camera, film, load_scene, rectangle, rgb, sphere_lamp, without
+from scipy import stats
 
 BLACK = {"type": "diffuse", "reflectance": 0.0}
 PRINCIPLED = {"type": "principled", "base_color": {"type": "rgb", "value": 0.5}, "roughness": 0.4}
@@ -31,8 +27,6 @@ def card(bsdf, **others):
 
 def equal_in_the_mean(scene, a, b, spp=256, count=6, significance=1e-3):
     """Whether two integrators may have the same mean image: Welch's test on the means of ``count`` images of each."""
-    from scipy import stats
-
     means = [renderings(scene, count, spp=spp, **integrator).mean((1, 2, 3)) for integrator in (a, b)]
     if means[0].std() < 1e-6 and means[1].std() < 1e-6:
         return np.allclose(means[0].mean(), means[1].mean(), rtol=1e-4)
@@ -51,18 +45,10 @@ def equal_in_the_mean(scene, a, b, spp=256, count=6, significance=1e-3):
     ids=["mask", "mask of composite", "thindielectric"],
 )
 def test_what_is_seen_through_is_counted_once(variant_rgb, bsdf, bounces):
-    scene = card(
-        bsdf,
-        sky={"type": "constant", "radiance": 0.5},
-        light={
-            "type": "rectangle",
-            "to_world": T().translate([0, 0, -1]).scale(9),
-            "emitter": {"type": "area", "radiance": 1.0},
-        },
-    )
-    assert equal_in_the_mean(
-        scene, {"type": "prosim", "adaptive": "none", "diffuse_bounces": bounces}, {"type": "path", "max_depth": 8}
-    )
+    light = rectangle(T().translate([0, 0, -1]).scale(9), **area())
+    scene = card(bsdf, sky={"type": "constant", "radiance": 0.5}, light=light)
+    ours = {"type": "prosim", "adaptive": "none", "diffuse_bounces": bounces}
+    assert equal_in_the_mean(scene, ours, {"type": "path", "max_depth": 8})
 
 
 @pytest.mark.slow
@@ -77,26 +63,18 @@ def test_what_is_seen_through_is_counted_once(variant_rgb, bsdf, bounces):
     ],
     ids=["principled", "mask", "blendbsdf", "hair"],
 )
-def test_lobes_that_cannot_be_told_apart_are_counted_once(variant_rgb, bsdf, bounces):
+def test_lobes_that_cannot_be_evaluated_separately_are_counted_once(variant_rgb, bsdf, bounces):
     scene = card(bsdf, sky={"type": "constant", "radiance": 0.5}, light=sphere_lamp([1.5, 1.5, 3.0], 0.3, 10.0))
-    assert equal_in_the_mean(
-        scene,
-        {"type": "prosim", "adaptive": "none", "max_level": 6, "diffuse_bounces": bounces},
-        {"type": "path", "max_depth": 8},
-        spp=400,
-    )
+    ours = {"type": "prosim", "adaptive": "none", "max_level": 6, "diffuse_bounces": bounces}
+    assert equal_in_the_mean(scene, ours, {"type": "path", "max_depth": 8}, spp=400)
 
 
 def test_an_instance_looks_as_what_it_is_of(variant_scalar):
     """Also where the lobes cannot be told apart, of which the instance itself says nothing: none is counted thrice."""
-    shape = {"type": "rectangle", "to_world": T().scale(3), "bsdf": PRINCIPLED}
+    scene = card(PRINCIPLED, light=sphere_lamp([1.5, 1.5, 3], 0.3, 10.0), integrator={"type": "prosim"})
     instance = {"type": "instance", "shapegroup": {"type": "ref", "id": "group"}}
-    light = {"type": "sphere", "center": [1.5, 1.5, 3], "radius": 0.3, "emitter": {"type": "area", "radiance": 10.0}}
-    images = []
-    for things in ({"card": shape}, {"group": {"type": "shapegroup", "card": shape}, "card": instance}):
-        scene = card(PRINCIPLED, light=light, integrator={"type": "prosim"})
-        del scene["card"]
-        images.append(np.array(mi.render(mi.load_dict(scene | things), spp=4)))
+    of_it = without(scene, "card") | {"group": {"type": "shapegroup", "card": scene["card"]}, "card": instance}
+    images = [np.array(mi.render(mi.load_dict(description), spp=4)) for description in (scene, of_it)]
     assert images[1].mean() == pytest.approx(images[0].mean(), rel=0.05)
 
 
@@ -111,28 +89,18 @@ def test_the_back_of_a_one_sided_surface_reflects_no_ambient_light(variant_rgb):
 @pytest.mark.parametrize("hidden", [False, True])
 def test_nothing_is_seen_beyond_far_clip(variant_rgb, sensor, hidden):
     """A wall at 5 is not seen with the far plane at 3, but at 7; nor behind a hidden lamp."""
+    lens = {"aperture_radius": 0.01, "focus_distance": 5.0} if sensor == "thinlens" else {}
+    lamp = {"lamp": rectangle(T().translate([0, 0, 4]), **area())} if hidden else {}
 
     def image(far):
-        lens = {"aperture_radius": 0.01, "focus_distance": 5.0} if sensor == "thinlens" else {}
-        lamp = {"type": "rectangle", "to_world": T().translate([0, 0, 4]), "emitter": {"type": "area"}}
-        return np.array(
-            mi.render(
-                load_scene(
-                    integrator={"type": "prosim", "ambient": 1.0, "max_level": 0, "hide_emitters": hidden},
-                    sensor={
-                        "type": sensor,
-                        "near_clip": 0.1,
-                        "far_clip": far,
-                        **lens,
-                        "to_world": T().look_at([0, 0, 5], [0, 0, 0], [0, 1, 0]),
-                        "film": {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}},
-                    },
-                    wall={"type": "rectangle", "to_world": T().scale(9), "bsdf": LAMBERTIAN},
-                    **{"lamp": lamp} if hidden else {},
-                ),
-                spp=4,
-            )
+        seen_by = camera([0, 0, 5], [0, 0, 0], film(4), near_clip=0.1, far_clip=far, **lens) | {"type": sensor}
+        scene = load_scene(
+            integrator={"type": "prosim", "ambient": 1.0, "max_level": 0, "hide_emitters": hidden},
+            sensor=seen_by,
+            wall=rectangle(T().scale(9), bsdf=LAMBERTIAN),
+            **lamp,
         )
+        return np.array(mi.render(scene, spp=4))
 
     assert np.all(image(3.0) == 0) and np.allclose(image(7.0), 0.5, atol=1e-5)
 
@@ -143,12 +111,8 @@ def test_a_scene_without_surfaces_shows_its_background(monkeypatch, variant, lig
     """In the tree and along paths; Dr.Jit has nothing to dispatch to, unless the process holds another scene."""
     mi.set_variant(variant)
     monkeypatch.setattr("drjit.dispatch", lambda *args: pytest.fail("asks for a BSDF where there is none"))
-    ours = {
-        "type": "prosim",
-        "ambient": {"type": "rgb", "value": 1.0},
-        "background": {"type": "rgb", "value": [0.25, 0.5, 0.75]},
-    }
-    empty = {name: part for name, part in card(BLACK, **light).items() if name not in ("card", "ball")}
+    ours = {"type": "prosim", "ambient": rgb(1.0, 1.0, 1.0), "background": rgb(0.25, 0.5, 0.75)}
+    empty = without(card(BLACK, **light), "card", "ball")
     for integrator in (ours, ours | {"max_level": -1, "diffuse_bounces": -1}, {"type": "prosim_adaptive", "of": ours}):
         image = np.array(mi.render(mi.load_dict(empty | {"integrator": integrator}), spp=4))[..., :3]
         assert np.allclose(image, [0.25, 0.5, 0.75], atol=1e-6)

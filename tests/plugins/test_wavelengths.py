@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from mitsuba_prosim.sampling.nrook import NRook, Permutations, pixel_key
 from mitsuba_prosim.transport.transport_context import CAMERA_SPACES
+from scenes import film, load_scene
 from scipy import stats
 from test_waves import LUMINANCE, begun
 
@@ -12,26 +13,16 @@ CROP = {"crop_offset_x": 8, "crop_offset_y": 16, "crop_width": 16, "crop_height"
 PATH = {"type": "prosim_adaptive", "nested": {"type": "path"}}
 
 
-def sky(size=48, film=None, **integrator):
+def sky(size=48, window=None, **integrator):
     """The scene of a white sky, of which each sample sees nothing but its wavelengths. What photons can be aimed at is
     behind the camera.
     """
-    film = {
-        "type": "hdrfilm",
-        "width": size,
-        "height": size,
-        "rfilter": {"type": "box"},
-        "component_format": "float32",
-        **(film or {}),
-    }
-    scene = {
-        "type": "scene",
-        "sensor": {"type": "perspective", "film": film},
-        "sky": {"type": "constant"},
-        "behind": {"type": "sphere", "center": (0, 0, -5), "bsdf": {"type": "dielectric"}},
-        "integrator": {"type": "prosim", "adaptive": "none", **integrator},
-    }
-    return mi.load_dict(scene)
+    return load_scene(
+        sensor={"type": "perspective", "film": film(size, component_format="float32", **(window or {}))},
+        sky={"type": "constant"},
+        behind={"type": "sphere", "center": (0, 0, -5), "bsdf": {"type": "dielectric"}},
+        integrator={"type": "prosim", "adaptive": "none", **integrator},
+    )
 
 
 def render(*arguments, **integrator):
@@ -66,7 +57,7 @@ def test_wavelengths_of_a_pixel_are_its_own(variant_spectral):
     correlation, significance 0.001 for all twelve); and the same in a crop window, to the bit.
     """
     image = render(samples=1)
-    assert np.array_equal(render(film=CROP, samples=1), image[16:40, 8:24])
+    assert np.array_equal(render(window=CROP, samples=1), image[16:40, 8:24])
     blue = stats.rankdata(image[..., 2]).reshape(48, 48)
     for down, right in [(y, x) for y in range(3) for x in range(-2, 3) if (y, x) > (0, 0)]:
         a, b = blue[: 48 - down, max(-right, 0) : 48 - max(right, 0)], blue[down:, max(right, 0) : 48 + min(right, 0)]

@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.transport import lobes, workarounds
-from scenes import camera, film, load_scene
+from scenes import FLAT, T, bitmap, camera, film, load_scene, rectangle, sphere_lamp
 
 MIRROR = {"type": "conductor"}
 BLACK = {"type": "diffuse", "reflectance": 0.0}
@@ -36,9 +36,8 @@ def quarters(bsdfs, bounces, light, samples=16, size=16):
     """Four cards in one plane, alike as seen from the camera, which is above their common corner: the pixels of each,
     an array (4, size² / 4), and the standard errors of their means.
     """
-    T = mi.ScalarTransform4f
     cards = {
-        f"card {k}": {"type": "rectangle", "to_world": T().translate([x, y, 0]), "bsdf": bsdf}
+        f"card {k}": rectangle(T().translate([x, y, 0]), bsdf=bsdf)
         for k, (bsdf, (x, y)) in enumerate(zip(bsdfs, ((1, 1), (-1, 1), (1, -1), (-1, -1)), strict=True))
     }
     scene = load_scene(
@@ -69,10 +68,9 @@ def test_ideal_lobes_under_an_even_sky(variant_rgb, bounces):
 @bounces
 def test_rough_lobes_share_the_light_of_a_source(variant_rgb, bounces):
     """A part of a rough metal that is masked, or mixed with what is black, is so much darker (p < 1e-3 together)."""
-    lamp = {"type": "sphere", "center": [0, 0, 9], "radius": 1.5, "emitter": {"type": "area", "radiance": 10.0}}
     dark = {"type": "conductor", "specular_reflectance": 0.0}
     bsdfs = ROUGH, masked(ROUGH), blended(ROUGH, dark, 0.4), masked(blended(dark, ROUGH, 0.7))
-    mean, error = quarters(bsdfs, bounces, lamp)
+    mean, error = quarters(bsdfs, bounces, sphere_lamp([0, 0, 9], 1.5, 10.0))
     shares = np.array([1, 0.6, 0.6, 0.42])
     difference = mean - mean[0] * shares
     assert (error[0] < 0.02 * mean[0]) and (error < 0.05 * mean).all()
@@ -110,7 +108,7 @@ def test_the_derivative_by_a_share_is_that_of_ideal_lobes_too(variant_rgb, other
     si = dr.zeros(mi.SurfaceInteraction3f, n)
     si.wi = mi.Vector3f(0.6, 0, z)
     choice = (dr.arange(mi.Float, n) + 0.5) / n
-    bs, weight = workarounds.sample(lobes.everything(), bsdf, si, choice, mi.Point2f(0.3, 0.6), mi.Bool(True))
+    bs, weight = workarounds.sample(lobes.all_lobes(), bsdf, si, (choice, mi.Point2f(0.3, 0.6)), mi.Bool(True))
     ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL) & (bs.pdf > 0)
     brought = dr.mean(dr.select(ideal, weight.x, 0))
     assert brought[0] == pytest.approx(through + 0.5 * (1 - through) * 0.4, abs=2e-3)
@@ -120,22 +118,17 @@ def test_the_derivative_by_a_share_is_that_of_ideal_lobes_too(variant_rgb, other
     assert dr.grad(params[key])[0] == pytest.approx(0.5 * (1 - through), rel=5e-3)
 
 
-def test_a_map_around_a_blend_that_dims_gives_a_warning(variant_rgb, monkeypatch):
+def test_a_map_around_a_blend_that_dims_gives_a_warning(variant_rgb, logged):
     """And two maps within a blend, as the warning says, leave the mirror its share."""
-    said = []
-    monkeypatch.setattr(mi, "Log", lambda level, text: said.append((level, text)))
-    flat = {"type": "bitmap", "raw": True, "bitmap": mi.Bitmap(np.full((2, 2, 3), 0.5, dtype=np.float32))}
 
     def bumped(bsdf):
-        return {"type": "bumpmap", "texture": flat, "b": bsdf}
+        return {"type": "bumpmap", "texture": bitmap(FLAT), "b": bsdf}
 
     good = blended(bumped(WHOLE), bumped(MIRROR), 0.4)
     for bsdf in (good, bumped(blended(BLACK, MIRROR)), two_sided(bumped(blended(WHOLE, MIRROR)))):
-        workarounds.warn_of_dim_lobes(
-            mi.load_dict({"type": "scene", "card": {"type": "rectangle", "id": "card", "bsdf": bsdf}})
-        )
-    assert [level for level, _ in said] == [mi.LogLevel.Warn]
-    assert "'card'" in said[0][1] and "into each BSDF of the blendbsdf" in said[0][1]
+        workarounds.warn_of_dim_lobes(load_scene(card={"type": "rectangle", "id": "card", "bsdf": bsdf}))
+    ((level, text),) = logged
+    assert level == mi.LogLevel.Warn and "'card'" in text and "into each BSDF of the blendbsdf" in text
     mean, _ = quarters((good, WHOLE, MIRROR, MIRROR), -1, {"type": "constant", "radiance": 1.0}, samples=8)
     assert mean[0] == pytest.approx(0.6 * mean[1] + 0.4, abs=0.02)
-    assert len(said) == 1
+    assert len(logged) == 1

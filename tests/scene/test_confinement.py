@@ -12,10 +12,8 @@ from mitsuba_prosim.scene import session
 from mitsuba_prosim.scene.confinement import OutsideError, named
 from mitsuba_prosim.scene.scene_file import SceneFile
 
-INCLUDE, SPECTRUM = (
-    '<include filename="{}"/>',
-    '<bsdf type="diffuse"><spectrum name="reflectance" filename="{}"/></bsdf>',
-)
+INCLUDE, DEFAULT = '<include filename="{}"/>', '<default name="{}" value="{}"/>'
+SPECTRUM = '<bsdf type="diffuse"><spectrum name="reflectance" filename="{}"/></bsdf>'
 STRING = '<shape type="ply">\n  <string name="filename" value="{}"/></shape>'
 METAL = '<bsdf type="conductor"><string name="material" value="{}"/></bsdf>'
 HERE = '<scene version="3.0.0">\n{}</scene>'
@@ -43,10 +41,12 @@ OUTSIDE = {
     "a folder to search": '<path value=".."/>' + INCLUDE.format("secret.xml"),
     "a folder to search by its path": '<path value="OUT"/>',
     "a folder to search, a link": '<path value="up"/>',
-    "a parameter": '<default name="x" value=".."/>' + INCLUDE.format("$x/secret.xml"),
-    "parameters that begin alike": '<default name="x" value="a"/><default name="xx" value=".."/>'
+    "a parameter": DEFAULT.format("x", "..") + INCLUDE.format("$x/secret.xml"),
+    "parameters that begin alike": DEFAULT.format("x", "a")
+    + DEFAULT.format("xx", "..")
     + INCLUDE.format("$xx/secret.xml"),
-    "a parameter in a parameter": r'<default name="xx" value="\$y"/><default name="y" value=".."/>'
+    "a parameter in a parameter": DEFAULT.format("xx", r"\$y")
+    + DEFAULT.format("y", "..")
     + INCLUDE.format("$xx/secret.xml"),
     "a parameter of the command": INCLUDE.format("$x.xml"),
     "a parameter of what is included": INCLUDE.format("parts/default.xml") + INCLUDE.format("$up/secret.xml"),
@@ -112,13 +112,14 @@ def test_files_within_and_those_of_mitsuba_are_read(variant_rgb, folder):
     """As without a confinement; what is not there is missed by Mitsuba, in its own words."""
     (folder.parent / "rgb").mkdir()  # a word of Mitsuba's, where the command is given
     (folder / "again.ply").symlink_to(folder / "good.ply")
-    texts = [INCLUDE.format("parts/beside.xml"), SPECTRUM.format("good.spd"), SPECTRUM.format("data/ior/Cu.eta.spd")]
-    texts += ['<path value="parts"/>' + INCLUDE.format("default.xml") + STRING.format("$up/good.ply")]
-    texts += [STRING.format("parts/../again.ply"), STRING.format("$x"), STRING.format(folder / "good.ply")]
-    texts += [
-        '<sensor type="perspective"><film type="hdrfilm"><string name="pixel_format" value="rgb"/></film></sensor>'
-    ]
-    for text in texts:
+    film = '<film type="hdrfilm"><string name="pixel_format" value="rgb"/></film>'
+    for text in (
+        *(SPECTRUM.format(name) for name in ("good.spd", "data/ior/Cu.eta.spd")),
+        *(STRING.format(name) for name in ("parts/../again.ply", "$x", folder / "good.ply")),
+        INCLUDE.format("parts/beside.xml"),
+        '<path value="parts"/>' + INCLUDE.format("default.xml") + STRING.format("$up/good.ply"),
+        f'<sensor type="perspective">{film}</sensor>',
+    ):
         opened(folder, text, x="good.ply") if "$x" in text else opened(folder, text)
     assert opened(folder, METAL.format("Cu")).load()
     for missing in (SPECTRUM, INCLUDE, STRING):

@@ -33,29 +33,15 @@ def test_the_digest_is_that_of_the_content(variant_rgb, tmp_path):
     assert made(tmp_path / "g", **named) == made(tmp_path / "h", **named) != made(tmp_path / "i", **named, colour=0.5)
 
 
-def test_a_spectrum_in_another_folder_is_a_file_of_the_scene(variant_rgb, tmp_path):
-    """What includes a file has Mitsuba look in its own folder first."""
-    part, spectrum, digests = tmp_path / "parts" / "part.xml", tmp_path / "parts" / "grey.spd", set()
-    part.parent.mkdir()
-    said = '<bsdf type="diffuse"><spectrum name="reflectance" filename="$grey.spd"/></bsdf>'
-    part.write_text('<scene version="3.0.0"><include filename="more.xml"/></scene>')
-    (part.parent / "more.xml").write_text(f'<scene version="3.0.0"><default name="grey" value="grey"/>{said}</scene>')
-    (tmp_path / "scene.xml").write_text('<scene version="3.0.0"><include filename="parts/part.xml"/></scene>')
-    for value in (0.5, 0.6):
-        spectrum.write_text(f"400 {value}\n700 {value}")
-        file = scene_file.SceneFile(tmp_path / "scene.xml", tmp_path)
-        assert file.named_files() == [("grey.spd", spectrum)]
-        digests.add(file.digest())
-    assert len(digests) == 2
-
-
 def test_the_files_of_spectra_are_those_that_mitsuba_reads(variant_rgb, tmp_path):
     """One each: neither folders, nor neighbours, nor those of its name further on in the search path."""
     said = '<bsdf type="diffuse"><spectrum name="reflectance" filename="{}"/></bsdf>'
-    for number, name in enumerate(("red.spd", "green.spd", "a/red.spd", "a/b/red.spd", "a/b/green.spd", "scene.exr")):
+    for number, name in enumerate(("red.spd", "green.spd", "a/red.spd", "a/b/red.spd", "a/blue.spd", "scene.exr")):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(f"400 {number}\n700 {number}")
     (tmp_path / "a" / "part.xml").write_text(f'<scene version="3.0.0">{said.format("$file")}</scene>')
+    (tmp_path / "a" / "more.xml").write_text('<scene version="3.0.0"><include filename="last.xml"/></scene>')
+    (tmp_path / "a" / "last.xml").write_text(f'<scene version="3.0.0">{said.format("blue.spd")}</scene>')
 
     def files(text, **definitions):
         (tmp_path / "scene.xml").write_text(f'<scene version="3.0.0">{text}</scene>')
@@ -71,6 +57,7 @@ def test_the_files_of_spectra_are_those_that_mitsuba_reads(variant_rgb, tmp_path
     assert files(f'<path value="a"/><!-- {said.format("$none")} -->' + said.format("red.spd")) == ["a/red.spd"]
     assert files(said.format("red.spd") + '<path value="a"/>') == ["red.spd"]
     assert files(default + '<include filename="a/part.xml"/>') == ["red.spd"]
+    assert files('<include filename="a/more.xml"/>') == ["a/blue.spd"]  # what includes has its own folder searched
     assert files('<path value="a/b"/>' + default + '<include filename="a/part.xml"/>') == ["red.spd"]
     assert files('<default name="f" value="red"/><default name="fi" value="gre"/>' + said.format("$fien.spd")) == [
         "green.spd"
@@ -88,7 +75,7 @@ def test_a_mesh_of_the_language_is_a_source_but_does_not_travel(variant_rgb, tmp
         file = scene_file.SceneFile(path, tmp_path / "made")
         names = [path for _, path in file.named_files()]
         assert mesh not in names and file.sources() == [*names, mesh]
-        scene = LoadedScene(lambda file=file: (file, loaded := file.load(), loaded.sensors()[0]))
+        scene = LoadedScene(file)
         assert scene.files == [mesh] and scene.scene.bbox().max.z == top
         digests.add(file.digest())
     assert len(digests) == 2

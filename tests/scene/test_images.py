@@ -55,23 +55,12 @@ def test_exr_holds_the_film_bit_by_bit(variant_rgb, tmp_path, settings):
     assert again.metadata()["prosim.scene"] == "a"
 
 
-def test_exr_in_one_thread(variant_rgb):
+def test_exr_in_one_thread_with_a_name_that_is_no_text(variant_rgb):
     """Mitsuba 3.9 alone would wait for ever."""
-    with session.threads(1):
-        assert images.exr(film(), {})[:4] == b"v/1\x01"
-
-
-def test_a_name_that_is_no_text(variant_rgb):
     name = b"caf\xe9.scn".decode("utf-8", "surrogateescape")
-    header = OpenEXR.File(io.BytesIO(images.exr(film(), {"prosim.scene": name}))).header()
-    assert header["prosim.scene"] == r"caf\udce9.scn"
-
-
-def test_png_is_srgb_of_the_exposed_image(variant_rgb, tmp_path):
-    bitmap = mi.Bitmap(np.full((4, 6, 3), 0.25, dtype=np.float32))
-    (tmp_path / "a.png").write_bytes(images.encode(bitmap, {}, 1)[".png"])
-    shown = mi.Bitmap(str(tmp_path / "a.png"))
-    assert np.all(np.abs(np.array(shown) - 255 * (1.055 * 0.5 ** (1 / 2.4) - 0.055)) <= 1)
+    with session.threads(1):
+        content = images.exr(film(), {"prosim.scene": name})
+    assert OpenEXR.File(io.BytesIO(content)).header()["prosim.scene"] == r"caf\udce9.scn"
 
 
 def test_the_tone_curve_keeps_the_range_the_order_and_the_colours():

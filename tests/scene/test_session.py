@@ -65,7 +65,7 @@ def test_while_a_scene_is_loaded_other_threads_neither_load_nor_trace(variant_rg
         raise InterruptedError
 
     monkeypatch.setattr(scene_file, "instantiate", meet)
-    monkeypatch.setattr(Estimator, "take", meet)
+    monkeypatch.setattr(Estimator, "accumulate", meet)
     acts = {"load": file.load, "trace": lambda: scene.integrator().render(scene)}
 
     def act(name):

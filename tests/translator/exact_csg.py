@@ -149,6 +149,11 @@ def turn(rng):
     )
 
 
+def sized(size, at, after=""):
+    """Steps that make a primitive this large, and move it."""
+    return f"SCALE ({numbers(size)}) TRANSLATE ({numbers(at)}) {after}"
+
+
 def text(rng, shapes, transforms, nodes, size=(120, 90)):
     """A scene of these primitives, each with a look of its own, seen from a random side."""
     eye = rng.normal(size=3)
@@ -197,8 +202,7 @@ def blocks(rng, after=""):
     """Some boxes of a grid, touching and overlapping."""
     count = rng.integers(2, 6)
     transforms = [
-        f"SCALE ({numbers(rng.choice([0.5, 1, 2], 3) * rng.choice([-1, 1], 3))}) "
-        f"TRANSLATE ({numbers(rng.integers(-2, 3, 3) / 2)}) {after}"
+        sized(rng.choice([0.5, 1, 2], 3) * rng.choice([-1, 1], 3), rng.integers(-2, 3, 3) / 2, after)
         for _ in range(count)
     ]
     return text(rng, ["CUBE"] * count, transforms, tree(rng, count, "+++-*"))
@@ -207,10 +211,7 @@ def blocks(rng, after=""):
 def chains(rng):
     """Blocks of a turned grid, added and taken away in turn."""
     after = turn(rng)
-    transforms = [
-        f"SCALE ({numbers(rng.choice([0.5, 1, 2, 3], 3))}) TRANSLATE ({numbers(rng.integers(-4, 3, 3) / 2)}) {after}"
-        for _ in range(12)
-    ]
+    transforms = [sized(rng.choice([0.5, 1, 2, 3], 3), rng.integers(-4, 3, 3) / 2, after) for _ in range(12)]
     return text(rng, ["CUBE"] * 12, transforms, [*rng.choice(["+", "-"], 11).tolist(), *range(12)])
 
 
@@ -226,7 +227,7 @@ def recesses(rng):
     for _ in range(count - 1):
         size = rng.choice([0.5, 1, 2], 3)
         at = [rng.choice([-1, -1 - s, 1 - s, 1, rng.uniform(-1.2, 1)]) for s in size]
-        transforms.append(f"SCALE ({numbers(size)}) TRANSLATE ({numbers(at)}) {after}")
+        transforms.append(sized(size, at, after))
     operators = "-" * (count - 1) if rng.random() < 0.5 else [rng.choice(list("+-")) for _ in range(count - 1)]
     return text(rng, ["CUBE"] * count, transforms, [*operators, *range(count)])
 
@@ -239,11 +240,8 @@ def decimals(rng):
     """A grid of decimal fractions: sums that are not exact."""
     count = rng.integers(2, 6)
     shapes = [SHAPES[rng.choice(4, p=[0.7, 0, 0.2, 0.1])] for _ in range(count)]
-    transforms = [
-        f"SCALE ({numbers(rng.integers(3, 21, 3) / 10)}) "
-        f"TRANSLATE ({numbers(rng.choice([-12, -7, -3, 0, 3, 7, 9], 3) / 10)})"
-        for _ in shapes
-    ]
+    places = [-12, -7, -3, 0, 3, 7, 9]
+    transforms = [sized(rng.integers(3, 21, 3) / 10, rng.choice(places, 3) / 10) for _ in shapes]
     return text(rng, shapes, transforms, tree(rng, count))
 
 

@@ -26,9 +26,9 @@ def skins(text, tolerance=0.05):
         document,
         camera_of(document),
         tolerance,
-        lambda leaf: assemble.medium(scene, leaf),
-        lambda leaf: assemble.appearance(scene, leaf),
-        lambda leaf: assemble.fresnel(scene, leaf),
+        lambda leaf: assemble.medium_key(scene, leaf),
+        lambda leaf: assemble.appearance_key(scene, leaf),
+        lambda leaf: assemble.has_fresnel_reflection(scene, leaf),
     )
 
 
@@ -40,8 +40,8 @@ def solids(text, tolerance=0.05):
     scene = document_of(text, "test.scn").scene
     for leaf in scene.csg:
         if not hasattr(leaf, "symbol"):
-            looks.setdefault(assemble.appearance(scene, leaf), leaf.index)
-            media.setdefault(assemble.medium(scene, leaf), leaf.index)
+            looks.setdefault(assemble.appearance_key(scene, leaf), leaf.index)
+            media.setdefault(assemble.medium_key(scene, leaf), leaf.index)
     return {
         looks[skin.material] if skin.outside is None else (looks[skin.material], media[skin.outside]): triangles
         for skin, triangles in skins(text, tolerance).items()

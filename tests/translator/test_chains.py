@@ -11,6 +11,7 @@ from test_exact_csg import EDGE, wrong_pixels
 @pytest.mark.parametrize("kind", ["general", "grid", "recesses", "chains", "nested", "grazing"])
 def test_chains_in_halves_are_what_the_tree_means(variant_rgb, tmp_path, monkeypatch, kind):
     monkeypatch.setattr(csg, "MAX_SEQUENCE", 0)
+    monkeypatch.setattr(csg, "MAX_BATCH", 1)
     assert wrong_pixels(exact_csg.KINDS[kind](np.random.default_rng([1, 7])), tmp_path) <= EDGE
 
 
@@ -35,6 +36,7 @@ def test_a_crowd_of_holes_and_of_pegs(monkeypatch, sign, material, result):
     surfaces = ["material condutor n-refr = 1.2 k-abs = 3"] + [material or "kd = .5"] * 64
     text = scene(" ".join([sign] * 64 + [f"CUBE {i}" for i in range(65)]), transforms, surfaces)
     plain = solids(text)
+    monkeypatch.setattr(csg, "MAX_BATCH", 8)
     monkeypatch.setattr(csg, "MAX_CUTS", 1)
     monkeypatch.setattr(csg, "REFINED_CUTS", 1)
     again = solids(text)

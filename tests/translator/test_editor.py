@@ -1,12 +1,10 @@
 """The symbols, completions and meanings of a text, and its errors for an editor."""
 
 import json
-import pickle
 import re
 from pathlib import Path
 
 import pytest
-from prosim_scene.evaluation import evaluate
 from prosim_scene.language.analysis import analyse
 from prosim_scene.language.diagnostics import MAX_ERRORS
 from prosim_scene.language.words import WORDS
@@ -46,16 +44,6 @@ def test_every_wrong_statement_is_reported():
     assert codes("CSG-TREE CUBE 9\n" + "".join(f"SURFACE {i} kd 2\n" for i in range(200))) == ["range"] * (
         MAX_ERRORS + 1
     )
-
-
-def test_the_evaluation_finds_solids_that_vanish():
-    hidden = SCENE.replace("- SPHERE 1 CYLINDER 1", "SPHERE 1").replace(
-        "SCALE 2 2 2", "SCALE .1 .1 .1 TRANSLATE .5 .5 .5"
-    )
-    (one,) = evaluate(hidden, "s.scn")
-    assert (one.code, one.line) == ("csg", 5)
-    again = pickle.loads(pickle.dumps(one))  # as from the process that evaluates
-    assert (str(again), again.span, again.reason) == (str(one), one.span, one.reason)
 
 
 def test_completion_knows_what_fits():
@@ -101,19 +89,19 @@ def test_every_word_has_a_meaning():
 
 def test_symbols_are_found_and_renamed():
     symbols = Symbols(SCENE)
-    here = symbols.at(SCENE.index("SPHERE 1") + 7)
+    here = symbols.occurrence_at(SCENE.index("SPHERE 1") + 7)
     assert [SCENE[: one.start].count("\n") for one in symbols.occurrences(here.symbol) if one.defines] == [7, 9]
     for word, shift, new, count in (("SPHERE 1", 7, "7", 4), ("$turn", 1, "$angle", 4), ("t-mine", 2, "t-yours", 1)):
-        here = symbols.at(SCENE.index(word) + shift)
+        here = symbols.occurrence_at(SCENE.index(word) + shift)
         assert len(symbols.occurrences(here.symbol)) == count
-        other = Symbols(symbols.renamed(here.symbol, new))
+        other = Symbols(symbols.renamed_text(here.symbol, new))
         assert other.document is not None and here.symbol not in other.table
 
 
 @pytest.mark.parametrize("word, new", [("0 t-l", "1"), ("0 t-l", "x"), ("t-listra", "stripes"), ("$turn", "$a-b")])
 def test_a_wrong_name_is_refused(word, new):
     symbols = Symbols(SCENE)
-    assert symbols.renamed(symbols.at(SCENE.index(word)).symbol, new) is None
+    assert symbols.renamed_text(symbols.occurrence_at(SCENE.index(word)).symbol, new) is None
 
 
 def test_a_symbol_is_found_wherever_it_may_stand():

@@ -36,22 +36,21 @@ BEYOND = {
 
 def test_no_number_of_the_language_is_beyond_single_precision():
     for word in WORDS:
-        if word.takes.count:
-            assert not any(map(word.takes.allow, (1e39, -1e39, math.inf, -math.inf, math.nan))), word
+        if word.numbers.count:
+            assert not any(map(word.numbers.allows, (1e39, -1e39, math.inf, -math.inf, math.nan))), word
 
 
 @pytest.mark.parametrize("target", ["prosim", "stock"])
 @pytest.mark.parametrize("name", BEYOND)
-def test_what_cannot_be_said_is_an_error_at_its_place(name, target, tmp_path):
-    path = tmp_path / "s.scn"
-    path.write_text(BEYOND[name])
+def test_what_cannot_be_said_is_an_error_at_its_place(name, target, write_scene):
+    path = write_scene(BEYOND[name])
     if name == "a tall window" and target == "prosim":
         prosim_scene.check(path)  # 60000 x 4000 pixels are not too many, but square ones are
         return
     with pytest.raises(SceneError) as error:
         prosim_scene.translate(path, target=target, tolerance=1)
     assert error.value.line >= 1 and len(str(error.value)) < 600
-    assert os.listdir(tmp_path) == ["s.scn"]
+    assert os.listdir(path.parent) == ["s.scn"]
 
 
 WITHIN = {
@@ -68,11 +67,9 @@ WITHIN = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WITHIN)
 @pytest.mark.parametrize("target", ["prosim", "stock"])
-def test_what_can_be_said_is_loaded_and_finite(name, target, tmp_path, variant_rgb):
-    path = tmp_path / "s.scn"
-    path.write_text(
-        "VIEW RESOLUTION 9 9 " * ("VIEW" not in WITHIN[name]) + WITHIN[name].replace("VIEW ", "VIEW RESOLUTION 9 9 ")
-    )
+def test_what_can_be_said_is_loaded_and_finite(name, target, write_scene, variant_rgb):
+    text = WITHIN[name] if "VIEW" in WITHIN[name] else "VIEW " + WITHIN[name]
+    path = write_scene(text.replace("VIEW", "VIEW RESOLUTION 9 9"))
     scene = mi.load_file(str(prosim_scene.translate(path, target=target, tolerance=1)), parallel=False)
     assert np.isfinite(np.array(mi.render(scene, spp=4))).all()
 
@@ -85,16 +82,14 @@ def test_any_printable_name_gives_xml_that_loads(name, tmp_path, variant_rgb):
     image = name.replace("\\", "") + ".png"
     mi.Bitmap(np.full((4, 4, 3), 128, np.uint8)).write(str(folder / image))
     path = folder / f"{name}.scn"
-    path.write_text(
-        f'LIGHTS VIEW RESOLUTION 9 9 CSG-TREE SPHERE 0 "{image}" SURFACE 0 TRANSFORM 0 END', encoding="utf-8"
-    )
+    path.write_text(f'LIGHTS VIEW RESOLUTION 9 9 CSG-TREE SPHERE 0 "{image}" SURFACE 0 TRANSFORM 0 END', "utf-8")
     xml = prosim_scene.translate(path, tmp_path / "out", tolerance=1)
     assert len(mi.load_file(str(xml), parallel=False).shapes()) == 1
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
 @pytest.mark.parametrize("name", [b"a\xff", b"a\x01", b"a\nb"])
-def test_names_that_xml_cannot_hold_are_errors(name, tmp_path):
+def test_names_that_xml_cannot_hold_are_errors(name, tmp_path, write_scene):
     path = tmp_path / os.fsdecode(name + b".scn")
     path.write_text("LIGHTS END")
     with pytest.raises(SceneError, match="not valid in XML"):
@@ -102,7 +97,6 @@ def test_names_that_xml_cannot_hold_are_errors(name, tmp_path):
     prosim_scene.check(path)
     (tmp_path / os.fsdecode(name + b".png")).write_bytes(b"\x89PNG\r\n\x1a\n")
     if b"\x01" in name:
-        scene = tmp_path / "s.scn"
-        scene.write_text(f'NAME: "a--b & c" BACKGROUND 0 0 0 "{os.fsdecode(name)}.png" END')
+        scene = write_scene(f'NAME: "a--b & c" BACKGROUND 0 0 0 "{os.fsdecode(name)}.png" END')
         with pytest.raises(SceneError, match=r"1:35: the path .* is not valid in XML"):
             prosim_scene.translate(scene)

@@ -47,22 +47,9 @@ def test_words_are_spelt_as_the_place_has_them():
 
 @pytest.fixture
 def scene(tmp_path):
-    """A scene file with permissions of its own."""
     path = tmp_path / "s.scn"
     path.write_text("fim")
-    path.chmod(0o640)
     return path
-
-
-def test_rewriting_keeps_permissions_and_links(scene):
-    link = scene.with_name("link.scn")
-    link.symlink_to("s.scn")
-    for path, text in ((scene, "(é)\nEND\n"), (link, "END\n")):
-        prosim_scene.rewrite(path, text)
-        assert scene.read_text(encoding="utf-8") == text
-        assert scene.stat().st_mode & 0o777 == 0o640
-        assert link.is_symlink() and os.readlink(link) == "s.scn"
-    assert sorted(os.listdir(scene.parent)) == ["link.scn", "s.scn"]
 
 
 @pytest.mark.parametrize("step", ["writing", "renaming"])

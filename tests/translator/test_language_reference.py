@@ -15,10 +15,9 @@ EXAMPLES = re.findall(r"```scn\n(.*?)```", TEXT + CHEAT_SHEET, re.DOTALL)
 
 
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
-@pytest.mark.parametrize("number", range(len(EXAMPLES)))
-def test_examples_parse(number):
-    scene = prosim_scene.parse(EXAMPLES[number], f"example {number}")
-    assert prosim_scene.parse(prosim_scene.format(EXAMPLES[number]), f"example {number}") == scene
+@pytest.mark.parametrize("text", EXAMPLES, ids=range(len(EXAMPLES)))
+def test_examples_parse(text):
+    assert prosim_scene.parse(prosim_scene.format(text)) == prosim_scene.parse(text)
 
 
 def test_every_statement_and_parameter_has_an_example():

@@ -54,11 +54,12 @@ async def told(editor, uri=URI):
     raise TimeoutError(uri)
 
 
-async def typed(editor, version, text):
-    """The diagnostics after a change of the text."""
-    change = lsp.TextDocumentContentChangeWholeDocument(text)
-    document = lsp.VersionedTextDocumentIdentifier(version, URI)
-    editor.text_document_did_change(lsp.DidChangeTextDocumentParams(document, [change]))
+async def typed(editor, version, *texts):
+    """The diagnostics after one or more changes of the text."""
+    for number, text in enumerate(texts, version):
+        change = lsp.TextDocumentContentChangeWholeDocument(text)
+        document = lsp.VersionedTextDocumentIdentifier(number, URI)
+        editor.text_document_did_change(lsp.DidChangeTextDocumentParams(document, [change]))
     return await told(editor)
 
 
@@ -177,9 +178,5 @@ async def test_positions_are_those_of_the_protocol():
 
 async def test_of_many_keystrokes_the_last_is_published(editor):
     await opened(editor, SCENE)
-    for key in range(2, 12):
-        document = lsp.VersionedTextDocumentIdentifier(key, URI)
-        change = lsp.TextDocumentContentChangeWholeDocument("x" * key + "\n" + SCENE)
-        editor.text_document_did_change(lsp.DidChangeTextDocumentParams(document, [change]))
-    (wrong,) = await told(editor)
+    (wrong,) = await typed(editor, 2, *("x" * key + "\n" + SCENE for key in range(2, 12)))
     assert wrong.range.end.character == 11

@@ -3,6 +3,7 @@
 import prosim_scene
 import pytest
 from prosim_scene import SceneError
+from prosim_scene.language import reader
 from prosim_scene.symbols import Symbols
 
 pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
@@ -34,16 +35,12 @@ END"""
 )
 
 
-def meshes(tmp_path, text):
-    path = tmp_path / "s.scn"
-    path.write_text(text, encoding="utf-8")
-    prosim_scene.translate(path)
-    return {file.name: file.read_bytes() for file in tmp_path.rglob("*.ply")}
-
-
-def test_a_use_of_a_named_solid_is_its_tree_written_out(tmp_path):
-    named, written = meshes(tmp_path, NAMED), meshes(tmp_path, WRITTEN_OUT)
-    assert named == written and len(named) == 2
+def test_a_use_of_a_named_solid_is_its_tree_written_out(write_scene):
+    meshes = []
+    for text in NAMED, WRITTEN_OUT:
+        path = prosim_scene.translate(write_scene(text))
+        meshes.append({file.name: file.read_bytes() for file in path.parent.rglob("*.ply")})
+    assert meshes[0] == meshes[1] and len(meshes[0]) == 2
     scene = prosim_scene.parse(NAMED)
     assert [node.index for node in scene.csg if isinstance(node, prosim_scene.Leaf)] == [21, 22, 23, 24, 25]
     assert prosim_scene.parse(prosim_scene.format(NAMED)) == scene
@@ -57,12 +54,7 @@ def test_a_use_of_a_named_solid_is_its_tree_written_out(tmp_path):
         ("SOLID x CUBE 1 SOLID X CUBE 1", 22, "twice", "SOLID X stands twice"),
         ("CSG-TREE x 1 SOLID x CUBE 1", 10, "unknown-word", "unknown word 'x'; expected +, -"),
         ("SOLID legs CUBE 1 CSG-TREE leg 1", 28, "unknown-word", "MESH, legs or the next"),
-        (
-            "SOLID x CUBE 1 TRANSFORM 1 CSG-TREE x 2",
-            37,
-            "no-index",
-            "in this solid has no SURFACE 1 or SURFACE 2 and no TRANSFORM 2",
-        ),
+        ("SOLID x CUBE 1 TRANSFORM 1 CSG-TREE x 2", 37, "no-index", "no SURFACE 1 or SURFACE 2 and no TRANSFORM 2"),
     ],
 )
 def test_wrong_solids(text, column, code, words):
@@ -71,33 +63,31 @@ def test_wrong_solids(text, column, code, words):
     assert words in str(error.value) and (error.value.column, error.value.code) == (column, code)
 
 
-def test_solids_of_solids_do_not_grow_without_a_limit():
+def test_solids_of_solids_do_not_grow_without_a_limit(monkeypatch):
+    monkeypatch.setattr(reader, "MAX_NODES", 1000)
     text = "SOLID s0 + CUBE 1 CUBE 1\n" + "".join(f"SOLID s{i} + s{i - 1} 1 s{i - 1} 1\n" for i in range(1, 60))
-    with pytest.raises(SceneError, match="more than 100000 nodes"):
+    with pytest.raises(SceneError, match="more than 1000 nodes"):
         prosim_scene.parse(text + "SURFACE 1 TRANSFORM 1 CSG-TREE s59 1 END")
 
 
 def test_an_editor_knows_named_solids():
     symbols = Symbols(NAMED)
     at = NAMED.index("LEG 11")
-    symbol = symbols.at(at).symbol
-    assert len(symbols.occurrences(symbol)) == symbols.renamed(symbol, "foot").count("foot") == 3
+    symbol = symbols.occurrence_at(at).symbol
+    assert len(symbols.occurrences(symbol)) == symbols.renamed_text(symbol, "foot").count("foot") == 3
     assert "SOLID leg + CYLINDER 1 SPHERE 2" in symbols.hover(at)[2]
     assert {"leg", "CUBE"} <= {one.label for one in symbols.completions(at)}
     assert {"20", "1"} <= {one.label for one in symbols.completions(at + len("LEG "))}
-    assert symbols.renamed(symbol, "CUBE") is None
+    assert symbols.renamed_text(symbol, "CUBE") is None
 
 
-def test_an_image_lights_the_scene(tmp_path):
-    path = tmp_path / "s.scn"
+def test_an_image_lights_the_scene(tmp_path, write_scene):
     (tmp_path / "ceu.exr").write_bytes(b"\x76\x2f\x31\x01")
-    path.write_text("LUZES CEU ceu.exr CSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 END")
-    document = prosim_scene.document(path)
+    document = prosim_scene.document(write_scene("LUZES CEU ceu.exr CSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 END"))
     assert list(prosim_scene.images(document)) == [("ceu.exr", ("lights", 0, "image"))]
     for target in "prosim", "stock":
         sky = prosim_scene.load(document, target=target, transform=lambda matrix: matrix)["light_0"]
         assert sky == {"type": "envmap", "filename": str(tmp_path / "ceu.exr")}
     for wrong, words in ("SKY position 0 0 9", "found 'position'"), ("SKY none.exr", "does not exist"):
-        path.write_text(f"LIGHTS {wrong} CSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 END")
         with pytest.raises(SceneError, match=words):
-            prosim_scene.check(path)
+            prosim_scene.check(write_scene(f"LIGHTS {wrong} CSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 END"))

@@ -35,10 +35,8 @@ def files(folder):
         ({"size": 1.1}, {"size": 1}, 3),
     ],
 )
-def test_the_same_solids_are_evaluated_once_and_the_files_are_the_same(tmp_path, second, third, made):
-    path = tmp_path / "s.scn"
-    path.write_text(SCENE)
-    cache = prosim_scene.TranslationCache()
+def test_the_same_solids_are_evaluated_once_and_the_files_are_the_same(tmp_path, write_scene, second, third, made):
+    path, cache = write_scene(SCENE), prosim_scene.TranslationCache()
     for define in {}, second, third:
         prosim_scene.translate(prosim_scene.document(path, define), tmp_path / "kept", cache=cache)
         prosim_scene.translate(path, tmp_path / "anew", define=define)
@@ -64,13 +62,10 @@ def test_another_view_needs_no_translation(tmp_path, options):
         prosim_scene.sensor(document, cache, **options)
 
 
-def test_what_vanishes_is_said_each_time(tmp_path):
-    path = tmp_path / "s.scn"
+def test_what_vanishes_is_said_each_time(tmp_path, write_scene):
     cache = prosim_scene.TranslationCache()
-    vanishing = SCENE.replace("- + CUBE 0 t-tijolo SPHERE 1 CYLINDER 2", "+ CUBE 0 + SPHERE 1 SPHERE 2").replace(
-        "SCALE (.4 .4 9) TRANSLATE (0 0 -4)", "SCALE (.4 .4 .4)"
-    )
-    path.write_text(vanishing)
+    vanishing = SCENE.replace("- + CUBE 0 t-tijolo SPHERE 1 CYLINDER 2", "+ CUBE 0 + SPHERE 1 SPHERE 2")
+    path = write_scene(vanishing.replace("SCALE (.4 .4 9) TRANSLATE (0 0 -4)", "SCALE (.4 .4 .4)"))
     for turn in (0, 20):
         with pytest.warns(prosim_scene.SceneWarning, match="nothing is visible of SPHERE 2"):
             prosim_scene.translate(path, tmp_path / "kept", define={"turn": turn}, cache=cache)

@@ -15,6 +15,9 @@ VIEWS = {
 }
 
 
+VIEWED = "VIEW {} LIGHTS POINT position 0 0 0 CSG-TREE END"
+
+
 def formula(view, i, j):
     """Directions of the pixels (i, j) as the language defines them."""
     e, p, n, up = (np.array(x) for x in (view.eye, view.vrp, view.vpn, view.vup))
@@ -34,10 +37,8 @@ def formula(view, i, j):
     return through, e, pixel, n, p
 
 
-def translated(view, tmp_path, **options):
-    """The sensor of a scene with nothing but this view, and the view."""
-    path = tmp_path / "view.scn"
-    path.write_text(f"VIEW {view} LIGHTS POINT position 0 0 0 CSG-TREE END")
+def translated(path, **options):
+    """The sensor of a scene with nothing but a view, and the view."""
     with pytest.warns(prosim_scene.SceneWarning, match="no|empty"):
         sensor = prosim_scene.load(path, light_units="radiance", **options)["view"]
     del sensor["sampler"]
@@ -45,8 +46,8 @@ def translated(view, tmp_path, **options):
 
 
 @pytest.mark.parametrize("name", VIEWS)
-def test_rays_are_exact(name, tmp_path, variant_rgb):
-    sensor, view = translated(VIEWS[name], tmp_path)
+def test_rays_are_exact(name, write_scene, variant_rgb):
+    sensor, view = translated(write_scene(VIEWED.format(VIEWS[name])))
     w, h = view.resolution
     rng = np.random.default_rng(3)
     i = np.concatenate([rng.integers(0, w, 200), [0, w - 1, 0, w - 1]])
@@ -63,9 +64,9 @@ def test_rays_are_exact(name, tmp_path, variant_rgb):
     assert tuple(sensor.film().size()) == (w, h)
 
 
-def test_stock_views_have_square_pixels_and_say_so(tmp_path, variant_rgb):
+def test_stock_views_have_square_pixels_and_say_so(write_scene, variant_rgb):
     with pytest.warns(prosim_scene.SceneWarning, match="pixels are square, 400x250 of them instead of 400x100"):
-        sensor, _ = translated(VIEWS["tall pixels"], tmp_path, target="stock")
+        sensor, _ = translated(write_scene(VIEWED.format(VIEWS["tall pixels"])), target="stock")
     assert sensor.class_name() == "PerspectiveCamera" and tuple(sensor.film().size()) == (400, 250)
 
 
@@ -79,10 +80,9 @@ def test_stock_views_have_square_pixels_and_say_so(tmp_path, variant_rgb):
         ("WINDOW -9 -9 9 9", "", "", ""),
     ],
 )
-def test_a_window_that_does_not_fit_its_resolution_is_said(given, word, shape, others, tmp_path, recwarn):
+def test_a_window_that_does_not_fit_its_resolution_is_said(given, word, shape, others, write_scene, recwarn):
     """By prosim_scene alone for the scene's own numbers: others are told who asks for them."""
-    scene = tmp_path / "view.scn"
-    scene.write_text(f"LIGHTS POINT position 0 9 9\nVIEW {given}\nCSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 END\n")
+    scene = write_scene(f"LIGHTS POINT position 0 9 9\nVIEW {given}\nCSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 END\n")
     prosim_scene.check(scene, resolution=(300, 400))
     prosim_scene.check(scene, target="stock")
     assert not any("distort" in str(w.message) for w in recwarn)
@@ -127,13 +127,10 @@ def test_window_sensor_and_crop(variant):
         ("OBS 0 0 1e-200 VRP 0 0 0", "OBS and VRP are the same point"),
     ],
 )
-def test_degenerate_views_are_errors(view, reason, tmp_path):
-    path = tmp_path / "view.scn"
-    path.write_text(f"VIEW {view}\nCSG-TREE LIGHTS END")
+def test_degenerate_views_are_errors(view, reason, write_scene):
     with pytest.raises(prosim_scene.SceneError, match=reason) as error:
-        prosim_scene.translate(path)
+        prosim_scene.check(write_scene(f"VIEW {view}\nCSG-TREE LIGHTS END"))
     assert error.value.line == 1 and "^" in str(error.value)
-    assert [p.name for p in tmp_path.iterdir()] == ["view.scn"]
 
 
 BALL = "SPHERE 0 SURFACE 0 ka .5 kd 0 TRANSFORM 0"
@@ -159,17 +156,14 @@ CLIPPED = {
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 @pytest.mark.parametrize("target", ["prosim", "stock"])
 @pytest.mark.parametrize("name", CLIPPED)
-def test_nothing_is_clipped(name, target, tmp_path, variant_rgb):
+def test_nothing_is_clipped(name, target, write_scene, variant_rgb):
     """The camera's rays meet all that rays without an end meet, which begin at the eye itself."""
-    path = tmp_path / "view.scn"
-    path.write_text(
-        f"VIEW RESOLUTION 40 40 {CLIPPED[name][0]} LIGHTS POINT position 0 0 90 CSG-TREE {CLIPPED[name][1]} END"
-    )
+    view, tree = CLIPPED[name]
+    path = write_scene(f"VIEW RESOLUTION 40 40 {view} LIGHTS POINT position 0 0 90 CSG-TREE {tree} END")
     scene = mi.load_dict(prosim_scene.load(path, target=target, tolerance=1))
     j, i = np.mgrid[:40, :40]
-    ray, _ = scene.sensors()[0].sample_ray(
-        0, 0.5, mi.Point2f(((i + 0.5) / 40).ravel(), ((j + 0.5) / 40).ravel()), mi.Point2f(0.5)
-    )
+    position = mi.Point2f(((i + 0.5) / 40).ravel(), ((j + 0.5) / 40).ravel())
+    ray, _ = scene.sensors()[0].sample_ray(0, 0.5, position, mi.Point2f(0.5))
     seen = np.array(scene.ray_intersect(ray).is_valid())
     whole = mi.Ray3f(mi.Point3f(prosim_scene.parse(path.read_text()).view.eye), ray.d)
     expected = np.array(scene.ray_intersect(whole).is_valid())

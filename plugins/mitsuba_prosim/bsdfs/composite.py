@@ -7,7 +7,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..optics import fresnel, torrance_sparrow
+from ..optics import fresnel, torrance_sparrow, visible
 from ..optics.pigmented import Pigmented
 from ..optics.reading import ambient, conserve, index, reflectance, roughness
 from ..registry import plugin
@@ -119,7 +119,7 @@ class Composite(Pigmented):
         return self.reflected(si, si.wi.z, active)
 
     def specular_sample(self, si: mi.SurfaceInteraction3f, sample2: mi.Point2f, active: mi.Bool) -> mi.Vector3f:
-        m = torrance_sparrow.sample(si.wi, sample2, self.distribution, self.roughness.eval_1(si, active))
+        m = visible.sample(si.wi, sample2, self.distribution.polar, self.roughness.eval_1(si, active))
         return mi.reflect(si.wi, m)
 
     def specular_eval_pdf(

@@ -7,7 +7,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..optics import fresnel, torrance_sparrow
+from ..optics import fresnel, torrance_sparrow, visible
 from ..optics.half_vectors import GRAZING
 from ..optics.material import Material
 from ..optics.reading import ambient, index, metal, reflectance, roughness
@@ -132,7 +132,7 @@ class Conductor(Material):
             bs.pdf = dr.select(active, mi.Float(1), 0)
             return bs, mi.depolarizer(self.reflected(si, si.wi.z, active)) & active
         width = self.roughness.eval_1(si, active)
-        m = torrance_sparrow.sample(si.wi, sample2, self.distribution, width)
+        m = visible.sample(si.wi, sample2, self.distribution.polar, width)
         i_m = dr.dot(si.wi, m)
         bs.wo = mi.reflect(si.wi, m)
         g1 = torrance_sparrow.g1(si.wi.z, m.z, i_m)

@@ -172,37 +172,14 @@ class Dielectric(Material):
         sample1: mi.Float,
         sample2: mi.Point2f,
         active: mi.Bool = True,
-    ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        return self._sample(ctx, si, sample1, sample2, active)
-
-    def sample_dispersed(
-        self,
-        ctx: mi.BSDFContext,
-        si: mi.SurfaceInteraction3f,
-        sample1: mi.Float,
-        sample2: mi.Point2f,
-        weights: Sequence[mi.Float] | None,
-        active: mi.Bool,
-    ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        """The same as `sample` where glass disperses, for integrators that know the throughput of a ray: probabilities
-        ``weights`` of the wavelengths that a smooth surface chooses from, with the sum 1. None: all go the way of the
-        middle one, which is wrong, but without noise.
-        """
-        return self._sample(ctx, si, sample1, sample2, active, weights, together=weights is None)
-
-    def _sample(
-        self,
-        ctx: mi.BSDFContext,
-        si: mi.SurfaceInteraction3f,
-        sample1: mi.Float,
-        sample2: mi.Point2f,
-        active: mi.Bool,
         weights: Sequence[mi.Float] | None = None,
         together: bool = False,
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        """`sample` by the wavelength that is chosen with the probabilities ``weights``. None: all are alike, which is
-        right in the mean, as a ray does not store which ones it has lost. ``together``: all go the way of the middle
-        one.
+        """Samples a direction; where smooth glass disperses, that of the wavelength that is chosen with the
+        probabilities ``weights``, for integrators that know the throughput of a ray.
+
+        None: all are alike, which is right in the mean, as a ray does not store which ones it has lost. ``together``:
+        all go the way of the middle one, which is wrong, but without noise.
         """
         bs = dr.zeros(mi.BSDFSample3f)
         reflection, transmission = self.enabled(ctx)
@@ -258,8 +235,7 @@ class Dielectric(Material):
         if self.roughness is None:
             return mi.Normal3f(0, 0, 1), None
         width = self.roughness.eval_1(si, active)
-        m = visible.sample(dr.mulsign(si.wi, si.wi.z), sample2, self.distribution.polar, width)
-        return mi.Normal3f(m), width
+        return visible.sample(dr.mulsign(si.wi, si.wi.z), sample2, self.distribution.polar, width), width
 
     def facets(
         self,

@@ -19,16 +19,15 @@ import prosim_scene
 from prosim_scene import FPS, FRAME, TIME
 
 from .. import atomic
-from ..engine import origin
+from ..engine import environment
 from ..scene import scene_file, session
-from . import output_files
+from . import files
 from .interrupts import interruptible
 from .job import Job
 from .log import log
-from .option_types import wrong_input
+from .option_types import input_errors
 from .progress import FilmProgress, warn
-from .render_task import Image, RenderTask, finish, render_image, start
-from .workers import Workers
+from .render_task import Image, RenderTask, Workers, finish, render_image, start
 
 if TYPE_CHECKING:
     from ..parallel.executor import DaskExecutor
@@ -55,8 +54,8 @@ class Film:
         self.signals: list[int] = []
         #: The frame that errors are about.
         self.number = self.frames[0]
-        with wrong_input():
-            self.names = scene_file.uses(job.scene, {**job.definitions, **self.definitions(0)}, (FRAME, TIME))
+        with input_errors():
+            self.names = scene_file.used_names(job.scene, {**job.definitions, **self.definitions(0)}, (FRAME, TIME))
             if not self.names and len(self.frames) > 1:
                 raise ValueError(
                     f"{job.scene} uses neither ${FRAME} nor ${TIME}, so all frames would be alike; use one where the "
@@ -77,12 +76,17 @@ class Film:
                 for task, image, report in self.images(self.missing(folder), workers):
                     if image.interruption:
                         return image.interruption
-                    self.count(task, image, report)
+                    self.rendered += 1
+                    self.bar.finish()
+                    if image.black and self.black == 0:
+                        warn(f"frame {task.facts['prosim.frame']}: {image.black}")
+                    self.black += bool(image.black)
+                    self.bar.write(report, file=sys.stderr)
             except click.ClickException as error:
                 raise type(error)(f"frame {self.number}: {error.message}") from None
             except RuntimeError as error:  # of the cluster
                 raise click.ClickException(str(error)) from None
-            return "interrupted" if self.signals else getattr(workers.dask, "loss_reason", None)
+            return "interrupted" if self.signals else workers.loss_reason
 
     def missing(self, folder: Path) -> Iterator[RenderTask]:
         """The frames that are to be rendered, each read when it is its turn, until a signal arrives."""
@@ -94,11 +98,11 @@ class Film:
             own = {name: value for name, value in self.definitions(number).items() if name in self.names}
             seed = (self.job.seed + number) % 2**32
             job = replace(self.job, definitions={**self.job.definitions, **own}, seed=seed)
-            with wrong_input():
-                file = job.file(folder, cache=self.cache)
+            with input_errors():
+                file = job.read_scene(folder, cache=self.cache)
                 facts = {DIGEST: digest(job, file), "prosim.frame": str(number)}
             task = RenderTask(job, file, self.path(number), facts=facts)
-            if job.overwrite or not exists(task):
+            if job.overwrite or not is_rendered(task):
                 yield task
             else:
                 self.left += 1
@@ -109,13 +113,13 @@ class Film:
         frame that is interrupted.
         """
         for task in tasks:
-            with wrong_input():
+            with input_errors():
                 task.check()
                 if task.job.checkpoint and not task.job.overwrite:
                     task.begin = task.unfinished()
-            if self.signals:  # from here on the render listens itself
+            if self.signals:
                 return
-            yield task, *render_image(task, self.bar, workers)
+            yield task, *render_image(task, self.bar, workers, self.signals)
             if workers.dask is not None and workers.dask.worker_seconds <= SMALL and not self.needs_all(task):
                 yield from self.images_of_workers(tasks, workers.dask, task.size)
 
@@ -127,45 +131,25 @@ class Film:
         return bool(job.checkpoint or task.integrator.time or (job.denoise and job.cluster))
 
     def images_of_workers(self, tasks: Iterator[RenderTask], dask: DaskExecutor, size: int) -> Iterator[Rendered]:
-        """Lets one worker render each frame, and writes them as they are finished; ``size``: bytes of one at most.
-
-        Raises the error of a frame when those before it are written.
-        """
+        """Lets one worker render each frame, and writes them as they are finished; ``size``: bytes of one at most."""
         from ..parallel import worker
         from ..parallel.bundle import SceneBundle
         from ..parallel.executor import Task
 
-        errors: list[click.ClickException] = []
-
         def calls() -> Iterator[Task]:
-            try:
-                for task in tasks:
-                    task.check_place(size)
-                    with wrong_input():
-                        bundle = SceneBundle.of(task.file, self.job.sensor)
-                    submit = partial(dask.submit, worker.make, bundle, on_worker, task.job, task.facts)
-                    yield Task(f"frame {self.number}", submit, partial(lambda task, image: (task, image), task))
-            except click.ClickException as error:
-                errors.append(error)
+            for task in tasks:
+                task.check_place(size)
+                with input_errors():
+                    bundle = SceneBundle.of(task.file, self.job.sensor)
+                submit = partial(dask.submit, worker.call, bundle, render_frame, task.job, task.facts)
+                yield Task(f"frame {self.number}", submit, partial(lambda task, image: (task, image), task))
 
         for result in dask.results(calls()):
             if self.signals:
                 return
             if result is not None:
                 task, image = result
-                yield task, image, image.report(task, output_files.save(task.stem, image.contents))
-        if errors and not dask.loss_reason:
-            raise errors[0]
-
-    def count(self, task: RenderTask, image: Image, report: str) -> None:
-        """Counts a frame that was rendered, and prints its report."""
-        self.rendered += 1
-        self.bar.finish()
-        if image.black:
-            self.black += 1
-            if self.black == 1:
-                warn(f"frame {task.facts['prosim.frame']}: {image.black}")
-        self.bar.write(report, file=sys.stderr)
+                yield task, image, image.report(task, files.save(task.stem, image.contents))
 
     def definitions(self, number: int) -> dict[str, str]:
         """The values of a frame's names."""
@@ -184,7 +168,7 @@ class Film:
         return f"{names}, and .png: {self.rendered} of {len(self.frames)} frames rendered{black}{left}"
 
 
-def on_worker(scene: mi.Scene, sensor: mi.Sensor, job: Job, facts: dict[str, str]) -> Image:
+def render_frame(scene: mi.Scene, sensor: mi.Sensor, job: Job, facts: dict[str, str]) -> Image:
     """The image of a frame, rendered by a worker."""
     started = perf_counter()
     steps = start(job, scene, sensor)
@@ -195,16 +179,17 @@ def on_worker(scene: mi.Scene, sensor: mi.Sensor, job: Job, facts: dict[str, str
 
 def digest(job: Job, file: scene_file.SceneFile) -> str:
     """SHA-256 of all that the bytes of a frame depend on: the scene's content, its changes, and the
-    :mod:`..engine.origin`. It does not depend on the folder of the scene.
+    :mod:`..engine.environment`. It does not depend on the folder of the scene.
     """
-    here = origin.here()
-    parts = job.image() | {"scene": "", "digest": file.digest(), "origin": [here[name] for name in origin.EXACT]}
+    here = environment.this_environment()
+    versions = [here[name] for name in environment.MUST_AGREE]
+    parts = job.image() | {"scene": "", "digest": file.digest(), "environment": versions}
     if file.document is not None:
         parts["definitions"] = {}  # the translation has them
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
-def exists(task: RenderTask) -> bool:
+def is_rendered(task: RenderTask) -> bool:
     """Whether the disk has the frame, finished, with the same digest."""
     image = Path(f"{task.stem}.exr")
     if not image.is_file():  # OpenEXR would print an error

@@ -15,14 +15,14 @@ AGAIN = 0.1
 
 
 @contextmanager
-def interruptible(stop: Callable[[], None]) -> Iterator[list[int]]:
+def interruptible(stop: Callable[[], None], received_signals: list[int] | None = None) -> Iterator[list[int]]:
     """Calls ``stop`` at the first signal of :data:`ENDING`, and again until the context ends, because a renderer that
     has not started yet forgets it. A second signal ends the process at once.
 
-    Yields the list of these signals that have come. Signals that the process ignores (by ``nohup``, or in the
-    background of a script) stay ignored; handlers of other signals run as before.
+    Yields the list of these signals that have come, ``received_signals`` if that is given. Signals that the process
+    ignores (by ``nohup``, or in the background of a script) stay ignored; handlers of other signals run as before.
     """
-    received_signals: list[int] = []
+    received_signals = [] if received_signals is None else received_signals
     handled = [number for number in ENDING if signal.getsignal(number) not in (signal.SIG_IGN, None)]
     reader, writer = socket.socketpair()  # Windows can't wait for a pipe
     writer.setblocking(False)

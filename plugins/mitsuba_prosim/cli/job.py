@@ -25,7 +25,7 @@ from .option_types import InputError, Integer, Number
 TARGETS = ("noise", "noise_99", "noise_999", "time")
 
 #: Fields that become parameters of the integrator, and options of the translator.
-INTEGRATOR = ("caustics", "max_level", "layers", "threshold", "max_samples", "adaptive", *TARGETS)
+INTEGRATOR = ("samples", "caustics", "max_level", "layers", "threshold", "max_samples", "adaptive", *TARGETS)
 LANGUAGE = ("light_units", "tolerance", "allow_outside")
 
 #: Fields of films, and all that do not change the image.
@@ -161,11 +161,11 @@ class Job:
                 "integrator.progressive(begin=...)"
             ) from None
 
-    def file(self, folder: Path, **how: Any) -> scene_file.SceneFile:
+    def read_scene(self, folder: Path, **how: Any) -> scene_file.SceneFile:
         """The scene file; ``folder``: for translations; ``how``: see :class:`.scene_file.SceneFile`, which says what is
         raised.
         """
-        image = {name: getattr(self, name) for name in ("definitions", "resolution", "crop", "samples", "integrator")}
+        image = {name: getattr(self, name) for name in ("definitions", "resolution", "crop", "integrator")}
         return scene_file.SceneFile(self.scene, folder, **image, **how, **self.language)
 
 
@@ -175,7 +175,7 @@ FIELDS = tuple(one.name for one in fields(Job))
 OPTIONS = tuple(one.name for one in fields(Job) if one.metadata)
 
 
-def takes(*names: str) -> Callable[[Callable], Callable]:
+def job_options(*names: str) -> Callable[[Callable], Callable]:
     """Decorator: gives a command the options of these fields."""
 
     def decorate(command: Callable) -> Callable:
@@ -194,11 +194,11 @@ def takes(*names: str) -> Callable[[Callable], Callable]:
 GROUPS = ("Quality", "Output", "Scene", "Film", "Comparison", "Page", "Distribution", "Advanced", "Others")
 
 #: Options of the version before, and their names today.
-OLD = {"--anew": "--overwrite", "--keep": "--checkpoint"}
+OLD = {"--anew": "--overwrite", "--keep": "--checkpoint", "--levels": "--sqrt-spp"}
 
 
 class Command(click.Command):
-    """A command that gets its scene and the options of :func:`takes` as one :class:`Job`, its argument ``job``.
+    """A command that gets its scene and the options of :func:`job_options` as one :class:`Job`, its argument ``job``.
 
     Its help shows the options in groups.
     """
@@ -207,7 +207,7 @@ class Command(click.Command):
         """Makes the job when all options are known."""
         rest = super().parse_args(ctx, [OLD.get(word, word) for word in args])
         if not ctx.resilient_parsing:
-            ctx.params["job"] = job_of({name: ctx.params.pop(name) for name in FIELDS if name in ctx.params})
+            ctx.params["job"] = make_job({name: ctx.params.pop(name) for name in FIELDS if name in ctx.params})
         return rest
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -241,7 +241,7 @@ CONFLICTS = (
 )
 
 
-def job_of(asked: dict[str, Any]) -> Job:
+def make_job(asked: dict[str, Any]) -> Job:
     """The job that options ask for, whose variant is set. Raises UsageError where they contradict each other."""
     given = {name for name, value in asked.items() if value}
     for one, others, message in CONFLICTS:
@@ -251,12 +251,7 @@ def job_of(asked: dict[str, Any]) -> Job:
         raise click.UsageError(f"--{min(film)} is for films; add --frames.")
     if asked.get("adaptive") == "thesis" and given & set(TARGETS):
         raise click.UsageError("--adaptive thesis does not measure the noise; leave it out with --noise and --time.")
-    asked["scene"] = scene = str(asked.get("scene") or "")
-    for name in ("light_units", "tolerance"):
-        if name in given and scene.lower().endswith(".xml"):
-            raise click.UsageError(
-                f"--{name.replace('_', '-')} is for scenes in the thesis's language; {scene} is XML."
-            )
+    asked["scene"] = str(asked.get("scene") or "")
     if (snapshots := asked.get("snapshots")) and not given & set(TARGETS):
         seconds = [float(text[:-1]) for text in snapshots if text.endswith("s")]
         asked.update({"time": max(seconds)} if seconds else {"noise": min(map(float, snapshots))})

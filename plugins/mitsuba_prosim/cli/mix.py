@@ -12,16 +12,16 @@ import OpenEXR
 
 from ..denoising.layers import mixed, of_channels
 from ..scene import images
-from . import output_files
-from .job import Command, Job, takes
-from .option_types import Form, InputError
+from . import files
+from .job import Command, Job, job_options
+from .option_types import InputError, PatternType
 from .render_task import SUFFIXES
 
 #: Difference of an image and the sum of its layers, over the brightest value: that of half precision.
 ROUNDING = 0.01
 
 NUMBER = r"(\d+\.?\d*|\.\d+)"
-FACTOR = Form(
+FACTOR = PatternType(
     "LAYER=FACTOR",
     "light_0=0.5, or light_0=1,0.8,0.6 for red, green and blue; factors are 0 or more",
     rf"(\w+)={NUMBER}(?:,{NUMBER},{NUMBER})?",
@@ -32,7 +32,7 @@ FACTOR = Form(
 @click.command(cls=Command)
 @click.argument("image", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.argument("factors", nargs=-1, required=True, type=FACTOR, metavar="LAYER=FACTOR...")
-@takes("output", "exposure", "variant")
+@job_options("output", "exposure", "variant")
 def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> None:
     """Recombine the layers of IMAGE, an EXR by prosim render --layers.
 
@@ -61,11 +61,11 @@ def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> N
         planes[letter] = whole[..., k]
         planes |= {f"{name}.{letter}": values[..., k] for name, values in colours.items()}
     header["prosim.mix"] = described(factors)
-    stem = output_files.stem(job.output, image.with_name(f"{image.stem}-mix"), SUFFIXES)
-    output_files.check(stem, SUFFIXES, sum(plane.nbytes for plane in planes.values()), [image])
+    stem = files.output_stem(job.output, image.with_name(f"{image.stem}-mix"), SUFFIXES)
+    files.check(stem, SUFFIXES, sum(plane.nbytes for plane in planes.values()), [image])
     ordered = {name: planes[name] for name in sorted(planes, key=lambda name: ("." in name, "RGBA".find(name)))}
     contents = images.encode(of_channels(ordered), header, job.exposure or 0.0)
-    click.echo(" and ".join(map(str, output_files.save(stem, contents))))
+    click.echo(" and ".join(map(str, files.save(stem, contents))))
 
 
 def described(factors: Iterable[tuple[str, np.ndarray]]) -> str:

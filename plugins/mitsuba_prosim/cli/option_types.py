@@ -12,7 +12,7 @@ from prosim_scene import extras
 
 from ..engine.tiles import Part
 from ..scene import overrides, session
-from ..scene.errors import pointed, with_nearest
+from ..scene.errors import with_line, with_suggestion
 
 #: Where the viewer tev listens by default.
 TEV_HOST, TEV_PORT = "127.0.0.1", 14158
@@ -25,17 +25,17 @@ class InputError(click.ClickException):
 
 
 @contextmanager
-def wrong_input() -> Iterator[None]:
+def input_errors() -> Iterator[None]:
     """Turns whatever is raised where a scene is read and made into an InputError."""
     try:
         yield
     except prosim_scene.SceneError as error:
         raise InputError(str(error)) from None
     except (RuntimeError, TypeError, ValueError, OSError) as error:
-        raise InputError(pointed(with_nearest(session.message(error)))) from None
+        raise InputError(with_line(with_suggestion(session.message(error)))) from None
 
 
-def need(extra: str, what: str) -> None:
+def require_extra(extra: str, what: str) -> None:
     """Raises ClickException if ``what`` needs an extra that is not installed."""
     if extras.missing(extra):
         raise click.ClickException(extras.needs(what, extra))
@@ -44,7 +44,7 @@ def need(extra: str, what: str) -> None:
 # ---------------------------------------------------------------- types
 
 
-class Form(click.ParamType):
+class PatternType(click.ParamType):
     """Text of one form. ``make`` gets the groups of ``pattern`` and returns the value; its ValueErrors are shown."""
 
     def __init__(self, name: str, example: str, pattern: str, make: Callable[..., Any]) -> None:
@@ -105,33 +105,35 @@ def _snapshots(text: str) -> tuple[str, ...]:
     return snapshots
 
 
-def _levels(text: str) -> tuple[int, ...]:
-    levels = sorted(set(map(int, text.split(","))))
-    if len(levels) < 2:
-        raise ValueError("a curve needs two levels or more")
-    return tuple(levels)
+def _roots(text: str) -> tuple[int, ...]:
+    roots = sorted(set(map(int, text.split(","))))
+    if len(roots) < 2:
+        raise ValueError("a curve needs two numbers or more")
+    return tuple(roots)
 
 
-RESOLUTION = Form("WxH", "640x480", r"(\d+)[xX](\d+)", _resolution)
-CROP = Form(
+RESOLUTION = PatternType("WxH", "640x480", r"(\d+)[xX](\d+)", _resolution)
+CROP = PatternType(
     "X,Y,W,H",
     "10,20,64,48, with W and H above 0",
     r"(\d+),(\d+),0*([1-9]\d*),0*([1-9]\d*)",
     lambda *numbers: tuple(map(int, numbers)),
 )
-PART = Form("K/M", "3/16", r"(\d{1,4})/(\d{1,4})", lambda number, of: Part(int(number), int(of)))
-FRAMES = Form("A:B[:STEP]", "0:48, 0:48:2 or 7", r"(\d{1,6})(?::(\d{1,6})(?::0*([1-9]\d*))?)?", _frames)
-SNAPSHOTS = Form("X,X,...", "0.04,0.02 or 1s,4s", r"(\d*\.?\d+s?(?:,\d*\.?\d+s?)*)", _snapshots)
-LEVELS = Form("N,N,...", "2,3,4", r"(0*[1-9]\d*(?:,0*[1-9]\d*)*)", _levels)
-DEFINITION = Form("key=value", "angle=30", "([^=]+)=(.*)", lambda *pair: pair)
-VIEWER = Form(
+PART = PatternType("K/M", "3/16", r"(\d{1,4})/(\d{1,4})", lambda number, of: Part(int(number), int(of)))
+FRAMES = PatternType("A:B[:STEP]", "0:48, 0:48:2 or 7", r"(\d{1,6})(?::(\d{1,6})(?::0*([1-9]\d*))?)?", _frames)
+SNAPSHOTS = PatternType("X,X,...", "0.04,0.02 or 1s,4s", r"(\d*\.?\d+s?(?:,\d*\.?\d+s?)*)", _snapshots)
+ROOTS = PatternType("N,N,...", "2,3,4", r"(0*[1-9]\d*(?:,0*[1-9]\d*)*)", _roots)
+DEFINITION = PatternType("key=value", "angle=30", "([^=]+)=(.*)", lambda *pair: pair)
+VIEWER = PatternType(
     "tev[=HOST:PORT]",
     "tev=127.0.0.1:14158",
     r"tev(?:=(.+):(\d{1,5}))?",
     lambda host, port: (host or TEV_HOST, int(port or TEV_PORT)),
 )
 #: With a port: Dask would wait for a scheduler without one.
-ADDRESS = Form("ADDRESS", "tcp://machine:8786, which `dask scheduler` prints", r"((?:\w+://)?[^/]+:\d{1,5}/?)", str)
+ADDRESS = PatternType(
+    "ADDRESS", "tcp://machine:8786, which `dask scheduler` prints", r"((?:\w+://)?[^/]+:\d{1,5}/?)", str
+)
 
 
 # ---------------------------------------------------------------- groups of the help

@@ -6,28 +6,31 @@ import json
 import os
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import click
 import mitsuba as mi
 
+from .. import atomic
 from ..denoising import halves, layers
 from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint, CheckpointWriter
 from ..scene import black, images, rendering, scene_file, session
-from . import output_files, report
+from . import files, report
 from .interrupts import interruptible
 from .job import TARGETS, Job, refuse_scalar
-from .option_types import InputError, need
+from .log import log
+from .option_types import InputError, input_errors, require_extra
 from .progress import Progress, warn
 from .tev import TevClient
 
 if TYPE_CHECKING:
-    from .workers import Workers
+    from ..parallel.executor import DaskExecutor
 
 #: Suffixes of an image, and of its state.
 SUFFIXES, STATE = (".exr", ".png"), ".state.npz"
@@ -104,7 +107,7 @@ class RenderTask:
 
     def check_place(self, size: int, suffixes: Sequence[str] = SUFFIXES) -> None:
         """Raises InputError where files of these suffixes, of ``size`` bytes, can't be written."""
-        output_files.check(self.stem, suffixes, size, [self.file.path, *self.file.sources()])
+        files.check(self.stem, suffixes, size, [self.file.path, *self.file.sources()])
 
     def unfinished(self) -> Checkpoint | None:
         """The checkpoint of an interrupted render of this image, if it exists."""
@@ -120,7 +123,7 @@ class Image:
     """A rendered image; it can be pickled.
 
     ``size``: in pixels; ``contents``: of its files, by suffix; ``lines``: noise, samples and time; ``black``: why
-    nothing is visible; ``interruption``: its cause.
+    nothing is visible; ``interruption``: its cause; ``note``: for the first line of the report.
     """
 
     size: tuple[int, ...]
@@ -129,9 +132,10 @@ class Image:
     lines: Sequence[str] = ()
     black: str | None = None
     interruption: str | None = None
+    note: str = ""
 
-    def report(self, task: RenderTask, written: Sequence[Path], note: str = "") -> str:
-        """The lines that the command prints; ``note``: for the first."""
+    def report(self, task: RenderTask, written: Sequence[Path]) -> str:
+        """The lines that the command prints."""
         part, wrapped = task.job.part, task.file.wrapped
         first = (
             f"{' and '.join(map(str, written))}: "
@@ -139,37 +143,78 @@ class Image:
             + f"{self.size[0]} x {self.size[1]} pixels, {task.job.variant}, {self.seconds:.2f} s"
             + (f", {wrapped} within prosim_adaptive" if wrapped else "")
         )
-        return "\n".join([first + note, *self.lines])
+        return "\n".join([first + self.note, *self.lines])
+
+
+class Workers(ExitStack):
+    """The workers that a job asks for, from the first image until the context ends."""
+
+    def __init__(self, job: Job) -> None:
+        super().__init__()
+        self.job = job
+        self.dask: DaskExecutor | None = None
+
+    @property
+    def loss_reason(self) -> str | None:
+        """Why the cluster has gone away; None while it is there."""
+        return self.dask.loss_reason if self.dask else None
+
+    def executor(self, file: scene_file.SceneFile) -> DaskExecutor | None:
+        """The executor for the samples of an image of ``file``; None for this process.
+
+        Raises InputError where the scene can't travel, and ClickException.
+        """
+        job, option = self.job, self.job.distributed
+        if option is None:
+            return None
+        require_extra("cluster", option)
+        from ..parallel import cluster
+        from ..parallel.bundle import SceneBundle
+        from ..parallel.executor import DaskExecutor
+
+        with input_errors():
+            bundle = SceneBundle.of(file, job.sensor)
+        if self.dask is not None:
+            self.dask.change_scene(bundle)
+            return self.dask
+        there = cluster.scheduler(job.cluster) if job.cluster else cluster.workers(job.workers or 1, job.threads)
+        try:
+            self.dask = DaskExecutor(self.enter_context(there), bundle, warn)
+        except RuntimeError as error:
+            message = str(error) if job.cluster else f"the workers can't be started here ({error})"
+            raise click.ClickException(message) from None
+        return self.dask
 
 
 def start(job: Job, scene: mi.Scene, sensor: mi.Sensor, **how: Any) -> Any:
     """The render of a job: an iterator of :class:`.Step`. ``how``: see :func:`.rendering.progressive`."""
-    if job.denoise:
-        how = how if rendering.is_progressive(scene.integrator()) else {}
-        return halves.DenoisedRender(scene, sensor, scene.integrator(), job.seed, job.spp or 0, **how)
-    return rendering.progressive(scene, sensor, job.seed, job.spp or 0, **how)
+    render = halves.DenoisedRender if job.denoise else rendering.progressive
+    return render(scene, sensor, seed=job.seed, spp=job.spp or 0, integrator=scene.integrator(), **how)
 
 
 def render_image(
-    task: RenderTask, bar: Progress, workers: Workers, shown: TevClient | None = None
+    task: RenderTask, bar: Progress, workers: Workers, received_signals: list[int] | None = None
 ) -> tuple[Image, str]:
-    """Renders and writes an image or its state; returns it and its report. ``workers`` may take the samples; ``shown``:
-    where the image is shown.
+    """Renders and writes an image or its state; returns it and its report. ``workers`` may take the samples; for
+    ``received_signals`` see :func:`.interruptible`.
 
     Raises InputError, where nothing has been written, and ClickException; ends the process where it was interrupted
     before the first sample, unless it is a frame of a film.
     """
     job, is_frame = task.job, bool(task.facts)
     writer, snapshots = task.writer(), Snapshots(task)
-    consumers: list[Any] = [one for one in (writer, snapshots, shown and shown.update) if one]
-    with interruptible(task.integrator.cancel) as signals:
+    consumers: list[Any] = [writer, snapshots] if writer else [snapshots]
+    with (
+        closing(TevClient(job, task.sensor.film())) as shown,
+        interruptible(task.integrator.cancel, received_signals) as signals,
+    ):
         executor = workers.executor(task.file)
         started = perf_counter()
         try:
             steps = start(job, task.scene, task.sensor, begin=task.begin, part=job.part, executor=executor)
-            while not (signals or getattr(executor, "loss_reason", None)) and (step := next(steps, None)) is not None:
+            while not (signals or workers.loss_reason) and (step := next(steps, None)) is not None:
                 bar.show(step.done)
-                for consume in consumers:
+                for consume in (*consumers, shown.update):
                     consume(steps)
             steps.close()
             snapshots(steps)
@@ -180,36 +225,51 @@ def render_image(
         except (RuntimeError, MemoryError) as error:
             raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
         image = Image(tuple(task.sensor.film().crop_size()), perf_counter() - started)
-        lost, reached = getattr(executor, "loss_reason", None), steps.reached
+        lost, reached = workers.loss_reason, steps.reached
         interruption = lost or ("interrupted" if signals else None)
         if interruption and not is_frame and reached is not None and reached.samples == 0:
-            end_without_image(signals, lost)
+            nothing = "before the first sample; nothing was written."
+            if lost:
+                raise click.ClickException(f"{lost} {nothing}")
+            click.echo(f"Interrupted {nothing}", err=True)
+            sys.exit(128 + signals[0])
         if job.part is None and not (is_frame and interruption):
-            by = "the loss of the cluster" if lost else "a signal" if signals else None
-            image = finish(job, task.scene, task.sensor, steps, image.seconds, by, task.facts)
-        if shown is not None:
-            shown.show()
-        paths = output_files.save(task.stem, image.contents) if image.contents else []
-    image.interruption, note = interruption, ""
+            image = finish(job, task.scene, task.sensor, steps, image.seconds, bool(interruption), task.facts)
+        shown.show()
+        paths = files.save(task.stem, image.contents)
+    image.interruption = interruption
     if writer is not None:
         if writer.unwritten is not None:
-            output_files.save(writer.path.with_suffix(""), {".npz": writer.unwritten})
+            files.save(writer.path.with_suffix(""), {".npz": writer.unwritten})
         paths.append(writer.path)
     if interruption:
-        partial = reached is not None and reached.least == 0
-        note = ", interrupted" + (": pixels without a sample are black" if partial else "")
-        end = [f"To continue it: prosim resume {writer.path}"] if writer else []
-        image.lines = [*filter(None, [lost]), *image.lines, *end]
-    return image, image.report(task, paths, note)
+        partial = image.contents and reached is not None and reached.min_samples == 0
+        image.note = ", interrupted" + (": pixels without a sample are black" if partial else "")
+        how_to_continue = f"To continue it: prosim resume {writer.path}" if writer else None
+        image.lines = [*filter(None, (lost, *image.lines, how_to_continue))]
+    return image, image.report(task, paths)
 
 
-def end_without_image(signals: Sequence[int], lost: str | None) -> NoReturn:
-    """Ends the process that has rendered nothing. Raises ClickException where the cluster was ``lost``."""
-    nothing = "before the first sample; nothing was written."
-    if lost:
-        raise click.ClickException(f"{lost} {nothing}")
-    click.echo(f"Interrupted {nothing}", err=True)
-    sys.exit(128 + signals[0])
+def write_image(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
+    """Renders a job, or its part alone, writes its image, and prints a report. ``stem``: the path without suffix.
+
+    ``begin``: continues from there. Raises InputError, where nothing has been written, and ClickException; ends the
+    process where it was interrupted.
+    """
+    with log(job.verbose), session.threads(job.threads), atomic.scratch() as folder:
+        with input_errors():
+            task = RenderTask(job, job.read_scene(folder), stem, begin)
+            task.check()
+        progressive = rendering.is_progressive(task.integrator)
+        # The first step ends when the kernels are compiled and one work item is rendered.
+        doing = "compiling kernels" if progressive else "rendering"
+        with Workers(job) as workers, Progress(doing, timed=progressive) as bar:
+            image, report = render_image(task, bar, workers)
+        if image.black:
+            warn(image.black)
+    click.echo(report)
+    if image.interruption:
+        sys.exit(1)
 
 
 class Snapshots:
@@ -223,18 +283,18 @@ class Snapshots:
     def __call__(self, steps: Any) -> None:
         """Writes those that are due."""
         reached, task = steps.reached if self.left else None, self.task
-        if reached is None or not reached.least:
+        if reached is None or not reached.min_samples:
             return
         for text in list(self.left):
             due = reached.seconds >= float(text[:-1]) if text.endswith("s") else reached.noise <= float(text)
             if due:
                 self.left.remove(text)
-                steps.put()
+                steps.update_film()
                 seconds = perf_counter() - self.started
                 facts = report.metadata(task.job, task.integrator, reached, False, seconds)
-                facts |= {"prosim.ended": f"snapshot {text}", "prosim.noise_at_most": f"{steps.noise_at_most():.6g}"}
+                facts |= {"prosim.ended": f"snapshot {text}", "prosim.noise_at_most": f"{steps.noise_bound():.6g}"}
                 exr = images.encode(task.sensor.film().bitmap(), facts)[".exr"]
-                output_files.save(task.stem.with_name(f"{task.stem.name}.{text}"), {".exr": exr})
+                files.save(task.stem.with_name(f"{task.stem.name}.{text}"), {".exr": exr})
 
 
 def finish(
@@ -243,17 +303,15 @@ def finish(
     sensor: mi.Sensor,
     steps: Any,
     seconds: float,
-    interrupted: str | None = None,
+    interrupted: bool = False,
     facts: Mapping[str, str] | None = None,
 ) -> Image:
-    """The files' content of a render that has ended, denoised if the job requests it.
-
-    ``interrupted``: the cause; ``facts``: further metadata.
-    """
+    """The files' content of a render that has ended, denoised if the job requests it. ``facts``: further metadata."""
     integrator, film, reached = scene.integrator(), sensor.film(), steps.reached
-    only_time = rendering.is_progressive(integrator) and integrator.time and not report.goals(integrator)
-    at_most = steps.noise_at_most() if only_time and not job.denoise else None
-    lines, own = [report.sentence(integrator, reached, interrupted, at_most)], dict[str, str]()
+    header = report.metadata(job, integrator, reached, interrupted, seconds)
+    only_time = rendering.is_progressive(integrator) and integrator.time and not report.noise_goals(integrator)
+    bound = steps.noise_bound() if only_time and not job.denoise else None
+    lines, own = [report.summary(integrator, reached, header.get("prosim.ended"), bound)], dict[str, str]()
     if not job.denoise:
         bitmap = film.bitmap()
     elif (both := steps.halves).second is None:
@@ -261,13 +319,12 @@ def finish(
         lines.append("not denoised: interrupted")
     else:
         bitmap = layers.bitmap(both, steps.denoised())
-        own, line = report.of_denoised(steps, film)
+        own, line = report.denoised_report(steps, film)
         lines.append(line)
-    header = report.metadata(job, integrator, reached, interrupted is not None, seconds) | own | dict(facts or {})
     exposure = job.exposure or 0.0
     colours = images.colours(bitmap)
-    why = None if colours is None else black.why(scene, sensor, colours * 2.0**exposure, exposure=exposure)
-    contents = images.encode(bitmap, header, exposure, own)
+    why = None if colours is None else black.reason(scene, sensor, colours * 2.0**exposure, exposure=exposure)
+    contents = images.encode(bitmap, header | own | dict(facts or {}), exposure, own)
     return Image(tuple(film.crop_size()), seconds, contents, [*filter(None, lines)], why)
 
 
@@ -275,7 +332,7 @@ def check_denoising(film: mi.Film, integrator: mi.Integrator | None = None) -> N
     """Raises ClickException where the package is missing, ValueError where ``film`` stores no colours, or the
     ``integrator`` already denoises.
     """
-    need("denoise", "--denoise")
+    require_extra("denoise", "--denoise")
     if integrator is not None and "denoised.R" in integrator.aov_names():
         raise ValueError("the scene's integrator, prosim_denoised, already denoises; leave out --denoise.")
     halves.check(film)

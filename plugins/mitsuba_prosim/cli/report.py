@@ -30,7 +30,7 @@ def metadata(
     """The metadata of an EXR image.
 
     With a progressive integrator ``prosim.samples``, the mean of a pixel; ``prosim.noise``, ``prosim.noise_99`` and
-    ``prosim.noise_999``, if they were measured; with a goal ``prosim.ended``, see :func:`end`.
+    ``prosim.noise_999``, if they were measured; with a goal ``prosim.ended``, see :func:`end_cause`.
     """
     result = {
         "scene": job.scene,
@@ -43,40 +43,42 @@ def metadata(
     if reached is not None:
         values = {name: getattr(reached, name) for name in ("samples", *NOISES)}
         result |= {name: f"{value:.6g}" for name, value in values.items() if not isnan(value)}
-        if has_goal(integrator):
-            result["ended"] = end(integrator, reached, interrupted)
+        if ended := end_cause(integrator, reached, interrupted):
+            result["ended"] = ended
     return {f"prosim.{name}": value for name, value in result.items()}
 
 
-def sentence(
-    integrator: mi.Integrator, reached: Reached | None, interrupted: str | None, at_most: float | None = None
+def summary(
+    integrator: mi.Integrator, reached: Reached, ended: str | None, noise_bound: float | None = None
 ) -> str | None:
-    """Noise, samples and seconds of a render, and its end if that was not the noise; None without a goal.
+    """Noise, samples and seconds of a render, and why it ``ended`` if not by the noise; None without a goal.
 
-    ``interrupted``: the cause; ``at_most``: an estimate of the noise where it was not measured.
+    ``ended``: see :func:`end_cause`; ``noise_bound``: an upper estimate of the noise where it was not measured.
     """
-    if reached is None or not has_goal(integrator):
+    if ended is None:
         return None
-    ended, parts = end(integrator, reached, interrupted is not None), []
+    parts = []
     # The last measurement is older than the image of an interrupted render.
     below = "" if ended in ("noise", "samples") else "below "
-    for name in goals(integrator):
+    for name in noise_goals(integrator):
         measured = getattr(reached, name)
         value = "not known yet," if isnan(measured) else f"{below}{measured:.2g}"
         parts.append(f"{NOISES[name]} {value} of {getattr(integrator, name):g}")
-    if at_most is not None:
-        value = "not known" if isnan(at_most) else f"at most about {at_most:.2g}"
+    if noise_bound is not None:
+        value = "not known" if isnan(noise_bound) else f"at most about {noise_bound:.2g}"
         parts.append(f"noise {value} (--noise measures it)")
     limit = f" of {integrator.time:g}" if integrator.time else ""
     parts += [f"{reached.samples:.1f} samples a pixel", f"{reached.seconds:.1f} s{limit}"]
     if ended == "samples":
         parts.append(f"ended by the maximum number of samples per pixel, {integrator.max_samples or UNLIMITED}")
-    elif ended == "interrupted" or (ended == "time" and goals(integrator)):
-        parts.append(f"ended by {interrupted or 'the time'}")
+    elif ended == "interrupted":
+        parts.append(ended)
+    elif ended == "time" and noise_goals(integrator):
+        parts.append("ended by the time")
     return ", ".join(parts)
 
 
-def of_denoised(steps: DenoisedRender, film: mi.Film) -> tuple[dict[str, str], str]:
+def denoised_report(steps: DenoisedRender, film: mi.Film) -> tuple[dict[str, str], str]:
     """The metadata of a denoised image, and its line."""
     result, limit = steps.denoised(), getattr(steps.integrator, "noise", 0.0)
     facts = {
@@ -98,21 +100,20 @@ def of_denoised(steps: DenoisedRender, film: mi.Film) -> tuple[dict[str, str], s
     return facts, line
 
 
-def goals(integrator: mi.Integrator) -> list[str]:
+def noise_goals(integrator: mi.Integrator) -> list[str]:
     """The parameters among :data:`NOISES` that an integrator has."""
     return [name for name in NOISES if getattr(integrator, name, 0)]
 
 
-def has_goal(integrator: mi.Integrator) -> bool:
-    """Whether an integrator has a goal for noise or time."""
-    return bool(goals(integrator) or getattr(integrator, "time", 0))
-
-
-def end(integrator: mi.Integrator, reached: Reached, interrupted: bool) -> str:
-    """The cause of a render's end: ``interrupted``, ``noise``, ``time``, or ``samples`` (the maximum number)."""
+def end_cause(integrator: mi.Integrator, reached: Reached, interrupted: bool) -> str | None:
+    """The cause of a render's end: ``interrupted``, ``noise``, ``time``, or ``samples`` (the maximum number); None
+    without a goal for noise or time.
+    """
+    noises = noise_goals(integrator)
+    if not (noises or integrator.time):
+        return None
     if interrupted:
         return "interrupted"
-    noises = goals(integrator)
     if noises and all(getattr(reached, name) <= getattr(integrator, name) for name in noises):
         return "noise"
     if integrator.time and reached.seconds >= IN_TIME * integrator.time:

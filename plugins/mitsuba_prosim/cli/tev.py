@@ -9,14 +9,17 @@ from typing import Any
 import click
 import mitsuba as mi
 
-from ..live.throttle import Throttle
+from ..live.publisher import Throttle
 from ..scene import images
 from .job import Job
-from .option_types import need
+from .option_types import require_extra
 from .progress import warn
 
 #: Seconds after which a tev that reads nothing counts as gone: it reads whenever it draws, many times a second.
 SOCKET_TIMEOUT = 10.0
+
+#: Channels of the image.
+CHANNELS = ["R", "G", "B"]
 
 
 class TevClient:
@@ -27,17 +30,18 @@ class TevClient:
 
     def __init__(self, job: Job, film: mi.Film) -> None:
         self._name, self._film, self._throttle = Path(job.scene).stem, film, Throttle()
-        self._created = False
         self._tev: Any = self._connect(*job.view) if job.view else None
 
     def _connect(self, host: str, port: int) -> Any:
-        need("tev", "--view tev (Python 3.11 or later)")
+        require_extra("tev", "--view tev (Python 3.11 or later)")
         import tevclient
 
         before = socket.getdefaulttimeout()
         socket.setdefaulttimeout(SOCKET_TIMEOUT)  # of the new connection
         try:
-            return tevclient.Ipc(host, port).__enter__()
+            tev = tevclient.Ipc(host, port).__enter__()
+            tev.create_image(self._name, *map(int, self._film.crop_size()), CHANNELS)
+            return tev
         except OSError as error:
             raise click.ClickException(
                 f"no tev at {host}:{port} ({error.strerror or error}); start it, or give its address: "
@@ -50,7 +54,7 @@ class TevClient:
         """Shows a render in progress, if it is time for that."""
         if self._tev is not None and self._throttle.due:
             with self._throttle.drawing():
-                render.put()
+                render.update_film()
                 self.show()
 
     def show(self) -> None:
@@ -59,10 +63,7 @@ class TevClient:
         if colours is None:
             return
         try:
-            if not self._created:
-                self._tev.create_image(self._name, colours.shape[1], colours.shape[0], ["R", "G", "B"])
-                self._created = True
-            self._tev.update_image(self._name, colours, ["R", "G", "B"])
+            self._tev.update_image(self._name, colours, CHANNELS)
         except OSError as error:
             self.close()
             warn(f"tev has gone ({error.strerror or error}); the render continues")

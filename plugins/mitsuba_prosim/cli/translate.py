@@ -8,17 +8,16 @@ import click
 import prosim_scene
 
 from ..stock_command import stand_ins
-from .input_files import LANGUAGE_FILE
-from .job import Command, Job, takes
-from .option_types import option, wrong_input
-from .output_files import folder
+from .files import LANGUAGE_FILE, output_folder
+from .job import Command, Job, job_options
+from .option_types import input_errors, option
 
 TARGETS = click.Choice(["prosim", "stock"])
 
 
 @click.command(cls=Command)
 @click.argument("scene", type=LANGUAGE_FILE)
-@takes("definitions", "resolution", "allow_outside", "samples", "light_units", "tolerance")
+@job_options("definitions", "resolution", "allow_outside", "samples", "light_units", "tolerance")
 @option(
     "Output", "-o", "--output", type=click.Path(file_okay=False), help="Folder to write to.", show_default="the scene's"
 )
@@ -28,10 +27,10 @@ TARGETS = click.Choice(["prosim", "stock"])
 @option("Output", "--check", is_flag=True, help="Write nothing; only print errors and warnings.")
 def translate(job: Job, target: str, check: bool) -> None:
     """Translate SCENE, in the thesis's scene language, to a Mitsuba scene (.xml) and its meshes (.ply)."""
-    place = folder(job.output)
+    place = output_folder(job.output)
     options: dict[str, Any] = {"define": job.definitions, "resolution": job.resolution, "samples": job.samples}
     options |= job.language | {"target": target}
-    with wrong_input():
+    with input_errors():
         if check:
             prosim_scene.check(job.scene, **options)
             return
@@ -47,7 +46,7 @@ def format_scene(scenes: tuple[Path, ...], check: bool) -> None:
     """Rewrite SCENES, in the thesis's scene language, in tidy form; their meaning stays the same."""
     untidy = {}
     for scene in scenes:
-        with wrong_input():
+        with input_errors():
             text = prosim_scene.read(scene)
             tidy = prosim_scene.format(text, str(scene))
         if text != tidy:

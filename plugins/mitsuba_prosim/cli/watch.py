@@ -13,12 +13,12 @@ import click
 from prosim_scene import TranslationCache
 
 from .. import atomic
-from ..scene import images, scene_file, session
-from .input_files import SCENE_FILE
+from ..scene import images, session
+from .files import SCENE_FILE
 from .interrupts import interruptible
-from .job import FILM, OPTIONS, Command, Job, refuse_scalar, takes
+from .job import FILM, OPTIONS, Command, Job, job_options, refuse_scalar
 from .log import log
-from .option_types import Integer, need, option
+from .option_types import Integer, option, require_extra
 from .report import metadata
 
 #: Options of files and other processes, which it does not have, besides those of films.
@@ -27,7 +27,7 @@ LEFT_OUT = ("output", "exposure", "checkpoint", "snapshots", "view", "crop", "wo
 
 @click.command(cls=Command)
 @click.argument("scene", type=SCENE_FILE)
-@takes(*(name for name in OPTIONS if name not in LEFT_OUT))
+@job_options(*(name for name in OPTIONS if name not in LEFT_OUT))
 @option("Page", "--port", type=Integer(0, 65535), default=0, help="Port of the page; 0: any free one.")
 @option("Page", "--browser/--no-browser", default=True, help="Open the page in a browser, or only print its address.")
 def watch(job: Job, port: int, browser: bool) -> None:
@@ -36,13 +36,13 @@ def watch(job: Job, port: int, browser: bool) -> None:
     Only this machine can open the page; the command prints its address, which contains a secret. It writes no files
     but those that are saved on the page, and the scene can use only files in its folder. Ctrl-C ends it.
     """
-    need("watch", "prosim watch")
-    from ..live import server, viewer
+    require_extra("watch", "prosim watch")
+    from ..live import loaded_scene, server, viewer
     from .mix import described
 
     refuse_scalar(["prosim watch"], job.variant)
     if job.denoise:
-        need("denoise", "--denoise")
+        require_extra("denoise", "--denoise")
     try:
         sock = socket.create_server(("127.0.0.1", port))
     except OSError as error:
@@ -50,14 +50,13 @@ def watch(job: Job, port: int, browser: bool) -> None:
             f"port {port}: {error.strerror}. Give another by --port, or leave it out for any free one."
         ) from None
     with atomic.scratch() as folder:
-        cache, confined = TranslationCache(), not job.language.get("allow_outside")
+        cache = TranslationCache()
 
-        def opened() -> tuple[scene_file.SceneFile, Any, Any]:
-            file = job.file(folder, cache=cache, confined=confined)
-            scene = file.load()
-            return file, scene, scene_file.pick_sensor(scene, job.sensor)
+        def open_scene() -> loaded_scene.LoadedScene:
+            file = job.read_scene(folder, cache=cache, confined=not job.allow_outside)
+            return loaded_scene.LoadedScene(file, job.sensor)
 
-        shown = viewer.Viewer(Path(job.scene), opened, job.spp or 0, job.seed, job.denoise)
+        shown = viewer.Viewer(Path(job.scene), open_scene, job.spp or 0, job.seed, job.denoise)
 
         def encode(exposure: float, factors: Any) -> dict[str, bytes]:
             state, bitmap, integrator, reached = shown.result(factors)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from . import measures, runs
-from .contestants import Contestant, Scene, Spec
+from .contestants import ComparedScene, Contestant, Spec
 from .runs import Reference, Runs
 
 #: Transport of light -> its name in progress reports.
@@ -30,11 +30,11 @@ MAPS = ("error", "flip", "counts")
 class Effort:
     """The amount of work.
 
-    ``levels``: square roots of the sample counts of the curves; ``seconds``: time for the reference of each transport;
+    ``sqrt_spp``: square roots of the sample counts of the curves; ``seconds``: for the reference of each transport;
     ``cache``: folder of references; ``denoise``: whether each image is also denoised.
     """
 
-    levels: tuple[int, ...]
+    sqrt_spp: tuple[int, ...]
     rounds: int
     seconds: float
     cache: Path
@@ -44,7 +44,7 @@ class Effort:
 class Comparison:
     """Compares two contestants on a scene called ``name``, at ``exposure`` in stops."""
 
-    def __init__(self, scene: Scene, name: str, a: Spec, b: Spec, effort: Effort, exposure: float) -> None:
+    def __init__(self, scene: ComparedScene, name: str, a: Spec, b: Spec, effort: Effort, exposure: float) -> None:
         self.scene, self.a, self.b, self.effort, self.scale = scene, a, b, effort, 2.0**exposure
         #: Text and numbers, fit for JSON, and arrays by name; complete after :meth:`run`.
         self.facts: dict[str, Any] = {
@@ -91,7 +91,7 @@ class Section:
     square root of the sample count.
     """
 
-    def __init__(self, scene: Scene, transport: str, specs: dict[str, Spec], effort: Effort) -> None:
+    def __init__(self, scene: ComparedScene, transport: str, specs: dict[str, Spec], effort: Effort) -> None:
         self.scene, self.transport, self.specs, self.effort = scene, transport, specs, effort
         key = f"{scene.key} {transport} {[spec.text for spec in specs.values()]}"
         estimators = [converging(scene, spec, transport) for spec in specs.values()]
@@ -104,19 +104,19 @@ class Section:
             yield f"reference of {LIGHT[transport]}", done
         b = self.specs.get("b")
         self.rows = {"a": scene.contestant(self.specs["a"], transport)}
-        levels = dict.fromkeys(self.specs, effort.levels)
+        sqrt_spp = dict.fromkeys(self.specs, effort.sqrt_spp)
         if b and b.is_adaptive:
             self.rows["b"] = scene.contestant(b, transport)
         elif b:
             # B may need more samples for the error of A.
-            levels["b"] = (*effort.levels, round(1.6 * effort.levels[-1]), round(2.5 * effort.levels[-1]))
+            sqrt_spp["b"] = (*effort.sqrt_spp, round(1.6 * effort.sqrt_spp[-1]), round(2.5 * effort.sqrt_spp[-1]))
             yield "finding equal times", 0.0
             same = equals(scene, self.rows["a"], b, transport)
             self.rows["b at equal samples"], self.rows["b at equal time"] = same
         if effort.denoise:
             self.rows |= {f"{role} denoised": replace(row, denoised=True) for role, row in self.rows.items()}
         self.curves = {
-            role: {n: at_level(scene, spec, transport, n) for n in levels[role]} for role, spec in self.specs.items()
+            role: {n: at_level(scene, spec, transport, n) for n in sqrt_spp[role]} for role, spec in self.specs.items()
         }
 
     def contestants(self) -> list[Contestant]:
@@ -168,7 +168,7 @@ class Section:
         return images
 
 
-def at_level(scene: Scene, spec: Spec, transport: str, n: int) -> Contestant:
+def at_level(scene: ComparedScene, spec: Spec, transport: str, n: int) -> Contestant:
     """The contestant with n * n samples per pixel, or at most as many if it is adaptive."""
     if not spec.is_adaptive:
         return scene.contestant(spec, transport, spp=n * n)
@@ -178,14 +178,14 @@ def at_level(scene: Scene, spec: Spec, transport: str, n: int) -> Contestant:
     return scene.contestant(spec.but(**changes), transport)
 
 
-def converging(scene: Scene, spec: Spec, transport: str) -> Contestant:
+def converging(scene: ComparedScene, spec: Spec, transport: str) -> Contestant:
     """The contestant as an unbiased estimator of the reference, with 64 samples."""
     if spec.is_adaptive:
         return scene.contestant(spec.but(adaptive="none", samples=8, **UNTARGETED), transport)
     return scene.contestant(spec, transport, spp=64)
 
 
-def equals(scene: Scene, a: Contestant, b: Spec, transport: str) -> tuple[Contestant, Contestant]:
+def equals(scene: ComparedScene, a: Contestant, b: Spec, transport: str) -> tuple[Contestant, Contestant]:
     """Contestants of ``b`` with as many samples as ``a`` takes, and with as many as take the same time."""
     samples = max(round(float(np.mean(a.counts()))), 1)
 
@@ -226,7 +226,7 @@ def scales(images: Mapping[str, np.ndarray]) -> dict[str, float]:
 
 
 def difference(
-    scene: Scene, spec: Spec, paths: np.ndarray, own: np.ndarray, scale: float
+    scene: ComparedScene, spec: Spec, paths: np.ndarray, own: np.ndarray, scale: float
 ) -> tuple[dict[str, float], dict[str, np.ndarray]]:
     """The light that the thesis's transport leaves out, and its ambient term: ``(facts, images)``.
 

@@ -14,7 +14,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..denoising import halves
-from ..engine import origin
+from ..engine import environment
 from ..scene import rendering, scene_file
 
 #: The text of a contestant.
@@ -98,7 +98,7 @@ class Contestant:
         return np.full((height, width), float(sampler.sample_count() * (1 + self.denoised)))
 
 
-class Scene:
+class ComparedScene:
     """The scene of a file, from which contestants are made."""
 
     def __init__(self, file: scene_file.SceneFile) -> None:
@@ -112,9 +112,10 @@ class Scene:
         #: Name and plain parameters of the scene's integrator.
         self.integrator = props.plugin_name()
         self.settings = {name: value for name, value in props.items() if isinstance(value, (bool, int, float, str))}
-        here = origin.here()
+        here = environment.this_environment()
         #: Identifies the image, for cached references.
-        self.key = json.dumps([file.digest(), file.changes, [here[name] for name in origin.EXACT]], sort_keys=True)
+        versions = [here[name] for name in environment.MUST_AGREE]
+        self.key = json.dumps([file.digest(), file.changes, versions], sort_keys=True)
 
     def sensor(self, sampler: str | None = None) -> mi.Sensor:
         """The first sensor, with another sampler if one is named."""

@@ -15,7 +15,7 @@ import drjit as dr
 import numpy as np
 
 from .. import atomic
-from ..engine import origin
+from ..engine import environment
 from .contestants import Contestant
 
 #: Name -> function of an image and its reference.
@@ -122,13 +122,13 @@ def cache_folder() -> Path:
 
 def machine() -> dict[str, str | int | float | None]:
     """Processor, number of cores, versions and load of this machine."""
-    here = origin.here()
+    here = environment.this_environment()
     return {
         "processor": here["processor"],
         "cores": os.cpu_count(),
         "threads": dr.thread_count(),
         "system": platform.system(),
         "python": platform.python_version(),
-        **{name: here[name] for name in origin.EXACT},
+        **{name: here[name] for name in environment.MUST_AGREE},
         "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
     }

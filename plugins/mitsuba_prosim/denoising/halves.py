@@ -144,10 +144,10 @@ class DenoisedRender:
             pass
         return self
 
-    def put(self) -> None:
+    def update_film(self) -> None:
         """Puts the first half so far into the film."""
         if self.render is not None:
-            self.render.put()
+            self.render.update_film()
 
     def close(self) -> None:
         """Ends it with the samples so far."""
@@ -231,10 +231,10 @@ class DenoisedRender:
         assert render.second is not None
         state, target, samples = render.state, render.target, self._samples
         raw = render.second.noise(state)
-        if target.seconds and not target.reserved:
+        if target.seconds and not target.denoiser_seconds:
             started = time.perf_counter()
             self.denoised()
-            render.target = target = dataclasses.replace(target, reserved=1.2 * (time.perf_counter() - started))
+            render.target = target = dataclasses.replace(target, denoiser_seconds=1.2 * (time.perf_counter() - started))
         if not any(target.limits) or target.excess(raw) <= ENOUGH:
             return raw
         if target.excess(raw) > self.FAR:

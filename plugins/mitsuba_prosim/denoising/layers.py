@@ -23,7 +23,7 @@ def bitmap(halves: Halves, denoised: Denoised) -> mi.Bitmap:
     return of_channels(planes)
 
 
-def put(halves: Halves, denoised: Denoised, film: mi.Film, names: Sequence[str]) -> None:
+def update_film(halves: Halves, denoised: Denoised, film: mi.Film, names: Sequence[str]) -> None:
     """Puts the final image into ``film``, with the channels ``names``: the integrator's own, and the layers of
     :func:`bitmap`. Raises ValueError where the film's colours are not R, G, B or Y.
     """

@@ -244,4 +244,4 @@ class Area(mi.Emitter):
         return self.get_shape().bbox()
 
     def to_string(self) -> str:
-        return describe(self, radiance=self.radiance, **self.beam.values(), unattenuated=self.unattenuated)
+        return describe(self, radiance=self.radiance, **vars(self.beam), unattenuated=self.unattenuated)

@@ -203,6 +203,6 @@ class Point(mi.Emitter):
             position=self.position,
             **{self.quantity: self.intensity},
             radius=self.radius or None,
-            **self.beam.values(),
+            **vars(self.beam),
             unattenuated=self.unattenuated,
         )

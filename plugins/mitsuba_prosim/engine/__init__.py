@@ -4,5 +4,5 @@
 samples an image takes; ``policies``: the number of samples of each pixel; ``error_target``: the stopping criterion.
 ``estimator``: takes samples; ``accumulators``: the sums of every pixel, and the adaptive state; ``work``: the missing
 samples as work items, and the executor that takes them; ``film``: the image. ``checkpoint``: all of it as a file;
-``tiles``: parts of an image; ``origin``: versions and processor, on which the bits depend; ``derivatives``.
+``tiles``: parts of an image; ``environment``: versions and processor, on which the bits depend; ``derivatives``.
 """

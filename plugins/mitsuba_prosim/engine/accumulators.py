@@ -12,7 +12,7 @@ import numpy as np
 from .error import standard_error
 from .plan import UNLIMITED, Plan, Rectangle, area, pixels, widened
 from .policies import policy_of
-from .tiles import Part, near
+from .tiles import Part, within_reach
 
 if TYPE_CHECKING:
     from .estimator import Estimator
@@ -45,18 +45,18 @@ class Accumulators:
     count: mi.UInt32
 
     @classmethod
-    def empty(cls, values: int, pixels: int) -> Accumulators:
-        """Accumulators without samples, of ``values`` sums in each of ``pixels`` pixels."""
-        a, b, c, d, *sums = (dr.zeros(mi.Float, pixels) for _ in range(values + 4))
+    def empty(cls, sums_per_pixel: int, pixels: int) -> Accumulators:
+        """Accumulators without samples, of ``pixels`` pixels."""
+        a, b, c, d, *sums = (dr.zeros(mi.Float, pixels) for _ in range(sums_per_pixel + 4))
         result = cls(sums, a, b, c, d, dr.zeros(mi.UInt32, pixels))
         dr.make_opaque(result)
         return result
 
-    def at(self, index: mi.UInt32) -> Accumulators:
+    def gather(self, index: mi.UInt32) -> Accumulators:
         """The entries at ``index``."""
         return dr.gather(Accumulators, self, index)
 
-    def put(self, other: Accumulators, index: mi.UInt32) -> None:
+    def scatter(self, other: Accumulators, index: mi.UInt32) -> None:
         """Replaces the entries at ``index``, each at most once."""
         dr.scatter(self, other, index, mode=dr.ReduceMode.NoConflicts)
 
@@ -82,7 +82,7 @@ class FilmState:
         #: The pixels of the arrays, row by row.
         self.outer = widened(plan.region, self.margin, plan.domain)
         self.x, self.y, *_ = pixels(self.outer)
-        self.accumulators = Accumulators.empty(estimator.values, area(self.outer))
+        self.accumulators = Accumulators.empty(estimator.sums_per_pixel, area(self.outer))
         dr.eval(self.x, self.y)
         #: RMS error of the displayed image (white = 1), and the bounds of 99 and of 99.9 % of its pixels, as measured
         #: last by :class:`.SecondImage`.
@@ -111,12 +111,12 @@ class FilmState:
         """Number of samples of each pixel whose samples reach the window, shape (height, width)."""
         return self.crop(self.accumulators.count, self.plan.region)
 
-    def share(self, counts: np.ndarray, reach: int) -> np.ndarray:
-        """``counts`` for the pixels within ``reach`` of this part, 0 for the others."""
+    def counts_of_part(self, counts: np.ndarray, reach: int) -> np.ndarray:
+        """``counts`` of the pixels within ``reach`` of this part, 0 for the others."""
         if self.part is None:
             return counts
         x, y = np.array(self.x), np.array(self.y)
-        return np.where(near(self.part, self.plan.region, self.margin, x, y, reach), counts, np.uint32(0))
+        return np.where(within_reach(self.part, self.plan.region, self.margin, x, y, reach), counts, np.uint32(0))
 
     def request(self, margin: int = 0) -> np.ndarray:
         """The samples that the policy requests for each pixel within ``margin`` of the region, 0 for the others."""
@@ -127,10 +127,11 @@ class FilmState:
         self.crop(result, there)[:] = self.crop(values, there)
         return result
 
-    def rounded(self, request: np.ndarray) -> np.ndarray:
+    def counts_for(self, request: np.ndarray) -> np.ndarray:
         """Counts for the requested samples: those of the first pass, or a power of two, for which Sobol' points are
         best, within what the plan allows.
         """
-        least, power = self.plan.least, np.frexp(np.ceil(np.clip(np.nan_to_num(request, nan=1), 1, UNLIMITED)) - 1)[1]
-        counts = np.where(request <= least, least, np.left_shift(1, power))
-        return np.minimum(counts, self.plan.most).astype(np.uint32)
+        plan, clipped = self.plan, np.clip(np.nan_to_num(request, nan=1), 1, UNLIMITED)
+        power_of_two = np.left_shift(1, np.frexp(np.ceil(clipped) - 1)[1])
+        counts = np.where(request <= plan.min_samples, plan.min_samples, power_of_two)
+        return np.minimum(counts, plan.max_samples).astype(np.uint32)

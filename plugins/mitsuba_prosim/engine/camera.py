@@ -16,21 +16,19 @@ if TYPE_CHECKING:
     RaySampler = Callable[[mi.Float, mi.Float, mi.Point2f, mi.Point2f], tuple[mi.Ray3f, mi.Spectrum]]
 
 
-def has_own_rays(sensor: mi.Sensor) -> bool:
-    """Whether :func:`ray_sampler` knows the camera's matrices, so that the rays do not depend on the film's crop
-    window.
-    """
+def is_perspective(sensor: mi.Sensor) -> bool:
+    """Whether ``sensor`` is Mitsuba's perspective camera, whose rays :func:`ray_sampler` makes itself."""
     return bool(sensor.class_name() == PERSPECTIVE)
 
 
 def ray_sampler(sensor: mi.Sensor) -> RaySampler:
     """A function like ``sensor.sample_ray_differential`` without differentials, for positions on the whole film. A
-    sensor without :func:`has_own_rays` must be :func:`uncropped` during a call.
+    sensor without :func:`is_perspective` must be called within :func:`without_crop_window`.
 
     Not every sensor has a ``sample_ray``. Mitsuba's perspective camera has the film's size as a constant in its code,
     so that Dr.Jit would compile a kernel for each resolution: its rays are made here, by its own matrices.
     """
-    if not has_own_rays(sensor):
+    if not is_perspective(sensor):
         return sensor.sample_ray_differential
     params = mi.traverse(sensor)
     offset = mi.Point2f(*(params[f"principal_point_offset_{axis}"] for axis in "xy"))
@@ -58,7 +56,7 @@ def ray_sampler(sensor: mi.Sensor) -> RaySampler:
 
 
 @contextlib.contextmanager
-def uncropped(sensor: mi.Sensor) -> Iterator[None]:
+def without_crop_window(sensor: mi.Sensor) -> Iterator[None]:
     """Removes the crop window of the film of ``sensor`` for a while, so that the rays of a crop are those of the whole
     image to the bit (a sensor scales positions by the window). Only within :func:`.alone`, as the film is the user's.
     """

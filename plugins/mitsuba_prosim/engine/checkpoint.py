@@ -10,7 +10,7 @@ import json
 import time
 import warnings
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -20,19 +20,19 @@ import numpy as np
 from .. import atomic
 from ..compat import dr_array
 from .accumulators import Accumulators, FilmState
-from .origin import CLOSE, EXACT, differences, here
+from .environment import MAY_DIFFER, MUST_AGREE, differences, this_environment
 from .plan import index_within
 from .tiles import Part
 
 #: The version of the format, and the first bytes of a file.
-FORMAT, MAGIC = 8, b"PK\x03\x04"
+FORMAT, MAGIC = 9, b"PK\x03\x04"
 
-#: Parameters of sampling that do not change the samples; those that end a render; and those that decide who gets
-#: samples. A checkpoint may continue with others than its own of the last two.
-FREE, ENDS, DECIDING = ("band",), ("noise", "noise_99", "noise_999", "time"), ("adaptive", "threshold", "max_samples")
+#: Parameters of sampling that end a render, and those that decide how many samples a pixel gets. A checkpoint may
+#: continue with others than its own.
+ENDS, DECIDING = ("noise", "noise_99", "noise_999", "time"), ("adaptive", "threshold", "max_samples")
 
-#: Facts that parts of one image may differ in.
-ANY = ("scene", "exposure", *CLOSE)
+#: Attributes that parts of one image may differ in.
+ANY = ("scene", "exposure", "band", *MAY_DIFFER)
 
 #: The adaptive state of each pixel.
 ADAPTIVE = ("requested", "wanted")
@@ -50,27 +50,28 @@ class NotACheckpointError(CheckpointError):
 class Checkpoint:
     """A :class:`.FilmState` between two steps, as NumPy arrays, to the bit.
 
-    ``facts``: names and numbers, as JSON; ``pixels``: name -> values of the pixels that have samples, shape (pixels,),
-    with ``index``, their indices in the plan's domain; ``second``: the same of the second image. ``about``: further
-    facts of the caller, as JSON; ``origin``: where the samples were taken, see :func:`.origin.here`.
+    ``attributes``: names and numbers, as JSON; ``pixels``: name -> values of the pixels that have samples, shape
+    (pixels,), with ``index``, their indices in the plan's domain; ``second``: the same of the second image; ``about``:
+    further attributes, of the caller, as JSON; ``environment``: of the process that took the samples, see
+    :func:`.this_environment`.
     """
 
-    facts: Mapping[str, Any]
+    attributes: Mapping[str, Any]
     pixels: Mapping[str, np.ndarray]
     second: Mapping[str, np.ndarray]
     about: Mapping[str, Any] = field(default_factory=dict)
-    origin: Mapping[str, str] = field(default_factory=here)
+    environment: Mapping[str, str] = field(default_factory=this_environment)
 
     @classmethod
     def of(cls, state: FilmState, seconds: float, finished: bool) -> Checkpoint:
         """The checkpoint of ``state`` after ``seconds``; ``finished``: the image has all requested samples. A finished
         part has its own pixels alone, as decisions need no others any more.
         """
-        facts = {
+        attributes = {
             "samples": identity(state),
-            "sampling": {name: value for name, value in asdict(state.plan.sampling).items() if name not in FREE},
+            "sampling": asdict(state.plan.sampling),
             "part": None if state.part is None else (state.part.number, state.part.of),
-            "endless": state.plan.endless,
+            "uses_sobol": state.plan.uses_sobol,
             "noise": state.noise,
             "estimates": state.estimates,
             "rounds": state.rounds,
@@ -80,20 +81,22 @@ class Checkpoint:
         }
         pixels = arrays(state.accumulators) | {"index": index(state)}
         pixels |= {name: values for name in ADAPTIVE if (values := getattr(state, name)) is not None}
-        there = (pixels["count"] > 0) & (state.share(np.ones_like(pixels["count"]), 0) > 0 if finished else True)
-        if not there.all():
-            pixels = {name: values[there] for name, values in pixels.items()}
-        return cls(json.loads(json.dumps(facts)), pixels, {} if state.second is None else arrays(state.second))
+        stored = pixels["count"] > 0
+        if finished:
+            stored &= state.counts_of_part(pixels["count"], 0) > 0
+        if not stored.all():
+            pixels = {name: values[stored] for name, values in pixels.items()}
+        return cls(json.loads(json.dumps(attributes)), pixels, {} if state.second is None else arrays(state.second))
 
     @property
     def finished(self) -> bool:
         """Whether the image has all requested samples."""
-        return bool(self.facts["finished"])
+        return bool(self.attributes["finished"])
 
     @property
     def part(self) -> Part | None:
         """The part of the image; None for the whole image."""
-        return Part(*self.facts["part"]) if self.facts["part"] else None
+        return Part(*self.attributes["part"]) if self.attributes["part"] else None
 
     def restore(self, state: FilmState) -> bool:
         """Copies this checkpoint into ``state``, which has no samples yet; returns whether the image was finished with
@@ -101,7 +104,7 @@ class Checkpoint:
 
         Raises ValueError if these are the samples of another image.
         """
-        mine, theirs = self.facts["samples"], json.loads(json.dumps(identity(state)))
+        mine, theirs = self.attributes["samples"], json.loads(json.dumps(identity(state)))
         if name := next((name for name, value in theirs.items() if mine.get(name) != value), None):
             raise ValueError(
                 f"these are the samples of another image ({name}: {mine.get(name)} there, {theirs[name]} here)"
@@ -112,11 +115,11 @@ class Checkpoint:
                 "adaptive = neighbours decides once, by the first samples alone; continue with adaptive = graded if "
                 "threshold, max_samples or adaptive differ"
             )
-        # Further samples may be of an endless sequence after N-rook patterns, but not the reverse.
-        state.plan = replace(state.plan, endless=state.plan.endless or self.facts["endless"])
-        rms, most, nearly_all = self.facts["noise"]
+        # Further samples may be Sobol' points after N-rook patterns, but not the reverse.
+        state.plan = replace(state.plan, uses_sobol=state.plan.uses_sobol or self.attributes["uses_sobol"])
+        rms, most, nearly_all = self.attributes["noise"]
         state.noise = rms, most, nearly_all
-        state.estimates = [tuple(estimate) for estimate in self.facts["estimates"]]
+        state.estimates = [tuple(estimate) for estimate in self.attributes["estimates"]]
         # The policies look at different numbers of pixels around a crop window.
         _, mine, theirs = np.intersect1d(self.pixels["index"], index(state), True, return_indices=True)
         pixels = {name: np.zeros(len(index(state)), values.dtype) for name, values in self.pixels.items()}
@@ -125,30 +128,30 @@ class Checkpoint:
         state.accumulators = accumulators(pixels)
         state.second = accumulators(self.second) if self.second else None
         if decided:
-            state.rounds, state.effort = self.facts["rounds"], self.facts["effort"]
+            state.rounds, state.effort = self.attributes["rounds"], self.attributes["effort"]
             state.requested, state.wanted = (pixels.get(name) for name in ADAPTIVE)
         return decided and self.finished and self._agrees(state, ENDS)
 
     def _agrees(self, state: FilmState, parameters: Sequence[str]) -> bool:
         theirs = asdict(state.plan.sampling)
-        return all(self.facts["sampling"][name] == theirs[name] for name in parameters)
+        return all(self.attributes["sampling"][name] == theirs[name] for name in parameters)
 
     def write(self, path: Path) -> None:
         """Writes the archive over ``path``. Raises OSError."""
         groups = {"pixels": self.pixels, "second": self.second}
-        facts = {"format": FORMAT, "origin": self.origin, "about": self.about, "facts": self.facts}
-        contents: dict[str, Any] = {"facts": np.array(json.dumps(facts))}
+        header = {"format": FORMAT, "environment": self.environment, "about": self.about, "attributes": self.attributes}
+        contents: dict[str, Any] = {"facts": np.array(json.dumps(header))}
         contents |= {f"{group}.{name}": values for group in groups for name, values in groups[group].items()}
         with open(path, "wb") as file:
             np.savez(file, **contents)
 
 
 def identity(state: FilmState) -> dict[str, Any]:
-    """The facts that identify the samples and the sums of an image."""
+    """The attributes that identify the samples and the sums of an image."""
     plan, caustics = state.plan, state.estimator.transport.caustics
     return {
         "samples of a pass": plan.n,
-        "samples that every pixel gets": plan.least,
+        "samples that every pixel gets": plan.min_samples,
         "jitter": plan.sampling.jitter,
         "photons of a set": None if caustics is None else caustics.count,
         "seed": int(plan.seed[0]),
@@ -199,8 +202,8 @@ def read(path: str | Path, arrays: bool = True) -> Checkpoint:
         groups: dict[str, dict[str, np.ndarray]] = {"pixels": {}, "second": {}}
         try:
             with np.load(file) as archive:
-                text = json.loads(str(archive["facts"]))
-                version = text["format"]
+                header = json.loads(str(archive["facts"]))
+                version = header["format"]
                 for name in archive.files if arrays and version == FORMAT else ():
                     group, dot, own = name.partition(".")
                     if dot:
@@ -212,7 +215,7 @@ def read(path: str | Path, arrays: bool = True) -> Checkpoint:
             f"{path} has format {version}, and this version reads format {FORMAT}; finish it with the version "
             "that wrote it, or render again"
         )
-    return Checkpoint(text["facts"], groups["pixels"], groups["second"], text["about"], text["origin"])
+    return Checkpoint(header["attributes"], groups["pixels"], groups["second"], header["about"], header["environment"])
 
 
 def load(path: str | Path) -> Checkpoint:
@@ -221,21 +224,27 @@ def load(path: str | Path) -> Checkpoint:
     Raises as :func:`read`, and CheckpointError if it was made by other versions or in another variant.
     """
     checkpoint = read(path)
-    refuse_other_versions(checkpoint, path)
-    if different := differences(checkpoint.origin, here(), CLOSE):
-        warnings.warn(
-            f"{path} was made elsewhere ({different}): further samples are as good, but may differ in their last bits "
-            "from those that would have been added there",
-            stacklevel=2,
-        )
+    check_environments({Path(path): checkpoint})
     return checkpoint
 
 
-def refuse_other_versions(checkpoint: Checkpoint, path: str | Path) -> None:
-    """Raises CheckpointError if a checkpoint was made by other versions or in another variant."""
-    if different := differences(checkpoint.origin, here(), EXACT):
-        raise CheckpointError(
-            f"{path} was made elsewhere ({different}), where samples differ; continue it there, or render again"
+def check_environments(checkpoints: Mapping[Path, Checkpoint]) -> None:
+    """Raises CheckpointError if a checkpoint was made by other versions or in another variant; warns, once, if some
+    come from other kinds of processors.
+    """
+    elsewhere = []
+    for path, checkpoint in checkpoints.items():
+        if different := differences(checkpoint.environment, MUST_AGREE):
+            raise CheckpointError(
+                f"{path} was made elsewhere ({different}), where samples differ; continue it there, or render again"
+            )
+        if different := differences(checkpoint.environment, MAY_DIFFER):
+            elsewhere.append(f"{path} ({different})")
+    if elsewhere:
+        warnings.warn(
+            f"made elsewhere: {'; '.join(elsewhere)}. These samples are as good, but may differ in their last bits "
+            "from those that are made here",
+            stacklevel=3,
         )
 
 
@@ -283,24 +292,24 @@ def merge(paths: Sequence[str | Path]) -> Checkpoint:
 
     Raises CheckpointError if a part is missing, there twice, not finished, or of another image; and as :func:`load`.
     """
-    parts = {Path(path): read(path) for path in paths}
+    parts = {Path(path): read(path, arrays=False) for path in paths}
     check_parts(parts)
-    for path, part in parts.items():
-        refuse_other_versions(part, path)
-    if elsewhere := [text for part in parts.values() if (text := differences(part.origin, here(), CLOSE))]:
-        warnings.warn(
-            f"{len(elsewhere)} of {len(paths)} parts were made elsewhere ({'; '.join(dict.fromkeys(elsewhere))}): "
-            "their samples are as good, but may differ in their last bits from those that are made here",
-            stacklevel=2,
-        )
-    return put_together([*parts.values()])
+    check_environments(parts)
+    return put_together(read(path) for path in parts)
 
 
-def put_together(parts: Sequence[Checkpoint]) -> Checkpoint:
+def put_together(parts: Iterable[Checkpoint]) -> Checkpoint:
     """The checkpoint of the image of which these are all parts, finished, in any order."""
-    pixels = {name: np.concatenate([part.pixels[name] for part in parts]) for name in parts[0].pixels}
-    seconds = sum(part.facts["seconds"] for part in parts)
-    return replace(parts[0], facts={**parts[0].facts, "part": None, "seconds": seconds}, pixels=pixels)
+    headers, arrays = [], dict[str, list[np.ndarray]]()
+    for part in parts:
+        headers.append(replace(part, pixels={}))
+        for name, values in part.pixels.items():
+            arrays.setdefault(name, []).append(values)
+    seconds = sum(header.attributes["seconds"] for header in headers)
+    attributes = {**headers[0].attributes, "part": None, "seconds": seconds}
+    # An array of all parts is released when that of the image is made.
+    pixels = {name: np.concatenate(arrays.pop(name)) for name in [*arrays]}
+    return replace(headers[0], attributes=attributes, pixels=pixels)
 
 
 def check_parts(parts: Mapping[Path, Checkpoint]) -> None:
@@ -313,24 +322,25 @@ def check_parts(parts: Mapping[Path, Checkpoint]) -> None:
             raise CheckpointError(
                 f"{path} is the state of a whole image, not a part of one; continue it by prosim resume"
             )
-        mine, theirs = common_facts(checkpoint), common_facts(first)
+        mine, theirs = common_attributes(checkpoint), common_attributes(first)
         if different := [f"{k}: {v} here, {theirs.get(k)} there" for k, v in mine.items() if v != theirs.get(k)]:
             raise CheckpointError(f"{path} is not of the image that {first_path} is a part of ({', '.join(different)})")
         if not checkpoint.finished:
             raise CheckpointError(f"{path} is not finished; continue it first: prosim resume {path}")
-    of, paths = first.facts["part"][1], {checkpoint.facts["part"][0]: path for path, checkpoint in parts.items()}
+    of = first.attributes["part"][1]
+    paths = {checkpoint.attributes["part"][0]: path for path, checkpoint in parts.items()}
     if twice := [str(path) for path in parts if path not in paths.values()]:
         raise CheckpointError(f"{', '.join(twice)}: another file has the same part; name each part once")
     if missing := [str(number) for number in range(1, of + 1) if number not in paths]:
         raise CheckpointError(f"of {of} parts, these are missing: {', '.join(missing)}")
 
 
-def common_facts(checkpoint: Checkpoint) -> dict[str, Any]:
-    """The facts that all parts of one image have in common."""
-    facts, about = checkpoint.facts, checkpoint.about
-    everything = facts["samples"] | facts["sampling"] | checkpoint.origin | about.get("job", {})
+def common_attributes(checkpoint: Checkpoint) -> dict[str, Any]:
+    """The attributes that all parts of one image have in common."""
+    attributes, about = checkpoint.attributes, checkpoint.about
+    everything = attributes["samples"] | attributes["sampling"] | checkpoint.environment | about.get("job", {})
     return {
-        "number of parts": facts["part"] and facts["part"][1],
+        "number of parts": attributes["part"] and attributes["part"][1],
         "content of the scene": about.get("digest", "unknown")[:12],
         **{name: value for name, value in everything.items() if name not in ANY},
     }

@@ -9,7 +9,7 @@ import mitsuba as mi
 
 from ..compat import dr_array
 from .accumulators import FilmState
-from .camera import uncropped
+from .camera import without_crop_window
 from .film import film_values
 from .plan import index_within, pixels
 
@@ -45,18 +45,18 @@ class Derivatives:
         left, top, right, bottom = (dr.opaque(mi.Int32, v) for v in window)
         offsets = range(-reach, reach + 1)
         x, y, *_ = pixels(self.plan.region)
-        with uncropped(self.sensor):
+        with without_crop_window(self.sensor):
             for pixel, t in self.lanes():
                 px, py = dr.gather(mi.Int32, x, pixel), dr.gather(mi.Int32, y, pixel)
                 values, _, position = self.estimator.sample(self.plan, px, py, t)
                 share = dr.rcp(mi.Float(dr.gather(mi.UInt32, self.counts, pixel)))
-                spread = []
+                splats = []
                 targets = [(px + dx, py + dy) for dy in offsets for dx in offsets]
-                for (tx, ty), (weight, _) in zip(targets, self.estimator.spread([mi.Float(1)], position)):
+                for (tx, ty), (weight, _) in zip(targets, self.estimator.splats([mi.Float(1)], position)):
                     there = (tx >= left) & (tx < right) & (ty >= top) & (ty < bottom)
                     weight = dr.select(there, weight * share, 0)
-                    spread.append((weight, dr.select(there, index_within(window, tx, ty), 0)))
-                yield values, spread
+                    splats.append((weight, dr.select(there, index_within(window, tx, ty), 0)))
+                yield values, splats
 
     def lanes(self) -> Iterator[tuple[mi.UInt32, mi.UInt32]]:
         """All samples, up to ``LANES`` at a time: ``(pixel, t)``, the pixels of the region and which of their samples
@@ -75,11 +75,11 @@ class Derivatives:
         """Propagates the derivative with respect to the film's values to the scene's parameters."""
         channels = gradient.shape[2]
         gradient = gradient.array
-        for values, spread in self.samples():
+        for values, splats in self.samples():
             loss = mi.Float(0)
             for c, value in enumerate(values):
                 if dr.grad_enabled(value):
-                    loss += value * sum(w * dr.gather(mi.Float, gradient, p * channels + c) for w, p in spread)
+                    loss += value * sum(w * dr.gather(mi.Float, gradient, p * channels + c) for w, p in splats)
             # All lanes share the graph behind the scene's parameters: its edges must stay. The derivative of a sum,
             # but the sum itself would be another kernel.
             dr.backward_from(loss, flags=dr.ADFlag.ClearVertices)
@@ -92,14 +92,14 @@ class Derivatives:
         # Not by symbolic calls: from a variable that one of them reads (a blend's weight), Dr.Jit 1.5 also propagates
         # derivatives into variables that other calls have left behind.
         with dr.scoped_set_flag(dr.JitFlag.SymbolicCalls, False):
-            for values, spread in self.samples():
+            for values, splats in self.samples():
                 values = [(c, value) for c, value in enumerate(values) if dr.grad_enabled(value)]
                 if values:
                     # What all lanes share, behind the scene's parameters, is gone through once: it keeps its
                     # derivatives.
                     dr.forward_to([value for _, value in values], flags=dr.ADFlag.ClearEdges)
                 for c, value in values:
-                    for w, p in spread:
+                    for w, p in splats:
                         dr.scatter_add(total, w * dr.grad(value), p * channels + c)
                 dr.eval(total)  # so that the size of a kernel does not grow with the number of samples
         return mi.TensorXf(total, self.storage.shape)

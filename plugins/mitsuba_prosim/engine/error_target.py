@@ -27,7 +27,7 @@ GROWTH = 4.0
 #: by chance would end too early. A pass aims a little lower.
 ENOUGH, AIM = 0.97, 0.94
 
-#: A pass may use a photon set if the number of its samples is at least that of the photons, or that of one sample of
+#: A pass may use a photon pass if the number of its samples is at least that of the photons, or that of one sample of
 #: all pixels per map, over this.
 SPARSE = 2
 
@@ -42,12 +42,12 @@ class ErrorTarget:
     seconds: float
     started: float = field(default_factory=time.perf_counter)
     #: Seconds at the end for the denoiser.
-    reserved: float = 0.0
+    denoiser_seconds: float = 0.0
 
     @classmethod
-    def of(cls, sampling: Sampling, passed: float) -> ErrorTarget:
-        """The target of ``sampling``; ``passed``: seconds since the beginning."""
-        return cls(sampling.noises, sampling.time, time.perf_counter() - passed)
+    def of(cls, sampling: Sampling, elapsed: float) -> ErrorTarget:
+        """The target of ``sampling``; ``elapsed``: seconds since the beginning."""
+        return cls(sampling.noises, sampling.time, time.perf_counter() - elapsed)
 
     def excess(self, noise: Sequence[float]) -> float:
         """The measured ``noise`` over the target; the worst of the three."""
@@ -55,19 +55,19 @@ class ErrorTarget:
         return min(max(ratios, default=np.nan), 1e100)
 
     @property
-    def passed(self) -> float:
+    def elapsed(self) -> float:
         """Seconds since the beginning."""
         return time.perf_counter() - self.started
 
     @property
-    def left(self) -> float:
+    def seconds_left(self) -> float:
         """Seconds until the end."""
-        return self.seconds - self.reserved - self.passed if self.seconds else np.inf
+        return self.seconds - self.denoiser_seconds - self.elapsed if self.seconds else np.inf
 
     @property
-    def over(self) -> bool:
+    def time_is_up(self) -> bool:
         """Whether the time is up."""
-        return self.left <= self.seconds * SHARE
+        return self.seconds_left <= self.seconds * SHARE
 
     @property
     def item_seconds(self) -> float:
@@ -107,7 +107,7 @@ class SecondImage:
         self.plan = replace(state.plan, seed=seed, own_photon_seed=int(seed[0]))
         self.estimator = copy.copy(state.estimator)
         if state.second is None or dr.width(state.second.count) != len(index):  # of other pixels
-            self.accumulators = Accumulators.empty(self.estimator.values, len(index))
+            self.accumulators = Accumulators.empty(self.estimator.sums_per_pixel, len(index))
 
     @property
     def accumulators(self) -> Accumulators:
@@ -154,19 +154,20 @@ def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarr
     deviation, have = display_variance(state.accumulators), mean(count)
     most, goal = GROWTH * have, None
     if target.seconds:
-        share = 0.9 if target.left < target.seconds / 5 else 0.5  # the last pass takes all
-        most = min(most, have + speed * target.left * share) if speed else 2 * have
+        share = 0.9 if target.seconds_left < target.seconds / 5 else 0.5  # the last pass takes all
+        most = min(most, have + speed * target.seconds_left * share) if speed else 2 * have
     if any(target.limits):
         # Well distributed samples are better than the first ones promise: not all of a long way at once.
-        way = remaining(state, target)
+        way = remaining_factor(state, target)
         goal = mean(deviation / np.float32(count)) / (way if way < 2 else way**0.7)
     caustics = state.estimator.transport.caustics
 
     def after(effort: float) -> np.ndarray:
-        counts = state.rounded(request * np.float32(effort))
+        counts = state.counts_for(request * np.float32(effort))
         if caustics is not None:
-            bound = in_full_sets(count, counts, state.plan.most, caustics.maps(state.plan.n), caustics.count)
-            counts = np.minimum(counts, np.uint32(bound))
+            plan = state.plan
+            limit = limit_by_photons(count, counts, plan.max_samples, caustics.maps(plan.n), caustics.count)
+            counts = np.minimum(counts, np.uint32(limit))
         return np.maximum(counts, count)
 
     def reaches(effort: float) -> bool:
@@ -174,27 +175,27 @@ def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarr
         return mean(counts) >= most or (goal is not None and mean(deviation / counts) <= goal)
 
     # The policy may request more samples now than before: the search does not begin at the effort of before.
-    state.effort = least(reaches, state.effort / (4 if state.policy.rounds > 1 else 1))
+    state.effort = smallest_effort(reaches, state.effort / (4 if state.policy.rounds > 1 else 1))
     return after(state.effort)
 
 
-def remaining(state: FilmState, target: ErrorTarget) -> float:
+def remaining_factor(state: FilmState, target: ErrorTarget) -> float:
     """The samples at the end over those so far, by the power law of the error."""
     return (target.excess(state.noise) / AIM) ** 2
 
 
-def in_full_sets(have: np.ndarray, want: np.ndarray, most: int, maps: int, photons: int) -> int:
-    """The samples of a pixel to which a pass goes at most: less than the largest of ``want``, if its last photon sets,
-    for ``maps`` samples of each pixel, would be for few samples. A set costs as much as for many, so that other pixels
-    are to have a part in it first. ``have``: samples so far; ``most``: those that a pixel may get.
+def limit_by_photons(count: np.ndarray, wanted: np.ndarray, max_samples: int, maps: int, photons: int) -> int:
+    """The maximum samples of a pixel in a pass: less than the largest of the counts ``wanted``, if its last photon
+    passes, for ``maps`` samples of each pixel, would serve few samples. A photon pass costs as much as for many: other
+    pixels should use it too. ``count``: samples so far; ``max_samples``: those that a pixel may get.
     """
-    last, lacking = int(want.max()), want > have
-    if last == most or not lacking.any():
+    last, lacking = int(wanted.max()), wanted > count
+    if last == max_samples or not lacking.any():
         return last  # there are no further passes
-    sets = -(-last // maps)
-    starts, ends = (np.bincount(counts[lacking], minlength=sets * maps + 1) for counts in (have, want))
-    samples = np.cumsum(starts - ends)[: sets * maps].reshape(sets, maps).sum(axis=1)
-    enough = np.flatnonzero(samples >= min(photons, have.size * maps) / SPARSE)
+    passes = -(-last // maps)
+    starts, ends = (np.bincount(counts[lacking], minlength=passes * maps + 1) for counts in (count, wanted))
+    samples = np.cumsum(starts - ends)[: passes * maps].reshape(passes, maps).sum(axis=1)
+    enough = np.flatnonzero(samples >= min(photons, count.size * maps) / SPARSE)
     return (int(enough[-1]) + 1) * maps if enough.size else 0
 
 
@@ -205,8 +206,8 @@ def display_variance(accumulators: Accumulators) -> np.ndarray:
     return np.array(dr.square(in_display_units(deviation, accumulators.total / count)))
 
 
-def least(reaches: Callable[[float], bool], begin: float) -> float:
-    """Least effort beyond ``begin`` that ``reaches``, to a thousandth or so; at most 2^60."""
+def smallest_effort(reaches: Callable[[float], bool], begin: float) -> float:
+    """The smallest effort beyond ``begin`` that ``reaches``, to a thousandth or so; at most 2^60."""
     low, high = max(begin, 2.0**-20), max(2 * begin, 2.0**-19)
     while not reaches(high) and high < 2.0**60:
         low, high = high, 4 * high

@@ -32,7 +32,7 @@ class Estimator:
         self.inverse_size = mi.Vector2f(dr.opaque(mi.Float, 1 / width), dr.opaque(mi.Float, 1 / height))
 
     @property
-    def values(self) -> int:
+    def sums_per_pixel(self) -> int:
         """Number of the sums of a pixel: for each channel, one for each pixel within the filter's reach."""
         return len(self.channels.names) * (2 * self.reach + 1) ** 2
 
@@ -84,7 +84,7 @@ class Estimator:
         values = self.channels.values(self.scene, self.sensor.sampler(), ray, L, alpha, others)
         return values, luminance(L, ray.wavelengths), position
 
-    def spread(self, values: list[mi.Float], position: mi.Point2f) -> list[tuple[mi.Float, mi.Float]]:
+    def splats(self, values: list[mi.Float], position: mi.Point2f) -> list[tuple[mi.Float, mi.Float]]:
         """``(weight, value)`` for each pixel within the filter's reach, row by row, and each value."""
         if self.rfilter.is_box_filter():
             return [(mi.Float(1), v) for v in values]
@@ -93,11 +93,11 @@ class Estimator:
         down = [self.rfilter.eval(k + 0.5 - position.y) for k in offsets]
         return [(wx * wy, v) for wy in down for wx in across for v in values]
 
-    def take(
+    def accumulate(
         self, plan: Plan, x: mi.Int32, y: mi.Int32, start: Accumulators, end: mi.UInt32, policy: Policy | None
     ) -> Accumulators:
-        """Continues from ``start`` until the pixels (x, y) have ``end`` samples, one lane a pixel, or have converged by
-        ``policy`` after a pass.
+        """The sums of ``start`` and of further samples, until the pixels (x, y) have ``end`` samples, or have converged
+        by ``policy`` after a pass. One lane a pixel.
         """
         n = plan.n
 
@@ -110,7 +110,7 @@ class Estimator:
         def step(sums: Accumulators, active: mi.Bool) -> tuple[Accumulators, mi.Bool]:
             t = sums.count
             values, Y, position = self.sample(plan, x, y, t)
-            filtered = [s + w * v for s, (w, v) in zip(sums.sums, self.spread(values, position))]
+            filtered = [s + w * v for s, (w, v) in zip(sums.sums, self.splats(values, position))]
             Y = dr.clip(dr.select(dr.abs(Y) > DARKEST, Y, 0), -BRIGHTEST, BRIGHTEST)
             in_pass = sums.in_pass + Y
             last = (t + 1) % n == 0

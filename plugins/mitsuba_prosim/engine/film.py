@@ -86,7 +86,7 @@ def aov_values(
     return [] if aovs is None else list(aovs.sample(scene, sampler, mi.RayDifferential3f(ray), None, active)[2])
 
 
-def asked_aovs(props: mi.Properties) -> tuple[list[str], mi.Integrator | None]:
+def parse_aovs(props: mi.Properties) -> tuple[list[str], mi.Integrator | None]:
     """The AOVs that the parameter ``aovs`` names: ``(own, mitsuba)``, the names in :data:`OWN_AOVS` and an ``aov``
     integrator of Mitsuba's for the others, if there are any. Raises ValueError where it is neither.
     """
@@ -101,7 +101,7 @@ def asked_aovs(props: mi.Properties) -> tuple[list[str], mi.Integrator | None]:
     return own, create("aov", aovs=",".join(others)) if others else None
 
 
-def with_more_channels(image: mi.TensorXf, more: int) -> mi.TensorXf:
+def append_channels(image: mi.TensorXf, more: int) -> mi.TensorXf:
     """``image``, shape (height, width, channels), with ``more`` further channels of zeros at the end."""
     return dr.concat((image, dr.zeros(mi.TensorXf, (*image.shape[:2], more))), axis=2) if more else image
 

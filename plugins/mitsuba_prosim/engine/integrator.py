@@ -12,7 +12,7 @@ from ..alone import alone
 from ..compat import take_back_interrupts
 from ..parameters import choice, describe, number, reject, whole
 from ..sampling.nrook import JITTERS
-from .film import Channels, asked_aovs, with_more_channels
+from .film import Channels, append_channels, parse_aovs
 from .plan import SAMPLING, Plan, Sampling
 from .policies import POLICIES
 
@@ -61,7 +61,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         if set(self.channels) - set("rgb"):
             raise reject(props, "channels", self.channels, "some of the letters r, g, b")
         self.band = whole(props, "band", 1 << 18, 1)
-        self.own_aovs, self.mitsuba_aovs = asked_aovs(props)
+        self.own_aovs, self.mitsuba_aovs = parse_aovs(props)
         #: The renders that :meth:`cancel` ends.
         self._renders: weakref.WeakSet[Render] = weakref.WeakSet()
         self._scalar: Any = None  # in scalar variants, the transport, while an image is rendered
@@ -109,11 +109,9 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         if not dr.is_jit_v(mi.Float):
             return self._render_scalar(scene, sensor, seed, spp, develop, evaluate)
-        render = self.progressive(scene, sensor, seed, spp)
-        for _ in render:
-            pass
+        render = self.progressive(scene, sensor, seed, spp).run()
+        image = render.final_image if develop else mi.TensorXf()
         with alone():
-            image = render.image() if develop else mi.TensorXf()  # another thread may have put its image into the film
             if evaluate:
                 dr.eval(image)
                 dr.sync_thread()
@@ -211,7 +209,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         image = derivatives.develop(storage, self.aov_names())
         dr.forward_to(image)
         gradient = dr.grad(image)
-        return with_more_channels(gradient, len(self.own_aovs))  # the integrator's own channels have no derivatives
+        return append_channels(gradient, len(self.own_aovs))  # the integrator's own channels have no derivatives
 
     @alone()
     def render_backward(

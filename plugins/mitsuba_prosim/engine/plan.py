@@ -50,8 +50,8 @@ class Sampling:
         """
         if spp:
             return self, half_pattern(spp**0.5) ** 2
-        most, threshold = (self.max_samples + 1) // 2, self.threshold * 2**0.5
-        return replace(self, samples=half_pattern(self.samples), max_samples=most, threshold=threshold), 0
+        highest, threshold = (self.max_samples + 1) // 2, self.threshold * 2**0.5
+        return replace(self, samples=half_pattern(self.samples), max_samples=highest, threshold=threshold), 0
 
 
 def half_pattern(n: float) -> int:
@@ -72,11 +72,11 @@ class Plan:
     #: N: samples of a pass.
     n: int
     #: Samples that every pixel gets, those of a noisy pixel, and those that one may get at most.
-    least: int
-    full: int
-    most: int
-    #: Whether the points have no end.
-    endless: bool
+    min_samples: int
+    noisy_samples: int
+    max_samples: int
+    #: Whether the points are Sobol' points.
+    uses_sobol: bool
     permutations: Permutations
     seed: mi.UInt32
     #: The film's crop window.
@@ -94,14 +94,14 @@ class Plan:
     @classmethod
     def of(cls, sampling: Sampling, film: mi.Film, seed: int | mi.UInt32, spp: int) -> Plan:
         """The plan for ``film``; a nonzero ``spp`` stands for N², in the place of ``samples`` and ``max_samples``."""
-        full = spp or sampling.samples**2
-        n = grid_size(spp) if spp else min(sampling.samples, sampling.max_samples or full)
+        noisy = spp or sampling.samples**2
+        n = grid_size(spp) if spp else min(sampling.samples, sampling.max_samples or noisy)
         if sampling.has_target:
-            most = sampling.max_samples or UNLIMITED
+            highest = sampling.max_samples or UNLIMITED
         elif sampling.adaptive == "graded":
-            most = (0 if spp else sampling.max_samples) or GRADED * full
+            highest = (0 if spp else sampling.max_samples) or GRADED * noisy
         else:
-            most = full = (0 if spp else sampling.max_samples) or full
+            highest = noisy = (0 if spp else sampling.max_samples) or noisy
         (x, y), (w, h), (width, height) = film.crop_offset(), film.crop_size(), film.size()
         x, y, w, h, width, height = (int(v) for v in (x, y, w, h, width, height))
         reach = film.rfilter().border_size()
@@ -110,10 +110,10 @@ class Plan:
         dr.make_opaque(seed)  # Mitsuba's integrators pass on constants
         return cls(
             n,
-            min(sampling.min_passes * n, most),
-            min(full, most),
-            most,
-            bool(spp) or sampling.has_target or sampling.adaptive == "graded" or most > n * n,
+            min(sampling.min_passes * n, highest),
+            min(noisy, highest),
+            highest,
+            bool(spp) or sampling.has_target or sampling.adaptive == "graded" or highest > n * n,
             Permutations(n),
             seed,
             (x, y, x + w, y + h),
@@ -137,9 +137,9 @@ class Plan:
         # 16 bits for each coordinate, so that a pixel's samples do not depend on the film's size.
         pixel = (mi.UInt32(y) << 16) | (mi.UInt32(x) & 0xFFFF)
         key = pixel_key(self.seed, pixel)
-        if self.endless:
+        if self.uses_sobol:
             return Sobol(key, t, dr.opaque(mi.UInt32, self.n))
-        return NRook.in_first_epoch(self.permutations, key, t, self.sampling.jitter)
+        return NRook.at(self.permutations, key, t, self.sampling.jitter)
 
 
 def widened(rectangle: Rectangle, reach: int, domain: Rectangle) -> Rectangle:

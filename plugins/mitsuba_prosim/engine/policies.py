@@ -28,10 +28,10 @@ class Policy:
 
     def __init__(self, plan: Plan) -> None:
         #: Samples of every pixel in the first pass; and those of a noisy pixel.
-        self.first, self.full = plan.least, plan.full
-        if type(self) is Policy and plan.full == plan.most:
-            self.first = plan.most
-        if self.first >= plan.most:
+        self.first_samples, self.noisy_samples = plan.min_samples, plan.noisy_samples
+        if type(self) is Policy and plan.noisy_samples == plan.max_samples:
+            self.first_samples = plan.max_samples
+        if self.first_samples >= plan.max_samples:
             self.reach = 0
         self.threshold = dr.opaque(mi.Float, plan.sampling.threshold)
 
@@ -39,7 +39,7 @@ class Policy:
         """The samples that each pixel of a rectangle should have in the end, from its accumulators after a pass, row by
         row; the plan rounds them up to a power of two and limits them. ``width``, ``height``: opaque integers.
         """
-        return dr.full(mi.Float, self.full, dr.width(accumulators.count))
+        return dr.full(mi.Float, self.noisy_samples, dr.width(accumulators.count))
 
     def converged(self, total: mi.Float, squares: mi.Float, t: mi.UInt32) -> mi.Bool | None:
         """Which pixels need no sample beyond the first ``t``, a whole number of passes, by the sums of the luminance
@@ -57,7 +57,7 @@ class Thesis(Policy):
 
     def converged(self, total: mi.Float, squares: mi.Float, t: mi.UInt32) -> mi.Bool:
         """Whether the standard error is at most the threshold."""
-        return (t >= self.first) & (standard_error(total, squares, mi.Float(t)) <= self.threshold)
+        return (t >= self.first_samples) & (standard_error(total, squares, mi.Float(t)) <= self.threshold)
 
 
 class Neighbours(Policy):
@@ -71,8 +71,9 @@ class Neighbours(Policy):
     def request(self, accumulators: Accumulators, width: mi.UInt32, height: mi.UInt32) -> mi.Float:
         """All samples for the noisy pixels."""
         sums = accumulators.total, accumulators.squares
-        error = error_of_neighbours(*sums, mi.Float(self.first), width, height)
-        return dr.select(error <= self.threshold, mi.Float(self.first), self.full)  # NaN counts as noisy
+        error = error_of_neighbours(*sums, mi.Float(self.first_samples), width, height)
+        # NaN counts as noisy.
+        return dr.select(error <= self.threshold, mi.Float(self.first_samples), self.noisy_samples)
 
 
 class Graded(Policy):

@@ -6,7 +6,7 @@ import time
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import drjit as dr
 import mitsuba as mi
@@ -16,12 +16,15 @@ from ..alone import alone
 from .accumulators import FilmState
 from .checkpoint import Checkpoint
 from .error import in_display_units
-from .error_target import ENOUGH, ErrorTarget, SecondImage, mean, next_counts, remaining
+from .error_target import ENOUGH, ErrorTarget, SecondImage, mean, next_counts, remaining_factor
 from .estimator import Estimator
 from .film import film_values
 from .plan import Plan
 from .tiles import Part
-from .work import Executor, Pixels, Step, photon_steps, work_items
+from .work import Executor, Step, photon_steps, work_items
+
+if TYPE_CHECKING:
+    from .work import Pixels
 
 #: Maximum ratio of the samples of a pixel after a pass and before it; the last pass may take more.
 GROWTH = 4
@@ -31,9 +34,9 @@ GROWTH = 4
 class Reached:
     """Samples, error and time of an image so far."""
 
-    #: Mean number of samples of a pixel, and the least.
+    #: Mean and minimum number of samples of a pixel.
     samples: float
-    least: int
+    min_samples: int
     #: RMS error of the displayed image (white = 1), and the bounds of the errors of 99 and of 99.9 % of the pixels; NaN
     #: without a limit of noise, as they were not measured.
     noise: float
@@ -65,8 +68,8 @@ class Pass:
     #: Whether all samples have been taken.
     complete: bool = field(default=False, init=False)
 
-    def lack(self) -> tuple[int, int]:
-        """Number of the samples that there are, and of those that are missing."""
+    def taken_and_missing(self) -> tuple[int, int]:
+        """Number of the samples that have been taken, and of those that are missing."""
         count = np.array(self.pixels.accumulators.count, dtype=np.int64)
         return int(count.sum()), int(np.maximum(self.wanted - count, 0).sum())
 
@@ -95,10 +98,12 @@ class Render:
     ) -> None:
         self.state = FilmState(plan, estimator, part if begin is None else begin.part)
         self.film, self.own_aovs, self.executor = estimator.sensor.film(), own_aovs, executor or Executor()
-        self.target = ErrorTarget.of(plan.sampling, 0.0 if begin is None else begin.facts["seconds"])
+        self.target = ErrorTarget.of(plan.sampling, 0.0 if begin is None else begin.attributes["seconds"])
         #: Whether the render has ended; and whether the image has all requested samples.
         self.ended = self.finished = False
         self._stopped, self._done = False, 0.0
+        #: The developed image of a render that has ended.
+        self.final_image: mi.TensorXf | None = None
         self._finished_before = begin is not None and begin.restore(self.state)
         self.denoiser = denoiser
         self.second = SecondImage(self.state, denoiser is not None) if denoiser or any(self.target.limits) else None
@@ -130,9 +135,11 @@ class Render:
         if not self.ended:  # the generator was closed
             self._end()
 
+    @alone()
     def _end(self) -> None:
         self.ended = True
-        self.put()
+        self.update_film()
+        self.final_image = self.film.develop()
 
     def _run(self) -> Generator[Step, None, None]:
         """Gives the work items of all passes to the executor."""
@@ -140,27 +147,27 @@ class Render:
         try:
             while True:
                 with alone():
-                    work = next(passes, None)
-                if work is None:
+                    current = next(passes, None)
+                if current is None:
                     break
-                (before, missing), taken = work.lack(), 0
-                for wanted in photon_steps(work.pixels, work.wanted, self.executor.sets):
-                    items = work_items(work.pixels, wanted, self._limit)
+                (before, missing), taken = current.taken_and_missing(), 0
+                for wanted in photon_steps(current.pixels, current.wanted, self.executor.photon_passes):
+                    items = work_items(current.pixels, wanted, self._limit)
                     with closing(self.executor(items)) as results:
-                        for result in results if not self._over(work) else ():
+                        for result in results if not self._must_end(current) else ():
                             if result is not None:
                                 item, sums = result
                                 with alone():
-                                    item.put(sums)
-                                taken += item.work
-                                self._done = self._progress(work, before + taken)
+                                    item.store(sums)
+                                taken += item.samples
+                                self._done = self._progress(current, before + taken)
                             yield Step(self._done, False)
-                            if taken < missing and self._over(work):
+                            if taken < missing and self._must_end(current):
                                 break
-                complete = work.complete = taken == missing
-                if (work.shown or not complete) and np.all(self.state.counts > 0):
+                complete = current.complete = taken == missing
+                if (current.shown or not complete) and np.all(self.state.counts > 0):
                     yield Step(self._done, True)
-            self.finished = not self._stopped and (complete or self.target.over)
+            self.finished = not self._stopped and (complete or self.target.time_is_up)
             if self.finished and self._done < 1:
                 yield Step(1.0, True)
         except (Exception, KeyboardInterrupt):
@@ -168,13 +175,13 @@ class Render:
             raise
         self._end()
 
-    def _over(self, work: Pass) -> bool:
-        return (work.stoppable and self._stopped) or (work.timed and self.target.over)
+    def _must_end(self, current: Pass) -> bool:
+        return (current.stoppable and self._stopped) or (current.timed and self.target.time_is_up)
 
-    def _progress(self, work: Pass, samples: int) -> float:
+    def _progress(self, current: Pass, samples: int) -> float:
         """The part of the image that is done, by its samples or by its time."""
-        by_time = 1 - self.target.left / self.target.seconds if work.timed and self.target.seconds else 0.0
-        return min(max(samples / work.expected if work.expected else self._done, by_time), 1.0)
+        by_time = 1 - self.target.seconds_left / self.target.seconds if current.timed and self.target.seconds else 0.0
+        return min(max(samples / current.expected if current.expected else self._done, by_time), 1.0)
 
     def _limit(self, left: int) -> int:
         return self.executor.limit(left, self.target.item_seconds)
@@ -192,16 +199,17 @@ class Render:
     def _image_passes(self) -> Iterator[Pass]:
         """The passes over the image. A state with samples and decisions continues."""
         state, plan, policy = self.state, self.state.plan, self.state.policy
-        first = state.share(np.full(dr.width(state.x), policy.first, np.uint32), state.margin)
-        most = float(plan.most * np.count_nonzero(first))  # as long as the number of the following passes is unknown
+        first = state.counts_of_part(np.full(dr.width(state.x), policy.first_samples, np.uint32), state.margin)
+        # As long as the number of the following passes is unknown.
+        most = float(plan.max_samples * np.count_nonzero(first))
         if state.rounds == 0:
             if self.target.seconds:  # there is an image after one sample of each pixel
                 yield Pass(state, np.minimum(first, 1), shown=False)
-            work = Pass(state, first, most, timed=True)
-            yield work
-            if not work.complete and dr.any(state.accumulators.count > 0):
+            current = Pass(state, first, most, timed=True)
+            yield current
+            if not current.complete and dr.any(state.accumulators.count > 0):
                 yield Pass(state, np.minimum(first, 1), shown=False, stoppable=False)
-            if not work.complete or policy.first == plan.most:
+            if not current.complete or policy.first_samples == plan.max_samples:
                 return
         if plan.sampling.has_target:
             state.rounds = 1
@@ -212,13 +220,13 @@ class Render:
             if state.wanted is None:
                 left -= 1
                 # The next decision looks at pixels around: their samples must be those of the whole image.
-                wanted = state.rounded(state.request(left * policy.reach))
+                wanted = state.counts_for(state.request(left * policy.reach))
                 if left:  # few samples know little
                     wanted = np.minimum(wanted, np.maximum(GROWTH * np.array(state.accumulators.count), plan.n**2))
-                state.wanted, state.rounds = state.share(wanted, left * policy.reach), state.rounds + 1
-            work = Pass(state, state.wanted, most if left else float(state.wanted.sum(dtype=np.int64)))
-            yield work
-            if not work.complete:
+                state.wanted, state.rounds = state.counts_of_part(wanted, left * policy.reach), state.rounds + 1
+            current = Pass(state, state.wanted, most if left else float(state.wanted.sum(dtype=np.int64)))
+            yield current
+            if not current.complete:
                 return
             state.wanted = None
 
@@ -228,21 +236,21 @@ class Render:
         """
         state, second, started = self.state, self.second, time.perf_counter()
         have = mean(state.counts)
-        speed = have / self.target.passed if state.effort else 0.0  # else the first pass had to compile
+        speed = have / self.target.elapsed if state.effort else 0.0  # else the first pass had to compile
         while True:
             count = np.array(state.accumulators.count)
             if state.wanted is None:
                 if second is not None:
-                    work = Pass(second, self._second_counts(), shown=False, timed=True)
-                    yield work
-                    if not work.complete:
+                    current = Pass(second, self._second_counts(), shown=False, timed=True)
+                    yield current
+                    if not current.complete:
                         return
                     state.noise = self.denoiser.estimate(self) if self.denoiser else second.noise(state)
                 if (more := mean(state.counts) - have) > 0:
                     speed = more / max(time.perf_counter() - started, 1e-9)
                     yield Pass(state, count)  # shows the image
             target = self.target
-            if target.over or target.excess(state.noise) <= ENOUGH:
+            if target.time_is_up or target.excess(state.noise) <= ENOUGH:
                 return
             if state.wanted is None:
                 state.wanted = next_counts(state, target, speed)
@@ -250,10 +258,10 @@ class Render:
                     state.wanted = None
                     return
             have, started = mean(count), time.perf_counter()
-            expected = max(have * remaining(state, target), mean(state.wanted)) if any(target.limits) else np.inf
-            work = Pass(state, state.wanted, expected * len(count), shown=False, timed=True)
-            yield work
-            if not work.complete:
+            expected = max(have * remaining_factor(state, target), mean(state.wanted)) if any(target.limits) else np.inf
+            current = Pass(state, state.wanted, expected * len(count), shown=False, timed=True)
+            yield current
+            if not current.complete:
                 return
             state.wanted = None
 
@@ -264,7 +272,7 @@ class Render:
     # ---------------------------------------------------------------- the image so far
 
     @alone()
-    def put(self, second: bool = False) -> None:
+    def update_film(self, second: bool = False) -> None:
         """Puts the image so far into the film; ``second``: the second image, which is complete."""
         state = self.state
         sums = self.second.accumulators if second and self.second else None
@@ -278,7 +286,7 @@ class Render:
     @alone()
     def image(self, second: bool = False) -> mi.TensorXf:
         """The developed image so far, shape (height, width, channels); ``second``: a complete second one."""
-        self.put(second)
+        self.update_film(second)
         return self.film.develop()
 
     @property
@@ -286,7 +294,7 @@ class Render:
     def reached(self) -> Reached:
         """Samples, error and time so far."""
         counts = self.counts()
-        return Reached(mean(counts), int(counts.min()), *self.state.noise, self.target.passed)
+        return Reached(mean(counts), int(counts.min()), *self.state.noise, self.target.elapsed)
 
     @alone()
     def error(self) -> np.ndarray:
@@ -302,7 +310,7 @@ class Render:
         return self.state.crop(counts, self.state.plan.window)
 
     @alone()
-    def noise_at_most(self) -> float:
+    def noise_bound(self) -> float:
         """Upper bound of the RMS error of the displayed image (white = 1) by the samples within each pixel; NaN if some
         have less than two.
 
@@ -318,4 +326,4 @@ class Render:
     @alone()
     def checkpoint(self) -> Checkpoint:
         """The :class:`.Checkpoint` by which another process continues the render."""
-        return Checkpoint.of(self.state, self.target.passed, self.finished)
+        return Checkpoint.of(self.state, self.target.elapsed, self.finished)

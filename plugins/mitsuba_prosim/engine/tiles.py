@@ -34,7 +34,7 @@ class Part:
         return f"{self.number}-of-{self.of}"
 
 
-def owners(region: Rectangle, parts: int, margin: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def part_numbers(region: Rectangle, parts: int, margin: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """The number of the part that owns each of the pixels (x, y) of ``region``, integer arrays: tiles are distributed
     over ``parts`` in turn. Their size suits decisions that look at ``margin`` pixels around each: where they look at
     none, the smallest tiles cost nothing.
@@ -48,7 +48,7 @@ def owners(region: Rectangle, parts: int, margin: int, x: np.ndarray, y: np.ndar
     return (column + row * min(coprime, key=lambda shift: abs(shift - SHIFT * parts))) % parts + 1
 
 
-def near(part: Part, region: Rectangle, margin: int, x: np.ndarray, y: np.ndarray, reach: int) -> np.ndarray:
+def within_reach(part: Part, region: Rectangle, margin: int, x: np.ndarray, y: np.ndarray, reach: int) -> np.ndarray:
     """Which of the pixels (x, y), all within ``reach`` of the region, are within ``reach`` of one that ``part`` owns;
     ``reach``: at most the side of a tile.
     """
@@ -56,5 +56,5 @@ def near(part: Part, region: Rectangle, margin: int, x: np.ndarray, y: np.ndarra
     result = np.zeros(np.broadcast_shapes(x.shape, y.shape), bool)
     for px in (np.clip(x + step, left, right - 1) for step in (-reach, 0, reach)):
         for py in (np.clip(y + step, top, bottom - 1) for step in (-reach, 0, reach)):
-            result |= owners(region, part.of, margin, px, py) == part.number
+            result |= part_numbers(region, part.of, margin, px, py) == part.number
     return result

@@ -6,7 +6,7 @@ import time
 from collections.abc import Generator, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -15,13 +15,19 @@ import numpy as np
 from ..alone import alone
 from ..compat import dr_array
 from .accumulators import Accumulators
-from .camera import has_own_rays, uncropped
+from .camera import is_perspective, without_crop_window
 from .estimator import Estimator
 from .plan import Plan
 from .policies import Policy
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from .accumulators import FilmState
+    from .error_target import SecondImage
+
+    #: Pixels that are sampled together: an image, or its second image.
+    Pixels: TypeAlias = FilmState | SecondImage
 
 #: Pixels in one work item lack about the same number of samples, within a factor of 2 to the power of 1 over this.
 CLASSES = 4
@@ -34,20 +40,6 @@ class Step(NamedTuple):
     done: float
     #: Whether a pass over the image is complete: every pixel has a value, and the samples of that pass.
     complete: bool
-
-
-class Pixels(Protocol):
-    """Pixels that are sampled together: an image, or its second image. One entry a pixel."""
-
-    plan: Plan
-    estimator: Estimator
-    x: mi.Int32
-    y: mi.Int32
-    accumulators: Accumulators
-
-    @property
-    def policy(self) -> Policy | None:
-        """See :class:`WorkItem`."""
 
 
 @dataclass(frozen=True)
@@ -64,36 +56,36 @@ class WorkItem:
     end: mi.UInt32
     policy: Policy | None = None
     #: Number of samples, about.
-    work: int = 0
+    samples: int = 0
     #: Stores the sums.
-    put: Callable[[Accumulators], None] = lambda sums: None
+    store: Callable[[Accumulators], None] = lambda sums: None
 
-    def take(self) -> Accumulators:
-        """Takes the samples, in this process. All arrays are evaluated, so that one kernel serves every work item."""
+    def compute(self) -> Accumulators:
+        """Takes the samples in this process and returns the sums. All arrays are evaluated, so that one kernel serves
+        every work item.
+        """
         sensor, sums = self.estimator.sensor, self.start
-        with alone(), nullcontext() if has_own_rays(sensor) else uncropped(sensor):
-            for which, end in self.photon_sets():
+        with alone(), nullcontext() if is_perspective(sensor) else without_crop_window(sensor):
+            for which, end in self.photon_passes():
                 if which is not None:
                     self.estimator.transport.caustics.draw(*which)
-                sums = self.estimator.take(self.plan, self.x, self.y, sums, end, self.policy)
+                sums = self.estimator.accumulate(self.plan, self.x, self.y, sums, end, self.policy)
                 dr.eval(sums)
         return sums
 
-    def photon_sets(self) -> Iterator[tuple[tuple[int, int, int] | None, mi.UInt32]]:
-        """The photon sets that the samples need (seed, number, samples of a pass), and the counts up to which each
-        serves, as each serves as many samples of all pixels as it has maps. Without caustics: None, and ``end``.
+    def photon_passes(self) -> Iterator[tuple[tuple[int, int, int] | None, mi.UInt32]]:
+        """The photon passes that the samples need (seed, number, samples of a pass), and the counts up to which each
+        serves, as it has a map for each sample of a pixel. Without caustics: None, and ``end``.
         """
-        caustics, count = self.estimator.transport.caustics, self.start.count
+        caustics = self.estimator.transport.caustics
         if caustics is None:
             yield None, self.end
             return
         maps = caustics.maps(self.plan.n)
-        least, most = dr.min(dr.select(count < self.end, count, self.end)), dr.max(self.end)
-        for number in range(int(least[0]) // maps, -(-int(most[0]) // maps)):
-            first, after = (dr.opaque(mi.UInt32, v * maps) for v in (number, number + 1))
-            if dr.any((count < dr.minimum(self.end, after)) & (self.end > first)):
-                until = dr.maximum(count, dr.minimum(self.end, after))
-                yield (self.plan.photon_seed, number, self.plan.n), until
+        first, last = int(dr.min(self.start.count)[0]) // maps, (int(dr.max(self.end)[0]) - 1) // maps
+        for number in range(first, last + 1):
+            after = dr.opaque(mi.UInt32, (number + 1) * maps)
+            yield (self.plan.photon_seed, number, self.plan.n), dr.minimum(self.end, after)
 
 
 #: Work items with their sums; None while no result is ready: the caller may stop then.
@@ -105,8 +97,8 @@ class Executor:
     may do so anywhere and in any order. A work item takes about ``seconds``, by the time of those before.
     """
 
-    #: Photon sets that the work items of a step may need; None: as many as a process keeps.
-    sets: int | None = 1
+    #: Number of photon passes that the work items of a step may need; None: as many as a process keeps.
+    photon_passes: int | None = 1
 
     #: Maximum growth of the speed from one work item to the next; and the remaining samples are one work item if they
     #: are fewer than this number of work items.
@@ -126,9 +118,9 @@ class Executor:
         size = self.speed * min(self.seconds, seconds)
         return left if left < self.LAST * size else max(int(size), self.SMALLEST)
 
-    def learn(self, work: int, seconds: float) -> None:
-        """Adapts the speed to the time of a work item of ``work`` samples."""
-        speed = work / max(seconds, 1e-6)
+    def learn(self, samples: int, seconds: float) -> None:
+        """Adapts the speed to the time of a work item of ``samples`` samples."""
+        speed = samples / max(seconds, 1e-6)
         if speed > self.speed:
             self.speed = min(speed, self.GROWTH * self.speed)
         elif not self.first:
@@ -139,9 +131,9 @@ class Executor:
         """Yields each of ``items`` with its sums."""
         for item in items:
             started = time.perf_counter()
-            sums = item.take()
+            sums = item.compute()
             dr.sync_thread()
-            self.learn(item.work, time.perf_counter() - started)
+            self.learn(item.samples, time.perf_counter() - started)
             yield item, sums
 
 
@@ -161,49 +153,47 @@ def work_items(pixels: Pixels, wanted: np.ndarray, limit: Callable[[int], int]) 
         most = before + limit(int(ends[-1]) - before)
         end = max(begin + 1, int(np.searchsorted(ends, most, side="right")))
         end = min(end, begin + pixels.plan.sampling.band)
-        work, before = int(ends[end - 1]) - before, int(ends[end - 1])
+        samples, before = int(ends[end - 1]) - before, int(ends[end - 1])
         with alone():
-            item = _work_item(pixels, order[begin:end], wanted, work)
+            item = _work_item(pixels, order[begin:end], wanted, samples)
         begin = end
         yield item
 
 
-def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, work: int) -> WorkItem:
+def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, samples: int) -> WorkItem:
     """The work item of the entries ``some``."""
     x, y, start, plan, end = pixels.x, pixels.y, pixels.accumulators, pixels.plan, dr_array(wanted[some])
     index = None
     if len(some) < len(wanted) or np.any(some[1:] < some[:-1]):
         index = dr_array(some.astype(np.uint32))
-        x, y, start = dr.gather(mi.Int32, x, index), dr.gather(mi.Int32, y, index), start.at(index)
+        x, y, start = dr.gather(mi.Int32, x, index), dr.gather(mi.Int32, y, index), start.gather(index)
         if dr.width(plan.seed) > 1:
             plan = replace(plan, seed=dr.gather(mi.UInt32, plan.seed, index))
         dr.eval(x, y, start, plan.seed)
 
-    def put(sums: Accumulators) -> None:
+    def store(sums: Accumulators) -> None:
         if index is None:
             pixels.accumulators = sums
         else:
-            pixels.accumulators.put(sums, index)
+            pixels.accumulators.scatter(sums, index)
             dr.eval(pixels.accumulators)
 
-    return WorkItem(pixels.estimator, plan, x, y, start, end, pixels.policy, work, put)
+    return WorkItem(pixels.estimator, plan, x, y, start, end, pixels.policy, samples, store)
 
 
-def photon_steps(pixels: Pixels, wanted: np.ndarray, sets: int | None) -> list[np.ndarray]:
-    """The counts up to those ``wanted`` that ``pixels`` reach step by step, so that each photon set is drawn once.
+def photon_steps(pixels: Pixels, wanted: np.ndarray, photon_passes: int | None) -> list[np.ndarray]:
+    """The counts up to those ``wanted`` that ``pixels`` reach step by step, so that each photon pass is emitted once.
+    A step needs at most this number of ``photon_passes``; None: as many as a process keeps.
 
-    In one process (``sets`` 1) all pixels proceed alike, and a render can stop between two sets; elsewhere a step has
-    as many sets as a process keeps (None). Without caustics there is one step.
+    With 1 all pixels proceed alike, and a render can stop between two photon passes. Without caustics there is one
+    step.
     """
-    caustics = pixels.estimator.transport.caustics
-    if caustics is None:
+    caustics, count = pixels.estimator.transport.caustics, np.array(pixels.accumulators.count)
+    lacking = wanted > count
+    if caustics is None or not lacking.any():
         return [wanted]
-    have = np.array(pixels.accumulators.count)
-    lacking = wanted > have
-    if not lacking.any():
-        return []
     maps = caustics.maps(pixels.plan.n)
-    further = maps * (sets or caustics.capacity)
-    first = int(have[lacking].min()) // maps * maps
+    further = maps * (photon_passes or caustics.capacity)
+    first = int(count[lacking].min()) // maps * maps
     ends = range(first + further, int(wanted.max()) + further, further)
     return [np.minimum(wanted, np.uint32(end)) for end in ends]

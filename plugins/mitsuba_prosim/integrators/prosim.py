@@ -16,7 +16,7 @@ from ..registry import plugin
 from ..sampling.nrook import SamplerPoints
 from ..transport.radiance import KINDS, layers_conflict
 from ..transport.transport import Transport
-from ..transport.transport_context import DEEPEST_TREE, Settings
+from ..transport.transport_context import DEEPEST_TREE, SETTINGS, Settings
 
 if TYPE_CHECKING:
     from ..engine.derivatives import Derivatives
@@ -248,21 +248,7 @@ class Prosim(ProgressiveIntegrator):
         return self._layer_channels + super().aov_names()
 
     def parameter_names(self) -> list[str]:
-        names = [
-            "hide_emitters",
-            "max_level",
-            "shadows",
-            "ambient",
-            "background",
-            "diffuse_bounces",
-            "cutoff",
-            "rr_depth",
-            "rr_throughput",
-            "caustics",
-            "caustic_photons",
-            "layers",
-        ]
-        return super().parameter_names() + names
+        return [*super().parameter_names(), *SETTINGS, "caustics", "caustic_photons"]
 
     @alone()
     def sample(
@@ -278,24 +264,13 @@ class Prosim(ProgressiveIntegrator):
                 "prosim: its own render() alone knows layers and caustics; leave them out of a prosim within another "
                 "integrator."
             )
-        transport = self._scalar or Transport(self._settings(), scene, around=medium)
+        transport = self._scalar or Transport(self._settings(), scene, camera_medium=medium)
         L, hit, _ = transport(ray, SamplerPoints(sampler), active, sampler)
         aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
         return L, hit, aovs
 
     def _settings(self) -> Settings:
-        return Settings(
-            self.max_level,
-            self.shadows,
-            self.ambient,
-            self.background,
-            self.diffuse_bounces,
-            self.cutoff,
-            self.rr_depth,
-            self.rr_throughput,
-            self.hide_emitters,
-            self.layers,
-        )
+        return Settings(**{name: getattr(self, name) for name in SETTINGS})
 
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Transport:
         caustics = self._caustics(scene, sensor) if self.caustics else None

@@ -6,9 +6,9 @@ from typing import Any
 
 import mitsuba as mi
 
-from ..engine.film import aov_values, with_more_channels
+from ..engine.film import aov_values, append_channels
 from ..engine.integrator import ProgressiveIntegrator
-from ..parameters import reject
+from ..parameters import nested_integrator
 from ..registry import plugin
 from ..transport.transport import InnerIntegrator
 
@@ -60,25 +60,7 @@ class ProsimAdaptive(ProgressiveIntegrator):
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        nested: list[mi.Integrator] = []
-        for name, child in props.objects():
-            if isinstance(child, mi.Integrator):
-                nested.append(child)
-            else:
-                raise reject(props, name, child.class_name(), "one integrator")
-        if len(nested) != 1:
-            raise ValueError(
-                f"prosim_adaptive: it holds {len(nested)} integrators; nest one in it, such as "
-                "<integrator type='path'/>."
-            )
-        (self.nested,) = nested
-        if not isinstance(self.nested, mi.SamplingIntegrator):
-            raise reject(
-                props,
-                "integrator",
-                self.nested.class_name(),
-                "one that takes samples from a sensor: path, volpath, direct, aov, prb, for example",
-            )
+        self.nested = nested_integrator(props)
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
         callback.put("nested", self.nested, mi.ParamFlags.Differentiable)
@@ -111,7 +93,7 @@ class ProsimAdaptive(ProgressiveIntegrator):
         self, scene: mi.Scene, params: Any, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0
     ) -> mi.TensorXf:
         gradient = self.nested.render_forward(scene, params, sensor, seed, spp or self.samples**2)
-        return with_more_channels(gradient, len(self.aov_names()) - len(self.nested.aov_names()))
+        return append_channels(gradient, len(self.aov_names()) - len(self.nested.aov_names()))
 
     def render_backward(
         self,

@@ -7,7 +7,7 @@ from typing import Any, NoReturn
 import drjit as dr
 import mitsuba as mi
 
-from ..parameters import describe, reject
+from ..parameters import describe, nested_integrator, reject
 from ..registry import plugin
 
 #: The channels that tell of the denoised image, as :mod:`..denoising.layers` has them.
@@ -65,11 +65,9 @@ class ProsimDenoised(mi.SamplingIntegrator):
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         self.fast = props.get("fast", False)
-        nested = [child for _, child in props.objects()]
-        if len(nested) != 1 or not isinstance(nested[0], mi.SamplingIntegrator) or type(nested[0]) is type(self):
-            found = ", ".join(child.class_name() for child in nested) or "nothing"
-            raise reject(props, "integrator", found, "one that takes samples from a sensor: prosim or path, say")
-        (self.nested,) = nested
+        self.nested = nested_integrator(props)
+        if type(self.nested) is type(self):
+            raise reject(props, "integrator", self.nested.class_name(), "prosim or path, for example")
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
         callback.put("nested", self.nested, mi.ParamFlags.Differentiable)
@@ -100,7 +98,7 @@ class ProsimDenoised(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         seed = seed if isinstance(seed, int) else int(dr.slice(seed, 0))
         render = halves.DenoisedRender(scene, sensor, self.nested, seed, spp, self.fast).run()
-        layers.put(render.halves, render.denoised(), sensor.film(), self.aov_names())
+        layers.update_film(render.halves, render.denoised(), sensor.film(), self.aov_names())
         return sensor.film().develop() if develop else mi.TensorXf()
 
     def sample(self, *_: Any, **__: Any) -> NoReturn:

@@ -8,7 +8,6 @@ the angles, 1 - cos, which stay precise in narrow beams, and by the exponent n, 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -87,15 +86,6 @@ class Beam:
         edge = mi.ParamFlags.Differentiable | mi.ParamFlags.Discontinuous
         expose(callback, edge, direction=self.direction, angle=self.angle)
         expose(callback, exponent=self.exponent)
-
-    def values(self) -> dict[str, Any]:
-        """The parameters by name."""
-        return {
-            "distribution": self.distribution,
-            "direction": self.direction,
-            "angle": self.angle,
-            "exponent": self.exponent,
-        }
 
 
 def read_beam(props: mi.Properties) -> Beam:

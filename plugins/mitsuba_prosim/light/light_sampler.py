@@ -43,7 +43,7 @@ class LightSampler:
     def __init__(self, scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> None:
         self.count = len(emitters)
         self.unrolled = self.count <= self.UNROLLED or not dr.is_jit_v(mi.Float)
-        rows = models(scene, emitters)
+        rows = lamp_models(scene, emitters)
         #: Whether any lamp has a lobe, and any a beam, a lobe narrower than a cosine.
         self.lobes, self.beams = bool(rows[:, 5].max() > 0), bool(rows[:, 6].max() > 1)
         self.rows: list[list[float]] = rows.tolist()
@@ -54,21 +54,21 @@ class LightSampler:
             dr.make_opaque(self.table)
 
     def total(self, receiver: Receiver, active: mi.Bool) -> mi.Float:
-        """Sum of the importance of all lamps."""
+        """Sum of the importance of all lamps at ``receiver``."""
+        if receiver.importance is not None:
+            return receiver.importance
         return self._fold(lambda k, total: total + self.importance(k, receiver, active), mi.Float(0), active)
 
-    def probability(self, k: Index, receiver: Receiver, total: mi.Float | None, active: mi.Bool) -> mi.Float:
-        """Probability with which :meth:`choose` takes the lamp ``k``. ``total``: :meth:`total`, if that is known."""
-        if total is None:
-            total = self.total(receiver, active)
+    def probability(self, k: Index, receiver: Receiver, active: mi.Bool) -> mi.Float:
+        """Probability with which :meth:`choose` takes the lamp ``k``."""
+        total = self.total(receiver, active)
         return self.importance(k, receiver, active) / dr.select(total > 0, total, 1)
 
-    def choose(
-        self, receiver: Receiver, total: mi.Float, sample: mi.Float, active: mi.Bool
-    ) -> tuple[mi.UInt32, mi.Float, mi.Float]:
+    def choose(self, receiver: Receiver, sample: mi.Float, active: mi.Bool) -> tuple[mi.UInt32, mi.Float, mi.Float]:
         """``(k, probability, rest)``: the number of the lamp that ``sample`` in [0, 1) chooses, the probability of
-        that lamp, and the rest of ``sample``, rescaled to [0, 1). ``total``: :meth:`total`.
+        that lamp, and the rest of ``sample``, rescaled to [0, 1).
         """
+        total = self.total(receiver, active)
         sample = sample * total
         State = tuple[mi.UInt32, mi.Float, mi.Float, mi.Float]
 
@@ -132,7 +132,7 @@ class LightSampler:
         )[1]
 
 
-def models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
+def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
     """Center (3 numbers), radius, intensity of the even part and of the lobe, exponent and axis (3) of each lamp."""
     sphere = scene.bbox().bounding_sphere()
     size = max(float(sphere.radius), 1e-3)
@@ -147,7 +147,7 @@ def models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
             with contextlib.suppress(RuntimeError):
                 rays[k] = tuple(array[0] for array in sample_lamps(scene, [emitters[k]], emitted_ray, together=False))
     for k, (power, origins, directions) in rays.items():
-        rows[k] = near_model(power, origins, directions, size)
+        rows[k] = nearby_lamp_model(power, origins, directions, size)
     far = [k for k in range(len(emitters)) if k not in rays]
     rows[far, 4] = np.square(FAR * size) * sample_lamps(scene, [emitters[k] for k in far], light_in_scene)[0].mean(1)
     # Powers are compared as irradiance in the scene; near lamps count at the distance of the scene's radius.
@@ -167,7 +167,7 @@ def is_near(emitter: mi.Emitter) -> bool:
     return bounded and not endless and not getattr(emitter, "unattenuated", False)
 
 
-def near_model(power: np.ndarray, origins: np.ndarray, directions: np.ndarray, size: float) -> np.ndarray:
+def nearby_lamp_model(power: np.ndarray, origins: np.ndarray, directions: np.ndarray, size: float) -> np.ndarray:
     """The row of a lamp by the rays that it emits: their power, (rays,), origins and directions, (rays, 3)."""
     low, high = origins.min(0), origins.max(0)
     center = (low + high) / 2

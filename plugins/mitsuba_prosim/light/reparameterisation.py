@@ -23,36 +23,29 @@ if TYPE_CHECKING:
 
 
 def reparameterised_ray(
-    scene: mi.Scene, lights: Lights, receiver: Receiver, d: mi.Vector3f, active: mi.Bool
+    lights: Lights, receiver: Receiver, d: mi.Vector3f, active: mi.Bool
 ) -> tuple[mi.Vector3f, mi.Float]:
     """``(d, jacobian)``, both with derivatives: the direction ``d`` of a ray from ``receiver``, which moves with the
     source that it meets, and is fixed elsewhere.
     """
-    if lights.only_points:
+    if lights.all_delta:
         return d, mi.Float(1)
-    met = meet(scene, receiver.si.spawn_ray(d), active)
+    met = meet(lights.scene, receiver.si.spawn_ray(d), active)
     return lights.reparameterised(receiver, d, met, active & met.is_valid() & met.shape.is_emitter())
 
 
 def reparameterised_sample(
-    scene: mi.Scene,
-    lights: Lights,
-    lamp: Lamp,
-    receiver: Receiver,
-    sample: tuple[mi.DirectionSample3f, mi.Spectrum],
-    active: mi.Bool,
-    importance: mi.Float | None = None,
+    lights: Lights, lamp: Lamp, receiver: Receiver, ds: mi.DirectionSample3f, weight: mi.Spectrum, active: mi.Bool
 ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
-    """The ``sample`` ``(ds, weight)`` of ``lamp``, with the derivatives of direction, density and weight if the lamp is
-    a surface. ``importance``: see :meth:`.Lights.pdf`.
+    """The sample ``(ds, weight)`` of ``lamp``, with the derivatives of direction, density and weight if the lamp is
+    a surface.
     """
-    ds, weight = sample
     emitter, si = mi.EmitterPtr(lamp.emitter), receiver.si
     active = active & (ds.pdf > 0) & mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface)
     met, follows = None, lamp.follows_shape
     if follows is not False:
         to_point = si.spawn_ray_to(ds.p)  # ends just before the point
-        met = meet(scene, mi.Ray3f(to_point(to_point.maxt), to_point.d), active & follows)
+        met = meet(lights.scene, mi.Ray3f(to_point(to_point.maxt), to_point.d), active & follows)
         active = dr.select(follows, active & met.is_valid() & (met.shape.emitter() == emitter), active)
     moved, jacobian = lamp.reparameterised(receiver, dr.detach(ds.d), met, active)
     moved.emitter = emitter
@@ -60,7 +53,7 @@ def reparameterised_sample(
     moved_weight = radiance * (dr.relative_grad(jacobian) / dr.detach(dr.select(active, ds.pdf, 1)))
     result = mi.DirectionSample3f(ds)
     result.d = with_derivatives(ds.d, moved.d, active)
-    result.pdf = with_derivatives(ds.pdf, lights.pdf(receiver, moved, active, importance), active)
+    result.pdf = with_derivatives(ds.pdf, lights.pdf(receiver, moved, active), active)
     return result, with_derivatives(weight, moved_weight, active)
 
 

@@ -20,7 +20,7 @@ from .strategy import Emitter, Index, OtherLights, Receiver, direction_sample, w
 class SphereLights(OtherLights):
     """Emitters that are spheres and emit outwards; ``emitters``: all of them, in the order of their numbers."""
 
-    whole_sphere = False
+    samples_below_horizon = False
     follows_shape = False
 
     def __init__(self, emitters: Sequence[mi.Emitter]) -> None:

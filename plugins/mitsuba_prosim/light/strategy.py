@@ -27,6 +27,8 @@ class Receiver:
     n: mi.Normal3f
     #: Mask of the surfaces that light from below the horizon reaches too (rough glass), or False without such surfaces.
     both_sides: mi.Bool | bool = False
+    #: Total importance of the lamps here, see :meth:`.LightSampler.total`; None where it is not known.
+    importance: mi.Float | None = None
 
 
 def weighted(
@@ -55,7 +57,7 @@ class OtherLights:
     """
 
     #: Whether the whole source is sampled, the part below the horizon included.
-    whole_sphere = True
+    samples_below_horizon = True
     #: Whether :meth:`reparameterised` needs the point ``met``.
     follows_shape = True
 
@@ -97,7 +99,7 @@ class OtherLights:
 class ConstantSky(OtherLights):
     """Mitsuba's ``constant``: a sphere around the scene, sampled by projected solid angle. ``distance``: its radius."""
 
-    whole_sphere = False
+    samples_below_horizon = False
 
     def __init__(self, distance: float) -> None:
         self.distance = distance

@@ -20,7 +20,7 @@ from .strategy import ConstantSky, Emitter, Index, OtherLights, Receiver
 STRATEGIES = (SphereLights, OtherLights)
 
 #: Samples any source from a surface that light reaches from both sides.
-WHOLE = OtherLights(())
+FROM_BOTH_SIDES = OtherLights(())
 
 #: A strategy, and the numbers of its first lamp and of the one after its last.
 Group = tuple[OtherLights, Any, Any]
@@ -39,9 +39,9 @@ class Lamp:
     groups: list[Group]
 
     @property
-    def whole_sphere(self) -> bool:
-        """See :attr:`.OtherLights.whole_sphere`."""
-        return all(strategy.whole_sphere for strategy, *_ in self.groups)
+    def samples_below_horizon(self) -> bool:
+        """See :attr:`.OtherLights.samples_below_horizon`."""
+        return all(strategy.samples_below_horizon for strategy, *_ in self.groups)
 
     @property
     def follows_shape(self) -> mi.Bool | bool:
@@ -67,11 +67,11 @@ class Lamp:
         return self._by_strategy(active, lambda s, k, mine: s.reparameterised(k, receiver, d, met, mine))
 
     def _by_side(self, receiver: Receiver, active: mi.Bool, evaluate: Evaluate) -> Any:
-        """:meth:`_by_strategy`, but :data:`WHOLE` where light reaches ``receiver`` from both sides."""
+        """:meth:`_by_strategy`, but :data:`FROM_BOTH_SIDES` where light reaches ``receiver`` from both sides."""
         both_sides = receiver.both_sides
-        if self.whole_sphere or both_sides is False or idle(both_sides):
+        if self.samples_below_horizon or both_sides is False or idle(both_sides):
             return self._by_strategy(active, evaluate)
-        whole = evaluate(WHOLE, self.k, active & both_sides)
+        whole = evaluate(FROM_BOTH_SIDES, self.k, active & both_sides)
         above = but_not(active, both_sides)
         return whole if idle(above) else dr.select(both_sides, whole, self._by_strategy(above, evaluate))
 
@@ -105,7 +105,7 @@ class Lights:
     UNROLLED = 4
 
     def __init__(self, scene: mi.Scene, choose: bool = False) -> None:
-        emitters = emitters_in_order(scene)
+        self.scene, emitters = scene, emitters_in_order(scene)
         skies = [e for e in emitters if ConstantSky.takes(e)]
         members: dict[type[OtherLights], list[mi.Emitter]] = {strategy: [] for strategy in STRATEGIES}
         for emitter in emitters:
@@ -124,7 +124,8 @@ class Lights:
         if skies:
             sky = ConstantSky(2 * scene.bbox().bounding_sphere().radius)
             self.sky = Lamp(self.lamps, skies[-1], [(sky, self.lamps, self.count)])
-        self.only_points = all(mi.has_flag(e.flags(), mi.EmitterFlags.Delta) for e in self.emitters)
+        #: Whether no ray meets a source: they are points, or emit in a single direction.
+        self.all_delta = all(mi.has_flag(e.flags(), mi.EmitterFlags.Delta) for e in self.emitters)
         self.jit = dr.is_jit_v(mi.Float)
         if self.jit and self.emitters:
             #: The emitters, and their numbers by Dr.Jit's identity of an emitter.
@@ -172,14 +173,9 @@ class Lights:
             )
         return total
 
-    def pdf(
-        self, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool, importance: mi.Float | None = None
-    ) -> mi.Float:
+    def pdf(self, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
         """Density per solid angle with which a lamp is sampled in the direction ``ds``, where ``receiver`` sees it; 0
-        for the sky.
-
-        It includes the probability that the ``sampler`` chooses this lamp. ``importance``: its
-        :meth:`.LightSampler.total` at the receiver, if that is known.
+        for the sky. It includes the probability that the ``sampler`` chooses this lamp.
         """
         k = self.number_of(ds.emitter, active)
         active = active & (k < self.lamps)
@@ -187,7 +183,7 @@ class Lights:
             return mi.Float(0)
         pdf = Lamp(k, ds.emitter, self.groups).pdf(receiver, ds, active)
         if self.sampler is not None:
-            pdf *= self.sampler.probability(k, receiver, importance, active)
+            pdf *= self.sampler.probability(k, receiver, active)
         return dr.select(active, pdf, 0)
 
     def reparameterised(

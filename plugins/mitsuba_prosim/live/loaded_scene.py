@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from math import ceil, radians, sqrt, tan
 from pathlib import Path
@@ -13,21 +13,19 @@ import numpy as np
 from prosim_scene import Leaf
 
 from .. import compat, registry
-from ..scene.scene_file import SceneFile
+from ..scene.scene_file import SceneFile, pick_sensor
 from .orbit_camera import Camera, as_view, as_xml, nearest_axis
-
-#: Opens the scene: returns the file, its scene, and the sensor.
-Opener = Callable[[], tuple[SceneFile, Any, Any]]
 
 #: Maximum number of pixels of the coarse image.
 COARSE = 1 << 14
 
 
 class LoadedScene:
-    """A scene file that ``opener`` opens. Raises the errors of ``opener``."""
+    """The scene of ``file``; ``sensor``: the number of its sensor. Raises the errors of its plugins."""
 
-    def __init__(self, opener: Opener) -> None:
-        self.file, self.scene, self.sensor = opener()
+    def __init__(self, file: SceneFile, sensor: int = 0) -> None:
+        self.file, self.scene = file, file.load()
+        self.sensor = pick_sensor(self.scene, sensor)
         #: The files that it uses, without those of its translation.
         self.files = self.file.sources()
         if self.file.document is None:

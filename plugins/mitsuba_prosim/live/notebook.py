@@ -22,7 +22,7 @@ from ..scene import session
 from ..scene.images import compress, png
 from .picture import LAYERS, finite
 from .progressive_image import ProgressiveImage, progressive
-from .throttle import Throttle
+from .publisher import Throttle
 
 #: Seconds that other tasks of the notebook get after each work item.
 PAUSE = 0.005

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..denoising.layers import mixed
 from ..engine.render import Render
+from ..scene.images import luminance
 
 #: The layers of every picture but coarse ones.
 LAYERS = ("final", "error", "samples")
@@ -47,7 +48,7 @@ class Picture:
         """
         values = self.layers[layer]
         height, width = values.shape[:2]
-        light = values @ np.array([0.2126, 0.7152, 0.0722], dtype=np.float32) if values.ndim == 3 else values
+        light = luminance(values) if values.ndim == 3 else values
         white = finite(np.percentile(np.maximum(light, 0), 99))
         facts = {"Picture": self.number, "Width": width, "Height": height, "White": 1.0 if white is None else white}
         return np.nan_to_num(values).astype("<f4").tobytes(), {f"X-{name}": str(fact) for name, fact in facts.items()}
@@ -63,7 +64,7 @@ class Picture:
         }
 
 
-def of_render(render: Render, kind: str = "none") -> dict[str, np.ndarray]:
+def layers_of_render(render: Render, kind: str = "none") -> dict[str, np.ndarray]:
     """The :data:`LAYERS` of a render, and those of the integrator's parameter ``layers``, which is ``kind``."""
     image = np.array(render.image())
     layers = {"final": colours(image), "error": render.error(), "samples": render.counts().astype(np.float32)}
@@ -76,7 +77,7 @@ def of_render(render: Render, kind: str = "none") -> dict[str, np.ndarray]:
     return layers
 
 
-def over(known: np.ndarray, values: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
+def fill_unknown(known: np.ndarray, values: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
     """A layer's ``values`` where they are ``known``, shape (height, width); elsewhere those of ``before``, which may be
     coarser, or 0.
     """

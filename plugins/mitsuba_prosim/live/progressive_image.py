@@ -15,7 +15,7 @@ from ..denoising import halves
 from ..engine.work import Executor, Step
 from ..registry import create
 from ..transport.scattering import disperses
-from .picture import Picture, of_render, over
+from .picture import Picture, fill_unknown, layers_of_render
 
 #: Approximate number of seconds of a work item. The viewer reads new requests between work items.
 SECONDS = 0.4
@@ -66,13 +66,13 @@ class ProgressiveImage:
         known = latest["samples"] > 0
         if known.all():
             return latest
-        return {name: over(known, latest[name], self._coarse.get(name)) for name in without_maps(latest)}
+        return {name: fill_unknown(known, latest[name], self._coarse.get(name)) for name in without_maps(latest)}
 
     def _latest(self) -> dict[str, np.ndarray] | None:
         return None if self.render is None else self._of(self.render)
 
     def _of(self, render: Any) -> dict[str, np.ndarray]:
-        return of_render(render, getattr(self.integrator, "layers", "none"))
+        return layers_of_render(render, getattr(self.integrator, "layers", "none"))
 
     def coarse(self) -> dict[str, np.ndarray]:
         """The layers of a first image, without the maps, by one sample per pixel; call it while the film has few

@@ -1,10 +1,12 @@
-"""The state and the pictures of the live view. One thread publishes them, and every page reads them."""
+"""The state and the pictures of the live view: one thread publishes them, and every page reads them."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from time import perf_counter as clock
 from typing import Any
 
 from .picture import Picture
@@ -68,3 +70,27 @@ class Publisher:
             if self.state is not last:
                 yield (last := self.state)
             await asyncio.sleep(INTERVAL)
+
+
+#: Minimum number of seconds between two pictures, and the maximum share of the time that they take.
+DRAW_INTERVAL, DRAW_SHARE = 0.1, 0.03
+
+
+class Throttle:
+    """Tells whether the next picture is due. Pictures that take longer to draw are drawn less often."""
+
+    def __init__(self) -> None:
+        self._next = 0.0
+
+    @property
+    def due(self) -> bool:
+        """Whether it is time for the next picture."""
+        return clock() >= self._next
+
+    @contextmanager
+    def drawing(self) -> Iterator[None]:
+        """Surrounds the drawing of a picture, due or not."""
+        started = clock()
+        yield
+        now = clock()
+        self._next = now + max(DRAW_INTERVAL, (now - started) / DRAW_SHARE)

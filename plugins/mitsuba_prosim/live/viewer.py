@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from math import isnan
 from pathlib import Path
@@ -17,13 +17,12 @@ import prosim_scene
 
 from ..denoising import layers
 from ..scene import black, session
-from ..scene.errors import pointed, with_nearest
-from .loaded_scene import LoadedScene, Opener
+from ..scene.errors import with_line, with_suggestion
+from .loaded_scene import LoadedScene
 from .picture import Factors, Picture
 from .progressive_image import DenoisedImage, ProgressiveImage, by_path, name, not_compared, progressive
-from .publisher import Publisher, State
+from .publisher import Publisher, State, Throttle
 from .scene_watcher import SceneWatcher
-from .throttle import Throttle
 from .view_requests import ViewRequest, ViewRequests
 
 #: How to make a black picture brighter on the page.
@@ -31,14 +30,17 @@ ON_THE_PAGE = "Exposure {} makes it bright here"
 
 
 class Viewer:
-    """Renders and publishes the image that :attr:`requests` ask for, of the scene at ``path``, which ``opener`` opens.
+    """Renders and publishes the image that :attr:`requests` ask for, of the scene at ``path``.
 
-    ``spp``: samples per pixel, 0 for those of the scene; ``denoise``: whether the final image is denoised.
+    ``open_scene`` loads it. ``spp``: samples per pixel, 0 for those of the scene; ``denoise``: whether the final image
+    is denoised.
     """
 
-    def __init__(self, path: Path, opener: Opener, spp: int = 0, seed: int = 0, denoise: bool = False) -> None:
+    def __init__(
+        self, path: Path, open_scene: Callable[[], LoadedScene], spp: int = 0, seed: int = 0, denoise: bool = False
+    ) -> None:
         self.requests, self.publisher, self.watcher = ViewRequests(), Publisher(State(path.name)), SceneWatcher(path)
-        self._path, self._opener = path, opener
+        self._path, self._open_scene = path, open_scene
         self._spp, self._seed, self._kind = spp, seed, DenoisedImage if denoise else ProgressiveImage
         self._scene: LoadedScene | None = None
         #: The request that is shown or being rendered.
@@ -110,7 +112,7 @@ class Viewer:
         self.publisher.publish(status="opening", saves=request.saves)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", prosim_scene.SceneWarning)
-            scene = LoadedScene(self._opener)
+            scene = self._open_scene()
         gc.collect()
         messages = tuple(str(w.message) for w in caught if issubclass(w.category, prosim_scene.SceneWarning))
         self.watcher.opened(scene.files)
@@ -176,7 +178,7 @@ class Viewer:
         if image.new and (complete or self._throttle.due):
             self._draw(image)
         if complete and which == "own" and image.picture is not None:
-            why = black.why(self._scene.scene, self._scene.sensor, image.picture.layers["final"], ON_THE_PAGE)
+            why = black.reason(self._scene.scene, self._scene.sensor, image.picture.layers["final"], ON_THE_PAGE)
             self.publisher.publish(black=why)
         self._seconds += time.perf_counter() - started
         status = "done" if self._done() else "rendering"
@@ -212,10 +214,10 @@ class Viewer:
     def _fail(self, request: ViewRequest, error: BaseException) -> None:
         self._images, self._shown = {}, request
         expected = isinstance(error, (RuntimeError, TypeError, ValueError, OSError, MemoryError))
-        words = with_nearest(session.message(error)) if expected else f"{type(error).__name__}: {error}"
+        words = with_suggestion(session.message(error)) if expected else f"{type(error).__name__}: {error}"
         missing = not self._path.exists()
         if self._scene is None:
             self.watcher.failed()
         self.publisher.publish(
-            status="missing" if missing else "failed", error=None if missing else pointed(words, self._path)
+            status="missing" if missing else "failed", error=None if missing else with_line(words, self._path)
         )

@@ -56,6 +56,11 @@ def all_shapes(scene: mi.Scene) -> list[mi.Shape]:
     return shapes
 
 
+def all_bsdfs(scene: mi.Scene) -> list[mi.BSDF]:
+    """The BSDFs of :func:`all_shapes`, each once."""
+    return list(dict.fromkeys(shape.bsdf() for shape in all_shapes(scene) if shape.bsdf() is not None))
+
+
 class Leaf(NamedTuple):
     """A BSDF that contains no ``blendbsdf``, ``mask`` or ``twosided``."""
 

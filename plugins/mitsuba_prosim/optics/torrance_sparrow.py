@@ -10,7 +10,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from . import half_vectors, visible
+from . import half_vectors
 from .facets import Distribution
 
 
@@ -24,11 +24,6 @@ def g(cos_i: mi.Float, cos_o: mi.Float, cos_m: mi.Float, i_m: mi.Float) -> mi.Fl
     return g1(dr.minimum(cos_i, cos_o), cos_m, i_m)
 
 
-def sample(wi: mi.Vector3f, u: mi.Point2f, facets: Distribution, roughness: mi.Float) -> mi.Normal3f:
-    """Samples the normal of a facet visible from ``wi`` (local, wi.z > 0), from ``u`` in the unit square."""
-    return mi.Normal3f(visible.sample(wi, u, facets.polar, roughness))
-
-
 def eval_pdf(
     wi: mi.Vector3f, wo: mi.Vector3f, facets: Distribution, roughness: mi.Float
 ) -> tuple[mi.Float, mi.Float, mi.Float]:
@@ -37,7 +32,7 @@ def eval_pdf(
 
     ``i_m`` is the cosine between ``wi`` and the facet, of which Fresnel's reflectance is to be taken; ``value`` the
     BRDF without it, times the cosine of ``wo``: D G / (4 cos_i); ``pdf`` the density per solid angle with which
-    `sample` leads to ``wo``.
+    :func:`.visible.sample` leads to ``wo``.
     """
     m, i_m = half_vectors.reflecting(wi, wo)
     density = facets.D(m, roughness) / (4 * wi.z)

@@ -38,7 +38,7 @@ def azimuth(u: mi.Float, t: mi.Float) -> mi.Float:
     return dr.mulsign(dr.select(v < 2 * edge, 0.5 * v, phi), s)
 
 
-def sample(wi: mi.Vector3f, u: mi.Point2f, polar: Callable, roughness: mi.Float) -> mi.Vector3f:
+def sample(wi: mi.Vector3f, u: mi.Point2f, polar: Callable, roughness: mi.Float) -> mi.Normal3f:
     """Samples a facet visible from ``wi`` (local, wi.z > 0) from ``u`` in the unit square.
 
     ``polar`` is a distribution's function of that name. Returns a unit vector in the upper hemisphere.
@@ -50,4 +50,4 @@ def sample(wi: mi.Vector3f, u: mi.Point2f, polar: Callable, roughness: mi.Float)
     sin, cos = dr.sincos(phi)
     # Azimuth 0 is that of wi, if it has one.
     x, y = dr.select(sin2_w > 1e-30, wi.x * inverse, 1), dr.select(sin2_w > 1e-30, wi.y * inverse, 0)
-    return mi.Vector3f(sin_m * (cos * x - sin * y), sin_m * (cos * y + sin * x), cos_m)
+    return mi.Normal3f(sin_m * (cos * x - sin * y), sin_m * (cos * y + sin * x), cos_m)

@@ -14,7 +14,7 @@ from typing import Any
 import mitsuba as mi
 
 from .. import atomic
-from ..engine import origin
+from ..engine import environment
 from ..scene import scene_file
 
 #: Identifies this process: a worker keeps the last scene of each client.
@@ -26,16 +26,16 @@ class SceneBundle:
     """A scene for :mod:`.worker`.
 
     ``key`` identifies the content; ``main`` is the name of the XML file; ``changes`` are further arguments of
-    :class:`.SceneFile`; ``sensor`` is a number; ``origin`` has the facts that the samples depend on, see
-    :mod:`..engine.origin`. ``contents`` maps the names of files, relative to the scene's folder, to their bytes. They
-    travel separately.
+    :class:`.SceneFile`; ``sensor`` is a number; ``environment`` is that of the process that made
+    the bundle. ``contents`` maps the names of files, relative to the scene's folder, to their bytes. They travel
+    separately.
     """
 
     key: str
     main: str
     changes: Mapping[str, Any]
     sensor: int
-    origin: Mapping[str, str]
+    environment: Mapping[str, str]
     contents: Mapping[str, bytes] = field(default_factory=dict)
     session: str = SESSION
 
@@ -57,7 +57,7 @@ class SceneBundle:
                 place = Path(os.path.abspath(home / name))
             contents[place.relative_to(home).as_posix()] = path.read_bytes()
         key = hashlib.sha256(json.dumps([file.digest(), file.changes, sensor], sort_keys=True).encode()).hexdigest()
-        return cls(key, file.xml.name, file.changes, sensor, origin.here(), contents)
+        return cls(key, file.xml.name, file.changes, sensor, environment.this_environment(), contents)
 
     def load(self, contents: Mapping[str, bytes]) -> tuple[mi.Scene, mi.Sensor]:
         """Its scene and its sensor. Raises the errors of their plugins."""

@@ -24,7 +24,7 @@ SETTINGS = {
 }
 
 #: Timeout of a scheduler, in seconds; interval at which lost workers are replaced.
-ANSWER, REFILL = 10, "2s"
+TIMEOUT, REPLACE_INTERVAL = 10, "2s"
 
 
 def silence() -> None:
@@ -51,7 +51,8 @@ def workers(number: int, threads: int | None = None) -> Iterator[distributed.Cli
             silence_logs=logging.CRITICAL,
         )
     with cluster:
-        cluster.adapt(minimum=number, maximum=number, interval=REFILL)  # else Dask gives up a worker lost at its start
+        # Else Dask gives up a worker that is lost at its start.
+        cluster.adapt(minimum=number, maximum=number, interval=REPLACE_INTERVAL)
         with distributed.Client(cluster, set_as_default=False) as client:
             yield client
 
@@ -77,7 +78,7 @@ def scheduler(address: str) -> Iterator[distributed.Client]:
     """A client of the scheduler at an address such as ``tcp://machine:8786``. Raises ClusterError."""
     silence()
     try:
-        client = distributed.Client(address, set_as_default=False, timeout=ANSWER)
+        client = distributed.Client(address, set_as_default=False, timeout=TIMEOUT)
     except (OSError, ValueError) as error:
         raise ClusterError(
             f"no scheduler answers at {address}; start one with `dask scheduler` and give the address that it prints, "

@@ -18,22 +18,23 @@ import numpy as np
 
 from .. import atomic
 from ..alone import alone
-from ..engine import origin
+from ..engine import environment
 from ..engine.work import Executor, Results, WorkItem
 from ..photons.caustics import Which
 from ..scene import rendering, scene_file
 from . import worker
 from .bundle import SceneBundle
 
-#: Seconds between two looks at the workers, and without workers until a warning.
-LOOK, PATIENCE = 0.5, 10.0
+#: Seconds between two checks of the workers, and without workers until a warning.
+CHECK_INTERVAL, WARNING_DELAY = 0.5, 10.0
 
 #: Tasks for each worker: one runs and one waits. Number of times that Dask repeats a task that fails; and that a task
 #: is submitted again whose worker was lost.
 WINDOW, RETRIES, LOSSES = 2, 2, 20
 
-#: Seconds of a work item; the last ones are smaller, by this factor at most. Photon sets that stay in the cluster.
-SECONDS, FEWER, SETS = 2.0, 8, 4
+#: Seconds of a work item; the last ones are smaller, by this factor at most. Photon passes that stay in
+#: the cluster.
+SECONDS, FEWER, PHOTON_PASSES = 2.0, 8, 4
 
 
 class ClusterError(RuntimeError):
@@ -61,7 +62,7 @@ class DaskExecutor(Executor):
     warnings about them.
     """
 
-    sets = None
+    photon_passes = None
 
     def __init__(
         self, client: distributed.Client, bundle: SceneBundle, say: Callable[[str], None] = lambda _: None
@@ -73,13 +74,13 @@ class DaskExecutor(Executor):
         #: Seconds of all workers together.
         self.worker_seconds = 0.0
         self.address = getattr(client.scheduler, "address", "of the cluster")
-        #: The workers, and the reason why one can't take part.
-        self._known = dict[str, str]()
-        self._next_look, self._begun, self._said = 0.0, time.perf_counter(), set[str]()
+        #: The address of each worker, and the reason why it can't take part; empty if it can.
+        self._refusals = dict[str, str]()
+        self._next_check, self._begun, self._warnings = 0.0, time.perf_counter(), set[str]()
         self._photons = dict[Which, distributed.Future]()
         self._files = dict[bytes, distributed.Future]()
 
-    def turn_to(self, bundle: SceneBundle) -> None:
+    def change_scene(self, bundle: SceneBundle) -> None:
         """Continues with another scene, between two images."""
         self.bundle = bundle
         self._photons.clear()
@@ -98,16 +99,16 @@ class DaskExecutor(Executor):
 
     def _task(self, item: WorkItem) -> Task:
         """The task that takes the samples of ``item``."""
-        content, sets = worker.packed(item), [which for which, _ in item.photon_sets() if which is not None]
+        content, passes = worker.packed(item), [which for which, _ in item.photon_passes() if which is not None]
 
         def submit() -> distributed.Future:
-            photons = [self._draw(which) for which in sets] if len(sets) <= SETS else []
-            return self.submit(worker.take, self.bundle, content, sets, photons)
+            photons = [self._photons_of(which) for which in passes] if len(passes) <= PHOTON_PASSES else []
+            return self.submit(worker.sample, self.bundle, content, passes, photons)
 
         def read(value: tuple[float, bytes]) -> tuple[WorkItem, Any]:
             seconds, sums = value
             self.worker_seconds += seconds
-            self.learn(item.work, seconds)
+            self.learn(item.samples, seconds)
             with alone():
                 result = pickle.loads(sums)
                 dr.eval(result)
@@ -115,11 +116,11 @@ class DaskExecutor(Executor):
 
         return Task("samples", submit, read)
 
-    def _draw(self, which: Which) -> distributed.Future:
-        """The photons of a set, which one worker draws for all."""
+    def _photons_of(self, which: Which) -> distributed.Future:
+        """The photons of a pass, which one worker draws for all."""
         if which not in self._photons:
-            self._photons[which] = self.submit(worker.draw, self.bundle, which)
-            while len(self._photons) > SETS:
+            self._photons[which] = self.submit(worker.emit, self.bundle, which)
+            while len(self._photons) > PHOTON_PASSES:
                 del self._photons[next(iter(self._photons))]
         return self._photons[which]
 
@@ -139,7 +140,7 @@ class DaskExecutor(Executor):
         """
         running: list[Task] = []
         try:
-            while not self._look():
+            while not self._check_workers():
                 self._begin(tasks, running)
                 if self._workers and not running:
                     return
@@ -185,35 +186,34 @@ class DaskExecutor(Executor):
     @property
     def _workers(self) -> frozenset[str]:
         """The workers that take part."""
-        return frozenset(address for address, refusal in self._known.items() if not refusal)
+        return frozenset(address for address, refusal in self._refusals.items() if not refusal)
 
-    def _look(self) -> bool:
+    def _check_workers(self) -> bool:
         """Finds out which workers exist, and checks new ones; returns whether the cluster has gone away. Raises
         ClusterError if all workers are refused.
         """
         now, before = time.perf_counter(), self._workers
-        if self.loss_reason or now < self._next_look:
+        if self.loss_reason or now < self._next_check:
             return bool(self.loss_reason)
-        self._next_look = now + LOOK
+        self._next_check = now + CHECK_INTERVAL
         try:
             if self.client.status != "running":
                 raise OSError
             present = self.client.ncores().keys()
-            new, variant = [*present - self._known.keys()], self.bundle.origin["variant"]
+            new, variant = [*present - self._refusals.keys()], self.bundle.environment["variant"]
             checks = self.client.run(worker.check, variant, workers=new, on_error="return") if new else {}
         except (OSError, ValueError, TypeError, AttributeError):  # a lost connection raises any of these
             self.loss_reason = f"the scheduler {self.address} has gone away"
             return True
-        found = {a: self._refusal(a, facts) for a, facts in checks.items() if not isinstance(facts, OSError)}
-        self._known = {address: why for address, why in (self._known | found).items() if address in present}
+        found = {a: self._refusal(a, result) for a, result in checks.items() if not isinstance(result, OSError)}
+        self._refusals = {address: why for address, why in (self._refusals | found).items() if address in present}
         if before - present:
             left = len(before & present) or "none"
             self._warn(f"a worker was lost, {left} left; others do its work, and the image stays the same")
-        if self._workers != before:
             self._photons.clear()  # workers that are lost can't draw them again
-        if not self._workers and self._known:
-            raise ClusterError("no worker of the cluster can take part: " + "; ".join(self._known.values()))
-        if not self._workers and now - self._begun > PATIENCE:
+        if not self._workers and self._refusals:
+            raise ClusterError("no worker of the cluster can take part: " + "; ".join(self._refusals.values()))
+        if not self._workers and now - self._begun > WARNING_DELAY:
             self._warn("the cluster has no workers yet; the render begins when there are some")
         return False
 
@@ -221,8 +221,8 @@ class DaskExecutor(Executor):
         """The reason why a worker can't take part, by the result of :func:`.worker.check`; empty if it can."""
         if isinstance(found, Exception):
             why = f"it can't run this version of mitsuba-prosim ({str(found) or type(found).__name__})"
-        elif not (why := origin.differences(found, self.bundle.origin, origin.EXACT)):
-            if other := origin.differences(found, self.bundle.origin, origin.CLOSE):
+        elif not (why := environment.differences(found, environment.MUST_AGREE)):
+            if other := environment.differences(found, environment.MAY_DIFFER):
                 self._warn(
                     f"the worker {address} is of another kind ({other}): its samples are as good, but may differ in "
                     "their last bits"
@@ -232,8 +232,8 @@ class DaskExecutor(Executor):
         return f"{address}: {why}"
 
     def _warn(self, text: str) -> None:
-        if text not in self._said:
-            self._said.add(text)
+        if text not in self._warnings:
+            self._warnings.add(text)
             self.say(text)
 
 

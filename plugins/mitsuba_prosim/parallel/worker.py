@@ -25,7 +25,7 @@ import prosim_scene
 
 from ..alone import alone
 from ..compat import dr_array
-from ..engine import origin
+from ..engine import environment
 from ..engine.estimator import Estimator
 from ..engine.policies import policy_of
 from ..engine.work import WorkItem
@@ -53,7 +53,7 @@ def in_render_thread(function: Callable[..., Any]) -> Callable[..., Any]:
     return wrapped
 
 
-class Loaded:
+class WorkerScene:
     """A scene that is ready to be sampled."""
 
     def __init__(self, bundle: SceneBundle, contents: Mapping[str, bytes]) -> None:
@@ -68,11 +68,11 @@ class Loaded:
 
 
 #: The last scene of each client.
-scenes: OrderedDict[str, Loaded] = OrderedDict()
+scenes: OrderedDict[str, WorkerScene] = OrderedDict()
 
 
 async def check(variant: str, dask_worker: distributed.Worker) -> dict[str, str]:
-    """Sets the variant and the number of threads; returns the facts that the samples depend on.
+    """Sets the variant and the number of threads; returns the environment.
 
     A worker renders with as many threads as Dask gives to it, or with those of its client where it shares the client's
     process. Raises ImportError or RuntimeError where it lacks the variant.
@@ -83,26 +83,26 @@ async def check(variant: str, dask_worker: distributed.Worker) -> dict[str, str]
             dr.set_thread_count(dask_worker.state.nthreads)
             warnings.simplefilter("ignore", prosim_scene.SceneWarning)  # the client shows them
         session.set_variant(variant)
-        return origin.here()
+        return environment.this_environment()
 
     return await asyncio.wrap_future(render_thread().submit(prepare))
 
 
-def loaded(bundle: SceneBundle, contents: Mapping[str, bytes]) -> Loaded:
+def load(bundle: SceneBundle, contents: Mapping[str, bytes]) -> WorkerScene:
     """The scene of ``bundle``, in its variant.
 
     Another scene of the same client is deleted first, so that the new one takes its places in Dr.Jit's tables, and
     kernels are found in the cache.
     """
-    if mi.variant() != bundle.origin["variant"]:
-        session.set_variant(bundle.origin["variant"])
+    if mi.variant() != bundle.environment["variant"]:
+        session.set_variant(bundle.environment["variant"])
     scene = scenes.pop(bundle.session, None)
     if scene is None or scene.key != bundle.key:
         scene = None
         while len(scenes) >= SCENES:
             scenes.popitem(last=False)
         gc.collect()  # scenes are in reference cycles
-        scene = Loaded(bundle, contents)
+        scene = WorkerScene(bundle, contents)
     scenes[bundle.session] = scene
     return scene
 
@@ -132,38 +132,38 @@ def packed(item: WorkItem) -> bytes:
 
 
 @in_render_thread
-def take(
-    bundle: SceneBundle, contents: Mapping[str, bytes], item: bytes, sets: Sequence[Which], photons: Sequence[bytes]
+def sample(
+    bundle: SceneBundle, contents: Mapping[str, bytes], item: bytes, passes: Sequence[Which], photons: Sequence[bytes]
 ) -> tuple[float, bytes]:
-    """``(seconds, sums)`` of a :func:`packed` work item. ``photons`` are those of some ``sets``, by :func:`draw`."""
-    estimator = loaded(bundle, contents).estimator
-    for which, photon_pass in zip(sets, photons):
+    """``(seconds, sums)`` of a :func:`packed` work item. ``photons`` are those of some ``passes``, by :func:`emit`."""
+    estimator = load(bundle, contents).estimator
+    for which, photon_pass in zip(passes, photons):
         if not estimator.transport.caustics.has(which):
             with alone():
-                estimator.transport.caustics.put(which, pickle.loads(photon_pass))
-    return taken(estimator, item)
+                estimator.transport.caustics.add(which, pickle.loads(photon_pass))
+    return timed_sums(estimator, item)
 
 
-def taken(estimator: Estimator, item: bytes) -> tuple[float, bytes]:
+def timed_sums(estimator: Estimator, item: bytes) -> tuple[float, bytes]:
     """``(seconds, sums)`` of a :func:`packed` work item; the sums are pickled."""
     with alone():
         plan, x, y, start, end, decides = pickle.loads(item)
-        whole = WorkItem(estimator, plan, x, y, start, end, policy_of(plan) if decides else None)
+        work_item = WorkItem(estimator, plan, x, y, start, end, policy_of(plan) if decides else None)
     started = time.perf_counter()
-    sums = whole.take()
+    sums = work_item.compute()
     dr.sync_thread()
     return time.perf_counter() - started, pickled(sums)
 
 
 @in_render_thread
-def draw(bundle: SceneBundle, contents: Mapping[str, bytes], which: Which) -> bytes:
-    """The photons of a set, pickled for all workers."""
+def emit(bundle: SceneBundle, contents: Mapping[str, bytes], which: Which) -> bytes:
+    """The photons of a pass, pickled for all workers."""
     with alone():
-        return pickled(loaded(bundle, contents).estimator.transport.caustics.photons(which))
+        return pickled(load(bundle, contents).estimator.transport.caustics.photons(which))
 
 
 @in_render_thread
-def make(bundle: SceneBundle, contents: Mapping[str, bytes], function: Callable[..., Any], *arguments: Any) -> Any:
-    """A whole image: the result of ``function(scene, sensor, *arguments)``."""
-    scene = loaded(bundle, contents)
+def call(bundle: SceneBundle, contents: Mapping[str, bytes], function: Callable[..., Any], *arguments: Any) -> Any:
+    """The result of ``function(scene, sensor, *arguments)``."""
+    scene = load(bundle, contents)
     return function(scene.scene, scene.sensor, *arguments)

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import drjit as dr
 import mitsuba as mi
 
-from ..masks import but_not
 from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
 from ..transport.ray import Vertex
@@ -17,8 +16,8 @@ from .footprint import Footprint
 from .gathering import Gathering
 from .grid import Photons
 from .mis import PhotonMIS
-from .targets import Targets, warn_of_missing_caustics
-from .tracing import Walk
+from .targets import Targets, warn_of_light_missed_by_trees
+from .tracing import PhotonTracer
 
 #: Greatest number of photon maps in a photon pass.
 MAPS = 64
@@ -32,7 +31,7 @@ Which = tuple[int, int, int]
 
 
 class Caustics:
-    """Photons of ``sources`` in ``scene`` for the image of ``sensor``: ``count`` in a photon pass, traced by ``walk``.
+    """Photons of ``sources`` in ``scene`` for the image of ``sensor``: ``count`` in a photon pass.
 
     A photon pass has several maps (:meth:`maps`), and each sample of a pixel gathers from its own: the ``t``-th from
     map ``t % maps`` of pass ``t // maps``, which must have been emitted (:meth:`draw`). In spectral variants all
@@ -48,26 +47,24 @@ class Caustics:
         mis = PhotonMIS(scene, sources, self.footprint, limit, tree)
         #: The MIS of photons and rays at glossy surfaces; None where only diffuse surfaces gather photons.
         self.mis = mis if mis.needed else None
-        self.walk = Walk(scene, limit, tree, self.mis)
+        self.tracer = PhotonTracer(scene, limit, tree, self.mis)
         self.gathering = Gathering(scene, self.footprint)
         #: Photon passes, the most recently used one last.
         self._passes: OrderedDict[Which, tuple[Photons, Photons | None]] = OrderedDict()
-        self._current: Photons | None = None
-        #: Number of photon passes that were emitted.
-        self.draws = 0
+        self._current: tuple[Photons, Photons | None] | None = None
         self._key, self._n = mi.UInt32(0), mi.UInt32(1)
 
     @classmethod
     def of(cls, scene: mi.Scene, sensor: mi.Sensor, count: int, deepest: int, tree: bool) -> Caustics | None:
         """The photons of ``scene``, through up to ``deepest`` specular surfaces; None if nothing is specular or nothing
-        emits. ``tree``: see :class:`.Walk`.
+        emits. ``tree``: see :class:`.PhotonTracer`.
         """
         targets = Targets.of(scene, tree)
         sources = None if targets is None else Sources(scene, targets)
         if sources is None or not sources.count:
             return None
         if tree:
-            warn_of_missing_caustics(scene.shapes())
+            warn_of_light_missed_by_trees(scene.shapes())
         return cls(scene, sensor, sources, count, deepest, tree)
 
     @property
@@ -82,20 +79,19 @@ class Caustics:
 
     def draw(self, seed: int, number: int, n: int) -> None:
         """Lets samples gather from the photon pass ``number`` under ``seed``; ``n`` samples divide the spectrum."""
-        self._current, glossy = self.photons((seed, number, n))
-        if self.mis is not None and glossy is not None:
-            self.mis.use(glossy, dr.opaque(mi.Float, self.per_pair(n)))
+        self._current = self.photons((seed, number, n))
+        if self.mis is not None:
+            self.mis.per_pair = dr.opaque(mi.Float, self.per_pair(n))
         self._key, self._n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, n)
 
     def photons(self, which: Which) -> tuple[Photons, Photons | None]:
         """A photon pass, from the cache or emitted now: on diffuse surfaces, and on glossy ones if these gather any."""
         if which not in self._passes:
-            self.put(which, self._emit(*which))
-            self.draws += 1
+            self.add(which, self._emit(*which))
         self._passes.move_to_end(which)
         return self._passes[which]
 
-    def put(self, which: Which, photons: tuple[Photons, Photons | None]) -> None:
+    def add(self, which: Which, photons: tuple[Photons, Photons | None]) -> None:
         """Adds a photon pass to the cache; another process may have emitted it."""
         while len(self._passes) >= self.capacity:
             self._passes.popitem(last=False)
@@ -120,12 +116,10 @@ class Caustics:
         glossy lobes, each with its own ray; after a diffuse reflection they gather none.
         """
         assert self._current is not None, "no photons have been emitted"
-        L = L + self.gathering(self._current, t % dr.opaque(mi.UInt32, self._current.maps), vertex)
-        if self.mis is None:
-            return L
-        gathered = vertex.ray.gathered_photons
-        active = vertex.active if gathered is None else but_not(vertex.active, gathered)
-        return L + self.mis.radiance(vertex, drawn, t, active)
+        diffuse, glossy = self._current
+        number = t % dr.opaque(mi.UInt32, diffuse.maps)
+        L = L + self.gathering(diffuse, number, vertex)
+        return L if self.mis is None or glossy is None else L + self.mis.radiance(glossy, number, vertex, drawn)
 
     def per_pair(self, n: int) -> int:
         """Number of photons of each pair of a source and a target in a map."""
@@ -143,7 +137,7 @@ class Caustics:
         points = start_points(combine(key, pair), map_of * of_pair + i - k * of_pair)
         wavelengths = self._wavelengths(seed, dr.opaque(mi.UInt32, number * maps) + map_of, n)
         start = self.sources.start(pair, mi.Float(of_pair), *points, wavelengths)
-        diffuse, glossy = self.walk(start, combine(key, i + 1))
+        diffuse, glossy = self.tracer(start, combine(key, i + 1))
         dr.eval(diffuse, glossy, map_of)
         rest = map_of, maps, self.footprint
         return Photons.of(diffuse, *rest), None if glossy is None else Photons.of(glossy, *rest)

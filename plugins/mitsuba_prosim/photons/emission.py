@@ -22,8 +22,8 @@ from ..sampling.hash import combine
 from . import targets as aim
 from .targets import Targets
 
-#: A density far above all others that is still finite.
-ENDLESS = 1e30
+#: The density of photons from a point or in a single direction: far above all others, but finite.
+DELTA_DENSITY = 1e30
 
 #: A function of center and radius of a target: whether a ray meets it, and the density of the ray among the photons of
 #: that pair.
@@ -37,8 +37,8 @@ class Start:
     ray: mi.Ray3f
     #: ``mi.Spectrum``: power of each photon, 0 in lanes without a photon.
     flux: mi.Spectrum
-    #: Number of photons per area at right angles to the ray and per solid angle; :data:`ENDLESS` from points and in a
-    #: single direction.
+    #: Number of photons per area at right angles to the ray and per solid angle; :data:`DELTA_DENSITY` from points and
+    #: in a single direction.
     density: mi.Float
     #: Where they start, if that is on a surface ...
     place: mi.PositionSample3f
@@ -135,10 +135,10 @@ class Sources:
         x = emitter.sample_direction(draw.receiver(center), draw.position, active)[0].p
         ray = mi.Ray3f(x, aim.direction(x, center, radius, draw.aimed))
         density = draw.per_pair * self._density(_from_point(x, ray.d), active, draw.target)
-        met, lit = self._met(draw, ray, active)
+        met, lit = self._first_hit(draw, ray, active)
         weight = emitter.sample_direction(met, draw.position, lit)[1]
         flux = dr.select(lit, weight * (dr.squared_norm(met.p - x) / density), 0)
-        return Start(ray, flux, mi.Float(ENDLESS), dr.zeros(mi.PositionSample3f), emitter)
+        return Start(ray, flux, mi.Float(DELTA_DENSITY), dr.zeros(mi.PositionSample3f), emitter)
 
     def _surface(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
         center, radius = self.targets.at(draw.target)
@@ -149,7 +149,7 @@ class Sources:
         cos = dr.dot(ps.n, d)
         active = active & (cos > 0) & (density > 0)
         ray = mi.SurfaceInteraction3f(ps, draw.wavelengths).spawn_ray(d)
-        met, lit = self._met(draw, ray, active)
+        met, lit = self._first_hit(draw, ray, active)
         ds = mi.DirectionSample3f(ps)
         ds.d, ds.dist, ds.emitter = -d, dr.norm(met.p - x), emitter
         L = eval_direction(emitter, met, ds, lit)
@@ -165,7 +165,7 @@ class Sources:
         density = draw.per_pair * self._density(_from_afar(x, d), active, draw.target)
         back = dr.dot(x - self.middle, d) + self.far
         flux = dr.select(active, weight / density, 0)
-        density = dr.select(ds.delta, ENDLESS, density * ds.pdf)
+        density = dr.select(ds.delta, DELTA_DENSITY, density * ds.pdf)
         return Start(mi.Ray3f(x - d * back, d), flux, density, dr.zeros(mi.PositionSample3f), emitter)
 
     def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, per_pair: mi.Float, active: mi.Bool) -> mi.Float:
@@ -205,7 +205,7 @@ class Sources:
 
         return dr.while_loop((mi.UInt32(0), mi.Float(0)), lambda k, total: active & (k < count), step)[1]
 
-    def _met(self, draw: Draw, ray: mi.Ray3f, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
+    def _first_hit(self, draw: Draw, ray: mi.Ray3f, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
         """The receiver where ``ray`` ends, and whether it ends. The sources of 1992 look the same from any distance:
         their flux depends on it.
         """

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..compat import world_transform
-from ..engine.camera import uncropped
+from ..engine.camera import without_crop_window
 
 #: Least width of a pixel, for sensors without pixels (a meter of one ray): this part of the scene's radius.
 MIN_PIXEL_WIDTH = 1e-5
@@ -21,7 +21,7 @@ RADII = tuple(2 ** (OCTAVES * k) for k in range(3))
 WIDEST = 1 / 25
 
 #: Area on which photons have equal weights, over the area of an Epanechnikov kernel of the same noise.
-EVENLY = 0.75
+UNIFORM_AREA = 0.75
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Footprint:
     def of(cls, scene: mi.Scene, sensor: mi.Sensor) -> Footprint:
         """The footprint of the pixels in the middle of the whole film of ``sensor``."""
         width, height = (int(v) for v in sensor.film().size())
-        with uncropped(sensor):
+        with without_crop_window(sensor):
             middle, right, below = (
                 sensor.sample_ray_differential(sensor.shutter_open(), 0.5, mi.Point2f(x, y), mi.Point2f(0.5))[0]
                 for x, y in ((0.5, 0.5), (0.5 + 1 / width, 0.5), (0.5, 0.5 + 1 / height))
@@ -60,14 +60,14 @@ class Footprint:
         """Distance of ``p`` from the eye."""
         return dr.norm(p - self.eye)
 
-    def at(self, distance: mi.Float) -> mi.Float:
+    def width_at(self, distance: mi.Float) -> mi.Float:
         """Width of a pixel at that distance from the eye."""
         return self.size + self.spread * distance
 
     def width(self, p: mi.Point3f) -> mi.Float:
         """Width of a pixel at ``p``."""
-        return self.at(self.distance(p))
+        return self.width_at(self.distance(p))
 
     def area(self, p: mi.Point3f) -> mi.Float:
         """Area around ``p`` on which photons with equal weights have the same noise as with those of the kernel."""
-        return EVENLY * dr.pi * dr.square(self.width(p))
+        return UNIFORM_AREA * dr.pi * dr.square(self.width(p))

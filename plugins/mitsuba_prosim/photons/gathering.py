@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..compat import BLEND, DIFFUSE, INSTANCE, MASK, TWO_SIDED
-from ..optics.nested import all_within
+from ..optics.nested import all_bsdfs, all_within
 from ..transport import lobes
 from ..transport.ray import Vertex
 from ..transport.scattering import Scattering
@@ -24,13 +24,12 @@ class Gathering:
 
     def __init__(self, scene: mi.Scene, footprint: Footprint) -> None:
         self.footprint = footprint
-        bsdfs = list(dict.fromkeys(shape.bsdf() for shape in scene.shapes() if shape.bsdf() is not None))
         self.scattering = Scattering.of(scene)
         #: Whether all diffuse lobes are Lambert's.
         self.lambertian = (
             not any(s.class_name() == INSTANCE for s in scene.shapes())
             and not self.scattering.any_inseparable
-            and all(map(is_lambertian, bsdfs))
+            and all(map(is_lambertian, all_bsdfs(scene)))
         )
 
     def __call__(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
@@ -40,18 +39,18 @@ class Gathering:
         si, bsdf, inseparable = vertex.si, vertex.bsdf, vertex.inseparable
         active = vertex.active & (lobes.has_any(bsdf.flags(), *lobes.DIFFUSE) | inseparable)
 
-        def light(i: mi.UInt32, near: mi.Bool) -> mi.Spectrum:
-            wo = -dr.gather(mi.Vector3f, photons.directions, i, near)
-            flux = dr.gather(mi.Spectrum, photons.flux, i, near)
+        def light(i: mi.UInt32, in_reach: mi.Bool) -> mi.Spectrum:
+            wo = -dr.gather(mi.Vector3f, photons.directions, i, in_reach)
+            flux = dr.gather(mi.Spectrum, photons.flux, i, in_reach)
             cos = dr.dot(si.sh_frame.n, wo)
             if self.lambertian:
-                near = near & (cos * si.wi.z > 0)
-                return dr.select(near, flux, 0)
-            near = near & (dr.abs(cos) > 1e-6)
+                in_reach = in_reach & (cos * si.wi.z > 0)
+                return dr.select(in_reach, flux, 0)
+            in_reach = in_reach & (dr.abs(cos) > 1e-6)
             wo = si.to_local(wo)
-            f = bsdf.eval(lobes.diffuse(), si, wo, near)
-            f = self.scattering.or_all_lobes(f, si, bsdf, wo, near, inseparable)
-            return dr.select(near, f * flux / dr.select(near, dr.abs(cos), 1), 0)
+            f = bsdf.eval(lobes.diffuse(), si, wo, in_reach)
+            f = self.scattering.or_all_lobes(f, vertex, wo, in_reach)
+            return dr.select(in_reach, f * flux / dr.select(in_reach, dr.abs(cos), 1), 0)
 
         L = gather(photons, number, self.footprint, si, light, active)
         if self.lambertian:

@@ -19,14 +19,14 @@ SIZES = 4
 
 #: Greatest distance of a photon from the plane of the surface, over the search radius: behind the edge of a wall is
 #: another wall.
-OFF = 0.25
+MAX_PLANE_DISTANCE = 0.25
 
 #: A photon has the first of the radii (:data:`.footprint.RADII`) within which about this number of photons lie, of all
 #: maps together.
-ENOUGH = 100
+MIN_NEIGHBOURS = 100
 
 #: Entries of the hash table that photons are counted in.
-ENTRIES = 1 << 18
+COUNTERS = 1 << 18
 
 
 @dataclass
@@ -83,9 +83,9 @@ class Photons:
         if landed.density is not None:
             of_each += [landed.density, landed.level]
         p, d, flux, *others = (dr.gather(type(v), v, there) for v in of_each)
-        level = level_of(reach(p, footprint))
+        level = level_of(kernel_radii(p, footprint))
         x, y, z = cell(p, level)
-        rows = key(level, y, z)
+        rows = row_hash(level, y, z)
         at = bucket_of(dr.gather(mi.UInt32, map_of, there), rows, x, mask)
         dr.eval(p, d, flux, rows, at, others)
         order = dr.argsort(at)
@@ -96,12 +96,12 @@ class Photons:
         density, levels = others or (None, None)
         return cls(maps, places, d, flux, density, levels, begins, mask)
 
-    def of_map(self, number: mi.UInt32, active: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
+    def map_range(self, number: mi.UInt32, active: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
         """First photon of the map ``number``, and the number of its photons."""
         first, end = (dr.gather(mi.UInt32, self.begins, (number + k) * (self.mask + 1), active) for k in range(2))
         return first, end - first
 
-    def run(
+    def row_range(
         self, number: mi.UInt32, row: mi.UInt32, low: mi.Int32, high: mi.Int32, size: mi.UInt32, active: mi.Bool
     ) -> tuple[mi.UInt32, mi.UInt32]:
         """The first of the photons in the cells ``low`` to ``high`` of a row in the map ``number``, among others, and
@@ -112,7 +112,7 @@ class Photons:
         return begin, dr.select(last < first, end + size, end)
 
 
-def reach(p: mi.Point3f, footprint: Footprint) -> mi.Float:
+def kernel_radii(p: mi.Point3f, footprint: Footprint) -> mi.Float:
     """The kernel radius of each of the photons at ``p``.
 
     It is greater where photons are sparse: one alone would make an isolated bright pixel (Silverman 1986, 5.1). Photons
@@ -124,13 +124,13 @@ def reach(p: mi.Point3f, footprint: Footprint) -> mi.Float:
         level, within = level_of(2 * narrow * width), mi.Float(0)
         # A cell at the edge of a caustic is nearly empty. One that is shifted by half an edge is not.
         for shift in (0, 0.5):
-            x, y, z = cell(p + shift * edge(level), level)
-            entry = combine(key(level, y, z), mi.UInt32(x)) & (ENTRIES - 1)
-            count = dr.zeros(mi.UInt32, ENTRIES)
+            x, y, z = cell(p + shift * cell_edge(level), level)
+            entry = combine(row_hash(level, y, z), mi.UInt32(x)) & (COUNTERS - 1)
+            count = dr.zeros(mi.UInt32, COUNTERS)
             dr.scatter_add(count, mi.UInt32(1), entry)
             within = dr.maximum(within, dr.gather(mi.UInt32, count, entry))
-        within *= dr.pi * dr.square(narrow * width / edge(level))
-        result = dr.select((within < ENOUGH) & (result == narrow * width), wide * width, result)
+        within *= dr.pi * dr.square(narrow * width / cell_edge(level))
+        result = dr.select((within < MIN_NEIGHBOURS) & (result == narrow * width), wide * width, result)
     return result
 
 
@@ -146,18 +146,18 @@ def level_of(reach: mi.Float) -> mi.Int32:
     return mi.Int32(dr.floor(SIZES * dr.log2(reach)))
 
 
-def edge(level: mi.Int32) -> mi.Float:
+def cell_edge(level: mi.Int32) -> mi.Float:
     """Edge of the cells of a grid: twice the longest reach of its level."""
     return 2 * dr.exp2(mi.Float(level + 1) * (1 / SIZES))
 
 
 def cell(p: mi.Point3f, level: mi.Int32) -> tuple[mi.Int32, mi.Int32, mi.Int32]:
     """The cell of ``p``."""
-    per_edge = dr.rcp(edge(level))
+    per_edge = dr.rcp(cell_edge(level))
     return tuple(mi.Int32(dr.floor(v * per_edge)) for v in p)
 
 
-def key(level: mi.Int32, y: mi.Int32, z: mi.Int32) -> mi.UInt32:
+def row_hash(level: mi.Int32, y: mi.Int32, z: mi.Int32) -> mi.UInt32:
     """A hash of a row of cells along x, which stands for it: that two near one another have the same is one chance in
     10⁸.
     """
@@ -179,21 +179,22 @@ def gather(
     light: Callable[[mi.UInt32, mi.Bool], mi.Spectrum],
     active: mi.Bool,
 ) -> mi.Spectrum:
-    """Sum of ``light(i, near)`` times the kernel over the photons i of the map ``number`` near ``si``; ``near``: the
-    lanes with such a photon. Epanechnikov's kernel for the radius r of a photon is 2 (1 - d² / r²) / (π r²).
+    """Sum of ``light(i, in_reach)`` times the kernel over the photons i of the map ``number`` near ``si``;
+    ``in_reach``: the lanes with such a photon. The kernel for the radius r of a photon is Epanechnikov's,
+    2 (1 - d² / r²) / (π r²).
     """
     distance, n2 = footprint.distance(si.p), dr.square(si.n)
     # They are between two planes parallel to the surface: along its normal mostly in one cell, not in two.
-    off_axis = dr.minimum(dr.safe_sqrt(1 - n2) + OFF * dr.sqrt(n2), 1) * (1 + 1e-3)
-    of_map, size = photons.of_map(number, active)
+    off_axis = dr.minimum(dr.safe_sqrt(1 - n2) + MAX_PLANE_DISTANCE * dr.sqrt(n2), 1) * (1 + 1e-3)
+    of_map, size = photons.map_range(number, active)
 
     def of_reach(k: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
         """Adds the photons whose radius is the ``k``-th of the footprint's."""
         times = mi.Float(1 << (OCTAVES * k))
-        reach = times * footprint.at(distance)
+        reach = times * footprint.width_at(distance)
         # Photons within reach have about the same distance from the eye: mostly one grid has them, seldom two.
-        first = level_of(times * footprint.at(dr.maximum(distance - reach, 0)))
-        last = level_of(times * footprint.at(distance + reach))
+        first = level_of(times * footprint.width_at(dr.maximum(distance - reach, 0)))
+        last = level_of(times * footprint.width_at(distance + reach))
         inv_reach2 = dr.rcp(dr.square(reach))
         low_corner, high_corner = si.p - off_axis * reach, si.p + off_axis * reach
 
@@ -214,15 +215,15 @@ def gather(
             off = mi.Point3f(place.x, place.y, place.z) - si.p
             d2 = dr.squared_norm(off) * inv_reach2
             # Rows that share a bucket are met in turn: the photons of each, with it alone.
-            near = there & (d2 < 1) & (dr.reinterpret_array(mi.UInt32, place.w) == row_key)
-            near &= dr.square(dr.dot(off, si.n)) * inv_reach2 < OFF**2
-            return i + 1, L + light(k, near) * (2 * dr.inv_pi * inv_reach2 * (1 - d2))
+            in_reach = there & (d2 < 1) & (dr.reinterpret_array(mi.UInt32, place.w) == row_key)
+            in_reach &= dr.square(dr.dot(off, si.n)) * inv_reach2 < MAX_PLANE_DISTANCE**2
+            return i + 1, L + light(k, in_reach) * (2 * dr.inv_pi * inv_reach2 * (1 - d2))
 
         def row(k: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
             level = first + mi.Int32(k >> (more_y + more_z))
             x, y, z = cell(low_corner, level)
-            row_key = key(level, y + mi.Int32(k & more_y), z + mi.Int32((k >> more_y) & more_z))
-            i, end = photons.run(number, row_key, x, cell(high_corner, level)[0], size, k < rows)
+            row_key = row_hash(level, y + mi.Int32(k & more_y), z + mi.Int32((k >> more_y) & more_z))
+            i, end = photons.row_range(number, row_key, x, cell(high_corner, level)[0], size, k < rows)
             _, L = dr.while_loop((i, L), lambda i, L: i < end, lambda i, L: photon(i, end, row_key, L))
             return k + 1, L
 

@@ -28,12 +28,12 @@ import mitsuba as mi
 from ..light.strategy import Receiver
 from ..light.table import Lights
 from ..masks import but_not
-from ..optics.nested import all_shapes
+from ..optics.nested import all_bsdfs
 from ..transport import lobes
-from ..transport.ray import Ray, Vertex, viewer_side
+from ..transport.ray import Ray, Surface, Vertex, viewer_side
 from ..transport.scattering import Scattering
 from ..transport.transport_context import scene_flags
-from .emission import ENDLESS, Sources, Start
+from .emission import DELTA_DENSITY, Sources, Start
 from .footprint import Footprint
 from .grid import Landed, Photons, gather
 from .near_specular import LANDING, NearSpecular
@@ -47,23 +47,24 @@ class RayWithEtendue(Ray):
     """A ray of the eye, with the area times the solid angle that it stands for: expected photons over their density."""
 
     #: At the last glossy surface that the ray left; 0 if it left none.
-    last: mi.Float = field(default_factory=lambda: mi.Float(0))
+    last_etendue: mi.Float = field(default_factory=lambda: mi.Float(0))
     #: At the glossy surfaces before, if the ray has met only specular and near-specular ones since; else 0.
-    earlier: mi.Float = field(default_factory=lambda: mi.Float(0))
+    earlier_etendue: mi.Float = field(default_factory=lambda: mi.Float(0))
+
+    def attenuated(self, transmitted: mi.Spectrum) -> RayWithEtendue:
+        """This ray where a medium has ``transmitted`` this part of its light."""
+        left = dr.max(transmitted)
+        last, earlier = self.last_etendue * left, self.earlier_etendue * left
+        return replace(self, throughput=self.throughput * transmitted, last_etendue=last, earlier_etendue=earlier)
 
 
 @dataclass
-class Hit:
+class Hit(Surface):
     """Where photons meet a surface."""
 
-    si: mi.SurfaceInteraction3f
-    bsdf: mi.BSDFPtr
     #: Direction of flight, and the number of surfaces before.
     d: mi.Vector3f
     level: mi.UInt32
-    #: The lanes that meet a surface, and those whose BSDF has no separable lobes.
-    active: mi.Bool
-    inseparable: mi.Bool
     #: The flux that arrives, and the part that the medium on the way has transmitted.
     flux: mi.Spectrum
     transmitted: mi.Spectrum
@@ -81,7 +82,7 @@ class GlossyPhotons:
     #: Where they have landed.
     landed: Landed
     #: Number of photons that each counts for where it lands; None if no surface is near-specular.
-    times: mi.Float | None
+    multiplicity: mi.Float | None
 
 
 class PhotonMIS:
@@ -96,23 +97,19 @@ class PhotonMIS:
     def __init__(self, scene: mi.Scene, sources: Sources, footprint: Footprint, deepest: mi.UInt32, tree: bool) -> None:
         self.footprint, self.sources, self.deepest = footprint, sources, deepest
         self.near_specular, self.scattering = NearSpecular.of(scene), Scattering.of(scene)
-        flags = [int(shape.bsdf().flags()) for shape in all_shapes(scene) if shape.bsdf() is not None]
+        flags = [int(bsdf.flags()) for bsdf in all_bsdfs(scene)]
         glossy, ideal = (any(lobes.has_any(f, *names) for f in flags) for names in (lobes.GLOSSY, lobes.IDEAL))
         #: Whether photons may land on a glossy surface: next to ideally specular ones, or to near-specular ones.
         self.needed = self.near_specular.any or (glossy and ideal)
         self.lobes = (lobes.reflected(), lobes.refracted()) if tree else (lobes.specular(),)
         self.lights = Lights(scene, choose=not tree) if self.near_specular.any else None
         self.both_sides = bool(lobes.has_any(scene_flags(scene), *lobes.BOTH_SIDES))
-        self._emitted: tuple[Photons, mi.Float] | None = None
-
-    def use(self, photons: Photons, per_pair: mi.Float) -> None:
-        """Samples gather from ``photons`` from now on; ``per_pair``: number of photons of each pair in a map."""
-        self._emitted = photons, per_pair
+        #: Number of photons of each pair of a source and a target in a map; set when photons are emitted.
+        self.per_pair = mi.Float(0)
 
     def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
         """Density of the photons that come from the source to ``it`` along ``ds``."""
-        assert self._emitted is not None, "no photons have been emitted"
-        return self.sources.density(it, ds, self._emitted[1], active)
+        return self.sources.density(it, ds, self.per_pair, active)
 
     def area(self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr) -> mi.Float:
         """Area around ``si`` on which photons count; on near-specular surfaces the part for those that land there."""
@@ -127,11 +124,6 @@ class PhotonMIS:
         """The camera ray ``ray``, which has no étendue yet."""
         return RayWithEtendue(**vars(ray))
 
-    def absorbed(self, ray: RayWithEtendue, transmitted: mi.Spectrum) -> RayWithEtendue:
-        """``ray`` where a medium has ``transmitted`` this part of its light."""
-        left = dr.max(transmitted)
-        return replace(ray, last=ray.last * left, earlier=ray.earlier * left)
-
     def next(
         self, vertex: Vertex, following: RayWithEtendue, bs: mi.BSDFSample3f, weight: mi.Spectrum
     ) -> RayWithEtendue:
@@ -141,9 +133,9 @@ class PhotonMIS:
         if self.near_specular.any:
             near = smooth & self.near_specular(bsdf, smooth)
             passed = dr.select(near, dr.max(mi.unpolarized_spectrum(weight)) * (1 - LANDING), passed)
-        last = dr.select(smooth, over(self.area(si, bsdf) * dr.abs(dr.dot(si.n, following.d)), bs.pdf), 0)
+        last = dr.select(smooth, quotient(self.area(si, bsdf) * dr.abs(dr.dot(si.n, following.d)), bs.pdf), 0)
         earlier = dr.select(vertex.inseparable, 0, etendue_of(vertex.ray) * passed)
-        return replace(following, last=last, earlier=earlier)
+        return replace(following, last_etendue=last, earlier_etendue=earlier)
 
     def emission_weight(
         self,
@@ -161,19 +153,19 @@ class PhotonMIS:
         in the lanes ``uses_mis``.
         """
         # Only rays find light directly from a sky.
-        found = active & (ray.earlier > 0) & (uses_mis | but_not(mi.Bool(True), ray.uses_mis))
+        found = active & (ray.earlier_etendue > 0) & (uses_mis | but_not(mi.Bool(True), ray.uses_mis))
         others = dr.select(uses_mis & found, 1 + dr.square(pdf / ray.pdf), 1)
         # No photon lands on a near-specular surface that the source lights directly.
-        etendue = dr.select(ray.uses_mis, ray.earlier * (1 / (1 - LANDING)), ray.earlier)
+        etendue = dr.select(ray.uses_mis, ray.earlier_etendue * (1 / (1 - LANDING)), ray.earlier_etendue)
         return dr.select(found, ray_weight(etendue * self.density(origin, ds, found), others), weight)
 
-    def light_pdf(self, vertex: Vertex, active: mi.Bool) -> OtherDensity:
+    def light_pdf(self, vertex: Vertex) -> OtherDensity:
         """The :data:`OtherDensity` of light sampling at ``vertex``: rays of the lobe, and photons if the surface is
         near-specular.
         """
         if not self.near_specular.any:
             return lambda ds, f, pdf, active: pdf
-        etendue = etendue_of(vertex.ray)
+        etendue, active = etendue_of(vertex.ray), vertex.before_gathering(vertex.smooth)
         shared = active & (etendue > 0) & self.near_specular(vertex.bsdf, active)
 
         def with_photons(ds: mi.DirectionSample3f, f: mi.Spectrum, pdf: mi.Float, active: mi.Bool) -> mi.Float:
@@ -183,33 +175,33 @@ class PhotonMIS:
 
         return with_photons
 
-    def radiance(self, vertex: Vertex, drawn: Sequence[mi.BSDFContext], t: mi.UInt32, active: mi.Bool) -> mi.Spectrum:
-        """Radiance of photons by the glossy lobes at ``vertex``, with MIS weights, for the ``t``-th sample of a pixel.
-        ``drawn``: the lobes, each with its own ray.
+    def radiance(
+        self, photons: Photons, number: mi.UInt32, vertex: Vertex, drawn: Sequence[mi.BSDFContext]
+    ) -> mi.Spectrum:
+        """Radiance of the photons of the map ``number`` by the glossy lobes at ``vertex``, with MIS weights. ``drawn``:
+        the lobes, each with its own ray.
         """
-        assert self._emitted is not None, "no photons have been emitted"
-        photons, ray, si, bsdf = self._emitted[0], vertex.ray, vertex.si, vertex.bsdf
-        active = active & lobes.has_any(bsdf.flags(), *lobes.GLOSSY) & (ray.level < self.deepest)
-        active = but_not(active, vertex.inseparable)
+        ray, si, bsdf = vertex.ray, vertex.si, vertex.bsdf
+        active = vertex.before_gathering(vertex.active) & lobes.has_any(bsdf.flags(), *lobes.GLOSSY)
+        active = but_not(active & (ray.level < self.deepest), vertex.inseparable)
         area, etendue = self.area(si, bsdf), None
         if self.near_specular.any:
             etendue = dr.select(self.near_specular(bsdf, active), etendue_of(ray), 0)
 
-        def light(i: mi.UInt32, near: mi.Bool) -> mi.Spectrum:
-            near = near & (ray.level + dr.gather(mi.UInt32, photons.level, i, near) < self.deepest)
-            d = -dr.gather(mi.Vector3f, photons.directions, i, near)
+        def light(i: mi.UInt32, in_reach: mi.Bool) -> mi.Spectrum:
+            in_reach = in_reach & (ray.level + dr.gather(mi.UInt32, photons.level, i, in_reach) < self.deepest)
+            d = -dr.gather(mi.Vector3f, photons.directions, i, in_reach)
             wo = si.to_local(d)
             cos = dr.abs(mi.Frame3f.cos_theta(wo))
-            near = near & (cos > 1e-6)
-            density, f = dr.gather(mi.Float, photons.density, i, near), mi.Spectrum(0)
+            in_reach = in_reach & (cos > 1e-6)
+            density, f = dr.gather(mi.Float, photons.density, i, in_reach), mi.Spectrum(0)
             for lobe in drawn:
-                f_lobe, pdf = self.scattering.eval_pdf(lobe, si, bsdf, wo, near)
-                photons_expected = expected(area * dr.abs(dr.dot(si.n, d)), f_lobe, pdf, density, etendue)
+                f_lobe, pdf = self.scattering.eval_pdf(lobe, vertex, wo, in_reach)
+                photons_expected = expected_photons(area * dr.abs(dr.dot(si.n, d)), f_lobe, pdf, density, etendue)
                 f += f_lobe * (1 - ray_weight(photons_expected))
-            flux = dr.gather(mi.Spectrum, photons.flux, i, near)
-            return dr.select(near, f * flux / dr.select(near, cos, 1), 0)
+            flux = dr.gather(mi.Spectrum, photons.flux, i, in_reach)
+            return dr.select(in_reach, f * flux / dr.select(in_reach, cos, 1), 0)
 
-        number = t % dr.opaque(mi.UInt32, photons.maps)
         return gather(photons, number, self.footprint, si, light, active)
 
     # ------------------------------------------------------------ photons
@@ -234,23 +226,23 @@ class PhotonMIS:
         ``bs``, ``weight``: sample of the lobe that scatters those in the lanes ``active``; ``sample``: a number in
         [0, 1) for the choice to land.
         """
-        bsdf, flags, times = hit.bsdf, hit.bsdf.flags(), photons.times
+        bsdf, flags, multiplicity = hit.bsdf, hit.bsdf.flags(), photons.multiplicity
         density = photons.density * dr.max(hit.transmitted)
         lands = but_not(hit.active & (hit.level > 0) & (density > 0) & (hit.cos > 0), hit.inseparable)
         lands &= lobes.has_any(flags, *lobes.GLOSSY)
         share = hit.shading
-        if times is not None:
+        if multiplicity is not None:
             near = but_not(hit.active & self.near_specular(bsdf, hit.active), hit.level == 0)
-            times = dr.select(near, times / LANDING, times)
+            multiplicity = dr.select(near, multiplicity / LANDING, multiplicity)
             lands = but_not(lands, near & (sample >= LANDING))
-            share = share * times
+            share = share * multiplicity
         here = Landed(hit.si.p, hit.d, hit.flux * share, mi.Bool(True), density, hit.level)
         beyond = density * dr.select(hit.inseparable, 0, passed_on(bs, weight, flags) * dr.square(bs.eta))
         if self.near_specular.any:
             glossy = active & lobes.has_any(bs.sampled_type, *lobes.GLOSSY)
             glossy = but_not(glossy & self.near_specular(bsdf, glossy), lands)
             beyond = dr.select(glossy, self.density_beyond(density, start, hit, bs.wo, glossy), beyond)
-        return GlossyPhotons(beyond, dr.select(lands, here, photons.landed), times)
+        return GlossyPhotons(beyond, dr.select(lands, here, photons.landed), multiplicity)
 
     def density_beyond(self, density: mi.Float, start: Start, hit: Hit, wo: mi.Vector3f, active: mi.Bool) -> mi.Float:
         """The ``density`` beyond a near-specular surface along ``wo``: over the sum of all strategies that find the
@@ -259,13 +251,14 @@ class PhotonMIS:
         assert self.lights is not None
         eye = mi.SurfaceInteraction3f(hit.si)
         eye.wi = wo
+        seen = Surface(eye, hit.bsdf, active, hit.inseparable)
         f, pdf = mi.Spectrum(0), mi.Float(0)
         for lobe in self.lobes:
-            f_lobe, pdf_lobe = self.scattering.eval_pdf(lobe, eye, hit.bsdf, hit.si.wi, active)
+            f_lobe, pdf_lobe = self.scattering.eval_pdf(lobe, seen, hit.si.wi, active)
             f, pdf = f + f_lobe, pdf + pdf_lobe
         first = hit.level == 0
         # Only light sampling finds light directly from a source without size; only rays find that of a sky.
-        alone = start.density == ENDLESS
+        alone = start.density == DELTA_DENSITY
         if self.lights.sky is not None:
             alone |= start.emitter.is_environment()
         active = but_not(active & (density > 0), first & alone)
@@ -285,8 +278,8 @@ def etendue_of(ray: Ray) -> mi.Float:
     """Étendue of ``ray``: the root of the sum of both squares, as the power heuristic adds strategies."""
     assert isinstance(ray, RayWithEtendue)
     # The square root of a square is not always the same to the bit.
-    both = dr.sqrt(dr.square(ray.last) + dr.square(ray.earlier))
-    return dr.select(ray.earlier > 0, both, ray.last)
+    both = dr.sqrt(dr.square(ray.last_etendue) + dr.square(ray.earlier_etendue))
+    return dr.select(ray.earlier_etendue > 0, both, ray.last_etendue)
 
 
 def ray_weight(photons: mi.Float, others: mi.Float | float = 1) -> mi.Float:
@@ -306,21 +299,23 @@ def passed_on(bs: mi.BSDFSample3f, weight: mi.Spectrum, flags: mi.UInt32) -> mi.
     return dr.select(ideal, dr.max(mi.unpolarized_spectrum(weight)) * bs.pdf, 0)
 
 
-def expected(area: mi.Float, f: mi.Spectrum, pdf: mi.Float, density: mi.Float, etendue: mi.Float | None) -> mi.Float:
+def expected_photons(
+    area: mi.Float, f: mi.Spectrum, pdf: mi.Float, density: mi.Float, etendue: mi.Float | None
+) -> mi.Float:
     """Number of photons of this ``density`` that are expected on ``area`` (perpendicular to their direction) for each
     ray that a lobe samples there with the density ``pdf``, and for each of the eye's other strategies.
 
     ``f``: value of the lobe. ``etendue``: of the ray that sees the surface, if that is near-specular, so that photons
     land beyond it too; 0 or None if it is not.
     """
-    last = over(area, pdf)
+    last = quotient(area, pdf)
     if etendue is None:
         return last * density
-    passed = over(dr.max(mi.unpolarized_spectrum(f)) * (1 - LANDING), pdf)
-    of_all = over(last, dr.sqrt(dr.square(dr.rcp(density)) + dr.square(etendue * passed)))
+    passed = quotient(dr.max(mi.unpolarized_spectrum(f)) * (1 - LANDING), pdf)
+    of_all = quotient(last, dr.sqrt(dr.square(dr.rcp(density)) + dr.square(etendue * passed)))
     return dr.select(etendue > 0, of_all, last * density)
 
 
-def over(value: mi.Float, pdf: mi.Float) -> mi.Float:
+def quotient(value: mi.Float, pdf: mi.Float) -> mi.Float:
     """``value`` over ``pdf``, 0 where that is 0."""
     return dr.select(pdf > 0, value / dr.select(pdf > 0, pdf, 1), 0)

@@ -10,10 +10,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..optics.nested import all_shapes
+from ..optics.nested import all_bsdfs
 from ..sampling.hash import combine, hash32
 from ..sampling.nrook import to_unit
 from ..transport import lobes
+from ..transport.ray import Surface
 from ..transport.scattering import Scattering
 from ..transport.workarounds import is_inseparable
 
@@ -37,27 +38,24 @@ class NearSpecular:
 
     @property
     def any(self) -> bool:
-        """Whether there is any."""
+        """Whether any BSDF is near-specular."""
         return self.table is not None
 
     @classmethod
     def of(cls, scene: mi.Scene) -> NearSpecular:
         """The near-specular BSDFs of ``scene``, instances included."""
-        bsdfs = dict.fromkeys(shape.bsdf() for shape in all_shapes(scene) if shape.bsdf() is not None)
-        glossy = [b for b in bsdfs if lobes.has_any(int(b.flags()), *lobes.GLOSSY) and not is_inseparable(b)]
+        glossy = [b for b in all_bsdfs(scene) if lobes.has_any(int(b.flags()), *lobes.GLOSSY) and not is_inseparable(b)]
         if len(glossy) < 2:
             return cls(None)
         identities = [int(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))[0]) for bsdf in glossy]
-        densities = density_of_rays(Scattering.of(scene), identities)
+        densities = density_of_rays(Scattering.of(scene, separate=False), identities)
         limit = max(MIN_DENSITY_RATIO * densities.min(), MIN_DENSITY)
         found = [
             i for i, b, v in zip(identities, glossy, densities) if v > limit and not getattr(b, "disperses", False)
         ]
         if not found:
             return cls(None)
-        values = np.zeros(max(identities) + 1, dtype=int)
-        values[found] = 1
-        table = mi.UInt32(values.tolist())
+        table = mi.UInt32([int(i in found) for i in range(max(identities) + 1)])
         dr.make_opaque(table)
         return cls(table)
 
@@ -85,8 +83,8 @@ def density_of_rays(scattering: Scattering, identities: list[int]) -> np.ndarray
     si.sh_frame, si.wi = mi.Frame3f(si.n), mi.Vector3f(0.5**0.5, 0, 0.5**0.5)
     if mi.is_spectral:
         si.wavelengths = mi.UnpolarizedSpectrum(550)
-    point = mi.Point2f(*numbers[1:3])
-    bs, _, _ = scattering.sample(lobes.specular(), si, bsdf, numbers[0], point, None, mi.Bool(True))
+    surface, u = Surface(si, bsdf, mi.Bool(True), mi.Bool(False)), (numbers[0], mi.Point2f(*numbers[1:3]))
+    bs, _, _ = scattering.sample(lobes.specular(), surface, u, mi.Bool(True))
     drawn = (bs.pdf > 0) & lobes.has_any(bs.sampled_type, *lobes.GLOSSY)
     pdf = np.array(dr.select(drawn, bs.pdf, 0)).reshape(count, RAYS)
     return np.array([np.percentile(row[row > 0], 10) if row.any() else 0.0 for row in pdf])

@@ -31,7 +31,7 @@ class Targets:
 
     @classmethod
     def of(cls, scene: mi.Scene, tree: bool = False) -> Targets | None:
-        """Spheres around the specular surfaces of ``scene``; None if there are none. ``tree``: see :class:`.Walk`."""
+        """Spheres around the specular surfaces of ``scene``; None without any. ``tree``: see :class:`.PhotonTracer`."""
         spheres = [sphere(shape) for shape in shapes_in_order(scene) if is_specular(shape, tree)]
         if not spheres:
             return None
@@ -57,7 +57,7 @@ def is_specular(shape: mi.Shape, tree: bool) -> bool:
     return bool(lobes.has_any(int(bsdf.flags()), *names))
 
 
-def warn_of_missing_caustics(shapes: Sequence[mi.Shape]) -> None:
+def warn_of_light_missed_by_trees(shapes: Sequence[mi.Shape]) -> None:
     """Warns that a tree leaves out light that one BSDF without separable lobes refracts to another one."""
     inseparable = [shape for shape in shapes if shape.bsdf() is not None and is_inseparable(shape.bsdf())]
     through = [s for s in inseparable if lobes.has_any(int(s.bsdf().flags()), "GlossyTransmission")]
@@ -84,10 +84,10 @@ def sphere(shape: mi.Shape) -> tuple[float, float, float, float]:
     return (*center.tolist(), MARGIN * radius)
 
 
-def merged(spheres: Sequence[tuple[float, ...]], most: int = MAX_TARGETS) -> list[tuple[float, ...]]:
-    """At most ``most`` spheres around all of ``spheres``: groups are halved along their widest axis."""
+def merged(spheres: Sequence[tuple[float, ...]], max_count: int = MAX_TARGETS) -> list[tuple[float, ...]]:
+    """At most ``max_count`` spheres around all of ``spheres``: groups are halved along their widest axis."""
     groups = [np.array(spheres, dtype=np.float64)]
-    while len(groups) < min(most, len(spheres)):
+    while len(groups) < min(max_count, len(spheres)):
         groups.sort(key=lambda group: (len(group) > 1, float(np.ptp(group[:, :3], axis=0).max())))
         group = groups.pop()
         order = np.argsort(group[:, int(np.argmax(np.ptp(group[:, :3], axis=0)))], kind="stable")

@@ -11,7 +11,7 @@ from ..masks import but_not
 from ..sampling.hash import combine
 from ..sampling.nrook import to_unit
 from ..transport import lobes
-from ..transport.absorption import before, beyond, media_of, only_absorbs, transmittance
+from ..transport.absorption import media_of, medium_before, medium_beyond, only_absorbs, transmittance
 from ..transport.scattering import Scattering
 from .emission import Start
 from .grid import Landed
@@ -49,7 +49,7 @@ class State:
     glossy: GlossyPhotons | None
 
 
-class Walk:
+class PhotonTracer:
     """Traces photons in ``scene`` through up to ``deepest`` specular surfaces.
 
     ``tree``: whether the eye's rays form a tree. Then BSDFs without separable lobes send photons on by all specular
@@ -108,7 +108,7 @@ class Walk:
         landed = Landed(hit.si.p, hit.d, here, mi.Bool(True))
         return State(
             hit.si.spawn_ray(d),
-            beyond(hit.si, medium, d, goes) if self.absorbs else None,
+            medium_beyond(hit.si, medium, d, goes) if self.absorbs else None,
             dr.select(goes, flux / dr.select(goes, p, 1), state.flux),
             hit.level + 1,
             goes,
@@ -122,7 +122,7 @@ class Walk:
         si, d = self.scene.ray_intersect(state.ray, state.active), state.ray.d
         surface, medium, transmitted = state.active & si.is_valid(), state.medium, mi.Spectrum(1)
         if self.absorbs:
-            medium = before(si, medium, d, surface & (state.level == 0))
+            medium = medium_before(si, medium, d, surface & (state.level == 0))
             transmitted = mi.Spectrum(transmittance(medium, si.wavelengths, si.t, surface))
             surface &= dr.max(state.flux * transmitted) > 0
         bsdf, flux = si.bsdf(), state.flux * transmitted
@@ -130,7 +130,7 @@ class Walk:
         cos = dr.abs(dr.dot(si.n, d))
         shading = bounded(dr.abs(mi.Frame3f.cos_theta(si.wi)), cos)
         inseparable = self.scattering.inseparable(bsdf, surface)
-        return Hit(si, bsdf, d, state.level, surface, inseparable, flux, transmitted, cos, shading), medium
+        return Hit(si, bsdf, surface, inseparable, d, state.level, flux, transmitted, cos, shading), medium
 
     def _scatter(
         self, hit: Hit, key: mi.UInt32, active: mi.Bool
@@ -139,10 +139,8 @@ class Walk:
         lobe of a BSDF without separable lobes.
         """
         si, first = hit.si, hit.level * NUMBERS
-        choice, sample = number(key, first + CHOICE), point(key, first + DIRECTION)
-        bs, weight, belongs = self.scattering.sample(
-            self.specular, si, hit.bsdf, choice, sample, hit.flux, active, hit.inseparable
-        )
+        u = number(key, first + CHOICE), point(key, first + DIRECTION)
+        bs, weight, belongs = self.scattering.sample(self.specular, hit, u, active, hit.flux)
         by_all_lobes = but_not(hit.inseparable, lobes.has_any(bs.sampled_type, *lobes.IDEAL))
         if not self.tree:
             belongs = but_not(belongs, by_all_lobes)
@@ -171,5 +169,5 @@ def number(key: mi.UInt32, k: mi.UInt32) -> mi.Float:
 
 
 def point(key: mi.UInt32, k: mi.UInt32) -> mi.Point2f:
-    """Two of them: the ``k``-th and the next."""
+    """The point in [0, 1)² of a photon's ``k``-th number and the next."""
     return mi.Point2f(number(key, k), number(key, k + 1))

@@ -122,15 +122,7 @@ class NRook:
         n = permutations.n
         r = t // n
         epoch = r // n
-        return cls(permutations, epoch_key(key, epoch), r - epoch * n, t - r * n, jitter)
-
-    @classmethod
-    def in_first_epoch(
-        cls, permutations: Permutations, key: int | mi.UInt32, t: int | mi.UInt32, jitter: str = "multi"
-    ) -> NRook:
-        """The result of :meth:`at` for ``t`` < N², at less cost."""
-        r = t // permutations.n
-        points = cls(permutations, key, r, t - r * permutations.n, jitter)
+        points = cls(permutations, epoch_key(key, epoch), r - epoch * n, t - r * n, jitter)
         points.t = t
         return points
 

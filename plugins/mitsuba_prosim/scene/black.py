@@ -18,7 +18,7 @@ SIDE = 64
 IN_THE_PNG = "The EXR has it all; --exposure {} makes it bright in the PNG"
 
 
-def why(
+def reason(
     scene: mi.Scene, sensor: mi.Sensor, colours: np.ndarray, brighter: str = IN_THE_PNG, exposure: float = 0.0
 ) -> str | None:
     """The reason why an image is black, and a remedy; None for any other image.
@@ -30,17 +30,17 @@ def why(
         return None
     if brightest > 0:
         enough = brighter.format(f"{exposure + math.ceil(-math.log2(brightest)):g}")
-        reason = f"its brightest value is {brightest:.2g}, white being 1. {enough}, and so do brighter lights."
+        text = f"its brightest value is {brightest:.2g}, white being 1. {enough}, and so do brighter lights."
     elif not scene.emitters():
-        reason = "the scene has no lights."
+        text = "the scene has no lights."
     elif not dr.is_jit_v(mi.Float):
-        reason = "no light arrives at the visible surfaces, or nothing is in view."
+        text = "no light arrives at the visible surfaces, or nothing is in view."
     else:
-        reason = _reason(scene, sensor)
-    return "the picture is black: " + reason
+        text = _reason_by_rays(scene, sensor)
+    return "the picture is black: " + text
 
 
-def _reason(scene: mi.Scene, sensor: mi.Sensor) -> str:
+def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
     """The result of a grid of camera rays, of which each samples one point of a light.
 
     The points are those of Roberts (2018), "The Unreasonable Effectiveness of Quasirandom Sequences".

@@ -13,7 +13,7 @@ from ..compat import LIBRARIES, NOT_FOUND, PLACE, TAGS
 from .session import message
 
 
-def pointed(words: str, scene: Path | None = None) -> str:
+def with_line(words: str, scene: Path | None = None) -> str:
     """``words``, and the line that they name with a caret below it. Of several places it is the last, as an included
     file is named after the one that includes it.
 
@@ -39,7 +39,7 @@ def _line(path: Path, line: int, column: int) -> str:
     return source.message(Span(start, start + 1), "").partition("\n")[2]
 
 
-def with_nearest(words: str) -> str:
+def with_suggestion(words: str) -> str:
     """``words``, with the name of a similar plugin of the same kind where they say that a plugin does not exist."""
     found = NOT_FOUND.search(words)
     if found is None:

@@ -32,15 +32,20 @@ def colours(bitmap: mi.Bitmap) -> np.ndarray | None:
     return np.array(layer.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False))
 
 
+def luminance(rgb: np.ndarray) -> np.ndarray:
+    """Luminance of linear colours, shape (..., 3), by the weights of Rec. 709 with four digits."""
+    return rgb @ np.array([0.2126, 0.7152, 0.0722], dtype=rgb.dtype)
+
+
 def compress(rgb: np.ndarray) -> np.ndarray:
     """Compresses highlights to at most 1: the curve of Reinhard et al. (2002, equation 4) on the luminance.
 
     ``rgb``: linear radiance, shape (height, width, 3), white being 1. The luminance that one pixel in a hundred exceeds
     becomes white. An image within the range of the screen stays as it is. Ratios of the channels stay.
     """
-    luminance = np.maximum(rgb @ np.array([0.2126, 0.7152, 0.0722], dtype=rgb.dtype), 0)[..., None]
-    white = max(1.0, float(np.percentile(luminance, 99)))
-    return rgb * (1 + luminance / white**2) / (1 + luminance)
+    light = np.maximum(luminance(rgb), 0)[..., None]
+    white = max(1.0, float(np.percentile(light, 99)))
+    return rgb * (1 + light / white**2) / (1 + light)
 
 
 def exr(bitmap: mi.Bitmap, facts: Mapping[str, str]) -> bytes:

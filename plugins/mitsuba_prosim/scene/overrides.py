@@ -7,11 +7,11 @@ from typing import Any
 
 import mitsuba as mi
 
-#: Parameters of ``prosim`` and ``prosim_adaptive`` that ask for our sampling: they wrap any other integrator.
-ENOUGH = ("noise", "noise_99", "noise_999", "time", "max_samples", "adaptive")
+#: Parameters for which an integrator that lacks them is put inside ``prosim_adaptive``.
+WRAPPING = ("noise", "noise_99", "noise_999", "time", "max_samples", "adaptive")
 
-#: All parameters of the sampling. (``samples`` and ``threshold`` alone may be meant for another scene.)
-SAMPLING = ("samples", "threshold", *ENOUGH)
+#: Parameters of the outermost integrator. ``samples`` and ``threshold`` alone may be meant for another scene.
+SAMPLING = ("samples", "threshold", *WRAPPING)
 
 #: Limits of a film: pixels per side, and pixels. Its values are counted in 32 bits, several per pixel.
 LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
@@ -62,10 +62,10 @@ def apply(
     if plugin in ("prosim", "prosim_adaptive"):
         _set(props, sampling.items())
         return None
-    if not set(sampling) & set(ENOUGH):
+    if not set(sampling) & set(WRAPPING):
         raise ValueError(
             f"only the integrators prosim and prosim_adaptive have {', '.join(sampling)}; this scene's is {named}. Any "
-            f"of {', '.join(ENOUGH)} puts it inside prosim_adaptive"
+            f"of {', '.join(WRAPPING)} puts it inside prosim_adaptive"
         )
     wrapper = mi.Properties("prosim_adaptive")
     _set(wrapper, [("nested", inner), *sampling.items()])

@@ -49,5 +49,5 @@ class Blocking:
         dr.sync_thread()
         yield Step(1.0, True)
 
-    def put(self) -> None:
+    def update_film(self) -> None:
         """Does nothing, as the film already holds the image."""

@@ -33,7 +33,6 @@ class SceneFile:
         definitions: Mapping[str, str] | None = None,
         resolution: tuple[int, int] | None = None,
         crop: tuple[int, int, int, int] | None = None,
-        samples: int | None = None,
         integrator: Mapping[str, Any] | None = None,
         confined: bool = False,
         **language: Any,
@@ -46,14 +45,12 @@ class SceneFile:
             Values of the scene's ``$names``.
         ``resolution``, ``crop``
             (width, height), and (x, y, width, height), both in pixels.
-        ``samples``
-            N of the N-rook sampling.
         ``integrator``
-            Parameters of the integrator, see :func:`.overrides.apply`.
+            Parameters of the integrator, such as ``samples``; see :func:`.overrides.apply`.
         ``confined``
             Whether the scene may name only files in its folder, see :class:`.confinement.Confinement`.
         ``language``
-            Further arguments of :func:`prosim_scene.translate`.
+            Further arguments of :func:`prosim_scene.translate`, for a scene in the thesis's language.
 
         Raises :class:`prosim_scene.SceneError`, ValueError where the changes do not fit the scene, and what the
         confinement and Mitsuba's parser raise. Warns if another resolution distorts the image of a scene in the
@@ -62,15 +59,18 @@ class SceneFile:
         self.path = self.xml = Path(path)
         #: The parsed text; None for XML.
         self.document: Document | None = None
+        parameters = dict(integrator or {})
         if self.path.suffix.lower() != ".xml":
             self.document = prosim_scene.document(self.path, dict(definitions or {}))
-            language |= {"resolution": resolution, "samples": samples}
-            self.xml = prosim_scene.translate(self.document, Path(folder), **language)
+            self.xml = prosim_scene.translate(
+                self.document, Path(folder), resolution=resolution, samples=parameters.get("samples"), **language
+            )
             left, bottom, right, top = self.document.scene.view.window
-            if resolution and (wrong := prosim_scene.misfit(*resolution, (right - left) / (top - bottom))):
+            if resolution and (wrong := prosim_scene.distortion_message(*resolution, (right - left) / (top - bottom))):
                 warnings.warn(prosim_scene.SceneWarning(f"{self.path}: {wrong}"), stacklevel=2)
-            definitions = resolution = samples = None  # the translation has these
-        parameters = dict(integrator or {}) | ({"samples": samples} if samples else {})
+            definitions = resolution = None  # the translation has these
+        elif unfit := language.keys() - {"allow_outside", "cache"}:
+            raise ValueError(f"{min(unfit)} is for scenes in the thesis's language; {self.path} is XML")
         #: The arguments with which the XML file makes the same scene.
         self.changes: dict[str, Any] = {
             "definitions": dict(definitions or {}),
@@ -191,7 +191,7 @@ def instantiate(state: mi.parser.ParserState) -> mi.Scene:
     return compat.instantiate(mi.parser.ParserConfig(mi.variant() or ""), state, registry.PLUGINS)
 
 
-def uses(path: str | Path, definitions: Mapping[str, str], names: Iterable[str]) -> set[str]:
+def used_names(path: str | Path, definitions: Mapping[str, str], names: Iterable[str]) -> set[str]:
     """Those of ``names`` that occur as ``$name`` in a scene file or in the files that it includes."""
     files = [path]
     if Path(path).suffix.lower() == ".xml":

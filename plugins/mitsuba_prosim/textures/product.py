@@ -31,7 +31,9 @@ class Product(mi.Texture):
 
             <texture type="prosim_product">
                 <rgb name="a" value="0.5, 0.4, 0.2"/>
-                <texture name="b" type="checkerboard"/>
+                <texture name="b" type="prosim_stripes">
+                    <float name="frequency" value="8"/>
+                </texture>
             </texture>
 
         .. code-tab:: python
@@ -42,7 +44,8 @@ class Product(mi.Texture):
                 'value': [0.5, 0.4, 0.2]
             },
             'b': {
-                'type': 'checkerboard'
+                'type': 'prosim_stripes',
+                'frequency': 8
             }
     """
 

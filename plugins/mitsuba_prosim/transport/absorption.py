@@ -16,13 +16,13 @@ from ..optics.nested import all_shapes
 #: Wavelengths (nm) at which the scattering of a medium is tested.
 TESTED = (380.0, 450.0, 500.0, 550.0, 600.0, 650.0, 700.0, 780.0)
 
-#: Length of a ray that meets nothing: whatever absorbs leaves nothing of it.
-ENDLESS = 1e30
+#: Length of a ray that meets nothing: a medium that absorbs leaves nothing of its light.
+UNBOUNDED = 1e30
 
 
-def absorbs_any(scene: mi.Scene, around: mi.Medium | None) -> bool:
-    """Whether a medium of ``scene``, or that ``around`` the camera, absorbs; warns of media that are ignored."""
-    media = dict.fromkeys([*media_of(scene), *([] if around is None else [around])])
+def absorbs_any(scene: mi.Scene, camera_medium: mi.Medium | None) -> bool:
+    """Whether a medium of ``scene`` or that of the camera absorbs; warns of media that are ignored."""
+    media = dict.fromkeys([*media_of(scene), *([] if camera_medium is None else [camera_medium])])
     absorbing = [medium for medium in media if only_absorbs(medium)]
     if len(absorbing) < len(media):
         others = ", ".join(repr(medium.id()) for medium in media if medium not in absorbing)
@@ -69,7 +69,7 @@ def transmittance(
     return dr.select(absorbs, dr.exp(-sigma_t * t), 1)
 
 
-def beyond(
+def medium_beyond(
     si: mi.SurfaceInteraction3f, medium: mi.MediumPtr | mi.Medium | None, d: mi.Vector3f, active: mi.Bool
 ) -> mi.MediumPtr | mi.Medium | None:
     """The medium of a ray that leaves ``si`` in the direction ``d`` and arrived in ``medium``: the same one where the
@@ -80,12 +80,12 @@ def beyond(
     return dr.select(active & si.is_medium_transition(), si.target_medium(d), medium)
 
 
-def before(
+def medium_before(
     si: mi.SurfaceInteraction3f, medium: mi.MediumPtr | mi.Medium | None, d: mi.Vector3f, active: mi.Bool
 ) -> mi.MediumPtr | mi.Medium | None:
     """The medium in which a camera ray of direction ``d`` meets ``si``: the sensor's ``medium``, or, if it has none,
     that of the surface on that side.
     """
     if not dr.is_jit_v(mi.Float):
-        return beyond(si, medium, -d, active) if medium is None else medium
-    return beyond(si, medium, -d, active & (medium == mi.MediumPtr(None)))
+        return medium_beyond(si, medium, -d, active) if medium is None else medium
+    return medium_beyond(si, medium, -d, active & (medium == mi.MediumPtr(None)))

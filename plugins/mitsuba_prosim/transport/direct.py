@@ -8,83 +8,84 @@ import drjit as dr
 import mitsuba as mi
 
 from ..light.reparameterisation import reparameterised_sample
-from ..light.strategy import Receiver
+from ..light.strategy import Index, Receiver
 from ..light.table import Lamp
 from ..masks import but_not
 from ..sampling.nrook import SamplerPoints
 from ..sampling.sobol import Points
 from . import lobes
-from .absorption import beyond, transmittance
-from .next_ray import lobe_numbers
+from .absorption import medium_beyond, transmittance
+from .next_ray import lobe_point
 from .radiance import Radiance
 from .ray import Vertex, mis
 from .transport_context import NODE_SPACES, Context
 
 
 def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
-    """Light from the sources through the whole BRDF: every source by one point and one shadow ray (section 4.1), or
-    one chosen lamp. Where photons were gathered before, through the diffuse lobes alone.
+    """Radiance that ``vertex`` scatters from the sources: every source by one point and one shadow ray (section 4.1),
+    or one chosen lamp; by the whole BRDF, but by the diffuse lobes alone where photons were gathered before.
     """
-    lights, layers, ray, active = context.lights, context.layers, vertex.ray, vertex.smooth
+    lights, ray, active = context.lights, vertex.ray, vertex.smooth
     space = context.space(ray.node, NODE_SPACES)
-    other_pdf = None
-    if context.photon_mis is not None:
-        of_photons = active if ray.gathered_photons is None else but_not(active, ray.gathered_photons)
-        other_pdf = context.photon_mis.light_pdf(vertex, of_photons)
+    other_pdf = None if context.photon_mis is None else context.photon_mis.light_pdf(vertex)
+
+    def add(lamp: Lamp, L: Radiance) -> Radiance:
+        ds, weight = sample_lamp(context, vertex, lamp, points(space + lamp.k, active))
+        return L + lamp_light(context, vertex, points, lamp.k, ds, weight, other_pdf)
+
     if lights.sampler is None:
-        L = lights.for_each(
-            lambda lamp, L: L + lamp_light(context, vertex, points, lamp, points(space + lamp.k, active), other_pdf),
-            layers.none(),
-            active,
-            attached=context.attached,
-        )
+        L = lights.for_each(add, context.layers.none(), active, attached=context.attached)
     else:
-        assert vertex.importance is not None
         point = points(space, active)
-        k, probability, rest = lights.sampler.choose(vertex.receiver, vertex.importance, point.x, active)
-        L = lamp_light(context, vertex, points, lights.lamp(k), mi.Point2f(rest, point.y), other_pdf, probability)
+        k, probability, rest = lights.sampler.choose(vertex.receiver, point.x, active)
+        ds, weight = sample_lamp(context, vertex, lights.lamp(k), mi.Point2f(rest, point.y), probability)
+        L = lamp_light(context, vertex, points, k, ds, weight, other_pdf)
     if lights.sky is not None and context.light_lobes is not None:
         value = sky_light(context, vertex, points, space + lights.lamps)
-        L = L.plus(value, layers.of(ray, "diffuse", lambda: lights.lamps))
+        L = L.plus(value, context.layers.of(ray, "diffuse", lights.lamps))
     return L
+
+
+def sample_lamp(
+    context: Context, vertex: Vertex, lamp: Lamp, point: mi.Point2f, probability: mi.Float | None = None
+) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+    """``(ds, weight)``: the ``point`` in [0, 1)² of ``lamp``, which was chosen with this ``probability``, and radiance
+    over density; both with derivatives if they are wanted.
+    """
+    ds, weight = lamp.sample(vertex.receiver, point, vertex.smooth)
+    if probability is not None:
+        ds.pdf, weight = ds.pdf * probability, weight / probability
+    if not context.attached:
+        return ds, weight
+    return reparameterised_sample(context.lights, lamp, vertex.receiver, ds, weight, vertex.smooth)
 
 
 def lamp_light(
     context: Context,
     vertex: Vertex,
     points: Points,
-    lamp: Lamp,
-    point: mi.Point2f,
-    other_pdf: Any = None,
-    probability: mi.Float | None = None,
+    k: Index,
+    ds: mi.DirectionSample3f,
+    weight: mi.Spectrum,
+    other_pdf: Any,
 ) -> Radiance:
-    """Light from the ``point`` in [0, 1)² of ``lamp``, which was chosen with this ``probability``. ``other_pdf``: see
-    :meth:`.PhotonMIS.light_pdf`.
+    """Radiance that ``vertex`` scatters from the point ``ds`` of the lamp ``k``. ``weight``: radiance over density;
+    ``other_pdf``: see :meth:`.PhotonMIS.light_pdf`.
     """
-    si, bsdf, ray, active, gathered = vertex.si, vertex.bsdf, vertex.ray, vertex.smooth, vertex.ray.gathered_photons
-    ds, weight = lamp.sample(vertex.receiver, point, active)
-    pdf = ds.pdf
-    if probability is not None:
-        pdf, weight = pdf * probability, weight / probability
-    if context.attached:
-        ds.pdf, sample = pdf, (ds, weight)
-        scene, lights = context.scene, context.lights
-        ds, weight = reparameterised_sample(scene, lights, lamp, vertex.receiver, sample, active, vertex.importance)
-        pdf = ds.pdf
-    lit = active & (pdf > 0)
-    wo, mis_active = si.to_local(ds.d), lit
+    si, bsdf, ray, gathered = vertex.si, vertex.bsdf, vertex.ray, vertex.ray.gathered_photons
+    lit = vertex.smooth & (ds.pdf > 0)
+    wo, mis_active = si.to_local(ds.d), vertex.before_gathering(lit)
     f = mi.Spectrum(0) if context.light_lobes is None else bsdf.eval(context.light_lobes, si, wo, lit)
     if gathered is not None:
         f = dr.select(gathered, bsdf.eval(lobes.diffuse(), si, wo, lit & gathered), f)
-        mis_active = but_not(lit, gathered)
     diffuse = f
     for lobe in context.mis_lobes:
         f_lobe, pdf_lobe = eval_lobe(context, lobe, vertex, wo, points, mis_active)
         if other_pdf is not None:
             pdf_lobe = other_pdf(ds, f_lobe, pdf_lobe, but_not(mis_active, ds.delta))
-        f = f + f_lobe * dr.select(ds.delta, 1, mis(pdf, pdf_lobe))
-    f = context.scattering.or_all_lobes(f, si, bsdf, wo, lit, vertex.inseparable)
-    layers, glossy = context.layers, context.layers.of(ray, "glossy", lambda: lamp.k)
+        f = f + f_lobe * dr.select(ds.delta, 1, mis(ds.pdf, pdf_lobe))
+    f = context.scattering.or_all_lobes(f, vertex, wo, lit)
+    layers, glossy = context.layers, context.layers.of(ray, "glossy", k)
     if not layers.splits_lobes:
         (value,) = unless_in_shadow(context, vertex, ds.p, [f * weight], lit)
         return layers.none().plus(value, glossy)
@@ -100,19 +101,20 @@ def eval_lobe(
 ) -> tuple[mi.Spectrum, mi.Float]:
     """Value of ``lobe`` times the cosine for ``wo``, and its density. Samples its ray, too, if the context says so."""
     if not context.samples_with_light or isinstance(points, SamplerPoints):  # those are taken in order
-        return context.scattering.eval_pdf(lobe, vertex.si, vertex.bsdf, wo, active)
-    choice, point = lobe_numbers(context, lobe, vertex, points, vertex.active)
-    f, pdf, *drawn = vertex.bsdf.eval_pdf_sample(lobe, vertex.si, wo, choice, point, vertex.active)
+        return context.scattering.eval_pdf(lobe, vertex, wo, active)
+    u = lobe_point(context, lobe, vertex, points, vertex.active)
+    f, pdf, *drawn = vertex.bsdf.eval_pdf_sample(lobe, vertex.si, wo, *u, vertex.active)
     vertex.drawn[lobe.type_mask] = tuple(drawn)
     return dr.select(active, f, 0), dr.select(active, pdf, 0)
 
 
 def sky_light(context: Context, vertex: Vertex, points: Points, space: mi.UInt32) -> mi.Spectrum:
-    """Light from a constant sky through the lobes without a ray of their own: the other lobes' rays meet the sky.
+    """Radiance that ``vertex`` scatters from a constant sky by the lobes without a ray of their own: the other lobes'
+    rays meet the sky.
     ``space``: of the pattern.
     """
     assert context.lights.sky is not None
-    si, bsdf, scattering = vertex.si, vertex.bsdf, context.scattering
+    si, bsdf = vertex.si, vertex.bsdf
     flags = bsdf.flags()
     active = vertex.smooth & (lobes.has_any(flags, *lobes.DIFFUSE) | vertex.inseparable)
     receiver = vertex.receiver
@@ -121,22 +123,22 @@ def sky_light(context: Context, vertex: Vertex, points: Points, space: mi.UInt32
         receiver = Receiver(si, receiver.n, both_sides)
     ds, weight = context.lights.sky.sample(receiver, points(space, active), active)
     lit, wo = active & (ds.pdf > 0), si.to_local(ds.d)
-    f = scattering.or_all_lobes(bsdf.eval(context.light_lobes, si, wo, lit), si, bsdf, wo, lit, vertex.inseparable)
+    f = context.scattering.or_all_lobes(bsdf.eval(context.light_lobes, si, wo, lit), vertex, wo, lit)
     return unless_in_shadow(context, vertex, ds.p, [f * weight], lit)[0]
 
 
 def unless_in_shadow(
-    context: Context, vertex: Vertex, p: mi.Point3f, values: list[mi.Spectrum], active: mi.Bool
+    context: Context, vertex: Vertex, p: mi.Point3f, radiances: list[mi.Spectrum], active: mi.Bool
 ) -> list[mi.Spectrum]:
-    """The ``values`` times the transmittance, where nothing is between ``vertex`` and the point ``p``; else 0. The
+    """The ``radiances`` times the transmittance, where nothing is between ``vertex`` and the point ``p``; else 0. The
     first contains the others.
     """
     si = vertex.si
     if context.settings.shadows:
-        active = active & (dr.max(dr.abs(values[0])) > 0)
+        active = active & (dr.max(dr.abs(radiances[0])) > 0)
         active = but_not(active, context.scene.ray_test(si.spawn_ray_to(p), active))
     if context.absorbs:
         d = p - si.p
-        left = transmittance(beyond(si, vertex.ray.medium, d, active), si.wavelengths, dr.norm(d), active)
-        values = [value * left for value in values]
-    return [dr.select(active, value, 0) for value in values]
+        left = transmittance(medium_beyond(si, vertex.ray.medium, d, active), si.wavelengths, dr.norm(d), active)
+        radiances = [L * left for L in radiances]
+    return [dr.select(active, L, 0) for L in radiances]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -10,7 +10,8 @@ import mitsuba as mi
 
 from ..masks import idle
 from . import lobes
-from .absorption import ENDLESS, before, beyond, media_of, transmittance
+from .absorption import UNBOUNDED, media_of, medium_before, medium_beyond, transmittance
+from .ray import Surface
 from .scattering import Scattering
 from .workarounds import past_emitters
 
@@ -42,28 +43,28 @@ def features(
     ray: mi.Ray3f,
     active: mi.Bool,
     hide_emitters: bool = False,
-    around: mi.Medium | None = None,
+    camera_medium: mi.Medium | None = None,
 ) -> tuple[mi.Spectrum, mi.Normal3f, mi.Bool]:
     """``(albedo, normal, hit)`` of the camera ray ``ray``: albedo in [0, 1], and the shading normal of the first
     surface, on the viewer's side; 0 where there is no surface.
 
     The albedo is that of the diffuse lobes, by one sample, plus that of the surfaces that the specular lobes show,
     times their reflectance or transmittance. Sources and the sky have their radiance, at most 1; with ``hide_emitters``
-    the camera does not see them. ``around``: the medium of the camera.
+    the camera does not see them. ``camera_medium``: the medium of the camera.
     """
-    media = around is not None or any(True for _ in media_of(scene))
+    media = camera_medium is not None or any(True for _ in media_of(scene))
     scattering = Scattering.of(scene, separate=False)
     diffuse, specular = lobes.diffuse(), lobes.specular()
 
     def step(state: State) -> State:
-        ray, active = state.ray, state.active
+        ray, active, medium, first = state.ray, state.active, state.medium, state.level == 0
         si = scene.ray_intersect(ray, active)
         if hide_emitters:
-            si = past_emitters(scene, ray, si, active & (state.level == 0), attached=False)
-        albedo, throughput, medium = state.albedo, state.throughput, state.medium
+            si = past_emitters(scene, ray, si, active & first, attached=False)
+        albedo, throughput = state.albedo, state.throughput
         if media:
-            medium = before(si, medium, ray.d, active & si.is_valid() & (state.level == 0))
-            t = dr.select(si.is_valid(), si.t, ENDLESS)
+            medium = medium_before(si, medium, ray.d, active & si.is_valid() & first)
+            t = dr.select(si.is_valid(), si.t, UNBOUNDED)
             throughput = throughput * transmittance(medium, ray.wavelengths, t, active)
         emitter = si.emitter(scene)
         visible = active & (state.level > 0) if hide_emitters else active
@@ -71,37 +72,22 @@ def features(
             albedo = albedo + dr.select(visible, throughput * dr.clip(emitter.eval(si, visible), 0, 1), 0)
         surface = active & si.is_valid()
         if idle(surface):
-            return State(ray, albedo, throughput, state.normal, surface, state.level, state.sampler, medium)
-        first = surface & (state.level == 0)
+            return replace(state, albedo=albedo, active=surface)
         facing = si.sh_frame.n * dr.sign(mi.Frame3f.cos_theta(si.wi))
+        normal = dr.select(surface & first, facing, state.normal)
         scattered, _ = sample_albedo(si, diffuse, state.sampler, surface, scattering)
         weight, d = sample_albedo(si, specular, state.sampler, surface, scattering)
         albedo = albedo + dr.select(surface, throughput * scattered, 0)
         throughput = throughput * weight
         if media:
-            medium = beyond(si, medium, d, surface)
+            medium = medium_beyond(si, medium, d, surface)
         going = surface & (state.level < MAX_LEVEL) & (dr.max(throughput) > MIN_THROUGHPUT)
-        return State(
-            si.spawn_ray(d),
-            albedo,
-            throughput,
-            dr.select(first, facing, state.normal),
-            going,
-            state.level + 1,
-            state.sampler,
-            medium,
-        )
+        ray, level = si.spawn_ray(d), state.level + 1
+        return State(ray, albedo, throughput, normal, going, level, state.sampler, medium)
 
-    state = State(
-        mi.Ray3f(ray),
-        mi.Spectrum(0),
-        mi.Spectrum(1),
-        mi.Normal3f(0),
-        mi.Bool(active),
-        mi.UInt32(0),
-        sampler,
-        mi.MediumPtr(around) if media and dr.is_jit_v(mi.Float) else around,
-    )
+    medium = mi.MediumPtr(camera_medium) if media and dr.is_jit_v(mi.Float) else camera_medium
+    black, none = mi.Spectrum(0), mi.Normal3f(0)
+    state = State(mi.Ray3f(ray), black, mi.Spectrum(1), none, mi.Bool(active), mi.UInt32(0), sampler, medium)
     (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (step(state),))
     albedo = dr.select(dr.all(dr.isfinite(state.albedo)), dr.clip(state.albedo, 0, 1), 0)
     return albedo, state.normal, dr.squared_norm(state.normal) > 0
@@ -123,6 +109,8 @@ def sample_albedo(
     Dispersive glass refracts all wavelengths in one direction here, as a clipped albedo is no mean.
     """
     choice, point = sampler.next_1d(active), sampler.next_2d(active)
-    bs, weight, belongs = scattering.sample(lobe, si, si.bsdf(), choice, point, None, active)
+    bs, weight, belongs = scattering.sample(
+        lobe, Surface(si, si.bsdf(), active, mi.Bool(False)), (choice, point), active
+    )
     belongs &= active & (bs.pdf > 0)
     return dr.select(belongs, mi.unpolarized_spectrum(weight), 0), si.to_world(bs.wo)

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import functools
 import operator
+from typing import TypeAlias
 
 import mitsuba as mi
+
+#: The numbers that sample a lobe: one in [0, 1) that chooses among several, and a point in [0, 1)² for the direction.
+LobePoint: TypeAlias = "tuple[mi.Float, mi.Point2f]"
 
 #: Names of the ``mi.BSDFFlags`` of the specular reflection, glossy or ideal.
 REFLECTED = ("GlossyReflection", "DeltaReflection")
@@ -23,7 +27,7 @@ SMOOTH = GLOSSY + DIFFUSE
 BOTH_SIDES = ("GlossyTransmission", "DiffuseTransmission")
 
 
-def everything(mode: mi.TransportMode | None = None) -> mi.BSDFContext:
+def all_lobes(mode: mi.TransportMode | None = None) -> mi.BSDFContext:
     """The context of all lobes; of radiance unless ``mode`` says otherwise."""
     return mi.BSDFContext() if mode is None else mi.BSDFContext(mode)
 
@@ -39,7 +43,7 @@ def refracted() -> mi.BSDFContext:
 
 
 def specular() -> mi.BSDFContext:
-    """The context of both together."""
+    """The context of the specular reflection and transmission, null lobes included."""
     return _context(mask(*REFLECTED, *REFRACTED))
 
 
@@ -53,13 +57,13 @@ def only(context: mi.BSDFContext, *names: str) -> mi.BSDFContext:
     return _context(context.type_mask & mask(*names), context.mode)
 
 
-def and_through(context: mi.BSDFContext) -> mi.BSDFContext:
+def with_null_lobes(context: mi.BSDFContext) -> mi.BSDFContext:
     """``context`` with null lobes."""
     return _context(context.type_mask | mask("Null"), context.mode)
 
 
 def _context(type_mask: int, mode: mi.TransportMode | None = None) -> mi.BSDFContext:
-    context = everything(mode)
+    context = all_lobes(mode)
     context.type_mask = type_mask
     return context
 
@@ -75,6 +79,6 @@ def has_any(flags: int | mi.UInt32, *names: str) -> mi.Bool:
     return (flags & mask(*names)) != 0
 
 
-def is_everything(context: mi.BSDFContext) -> bool:
+def is_all_lobes(context: mi.BSDFContext) -> bool:
     """Whether ``context`` asks for all lobes."""
     return context.type_mask == mi.BSDFContext().type_mask

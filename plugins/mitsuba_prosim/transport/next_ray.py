@@ -11,7 +11,8 @@ from ..light.reparameterisation import reparameterised_ray
 from ..masks import but_not, idle
 from ..sampling.sobol import Points
 from . import lobes
-from .absorption import beyond
+from .absorption import medium_beyond
+from .lobes import LobePoint
 from .ray import Ray, Vertex
 from .transport_context import CHOICE, DIFFUSE, REFRACTED, Context, direction_space
 
@@ -19,7 +20,7 @@ from .transport_context import CHOICE, DIFFUSE, REFRACTED, Context, direction_sp
 def next_ray(
     context: Context, lobe: mi.BSDFContext, vertex: Vertex, points: Points, active: mi.Bool
 ) -> tuple[Ray, mi.Bool, mi.Float]:
-    """``(ray, active, eta)``: samples the ray that leaves ``vertex`` through ``lobe``, its lanes, and the ratio of the
+    """``(ray, active, eta)``: the sampled ray that leaves ``vertex`` through ``lobe``, its lanes, and the ratio of the
     indices of refraction that it crosses.
     """
     ray, si, k = vertex.ray, vertex.si, direction_space(lobe)
@@ -41,7 +42,7 @@ def next_ray(
         pdf=bs.pdf,
         uses_mis=but_not(mi.Bool(True), ideal),
         n=vertex.receiver.n,
-        importance=vertex.importance,
+        importance=vertex.receiver.importance,
     )
     by_all_lobes = but_not(vertex.inseparable, ideal)  # light sampling and photons took all of them
     if ray.sees_emission is not None:
@@ -57,7 +58,7 @@ def next_ray(
     if context.photon_mis is not None:
         following = context.photon_mis.next(vertex, following, bs, weight)
     if context.absorbs:
-        following.medium = beyond(si, ray.medium, dr.detach(d), active)
+        following.medium = medium_beyond(si, ray.medium, dr.detach(d), active)
         following.offset = dr.dot(o - si.p, d)
     return following, active, bs.eta
 
@@ -69,40 +70,38 @@ def sample_direction(
     lobe. Derivatives are those of its density, weight and direction where the direction is fixed or moves with the
     source that it meets.
     """
-    si, bsdf, scattering, throughput = vertex.si, vertex.bsdf, context.scattering, vertex.ray.throughput
+    si, scattering, throughput = vertex.si, context.scattering, vertex.ray.throughput
     if lobe.type_mask in vertex.drawn:
         bs, weight = vertex.drawn[lobe.type_mask]
         return bs, weight, si.to_world(bs.wo), (bs.sampled_type & lobe.type_mask) != 0
-    choice, point = lobe_numbers(context, lobe, vertex, points, active)
-
-    def sample(active: mi.Bool) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Bool]:
-        return scattering.sample(lobe, si, bsdf, choice, point, throughput, active, vertex.inseparable)
-
+    u = lobe_point(context, lobe, vertex, points, active)
     with dr.suspend_grad(when=context.attached):
-        bs, weight, belongs = sample(active)
+        bs, weight, belongs = scattering.sample(lobe, vertex, u, active, throughput)
         d = si.to_world(bs.wo)
     if not context.attached:
         return bs, weight, d, belongs
     ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL)
     smooth = but_not(active, ideal)
-    moved, jacobian = reparameterised_ray(context.scene, context.lights, vertex.receiver, d, smooth)
-    f, pdf = scattering.eval_pdf(lobe, si, bsdf, si.to_local(moved), smooth, vertex.inseparable)
+    moved, jacobian = reparameterised_ray(context.lights, vertex.receiver, d, smooth)
+    wo = si.to_local(moved)
+    f, pdf = scattering.eval_pdf(lobe, vertex, wo, smooth)
+    if scattering.any_inseparable:
+        of_all = vertex.bsdf.eval_pdf(lobes.all_lobes(), si, wo, smooth & vertex.inseparable)
+        f, pdf = dr.select(vertex.inseparable, of_all, (f, pdf))
     weight = f * dr.relative_grad(jacobian) / dr.detach(dr.select(pdf > 0, pdf, 1))
     if lobes.has_any(context.flags, *lobes.IDEAL):
-        again, ideal_weight, _ = sample(active & ideal)
+        again, ideal_weight, _ = scattering.sample(lobe, vertex, u, active & ideal, throughput)
         moved = dr.select(ideal, si.to_world(again.wo), moved)
         weight = dr.select(ideal, ideal_weight, weight)
     bs.pdf = dr.replace_grad(bs.pdf, pdf)
     return bs, weight, dr.replace_grad(d, moved), belongs
 
 
-def lobe_numbers(
-    context: Context, lobe: mi.BSDFContext, vertex: Vertex, points: Points, active: mi.Bool
-) -> tuple[mi.Float, mi.Point2f]:
-    """The number in [0, 1) and the point in [0, 1)² by which the ray of ``lobe`` is sampled at ``vertex``."""
+def lobe_point(context: Context, lobe: mi.BSDFContext, vertex: Vertex, points: Points, active: mi.Bool) -> LobePoint:
+    """The numbers by which the ray of ``lobe`` is sampled at ``vertex``."""
     space = context.space(vertex.ray.node, CHOICE)
     # Strata pay only where all lobes are sampled together, and with dispersion.
-    stratified = lobes.is_everything(lobe) or context.scattering.disperses
+    stratified = lobes.is_all_lobes(lobe) or context.scattering.disperses
     choice = points(space, active).x if stratified else points.choice(space)
     point = points(context.space(vertex.ray.node, direction_space(lobe)), active)
     return context.scattering.choice(points, space, choice), point

@@ -9,61 +9,48 @@ import mitsuba as mi
 
 from ..sampling.sobol import Points
 from . import lobes
-from .loop import walk
 from .next_ray import next_ray
-from .radiance import Radiance
 from .ray import Ray, Vertex
 from .transport_context import CHOICE, REFRACTED, ROULETTE, Context
-from .vertex import shade
 
 
 @dataclass
-class State:
-    """State of the loop over the vertices. ``sampler``: the source of the points, if that has a state."""
+class Progress:
+    """Counters of a path."""
 
-    L: Radiance
-    hit: mi.Bool
-    ray: Ray
-    active: mi.Bool
     #: Number of diffuse reflections so far; None where it is unlimited, as Dr.Jit traces a loop twice in which a
     #: variable stays as it is.
     bounces: mi.UInt32 | None
     #: Product of the ratios of the indices crossed so far.
     eta: mi.Float
-    sampler: mi.Sampler | None
 
 
-def radiance(
-    context: Context, camera: mi.Ray3f, points: Points, active: mi.Bool, sampler: mi.Sampler = None
-) -> tuple[Radiance, mi.Bool]:
-    """``(L, hit)`` of the camera ray ``camera`` (``mi.Ray3f``) by one path; see :class:`.Transport`."""
-
-    def step(state: State) -> State:
-        L, vertex = shade(context, state.ray, camera, points, state.active)
-        hit, bounces = state.hit | (state.ray.level == 0) & vertex.active, state.bounces
-        if bounces is None:
-            ray, going, eta = next_ray(context, lobes.everything(), vertex, points, vertex.active)
-        else:
-            ray, going, eta, bounces = one_of_two(context, vertex, points, bounces)
-        ray.node = state.ray.node + 1
-        # Radiance within glass is scaled by the square of its index, which is lost again at the way out.
-        eta *= state.eta
-        choice = points.choice(context.space(state.ray.node, ROULETTE))
-        ray, going = roulette(context, ray, going, eta, choice)
-        return State(state.L + L, hit, ray, going, bounces, eta, state.sampler)
-
-    bounces = mi.UInt32(0) if context.settings.diffuse_bounces >= 0 else None
-    state = State(
-        context.layers.none(), mi.Bool(False), context.first(camera), mi.Bool(active), bounces, mi.Float(1), sampler
-    )
-    return walk(context, step, state, camera)
+def start(context: Context, ray: Ray) -> Progress:
+    """The progress of a path that begins with the camera's ``ray``."""
+    return Progress(mi.UInt32(0) if context.settings.diffuse_bounces >= 0 else None, mi.Float(1))
 
 
-def one_of_two(
+def proceed(
+    context: Context, vertex: Vertex, points: Points, active: mi.Bool, progress: Progress
+) -> tuple[Ray, mi.Bool, Progress]:
+    """``(ray, active, progress)``: the ray that continues the path after ``vertex``, and its lanes."""
+    bounces, node = progress.bounces, vertex.ray.node
+    if bounces is None:
+        ray, going, eta = next_ray(context, lobes.all_lobes(), vertex, points, vertex.active)
+    else:
+        ray, going, eta, bounces = specular_or_diffuse(context, vertex, points, bounces)
+    ray.node = node + 1
+    # Radiance within glass is scaled by the square of its index, which is lost again at the way out.
+    eta *= progress.eta
+    ray, going = roulette(context, ray, going, eta, points.choice(context.space(node, ROULETTE)))
+    return ray, going, Progress(bounces, eta)
+
+
+def specular_or_diffuse(
     context: Context, vertex: Vertex, points: Points, bounces: mi.UInt32
 ) -> tuple[Ray, mi.Bool, mi.Float, mi.UInt32]:
-    """``(ray, active, eta, bounces)``: samples a specular and, up to ``diffuse_bounces``, a diffuse ray, and chooses
-    one of the two.
+    """``(ray, active, eta, bounces)``: a specular ray or, up to ``diffuse_bounces``, a diffuse one: both are sampled,
+    and one is chosen by its throughput.
     """
     specular, reflects, eta = next_ray(context, lobes.specular(), vertex, points, vertex.active)
     more = vertex.active & (bounces < context.settings.diffuse_bounces)

@@ -15,7 +15,7 @@ leaves. So it belongs to the layer of that vertex.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -49,11 +49,11 @@ class Radiance:
         return Radiance(self.total + other.total, [a + b for a, b in zip(self.layers, other.layers)])
 
     def scaled(self, factor: mi.Spectrum) -> Radiance:
-        """This times ``factor``."""
+        """This radiance times ``factor``."""
         return Radiance(factor * self.total, [factor * L for L in self.layers])
 
     def plus(self, value: mi.Spectrum, layer: Layer) -> Radiance:
-        """This and ``value``, which belongs to ``layer``."""
+        """This radiance and ``value``, which belongs to ``layer``."""
         return self.with_total(self.total + value, value, layer)
 
     def with_total(self, total: mi.Spectrum, value: mi.Spectrum, layer: Layer) -> Radiance:
@@ -65,7 +65,7 @@ class Radiance:
         return Radiance(total, layers)
 
     def moved(self, value: mi.Spectrum, source: Layer, target: Layer) -> Radiance:
-        """The same, with ``value`` moved from the layer ``source`` to the layer ``target``."""
+        """This radiance, with ``value`` moved from the layer ``source`` to the layer ``target``."""
         return self.with_total(self.total, -value, source).with_total(self.total, value, target)
 
 
@@ -84,9 +84,9 @@ class Layers:
         """No radiance."""
         return Radiance(mi.Spectrum(0), [mi.Spectrum(0) for _ in self.names])
 
-    def of(self, ray: Ray, term: str, source: Callable[[], Layer] = lambda: 0) -> Layer:
+    def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:
         """The layer of a ``term`` at the vertex that ``ray`` meets: "emitted", "background", "ambient", "diffuse",
-        "glossy" or "caustics". ``source``: returns the number of the source that the light comes from.
+        "glossy" or "caustics". ``source``: the number of the source that the light comes from.
         """
         return 0
 
@@ -100,14 +100,14 @@ class Layers:
 class ByLight(Layers):
     """A layer for each source, the background and the ambient term."""
 
-    def of(self, ray: Ray, term: str, source: Callable[[], Layer] = lambda: 0) -> Layer:  # noqa: D102
-        return self.names.index(term) if term in ("background", "ambient") else source()
+    def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:  # noqa: D102
+        return self.names.index(term) if term in ("background", "ambient") else source
 
 
 class ByLevel(Layers):
     """A layer for each level."""
 
-    def of(self, ray: Ray, term: str, source: Callable[[], Layer] = lambda: 0) -> Layer:  # noqa: D102
+    def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:  # noqa: D102
         return dr.maximum(ray.level, 1) - 1 if term == "emitted" else ray.level
 
 
@@ -120,7 +120,7 @@ class ByTerm(Layers):
         """The number of the layer of this name."""
         return mi.UInt32(self.names.index(term))
 
-    def of(self, ray: Ray, term: str, source: Callable[[], Layer] = lambda: 0) -> Layer:  # noqa: D102
+    def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:  # noqa: D102
         beyond = ray.branch
         if term == "emitted":
             beyond = dr.select((ray.level == 1) & ray.uses_mis, self.number("glossy"), beyond)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import drjit as dr
 import mitsuba as mi
 
 from ..light.strategy import Receiver
+from ..masks import but_not
 
 
 @dataclass
@@ -42,11 +43,14 @@ class Ray:
     #: Whether a surface before has gathered photons by the lobe that a ray left it by, so that light behind specular
     #: surfaces does not count; None where no ray leaves by such a lobe.
     gathered_photons: mi.Bool | None = None
-    #: Where light sampling chooses among lamps: their total importance at the ray's origin, see
-    #: :mod:`..light.light_sampler`.
+    #: Where light sampling chooses among lamps: their total importance at the ray's origin.
     importance: mi.Float | None = None
     #: Where layers depend on it: the layer of all light that comes by the lobe that left the first vertex.
     branch: mi.UInt32 | None = None
+
+    def attenuated(self, transmitted: mi.Spectrum) -> Ray:
+        """This ray where a medium has ``transmitted`` this part of its light."""
+        return replace(self, throughput=self.throughput * transmitted)
 
     @classmethod
     def first(cls, camera: mi.Ray3f) -> Ray:
@@ -56,23 +60,32 @@ class Ray:
 
 
 @dataclass
-class Vertex:
-    """The surface point that a ray meets, for light sampling and for the rays that leave it."""
+class Surface:
+    """A point of a surface, and the BSDF there."""
 
-    #: The ray as it arrives, attenuated by absorption on its way.
-    ray: Ray
     si: mi.SurfaceInteraction3f
     bsdf: mi.BSDFPtr
-    #: The lanes that met a surface, at the deepest level at most.
+    #: The lanes that met a surface; those of the eye's rays, at the deepest level at most.
     active: mi.Bool
-    #: Those of them that have smooth lobes, and those whose BSDF has no separable lobes.
-    smooth: mi.Bool
+    #: Those of them whose BSDF has no separable lobes.
     inseparable: mi.Bool
+
+
+@dataclass
+class Vertex(Surface):
+    """The surface point that a ray meets, for light sampling and for the rays that leave it."""
+
+    #: Those of the active lanes that have smooth lobes.
+    smooth: mi.Bool
+    #: The ray as it arrives, attenuated by absorption on its way.
+    ray: Ray
     receiver: Receiver
-    #: Total importance of the lamps, see :attr:`Ray.importance`.
-    importance: mi.Float | None = None
     #: Samples ``(bs, weight)`` of lobes by their type mask, where light sampling evaluated the lobe in the same call.
     drawn: dict[int, tuple[mi.BSDFSample3f, mi.Spectrum]] = field(default_factory=dict)
+
+    def before_gathering(self, active: mi.Bool) -> mi.Bool:
+        """The active lanes whose ray has left no surface that gathered photons by the same lobe."""
+        return active if self.ray.gathered_photons is None else but_not(active, self.ray.gathered_photons)
 
 
 def mis(pdf: mi.Float, other: mi.Float) -> mi.Float:

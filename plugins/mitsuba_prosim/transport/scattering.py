@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
 
 from ..masks import dispatch, idle
-from ..optics.nested import all_shapes
+from ..optics.nested import all_bsdfs
 from ..sampling import wavelengths
 from ..sampling.hash import combine
 from ..sampling.nrook import SamplerPoints
 from ..sampling.sobol import Points
 from . import lobes, workarounds
-
-#: One BSDF, or a Dr.Jit array of them.
-AnyBSDF: TypeAlias = "mi.BSDF | mi.BSDFPtr"
+from .lobes import LobePoint
+from .ray import Surface
 
 
 def disperses(scene: mi.Scene) -> bool:
     """Whether any BSDF of ``scene`` declares that it refracts each wavelength in another direction."""
-    return any(getattr(shape.bsdf(), "disperses", False) for shape in all_shapes(scene))
+    return any(getattr(bsdf, "disperses", False) for bsdf in all_bsdfs(scene))
 
 
 @dataclass(frozen=True)
@@ -39,105 +37,71 @@ class Scattering:
     @classmethod
     def of(cls, scene: mi.Scene, separate: bool = True) -> Scattering:
         """The BSDFs of ``scene``. ``separate``: whether lobes are evaluated separately at all."""
-        bsdfs = [shape.bsdf() for shape in all_shapes(scene) if shape.bsdf() is not None]
+        bsdfs = all_bsdfs(scene)
         inseparable = separate and any(map(workarounds.is_inseparable, bsdfs))
-        return cls(disperses(scene), any(map(workarounds.is_mixed, bsdfs)), inseparable)
+        return cls(disperses(scene), any(map(workarounds.has_mask_or_blend, bsdfs)), inseparable)
 
-    def inseparable(self, bsdf: AnyBSDF, active: mi.Bool) -> mi.Bool:
+    def inseparable(self, bsdf: mi.BSDF | mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
         """The active lanes whose BSDF has no separable lobes."""
         if not self.any_inseparable:
             return mi.Bool(False)
         return active & dispatch(bsdf, lambda one, active: mi.Bool(workarounds.is_inseparable(one)), active)
 
     def sample(
-        self,
-        lobe: mi.BSDFContext,
-        si: mi.SurfaceInteraction3f,
-        bsdf: AnyBSDF,
-        choice: mi.Float,
-        point: mi.Point2f,
-        throughput: mi.Spectrum | None,
-        active: mi.Bool,
-        inseparable: mi.Bool | None = None,
+        self, lobe: mi.BSDFContext, at: Surface, u: LobePoint, active: mi.Bool, throughput: mi.Spectrum | None = None
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Bool]:
-        """``(bs, weight, belongs)``: a sample of ``lobe``, and whether it is one of that lobe.
+        """``(bs, weight, belongs)``: a sample of ``lobe`` by the numbers ``u``, and whether it is one of that lobe.
 
-        ``choice``: a number in [0, 1) that chooses among lobes. ``throughput``: of the ray, for dispersion, or None. In
-        the lanes ``inseparable`` all lobes are sampled together, and each sample belongs to one of those that have a
-        ray of their own.
+        ``throughput``: of the ray, for dispersion, or None. In the lanes ``at.inseparable`` all lobes are sampled
+        together, and each sample belongs to one of those that have a ray of their own.
         """
-        bs, weight = self._sample(lobe, si, bsdf, choice, point, throughput, active)
-        # thindielectric samples lobes outside of the type mask: these have a ray of their own.
+        bs, weight = self._sample(lobe, at, u, active, throughput)
+        # Some BSDFs sample lobes outside of the type mask: these have a ray of their own.
         belongs = (bs.sampled_type & lobe.type_mask) != 0
-        if not self.any_inseparable or inseparable is None or idle(active & inseparable):
+        if not self.any_inseparable or idle(active & at.inseparable):
             return bs, weight, belongs
-        every = lobes.everything(lobe.mode)
-        bs_all, weight_all = self._sample(every, si, bsdf, choice, point, None, active & inseparable)
-        belongs_all = workarounds.belongs_to(lobe, si.wi, bs_all)
-        return dr.select(inseparable, (bs_all, weight_all, belongs_all), (bs, weight, belongs))
+        bs_all, weight_all = self._sample(lobes.all_lobes(lobe.mode), at, u, active & at.inseparable, None)
+        belongs_all = workarounds.belongs_to(lobe, at.si.wi, bs_all)
+        return dr.select(at.inseparable, (bs_all, weight_all, belongs_all), (bs, weight, belongs))
 
     def _sample(
-        self,
-        lobe: mi.BSDFContext,
-        si: mi.SurfaceInteraction3f,
-        bsdf: AnyBSDF,
-        choice: mi.Float,
-        point: mi.Point2f,
-        throughput: mi.Spectrum | None,
-        active: mi.Bool,
+        self, lobe: mi.BSDFContext, at: Surface, u: LobePoint, active: mi.Bool, throughput: mi.Spectrum | None
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        """``(bs, weight)`` of the ``lobe`` of ``bsdf``. Dispersive, ideally smooth glass refracts one of the
-        wavelengths of the ray, chosen by their ``throughput``; without a throughput all, in one direction.
+        """``(bs, weight)`` of the ``lobe`` alone. Dispersive, ideally smooth glass refracts one of the wavelengths of
+        the ray, chosen by their ``throughput``; without a throughput all, in one direction.
         """
         if not self.disperses and not self.mixes:
-            return bsdf.sample(lobe, si, choice, point, active)
+            return at.bsdf.sample(lobe, at.si, *u, active)
         weights = None
         if self.disperses and throughput is not None:
             values = [dr.maximum(t, 0) for t in dr.detach(mi.unpolarized_spectrum(throughput))]
             total = sum(values, mi.Float(0))
             weights = [dr.select(total > 0, t / dr.select(total > 0, total, 1), 1 / len(values)) for t in values]
 
-        def sample(one: mi.BSDF, weights: list[mi.Float] | None, *args: Any) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+        def sample(
+            one: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, weights: list[mi.Float] | None, active: mi.Bool
+        ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
             if getattr(one, "disperses", False):
-                return one.sample_dispersed(lobe, *args[:-1], weights, args[-1])
-            return workarounds.sample(lobe, one, *args)
+                return one.sample(lobe, si, *u, active, weights, together=weights is None)
+            return workarounds.sample(lobe, one, si, u, active)
 
-        return dispatch(bsdf, sample, weights, si, choice, point, active)
+        return dispatch(at.bsdf, sample, at.si, u, weights, active)
 
     def eval_pdf(
-        self,
-        lobe: mi.BSDFContext,
-        si: mi.SurfaceInteraction3f,
-        bsdf: AnyBSDF,
-        wo: mi.Vector3f,
-        active: mi.Bool,
-        inseparable: mi.Bool | None = None,
+        self, lobe: mi.BSDFContext, at: Surface, wo: mi.Vector3f, active: mi.Bool
     ) -> tuple[mi.Spectrum, mi.Float]:
-        """BSDF value of ``lobe`` times the cosine for ``wo``, and the density of :meth:`sample` there; of all lobes in
-        the lanes ``inseparable``.
+        """Value of ``lobe`` times the cosine for ``wo``, and the density of :meth:`sample` there; not of the lanes
+        ``at.inseparable``.
         """
         if self.mixes:
-            f, pdf = dispatch(bsdf, lambda one, *args: workarounds.eval_pdf(lobe, one, *args), si, wo, active)
-        else:
-            f, pdf = bsdf.eval_pdf(lobe, si, wo, active)
-        if self.any_inseparable and inseparable is not None:
-            of_all = bsdf.eval_pdf(lobes.everything(), si, wo, active & inseparable)
-            f, pdf = dr.select(inseparable, of_all, (f, pdf))
-        return f, pdf
+            return dispatch(at.bsdf, lambda one, *args: workarounds.eval_pdf(lobe, one, *args), at.si, wo, active)
+        return at.bsdf.eval_pdf(lobe, at.si, wo, active)
 
-    def or_all_lobes(
-        self,
-        f: mi.Spectrum,
-        si: mi.SurfaceInteraction3f,
-        bsdf: AnyBSDF,
-        wo: mi.Vector3f,
-        active: mi.Bool,
-        inseparable: mi.Bool,
-    ) -> mi.Spectrum:
-        """``f``, but the value of all lobes for ``wo`` in the lanes ``inseparable``."""
+    def or_all_lobes(self, f: mi.Spectrum, at: Surface, wo: mi.Vector3f, active: mi.Bool) -> mi.Spectrum:
+        """``f``, but the value of all lobes for ``wo`` in the lanes ``at.inseparable``."""
         if not self.any_inseparable:
             return f
-        return dr.select(inseparable, bsdf.eval(lobes.everything(), si, wo, active & inseparable), f)
+        return dr.select(at.inseparable, at.bsdf.eval(lobes.all_lobes(), at.si, wo, active & at.inseparable), f)
 
     def choice(self, points: Points, space: mi.UInt32, choice: mi.Float) -> mi.Float:
         """``choice``, the number that chooses a lobe or a wavelength, such that with dispersion the samples of a pixel

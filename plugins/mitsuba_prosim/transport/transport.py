@@ -4,6 +4,7 @@ integrator.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -13,7 +14,24 @@ from ..registry import create
 from ..sampling.nrook import NRook, SamplerPoints
 from ..sampling.sobol import Points, Sobol
 from . import path, tree
+from .differentiable_loop import differentiable_loop
+from .radiance import Radiance
+from .ray import Ray
 from .transport_context import CAMERA_SPACES, Context
+from .vertex import last_emission, shade
+
+
+@dataclass
+class State:
+    """State of the loop over the nodes of a tree, or the vertices of a path."""
+
+    L: Radiance
+    hit: mi.Bool
+    ray: Ray
+    active: mi.Bool
+    progress: tree.Stack | path.Progress
+    #: The source of the points, if that has a state.
+    sampler: mi.Sampler | None
 
 
 class Transport(Context):
@@ -39,13 +57,30 @@ class Transport(Context):
         ``points.choice(space)`` a number; ``sampler`` is the state behind them, if there is one that loops have to
         carry.
         """
-        radiance = tree.radiance if self.settings.follows_tree else path.radiance
-        L, hit = radiance(self, ray, points, active, sampler)
-        return L.total, hit, L.layers
+        walk: Any = tree if self.settings.follows_tree else path
+
+        def step(state: State) -> State:
+            L, vertex = shade(self, state.ray, ray, points, state.active)
+            hit = state.hit | (state.ray.level == 0) & vertex.active
+            following, going, progress = walk.proceed(self, vertex, points, state.active, state.progress)
+            return State(state.L + L, hit, following, going, progress, state.sampler)
+
+        first = self.first(ray)
+        state = State(self.layers.none(), mi.Bool(False), first, mi.Bool(active), walk.start(self, first), sampler)
+        if walk is tree and not (self.reflects or self.refracts):
+            state = step(state)
+        elif self.settings.max_level == 0 and not (walk is tree and tree.branches(self)):
+            state = step(state)  # no loop: the second ray can only end in a source
+            state.L += last_emission(self, state.ray, ray, state.active)
+        elif self.attached:
+            state = differentiable_loop(state, step)
+        else:
+            (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (step(state),))
+        return state.L.total, state.hit, state.L.layers
 
 
 class InnerIntegrator:
-    """Asks ``integrator``, a ``mi.SamplingIntegrator``, for the radiance in ``scene``; made once a render. It has the
+    """Estimates radiance in ``scene`` by ``integrator``, a ``mi.SamplingIntegrator``; made once per render. It has the
     interface of :class:`Transport`.
     """
 

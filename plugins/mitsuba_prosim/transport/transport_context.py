@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import drjit as dr
@@ -51,13 +51,17 @@ class Settings:
         return self.diffuse_bounces == 0
 
 
+#: Names of the settings.
+SETTINGS = tuple(field.name for field in fields(Settings))
+
+
 class Context:
     """``scene`` under ``settings``.
 
     ``attached``: whether derivatives are wanted. Directions are then fixed, or move with a source
-    (:mod:`..light.reparameterisation`), and their weights are evaluated again. ``around``: the medium that the camera
-    is in, or None. ``caustics``: the photons (``photons.caustics.Caustics``) that find the light which reaches surfaces
-    through specular ones; None if the rays find it.
+    (:mod:`..light.reparameterisation`), and their weights are evaluated again. ``camera_medium``: the medium around the
+    camera, or None. ``caustics``: the photons (``photons.caustics.Caustics``) that find the light which reaches
+    surfaces through specular ones; None if the rays find it.
     """
 
     def __init__(
@@ -65,14 +69,14 @@ class Context:
         settings: Settings,
         scene: mi.Scene,
         attached: bool = False,
-        around: mi.Medium | None = None,
+        camera_medium: mi.Medium | None = None,
         caustics: Any | None = None,
     ) -> None:
         if caustics is not None and settings.diffuse_bounces < 0:
             # A path must distinguish diffuse from other reflections, which a ray of the whole BRDF does not.
             settings = replace(settings, diffuse_bounces=UNLIMITED)
         warn_of_dim_lobes(scene)
-        self.scene, self.settings, self.attached, self.around = scene, settings, attached, around
+        self.scene, self.settings, self.attached, self.camera_medium = scene, settings, attached, camera_medium
         #: The photons, which must have been emitted before samples are taken; and their MIS with rays, or None.
         self.caustics, self.photon_mis = caustics, None if caustics is None else caustics.mis
         self.lights = Lights(scene, choose=not settings.follows_tree)
@@ -81,7 +85,7 @@ class Context:
         #: How BSDFs are sampled and evaluated.
         self.scattering = Scattering.of(scene, separate=settings.diffuse_bounces >= 0)
         #: Whether anything absorbs light on its way, see :mod:`.absorption`.
-        self.absorbs = absorbs_any(scene, around)
+        self.absorbs = absorbs_any(scene, camera_medium)
         #: Union of the ``mi.BSDFFlags`` of all surfaces: whether any has a specular reflection, a specular
         #: transmission, smooth lobes lit from both sides.
         self.flags = scene_flags(scene)
@@ -91,7 +95,7 @@ class Context:
         #: Those of the lobes with a ray of their own that may be glossy.
         self.glossy: tuple[mi.BSDFContext, ...]
         if settings.diffuse_bounces < 0:
-            self.glossy = (lobes.everything(),)
+            self.glossy = (lobes.all_lobes(),)
         elif settings.follows_tree:
             of_rays = zip(lobes.GLOSSY, (lobes.reflected(), lobes.refracted()))
             self.glossy = tuple(lobe for name, lobe in of_rays if lobes.has_any(self.flags, name))
@@ -99,7 +103,7 @@ class Context:
             self.glossy = (lobes.specular(),) if lobes.has_any(self.flags, *lobes.GLOSSY) else ()
         #: The lobes lit by light sampling and by their own rays, with MIS; and those lit by light sampling alone, as no
         #: ray of theirs may meet a source, or None.
-        self.mis_lobes = self.glossy if settings.diffuse_bounces < 0 or not self.lights.only_points else ()
+        self.mis_lobes = self.glossy if settings.diffuse_bounces < 0 or not self.lights.all_delta else ()
         #: Whether one call of a BSDF evaluates a lobe for the only lamp and samples its ray, so that its textures are
         #: evaluated once.
         self.samples_with_light = (
@@ -109,7 +113,7 @@ class Context:
         )
         self.light_lobes = None
         if settings.diffuse_bounces >= 0:
-            self.light_lobes = lobes.diffuse() if self.mis_lobes else lobes.everything()
+            self.light_lobes = lobes.diffuse() if self.mis_lobes else lobes.all_lobes()
 
     def first(self, camera: mi.Ray3f) -> Ray:
         """The ray that begins with the ``mi.Ray3f`` of the camera."""
@@ -119,7 +123,7 @@ class Context:
         if self.both_sides:
             ray.both_sides = mi.Bool(False)
         if self.absorbs:
-            ray.medium = mi.MediumPtr(self.around) if dr.is_jit_v(mi.Float) else self.around
+            ray.medium = mi.MediumPtr(self.camera_medium) if dr.is_jit_v(mi.Float) else self.camera_medium
             ray.offset = mi.Float(0)
         if self.caustics is not None and (self.scattering.any_inseparable or not self.settings.follows_tree):
             ray.gathered_photons = mi.Bool(False)

@@ -10,12 +10,9 @@ import mitsuba as mi
 from ..masks import but_not
 from ..sampling.sobol import Points
 from . import lobes
-from .loop import walk
 from .next_ray import next_ray
-from .radiance import Radiance
 from .ray import Ray, Vertex
 from .transport_context import ROULETTE, Context
-from .vertex import shade
 
 
 @dataclass
@@ -27,11 +24,6 @@ class Stack:
 
     rays: list[Ray]
     count: mi.UInt32 | None
-
-    @classmethod
-    def empty(cls, size: int, ray: Ray) -> Stack:
-        """An empty stack for at most ``size`` rays; ``ray``: any."""
-        return cls([ray] * size, mi.UInt32(0) if size else None)
 
     def next(
         self, reflected: Ray, reflects: mi.Bool, refracted: Ray, refracts: mi.Bool, active: mi.Bool
@@ -52,44 +44,32 @@ class Stack:
         return following, going | resumes, Stack(rays, count)
 
 
-@dataclass
-class State:
-    """State of the loop over the nodes. ``sampler``: the source of the points, if that has a state."""
-
-    L: Radiance
-    hit: mi.Bool
-    ray: Ray
-    active: mi.Bool
-    stack: Stack
-    sampler: mi.Sampler | None
+def start(context: Context, ray: Ray) -> Stack:
+    """The empty stack of a tree; ``ray``: any."""
+    rays = [ray] * (context.settings.max_level + 1) if branches(context) else []
+    return Stack(rays, mi.UInt32(0) if rays else None)
 
 
-def radiance(
-    context: Context, camera: mi.Ray3f, points: Points, active: mi.Bool, sampler: mi.Sampler = None
-) -> tuple[Radiance, mi.Bool]:
-    """``(L, hit)`` of the camera ray ``camera`` (``mi.Ray3f``) by the whole tree; see :class:`.Transport`."""
-    first = context.first(camera)
-    stack = Stack.empty(context.settings.max_level + 1 if context.reflects and context.refracts else 0, first)
+def branches(context: Context) -> bool:
+    """Whether a node may have two rays."""
+    return context.reflects and context.refracts
 
-    def branch(follows: bool, lobe: mi.BSDFContext, vertex: Vertex) -> tuple[Ray, mi.Bool]:
+
+def proceed(
+    context: Context, vertex: Vertex, points: Points, active: mi.Bool, stack: Stack
+) -> tuple[Ray, mi.Bool, Stack]:
+    """``(ray, active, stack)``: the ray to follow after ``vertex``, its lanes, and the stack of those still to follow.
+    ``active``: the lanes of the tree.
+    """
+
+    def branch(follows: bool, lobe: mi.BSDFContext) -> tuple[Ray, mi.Bool]:
         if not follows:
             return vertex.ray, mi.Bool(False)
         ray, active, _ = next_ray(context, lobe, vertex, points, vertex.active)
         return roulette(context, ray, active, points)
 
-    def step(state: State) -> State:
-        L, vertex = shade(context, state.ray, camera, points, state.active)
-        hit = state.hit | (state.ray.level == 0) & vertex.active
-        reflected = branch(context.reflects, lobes.reflected(), vertex)
-        refracted = branch(context.refracts, lobes.refracted(), vertex)
-        following, going, stack = state.stack.next(*reflected, *refracted, state.active)
-        return State(state.L + L, hit, following, going, stack, state.sampler)
-
-    state = State(context.layers.none(), mi.Bool(False), first, mi.Bool(active), stack, sampler)
-    if not (context.reflects or context.refracts):
-        state = step(state)
-        return state.L, state.hit
-    return walk(context, step, state, camera, branches=bool(stack.rays))
+    reflected, refracted = branch(context.reflects, lobes.reflected()), branch(context.refracts, lobes.refracted())
+    return stack.next(*reflected, *refracted, active)
 
 
 def roulette(context: Context, ray: Ray, active: mi.Bool, points: Points) -> tuple[Ray, mi.Bool]:

@@ -13,7 +13,7 @@ from ..optics import ambient
 from ..sampling.nrook import SamplerPoints
 from ..sampling.sobol import Points
 from . import lobes
-from .absorption import ENDLESS, before, transmittance
+from .absorption import UNBOUNDED, medium_before, transmittance
 from .direct import direct_light
 from .radiance import Layer, Radiance
 from .ray import Ray, Vertex, mis, viewer_side
@@ -28,13 +28,13 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
     """
     settings, lights = context.settings, context.lights
     ray3, si = intersect(context, ray, camera, active)
-    if settings.hide_emitters and not lights.only_points:
+    if settings.hide_emitters and not lights.all_delta:
         si = past_emitters(context.scene, ray3, si, active & (ray.level == 0), context.attached)
     if context.absorbs:
         ray = absorbed(context, ray, ray3, si, active)
     inside = active if settings.max_level < 0 else active & (ray.level <= settings.max_level)
     L = context.layers.none()
-    if not lights.only_points:
+    if not lights.all_delta:
         L = L.plus(*emission(context, ray, si, active))
     if settings.background is not None:
         escaped = but_not(inside, active & si.is_valid())
@@ -57,15 +57,15 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
 def vertex_at(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Vertex:
     """The vertex where ``ray`` meets ``si``."""
     if idle(active):
-        return Vertex(ray, si, None, active, active, active, Receiver(si, ray.n))
+        return Vertex(si, None, active, active, active, ray, Receiver(si, ray.n))
     bsdf = si.bsdf()
     flags = bsdf.flags()
     smooth = active & mi.has_flag(flags, mi.BSDFFlags.Smooth)
     both_sides = smooth & lobes.has_any(flags, *lobes.BOTH_SIDES) if context.both_sides else False
     receiver = Receiver(si, viewer_side(si), both_sides)
-    vertex = Vertex(ray, si, bsdf, active, smooth, context.scattering.inseparable(bsdf, active), receiver)
+    vertex = Vertex(si, bsdf, active, context.scattering.inseparable(bsdf, active), smooth, ray, receiver)
     if context.lights.sampler is not None:
-        vertex.importance = context.lights.sampler.total(receiver, smooth)
+        receiver.importance = context.lights.sampler.total(receiver, smooth)
     return vertex
 
 
@@ -81,16 +81,15 @@ def intersect(
 def absorbed(context: Context, ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Ray:
     """The ray where it meets ``si``, attenuated by the medium on its way (Beer's law)."""
     met = active & si.is_valid()
-    medium = before(si, ray.medium, ray.d, met & (ray.level == 0))
+    medium = medium_before(si, ray.medium, ray.d, met & (ray.level == 0))
     t = ray.offset + dr.dot(si.p - ray.o, ray.d)  # si.t would begin at the last hidden source
-    left = transmittance(medium, ray3.wavelengths, dr.select(met, t, ENDLESS), active)
-    ray = replace(ray, throughput=ray.throughput * left, medium=medium)
-    return ray if context.photon_mis is None else context.photon_mis.absorbed(ray, left)
+    left = transmittance(medium, ray3.wavelengths, dr.select(met, t, UNBOUNDED), active)
+    return replace(ray.attenuated(left), medium=medium)
 
 
 def last_emission(context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> Radiance:
     """The radiance that a ray below the deepest level adds: it can only meet a source."""
-    if context.lights.only_points:
+    if context.lights.all_delta:
         return context.layers.none()
     ray3, si = intersect(context, ray, camera, active)
     if context.absorbs:
@@ -119,14 +118,12 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
     ds = mi.DirectionSample3f(context.scene, si, origin)
     if context.attached:  # not by way of the point, whose derivative is unbounded at a sphere's outline
         ds.d = dr.replace_grad(ds.d, ray.d)
-    receiver = Receiver(origin, ray.n, False if ray.both_sides is None else ray.both_sides)
-    pdf = lights.pdf(receiver, ds, uses_mis, ray.importance)
+    receiver = Receiver(origin, ray.n, False if ray.both_sides is None else ray.both_sides, ray.importance)
+    pdf = lights.pdf(receiver, ds, uses_mis)
     weight = dr.select(uses_mis, mis(ray.pdf, pdf), 1)
     if context.photon_mis is not None:
         weight = context.photon_mis.emission_weight(ray, origin, ds, pdf, uses_mis, weight, active)
-    return dr.select(active, L * weight, 0), context.layers.of(
-        ray, "emitted", lambda: lights.number_of(emitter, active)
-    )
+    return dr.select(active, L * weight, 0), context.layers.of(ray, "emitted", lights.number_of(emitter, active))
 
 
 def ambient_term(radiance: mi.Texture, vertex: Vertex) -> mi.UnpolarizedSpectrum:

@@ -11,12 +11,10 @@
 ``bumpmap``, ``normalmap``
     do not expose how they turn the surface, so that a blend inside cannot be sampled like that:
     :func:`warn_of_dim_lobes`. It goes with the workaround for ``blendbsdf``.
-``thindielectric``
-    samples lobes outside of the type mask. :meth:`.Scattering.sample` drops such samples; that can go when
-    ``thindielectric.sample`` follows the type mask.
 ``principled``, ``principledthin``, ``hair``
-    evaluate all lobes together, whatever the type mask is. Light sampling evaluates all their lobes, and
-    :func:`belongs_to` sorts their samples by lobe. This can go when their ``eval`` and ``pdf`` follow the type mask.
+    evaluate and sample all lobes together, whatever the type mask is. Light sampling evaluates all their lobes, and
+    :func:`belongs_to` sorts their samples by lobe; where it need not, :meth:`.Scattering.sample` drops those of other
+    lobes. This can go when their methods follow the type mask.
 ``Scene.ray_intersect(skip_area_emitters)``
     measures distances from the last emitter and ignores ``maxt``. :func:`past_emitters` can go when both are right.
 """
@@ -32,9 +30,10 @@ from ..compat import BLEND, EVALUATED_TOGETHER, MAPS, MASK
 from ..masks import but_not, idle
 from ..optics.nested import all_shapes, all_within, leaves
 from . import lobes
+from .lobes import LobePoint
 
 
-def is_mixed(bsdf: mi.BSDF) -> bool:
+def has_mask_or_blend(bsdf: mi.BSDF) -> bool:
     """Whether ``bsdf`` is a ``mask`` or a ``blendbsdf``, or holds one."""
     return any(_within(bsdf, MASK)) or any(_within(bsdf, BLEND))
 
@@ -43,13 +42,13 @@ def warn_of_dim_lobes(scene: mi.Scene) -> None:
     """Warns of ideal lobes that are too dark: a ``bumpmap`` or ``normalmap`` does not expose how it turns the surface,
     so that a blend inside cannot be sampled leaf by leaf.
     """
-    everything = lobes.everything()
+    everything = lobes.all_lobes()
     dim = [
         shape.id()
         for shape in all_shapes(scene)
         if shape.bsdf() is not None
         and _needs_leaves(everything, shape.bsdf())
-        and any(_mixes(everything, one) for name in MAPS for one in _within(shape.bsdf(), name))
+        and any(_mixes_ideal_and_smooth(everything, one) for name in MAPS for one in _within(shape.bsdf(), name))
     ]
     if dim:
         mi.Log(
@@ -64,7 +63,7 @@ def _within(bsdf: mi.BSDF, name: str) -> Iterator[mi.BSDF]:
     return (one for one in all_within(bsdf) if one.class_name() == name)
 
 
-def _mixes(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
+def _mixes_ideal_and_smooth(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
     """Whether ``bsdf``, or one within it, is a ``blendbsdf`` with ideal and other lobes among those of ``lobe``."""
     flags = (int(one.flags()) & lobe.type_mask for one in _within(bsdf, BLEND))
     return any(lobes.has_any(each, *lobes.IDEAL) and lobes.has_any(each, *lobes.SMOOTH) for each in flags)
@@ -72,32 +71,27 @@ def _mixes(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
 
 def _needs_leaves(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
     """Whether ``lobe`` is all lobes, and ``bsdf`` blends ideal lobes with a BSDF without separable ones."""
-    return lobes.is_everything(lobe) and _mixes(lobe, bsdf) and is_inseparable(bsdf)
+    return lobes.is_all_lobes(lobe) and _mixes_ideal_and_smooth(lobe, bsdf) and is_inseparable(bsdf)
 
 
 def sample(
-    lobe: mi.BSDFContext,
-    bsdf: mi.BSDF,
-    si: mi.SurfaceInteraction3f,
-    choice: mi.Float,
-    point: mi.Point2f,
-    active: mi.Bool,
+    lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
     """``(bs, weight)``: a sample of the ``lobe`` of one ``bsdf``, as its own method returns it. ``bs.pdf`` is 0 if the
     sample is of another lobe.
     """
     if _needs_leaves(lobe, bsdf):
-        return sample_leaves(lobe, bsdf, si, choice, point, active)
-    masks = any(_within(bsdf, MASK))
+        return sample_leaves(lobe, bsdf, si, u, active)
+    masks, (choice, point) = any(_within(bsdf, MASK)), u
 
     def part(requested: mi.BSDFContext, choice: mi.Float) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        bs, weight = bsdf.sample(lobes.and_through(requested) if masks else requested, si, choice, point, active)
+        bs, weight = bsdf.sample(lobes.with_null_lobes(requested) if masks else requested, si, choice, point, active)
         ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL)
         weight *= dr.select(ideal, dr.relative_grad(blend_share(bsdf, si, choice, active)), 1)
         bs.pdf = dr.select((bs.sampled_type & requested.type_mask) != 0, bs.pdf, 0)
         return bs, weight
 
-    if not _mixes(lobe, bsdf):
+    if not _mixes_ideal_and_smooth(lobe, bsdf):
         return part(lobe, choice)
     ideal = part(lobes.only(lobe, *lobes.IDEAL), choice * 2)
     smooth = part(lobes.only(lobe, *lobes.SMOOTH), choice * 2 - 1)
@@ -112,9 +106,9 @@ def eval_pdf(
     """Value of the ``lobe`` of one ``bsdf`` times the cosine for ``wo``, and the density of :func:`sample` there."""
     if _needs_leaves(lobe, bsdf):
         return bsdf.eval_pdf(lobe, si, wo, active)
-    half = _mixes(lobe, bsdf)
+    half = _mixes_ideal_and_smooth(lobe, bsdf)
     requested = lobes.only(lobe, *lobes.SMOOTH) if half else lobe
-    f, pdf = bsdf.eval_pdf(lobes.and_through(requested) if any(_within(bsdf, MASK)) else requested, si, wo, active)
+    f, pdf = bsdf.eval_pdf(lobes.with_null_lobes(requested) if any(_within(bsdf, MASK)) else requested, si, wo, active)
     return f, pdf * 0.5 if half else pdf
 
 
@@ -152,17 +146,12 @@ def blend_share(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, ac
 
 
 def sample_leaves(
-    lobe: mi.BSDFContext,
-    bsdf: mi.BSDF,
-    si: mi.SurfaceInteraction3f,
-    choice: mi.Float,
-    point: mi.Point2f,
-    active: mi.Bool,
+    lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
     """``(bs, weight)``: a sample of the BSDFs that ``bsdf`` mixes. ``bs.pdf`` of an ideal lobe is its probability, that
     of other lobes is the density of all that are not ideal.
     """
-    bs, weight, below = dr.zeros(mi.BSDFSample3f), mi.Spectrum(0), mi.Float(0)
+    (choice, point), bs, weight, below = u, dr.zeros(mi.BSDFSample3f), mi.Spectrum(0), mi.Float(0)
     bs.wo = -si.wi
     mixed = leaves(bsdf, si, active)
     for leaf in mixed:

@@ -31,7 +31,7 @@ class Boundary(NamedTuple):
     triangles: np.ndarray
 
     @classmethod
-    def of(cls, vertices: np.ndarray, **columns: np.ndarray | int) -> Boundary:
+    def from_columns(cls, vertices: np.ndarray, **columns: np.ndarray | int) -> Boundary:
         """The boundary with these columns of the table."""
         triangles = np.empty(len(np.asarray(columns["index"])), TRIANGLE)
         for name, values in columns.items():
@@ -42,13 +42,13 @@ class Boundary(NamedTuple):
         """The boundary with reversed orientation, and a medium outside."""
         columns = {name: self.triangles[name] for name in ("leaf", "facet", "inside")}
         index, sign = self.triangles["index"][:, ::-1], -self.triangles["sign"]
-        return Boundary.of(self.vertices, index=index, sign=sign, outside=outside, **columns)
+        return Boundary.from_columns(self.vertices, index=index, sign=sign, outside=outside, **columns)
 
 
 def primitive_boundary(mesh: Mesh, leaf: int, first: int, medium: int) -> Boundary:
     """The boundary of a primitive that touches no other; ``first`` is the number of its first facet."""
     columns = {"index": mesh.triangles, "facet": first + mesh.facets}
-    return Boundary.of(mesh.vertices, leaf=leaf, sign=1, inside=medium, outside=AIR, **columns)
+    return Boundary.from_columns(mesh.vertices, leaf=leaf, sign=1, inside=medium, outside=AIR, **columns)
 
 
 def concatenated(boundaries: Sequence[Boundary]) -> Boundary:
@@ -56,27 +56,27 @@ def concatenated(boundaries: Sequence[Boundary]) -> Boundary:
     if len(boundaries) == 1:
         return boundaries[0]  # saves memory
     starts = np.cumsum([0, *(len(one.vertices) for one in boundaries)])[:-1]
-    triangles = np.concatenate([np.empty(0, TRIANGLE), *(one.triangles for one in boundaries)])
+    triangles = np.concatenate([np.empty(0, TRIANGLE), *(one.triangles for one in boundaries)], dtype=TRIANGLE)
     triangles["index"] += np.repeat(starts, np.array([len(one.triangles) for one in boundaries], int))[:, None]
     return Boundary(np.concatenate([np.empty((0, 3)), *(one.vertices for one in boundaries)]), triangles)
 
 
-class Ids:
+class OriginalIds:
     """The original ids of pairs of a leaf and a medium: numbers from ``base``, ``leaves`` of them for each medium."""
 
     def __init__(self, base: int, leaves: int) -> None:
         self.base, self.leaves = base, leaves
 
-    def of(self, leaf: int, medium: int) -> int:
+    def id_of(self, leaf: int, medium: int) -> int:
         """The id of a leaf's faces in the solid of a medium."""
         return self.base + medium * self.leaves + leaf
 
     def boundary(self, body: Body) -> Boundary:
         """The triangles of a body, with the medium of their id inside and air outside."""
-        mesh = checked(body.planes.snap(checked(body.manifold), body.surfaces)).to_mesh64()
+        mesh = checked(body.planes.snap(checked(body.manifold()), body.surfaces)).to_mesh64()
         ids = per_triangle(mesh, np.asarray(mesh.run_original_id, dtype=np.int64))
         medium, leaf = np.divmod(ids - self.base, self.leaves)
-        return Boundary.of(
+        return Boundary.from_columns(
             np.array(mesh.vert_properties)[:, :3],
             index=np.asarray(mesh.tri_verts, dtype=np.int64),
             leaf=leaf,
@@ -87,7 +87,7 @@ class Ids:
         )
 
 
-def boundaries(bodies: dict[int, Body], ids: Ids, fresnel: Collection[int]) -> list[Boundary]:
+def boundaries(bodies: dict[int, Body], ids: OriginalIds, fresnel: Collection[int]) -> list[Boundary]:
     """The surfaces to render, of ``bodies`` by medium. A medium with a lower number has precedence.
 
     An opaque solid keeps its whole surface. A dielectric yields to opaque solids, and to dielectrics before it in the
@@ -100,7 +100,7 @@ def boundaries(bodies: dict[int, Body], ids: Ids, fresnel: Collection[int]) -> l
     layers: list[tuple[int, Body]] = []  # a medium, and the union of all media up to it
     interfaces: dict[int, list[Boundary]] = {medium: [] for medium in bodies}
     for medium, body in sorted(bodies.items()):
-        if checked(body.manifold).is_empty():
+        if checked(body.manifold()).is_empty():
             continue
         neighbours = [other for other, _ in layers if other != OPAQUE or fresnel]
         if total and neighbours:

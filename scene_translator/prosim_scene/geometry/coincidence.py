@@ -70,13 +70,13 @@ def _features(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     return np.asarray(world[:, row, column])
 
 
-def _clusters(values: np.ndarray) -> np.ndarray:
+def _clusters(rows: np.ndarray) -> np.ndarray:
     """Labels of the rows of an array: rows that differ by less than NEAR in every column have the same label."""
-    label = np.zeros(len(values), int)
+    label = np.zeros(len(rows), int)
     count = 0
     while count < label.max() + 1:
         count = label.max() + 1
-        for column in values.T:
+        for column in rows.T:
             order = np.lexsort([column, label])
             new = (np.diff(label[order]) != 0) | (np.diff(column[order]) > NEAR)
             label[order] = np.concatenate([[0], np.cumsum(new)])
@@ -105,7 +105,7 @@ class Planes:
         self.grain = step * GRAIN / STEP
 
     @classmethod
-    def of(
+    def from_mesh(
         cls,
         vertices: np.ndarray,
         triangles: np.ndarray,
@@ -192,8 +192,8 @@ class Planes:
         vertices = np.array(mesh.vert_properties)[:, :3]
         touched = np.zeros(len(vertices), bool)
         touched[triangles[selected_facets]] = True
-        near = (plane >= 0) & touched[triangles].any(axis=1)
-        triangles, plane, side, selected_facets = triangles[near], plane[near], side[near], selected_facets[near]
+        close = (plane >= 0) & touched[triangles].any(axis=1)
+        triangles, plane, side, selected_facets = triangles[close], plane[close], side[close], selected_facets[close]
         height = (
             np.einsum("tij,tj->ti", vertices[triangles], self.planes[plane, :3]).mean(axis=1) + self.planes[plane, 3]
         )

@@ -16,7 +16,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache
 from typing import TypeVar
 
 import numpy as np
@@ -66,20 +66,15 @@ def cut_media(tree: Tree, media_of: Sequence[int]) -> np.ndarray:
 
 @dataclass(eq=False)
 class Body:
-    """A solid of one medium: ``make`` returns its lazy mesh, ``boxes`` (n, 2, 3) are those of its leaves (min and max
+    """A solid of one medium: ``manifold()`` is its lazy mesh, ``boxes`` (n, 2, 3) are those of its leaves (min and max
     corner), and ``surfaces`` the shared ones that its faces may lie on. Equal leaves have the same ``solid``.
     """
 
-    make: Callable[[], Manifold]
+    manifold: Callable[[], Manifold]
     boxes: np.ndarray
     surfaces: frozenset[int]
     planes: Planes
     solid: int | None = None
-
-    @cached_property
-    def manifold(self) -> Manifold:
-        """Its mesh."""
-        return self.make()
 
     @property
     def box(self) -> np.ndarray:
@@ -153,37 +148,43 @@ class _Chain:
         Operands that do not touch commute. So each operand is moved to the earliest possible step: after the steps of
         all earlier operands that it touches, or in the same step if their signs are equal.
         """
+        if len(self.operands) == 1:
+            return self.operands[0][1]
         adds = np.array([sign == "+" for sign, _ in self.operands])
         boxes = np.array([body.box for _, body in self.operands])
         step = np.zeros(len(adds), int)
         for i in range(1, len(adds) if self.cuts else 0):
-            near = touching(boxes[:i], boxes[i])
-            step[i] = (step[near] + (adds[near] & ~adds[i])).max(initial=0)
+            earlier = touching(boxes[:i], boxes[i])
+            step[i] = (step[earlier] + (adds[earlier] & ~adds[i])).max(initial=0)
         steps: list[tuple[list[Body], list[Body]]] = [([], []) for _ in range(step.max() + 1)]
         for (sign, body), number in zip(self.operands, step.tolist()):
             steps[number][sign == "+"].append(body)
-        result = apply_steps(None, [(union(taken), union(added)) for taken, added in steps])
+        _, result = apply_steps(None, [(union(subtracted), union(added)) for subtracted, added in steps])
         assert result
         return result
 
 
-MAX_SEQUENCE = 16  # steps that are evaluated one by one; of more steps, several are merged into one
+MAX_SEQUENCE = 4  # steps that are evaluated one by one; of more steps, several are merged into one
 
 
-def apply_steps(before: Body | None, steps: list[Step]) -> Body | None:
-    """Applies a sequence of steps to a body, merged where possible; returns the result, or None if it is empty."""
+def apply_steps(before: Body | None, steps: list[Step]) -> Step:
+    """Applies a sequence of steps to a body, merged where possible; returns the union of all subtracted bodies, and the
+    result.
+    """
     if len(steps) == 1:
-        ((taken, added),) = steps
-        rest = combined("-", before, taken) if before and taken else before
-        return union([rest, added])
+        ((subtracted, added),) = steps
+        rest = combined("-", before, subtracted) if before and subtracted else before
+        return subtracted, union([rest, added])
     if before and len(steps) > MAX_SEQUENCE and _mergeable(before, steps):
-        return apply_steps(before, [(union(taken for taken, _ in steps), apply_steps(None, steps))])
+        return apply_steps(before, [apply_steps(None, steps)])
     middle = len(steps) // 2
-    return apply_steps(apply_steps(before, steps[:middle]), steps[middle:])
+    subtracted, rest = apply_steps(before, steps[:middle])
+    also_subtracted, result = apply_steps(rest, steps[middle:])
+    return union([subtracted, also_subtracted]), result
 
 
 def _mergeable(before: Body, steps: list[Step]) -> bool:
-    """Whether steps may be merged: each face has the same owner as if they were taken one after the other.
+    """Whether steps may be merged: each face has the same owner as if they were applied one after the other.
 
     A step may cover a face of ``before``, and a later one with a face on the same surface cut it open again. One by one
     the later step owns the face, merged ``before`` does. A face cannot be covered if no added solid extends beyond its
@@ -191,13 +192,16 @@ def _mergeable(before: Body, steps: list[Step]) -> bool:
     """
     added = [body.boxes for _, body in steps[:-1] if body]
     boxes = np.concatenate(added) if added else np.empty((0, 2, 3))
-    for taken, _ in steps[1:]:
-        common = before.surfaces & taken.surfaces if taken else frozenset()
-        if common and taken:
-            near = boxes[touching(boxes, taken.box)]
-            if not all(before.planes.one_sided(s, near) for s in common):
+    for subtracted, _ in steps[1:]:
+        common = before.surfaces & subtracted.surfaces if subtracted else frozenset()
+        if common and subtracted:
+            close = boxes[touching(boxes, subtracted.box)]
+            if not all(before.planes.one_sided(s, close) for s in common):
                 return False
     return True
+
+
+MAX_BATCH = 500  # bodies that are united at once; of more bodies, the halves are computed first to save memory
 
 
 def union(bodies: Iterable[Body | None]) -> Body | None:
@@ -207,13 +211,17 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
     if len(distinct) < 2:
         return distinct[0] if distinct else None
     surfaces = frozenset().union(*(body.surfaces for body in distinct))
-    if len(surfaces) < sum(len(body.surfaces) for body in distinct):
+
+    @cache
+    def manifold() -> Manifold:
+        if len(distinct) <= MAX_BATCH and len(surfaces) == sum(len(body.surfaces) for body in distinct):
+            return Manifold.batch_boolean([body.manifold() for body in distinct], OpType.Add)
         middle = len(distinct) // 2
         first, second = union(distinct[:middle]), union(distinct[middle:])
         assert first and second
-        return combined("+", first, second)
-    result = Manifold.batch_boolean([body.manifold for body in distinct], OpType.Add)
-    return Body(lambda: result, np.concatenate([body.boxes for body in distinct]), surfaces, distinct[0].planes)
+        return checked(combined("+", first, second).manifold())
+
+    return Body(manifold, np.concatenate([body.boxes for body in distinct]), surfaces, distinct[0].planes)
 
 
 def combined(symbol: str, first: Body, second: Body) -> Body:
@@ -236,7 +244,7 @@ def _operation(first: Body, second: Body, operation: OpType | None, outwards: in
     """
     planes = first.planes
     common = first.surfaces & second.surfaces if first.touches(second) else frozenset()
-    pair = [planes.perturb(first.manifold, common, outwards), second.manifold]
+    pair = [planes.perturb(first.manifold(), common, outwards), second.manifold()]
     result = Manifold.batch_boolean(pair if operation else pair[::-1], operation or OpType.Subtract)
     if common and not checked(result).is_empty():
         result = planes.relax(result, common)
@@ -261,7 +269,7 @@ def count_small_neighbours(boxes: np.ndarray) -> np.ndarray:
 
 
 def refined(manifold: Manifold, cuts: int) -> Manifold:
-    """A leaf's mesh, refined if many small solids touch it, such as holes in a plate.
+    """A leaf's mesh, refined if many small solids (``cuts``) touch it, such as holes in a plate.
 
     manifold3d triangulates a cut triangle in a time that grows as the square of the number of cuts.
     """

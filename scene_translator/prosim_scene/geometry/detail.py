@@ -21,7 +21,7 @@ from ..language.document import Document
 from ..view import Camera
 from .grouping import group_equal, sweep
 from .primitives import MAX_SEGMENTS, OUTSIDE_SEGMENTS, OUTSIDE_TOLERANCE, box_corners
-from .solids import IDENTITY, Solid, corners
+from .solids import IDENTITY, Solid, world_box_corners
 
 
 class Ball(NamedTuple):
@@ -72,14 +72,8 @@ def bounding_balls(solids: Sequence[Solid]) -> list[Ball]:
     result = [UNBOUNDED] * len(solids)
     for primitive, numbers in group_equal(s.primitive for s in solids).items():
         places = np.array([solids[i].to_world for i in numbers])
-        linear, offset = places[:, :3, :3], places[:, :3, 3]
-        if primitive.curved is None:
-            corners = primitive.box_corners @ linear.transpose(0, 2, 1)
-            center = corners.mean(axis=1)
-            radius = np.linalg.norm(corners - center[:, None], axis=2).max(axis=1)
-        else:
-            _, center, radius = primitive.ball(linear)
-        for i, (x, y, z), r in zip(numbers, (center + offset).tolist(), radius.tolist()):
+        _, center, radius = primitive.ball(places[:, :3, :3])
+        for i, (x, y, z), r in zip(numbers, (center + places[:, :3, 3]).tolist(), radius.tolist()):
             result[i] = Ball((x, y, z), r)
     return result
 
@@ -100,9 +94,8 @@ def intersection_ball(a: Ball, b: Ball) -> Ball:
     distance = math.dist(a.center, b.center)
     if max(a.radius, b.radius) == math.inf or distance**2 <= abs(a.radius**2 - b.radius**2):
         return small
-    along = (
-        distance + (a.radius - b.radius) * (a.radius + b.radius) / distance
-    ) / 2  # to the plane of their common circle
+    # The distance along their axis from a's centre to the plane of their common circle.
+    along = (distance + (a.radius - b.radius) * (a.radius + b.radius) / distance) / 2
     return Ball(_between(a, b, along / distance), math.sqrt(max((a.radius - along) * (a.radius + along), 0.0)))
 
 
@@ -117,7 +110,7 @@ CORNERS = box_corners(np.array([[-1.0] * 3, [1.0] * 3]))
 
 
 def refined_cap(solid: Solid, bound: Ball, camera: Camera, tolerance: float) -> tuple[int, np.ndarray] | None:
-    """Segments and ``frame`` of a ball whose active zone is ``bound``; None if the zone is larger than a cap.
+    """Segments and ``facet_map`` of a ball whose active zone is ``bound``; None if the zone is larger than a cap.
 
     The chord error stays below ``tolerance`` pixels, also at the rim. Facets far from the cap are coarse and lie deep
     inside the ball. That depth must not reach the active zone.
@@ -125,24 +118,24 @@ def refined_cap(solid: Solid, bound: Ball, camera: Camera, tolerance: float) -> 
     if bound.radius == math.inf:
         return None
     (own,) = bounding_balls([solid])
-    left = intersection_ball(bound, own)
+    zone = intersection_ball(bound, own)
     inverse = np.linalg.inv(solid.to_world)
-    center = inverse[:3, :3] @ np.array(left.center) + inverse[:3, 3]
-    distance, reach = float(np.linalg.norm(center)), left.radius / solid.narrowest
+    center = inverse[:3, :3] @ np.array(zone.center) + inverse[:3, 3]
+    distance, reach = float(np.linalg.norm(center)), zone.radius / solid.narrowest
     cosine = _cosine(distance, reach)
     if cosine is None:
         return None
-    most = MAX_SEGMENTS
-    if not camera.may_see(np.array(left.center) + left.radius * CORNERS):
-        most, tolerance = OUTSIDE_SEGMENTS, OUTSIDE_TOLERANCE * tolerance
-    pixel = float(camera.footprint(math.dist(left.center, camera.eye.tolist()) - left.radius))
+    max_segments = MAX_SEGMENTS
+    if not camera.may_see(np.array(zone.center) + zone.radius * CORNERS):
+        max_segments, tolerance = OUTSIDE_SEGMENTS, OUTSIDE_TOLERANCE * tolerance
+    pixel = float(camera.footprint(math.dist(zone.center, camera.eye.tolist()) - zone.radius))
     # The angle at the rim is at least that of a plane, or of these two balls.
     rim_sine = min(_rim_sine(own, bound), math.sqrt(1 - cosine**2))
     error = tolerance * pixel / solid.size * rim_sine
     refinement = MAX_REFINEMENT
     while refinement >= 2:
         # The rim of the cap is the image of the equator, where the density is half of that in the middle.
-        segments = solid.primitive.segments_for(error * (refinement / 2) ** 2, most)
+        segments = solid.primitive.segments_for(error * (refinement / 2) ** 2, max_segments)
         depth = refinement**2 * (1 - math.cos(math.pi * solid.primitive.segment_factor / segments))
         cosine = _cosine(distance, reach + depth)
         if cosine is not None and refinement**2 * (1 - cosine) <= 1 + cosine:  # tan(angle / 2) <= 1 / refinement
@@ -188,7 +181,7 @@ SPACING = 0.004  # how far below 0 that value may be where the faces touch betwe
 def shrink_inscribed(solids: list[Solid]) -> None:
     """Sets ``shrink`` of the solids that touch another's curved face from inside; needs their ``segments``."""
     curved = [s for s in solids if s.primitive.curved is not None]
-    boxes = corners(curved)
+    boxes = world_box_corners(curved)
     pairs = [
         (curved[i], curved[j])
         for some in sweep(boxes.min(axis=1), boxes.max(axis=1))
@@ -196,18 +189,13 @@ def shrink_inscribed(solids: list[Solid]) -> None:
         for i, j in ((one, other), (other, one))
     ]
     inscribed = [(inner, outer) for inner, outer in pairs if _is_inscribed(inner, outer)]
-    for _ in inscribed:  # a chain of n inscribed solids takes n rounds
-        changed = False
-        for inner, outer in inscribed:
-            gap = 1 - outer.inradius * outer.shrink
-            factor = max(1 - gap * outer.size / inner.narrowest, 0.5)
-            if factor < inner.shrink:
-                changed = True
-                for s in [inner] if inner.curved_surface < 0 else solids:
-                    if s is inner or s.curved_surface == inner.curved_surface:
-                        s.shrink = factor
-        if not changed:
-            break
+    # Of a chain of inscribed balls the largest one first: each shrinks after the balls around it.
+    for inner, outer in sorted(inscribed, key=lambda pair: -abs(np.linalg.det(pair[1].to_world))):
+        gap = 1 - outer.inradius * outer.shrink
+        factor = max(1 - gap * outer.size / inner.narrowest, 0.5)
+        for s in [inner] if inner.curved_surface < 0 else solids:
+            if s is inner or s.curved_surface == inner.curved_surface:
+                s.shrink = min(s.shrink, factor)
 
 
 def _is_inscribed(inner: Solid, outer: Solid) -> bool:
@@ -239,8 +227,8 @@ def choose_segments(
 ) -> None:
     """Sets ``segments`` of all solids, so that the chord error stays below ``tolerance`` pixels.
 
-    ``bounds`` are their active zones; where one is a cap of a ball, this sets the ball's ``frame`` too. Solids with a
-    common curved face get the same number. Above MAX_TRIANGLES all solids become coarser, with a
+    ``bounds`` are their active zones; where one is a cap of a ball, this sets the ball's ``facet_map`` too. Solids with
+    a common curved face get the same number. Above MAX_TRIANGLES all solids become coarser, with a
     :class:`SceneWarning`; if the coarsest are too many, this raises :class:`SceneError`.
     """
     wanted = tolerance
@@ -249,15 +237,15 @@ def choose_segments(
             places = np.array([solids[i].to_world for i in numbers])
             for i, segments in zip(numbers, primitive.segments(places, camera, tolerance)):
                 solids[i].segments = segments
-        most: dict[int, int] = {}
+        segments_of_surface: dict[int, int] = {}
         for s, bound in zip(solids, bounds):
             if (surface := s.curved_surface) >= 0:
-                most[surface] = max(most.get(surface, 0), s.segments)
+                segments_of_surface[surface] = max(segments_of_surface.get(surface, 0), s.segments)
             elif s.primitive.axes == 3:
                 cap = refined_cap(s, bound, camera, tolerance)
-                s.segments, s.frame = cap or (s.segments, IDENTITY)
+                s.segments, s.facet_map = cap or (s.segments, IDENTITY)
         for s in solids:
-            s.segments = most.get(s.curved_surface, s.segments)
+            s.segments = segments_of_surface.get(s.curved_surface, s.segments)
         total = sum(s.primitive.count(s.segments) for s in solids)
         if total <= MAX_TRIANGLES:
             break
@@ -280,10 +268,10 @@ def warn_of_rounding(document: Document, camera: Camera, vertices: np.ndarray) -
     """Warns if the rounding of the renderer's single precision is large against a pixel at the nearest vertex."""
     distances = np.linalg.norm(vertices - camera.eye, axis=1)
     pixel = float(camera.footprint(distances.min(initial=math.inf)))
-    grain = float(np.spacing(np.float32(np.abs(camera.eye).max())))
-    if grain > 0.1 * pixel:
+    rounding = float(np.spacing(np.float32(np.abs(camera.eye).max())))
+    if rounding > 0.1 * pixel:
         document.warn(
-            f"the scene is far from the origin: single precision rounds its coordinates to {grain:.1g}, "
+            f"the scene is far from the origin: single precision rounds its coordinates to {rounding:.1g}, "
             f"and a pixel is {pixel:.1g} wide; move the scene to the origin",
             "view",
             "eye",

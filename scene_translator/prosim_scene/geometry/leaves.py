@@ -13,8 +13,8 @@ from .coincidence import STEP, Planes, same_surfaces
 from .csg import tree_of
 from .detail import active_zones, choose_segments, shrink_inscribed
 from .grouping import components
-from .primitives import PRIMITIVES, Corners, Primitive
-from .solids import Solid, corners
+from .primitives import PRIMITIVES, CornerAttributes, Primitive
+from .solids import Solid, world_box_corners
 from .transforms import matrices
 
 #: The largest number; its square is below the maximum of single precision.
@@ -49,7 +49,7 @@ class Leaves:
             for (shape, file, _), to_world in zip(numbers_of_keys, places)
         ]
         with np.errstate(all="ignore"):
-            boxes = corners(self.solids)
+            boxes = world_box_corners(self.solids)
         _check_transforms(document, indices, places, boxes)
         low, high = boxes.min(axis=(0, 1)), boxes.max(axis=(0, 1))
         middle = (low + high) / 2
@@ -82,7 +82,7 @@ class Leaves:
         for s, surfaces in zip(self.solids, np.split(shared, np.cumsum(counts)[:-1])):
             s.surfaces = surfaces if len(surfaces) else s.surfaces
             if s.curved_surface >= 0 and (owner := self.solids[solid[s.curved_surface]]) is not s:
-                s.frame = np.linalg.solve(s.to_world, owner.to_world)
+                s.facet_map = np.linalg.solve(s.to_world, owner.to_world)
         first_of: dict[Hashable, int] = {}
         first = [i if s.key is None else first_of.setdefault(s.key, i) for i, s in enumerate(self.solids)]
         distinct, renumbered = np.unique(first, return_inverse=True)
@@ -93,7 +93,7 @@ class Leaves:
         """The ``surface`` (n,) of faces of the solids ``solid`` (n,), with flat surfaces split into components of
         touching boxes. A surface is numbered by its largest face.
         """
-        boxes = corners(self.solids)[solid]
+        boxes = world_box_corners(self.solids)[solid]
         low, high = boxes.min(axis=1) - self.step, boxes.max(axis=1) + self.step
         curved = [face == s.primitive.curved for s in self.solids for face in range(len(s.primitive.quadrics))]
         low[curved], high[curved] = low.min(axis=0), high.max(axis=0)
@@ -109,7 +109,7 @@ class Leaves:
     def cache_key(self) -> Hashable:
         """A hashable key, equal for equal tables."""
         solids = tuple(
-            (s.primitive.name, s.segments, s.shrink, s.to_world.tobytes(), s.frame.tobytes(), s.surfaces.tobytes())
+            (s.primitive.name, s.segments, s.shrink, s.to_world.tobytes(), s.facet_map.tobytes(), s.surfaces.tobytes())
             for s in self.solids
         )
         return solids, self.of_leaf.tobytes(), self.origin.tobytes()
@@ -130,25 +130,27 @@ class Leaves:
         on = surface[facets] >= 0
         rank = np.argsort(np.argsort(-_sizes(self.solids), kind="stable"))
         owner = np.repeat(rank, np.diff(self.first)) * (self.faces.max() + 1) + self.faces
-        self.planes = Planes.of(vertices, triangles[on], facets[on], surface, owner, self.step)
+        self.planes = Planes.from_mesh(vertices, triangles[on], facets[on], surface, owner, self.step)
         vertices = self.planes.snap_vertices(vertices, triangles[on], facets[on])
         for i in sharing:
             meshes[i] = replace(meshes[i], vertices=vertices[ends[i] : ends[i + 1]])
         self.meshes = meshes
         self.boxes = np.stack([f.reduceat(vertices, ends[:-1]) for f in (np.minimum, np.maximum)], axis=1)
 
-    def corners(self, positions: np.ndarray, leaf: np.ndarray, face: np.ndarray) -> Corners:
+    def corner_attributes(self, positions: np.ndarray, leaf: np.ndarray, face: np.ndarray) -> CornerAttributes:
         """Outward unit normals in the world, and surface parameters, of triangles (n, 3, 3) on the faces ``face`` (n,)
         of the leaves ``leaf`` (n,).
         """
         solid = self.of_leaf[leaf]
         inverse = self.to_local[solid]
         local = positions @ inverse[:, :, :3].transpose(0, 2, 1) + inverse[:, None, :, 3]
-        result = Corners(np.zeros_like(local), np.zeros((*local.shape[:2], 2)), np.zeros(local.shape[:2], bool))
+        result = CornerAttributes(
+            np.zeros_like(local), np.zeros((*local.shape[:2], 2)), np.zeros(local.shape[:2], bool)
+        )
         for number, primitive in enumerate(self.primitives):
             chosen = self.shape[solid] == number
             if chosen.any():
-                own = primitive.corners(local[chosen], face[chosen])
+                own = primitive.corner_attributes(local[chosen], face[chosen])
                 result.normals[chosen], result.uv[chosen], result.unshared[chosen] = own.normals, own.uv, own.unshared
         normals = result.normals @ inverse[:, :, :3]  # transforms with the transposed inverse
         length = np.linalg.norm(normals, axis=2, keepdims=True)

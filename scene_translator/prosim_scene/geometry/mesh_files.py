@@ -10,7 +10,7 @@ import numpy as np
 from manifold3d import Error, Manifold, Mesh64
 
 from .grouping import group_equal
-from .primitives import Corners, Mesh, Primitive
+from .primitives import CornerAttributes, Mesh, Primitive
 
 #: NumPy's types and PLY's names for them; PLY's byte orders.
 NAMES = {"i1": "char int8", "u1": "uchar uint8", "i2": "short int16", "u2": "ushort uint16", "i4": "int int32"}
@@ -30,8 +30,8 @@ Properties = list[tuple[str, list[str]]]
 class MeshFile(Primitive):
     """A closed mesh. Its facets and its faces are its triangles; none is tested for coincidence with other solids.
 
-    ``corners`` have the file's normals, or those of the faces where it has none or they look to the wrong side, and its
-    (u, v), or else (x, y).
+    The normals are the file's, or those of the faces where it has none or they look to the wrong side; uv is the
+    file's, or else (x, y).
     """
 
     quadrics = np.empty((0, 4, 4))
@@ -71,7 +71,7 @@ class MeshFile(Primitive):
         self.normals = None if normals is None else normals[index[..., 2]]
         self.uv = None if uv is None else uv[index[..., 1]]
 
-    def mesh(self, segments: int, frame: np.ndarray) -> Mesh:
+    def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
         """The file's mesh, for any number of segments."""
         return self._mesh
 
@@ -79,7 +79,7 @@ class MeshFile(Primitive):
         """How many triangles it has."""
         return len(self._mesh.triangles)
 
-    def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
+    def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
         """The file's normals and (u, v), interpolated over its triangles ``face``."""
         along = (p - self._origin[face, None]) @ self._dual[face]
         weights = np.concatenate([1 - along.sum(axis=2, keepdims=True), along], axis=2)
@@ -87,7 +87,7 @@ class MeshFile(Primitive):
         normals = flat if self.normals is None else weights @ self.normals[face]
         outwards = np.sum(normals * flat, axis=2, keepdims=True) > 0
         uv = p[..., :2] if self.uv is None else weights @ self.uv[face]
-        return Corners(np.where(outwards, normals, flat), uv, np.ones(p.shape[:2], bool))
+        return CornerAttributes(np.where(outwards, normals, flat), uv, np.ones(p.shape[:2], bool))
 
 
 @lru_cache(maxsize=16)

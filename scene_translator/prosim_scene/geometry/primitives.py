@@ -40,8 +40,8 @@ class Mesh:
 
 
 @dataclass(frozen=True)
-class Corners:
-    """Attributes of the corners of n triangles on a primitive.
+class CornerAttributes:
+    """Normals and uv at the corners of n triangles on a primitive.
 
     ``normals`` (n, 3, 3) point outwards and have any length, ``uv`` is (n, 3, 2), and ``unshared`` (n, 3) is true where
     triangles may not share the corner.
@@ -75,10 +75,10 @@ class Primitive(ABC):
     segment_factor: ClassVar[float] = 1.0
 
     @abstractmethod
-    def mesh(self, segments: int, frame: np.ndarray) -> Mesh:
+    def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
         """The solid with ``segments`` around a circle; the vertices of a curved face lie on the quadric.
 
-        ``frame`` (4, 4) maps the quadric to itself, or another primitive's equal quadric to this one. It moves the
+        ``facet_map`` (4, 4) maps the quadric to itself, or another primitive's equal quadric to this one. It moves the
         facets of the curved face, in the same order. For a sphere it may be a projective map.
         """
 
@@ -87,7 +87,7 @@ class Primitive(ABC):
         """The number of triangles of :meth:`mesh`, for MIN_SEGMENTS at least."""
 
     @abstractmethod
-    def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
+    def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
         """Normals and surface parameters of triangles (n, 3, 3) on its faces with the numbers ``face`` (n,)."""
 
     @cached_property
@@ -97,7 +97,10 @@ class Primitive(ABC):
 
     def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Size of its curved face, centre and radius of a bounding ball, under linear maps (..., 3, 3)."""
-        raise NotImplementedError(f"{self.name}: a primitive with a curved face implements ball()")
+        corners = self.box_corners @ np.swapaxes(linear, -1, -2)
+        center = corners.mean(axis=-2)
+        radius = np.linalg.norm(corners - center[..., None, :], axis=-1).max(axis=-1)
+        return radius, center, radius
 
     def segments(self, to_world: np.ndarray, camera: Camera, tolerance: float) -> list[int]:
         """Segments around a circle for each transform (n, 4, 4), with a chord error below ``tolerance`` pixels."""
@@ -112,13 +115,15 @@ class Primitive(ABC):
             a, b = (self.lines[:, end] @ linear[i].T + offset[i] for end in range(2))
             distance[i] = max(distance[i], distance_to_segments(a, b, camera.eye) - self.gap * size[i])
         error = np.where(visible, 1, OUTSIDE_TOLERANCE) * tolerance * camera.footprint(distance) / size
-        most = np.where(visible, MAX_SEGMENTS, OUTSIDE_SEGMENTS)
-        return [self.segments_for(*of) for of in zip(error.tolist(), most.tolist())]
+        max_segments = np.where(visible, MAX_SEGMENTS, OUTSIDE_SEGMENTS)
+        return [self.segments_for(*of) for of in zip(error.tolist(), max_segments.tolist())]
 
-    def segments_for(self, error: float, most: int = MAX_SEGMENTS) -> int:
-        """Segments around a circle, ``most`` at most, for a chord error relative to the curved face's radius."""
-        n = math.pi / math.acos(1 - min(error, 0.5)) if error > 1e-9 else most
-        n = min(max(n * self.segment_factor, MIN_SEGMENTS), most)
+    def segments_for(self, error: float, max_segments: int = MAX_SEGMENTS) -> int:
+        """Segments around a circle for a chord error relative to the radius of the curved face, at most
+        ``max_segments``.
+        """
+        n = math.pi / math.acos(1 - min(error, 0.5)) if error > 1e-9 else max_segments
+        n = min(max(n * self.segment_factor, MIN_SEGMENTS), max_segments)
         return 4 * math.ceil(n / 4)
 
 
@@ -157,24 +162,10 @@ def azimuth(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     pole = np.hypot(p[..., 0], p[..., 1]) < ON_AXIS
     u = np.arctan2(p[..., 1], p[..., 0]) / (2 * math.pi) % 1.0
-    spread = np.where(pole, -np.inf, u).max(axis=1) - np.where(pole, np.inf, u).min(axis=1)
-    u = np.where((spread > 0.5)[:, None] & (u < 0.5), u + 1, u)
-    others = np.where(pole, 0, u).sum(axis=1) / np.maximum((~pole).sum(axis=1), 1)
-    return np.where(pole, others[:, None], u), pole
-
-
-def revolution_corners(p: np.ndarray, face: np.ndarray, gradient: np.ndarray, discs: dict[int, int]) -> Corners:
-    """Corners of a solid of revolution. Its side, face 0, has the normals ``gradient`` and uv = (azimuth, z); its discs
-    ``{face: sign of the normal}`` have uv = (x, y) in the unit square.
-    """
-    normals = gradient.copy()
-    u, pole = azimuth(p)
-    uv = np.stack([u, p[..., 2]], axis=2)
-    for number, side in discs.items():
-        normals[face == number] = [0, 0, side]
-    flat = face > 0
-    uv[flat] = p[flat][..., :2] / 2 + 0.5
-    return Corners(normals, uv, pole & ~flat[:, None])
+    width = np.where(pole, -np.inf, u).max(axis=1) - np.where(pole, np.inf, u).min(axis=1)
+    u = np.where((width > 0.5)[:, None] & (u < 0.5), u + 1, u)
+    mean_of_others = np.where(pole, 0, u).sum(axis=1) / np.maximum((~pole).sum(axis=1), 1)
+    return np.where(pole, mean_of_others[:, None], u), pole
 
 
 class Cube(Primitive):
@@ -193,20 +184,20 @@ class Cube(Primitive):
         (1, 5, 7, 3),
     ]
 
-    def mesh(self, segments: int, frame: np.ndarray) -> Mesh:
+    def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
         triangles = np.array([t for a, b, c, d in self.squares for t in ((a, b, c), (a, c, d))])
         return Mesh(box_corners(self.box), triangles, np.repeat(np.arange(6), 2), np.arange(6))
 
     def count(self, segments: int) -> int:
         return 12
 
-    def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
+    def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
         normals = np.zeros_like(p)
         axis = face % 3
         normals[np.arange(len(p)), :, axis] = np.where(face < 3, -1, 1)[:, None]
         across = np.array([[1, 2], [0, 2], [0, 1]])[axis]  # (y, z), (x, z), (x, y)
         uv = np.take_along_axis(p, np.repeat(across[:, None], 3, axis=1), axis=2)
-        return Corners(normals, uv, np.zeros(p.shape[:2], bool))
+        return CornerAttributes(normals, uv, np.zeros(p.shape[:2], bool))
 
 
 def _subdivided_octahedron(segments: int) -> tuple[np.ndarray, np.ndarray]:
@@ -227,11 +218,11 @@ class Sphere(Primitive):
     lines = np.repeat(_subdivided_octahedron(64)[0][:, None], 2, axis=1)  # points, less than 0.05 apart
     segment_factor = 1.64  # the largest triangles lie in the middles of the octahedron's faces
 
-    def mesh(self, segments: int, frame: np.ndarray) -> Mesh:
+    def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
         vertices, triangles = _subdivided_octahedron(segments)
-        placed = vertices @ frame[:3, :3].T
-        if frame[3, :3].any():  # a projective map
-            placed = (placed + frame[:3, 3]) / (vertices @ frame[3, :3] + frame[3, 3])[:, None]
+        placed = vertices @ facet_map[:3, :3].T
+        if facet_map[3, :3].any():  # a projective map
+            placed = (placed + facet_map[:3, 3]) / (vertices @ facet_map[3, :3] + facet_map[3, 3])[:, None]
         return Mesh(placed, triangles, np.arange(len(triangles)), np.zeros(len(triangles), int))
 
     def count(self, segments: int) -> int:
@@ -241,15 +232,15 @@ class Sphere(Primitive):
         longest, second = np.moveaxis(np.linalg.svd(linear, compute_uv=False)[..., :2], -1, 0)
         return np.minimum(longest, MAX_ASPECT * second), np.zeros(linear.shape[:-1]), longest
 
-    def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
+    def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
         radius = np.linalg.norm(p, axis=2)
         u, pole = azimuth(p)
         v = np.arccos(np.clip(p[..., 2] / radius, -1, 1)) / math.pi
-        return Corners(p, np.stack([u, v], axis=2), pole)
+        return CornerAttributes(p, np.stack([u, v], axis=2), pole)
 
 
 class _OfRevolution(Primitive):
-    """A solid of revolution about z, of radius 1; face 0 is its side."""
+    """A solid of revolution about z, of radius 1. Face 0 is its side, 1 the disc at z = 1, 2 the disc at z = 0."""
 
     box = np.array([[-1.0, -1, 0], [1, 1, 1]])
     curved = 0
@@ -259,65 +250,66 @@ class _OfRevolution(Primitive):
         center = linear[..., 2] / 2
         return size, center, np.linalg.norm(center, axis=-1) + size
 
+    def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
+        """On the side uv = (azimuth, z), on a disc (x, y) in the unit square."""
+        u, pole = azimuth(p)
+        normals, uv = p * np.diag(self.quadrics[0])[:3], np.stack([u, p[..., 2]], axis=2)
+        flat = face > 0
+        normals[flat] = np.where(face[flat] == 1, 1, -1)[:, None, None] * [0, 0, 1]
+        uv[flat] = p[flat][..., :2] / 2 + 0.5
+        return CornerAttributes(normals, uv, pole & ~flat[:, None])
+
+
+def fan(segments: int) -> np.ndarray:
+    """The triangles of a disc with ``segments`` corners, counter-clockwise from above."""
+    i = np.arange(1, segments - 1)
+    return np.stack([np.zeros_like(i), i, i + 1], axis=1)
+
 
 class Cylinder(_OfRevolution):
-    """Face 0 is the side, 1 the disc at z = 1, 2 that at z = 0."""
+    """A cylinder with two discs."""
 
     name = "cylinder"
     quadrics = np.array([np.diag([1.0, 1, 0, -1]), plane(0, 0, 1, -1), plane(0, 0, 1, 0)])
     lines = np.stack([np.append(circle(64), np.full((64, 1), z), axis=1) for z in (0, 1)], axis=1)
 
-    def mesh(self, segments: int, frame: np.ndarray) -> Mesh:
-        i = np.arange(segments)
-        around = circle(segments) @ frame[:2, :2].T  # the quadric's generators are parallel to z in either space
+    def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
+        around = circle(segments) @ facet_map[:2, :2].T  # the quadric's generators are parallel to z in either space
         ring = np.append(around / np.linalg.norm(around, axis=1, keepdims=True), np.ones((segments, 1)), axis=1)
-        following = (i + 1) % segments
-        fan = np.stack([np.zeros(segments - 2, int), i[1:-1], i[2:]], axis=1)  # counter-clockwise from above
-        low = segments  # ring at z = 1, then at z = 0
-        triangles = np.concatenate(
-            [
-                fan,
-                fan[:, ::-1] + low,
-                np.stack([i, i + low, following], axis=1),
-                np.stack([following, i + low, following + low], axis=1),
-            ]
-        )
-        facets = np.concatenate([np.repeat([0, 1], segments - 2), i + 2, i + 2])
-        return Mesh(
-            np.concatenate([ring, ring * [1, 1, 0]]), triangles, facets, np.append([1, 2], np.zeros(segments, int))
-        )
+        upper, disc = np.arange(segments), fan(segments)
+        following, lower = (upper + 1) % segments, upper + segments
+        sides = [upper, lower, following], [following, lower, following + segments]
+        triangles = [disc, disc[:, ::-1] + segments, *(np.stack(side, axis=1) for side in sides)]
+        facets = np.concatenate([np.repeat([0, 1], segments - 2), upper + 2, upper + 2])
+        faces = np.append([1, 2], np.zeros(segments, int))
+        return Mesh(np.concatenate([ring, ring * [1, 1, 0]]), np.concatenate(triangles), facets, faces)
 
     def count(self, segments: int) -> int:
         return 4 * max(segments, MIN_SEGMENTS) - 4
 
-    def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
-        return revolution_corners(p, face, p * [1, 1, 0], {1: 1, 2: -1})
-
 
 class Cone(_OfRevolution):
-    """Face 0 is the side, 1 the disc at z = 1."""
+    """A cone with its apex at the origin, and one disc."""
 
     name = "cone"
     quadrics = np.array([np.diag([1.0, 1, -1, 0]), plane(0, 0, 1, -1)])
     two_sheets = True
     lines = np.stack([np.append(circle(64), np.ones((64, 1)), axis=1) * z for z in (0, 1)], axis=1)
 
-    def mesh(self, segments: int, frame: np.ndarray) -> Mesh:
-        i = np.arange(segments)
-        generators = np.append(circle(segments), np.ones((segments, 1)), axis=1) @ frame[:3, :3].T
+    def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
+        generators = np.append(circle(segments), np.ones((segments, 1)), axis=1) @ facet_map[:3, :3].T
         ring = np.append(generators[:, :2] / generators[:, 2:], np.ones((segments, 1)), axis=1)
-        fan = np.stack([np.zeros(segments - 2, int), i[1:-1], i[2:]], axis=1)  # counter-clockwise from above
-        triangles = np.concatenate([fan, np.stack([i, np.full(segments, segments), (i + 1) % segments], axis=1)])
+        i = np.arange(segments)
+        side = np.stack([i, np.full(segments, segments), (i + 1) % segments], axis=1)
         facets = np.concatenate([np.zeros(segments - 2, int), i + 1])
-        return Mesh(
-            np.append(ring, np.zeros((1, 3)), axis=0), triangles, facets, np.append([1], np.zeros(segments, int))
-        )
+        faces = np.append([1], np.zeros(segments, int))
+        return Mesh(np.append(ring, np.zeros((1, 3)), axis=0), np.append(fan(segments), side, axis=0), facets, faces)
 
     def count(self, segments: int) -> int:
         return 2 * max(segments, MIN_SEGMENTS) - 2
 
-    def corners(self, p: np.ndarray, face: np.ndarray) -> Corners:
-        side = revolution_corners(p, face, p * [1, 1, -1], {1: 1})
+    def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
+        side = super().corner_attributes(p, face)
         apex = (np.linalg.norm(p, axis=2) < ON_AXIS) & (face == 0)[:, None]
         tips = apex.any(axis=1)
         # The apex has no normal: a triangle takes that of the generator through the middle of its other corners.
@@ -325,7 +317,7 @@ class Cone(_OfRevolution):
         middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-300)
         middle[:, 2] = -1
         side.normals[tips] = np.where(apex[tips][..., None], middle[:, None], side.normals[tips])
-        return Corners(side.normals, side.uv, side.unshared | apex)
+        return CornerAttributes(side.normals, side.uv, side.unshared | apex)
 
 
 #: Primitives by name, the :attr:`prosim_scene.model.Leaf.shape`.

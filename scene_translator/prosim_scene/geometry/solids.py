@@ -19,15 +19,15 @@ class Solid:
 
     ``to_world`` is a 4x4 matrix, ``segments`` the number of them around a circle. ``surfaces`` has for each face the
     number of the surface that it shares with other solids, or -1. The facets of a shared curved face are those of its
-    owner; ``frame`` maps the owner's space to this solid's space. ``shrink`` is a factor of the curved face's size, 1
-    or slightly less.
+    owner; ``facet_map`` maps the owner's space to this solid's space. ``shrink`` is a factor of the curved face's size,
+    1 or slightly less.
     """
 
     primitive: Primitive
     to_world: np.ndarray
     segments: int = 0
     surfaces: np.ndarray = field(default_factory=lambda: np.array([-1]))
-    frame: np.ndarray = field(default_factory=lambda: IDENTITY)
+    facet_map: np.ndarray = field(default_factory=lambda: IDENTITY)
     shrink: float = 1.0
 
     @property
@@ -42,7 +42,7 @@ class Solid:
 
     @property
     def inradius(self) -> float:
-        """The inradius of the curved face's unit mesh, without ``frame`` and ``shrink``."""
+        """The inradius of the curved face's unit mesh, without ``facet_map`` and ``shrink``."""
         return math.cos(math.pi * self.primitive.segment_factor / self.segments)
 
     @property
@@ -59,17 +59,17 @@ class Solid:
     def mesh(self) -> Mesh:
         """Its mesh in the world; triangles are counter-clockwise from outside."""
         linear, offset = self.to_world[:3, :3], self.to_world[:3, 3]
-        inwards = np.linalg.det(linear) < 0
-        if self.primitive.curved is not None and self.frame is not IDENTITY:
-            unit = self.primitive.mesh(self.segments, self.frame)
+        mirrored = np.linalg.det(linear) < 0
+        if self.primitive.curved is not None and self.facet_map is not IDENTITY:
+            unit = self.primitive.mesh(self.segments, self.facet_map)
             a, b, c = (unit.vertices[unit.triangles[:, i]] for i in range(3))
-            inwards ^= np.einsum("ij,ij->", a, np.cross(b, c)) < 0  # the sign of its volume
+            mirrored ^= np.einsum("ij,ij->", a, np.cross(b, c)) < 0  # the sign of its volume
         else:
             unit = _unit_mesh(self.primitive, self.segments)
         vertices = unit.vertices
         if self.shrink < 1:
             vertices = vertices * np.where(np.arange(3) < self.primitive.axes, self.shrink, 1.0)
-        triangles = unit.triangles[:, ::-1] if inwards else unit.triangles
+        triangles = unit.triangles[:, ::-1] if mirrored else unit.triangles
         return Mesh(vertices @ linear.T + offset, triangles, unit.facets, unit.faces)
 
 
@@ -78,8 +78,8 @@ def _unit_mesh(primitive: Primitive, segments: int) -> Mesh:
     return primitive.mesh(segments, IDENTITY)
 
 
-def corners(solids: Sequence[Solid]) -> np.ndarray:
-    """The corners (n, 8, 3) in the world of the boxes around solids."""
+def world_box_corners(solids: Sequence[Solid]) -> np.ndarray:
+    """The corners (n, 8, 3) of the boxes around solids, in the world."""
     own = np.array([s.primitive.box_corners for s in solids]).reshape(-1, 8, 3)
     to_world = np.array([s.to_world for s in solids]).reshape(-1, 4, 4)
     return np.asarray(own @ to_world[:, :3, :3].transpose(0, 2, 1) + to_world[:, None, :3, 3])

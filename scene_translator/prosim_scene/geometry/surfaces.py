@@ -1,6 +1,6 @@
 """The triangles of the result: one mesh for each material and pair of media, with normals and uv."""
 
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -8,16 +8,16 @@ from typing import NamedTuple
 import numpy as np
 from manifold3d import Manifold, Mesh64
 
-from ..collector import paused
+from ..garbage_collection import garbage_collection_paused
 from ..language.document import Document
 from ..model import Leaf
 from ..view import Camera
 from . import csg
-from .boundaries import AIR, OPAQUE, Boundary, Ids, boundaries, concatenated, heights, primitive_boundary
+from .boundaries import AIR, OPAQUE, Boundary, OriginalIds, boundaries, concatenated, heights, primitive_boundary
 from .detail import warn_of_rounding
 from .grouping import components
 from .leaves import Leaves
-from .primitives import Corners, Mesh, Primitive
+from .primitives import CornerAttributes, Mesh, Primitive
 
 
 class MeshKey(NamedTuple):
@@ -50,13 +50,13 @@ class Triangles:
         return np.asarray(self.vertices[self.index])
 
 
-def corner_keys(of: np.ndarray, face: np.ndarray, corners: Corners, first: int = 0) -> np.ndarray:
-    """Keys (n, 3) of corners, equal for equal numbers ``of`` (n, 3), ``face`` (n,) and side of the seam of uv.
+def corner_keys(vertex: np.ndarray, face: np.ndarray, corners: CornerAttributes, first: int) -> np.ndarray:
+    """Keys (n, 3) of corners, equal for equal numbers ``vertex`` (n, 3), ``face`` (n,) and side of the seam of uv.
 
     Each unshared corner has a unique key; the first one is ``first``.
     """
     wrapped = (np.floor(corners.uv[..., 0]) > 0).astype(int)
-    keys = np.asarray((of * 8 + face[:, None]) * 2 + wrapped)
+    keys = np.asarray((vertex * 8 + face[:, None]) * 2 + wrapped)
     keys[corners.unshared] = -1 - np.arange(first, first + corners.unshared.sum())
     return keys
 
@@ -86,7 +86,7 @@ class SurfaceMesh:
 BATCH = 1 << 16  # triangles
 
 
-@paused()
+@garbage_collection_paused()
 def tessellate(
     document: Document,
     camera: Camera,
@@ -111,20 +111,21 @@ def tessellate(
         return {}
     tree = csg.tree_of(document.scene.csg)
     names = [None, *map(medium, leaves)]
-    media_of = _numbered(names)[1:]
-    cut = csg.cut_media(tree, media_of)
-    table = Leaves(document, camera, tolerance, cut > 1, meshes or {})
+    numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
+    media_of = [numbers[name] for name in names[1:]]
+    cut_media = csg.cut_media(tree, media_of)
+    table = Leaves(document, camera, tolerance, cut_media > 1, meshes or {})
     reflects = tuple(number == OPAQUE and fresnel(leaf) for number, leaf in zip(media_of, leaves))
     faces = cached(
         (tuple(tree), tuple(media_of), reflects, table.cache_key()),
-        lambda: _surface_mesh(table, _boundary(tree, table, media_of, reflects, cut > 0), max(media_of) + 2),
+        lambda: _surface_mesh(table, _boundary(tree, table, media_of, reflects, cut_media > 0), max(media_of) + 2),
     )
     warn_of_rounding(document, camera, faces.triangles.vertices)
     visible: set[int] = set()  # leaves
     filling: set[int] = set()  # media that are visible behind faces of other media
     lining: set[int] = set()  # opaque leaves that cut glass, and glass that cuts opaque solids
     kinds_of_key: dict[MeshKey, list[int]] = {}
-    of_number = dict(zip([OPAQUE, *media_of, AIR], [*names, None]))
+    of_number = {AIR: None} | {number: name for name, number in numbers.items()}
     for kind, (leaf, inside, outside) in enumerate(faces.kinds):
         own = media_of[leaf]
         if faces.visible[kind]:
@@ -142,35 +143,29 @@ def tessellate(
     return {key: faces.chosen(kinds) for key, kinds in kinds_of_key.items() if faces.visible[kinds].any()}
 
 
-def _numbered(keys: Iterable[Hashable]) -> list[int]:
-    """Numbers of keys, from 0 in the order of first occurrence."""
-    numbers: dict[Hashable, int] = {}
-    return [numbers.setdefault(key, len(numbers)) for key in keys]
-
-
 def _boundary(
-    tree: csg.Tree, table: Leaves, media_of: list[int], reflects: Sequence[bool], cut: np.ndarray
+    tree: csg.Tree, table: Leaves, media_of: list[int], reflects: Sequence[bool], cutters: np.ndarray
 ) -> Boundary:
     """The boundary of the tree's result. ``media_of[i]`` is the medium of leaf i, ``reflects[i]`` whether it is opaque
-    and reflects by Fresnel's equations, ``cut[i]`` whether it is in the second operand of - or *.
+    and reflects by Fresnel's equations, ``cutters[i]`` whether it is in the second operand of - or *.
     """
     table.make_meshes()
-    ids = Ids(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
+    ids = OriginalIds(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
     boxes = table.boxes[table.of_leaf] + table.step * np.array([[-1.0], [1.0]])
     fresnel = np.flatnonzero(reflects).tolist()
     groups = components(boxes[:, 0], boxes[:, 1])
     alone = np.bincount(groups, minlength=len(groups)) == 1
-    cuts = csg.count_small_neighbours(boxes)
+    small_neighbours = csg.count_small_neighbours(boxes)
 
     def body(number: int, medium: int) -> csg.Body | None:
-        if medium != media_of[number] and not cut[number]:
+        if medium != media_of[number] and not cutters[number]:
             return None
         i = int(table.of_leaf[number])
         surfaces = frozenset(table.solids[i].surfaces.tolist()) - {-1}
 
         def mesh() -> Manifold:
-            own = manifold(table.meshes[i], table.first[i], ids.of(number, medium))
-            return csg.refined(own, cuts[number])
+            own = manifold(table.meshes[i], table.first[i], ids.id_of(number, medium))
+            return csg.refined(own, small_neighbours[number])
 
         return csg.Body(mesh, boxes[number : number + 1], surfaces, table.planes, i)
 
@@ -210,23 +205,23 @@ def _surface_mesh(table: Leaves, boundary: Boundary, count: int) -> SurfaceMesh:
     codes, starts, kind = np.unique(np.sort(codes), return_index=True, return_inverse=True)
     shape = len(kind), 3
     keys, normals, uv = np.empty(shape, int), np.empty((*shape, 3), "f4"), np.empty((*shape, 2), "f4")
-    high = np.empty(len(kind), bool)
+    has_width = np.empty(len(kind), bool)
     unshared = 0  # so far
     for start in range(0, len(kind), BATCH):
         batch = slice(start, start + BATCH)
         some = triangles[batch]
         positions = vertices[some["index"]]
         face = table.faces[some["facet"]]
-        corners = table.corners(positions, some["leaf"], face)
+        corners = table.corner_attributes(positions, some["leaf"], face)
         keys[batch] = corner_keys(some["index"].astype(int) * len(codes) + kind[batch, None], face, corners, unshared)
         unshared += int(corners.unshared.sum())
         normals[batch], uv[batch] = corners.normals * some["sign"][:, None, None], corners.uv
-        high[batch] = heights(positions) > 2 * table.step
+        has_width[batch] = heights(positions) > 2 * table.step
     _, first, index = np.unique(keys, return_index=True, return_inverse=True)
     triangle, at = np.divmod(first, 3)
     positions = vertices[triangles["index"][triangle, at]] + table.origin
     result = Triangles(positions, normals[triangle, at], uv[triangle, at], index.reshape(-1, 3))
-    visible = np.bincount(kind[high], minlength=len(codes)) > 0
+    visible = np.bincount(kind[has_width], minlength=len(codes)) > 0
     leaf, sides = np.divmod(codes, count**2)
     kinds = list(zip(leaf.tolist(), (sides // count - 1).tolist(), (sides % count - 1).tolist()))
     return SurfaceMesh(result, np.append(starts, len(kind)), kinds, visible)
@@ -265,4 +260,4 @@ def _report_vanished(document: Document, vanished: list[tuple[int, Leaf]], empty
         names = [f"{leaf.shape.upper()} {leaf.index} (line {document.line('csg', n)})" for n, leaf in vanished[:10]]
         more = f" and {len(vanished) - 10} more" if len(vanished) > 10 else ""
         reason = f"nothing is visible of {', '.join(names)}{more}: the result has no face of it"
-        document.warn(reason + document.operation(vanished[0][0]), "csg", vanished[0][0])
+        document.warn(reason + document.operands_note(vanished[0][0]), "csg", vanished[0][0])

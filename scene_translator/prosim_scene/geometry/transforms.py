@@ -31,15 +31,15 @@ def matrices(transforms: Sequence[model.Transform]) -> np.ndarray:
     return result
 
 
-def _matrices(kind: str, values: np.ndarray) -> np.ndarray:
-    """The matrices (n, 4, 4) of steps of one kind, with their ``values`` (n, 3), or (n, 1) in degrees."""
-    result = np.tile(np.eye(4), (len(values), 1, 1))
+def _matrices(kind: str, numbers: np.ndarray) -> np.ndarray:
+    """The matrices (n, 4, 4) of steps of one kind, with their ``numbers`` (n, 3), or (n, 1) in degrees."""
+    result = np.tile(np.eye(4), (len(numbers), 1, 1))
     if kind == "scale":
-        result[:, [0, 1, 2], [0, 1, 2]] = values
+        result[:, [0, 1, 2], [0, 1, 2]] = numbers
     elif kind == "translate":
-        result[:, :3, 3] = values
+        result[:, :3, 3] = numbers
     else:
-        quarters, rest = np.divmod(values[:, 0], 90)  # a right angle is exact
+        quarters, rest = np.divmod(numbers[:, 0], 90)  # a right angle is exact
         angles = np.radians(rest).tolist()
         sine, cosine = np.array([(math.sin(a), math.cos(a)) for a in angles]).T
         quarter = (quarters % 4).astype(int)

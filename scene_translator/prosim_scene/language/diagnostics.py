@@ -3,11 +3,13 @@
 import re
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
+from copy import copy
 from functools import cached_property
 from os import PathLike
 from typing import NamedTuple, TypeVar
 
 USE = re.compile(r"\$([A-Za-z_]\w*)", re.ASCII)
+AnyPath = str | PathLike[str]
 MAX_QUOTE = 60  # the largest number of characters that a message quotes
 MAX_SHOWN = 4  # the number of errors that a message shows after the first one
 MAX_ERRORS = 100  # the number of errors after which the reader stops
@@ -27,23 +29,16 @@ class Diagnostic(Exception):  # noqa: N818 - also of warnings
     the text), ``reason``, ``span`` or None, and ``code``, a stable name of the problem.
     """
 
-    def __init__(
-        self,
-        message: str,
-        filename: str = "",
-        line: int = 0,
-        column: int = 0,
-        reason: str = "",
-        span: Span | None = None,
-        code: str = "",
-    ) -> None:
+    line = column = 0
+    span: Span | None = None
+
+    def __init__(self, message: str, filename: str = "", reason: str = "", code: str = "") -> None:
         super().__init__(message)
-        self.filename, self.line, self.column, self.reason = filename, line, column, reason or message
-        self.span, self.code = span, code
+        self.filename, self.reason, self.code = filename, reason or message, code
 
 
 class SceneWarning(Diagnostic, UserWarning):
-    """A probable mistake in a scene that has a meaning. Emitted through ``warnings.warn``.
+    """A probable mistake in a scene that has a meaning. It is emitted through ``warnings.warn``.
 
     The attributes are those of :class:`SceneError`.
     """
@@ -60,33 +55,34 @@ class SceneError(Diagnostic, ValueError):
     others: tuple["SceneError", ...] = ()
 
 
+Problem = SceneError | SceneWarning
 Kind = TypeVar("Kind", SceneError, SceneWarning)
 
 
 def combined_error(errors: Sequence[SceneError]) -> SceneError:
-    """One error for all: the first error, with the messages of the others after its own."""
+    """One error for several: the first error, with the messages of the others after its own."""
     first, *others = errors
     if not others:
         return first
     more = len(others) - MAX_SHOWN
     rest = ["and many more errors" if len(others) >= MAX_ERRORS else f"and {more} more errors"] if more > 0 else []
     text = "\n".join([*map(str, errors[: MAX_SHOWN + 1]), *rest])
-    result = SceneError(text, first.filename, first.line, first.column, first.reason, first.span, first.code)
-    result.others = tuple(others)
-    return result
+    combined = copy(first)
+    combined.args, combined.others = (text,), tuple(others)
+    return combined
 
 
 class Source:
     """The text of a scene and its file name; turns offsets into lines, columns and messages."""
 
-    def __init__(self, text: str, filename: str | PathLike[str]) -> None:
+    def __init__(self, text: str, filename: AnyPath) -> None:
         self.text, self.filename = text, str(filename)
         #: The values of ``$names`` and their origin: ``'5', by -D x=5``. Messages about names show it.
         self.names: dict[str, str] = {}
 
     @cached_property
     def line_starts(self) -> list[int]:
-        """Offsets at which the lines begin."""
+        """The offsets at which the lines of the text begin."""
         return [0, *(newline.end() for newline in re.finditer("\n", self.text))]
 
     def line_column(self, offset: int) -> tuple[int, int]:
@@ -122,10 +118,13 @@ class Source:
 
     def _diagnostic(self, kind: type[Kind], span: Span, reason: str, code: str) -> Kind:
         """An error or a warning; the reason ends with the values of the ``$names`` in the span."""
-        found = dict.fromkeys(USE.findall(self.text[span.start : min(span.end, span.start + MAX_QUOTE)]))
-        values = [f"${n} stands for {self.names[n]}" for n in found if n in self.names and f"${n}" not in reason]
+        used = dict.fromkeys(USE.findall(self.text[span.start : min(span.end, span.start + MAX_QUOTE)]))
+        unexplained = [name for name in used if name in self.names and f"${name}" not in reason]
+        values = [f"${name} stands for {self.names[name]}" for name in unexplained]
         reason += f"; {listing(values[:3], 'and')}" if values else ""
-        return kind(self.message(span, reason), self.filename, *self.line_column(span.start), reason, span, code)
+        diagnostic = kind(self.message(span, reason), self.filename, reason, code)
+        diagnostic.span, (diagnostic.line, diagnostic.column) = span, self.line_column(span.start)
+        return diagnostic
 
 
 def quote(text: object) -> str:
@@ -135,6 +134,6 @@ def quote(text: object) -> str:
 
 
 def listing(words: Iterable[object], last: str = "or") -> str:
-    """``A, B or C``."""
+    """The words in one phrase: ``A, B or C``."""
     *texts, end = map(str, words)
     return f"{', '.join(texts)} {last} {end}" if texts else end

@@ -20,22 +20,22 @@ class Document:
     scene: Scene
     uses: frozenset[str] = frozenset()
 
-    def given(self, *path: str | int) -> bool:
-        """Whether the text has this value; otherwise it is a default."""
+    def is_given(self, *path: str | int) -> bool:
+        """Whether the text states this value of the model; otherwise it is a default."""
         return path in self.spans
 
     def span(self, *path: str | int) -> Span:
-        """The span of a value, or else of the value around it, or else the beginning of the text."""
+        """The span of a value in the text, or else of the value around it, or else the beginning of the text."""
         while path and path not in self.spans:
             path = path[:-1]
         return self.spans.get(path) or Span(0, 0)
 
-    def word(self, *path: str | int) -> str:
-        """The text at the place of a value."""
+    def text_of(self, *path: str | int) -> str:
+        """The words of the text that state a value."""
         return self.source.text[slice(*self.span(*path))]
 
     def line(self, *path: str | int) -> int:
-        """The line of a value, from 1."""
+        """The line, from 1, on which the text states a value."""
         return self.source.line(self.span(*path))
 
     def error(self, reason: str, *path: str | int, code: str = "") -> SceneError:
@@ -50,17 +50,17 @@ class Document:
         """Emits a :class:`SceneWarning` about a value."""
         warnings.warn(self.warning(reason, *path), stacklevel=2)
 
-    def operation(self, number: int) -> str:
+    def operands_note(self, number: int) -> str:
         """A note with the operands of the nearest operator - or * above a node of the tree, or an empty string.
 
         For messages about solids that vanish, often because an operator is between its operands.
         """
         ends = subtree_ends(self.scene.csg)
-        above = [i for i in range(number) if ends[i] > number and self.word("csg", i) in ("-", "*")]
+        above = [i for i in range(number) if ends[i] > number and self.text_of("csg", i) in ("-", "*")]
         if not above:
             return ""
         first, second = above[-1] + 1, ends[above[-1] + 1]
-        words = [self.word("csg", i) + f" (line {self.line('csg', i)})" for i in (above[-1], first, second)]
+        words = [self.text_of("csg", i) + f" (line {self.line('csg', i)})" for i in (above[-1], first, second)]
         return f"; operators come before their operands: {words[0]} has the operands {words[1]} and {words[2]}"
 
 

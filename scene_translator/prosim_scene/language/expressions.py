@@ -25,12 +25,12 @@ FRAME, TIME = "frame", "time"
 FPS = 24.0
 
 
-def _of_degrees(function: Callable[[float], float], exact: tuple[float, ...]) -> Callable[[float], float]:
-    """A function of an angle in degrees, ``exact`` at 0, 90, 180 and 270 degrees."""
+def _in_degrees(function: Callable[[float], float], exact: tuple[float, ...]) -> Callable[[float], float]:
+    """The ``function`` of an angle in degrees instead of radians; ``exact``: at 0, 90, 180, 270 degrees."""
     return lambda x: exact[int(x // 90) % 4] if x % 90 == 0 else function(math.radians(math.fmod(x, 360)))
 
 
-_sine, _cosine = _of_degrees(math.sin, (0.0, 1.0, 0.0, -1.0)), _of_degrees(math.cos, (1.0, 0.0, -1.0, 0.0))
+_sine, _cosine = _in_degrees(math.sin, (0.0, 1.0, 0.0, -1.0)), _in_degrees(math.cos, (1.0, 0.0, -1.0, 0.0))
 #: Name -> (the function, the count of its arguments; 0: two or more). Angles are in degrees.
 FUNCTIONS: dict[str, tuple[Callable[..., float], int]] = {
     "sin": (_sine, 1),
@@ -46,62 +46,54 @@ FUNCTIONS: dict[str, tuple[Callable[..., float], int]] = {
     "max": (max, 0),
 }
 CONSTANTS = {"pi": math.pi}
-OPERATIONS: dict[str, Callable[..., float]] = {
-    "add": operator.add,
-    "subtract": operator.sub,
-    "multiply": operator.mul,
-    "divide": operator.truediv,
-    "negate": operator.neg,
-    "power": math.pow,
-}
 
 
-def written(value: float) -> str:
-    """A number in the syntax of the language, without loss of precision."""
+def number_text(value: float) -> str:
+    """The text of a number in the language, without loss of precision."""
     return str(int(value)) if abs(value) < 1e15 and value == int(value) else repr(value)
 
 
 class Definitions:
     """The values of ``$names`` in one text, and the names that it ``uses``.
 
-    A name has the value ``given`` by the caller (``-D`` of the commands, ``define`` in Python), or else that of the
+    A name has the value that the caller gives (``-D`` of the commands, ``define`` in Python), or else that of the
     DEFAULT statement above its use. ``$frame`` and ``$time`` are predefined.
     """
 
     def __init__(self, source: Source, given: Mapping[str, object] | None = None) -> None:
         """Raises SceneError for a name or a value that the language does not allow."""
         self.source = source
-        self.given = {name: _checked(source, name, value) for name, value in (given or {}).items()}
+        self.caller_values = {name: _caller_value_text(source, name, value) for name, value in (given or {}).items()}
         self.defaults: dict[str, str] = {}
         self.uses: set[str] = set()
         self.undefined: dict[str, SceneError] = {}  # one error for each name, up to MAX_ERRORS
-        source.names.update({name: f"{quote(text)}, by -D {name}={text}" for name, text in self.given.items()})
+        source.names.update({name: f"{quote(text)}, by -D {name}={text}" for name, text in self.caller_values.items()})
 
-    def default(self, name: str, text: str) -> None:
+    def set_default(self, name: str, text: str) -> None:
         """Stores the value that a DEFAULT statement gives a name."""
         self.defaults[name] = text
         self.source.names.setdefault(name, quote(text))
 
-    def text(self, name: str, span: Span) -> str | None:
+    def value_text(self, name: str, span: Span) -> str | None:
         """The text of a name's value; None if it has none, which is an error in ``undefined``."""
         self.uses.add(name)
-        for table in (self.given, self.defaults):
+        for table in (self.caller_values, self.defaults):
             if name in table:
                 return table[name]
         if name == FRAME:
             return "0"
         if name == TIME:
-            return written(self.number(FRAME, span) / FPS)
+            return number_text(self.number(FRAME, span) / FPS)
         if name not in self.undefined and len(self.undefined) <= MAX_ERRORS:
-            known = [f"${other}" for other in dict.fromkeys([*self.given, *self.defaults, FRAME, TIME])]
+            known = [f"${other}" for other in dict.fromkeys([*self.caller_values, *self.defaults, FRAME, TIME])]
             reason = f"${name} has no value; expected DEFAULT ${name} = 1 above its use, -D {name}=1, or "
             reason += f"define={{{name!r}: 1}} in Python{nearest('$' + name, known)}"
             self.undefined[name] = self.source.error(span, reason, "undefined")
         return None
 
     def number(self, name: str, span: Span) -> float:
-        """The number that is a name's value, or NaN if it has none; SceneError if it is no finite number."""
-        text = self.text(name, span)
+        """The value of a name as a number; NaN if it has none. Raises SceneError if it is not a finite number."""
+        text = self.value_text(name, span)
         if text is None:
             return math.nan
         if not re.fullmatch(NUMBER, text, re.IGNORECASE) or not math.isfinite(float(text)):
@@ -111,8 +103,8 @@ class Definitions:
         return float(text)
 
     def check_uses(self) -> None:
-        """Raises SceneError if the text does not use a ``given`` value; call it after reading."""
-        for name, text in self.given.items():
+        """Raises SceneError if the text does not use a value of the caller; call it after reading."""
+        for name, text in self.caller_values.items():
             if name not in self.uses | self.defaults.keys() | {FRAME, TIME}:
                 used = [f"${other}" for other in sorted(self.uses | self.defaults.keys())]
                 names = f"it has {listing(used, 'and')}{nearest('$' + name, used)}" if used else "it uses no $names"
@@ -121,13 +113,13 @@ class Definitions:
                 raise SceneError(f"{filename}: {reason}", filename, reason=reason, code="unused-definition")
 
 
-def _checked(source: Source, name: str, value: object) -> str:
-    """The text of a value that the caller gives."""
+def _caller_value_text(source: Source, name: str, value: object) -> str:
+    """The text of the value that the caller gives a name; raises SceneError if the language does not allow it."""
     text = value.strip() if isinstance(value, str) else ""
     if isinstance(value, bool):
         text = str(value).upper()
     elif isinstance(value, Real) and math.isfinite(value):
-        text = written(float(value))
+        text = number_text(float(value))
     if not NAME.fullmatch(name):
         reason = f"{name!r} cannot be a name; expected letters, digits and _, such as angle_2"
     elif not text or '"' in text or not text.isprintable():
@@ -138,7 +130,9 @@ def _checked(source: Source, name: str, value: object) -> str:
 
 
 def evaluate(source: Source, braces: Span, definitions: Definitions) -> float:
-    """The value of an expression, or NaN if a name has none; ``braces`` is its span, with the braces.
+    """The value of an expression, or NaN if a name in it has no value.
+
+    ``braces`` is the span of the expression, with its braces.
 
     Raises SceneError, also if the result is not finite.
     """
@@ -159,12 +153,13 @@ def evaluate(source: Source, braces: Span, definitions: Definitions) -> float:
 
 @cache
 def _parser() -> Lark:
+    """The parser of arithmetic."""
     grammar = Path(__file__).with_name("expression.lark").read_text(encoding="utf-8")
     return Lark(grammar, parser="lalr", start="sum", propagate_positions=True)
 
 
 def _value(source: Source, node: Tree[Token], span: Span, operands: list[float], definitions: Definitions) -> float:
-    """The value of a node, whose operands have these values."""
+    """The value of a node of the tree, whose operands have these values; NaN if one of them is NaN."""
     word = str(node.children[0]) if isinstance(node.children[0], Token) else ""
     if node.data == "name":
         return definitions.number(word[1:], span)
@@ -174,14 +169,15 @@ def _value(source: Source, node: Tree[Token], span: Span, operands: list[float],
         reason = f"unknown word {quote(word)} in an expression; expected a name such as ${word}, or {known}"
         place = Span(span.start, span.start + len(word))
         raise source.error(place, reason + nearest(word, [*FUNCTIONS, *CONSTANTS]), "expression")
-    given, (function, count) = len(operands), FUNCTIONS[word] if call else (OPERATIONS.get(node.data), len(operands))
+    given = len(operands)
+    function, count = FUNCTIONS[word] if call else (_operation(node.data), given)
     if given != count and (count or given < 2):
         reason = f"found {given} number{'s' * (given != 1)} in {word}(); expected {count or '2 or more'}"
         raise source.error(span, reason, "expression")
     if any(map(math.isnan, operands)):
         return math.nan
     try:
-        result = float(function(*operands) if function else CONSTANTS.get(word) or float(word))
+        result = float(function(*operands) if operands else CONSTANTS.get(word) or float(word))
     except ZeroDivisionError:
         raise source.error(span, "this divides by 0", "expression") from None
     except (ValueError, OverflowError):
@@ -189,6 +185,11 @@ def _value(source: Source, node: Tree[Token], span: Span, operands: list[float],
     if not math.isfinite(result):
         raise source.error(span, f"{quote(source.text[slice(*span)])} is not a finite number", "expression")
     return result
+
+
+def _operation(name: str) -> Callable[..., float]:
+    """The function of an operator, which the grammar names as Python's ``operator`` does; of a leaf, ``float``."""
+    return math.pow if name == "power" else getattr(operator, name, float)
 
 
 def _syntax_error(source: Source, braces: Span, error: UnexpectedInput) -> SceneError:

@@ -2,24 +2,25 @@
 
 from dataclasses import dataclass, field
 from math import isfinite
-from os import PathLike
 
 from . import tokens
 from .analysis import analyse
-from .diagnostics import SceneError, combined_error
-from .expressions import written
+from .diagnostics import AnyPath, SceneError, combined_error
+from .expressions import number_text
 from .tokens import Token
-from .words import OPERATORS, ROLES, STATEMENTS, row
+from .words import OPERATORS, ROLES, STATEMENTS, find_word
 
 INDENT = "    "
 MAX_DEPTH = 12  # the largest indentation of the tree, in steps
 #: Statements with parameters on lines of their own.
 HEADINGS = {"LIGHTS", "VIEW", "SOLID", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE"}
+#: Statement -> the mark before the values of its parameters.
+VALUE_MARKS = {"SURFACE": "=", "TEXTURE": "=", "TRANSFORM": "("}
 #: Tokens on the line of the keyword before them; any other token begins a line.
 VALUES = tokens.VALUES - {"KIND"} | {"VARIABLE", "STRING", "LPAR", "RPAR"}
 
 
-def format(text: str, filename: str | PathLike[str] = "<string>") -> str:
+def format(text: str, filename: AnyPath = "<string>") -> str:
     """The text of a scene in canonical layout: one statement or parameter per line, canonical spellings; comments stay.
 
     ``parse(format(x)) == parse(x)`` and ``format(format(x)) == format(x)``; names and expressions stay as written.
@@ -32,16 +33,16 @@ def format(text: str, filename: str | PathLike[str] = "<string>") -> str:
     layout, end = _Layout(text), 0
     for token in reader.tokens:
         if token.role == "COMMENT":
-            layout.comment(token, same_line="\n" not in text[end : token.start])
+            layout.add_comment(token, same_line="\n" not in text[end : token.start])
         else:
-            layout.token(token)
+            layout.add_token(token)
         end = token.end
     return "\n".join([*map(str, layout.lines), ""])
 
 
 @dataclass
 class _Line:
-    """A line of the result: its indentation in steps, its words, the ``mark`` before its values, and its comments."""
+    """A line of the formatted text: indentation in steps, words, the ``mark`` before the values, and comments."""
 
     depth: int
     words: list[str] = field(default_factory=list)
@@ -49,6 +50,7 @@ class _Line:
     comments: list[str] = field(default_factory=list)
 
     def __str__(self) -> str:
+        """The text of the line."""
         word, values = self.words[:1], self.words[1:]
         if values and self.mark:
             values = ["=", *values] if self.mark == "=" else [f"({' '.join(values)})"]
@@ -59,90 +61,95 @@ class _Line:
 
 
 class _Layout:
-    """The lines of the result so far."""
+    """The lines of the formatted text so far."""
 
     def __init__(self, source: str) -> None:
         self.source = source
         self.lines: list[_Line] = []
         self.line = _Line(0)  # the last line with words
         self.heading = self.previous = ""  # the statement, and the role of the token before
-        self.missing: list[int] = []  # the missing operands of the runs of operators around a node of the tree
+        self.missing_operands: list[int] = []  # the missing operands of the runs of operators around a node of the tree
 
-    def begin(self, depth: int, word: str, above: int, mark: str = "") -> int:
-        """Adds a line; comments directly above it get the depth ``above``. Returns the number of the first of them."""
+    def add_line(self, depth: int, word: str, comment_depth: int, mark: str = "") -> int:
+        """Adds a line; returns its number, or that of the first comment directly above it.
+
+        These comments get the depth ``comment_depth``.
+        """
         at = len(self.lines)
         while at and not self.lines[at - 1].words:
             at -= 1
-            self.lines[at].depth = above
+            self.lines[at].depth = comment_depth
         self.line = _Line(depth, [word], mark)
         self.lines.append(self.line)
         return at
 
-    def comment(self, token: Token, same_line: bool) -> None:
+    def add_comment(self, token: Token, same_line: bool) -> None:
         """Adds a comment after the words of its line, or on a separate line."""
         if not (self.lines and same_line):
             self.lines.append(_Line(self.heading in HEADINGS))
         self.lines[-1].comments.append("\n".join(line.rstrip() for line in token.text.split("\n")))
 
-    def token(self, token: Token) -> None:
-        """Adds any other token."""
+    def add_token(self, token: Token) -> None:
+        """Adds a token that is not a comment."""
         kind = token.role
         if kind in VALUES:
-            self.value(token)
+            self.add_value(token)
         elif kind in STATEMENTS:
             colon = "" if kind in HEADINGS or kind in ("DEFAULT", "END") else ":"
-            at = self.begin(0, row(kind, token.text).canonical + colon, 0, "=" * (kind == "DEFAULT"))
+            at = self.add_line(0, find_word(kind, token.text).canonical + colon, 0, "=" * (kind == "DEFAULT"))
             if at and {kind, self.heading} & HEADINGS:
                 self.lines.insert(at, _Line(0))
             self.heading = kind
         elif kind in OPERATORS.values():
-            self.operator(token)
+            self.add_operator(token)
         elif kind in ("PRIMITIVE", "USE"):
-            depth = len(self.missing) + 1
-            self.begin(depth, token.text if kind == "USE" else row(kind, token.text).canonical, depth)
-            while self.missing:  # a complete run of operators is an operand itself
-                self.missing[-1] -= 1
-                if self.missing[-1]:
+            depth = len(self.missing_operands) + 1
+            self.add_line(depth, token.text if kind == "USE" else find_word(kind, token.text).canonical, depth)
+            while self.missing_operands:  # a complete run of operators is an operand itself
+                self.missing_operands[-1] -= 1
+                if self.missing_operands[-1]:
                     break
-                self.missing.pop()
+                self.missing_operands.pop()
         elif kind == "REST":
-            self.begin(0, token.text.rstrip(), 0)
+            self.add_line(0, token.text.rstrip(), 0)
         else:
             # A light's parameters are below its kind.
             depth = 2 if kind in ("LIGHT_PARAMETER", "DISTRIBUTION") else 1
             mark = (
                 "" if kind == "MATERIAL" else {"SURFACE": "=", "TEXTURE": "=", "TRANSFORM": "("}.get(self.heading, "")
             )
-            self.begin(depth, row(kind, token.text).canonical, 1, mark)
+            self.add_line(depth, find_word(kind, token.text).canonical, 1, mark)
         self.previous = kind
 
-    def operator(self, token: Token) -> None:
+    def add_operator(self, token: Token) -> None:
         """Adds an operator: successive operators are on one line, their operands below, one step to the right."""
         if self.heading == "VIEW":
             return  # the stray dash of the listing
         if self.previous not in OPERATORS.values():
-            depth = len(self.missing) + 1
-            self.begin(depth, token.text, depth)
-            self.missing.append(2)
+            depth = len(self.missing_operands) + 1
+            self.add_line(depth, token.text, depth)
+            self.missing_operands.append(2)
             return
-        self.missing[-1] += 1
+        self.missing_operands[-1] += 1
         if self.lines[-1] is self.line and not self.line.comments:
             self.line.words.append(token.text)
         else:  # a comment is between them
-            self.begin(len(self.missing), token.text, 1)
+            self.add_line(len(self.missing_operands), token.text, 1)
 
-    def value(self, token: Token) -> None:
-        """Adds a value after its keyword."""
-        kind, text = token.role, self.source[token.start : token.end]
-        if kind in ("LPAR", "RPAR"):
-            return  # the layout adds parentheses around the numbers of each step
-        if kind == "VARIABLE":
+    def add_value(self, token: Token) -> None:
+        """Adds a value after its keyword; names and expressions stay as written."""
+        text = self.source[token.start : token.end]
+        if token.role == "VARIABLE":
             self.line.words[0] += f" {text}"
             return
-        if text[0] in "${":
-            pass
-        elif kind == "NUMBER" and self.heading != "NAME" and isfinite(float(text)):
-            text = written(float(text))
-        elif kind in ROLES:
-            text = row(kind, token.text).canonical
-        self.line.words.append(text)
+        if token.role == "NUMBER" and text[0] not in "${" and self.heading != "NAME" and isfinite(float(text)):
+            text = number_text(float(text))
+        elif token.role in ROLES and text[0] not in "${":
+            text = _canonical(token)
+        if token.role not in ("LPAR", "RPAR"):  # the line adds parentheses
+            self.line.words.append(text)
+
+
+def _canonical(token: Token) -> str:
+    """The canonical spelling of a keyword; the name of a solid as it is."""
+    return find_word(token.role, token.text).canonical if token.role in ROLES else token.text

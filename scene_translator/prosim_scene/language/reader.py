@@ -16,59 +16,55 @@ from . import words
 from .diagnostics import MAX_ERRORS, SceneError, SceneWarning, Source, Span, listing, quote
 from .document import Path, subtree_ends
 from .expressions import Definitions
-from .suggestions import ARITHMETIC, BRACES, NUMBER, TEXTURES, hint, meant, nearest, of_mark, unknown_name
+from .suggestions import ARITHMETIC, BRACES, NUMBER, mark_hint, nearest, suggestion_for, unknown_name, word_hint
 from .tokens import START, Scanner, Token
-from .words import NAMED, STATEMENTS, Flags, Numbers, normalise, row
+from .words import NAMED, STATEMENTS, Flags, Numbers, find_word, normalise
 
 #: The largest number of nodes of a tree with named solids.
 MAX_NODES = 10**5
 #: A line that begins with the keyword of a statement.
 STATEMENT_LINE = re.compile(
-    rf"^[ \t]*(?:{'|'.join(sorted(map(re.escape, words.spellings(*STATEMENTS)), key=len, reverse=True))})(?![\w.-])",
+    rf"^[ \t]*(?:{'|'.join(sorted(map(re.escape, words.spellings_of(*STATEMENTS)), key=len, reverse=True))})(?![\w.-])",
     re.IGNORECASE | re.MULTILINE,
 )
-#: The roles that each statement expects, and those after it.
+#: The roles of the tokens that may follow in a statement; NEXT: the next statement, or the end of the text.
 NEXT = STATEMENTS | {""}
-NAMES = frozenset(("WORD", "STRING", "FILE", "TEXTURE_NAME", "NUMBER"))
-VALUE = frozenset(("NUMBER", "WORD", "STRING"))
-WORD, VARIABLE, ARGUMENT = frozenset(("WORD",)), frozenset(("VARIABLE",)), frozenset(("RPAR",))
-FLAGS = NEXT | {"BOOL"}
 FILE = frozenset(("FILE", "STRING"))
-IMAGE = NEXT | {"FILE", "STRING", "NULL"}
+IMAGE = NEXT | FILE | {"NULL"}
 LIGHTS = NEXT | {"LIGHT"}
 LIGHT = LIGHTS | {"LIGHT_PARAMETER", "DISTRIBUTION"}
 VIEW = NEXT | {"VIEW_PARAMETER"}
 TREE = NEXT | {"PLUS", "MINUS", "TIMES", "PRIMITIVE", "USE"}  # USE: the name of a solid
-SLOTS = TREE | {"TEXTURE_NAME", "FILE", "STRING", "NULL"}
+SLOTS = TREE | FILE | {"TEXTURE_NAME", "NULL"}
 SURFACE = NEXT | {"MATERIAL", "METAL", "OPTIC"}
-MATERIAL = frozenset(("MATERIAL_KIND", "CONDUCTOR", "DIELECTRIC"))
 TRANSFORM = NEXT | {"STEP"}
-STEP = TRANSFORM | {"NUMBER", "LPAR"}
 TEXTURE = NEXT | {"PARAMETER"}
-TEXTURE_NAME = frozenset(("TEXTURE_NAME",))
 
 #: A comment in the place of the values of a keyword.
 COMMENT = re.compile(r"[\s:=]*(\([^()\n]*\)|#\w+)")
-SHARE = re.compile(rf"({NUMBER})%")
-PRIMITIVE = re.compile(rf"(?:{'|'.join(words.spellings('PRIMITIVE'))})\s+\d+", re.IGNORECASE)
+PERCENTAGE = re.compile(rf"({NUMBER})%")
+PRIMITIVE = re.compile(rf"(?:{'|'.join(words.spellings_of('PRIMITIVE'))})\s+\d+", re.IGNORECASE)
 PREFIX = "operators come before their operands, as in - CUBE 1 SPHERE 2, and parentheses are comments"
 #: Tokens that look like numbers, or like arithmetic.
 LIKE_NUMBERS = ("WORD", *words.OPERATORS.values())
 LIKE_NUMBER = re.compile(rf"^[-+.0-9]|{ARITHMETIC.pattern}")
-OPERATOR = {symbol: model.Operator(symbol) for symbol in words.OPERATORS}
+OPERATORS = {symbol: model.Operator(symbol) for symbol in words.OPERATORS}
+
+Tree = tuple[model.Operator | model.Leaf, ...]
 
 
 @cache
-def _and_numbers(roles: frozenset[str]) -> frozenset[str]:
+def _or_number(roles: frozenset[str]) -> frozenset[str]:
+    """These roles and NUMBER."""
     return roles | {"NUMBER"}
 
 
 class Reader:
-    """Reads a text.
+    """Reads the text of a scene.
 
-    ``fields``: its values, by the fields of a Scene, ``defaults`` and ``solids``; ``spans``: the spans of the values,
-    by path; ``errors`` and ``warnings`` within its statements; ``tokens``: all tokens up to END, comments included,
-    and the text after END as one REST; ``skipped``: the offset from which statements are missing because of errors.
+    ``fields``: its values, by the fields of a Scene, and ``solids``; ``spans``: the spans of the values, by path;
+    ``errors`` and ``warnings`` within its statements; ``tokens``: all tokens up to END, comments included, and the text
+    after END as one REST; ``skipped``: the offset from which statements are missing because of errors.
 
     ``define``: values of names from the caller.
     """
@@ -78,7 +74,7 @@ class Reader:
         self.definitions = Definitions(self.source, define)
         self.scanner = Scanner(self.source, self.definitions)
         self.tokens = self.scanner.tokens
-        self.fields: dict[str, Any] = {"defaults": {}, "solids": {}, "surfaces": {}, "transforms": {}, "patterns": {}}
+        self.fields: dict[str, Any] = {"solids": {}, "surfaces": {}, "transforms": {}, "patterns": {}}
         self.spans: dict[Path, Span] = {}
         self.errors: list[SceneError] = []
         self.warnings: list[SceneWarning] = []
@@ -87,43 +83,43 @@ class Reader:
         self.token, self.expected = START, NEXT
         #: The keyword of the present statement, and the path of its value.
         self.keyword, self.path = START, Path()
-        #: The present values: their keyword and the allowed numbers; their tokens so far; the parenthesis around them.
-        self.takes: tuple[str, Numbers] | None = None
-        self.taken, self.parenthesis = list[Token](), Span(0, 0)
-        self.statements()
+        #: While numbers are read: their keyword, and which ones are allowed.
+        self.wanted: tuple[str, Numbers] | None = None
+        #: The last numbers so far; the parenthesis around them.
+        self.number_tokens, self.parenthesis = list[Token](), Span(0, 0)
+        self.read_text()
 
     # ---- The text, statement by statement
 
-    def statements(self) -> None:
+    def read_text(self) -> None:
         """Reads all statements."""
         at_end = False
         while not at_end and len(self.errors) <= MAX_ERRORS:
             before, self.keyword = len(self.errors), self.token
             try:
                 if self.keyword is START:
-                    self.next(NEXT)
-                    self.keyword = self.token
+                    self.keyword = self.read_token(NEXT)
                 at_end = self.keyword.role in ("END", "")
                 if at_end:
-                    self.end()
+                    self.read_end()
                 else:
-                    self.store(getattr(self, self.keyword.role.lower())())
+                    self.store_value(getattr(self, f"read_{self.keyword.role.lower()}")())
             except SceneError as error:
                 self.errors[before:] = [error]
-                at_end = not self.skip(error)
+                at_end = not self.skip_statement(error)
         if not at_end:
             self.skipped = min(self.skipped, self.scanner.position)
 
-    def end(self) -> None:
-        """END and the text after it, or the end of the text."""
+    def read_end(self) -> None:
+        """Reads END and the text after it, or the end of the text."""
         if not self.keyword.role:
             reason = "the file ends here and END is missing; expected END as the last statement"
-            self.report(self.scanner.last.span, reason, "no-end")
-        elif rest := self.scanner.rest():
+            self.add_error(self.scanner.last.span, reason, "no-end")
+        elif rest := self.scanner.read_rest():
             reason = "the text after END is ignored; delete it"
             self.warnings.append(self.source.warning(rest.span, reason, "after-end"))
 
-    def store(self, value: Any) -> None:
+    def store_value(self, value: Any) -> None:
         """Stores the value of a statement, unless it is a duplicate, or its index is wrong."""
         field, *key = self.path
         if key:
@@ -131,7 +127,7 @@ class Reader:
         else:
             self.fields[str(field)] = value
 
-    def skip(self, error: SceneError) -> bool:
+    def skip_statement(self, error: SceneError) -> bool:
         """Continues at the next line that begins with the keyword of a statement; returns whether there is one."""
         start = max(error.span.start if error.span else 0, self.keyword.start)
         after = STATEMENT_LINE.search(self.source.text, start + 1)
@@ -143,259 +139,263 @@ class Reader:
 
     # ---- Tokens
 
-    def next(self, expected: frozenset[str]) -> Token:
+    def read_token(self, expected: frozenset[str]) -> Token:
         """Reads the next token, whose role is one of the expected ones; otherwise raises SceneError."""
         self.expected = expected
-        self.token = token = self.scanner.next(expected, self.keyword.role)
+        self.token = token = self.scanner.read_token(expected, self.keyword.role)
         if token.role not in expected:
             if "USE" not in expected or normalise(token.text) not in self.fields["solids"]:
-                raise self.unexpected(token)
+                raise self.unexpected_token(token)
             self.token = self.tokens[-1] = self.scanner.last = token._replace(role="USE")
         return self.token
 
-    def report(self, span: Span, reason: str, code: str) -> None:
-        """Adds an error."""
+    def add_error(self, span: Span, reason: str, code: str) -> None:
+        """Adds an error about the text at ``span``."""
         self.errors.append(self.source.error(span, reason, code))
 
-    def begin(self, *path: str | int, at: Token | None = None) -> None:
+    def begin_value(self, *path: str | int, at: Token | None = None) -> None:
         """Sets the path of the statement's value, with the span of the keyword or of ``at``; reports a duplicate."""
         token, self.path = at or self.keyword, path
         if path in self.spans:
-            self.note_once(token, " ".join(map(str, [self.keyword.text, *([at.text] if at else path[1:])])))
+            self.store_span_once(token, " ".join(map(str, [self.keyword.text, *([at.text] if at else path[1:])])))
             self.path = "duplicate", token.start
-        self.note(token.span)
+        self.store_span(token.span)
 
-    def note(self, span: Span, *path: str | int) -> None:
+    def store_span(self, span: Span, *path: str | int) -> None:
         """Stores the span of the statement's value, or of a part of it."""
         path = (*self.path, *path)
         self.spans[path] = span
 
-    def note_once(self, token: Token, what: str, *path: str | int) -> None:
-        """Stores the span of a part; reports a duplicate."""
-        path = (*self.path, *path)
-        if first := self.spans.get(path):
+    def store_span_once(self, token: Token, what: str, *path: str | int) -> None:
+        """Stores the span of a part of the statement's value; reports a duplicate, which the message calls ``what``."""
+        if first := self.spans.get((*self.path, *path)):
             reason = f"{what} stands twice; the first is on line {self.source.line(first)}; delete one"
-            self.report(token.span, reason, "twice")
+            self.add_error(token.span, reason, "twice")
         else:
-            self.spans[path] = token.span
+            self.store_span(token.span, *path)
+
+    def span_with_numbers(self, keyword: Token) -> Span:
+        """The span of a keyword and of the numbers after it, which are the last ones."""
+        return Span(keyword.start, (self.number_tokens or [keyword])[-1].end)
 
     # ---- Values
 
-    def value(self, keyword: Token, follow: frozenset[str], first: Token | None = None) -> Any:
-        """The value of the numbers, or TRUE and FALSE, after a keyword, by its row; None if it is wrong.
+    def read_numbers(self, keyword: Token, follow: frozenset[str], first: Token | None = None) -> Any:
+        """Reads the numbers, or TRUE and FALSE, after a keyword; returns their value, or None if it is wrong.
 
-        ``first`` is the token after the keyword if it has been read. That after the values has a role of ``follow``.
+        ``first`` is the token after the keyword if it has been read. That after the numbers has a role of ``follow``.
         """
-        takes = words.INDEX if keyword.role == "USE" else row(keyword.role, keyword.text).takes
-        self.takes, self.taken = (keyword.text, takes), [first] if first and first.role == "NUMBER" else []
-        if self.taken or not first:
-            self.taken += self.scanner.plain_numbers()
-            expected = _and_numbers(follow)
-            while self.next(expected).role in ("NUMBER", "BOOL"):
-                self.taken.append(self.token)
-        self.takes = None
-        return self.checked(keyword, takes)
+        allowed = words.INDEX if keyword.role == "USE" else find_word(keyword.role, keyword.text).numbers
+        self.wanted, self.number_tokens = (keyword.text, allowed), [first] if first and first.role == "NUMBER" else []
+        if self.number_tokens or not first:
+            self.number_tokens += self.scanner.read_plain_numbers()
+            expected = _or_number(follow)
+            while self.read_token(expected).role in ("NUMBER", "BOOL"):
+                self.number_tokens.append(self.token)
+        self.wanted = None
+        return self.checked_numbers(keyword, allowed)
 
-    def checked(self, keyword: Token, takes: Numbers) -> Any:
-        """The value of the tokens in ``taken`` after a keyword; reports an error and returns None if it is wrong."""
-        tokens = self.taken
+    def checked_numbers(self, keyword: Token, allowed: Numbers) -> Any:
+        """The value of the numbers that were read after ``keyword``; a wrong one is an error, and None."""
+        tokens = self.number_tokens
         if self.definitions.undefined and any(self.source.text[token.start] in "${" for token in tokens):
             return None  # the error is that about the name
-        value = takes.value([token.text for token in tokens])
+        value = allowed.value([token.text for token in tokens])
         if value is not None:
             return value
         first, last = (tokens[0], tokens[-1]) if tokens else (keyword, keyword)
-        wrong = next((token for token in tokens if not takes.allow(takes.number(token.text))), None)
-        if not takes.fit(len(tokens)):
-            noun = takes.noun + "s" * (len(tokens) != 1)
-            reason = f"found {len(tokens)} {noun} after {keyword.text}; expected {takes.counted()}"
+        wrong = next((token for token in tokens if not allowed.allows(allowed.parse(token.text))), None)
+        if not allowed.allows_count(len(tokens)):
+            noun = allowed.noun + "s" * (len(tokens) != 1)
+            reason = f"found {len(tokens)} {noun} after {keyword.text}; expected {allowed.count_in_words()}"
             if comment := COMMENT.match(self.source.text, last.end):
                 reason += f"; {quote(comment[1])} is a comment; write the numbers without parentheses and commas"
-            self.report(Span(first.start, last.end), reason, "count")
+            self.add_error(Span(first.start, last.end), reason, "count")
         elif wrong:
-            reason = f"found {quote(wrong.text)} after {keyword.text}; expected {takes.bounds()}"
-            if takes.channels and takes.high == 1 < float(wrong.text) <= 255:
+            reason = f"found {quote(wrong.text)} after {keyword.text}; expected {allowed.range_in_words()}"
+            if allowed.channels and allowed.high == 1 < float(wrong.text) <= 255:
                 reason += f"; {wrong.text} of 255 is {float(wrong.text) / 255:.3g}"
-            self.report(wrong.span, reason, "range")
+            self.add_error(wrong.span, reason, "range")
         else:
-            self.report(first.span, f"{keyword.text} has length 0; expected a direction", "range")
+            self.add_error(first.span, f"{keyword.text} has length 0; expected a direction", "range")
         return None
 
-    def parameters(self, follow: frozenset[str], *owner: str | int) -> dict[str, Any]:
-        """The values of the parameters that begin at this token, by their names in the model."""
-        values: dict[str, Any] = {}
+    def read_parameters(self, follow: frozenset[str], *owner: str | int) -> dict[str, Any]:
+        """The values of the parameters that begin at this token, by their names in the model.
+
+        ``owner``: the path, in the statement's value, of the light that has them. ``follow``: the roles after each.
+        """
+        parameters: dict[str, Any] = {}
         while (keyword := self.token).role in follow and keyword.role not in LIGHTS:
-            word = row(keyword.role, keyword.text)
+            word = find_word(keyword.role, keyword.text)
             if keyword.role == "DISTRIBUTION":
-                self.note_once(keyword, "the distribution of a light", *owner, "distribution")
-                values["distribution"] = word.name
-                self.next(follow)
-            elif not word.takes.count:
-                self.material(values)
+                self.store_span_once(keyword, "the distribution of a light", *owner, "distribution")
+                parameters["distribution"] = word.name
+                self.read_token(follow)
+            elif not word.numbers.count:
+                self.read_material(parameters)
             else:
-                self.note_once(keyword, keyword.text, *owner, word.name)
+                self.store_span_once(keyword, keyword.text, *owner, word.name)
                 if word.name in ("exponent", "slope") and keyword.role == "OPTIC":
-                    self.note_once(keyword, "the roughness", "roughness")
-                values[word.name] = self.value(keyword, follow | {"MINUS"} if word.name == "vrp" else follow)
+                    self.store_span_once(keyword, "the roughness", "roughness")
+                parameters[word.name] = self.read_numbers(keyword, follow | {"MINUS"} if word.name == "vrp" else follow)
                 if keyword.role == "VIEW_PARAMETER":
-                    self.note(Span(keyword.start, (self.taken or [keyword])[-1].end), word.name)
+                    self.store_span(self.span_with_numbers(keyword), word.name)
                 if self.token.role == "MINUS":  # the stray dash of the thesis's listing
-                    self.next(follow)
-        return values
+                    self.read_token(follow)
+        return parameters
 
     # ---- Statements, by the roles of their keywords. Each returns its value; ``token`` is then the next keyword.
 
-    def default(self) -> str:
-        """DEFAULT."""
-        name, value = self.next(VARIABLE), self.next(VALUE)
-        self.begin("defaults", name.text[1:], at=name)
-        self.next(NEXT)
-        self.definitions.default(name.text[1:], value.text)
-        return value.text
+    def read_default(self) -> None:
+        """Reads DEFAULT, whose value is in the ``definitions``."""
+        name = self.read_token(frozenset(("VARIABLE",)))
+        value = self.read_token(frozenset(("NUMBER", "WORD", "STRING")))
+        self.begin_value("defaults", name.text[1:], at=name)
+        self.read_token(NEXT)
+        self.definitions.set_default(name.text[1:], value.text)
 
-    def setting(self) -> Any:
-        """A statement of one keyword and its values."""
-        word = row(self.keyword.role, self.keyword.text)
-        self.begin(word.name)
-        return self.value(self.keyword, FLAGS if isinstance(word.takes, Flags) else NEXT)
+    def read_setting(self) -> Any:
+        """Reads a statement of one keyword and its numbers, or TRUE and FALSE."""
+        word = find_word(self.keyword.role, self.keyword.text)
+        self.begin_value(word.name)
+        return self.read_numbers(self.keyword, NEXT | {"BOOL"} if isinstance(word.numbers, Flags) else NEXT)
 
-    def name(self) -> str:
-        """NAME."""
-        self.begin("name")
-        token = self.next(NAMES)
-        self.note(token.span, "text")
-        self.next(NEXT)
+    def read_name(self) -> str:
+        """Reads NAME."""
+        self.begin_value("name")
+        token = self.read_token(FILE | {"WORD", "TEXTURE_NAME", "NUMBER"})
+        self.store_span(token.span, "text")
+        self.read_token(NEXT)
         return token.text
 
-    def file(self, *path: str | int) -> str:
-        """The name of a file: the present token, a part of the statement's value."""
-        self.note(self.token.span, *path)
-        return self.token.text
-
-    def background(self) -> model.Background:
-        """BACKGROUND."""
-        self.begin("background")
-        color = self.value(self.keyword, IMAGE)
-        image = self.file("image") if self.token.role in FILE else None
+    def read_background(self) -> model.Background:
+        """Reads BACKGROUND."""
+        self.begin_value("background")
+        color, image = self.read_numbers(self.keyword, IMAGE), None
+        if self.token.role in FILE:
+            image = self.token.text
+            self.store_span(self.token.span, "image")
         if self.token.role not in NEXT:
-            self.next(NEXT)
+            self.read_token(NEXT)
         return model.Background(color, image)
 
-    def lights(self) -> tuple[model.Light, ...]:
-        """LIGHTS."""
-        self.begin("lights")
+    def read_lights(self) -> tuple[model.Light, ...]:
+        """Reads LIGHTS."""
+        self.begin_value("lights")
         lights: list[model.Light] = []
-        self.next(LIGHTS)
+        self.read_token(LIGHTS)
         while (token := self.token).role == "LIGHT":
-            kind, number, values = row("LIGHT", token.text).name, len(lights), dict[str, Any]()
-            self.note(token.span, number)
+            kind, number, image = find_word("LIGHT", token.text).name, len(lights), None
+            self.store_span(token.span, number)
             if kind == "sky":
-                self.next(FILE)
-                values["image"] = self.file(number, "image")
-            self.next(LIGHTS if kind == "sky" else LIGHT)
-            values |= self.parameters(LIGHT, number)
-            if values.get("distribution") == "cone":
-                values.setdefault("angle", 30.0)
-            lights.append(model.Light(kind, **values))
+                image = self.read_token(FILE).text
+                self.store_span(self.token.span, number, "image")
+            self.read_token(LIGHTS if kind == "sky" else LIGHT)
+            parameters = self.read_parameters(LIGHT, number)
+            if parameters.get("distribution") == "cone":
+                parameters.setdefault("angle", 30.0)
+            lights.append(model.Light(kind, image=image, **parameters))
         return tuple(lights)
 
-    def view(self) -> model.View:
-        """VIEW."""
-        self.begin("view")
-        self.next(VIEW)
-        return model.View(**self.parameters(VIEW))
+    def read_view(self) -> model.View:
+        """Reads VIEW."""
+        self.begin_value("view")
+        self.read_token(VIEW)
+        return model.View(**self.read_parameters(VIEW))
 
-    def index(self, field: str, follow: frozenset[str]) -> None:
-        """The index after SURFACE or TRANSFORM."""
-        index = self.value(self.keyword, follow)
+    def read_index(self, field: str, follow: frozenset[str]) -> None:
+        """Reads the index after SURFACE or TRANSFORM, and begins the value of that ``field``."""
+        index = self.read_numbers(self.keyword, follow)
         if index is None and not self.definitions.undefined:
             self.skipped = min(self.skipped, self.keyword.start)
-        self.begin(*(("unknown", self.keyword.start) if index is None else (field, index)))
+        self.begin_value(*(("unknown", self.keyword.start) if index is None else (field, index)))
 
-    def surface(self) -> model.Surface:
-        """SURFACE."""
-        self.index("surfaces", SURFACE)
-        return model.Surface(**self.parameters(SURFACE))
+    def read_surface(self) -> model.Surface:
+        """Reads SURFACE."""
+        self.read_index("surfaces", SURFACE)
+        return model.Surface(**self.read_parameters(SURFACE))
 
-    def material(self, values: dict[str, Any]) -> None:
-        """``material`` and its kind, with the name of a metal or glass after some, or ``metal`` and its name."""
+    def read_material(self, parameters: dict[str, Any]) -> None:
+        """Reads ``material`` and its kind, or ``metal``, and the name of a metal or a glass; adds the parameters."""
         kind = self.token
         if kind.role == "MATERIAL":
-            self.note_once(kind, "the material", "material")
-            kind = self.next(MATERIAL)
-            values["material"] = row(kind.role, kind.text).name
-            if self.next(SURFACE | WORD if kind.role in NAMED else SURFACE).role != "WORD":
+            self.store_span_once(kind, "the material", "material")
+            kind = self.read_token(frozenset(("MATERIAL_KIND", "CONDUCTOR", "DIELECTRIC")))
+            parameters["material"] = find_word(kind.role, kind.text).name
+            if self.read_token(SURFACE | {"WORD"} if kind.role in NAMED else SURFACE).role != "WORD":
                 return
         else:
-            self.next(WORD)
-            values.setdefault("material", "conductor")
-        name, (field, table) = self.token, NAMED[kind.role]
-        if normalise(name.text) not in table and not name.text.startswith("$"):
+            self.read_token(frozenset(("WORD",)))
+            parameters.setdefault("material", "conductor")
+        name, (field, names) = self.token, NAMED[kind.role]
+        if normalise(name.text) not in names and not name.text.startswith("$"):
             raise self.source.error(name.span, unknown_name(kind.role, name.text), "unknown-name")
-        self.note_once(name, f"the {field}", field)
-        values[field] = table.get(normalise(name.text))
-        self.next(SURFACE)
+        self.store_span_once(name, f"the {field}", field)
+        parameters[field] = names.get(normalise(name.text))
+        self.read_token(SURFACE)
 
-    def transform(self) -> model.Transform:
-        """TRANSFORM."""
-        self.index("transforms", TRANSFORM)
+    def read_transform(self) -> model.Transform:
+        """Reads TRANSFORM."""
+        self.read_index("transforms", TRANSFORM)
         steps = []
         while (keyword := self.token).role == "STEP":
-            if self.next(STEP).role == "LPAR":
+            if self.read_token(TRANSFORM | {"NUMBER", "LPAR"}).role == "LPAR":
                 self.parenthesis = self.token.span
-                value = self.value(keyword, ARGUMENT)
-                self.next(TRANSFORM)
+                value = self.read_numbers(keyword, frozenset(("RPAR",)))
+                self.read_token(TRANSFORM)
             else:
-                value = self.value(keyword, TRANSFORM, self.token)
-            steps.append(model.Step(row("STEP", keyword.text).name, value if isinstance(value, tuple) else (value,)))
+                value = self.read_numbers(keyword, TRANSFORM, self.token)
+            kind = find_word("STEP", keyword.text).name
+            steps.append(model.Step(kind, value if isinstance(value, tuple) else (value,)))
         return model.Transform(tuple(steps))
 
-    def texture(self) -> model.Pattern:
-        """TEXTURE."""
-        name, values = words.texture_name(self.next(TEXTURE_NAME).text), dict[str, Any]()
-        self.begin("patterns", name, at=self.token)
+    def read_texture(self) -> model.Pattern:
+        """Reads TEXTURE."""
+        name, parameters = words.texture_name(self.read_token(frozenset(("TEXTURE_NAME",))).text), dict[str, Any]()
+        self.begin_value("patterns", name, at=self.token)
         kind = words.BUILT_IN.get(name, "")
-        if (word := self.next(TEXTURE | {"KIND"})).role == "KIND":
-            given = row("KIND", word.text).name
-            if self.next(TEXTURE | {"NUMBER"} if given == "brick" else TEXTURE).role == "NUMBER":  # a parameter, too
-                self.note(word.span, given)
-                values[given] = self.value(word._replace(role="PARAMETER"), TEXTURE, self.token)
+        if (token := self.read_token(TEXTURE | {"KIND"})).role == "KIND":
+            kind_or_color = find_word("KIND", token.text).name
+            if self.read_token(TEXTURE | {"NUMBER"} if kind_or_color == "brick" else TEXTURE).role == "NUMBER":
+                self.store_span(token.span, kind_or_color)
+                parameters[kind_or_color] = self.read_numbers(token._replace(role="PARAMETER"), TEXTURE, self.token)
             else:
-                kind = given
-        values |= self.parameters(TEXTURE)
-        return model.Pattern(kind, tuple(sorted(values.items())))
+                kind = kind_or_color
+        parameters |= self.read_parameters(TEXTURE)
+        return model.Pattern(kind, tuple(sorted(parameters.items())))
 
-    def csg_tree(self) -> tuple[model.Operator | model.Leaf, ...]:
-        """CSG-TREE."""
-        self.begin("csg")
-        return self.tree()
+    def read_csg_tree(self) -> Tree:
+        """Reads CSG-TREE."""
+        self.begin_value("csg")
+        return self.read_tree()
 
-    def solid(self) -> tuple[model.Operator | model.Leaf, ...]:
-        """SOLID: a tree with a name."""
-        token = self.next(WORD)
-        self.begin("solids", normalise(token.text), at=token)
-        if normalise(token.text) in words.ROWS:
+    def read_solid(self) -> Tree:
+        """Reads SOLID: a tree with a name."""
+        token = self.read_token(frozenset(("WORD",)))
+        self.begin_value("solids", normalise(token.text), at=token)
+        if normalise(token.text) in words.WORDS_BY_SPELLING:
             reason = f"found {quote(token.text)}, a word of the language; expected another name"
-            self.report(token.span, reason, "name")
-        before, nodes = len(self.errors), self.tree()
+            self.add_error(token.span, reason, "name")
+        before, nodes = len(self.errors), self.read_tree()
         if not nodes and len(self.errors) == before:
-            self.report(token.span, f"this solid is empty; expected its tree after {token.text}", "incomplete")
+            self.add_error(token.span, f"this solid is empty; expected its tree after {token.text}", "incomplete")
         return nodes
 
-    def tree(self) -> tuple[model.Operator | model.Leaf, ...]:
-        """Operators and primitives in prefix order; the nodes of a named solid replace its name."""
+    def read_tree(self) -> Tree:
+        """Reads operators and primitives in prefix order; the nodes of a named solid replace its name."""
         before, first = len(self.errors), len(self.tokens)
         nodes: list[model.Operator | model.Leaf] = []
-        self.next(TREE)
+        self.read_token(TREE)
         while (token := self.token).role not in NEXT:
             if token.role == "PRIMITIVE":
-                nodes.append(self.leaf(len(nodes)))
+                nodes.append(self.read_leaf(len(nodes)))
             elif token.role == "USE":
-                nodes += self.use(len(nodes))
+                nodes += self.read_use(len(nodes))
             else:
-                self.note(token.span, len(nodes))
-                nodes.append(OPERATOR[token.text])
-                self.next(TREE)
+                self.store_span(token.span, len(nodes))
+                nodes.append(OPERATORS[token.text])
+                self.read_token(TREE)
         for token in self.tokens[first:] if not nodes else ():
             if token.role == "COMMENT" and token.text[0] == "(" and PRIMITIVE.search(token.text):
                 raise self.source.error(token.span, f"this tree is a comment; {PREFIX}", "tree-in-comment")
@@ -406,107 +406,111 @@ class Reader:
     def check_tree(self, nodes: list[model.Operator | model.Leaf]) -> None:
         """Reports the first node after the tree is complete, or the last operator that lacks operands."""
         ends, count = subtree_ends(nodes), len(nodes)
+        if ends[0] == count:
+            return
         spans = [self.spans[path] for path in ((*self.path, i) for i in range(count))]
-        if ends[0] < count:
-            places = (spans[i] for i in (ends[0], 0, min(2, count - 1)))
-            found, first, second = (" ".join(self.source.text[slice(*span)].split()) for span in places)
-            if (
-                isinstance(nodes[1], model.Operator)
-                and ends[0] == 1
-                and isinstance(nodes[min(2, count - 1)], model.Leaf)
-            ):
-                reason, code = f"between its operands; expected it before them: {found} {first} {second}", "infix"
-            else:
-                reason = "after the tree is complete; expected the next statement, or an operator before the operands"
-                reason, code = f"{reason}; {PREFIX}", "tree"
-            self.report(spans[ends[0]], f"found {quote(found)} {reason}", code)
-        elif ends[0] > count:
+        texts = [" ".join(self.source.text[slice(*span)].split()) for span in spans]
+        code = "tree"
+        if ends[0] > count:
             number = max(i for i, end in enumerate(ends) if end > count)
-            lacking = "two operands" if number == count - 1 else "an operand"
-            reason = f"this {quote(self.source.text[slice(*spans[number])])} lacks {lacking}"
-            self.report(spans[number], f"{reason}; expected a primitive or an operator; {PREFIX}", "tree")
+            operands = "two operands" if number == count - 1 else "an operand"
+            reason = f"this {quote(texts[number])} lacks {operands}; expected a primitive or an operator; {PREFIX}"
+        else:
+            number = ends[0]
+            reason = f"found {quote(texts[number])} "
+            if [isinstance(node, model.Operator) for node in nodes[:3]] == [False, True, False]:
+                reason += f"between its operands; expected it before them: {texts[1]} {texts[0]} {texts[2]}"
+                code = "infix"
+            else:
+                reason += "after the tree is complete; expected the next statement, or an operator before the operands"
+                reason += f"; {PREFIX}"
+        self.add_error(spans[number], reason, code)
 
-    def use(self, number: int) -> list[model.Operator | model.Leaf]:
-        """The nodes of a named solid in a tree, with its index."""
+    def read_use(self, number: int) -> Tree:
+        """Reads the name of a solid and its index; returns the nodes of the solid, the first being node ``number``."""
         keyword, solid = self.token, self.fields["solids"][normalise(self.token.text)]
-        index = self.value(keyword, TREE)
+        index = self.read_numbers(keyword, TREE)
         if number + len(solid) > MAX_NODES:
             reason = f"found a tree of more than {MAX_NODES} nodes; expected fewer uses of {keyword.text}"
             raise self.source.error(keyword.span, reason, "range")
-        span = Span(keyword.start, (self.taken or [keyword])[-1].end)
+        span = self.span_with_numbers(keyword)
         for i in range(len(solid)):
-            self.note(span, number + i)
+            self.store_span(span, number + i)
         within = () if index is None else (index,)
-        return [replace(n, within=n.within + within) if isinstance(n, model.Leaf) else n for n in solid]
+        return tuple(replace(n, within=n.within + within) if isinstance(n, model.Leaf) else n for n in solid)
 
-    def leaf(self, number: int) -> model.Leaf:
-        """A primitive, its index, a mesh's file, and its texture slots."""
+    def read_leaf(self, number: int) -> model.Leaf:
+        """Reads a primitive, node ``number`` of the tree: its index, the file of a mesh, and its textures."""
         keyword = self.token
         slots: list[model.Texture | None] = []
-        shape, file = row("PRIMITIVE", keyword.text).name, None
-        index = self.value(keyword, FILE if shape == "mesh" else SLOTS)
-        end = (self.taken or [keyword])[-1].end
+        shape, file = find_word("PRIMITIVE", keyword.text).name, None
+        index = self.read_numbers(keyword, FILE if shape == "mesh" else SLOTS)
+        span = self.span_with_numbers(keyword)
         if shape == "mesh":
-            file, end = self.file(number, "file"), self.token.end
-            self.next(SLOTS)
+            file, span = self.token.text, Span(keyword.start, self.token.end)
+            self.store_span(self.token.span, number, "file")
+            self.read_token(SLOTS)
         while (token := self.token).role not in TREE:
             if len(slots) == 2:
                 reason = f"found {quote(token.text)}, a third texture; expected two at most"
-                self.report(token.span, reason, "count")
-            self.note(token.span, number, "textures", len(slots))
+                self.add_error(token.span, reason, "count")
+            self.store_span(token.span, number, "textures", len(slots))
             slots.append(_texture(token))
-            end = token.end
-            self.next(SLOTS)
-        self.note(Span(keyword.start, end), number)
-        textures = (slots[0], slots[1] if len(slots) > 1 else None) if slots else (None, None)
-        return model.Leaf(shape, -1 if index is None else index, textures, file=file)
+            span = Span(keyword.start, token.end)
+            self.read_token(SLOTS)
+        self.store_span(span, number)
+        surface, solid, *_ = [*slots, None, None]
+        return model.Leaf(shape, -1 if index is None else index, (surface, solid), file=file)
 
     # ---- Syntax errors
 
-    def unexpected(self, token: Token) -> SceneError:
-        """The error about a token with an unexpected role."""
-        takes, roles, code = self.takes, self.expected, "unexpected"
-        lacking = takes is not None and not takes[1].fit(len(self.taken))
-        if takes and not lacking:
-            roles -= {"NUMBER"}
-        inner = [role for role in words.ORDER if role in roles and role not in STATEMENTS]
-        names = [name for role in inner for name in words.meanings(role)]
-        names += self.fields["solids"] if "USE" in roles else ()
-        names += ["the next statement" if inner else "a statement"] if roles & STATEMENTS else ()
-        text, span, found = token.text, token.span, f"found {quote(token.text)}"
-        reason = f"; expected {listing(names)}"
-        if takes and lacking:
-            names, code = [takes[1].counted()], "count"
-            reason = f" after {takes[0]}; expected {names[0]}"
+    def unexpected_token(self, token: Token) -> SceneError:
+        """The error about a token whose role does not fit: what was found, what was expected, and a suggestion."""
+        roles, text, span = self.expected, token.text, token.span
+        keyword, wanted = self.wanted or ("", words.NO_NUMBERS)
+        lacks_numbers = bool(self.wanted) and not wanted.allows_count(len(self.number_tokens))
+        if lacks_numbers:
+            expected, reason, code = wanted.count_in_words(), f" after {keyword}", "count"
+        else:
+            roles -= {"NUMBER"} if self.wanted else set()
+            expected, reason, code = listing(self.expected_words(roles)), "", "unexpected"
+        found, reason = f"found {quote(text)}", f"{reason}; expected {expected}"
         if not token.role and "RPAR" in roles:
             return self.source.error(self.parenthesis, "this '(' is not closed; expected ')'", "unclosed")
         if not token.role:
-            reason = f"the file ends after this; expected {listing(names)}"
+            reason = f"the file ends after this; expected {expected}"
             return self.source.error(self.scanner.last.span, reason, "unexpected-end")
-        if mark := of_mark(self.source.text, token.start):
+        if mark := mark_hint(self.source.text, token.start):
             reason, code = mark, "foreign"
         elif "NUMBER" in self.expected and token.role in LIKE_NUMBERS and LIKE_NUMBER.search(text):
             found, code = f"{quote(text)} is not a number", "not-a-number"
-            reason = f"; expected {names[0]}" if takes and "NUMBER" in roles else ""
+            reason = f"; expected {expected}" if lacks_numbers else ""
             reason += f"; {BRACES}" if ARITHMETIC.search(text) else ""
-            reason += f"; write {float(share[1]) / 100:.10g}" if (share := SHARE.fullmatch(text)) else ""
+            reason += f"; write {float(percent[1]) / 100:.10g}" if (percent := PERCENTAGE.fullmatch(text)) else ""
         elif token.role == "WORD":
-            near = nearest(text, self.fields["solids"] if "USE" in roles else ())
-            near = near or meant(text, roles & {"BOOL"} if lacking else roles)
+            suggestion = nearest(text, self.fields["solids"] if "USE" in roles else ())
+            suggestion = suggestion or suggestion_for(text, roles & {"BOOL"} if lacks_numbers else roles)
             if self.keyword.role == "NAME":
-                near = '; write a name of several words in quotes: NAME "a red ball"' + near
-            found, code, reason = f"unknown word {quote(text)}", "unknown-word", reason + near
-        elif "RPAR" in roles and not lacking:
+                suggestion = '; write a name of several words in quotes: NAME "a red ball"' + suggestion
+            found, code, reason = f"unknown word {quote(text)}", "unknown-word", reason + suggestion
+        elif "RPAR" in roles and not lacks_numbers:
             line, column = self.source.line_column(self.parenthesis.start)
             reason = f"; expected ')' before it: the '(' on line {line}, column {column} is not closed"
             code = "unclosed"
-        elif not lacking:
-            owner = words.STATEMENT_OF.get(token.role)
-            if owner and owner != self.keyword.role and inner and roles & STATEMENTS:
-                found += f", a word of {words.canonical(owner)}"
-                reason = f"; expected it after {words.canonical(owner)}, before the next statement"
-            reason += (nearest(text, TEXTURES) if "TEXTURE_NAME" in roles else "") or hint(text)
+        elif not lacks_numbers:
+            owner = words.STATEMENT_OF.get(token.role, self.keyword.role)
+            if owner != self.keyword.role and roles & STATEMENTS and roles - NEXT:
+                found += f", a word of {words.canonical_spelling(owner)}"
+                reason = f"; expected it after {words.canonical_spelling(owner)}, before the next statement"
+            reason += (nearest(text, words.ALIASES) if "TEXTURE_NAME" in roles else "") or word_hint(text)
         return self.source.error(span, found + reason, code)
+
+    def expected_words(self, roles: frozenset[str]) -> list[str]:
+        """The words that have one of these roles, and the next statement, for messages."""
+        inner = [role for role in words.ORDER if role in roles - STATEMENTS]
+        names = [name for role in inner for name in words.role_in_words(role)]
+        names += self.fields["solids"] if "USE" in roles else ()
+        return names + ["the next statement" if inner else "a statement"] * bool(roles & STATEMENTS)
 
 
 def _texture(token: Token) -> model.Texture | None:

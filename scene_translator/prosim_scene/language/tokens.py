@@ -1,4 +1,4 @@
-"""Text -> tokens.
+"""Splits a text into tokens.
 
 Keywords depend on the context, so the reader passes the roles that it expects next.
 """
@@ -10,14 +10,15 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from .diagnostics import SceneError, Source, Span, quote
-from .expressions import NAME, Definitions, evaluate, written
+from .expressions import NAME, Definitions, evaluate, number_text
 from .suggestions import NUMBER
-from .words import MARKS, OPERATORS, ROLES, ROWS, STATEMENT_OF, canonical, normalise
+from .words import MARKS, ROLES, STATEMENT_OF, WORDS_BY_SPELLING, canonical_spelling, normalise
 
 #: The next piece of the text, after white space. The most frequent kind comes first.
 PIECE = re.compile(
     rf'\s*(?:(?P<number>{NUMBER})(?![^\s()#":=])|(?P<mark>[()]|[*+-](?![\d.]|inf|nan))'
-    r'|(?P<word>[^\s()#":={$][^\s()#":=]*)|(?P<equals>[:=])|(?P<comment>\#[^\n]*)|(?P<expression>\{[^{}\n]*\}?)|(?P<name>\$[^\s()#":=]*)|(?P<string>"[^"\n]*"?))',
+    r'|(?P<word>[^\s()#":={$][^\s()#":=]*)|(?P<equals>[:=])|(?P<comment>\#[^\n]*)'
+    r'|(?P<expression>\{[^{}\n]*\}?)|(?P<name>\$[^\s()#":=]*)|(?P<string>"[^"\n]*"?))',
     re.IGNORECASE,
 )
 #: A plain number, where numbers follow one another.
@@ -43,7 +44,7 @@ class Token(NamedTuple):
 
     @property
     def span(self) -> Span:
-        """Its place."""
+        """The span of the token in the text."""
         return Span(self.start, self.end)
 
 
@@ -52,7 +53,7 @@ START = Token("", "", 0, 0)
 
 
 class Scanner:
-    """The tokens of a text, in order.
+    """Reads the tokens of a text, in order.
 
     ``tokens`` are all tokens so far, with comments; ``last`` is the last one that is not a comment. A name without a
     value is read as any value that fits.
@@ -64,7 +65,7 @@ class Scanner:
         self.position = 0
         self.last = START
 
-    def next(self, expected: frozenset[str], statement: str) -> Token:
+    def read_token(self, expected: frozenset[str], statement: str) -> Token:
         """The next token that is not a comment; its role is one of the ``expected`` ones if possible.
 
         ``statement``: the role of the statement around it. Raises SceneError for unclosed marks and for wrong
@@ -75,25 +76,23 @@ class Scanner:
             kind, group = found.lastgroup or "", found.lastindex or 0
             start, self.position = found.span(group)
             piece = found[group]
-            if kind == "number":
-                token = Token("NUMBER", piece, start, self.position)
-            elif kind == "word":
+            if kind == "word":
                 token = Token(role_of(piece, expected, statement), piece, start, self.position)
-            elif kind == "mark" and (MARKS[piece] in expected or piece in OPERATORS):
-                token = Token(MARKS[piece], piece, start, self.position)
             elif kind == "equals" and (self.last.role in ROLES or self.last.role == "VARIABLE"):
                 continue
-            elif kind == "comment" or piece == "(":
-                self.comment(kind, start)
+            elif kind == "comment" or (piece == "(" and "LPAR" not in expected):
+                self.read_comment(kind, start)
                 continue
+            elif kind == "mark" and (piece != ")" or "RPAR" in expected):
+                token = Token(MARKS[piece], piece, start, self.position)
             else:
-                token = self.other(kind, piece, Span(start, self.position), expected, statement)
+                token = self.rare_token(kind, piece, Span(start, self.position), expected, statement)
             self.tokens.append(token)
             self.last = token
             return token
         return Token("", "", len(text), len(text))
 
-    def plain_numbers(self) -> list[Token]:
+    def read_plain_numbers(self) -> list[Token]:
         """The plain numbers that follow, or an empty list; other values, such as expressions, may follow them."""
         text, match, tokens = self.source.text, NEXT_NUMBER.match, list[Token]()
         while found := match(text, self.position):
@@ -104,7 +103,7 @@ class Scanner:
             self.last = tokens[-1]
         return tokens
 
-    def comment(self, kind: str, start: int) -> None:
+    def read_comment(self, kind: str, start: int) -> None:
         """Reads the comment that begins at ``start``; parentheses may be nested."""
         if kind == "mark":
             depth = 0
@@ -118,32 +117,34 @@ class Scanner:
                 raise self.source.error(Span(start, start + 1), reason, "unclosed")
         self.tokens.append(Token("COMMENT", self.source.text[start : self.position], start, self.position))
 
-    def other(self, kind: str, piece: str, span: Span, expected: frozenset[str], statement: str) -> Token:
-        """The token of a less frequent kind."""
-        if kind == "equals":
-            return Token("EQUALS", piece, *span)
+    def rare_token(self, kind: str, piece: str, span: Span, expected: frozenset[str], statement: str) -> Token:
+        """The token of a less frequent kind; ``kind``: the group of :data:`PIECE` that matched."""
+        if kind == "number":
+            return Token("NUMBER", piece, *span)
         if kind == "mark":
             raise self.source.error(span, "found ')' without its '('; expected it after a '('", "unclosed")
+        if kind == "equals":
+            return Token("EQUALS", piece, *span)
         if kind == "string":
             if len(piece) < 2 or piece[-1] != '"':
                 raise self.source.error(span, "this quote is not closed on its line; expected '\"'", "unclosed")
             return Token("STRING", piece[1:-1], *span)
         if kind == "expression":
             value = evaluate(self.source, span, self.definitions)
-            return Token("NUMBER", "1" if math.isnan(value) else written(value), *span)
-        return self.name(piece, span, expected, statement)
+            return Token("NUMBER", "1" if math.isnan(value) else number_text(value), *span)
+        return self.name_token(piece, span, expected, statement)
 
-    def name(self, name: str, span: Span, expected: frozenset[str], statement: str) -> Token:
+    def name_token(self, name: str, span: Span, expected: frozenset[str], statement: str) -> Token:
         """The token of a ``$name``: itself after DEFAULT, and elsewhere its value, a number or a word."""
         if not NAME.fullmatch(name, 1):
             reason = "expected letters, digits and _ after $, and arithmetic in braces: {$x - 1}"
             raise self.source.error(span, f"found {quote(name)}; {reason}", "name")
         if "VARIABLE" in expected:
             return Token("VARIABLE", name, *span)
-        text = self.definitions.text(name[1:], span)
+        text = self.definitions.value_text(name[1:], span)
         if text is None:
             role = next((role for role in ("NUMBER", "WORD", *sorted(VALUES)) if role in expected), "WORD")
-            return Token(role, canonical(role) if role in ROLES else "1" if role == "NUMBER" else name, *span)
+            return Token(role, canonical_spelling(role) if role in ROLES else "1" if role == "NUMBER" else name, *span)
         piece = PIECE.fullmatch(text)
         if piece is None or piece.lastgroup not in ("word", "number") or piece.start(piece.lastgroup) > 0:
             return Token("STRING", text, *span)
@@ -154,7 +155,7 @@ class Scanner:
             raise self.source.error(span, reason, "name")
         return Token(role, text, *span)
 
-    def rest(self) -> Token | None:
+    def read_rest(self) -> Token | None:
         """Reads the comments after END, and any other text there as one token REST, which it returns."""
         text = self.source.text
         while found := PIECE.match(text, self.position):
@@ -162,7 +163,7 @@ class Scanner:
             start, self.position = found.span(kind)
             if kind == "comment" or found[kind] == "(":
                 with suppress(SceneError):  # an unclosed parenthesis
-                    self.comment(kind, start)
+                    self.read_comment(kind, start)
                     continue
             self.tokens.append(Token("REST", text[start:], start, len(text)))
             return Token("REST", found[kind], start, self.position)
@@ -170,18 +171,18 @@ class Scanner:
 
 
 @lru_cache(maxsize=1 << 12)
-def role_of(word: str, expected: frozenset[str], statement: str) -> str:
+def role_of(text: str, expected: frozenset[str], statement: str) -> str:
     """The role of a word: that of the keyword that fits here, of a name, or else the most likely one.
 
     A word may have a role in the present statement and one as the next statement; the present one has priority.
     """
-    normal = normalise(word)
-    roles = [row.role for row in ROWS.get(normal, ())]
+    spelling = normalise(text)
+    roles = [word.role for word in WORDS_BY_SPELLING.get(spelling, ())]
     if fitting := [role for role in roles if role in expected]:
         return next((role for role in fitting if STATEMENT_OF.get(role) == statement), fitting[0])
-    if normal.startswith("t-") and ("TEXTURE_NAME" in expected or "WORD" not in expected):
+    if spelling.startswith("t-") and ("TEXTURE_NAME" in expected or "WORD" not in expected):
         return "TEXTURE_NAME"
-    if "FILE" in expected and "." in word and any(c.isalpha() for c in word):
+    if "FILE" in expected and "." in text and any(c.isalpha() for c in text):
         return "FILE"
     if "WORD" in expected:
         return "WORD"

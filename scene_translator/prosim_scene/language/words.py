@@ -17,10 +17,10 @@ PIXELS = 2**28
 
 @dataclass(frozen=True)
 class Numbers:
-    """The numbers that follow a word: how many, their names in messages, and their range."""
+    """The numbers that follow a word: their count, their names in messages, and their range."""
 
     count: int = 1
-    what: str = ""
+    names: str = ""  #: such as "x y z"
     low: float = 0
     high: float = 1
     whole: bool = False
@@ -32,12 +32,12 @@ class Numbers:
     noun: ClassVar = "number"
     whole_type: ClassVar[type[int]] = int
 
-    def counted(self) -> str:
-        """How many there are, in words."""
-        return f"{self.count} number{'s' * (self.count > 1)} ({self.what})" + ", or 1 for all channels" * self.channels
+    def count_in_words(self) -> str:
+        """The count and the names of the numbers, for messages."""
+        return f"{self.count} number{'s' * (self.count > 1)} ({self.names})" + ", or 1 for all channels" * self.channels
 
-    def bounds(self) -> str:
-        """The allowed values, in words."""
+    def range_in_words(self) -> str:
+        """The allowed values, for messages."""
         kind = "a whole number, " if self.whole else ""
         magnitude = "a magnitude of " if self.low < 0 else ""
         low = max(self.low, self.least)
@@ -45,71 +45,67 @@ class Numbers:
         zero = "0, or " if self.least and not self.nonzero else ""
         return f"{zero}{kind}{magnitude}{least}{self.high:.10g} at most"
 
-    def fit(self, count: int) -> bool:
-        """Whether this is an allowed count of values."""
+    def allows_count(self, count: int) -> bool:
+        """Whether this count of numbers is allowed."""
         return count == self.count or (self.channels and count == 1)
 
-    def number(self, text: str) -> float:
-        """The number that a text stands for; NaN for another text."""
+    def parse(self, text: str) -> float:
+        """The number that a text represents; NaN for another text."""
         return float(text)
 
-    def allow(self, value: float) -> bool:
-        """Whether a value is allowed."""
+    def allows(self, number: float) -> bool:
+        """Whether one number is allowed."""
         return (
-            self.low <= value <= self.high
-            and (abs(value) >= self.least or (value == 0 and not self.nonzero))
-            and (not self.whole or value == int(value))
+            self.low <= number <= self.high
+            and (abs(number) >= self.least or (number == 0 and not self.nonzero))
+            and (not self.whole or number == int(number))
         )
 
     def value(self, texts: Sequence[str]) -> Any:
-        """The values: one, or a tuple; None if their count is wrong, or one is not allowed."""
-        values = tuple(map(self.number, texts))
-        if not self.fit(len(values)) or not all(map(self.allow, values)):
+        """The value of the texts: one number, or a tuple; None if their count is wrong, or one is not allowed."""
+        numbers = tuple(map(self.parse, texts))
+        if not self.allows_count(len(numbers)) or not all(map(self.allows, numbers)):
             return None
-        if self.direction and math.hypot(*values) < 1 / LARGE:
+        if self.direction and math.hypot(*numbers) < 1 / LARGE:
             return None
         if self.whole:
-            values = tuple(map(self.whole_type, values))
-        return values[0] if self.count == 1 else values * (self.count // len(values))
+            numbers = tuple(map(self.whole_type, numbers))
+        return numbers[0] if self.count == 1 else numbers * (self.count // len(numbers))
 
 
 class Flags(Numbers):
-    """The TRUE or FALSE, or 1 or 0, that follow a word: how many, and their names in messages."""
+    """The TRUE or FALSE, or 1 or 0, that follow a word: their count, and their names in messages."""
 
     noun, whole_type = "word", bool
 
-    def counted(self) -> str:
-        """How many there are, in words."""
-        return f"{self.count} words, each TRUE or FALSE ({self.what})" if self.count > 1 else self.bounds()
+    def count_in_words(self) -> str:
+        """The count and the names of the numbers, for messages."""
+        return f"{self.count} words, each TRUE or FALSE ({self.names})" if self.count > 1 else self.range_in_words()
 
-    def bounds(self) -> str:
-        """The allowed values, in words."""
+    def range_in_words(self) -> str:
+        """The allowed values, for messages."""
         return "TRUE or FALSE"
 
-    def number(self, text: str) -> float:
+    def parse(self, text: str) -> float:
         """1 for TRUE, 0 for FALSE; NaN for another text."""
         return FLAGS.get(normalise(text), math.nan)
 
 
-NOTHING = Numbers(0)
-#: Such as "3 r g b: 0 to 1e6, channels" and "1: TRUE or FALSE".
-NUMBERS = re.compile(r"(\d) ?(.*): (?:TRUE or FALSE|(\S+) to ([^\s,]+)((?:, \w+ ?[^\s,]*)*))")
+NO_NUMBERS = Numbers(0)
 
 
 def _numbers(cell: str) -> Numbers:
-    """The numbers of a cell of the table. Raises ValueError for a cell of another form."""
+    """The numbers of a cell of the table, such as "3 r g b: 0 to 1e6, channels" or "1: TRUE or FALSE"."""
     if not cell:
-        return NOTHING
-    if (found := NUMBERS.fullmatch(cell)) is None:
-        raise ValueError(f"words.txt: {cell!r} are no numbers; expected COUNT NAMES: LOW to HIGH")
-    count, what, low, high, rules = found.groups()
-    if high is None:
-        return Flags(int(count), what, whole=True)
-    values: dict[str, Any] = {}
-    for rule in rules.split(", ")[1:]:
-        name, _, value = rule.partition(" ")
-        values[name] = not value or float(value)
-    return Numbers(int(count), what, float(low), float(high), **values)
+        return NO_NUMBERS
+    count_and_names, allowed = cell.split(": ")
+    count, _, names = count_and_names.partition(" ")
+    if allowed == "TRUE or FALSE":
+        return Flags(int(count), names, whole=True)
+    bounds, *rules = allowed.split(", ")
+    low, high = map(float, bounds.split(" to "))
+    rule_values: dict[str, Any] = {rule: float(*value) if value else True for rule, *value in map(str.split, rules)}
+    return Numbers(int(count), names, low, high, **rule_values)
 
 
 @dataclass(frozen=True)
@@ -120,8 +116,8 @@ class Word:
     role: str
     spellings: tuple[str, ...]
     name: str
-    takes: Numbers
-    of: tuple[str, ...]
+    numbers: Numbers
+    kinds: tuple[str, ...]
     meaning: str
 
     @property
@@ -131,108 +127,116 @@ class Word:
 
 
 def _table() -> dict[str, list[list[str]]]:
-    """Heading -> the rows below it: five cells, empty ones included, and the meaning."""
+    """The table ``words.txt``: heading -> the rows below it, each with its meaning, or "", and its cells."""
     table: dict[str, list[list[str]]] = {}
     for row in re.split(r"\n(?! )", Path(__file__).with_name("words.txt").read_text(encoding="utf-8")):
         if row.startswith("["):
             rows = table.setdefault(row[1:-1], [])
         elif row and row[0] != "#":
-            line, *meaning = row.split("\n")
-            cells = [cell.strip() for cell in re.split(r"(?<=\s)\|(?=\s|$)", line)]
-            rows.append([*cells, *[""] * (5 - len(cells)), " ".join(map(str.strip, meaning))])
+            cells, _, meaning = row.partition("\n")
+            rows.append([" ".join(meaning.split()), *map(str.strip, cells.split("|"))])
     return table
 
 
+def _word(
+    heading: str, meaning: str, role: str, spellings: str, name: str = "", numbers: str = "", kinds: str = ""
+) -> Word:
+    """The word that the cells of a row describe."""
+    return Word(heading, role, tuple(spellings.split()), name, _numbers(numbers), tuple(kinds.split()), meaning)
+
+
 TABLE = _table()
+#: The words of the statements, of their parameters, and of values.
 WORDS = [
-    Word(heading, role, tuple(spellings.split()), name, _numbers(numbers), tuple(of.split()), meaning)
+    _word(heading, *row)
     for heading, rows in TABLE.items()
     if heading.isupper() or heading in ("statements", "values")
-    for role, spellings, name, numbers, of, meaning in rows
+    for row in rows
 ]
 #: The roles of keywords that begin a statement, and the statement of the words that belong to one.
 STATEMENTS = frozenset(word.role for word in WORDS if word.statement == "statements")
 STATEMENT_OF = {word.role: word.statement for word in WORDS if word.statement.isupper()}
-INDEX = next(word.takes for word in WORDS if word.role == "SURFACE")
+ROLES = tuple(dict.fromkeys(word.role for word in WORDS))
 
 OPERATORS = {"+": "PLUS", "-": "MINUS", "*": "TIMES"}
 MARKS = OPERATORS | {"(": "LPAR", ")": "RPAR"}
-KIND_ROLES = ("DISTRIBUTION", "CONDUCTOR", "DIELECTRIC", "MATERIAL_KIND", "KIND")
-ROLES = tuple(dict.fromkeys(word.role for word in WORDS))
 #: The order in which a message lists what it expected.
 ORDER = ("NUMBER", "VARIABLE", *OPERATORS.values(), *ROLES, "TEXTURE_NAME", "FILE", "STRING", "WORD", "LPAR", "RPAR")
 
 #: Names of metals and glasses -> Mitsuba's tables of metals, the materials of prosim_dielectric.
-METALS = {name: table for names, table, *_ in TABLE["metals"] for name in names.split()}
-GLASSES = {name: glass for names, glass, *_ in TABLE["glasses"] for name in names.split()}
+METALS = {name: table for _, names, table in TABLE["metals"] for name in names.split()}
+GLASSES = {name: glass for _, names, glass, _ in TABLE["glasses"] for name in names.split()}
 #: Indices of refraction of glasses.
-INDICES = {glass: float(index) for _, glass, index, *_ in TABLE["glasses"]}
+INDICES = {glass: float(index) for _, _, glass, index in TABLE["glasses"]}
 #: Role of a word before a name -> the field of the model, and the names.
 NAMED = {"CONDUCTOR": ("metal", METALS), "METAL": ("metal", METALS), "DIELECTRIC": ("glass", GLASSES)}
 #: The predefined textures with their kinds, and all their names.
-BUILT_IN = {names.split()[0]: kind for names, kind, *_ in TABLE["textures"]}
-ALIASES = {name: names.split()[0] for names, *_ in TABLE["textures"] for name in names.split()}
+BUILT_IN = {names.split()[0]: kind for _, names, kind in TABLE["textures"]}
+ALIASES = {name: names.split()[0] for _, names, _ in TABLE["textures"] for name in names.split()}
 #: The names in messages of BOOL and of tokens that are not words.
-MEANINGS = {role: text for role, text, *_ in TABLE["tokens"]}
+TOKEN_NAMES = {role: text for _, role, text in TABLE["tokens"]}
 #: Words of other languages, and the equivalents in this language.
-SUGGESTIONS = {word: text for words, *_, text in TABLE["suggestions"] for word in words.split()}
+SUGGESTIONS = {word: text for text, words in TABLE["suggestions"] for word in words.split()}
 
 
 def normalise(word: str) -> str:
-    """Lower case without accents: the form in which words are compared."""
+    """The form in which words are compared: lower case without accents."""
     if word.isascii():
         return word.lower()
     return "".join(c for c in unicodedata.normalize("NFKD", word) if not unicodedata.combining(c)).lower()
 
 
-#: The rows of each normalised spelling, in the order of the table.
-ROWS: dict[str, list[Word]] = {}
-for _row in WORDS:
-    for _spelling in _row.spellings:
-        ROWS.setdefault(normalise(_spelling), []).append(_row)
-
-
-#: TRUE and FALSE, and 1 and 0, by their normalised spellings.
-FLAGS = {normalise(s): word.name == "true" for word in WORDS if word.role == "BOOL" for s in word.spellings}
-FLAGS |= {"0": False, "1": True}
-#: The canonical spellings of kinds of lights, materials and textures; a material may also be absent.
-KINDS = {word.name: word.canonical for word in WORDS if word.role in KIND_ROLES} | {
-    "phong": "a surface without a material"
-}
+#: The words of each normalised spelling, in the order of the table.
+WORDS_BY_SPELLING: dict[str, list[Word]] = {}
+for _word_of_table in WORDS:
+    for _spelling in _word_of_table.spellings:
+        WORDS_BY_SPELLING.setdefault(normalise(_spelling), []).append(_word_of_table)
 
 
 @lru_cache(maxsize=1 << 10)
-def row(role: str, spelling: str) -> Word:
-    """The row of a keyword."""
-    return next(word for word in ROWS[normalise(spelling)] if word.role == role)
+def find_word(role: str, spelling: str) -> Word:
+    """The word of the table with this role and this spelling."""
+    return next(word for word in WORDS_BY_SPELLING[normalise(spelling)] if word.role == role)
 
 
-def of_role(*roles: str) -> list[Word]:
-    """The rows of some roles."""
+def words_of(*roles: str) -> list[Word]:
+    """The words that have one of these roles."""
     return [word for word in WORDS if word.role in roles]
 
 
-def spellings(*roles: str) -> list[str]:
-    """All spellings of some roles; without arguments, of all roles."""
-    return [spelling for word in WORDS if not roles or word.role in roles for spelling in word.spellings]
+def spellings_of(*roles: str) -> list[str]:
+    """All spellings of the words of some roles."""
+    return [spelling for word in words_of(*roles) for spelling in word.spellings]
 
 
-def numbers(role: str, name: str) -> Numbers:
-    """The numbers that the model's ``name`` takes."""
-    return next(word.takes for word in WORDS if (word.role, word.name) == (role, name))
+def numbers_of(role: str, name: str) -> Numbers:
+    """The numbers that follow the word of this role for the model's field ``name``."""
+    return next(word.numbers for word in words_of(role) if word.name == name)
 
 
-def canonical(role: str) -> str:
+def canonical_spelling(role: str) -> str:
     """The canonical spelling of the first word of a role."""
-    return of_role(role)[0].canonical
+    return words_of(role)[0].canonical
 
 
-def meanings(role: str) -> list[str]:
-    """The words that fit where the grammar expects ``role``, for messages."""
-    return [MEANINGS[role]] if role in MEANINGS else [word.canonical for word in of_role(role)]
+def role_in_words(role: str) -> list[str]:
+    """What fits where the grammar expects a role, for messages."""
+    return [TOKEN_NAMES[role]] if role in TOKEN_NAMES else [word.canonical for word in words_of(role)]
 
 
 def texture_name(word: str) -> str:
-    """The name of a texture in the model."""
+    """The model's name of the texture that the text calls ``word``."""
     name = normalise(word)
     return ALIASES.get(name, name)
+
+
+#: The index of a SURFACE, a TRANSFORM or a primitive.
+INDEX = numbers_of("SURFACE", "surfaces")
+#: TRUE and FALSE, and 1 and 0, by their normalised spellings.
+FLAGS = {"0": False, "1": True}
+FLAGS |= {normalise(spelling): word.name == "true" for word in words_of("BOOL") for spelling in word.spellings}
+#: The canonical spellings of kinds of lights, materials and textures; a material may also be absent.
+KINDS = {"phong": "a surface without a material"}
+KINDS |= {
+    word.name: word.canonical for word in words_of("DISTRIBUTION", "CONDUCTOR", "DIELECTRIC", "MATERIAL_KIND", "KIND")
+}

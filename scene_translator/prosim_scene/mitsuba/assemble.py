@@ -10,14 +10,14 @@ from ..model import Leaf, Scene
 from ..nodes import Comment, Node
 from ..translation_options import Options
 from ..view import camera_of, warn_of_distortion
-from ..writer import TranslationCache, ply
+from ..writer import TranslationCache, ply_bytes
 from . import TARGETS, lights, materials
 from .materials import MediumInterface
 from .sensor import sensor
-from .translation_context import Context, check, meshes
+from .translation_context import Context, check_single_precision, meshes
 
 
-def medium(scene: Scene, leaf: Leaf) -> Hashable:
+def medium_key(scene: Scene, leaf: Leaf) -> Hashable:
     """A key of the medium inside a dielectric, by its refraction and absorption; None for an opaque leaf."""
     surface = scene.surfaces[leaf.index]
     if surface.material != "dielectric":
@@ -25,16 +25,16 @@ def medium(scene: Scene, leaf: Leaf) -> Hashable:
     return surface.eta, surface.glass, surface.abbe, surface.transmittance, surface.thickness
 
 
-def fresnel(scene: Scene, leaf: Leaf) -> bool:
+def has_fresnel_reflection(scene: Scene, leaf: Leaf) -> bool:
     """Whether an opaque leaf reflects by Fresnel's equations, which depend on the medium outside."""
     return scene.surfaces[leaf.index].material in ("conductor", "composite")
 
 
-def appearance(scene: Scene, leaf: Leaf) -> Hashable:
+def appearance_key(scene: Scene, leaf: Leaf) -> Hashable:
     """A key, equal for leaves that share a mesh. A solid texture belongs to the space of one leaf."""
     surface = scene.surfaces[leaf.index]
-    slots = materials.slots(leaf, surface)
-    return surface, slots, leaf.index if slots[1] else None
+    textures = materials.effective_textures(leaf, surface)
+    return surface, textures, leaf.index if textures[1] else None
 
 
 def assemble(
@@ -45,7 +45,7 @@ def assemble(
     image_path: Callable[[Path], str],
     cache: TranslationCache | None = None,
 ) -> Node:
-    """A scene's dictionary.
+    """The dictionary of a scene, for a target.
 
     ``folder`` is the scene's folder; ``store(name, content)`` stores the PLY file of a mesh, ``image_path(path)`` maps
     the path of an image, and both return the file name in the dictionary. ``cache``: the translation cache.
@@ -62,20 +62,20 @@ def assemble(
         document,
         camera,
         options.tolerance or TOLERANCE,
-        lambda leaf: medium(scene, leaf),
-        lambda leaf: appearance(scene, leaf),
-        lambda leaf: fresnel(scene, leaf),
+        lambda leaf: medium_key(scene, leaf),
+        lambda leaf: appearance_key(scene, leaf),
+        lambda leaf: has_fresnel_reflection(scene, leaf),
         cache.faces,
-        {name: context.mesh(name, *place) for name, place in meshes(document).items()},
+        {name: context.read_mesh(name, *place) for name, place in meshes(document).items()},
     )
 
-    result: Node = {"type": "scene"} | check(document, target.settings(context))
-    result["view_comment"] = _comment(document, "VIEW", "view")
-    result["view"] = check(document, sensor(context, target, camera, list(triangles.values())), "view")
+    result: Node = {"type": "scene"} | check_single_precision(document, target.settings(context))
+    result["view_comment"] = _comment_with_line(document, "VIEW", "view")
+    result["view"] = check_single_precision(document, sensor(context, target, camera, list(triangles.values())), "view")
     for i, light in enumerate(scene.lights):
         lights.warn_of_radius(context, i, light)
-        result[f"light_{i}_comment"] = _comment(document, light.kind.upper(), "lights", i)
-        result[f"light_{i}"] = check(document, target.light(context, i, light), "lights", i)
+        result[f"light_{i}_comment_with_line"] = _comment_with_line(document, light.kind.upper(), "lights", i)
+        result[f"light_{i}"] = check_single_precision(document, target.light(context, i, light), "lights", i)
     return result | _shapes(context, target, triangles, store)
 
 
@@ -85,60 +85,56 @@ def view_sensor(document: Document, options: Options, cache: TranslationCache | 
     faces = cache.surface if cache else None
     bodies = [faces.triangles] if faces and len(faces.triangles.vertices) else []
     camera = camera_of(document, options.resolution)
-    return check(document, sensor(context, TARGETS[options.target], camera, bodies), "view")
+    return check_single_precision(document, sensor(context, TARGETS[options.target], camera, bodies), "view")
 
 
 def _shapes(
     context: Context, target: ModuleType, triangles: dict[MeshKey, Triangles], store: Callable[[str, bytes], str]
 ) -> Node:
-    """The shapes, in the order of the tree: one for each :class:`MeshKey`."""
+    """The shapes of a scene, in the order of the tree: one for each :class:`MeshKey`."""
     document, scene = context.document, context.scene
     keys: dict[Hashable, list[MeshKey]] = {}
     for key in triangles:
         keys.setdefault(key.material, []).append(key)
-    groups = _by_appearance(scene)
+    groups = _leaves_by_appearance(scene)
     media: dict[Hashable, int] = {
-        medium(scene, leaf): leaf.index for leaves in reversed(groups) for _, leaf in leaves[:1]
+        medium_key(scene, leaf): leaf.index for leaves in reversed(groups) for _, leaf in leaves[:1]
     }
     result: Node = {}
     for leaves in groups:
         number, leaf = leaves[0]
+        path = "surfaces", leaf.index
+        with_uv = materials.effective_textures(leaf, scene.surfaces[leaf.index])[0] is not None
         leaf_names = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + ", ..." * (len(leaves) > 3)
-        for key in keys.get(appearance(scene, leaf), []):
+        for key in keys.get(appearance_key(scene, leaf), []):
             name = f"surface_{leaf.index}"
             while name in result:
                 name += "_"
-            content = ply(triangles[key], materials.slots(leaf, scene.surfaces[leaf.index])[0] is not None)
+            content = ply_bytes(triangles[key], with_uv)
             if content is None:
-                document.warn(
-                    f"nothing is visible of {leaf_names}: it is too small for Mitsuba's single precision; enlarge it",
-                    "transforms",
-                    leaf.index,
-                )
+                reason = "it is too small for Mitsuba's single precision; enlarge it"
+                document.warn(f"nothing is visible of {leaf_names}: {reason}", "transforms", leaf.index)
                 continue
             sides = MediumInterface(
-                leaf.index if key.inside == medium(scene, leaf) else media[key.inside],
+                leaf.index if key.inside == medium_key(scene, leaf) else media[key.inside],
                 None if key.outside is None else media[key.outside],
             )
             towards = "" if sides.outside is None else f" towards SURFACE {sides.outside}"
             text = f"SURFACE {leaf.index} of {leaf_names}{towards}"
-            result[name + "_comment"] = _comment(document, text, "surfaces", leaf.index)
-            result[name] = {
-                "type": "ply",
-                "filename": store(name, content),
-                **check(document, target.surface(context, number, leaf, sides), "surfaces", leaf.index),
-            }
+            result[name + "_comment"] = _comment_with_line(document, text, *path)
+            optics = check_single_precision(document, target.surface(context, number, leaf, sides), *path)
+            result[name] = {"type": "ply", "filename": store(name, content), **optics}
     return result
 
 
-def _comment(document: Document, text: str, *path: str | int) -> Comment:
+def _comment_with_line(document: Document, text: str, *path: str | int) -> Comment:
+    """A comment with the line of a value in the text."""
     return Comment(f"{text} (line {document.line(*path)})")
 
 
-def _by_appearance(scene: Scene) -> list[list[tuple[int, Leaf]]]:
+def _leaves_by_appearance(scene: Scene) -> list[list[tuple[int, Leaf]]]:
     """The leaves grouped by equal appearance, with their numbers in the tree."""
     groups: dict[Hashable, list[tuple[int, Leaf]]] = {}
-    for number, leaf in enumerate(scene.csg):
-        if isinstance(leaf, Leaf):
-            groups.setdefault(appearance(scene, leaf), []).append((number, leaf))
+    for number, leaf in scene.leaves:
+        groups.setdefault(appearance_key(scene, leaf), []).append((number, leaf))
     return list(groups.values())

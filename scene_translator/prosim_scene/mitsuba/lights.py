@@ -22,37 +22,34 @@ FULL_SCALE = 65535
 UNITS = ("calibrated", "radiance", "unattenuated")
 
 
-def radiometric(color: Vector) -> tuple[float, ...]:
-    """Intensities of the language in units of 1.0."""
+def from_full_scale(color: Vector) -> tuple[float, ...]:
+    """A colour of the language divided by its full scale, 65535."""
     return tuple(c / FULL_SCALE for c in color)
 
 
-def quantity(context: Context, number: int, light: Light, units: str) -> tuple[float, ...]:
-    """Radiance of an area light, intensity of a point light."""
+def radiance_or_intensity(context: Context, number: int, light: Light, units: str) -> tuple[float, ...]:
+    """The radiance of an area light, or the intensity of a point light, in these light units."""
     factor = 1.0
     if units == "calibrated":
         d = math.dist(light.position, context.scene.view.vrp)
         if d <= (light.radius if light.kind == "area" else 0):
-            raise context.document.error(
-                "this light is at VRP, where light units 'calibrated' define its irradiance; "
-                "expected another position, or other light units",
-                "lights",
-                number,
-            )
+            reason = "this light is at VRP, where light units 'calibrated' define its irradiance; "
+            reason += "expected another position, or other light units"
+            raise context.document.error(reason, "lights", number)
         factor = d * d if light.kind == "point" else 1 / facing_irradiance(light, d)
     elif light.kind == "point" and units == "radiance":
         factor = math.pi * light.radius * light.radius
-    return tuple(factor * c for c in radiometric(light.intensity))
+    return tuple(factor * c for c in from_full_scale(light.intensity))
 
 
-def facing_irradiance(light: Light, d: float) -> float:
-    """Irradiance on a surface that faces a sphere of radiance 1 at distance ``d`` from its centre, on its axis.
+def facing_irradiance(light: Light, distance: float) -> float:
+    """Irradiance on a surface that faces a sphere of radiance 1 at a distance from its centre, on its axis.
 
     A ray at the angle t to the axis has the radiance cos^n t, so the irradiance is the integral of
     2 pi cos^(n+1) t sin t dt over the sphere, or over the cone of the light if that is narrower.
     """
     n = light.exponent if light.distribution == "spot" else 0.0
-    sine2 = (light.radius / d) ** 2
+    sine2 = (light.radius / distance) ** 2
     if light.angle is not None and light.angle < 90:
         sine2 = min(sine2, math.sin(math.radians(light.angle)) ** 2)
     return -2 * math.pi * math.expm1((n + 2) / 2 * math.log1p(-sine2)) / (n + 2)
@@ -60,25 +57,19 @@ def facing_irradiance(light: Light, d: float) -> float:
 
 def warn_of_radius(context: Context, number: int, light: Light) -> None:
     """Warns if the virtual radius of a point has no effect."""
-    if (
-        light.kind == "point"
-        and context.light_units != "radiance"
-        and context.document.given("lights", number, "radius")
-    ):
-        context.document.warn(
-            "raio has an effect on a POINT light only with light units 'radiance'; delete it",
-            "lights",
-            number,
-            "radius",
-        )
+    path = "lights", number, "radius"
+    if light.kind == "point" and context.light_units != "radiance" and context.document.is_given(*path):
+        reason = "raio has an effect on a POINT light only with light units 'radiance'; delete it"
+        context.document.warn(reason, *path)
 
 
 def emitter(context: Context, number: int, light: Light, units: str) -> Node:
-    """A light with this project's plugins: an emitter, or the sphere of an area light."""
+    """An AREA or POINT light by this project's plugins: an emitter, or a sphere with an emitter."""
     node: Node = {"type": "prosim_" + light.kind}
     if light.kind == "point":
         node["position"] = Point(light.position)
-    node["radiance" if light.kind == "area" else "intensity"] = rgb(quantity(context, number, light, units))
+    color = rgb(radiance_or_intensity(context, number, light, units))
+    node["radiance" if light.kind == "area" else "intensity"] = color
     if light.distribution != "uniform":
         node |= {"distribution": light.distribution, "direction": list(light.direction)}
         if light.angle is not None:
@@ -87,15 +78,15 @@ def emitter(context: Context, number: int, light: Light, units: str) -> Node:
             node["exponent"] = light.exponent
     if units == "unattenuated":
         node["unattenuated"] = True
-    return sphere(light, node) if light.kind == "area" else node
+    return emitting_sphere(light, node) if light.kind == "area" else node
 
 
-def sky(context: Context, number: int, light: Light) -> Node:
-    """An environment light."""
-    return {"type": "envmap", "filename": context.image(light.image or "", "lights", number, "image")}
+def sky_emitter(context: Context, number: int, light: Light) -> Node:
+    """The environment light of a SKY."""
+    return {"type": "envmap", "filename": context.image_filename(light.image or "", "lights", number, "image")}
 
 
-def sphere(light: Light, emitter: Node) -> Node:
+def emitting_sphere(light: Light, emitter: Node) -> Node:
     """The sphere of an area light: it emits, and reflects nothing."""
     return {
         "type": "sphere",

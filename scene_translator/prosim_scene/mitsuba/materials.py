@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from ..language.words import INDICES, numbers
+from ..language.words import INDICES, numbers_of
 from ..model import GREY, Leaf, Surface, Texture, Vector
 from ..nodes import Node, rgb
 from . import textures
@@ -25,8 +25,8 @@ class MediumInterface:
     outside: int | None = None
 
 
-def roughness(surface: Surface) -> Node:
-    """The parameters of a rough surface."""
+def roughness_parameters(surface: Surface) -> Node:
+    """The parameters of a BSDF for the roughness of a surface; none for a smooth one."""
     if surface.exponent is not None:
         return {"distribution": "phong", "exponent": surface.exponent}
     if surface.slope:
@@ -34,7 +34,7 @@ def roughness(surface: Surface) -> Node:
     return {}
 
 
-def defaults(surface: Surface) -> tuple[Vector, Vector, Vector]:
+def reflectances(surface: Surface) -> tuple[Vector, Vector, Vector]:
     """kd, ks and ka of a surface, with the defaults of its material."""
     kd = surface.kd or GREY
     ks = surface.ks or ((1 - kd[0], 1 - kd[1], 1 - kd[2]) if surface.material == "composite" else BLACK)
@@ -44,8 +44,8 @@ def defaults(surface: Surface) -> tuple[Vector, Vector, Vector]:
     return kd, ks, ka
 
 
-def slots(leaf: Leaf, surface: Surface) -> tuple[Texture | None, Texture | None]:
-    """The textures that have an effect on a leaf."""
+def effective_textures(leaf: Leaf, surface: Surface) -> tuple[Texture | None, Texture | None]:
+    """The textures of a leaf, without those that its material ignores."""
     return leaf.textures if surface.material not in ("conductor", "dielectric") else (None, None)
 
 
@@ -55,37 +55,31 @@ def mean_index(context: Context, index: int, surface: Surface) -> float:
         return INDICES[surface.glass]
     assert surface.eta is not None
     if len(set(surface.eta)) > 1:
-        context.approximate(
-            "n-refr differs between channels: its mean is used, without dispersion; "
-            "for dispersion use abbe, or a glass's name",
-            "surfaces",
-            index,
-        )
+        reason = "n-refr differs between channels: its mean is used, without dispersion; "
+        context.approximate(f"{reason}for dispersion use abbe, or a glass's name", "surfaces", index)
     return sum(surface.eta) / 3
 
 
-def indices(context: Context, sides: MediumInterface) -> Node:
+def refraction_indices(context: Context, sides: MediumInterface) -> Node:
     """The parameters for the indices of refraction on both sides of a dielectric's face, with dispersion."""
-    inside = _index(context, sides.inside, "int")
-    return inside | (
-        {"ext_ior": context.scene.air_index} if sides.outside is None else _index(context, sides.outside, "ext")
-    )
+    inside, outside = _index_parameters(context, sides.inside, "int"), {"ext_ior": context.scene.air_index}
+    return inside | (outside if sides.outside is None else _index_parameters(context, sides.outside, "ext"))
 
 
 def mean_indices(context: Context, sides: MediumInterface) -> Node:
     """The parameters for the indices of refraction on both sides, one number each."""
     inside = mean_index(context, sides.inside, context.scene.surfaces[sides.inside])
-    return {"int_ior": inside, "ext_ior": index_outside(context, sides)}
+    return {"int_ior": inside, "ext_ior": outside_index(context, sides)}
 
 
-def index_outside(context: Context, sides: MediumInterface) -> float:
+def outside_index(context: Context, sides: MediumInterface) -> float:
     """The index of refraction outside of a face, as one number."""
     if sides.outside is None:
         return context.scene.air_index
     return mean_index(context, sides.outside, context.scene.surfaces[sides.outside])
 
 
-def invisible(indices: Node) -> bool:
+def has_equal_indices(indices: Node) -> bool:
     """Whether a face has the same index on both sides; then roughness has no effect."""
     inside, outside = ({k[4:]: v for k, v in indices.items() if k.startswith(side)} for side in ("int", "ext"))
     return inside == outside
@@ -94,20 +88,21 @@ def invisible(indices: Node) -> bool:
 def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> Node:
     """The BSDF of this project's plugins for a leaf, node ``number`` of the tree."""
     surface = context.scene.surfaces[leaf.index]
-    kd, ks, ka = defaults(surface)
+    (kd, ks, ka), rough = reflectances(surface), roughness_parameters(surface)
 
     def textured(color: Vector) -> Node:
-        return textures.reflectance(context, number, leaf, slots(leaf, surface), color)
+        """A colour with the textures of the leaf."""
+        return textures.reflectance(context, number, leaf, effective_textures(leaf, surface), color)
 
     if surface.material == "conductor":
-        node: Node = {"type": "prosim_conductor", "ext_ior": index_outside(context, sides), **roughness(surface)}
+        node: Node = {"type": "prosim_conductor", "ext_ior": outside_index(context, sides), **rough}
         if surface.metal:
             node["material"] = surface.metal
         elif surface.eta and surface.k:
             node |= {"eta": rgb(surface.eta), "k": rgb(surface.k)}
     elif surface.material == "dielectric":
-        node = {"type": "prosim_dielectric", **(both := indices(context, sides))}
-        node |= {} if invisible(both) else roughness(surface)
+        node = {"type": "prosim_dielectric", **(both := refraction_indices(context, sides))}
+        node |= {} if has_equal_indices(both) else rough
     elif surface.material == "lambertian":
         node = {"type": "prosim_lambertian", "reflectance": textured(kd)}
     elif surface.material == "composite":
@@ -116,7 +111,7 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> N
             "diffuse_reflectance": textured(kd),
             "specular_reflectance": rgb(ks),
             **mean_indices(context, sides),
-            **roughness(surface),
+            **rough,
         }
     else:
         node = {"type": "prosim_phong", "diffuse_reflectance": textured(kd), "specular_reflectance": rgb(ks)}
@@ -127,7 +122,8 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> N
     return node
 
 
-def _index(context: Context, index: int, side: str) -> Node:
+def _index_parameters(context: Context, index: int, side: str) -> Node:
+    """The parameters for the refraction of the medium inside SURFACE ``index``; ``side``: "int" or "ext"."""
     surface = context.scene.surfaces[index]
     if surface.glass:
         return {f"{side}_material": surface.glass}
@@ -142,14 +138,14 @@ def absorbs(surface: Surface) -> bool:
 
 def media(context: Context, sides: MediumInterface) -> Node:
     """The absorbing media on both sides of a face, as parameters of its shape."""
-    result = {"interior": _medium(context.scene.surfaces[sides.inside])}
+    result = {"interior": _absorbing_medium(context.scene.surfaces[sides.inside])}
     if sides.outside is not None:
-        result["exterior"] = _medium(context.scene.surfaces[sides.outside])
+        result["exterior"] = _absorbing_medium(context.scene.surfaces[sides.outside])
     return {name: medium for name, medium in result.items() if medium}
 
 
-def _medium(surface: Surface) -> Node:
-    """An absorbing medium; empty for a clear one.
+def _absorbing_medium(surface: Surface) -> Node:
+    """The absorbing medium inside a surface; empty for a clear one.
 
     By Beer's law the transmittance T over the thickness d is exp(-s d). Mitsuba's colours are at most 1, hence the
     scale.
@@ -169,7 +165,7 @@ def phong_exponent(surface: Surface) -> float | None:
     The result is at most the largest exponent of the language.
     """
     if surface.exponent is None and surface.slope:
-        return min(max(2 / surface.slope**2 - 2, 0.0), numbers("OPTIC", "exponent").high)
+        return min(max(2 / surface.slope**2 - 2, 0.0), numbers_of("OPTIC", "exponent").high)
     return surface.exponent
 
 

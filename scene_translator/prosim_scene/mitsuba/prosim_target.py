@@ -10,11 +10,14 @@ SAMPLER = "nrook"
 
 
 def settings(context: Context) -> Node:
-    """The integrator."""
+    """The integrator of a scene, with a comment."""
     scene = context.scene
-    background = rgb(lights.radiometric(scene.background.color))
+    background = rgb(lights.from_full_scale(scene.background.color))
     if scene.background.image is not None:
-        background = {"type": "bitmap", "filename": context.image(scene.background.image, "background", "image")}
+        background = {
+            "type": "bitmap",
+            "filename": context.image_filename(scene.background.image, "background", "image"),
+        }
     # The parameter `caustics` is written only if the scene has CAUSTICS.
     word, caustics = (", CAUSTICS", {"caustics": True}) if scene.caustics else ("", {})
     return {
@@ -25,7 +28,7 @@ def settings(context: Context) -> Node:
             "max_level": scene.max_level,
             "shadows": scene.shadows,
             **caustics,
-            "ambient": rgb(lights.radiometric(scene.ambient)),
+            "ambient": rgb(lights.from_full_scale(scene.ambient)),
             "background": background,
             "hide_emitters": True,
             "channels": "".join(c for c, saved in zip("rgb", scene.channels, strict=True) if saved),
@@ -34,14 +37,14 @@ def settings(context: Context) -> Node:
 
 
 def camera(context: Context, camera: Camera) -> Camera:
-    """The camera itself: this target has all cameras."""
+    """The camera itself: this target has a plugin for every camera."""
     return camera
 
 
 def light(context: Context, number: int, light: Light) -> Node:
-    """An emitter, or a sphere with an emitter."""
+    """An emitter for a light, or a sphere with an emitter."""
     if light.kind == "sky":
-        return lights.sky(context, number, light)
+        return lights.sky_emitter(context, number, light)
     return lights.emitter(context, number, light, context.light_units)
 
 

@@ -18,8 +18,8 @@ from .translation_context import Context
 NEAR, FAR = 1e-3, 1e5
 
 
-def clipping(camera: Camera, bodies: Sequence[Triangles], lights: Iterable[Light]) -> tuple[float, float]:
-    """Depths of a near and a far plane that clip no triangle of ``bodies``, and no light.
+def clipping_depths(camera: Camera, meshes: Sequence[Triangles], lights: Iterable[Light]) -> tuple[float, float]:
+    """Depths of a near and a far plane that clip no triangle of ``meshes``, and no light.
 
     If a triangle may be near the eye, the near plane is almost at the eye, but never on it.
     """
@@ -29,32 +29,36 @@ def clipping(camera: Camera, bodies: Sequence[Triangles], lights: Iterable[Light
             continue
         far = max(far, 2 * (float(_depth(camera, np.array(light.position))) + light.radius))
     extent = 0.0
-    for body in bodies:
-        far = max(far, 2 * float(_depth(camera, body.vertices).max()))
-        extent = max(extent, float(np.abs(body.vertices - camera.eye).max()))
+    for mesh in meshes:
+        far = max(far, 2 * float(_depth(camera, mesh.vertices).max()))
+        extent = max(extent, float(np.abs(mesh.vertices - camera.eye).max()))
     corner = np.linalg.norm(
         [max(abs(camera.left), abs(camera.right)), max(abs(camera.bottom), abs(camera.top)), camera.depth]
     )
     slant = float(corner / camera.depth)  # distance over depth, in a corner of the image
-    if any(_reaches(camera.eye, body, near * slant) for body in bodies):
+    if any(_is_near(camera.eye, mesh, near * slant) for mesh in meshes):
         near = 1e-9 * extent
     return near, far
 
 
 def _depth(camera: Camera, points: np.ndarray) -> np.ndarray:
+    """The distances of points from the eye along the viewing direction."""
     return np.asarray((camera.eye - points) @ camera.n)
 
 
-def _reaches(point: np.ndarray, body: Triangles, distance: float) -> bool:
+def _is_near(point: np.ndarray, mesh: Triangles, distance: float) -> bool:
     """Whether the bounding box of a triangle is within ``distance`` of a point, per axis."""
-    below, above = body.vertices < point + distance, body.vertices > point - distance
-    return bool(np.all(below[body.index].any(axis=1) & above[body.index].any(axis=1), axis=1).any())
+    below, above = mesh.vertices < point + distance, mesh.vertices > point - distance
+    return bool(np.all(below[mesh.index].any(axis=1) & above[mesh.index].any(axis=1), axis=1).any())
 
 
-def sensor(context: Context, target: ModuleType, camera: Camera, bodies: Sequence[Triangles]) -> Node:
-    """Mitsuba's ``perspective`` for square pixels, ``prosim_window`` for any others; no triangle is clipped."""
+def sensor(context: Context, target: ModuleType, camera: Camera, meshes: Sequence[Triangles]) -> Node:
+    """The sensor of a camera: Mitsuba's ``perspective`` for square pixels, ``prosim_window`` for others.
+
+    Its clipping planes clip no triangle of ``meshes``.
+    """
     camera = target.camera(context, camera)
-    near, far = clipping(camera, bodies, context.scene.lights)
+    near, far = clipping_depths(camera, meshes, context.scene.lights)
     width, height = camera.right - camera.left, camera.top - camera.bottom
     to_world = np.eye(4)
     # Mitsuba's camera looks along +z with x to the left of the image.
@@ -74,14 +78,8 @@ def sensor(context: Context, target: ModuleType, camera: Camera, bodies: Sequenc
         "sampler": {"type": target.SAMPLER, "sample_count": context.samples**2},
     }
     if not camera.square_pixels:
-        return {
-            "type": "prosim_window",
-            "left": camera.left / camera.depth,
-            "right": camera.right / camera.depth,
-            "bottom": camera.bottom / camera.depth,
-            "top": camera.top / camera.depth,
-            **common,
-        }
+        window = {side: getattr(camera, side) / camera.depth for side in ("left", "right", "bottom", "top")}
+        return {"type": "prosim_window", **window, **common}
     return {
         "type": "perspective",
         "fov": 2 * math.degrees(math.atan2(width / 2, camera.depth)),

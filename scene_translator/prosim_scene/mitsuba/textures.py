@@ -46,7 +46,7 @@ Colored = Callable[[Iterable[float]], Node]
 
 
 def parameters(scene: Scene, name: str, solid: bool) -> tuple[str, dict[str, Any]]:
-    """Kind and complete parameters of a texture."""
+    """The kind of a texture, and all its parameters, with defaults; ``solid``: whether it is in the second slot."""
     pattern = scene.patterns[name]
     axis = {"axis": STRIPES_AXIS[solid]} if pattern.kind == "stripes" else {}
     return pattern.kind, DEFAULTS[pattern.kind] | axis | dict(pattern.parameters)
@@ -60,9 +60,11 @@ def reflectance(
     scene = context.scene
 
     def product(factor: Iterable[float]) -> list[float]:
+        """The colour times a factor for each channel."""
         return [a * b for a, b in zip(color, factor, strict=True)]
 
     def inner(factor: Iterable[float]) -> Node:
+        """The colour times a factor, with the solid texture of the second slot."""
         if second is None:
             return rgb_clipped(product(factor))
         node = pattern(
@@ -74,14 +76,14 @@ def reflectance(
         return inner((1, 1, 1))
     if first.image is None:
         return pattern(scene, first, False, inner)
-    image = {"type": "bitmap", "filename": context.image(first.image, "csg", number, "textures", 0)}
+    image = {"type": "bitmap", "filename": context.image_filename(first.image, "csg", number, "textures", 0)}
     if np.allclose(color, 1) and second is None:
         return image
     return {"type": "prosim_product", "a": image, "b": inner((1, 1, 1))}
 
 
 def pattern(scene: Scene, texture: Texture, solid: bool, colored: Colored) -> Node:
-    """A pattern's plugin, its colours made by ``colored``."""
+    """The plugin of a pattern; ``colored`` maps each of its colours, which are factors, to a colour or a texture."""
     assert texture.name is not None
     kind, values = parameters(scene, texture.name, solid)
     return {"type": "prosim_" + kind} | {

@@ -14,7 +14,7 @@ from ..geometry.primitives import Primitive
 from ..language.diagnostics import quote
 from ..language.document import Document
 from ..language.document import Path as ValuePath
-from ..model import Leaf, Scene
+from ..model import Scene
 from ..nodes import Default, Node
 
 
@@ -35,7 +35,7 @@ class Context:
 
     @property
     def scene(self) -> Scene:
-        """The scene itself."""
+        """The scene of the document."""
         return self.document.scene
 
     def approximate(self, reason: str, *path: str | int) -> None:
@@ -44,9 +44,9 @@ class Context:
             self.reported.add(reason)
             self.document.warn(reason, *path)
 
-    def mesh(self, name: str, *path: str | int) -> Primitive:
+    def read_mesh(self, name: str, *path: str | int) -> Primitive:
         """The solid of a mesh file, which must be in the scene's folder or below."""
-        full = self.file("mesh", name, *path)
+        full = self.file_path("mesh", name, *path)
         try:
             if full.stat().st_size > MESH_LIMIT:
                 raise ValueError(f"is larger than {MESH_LIMIT >> 20} MiB, the largest size of a mesh file")
@@ -57,9 +57,9 @@ class Context:
             what = str(reason)
         raise self.document.error(f"the mesh {quote(name)} {what}", *path)
 
-    def image(self, name: str, *path: str | int) -> str:
-        """The name in the result of an image file, which must be in the scene's folder or below."""
-        error, full = self.document.error, self.file("image", name, *path)
+    def image_filename(self, name: str, *path: str | int) -> str:
+        """The file name of an image in the result; the image must be in the scene's folder or below."""
+        error, full = self.document.error, self.file_path("image", name, *path)
         try:
             valid = is_image(full)
         except OSError as reason:
@@ -71,49 +71,43 @@ class Context:
         except ValueError as reason:
             raise error(str(reason), *path) from None
 
-    def file(self, what: str, name: str, *path: str | int) -> Path:
-        """The path of an image or a mesh file (``what``), which must be in the scene's folder or below."""
-        error = self.document.error
+    def file_path(self, kind: str, name: str, *path: str | int) -> Path:
+        """The path of a file of this ``kind``, "image" or "mesh", which must be in the scene's folder or below."""
         if not name:
-            raise error(
-                f"this file name is empty; expected {'an image file' if what == 'image' else 'a mesh file'}", *path
-            )
+            article = "an" if kind == "image" else "a"
+            raise self.document.error(f"this file name is empty; expected {article} {kind} file", *path)
         try:
             full = Path(os.path.realpath(located(self.folder, name)))  # links may be circular
             exists = full.is_file()
-        except (OSError, ValueError) as reason:  # too long, or invalid characters
-            raise error(
-                f"the {what} {quote(name)} is not a valid file name: {getattr(reason, 'strerror', None) or reason}",
-                *path,
-            ) from None
-        if not self.allow_outside and not full.is_relative_to(self.folder.resolve()):
-            raise error(
-                f"the {what} {quote(name)} is outside the scene's folder; move it there, or use the option "
-                "--allow-outside, in Python allow_outside=True",
-                *path,
-            )
-        if not exists:
-            marks = "; write a file name in double quotes, or without quotes" if name[0] == "'" else ""
-            raise error(f"the {what} {quote(name)} does not exist in the scene's folder{marks}", *path)
-        return full
+        except (OSError, ValueError) as error:  # too long, or invalid characters
+            wrong = f"is not a valid file name: {getattr(error, 'strerror', None) or error}"
+        else:
+            if not self.allow_outside and not full.is_relative_to(self.folder.resolve()):
+                wrong = "is outside the scene's folder; move it there, or use the option --allow-outside, "
+                wrong += "in Python allow_outside=True"
+            elif exists:
+                return full
+            else:
+                quotes = "; write a file name in double quotes, or without quotes" if name[0] == "'" else ""
+                wrong = f"does not exist in the scene's folder{quotes}"
+        raise self.document.error(f"the {kind} {quote(name)} {wrong}", *path)
 
 
 #: The largest size of a mesh file in bytes: 4,000,000 triangles have fewer.
 MESH_LIMIT = 2**27
 
 
-def check(document: Document, node: Node, *path: str | int) -> Node:
+def check_single_precision(document: Document, node: Node, *path: str | int) -> Node:
     """Returns the node; raises the SceneError about ``path`` if a number is beyond single precision."""
-    for value in _numbers(node):
-        if not abs(value) <= LARGEST:
-            raise document.error(
-                f"this gives {value:g}, which is beyond Mitsuba's single precision; expected less extreme numbers",
-                *path,
-            )
+    for number in _numbers(node):
+        if not abs(number) <= LARGEST:
+            reason = f"this gives {number:g}, which is beyond Mitsuba's single precision; expected less extreme numbers"
+            raise document.error(reason, *path)
     return node
 
 
 def _numbers(value: Any) -> Iterable[float]:
+    """The numbers in a part of a scene's dictionary."""
     if isinstance(value, dict):
         for part in value.values():
             yield from _numbers(part)
@@ -161,13 +155,12 @@ def images(document: Document) -> Iterator[tuple[str, ValuePath]]:
     for number, light in enumerate(scene.lights):
         if light.image is not None:
             yield light.image, ("lights", number, "image")
-    for number, node in enumerate(scene.csg):
-        for slot, texture in enumerate(node.textures if isinstance(node, Leaf) else ()):
+    for number, leaf in scene.leaves:
+        for slot, texture in enumerate(leaf.textures):
             if texture is not None and texture.image is not None:
                 yield texture.image, ("csg", number, "textures", slot)
 
 
 def meshes(document: Document) -> dict[str, ValuePath]:
     """The mesh files that a scene names, with the path of each value in the model."""
-    csg = enumerate(document.scene.csg)
-    return {node.file: ("csg", n, "file") for n, node in csg if isinstance(node, Leaf) and node.file is not None}
+    return {leaf.file: ("csg", number, "file") for number, leaf in document.scene.leaves if leaf.file is not None}

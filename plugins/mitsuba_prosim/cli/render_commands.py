@@ -1,4 +1,4 @@
-"""``prosim resume`` and ``prosim merge``: continue a render from its state, and merge the parts of an image."""
+"""``prosim render``, ``prosim resume`` and ``prosim merge``: from a scene, a state or parts to an EXR and a PNG."""
 
 from __future__ import annotations
 
@@ -13,12 +13,11 @@ import click
 from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint
 from ..scene import session
-from . import output_files
-from .input_files import PART_FILE, SCENE_FILE, STATE_FILE, parts, stem
-from .job import RUNNING, TARGETS, Command, Job, choose_variant, takes
+from . import files, frames
+from .files import PART_FILE, SCENE_FILE, STATE_FILE, image_stem, parts
+from .job import OPTIONS, RUNNING, TARGETS, Command, Job, choose_variant, job_options
 from .option_types import InputError, option
-from .render_command import write_image
-from .render_task import STATE, SUFFIXES
+from .render_task import STATE, SUFFIXES, write_image
 
 #: Policies that decide by the first samples alone; ``graded`` takes their place where the target changes.
 BY_FIRST = ("neighbours", "thesis")
@@ -31,8 +30,26 @@ scene_option = option("Scene", "--scene", "moved", type=SCENE_FILE, help="Path o
 
 
 @click.command(cls=Command)
+@click.argument("scene", type=SCENE_FILE)
+@job_options(*OPTIONS)
+def render(job: Job) -> None:
+    """Render SCENE, a file in the thesis's scene language (any name) or a Mitsuba scene (.xml).
+
+    Writes a linear EXR, whose metadata say how it was made, and a tone-mapped PNG. Existing files are replaced when the
+    new ones are complete. Ctrl-C ends the render and keeps the image so far (exit code 1).
+
+    Set the quality by --noise, --time or --spp; by default, the scene sets it.
+    """
+    target = files.output_stem(job.output, Path(job.scene).with_suffix(""), SUFFIXES)
+    if job.frames is None:
+        write_image(job, target)
+    else:
+        frames.render(job, target)
+
+
+@click.command(cls=Command)
 @click.argument("state", type=STATE_FILE)
-@takes(*TARGET, "output", "exposure", "verbose", "threads", "workers", "cluster")
+@job_options(*TARGET, "output", "exposure", "verbose", "threads", "workers", "cluster")
 @scene_option
 def resume(job: Job, state: Path, moved: Path | None) -> None:
     """Continue a render from STATE, a file that prosim render --checkpoint has written, until its target.
@@ -40,7 +57,7 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
     The image is the same to the bit as without the interruption. Another target continues the image from where it is;
     --time counts from the beginning. A state of another scene or version is refused.
     """
-    record, before = opened(state, moved)
+    record, before = checkpoint_and_job(state, moved)
     target: dict[str, Any] = {name: value for name in TARGET if (value := getattr(job, name)) is not None}
     if record.part and (target or job.distributed):
         raise click.UsageError(
@@ -50,10 +67,10 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
     if target.get("adaptive") in BY_FIRST:
         raise click.UsageError(f"--adaptive {target['adaptive']} decides by the first samples, which exist already.")
     if target:
-        policy = record.facts["sampling"]["adaptive"]
+        policy = record.attributes["sampling"]["adaptive"]
         target = {"adaptive": "graded" if policy in BY_FIRST else policy} | target
     job = continued(before, job, checkpoint=True, part=record.part, **target)
-    write_image(job, output_files.stem(job.output, stem(state), SUFFIXES), record)
+    write_image(job, files.output_stem(job.output, image_stem(state), SUFFIXES), record)
     if record.finished and not target:
         click.echo(
             f"It was finished before. When all parts are finished: prosim merge {parts(state)}"
@@ -63,17 +80,17 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
 
 
 @click.command(cls=Command)
-@click.argument("files", metavar="PART...", type=PART_FILE, nargs=-1, required=True)
-@takes("output", "exposure", "checkpoint", "verbose", "threads")
+@click.argument("part_files", metavar="PART...", type=PART_FILE, nargs=-1, required=True)
+@job_options("output", "exposure", "checkpoint", "verbose", "threads")
 @scene_option
-def merge(job: Job, files: tuple[Path, ...], moved: Path | None) -> None:
+def merge(job: Job, part_files: tuple[Path, ...], moved: Path | None) -> None:
     """Merge the PARTs of an image, files that prosim render --part has written.
 
     The image is the same to the bit as one that is rendered at once. Each part has to be there once, in any order.
     Nothing is rendered.
     """
-    record, before = opened(files[0], moved, lambda: checkpoint.merge(files))
-    target = output_files.stem(job.output, stem(files[0]), SUFFIXES)
+    record, before = checkpoint_and_job(part_files[0], moved, lambda _: checkpoint.merge(part_files))
+    target = files.output_stem(job.output, image_stem(part_files[0]), SUFFIXES)
     write_image(continued(before, job), target, record)
     click.echo(
         f"The parts can be removed: {target}{STATE} stores all of them."
@@ -89,17 +106,17 @@ def continued(before: Job, asked: Job, **changes: Any) -> Job:
     return replace(before, exposure=exposure, **running | changes)
 
 
-def opened(state: Path, moved: Path | None, read: Callable[[], Checkpoint] | None = None) -> tuple[Checkpoint, Job]:
-    """The record in a file and its job, whose variant is set; ``moved``: path of the job's scene, if that was moved;
-    ``read``: makes the record, unless the file alone has it.
-
-    Raises InputError.
+def checkpoint_and_job(
+    state: Path, moved: Path | None, load: Callable[[Path], Checkpoint] = checkpoint.load
+) -> tuple[Checkpoint, Job]:
+    """The checkpoint in a file and its job, whose variant is set; ``moved``: path of the job's scene, if that was
+    moved; ``load``: reads the checkpoint. Raises InputError.
     """
     try:
-        choose_variant(checkpoint.read(state, arrays=False).origin["variant"])
+        choose_variant(checkpoint.read(state, arrays=False).environment["variant"])
         with warnings.catch_warnings():
             warnings.simplefilter("always")
-            record = read() if read else checkpoint.load(state)
+            record = load(state)
         job = Job.of(record)
         scene = Path(job.scene)
         for path in filter(None, (moved, scene, state.parent / scene.name)):
@@ -107,6 +124,6 @@ def opened(state: Path, moved: Path | None, read: Callable[[], Checkpoint] | Non
                 return record, replace(job, scene=str(path))
         raise ValueError(f"{scene} does not exist, nor does the folder of {state} have it; give its path by --scene")
     except OSError as error:
-        raise InputError(f"{state}: {output_files.reason(error)}") from None
+        raise InputError(f"{state}: {files.reason(error)}") from None
     except (ImportError, ValueError) as error:
         raise InputError(session.message(error)) from None

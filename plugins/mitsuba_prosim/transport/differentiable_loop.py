@@ -1,4 +1,6 @@
-"""The loop over the nodes of a tree or path."""
+"""A loop with derivatives. Dr.Jit 1.5 has none that suits: of a symbolic loop with derivatives it generates wrong code
+for masks; and its evaluated loop goes backwards in the order of a hash table, so that each iteration is compiled again.
+"""
 
 from __future__ import annotations
 
@@ -7,37 +9,12 @@ from dataclasses import fields, is_dataclass
 from typing import Any
 
 import drjit as dr
-import mitsuba as mi
-
-from .radiance import Radiance
-from .transport_context import Context
-from .vertex import last_emission
-
-
-def walk(
-    context: Context, step: Callable[[Any], Any], state: Any, camera: mi.Ray3f, branches: bool = False
-) -> tuple[Radiance, mi.Bool]:
-    """``(L, hit)`` of the last of the states that ``step`` makes of ``state``, from node to node.
-
-    ``state``: a dataclass with at least ``L``, ``hit``, ``ray`` and ``active``. ``branches``: whether a node may have
-    two rays.
-    """
-    if context.settings.max_level == 0 and not branches:  # no loop: the second ray can only end in a source
-        state = step(state)
-        state.L += last_emission(context, state.ray, camera, state.active)
-    elif context.attached:
-        state = differentiable_loop(state, step)
-    else:
-        (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (step(state),))
-    return state.L, state.hit
 
 
 def differentiable_loop(state: Any, step: Callable[[Any], Any]) -> Any:
     """The last of the states that ``step`` makes of ``state``, in each lane while it is active, with derivatives.
 
-    An iteration is one kernel, and its derivative another: the same for all iterations. Dr.Jit 1.5 cannot do that: of a
-    symbolic loop that has derivatives it generates wrong code for masks; and its evaluated loop goes backwards in the
-    order of a hash table, so that each iteration is compiled again.
+    An iteration is one kernel, and its derivative another: the same for all iterations.
     """
     dr.make_opaque(state)
     while dr.any(active := state.active):

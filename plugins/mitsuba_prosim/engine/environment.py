@@ -1,4 +1,4 @@
-"""The software and the processor that made the samples of an image: their bits depend on it."""
+"""The software and the processor of a process: the bits of its samples depend on them."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ import mitsuba as mi
 
 from .. import __version__, llvm
 
-#: Facts that must be the same; and facts that may differ, with a warning: samples are as good, but not bit-identical.
-EXACT, CLOSE = ("mitsuba-prosim", "mitsuba", "drjit", "variant"), ("LLVM", "processor")
+#: Names that must have the same values; and those that may differ, with a warning: samples are as good, but not
+#: bit-identical.
+MUST_AGREE, MAY_DIFFER = ("mitsuba-prosim", "mitsuba", "drjit", "variant"), ("LLVM", "processor")
 
 
-def here() -> dict[str, str]:
+def this_environment() -> dict[str, str]:
     """Names and versions of the software, the variant and the processor of this process."""
     found = llvm.version() if (mi.variant() or "").startswith("llvm") else None
     return {
@@ -27,8 +28,9 @@ def here() -> dict[str, str]:
     }
 
 
-def differences(theirs: Mapping[str, str], ours: Mapping[str, str], names: tuple[str, ...]) -> str:
-    """The differences in ``names``, in words; empty if there are none."""
+def differences(theirs: Mapping[str, str], names: tuple[str, ...]) -> str:
+    """The differences of another environment from that of this process in ``names``, in words; empty without any."""
+    ours = this_environment()
     return ", ".join(
         f"{name} {theirs.get(name) or 'unknown'} there, {ours[name] or 'none'} here"
         for name in names

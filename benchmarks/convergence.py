@@ -15,7 +15,7 @@ import numpy as np
 from gains import DEPTH, NESTED, PATHS
 from measure import Run, arguments, begin, by_turns, interval, reference
 from mitsuba_prosim.compare import measures
-from scenes import BUILT, Subject
+from subjects import BUILT, Subject
 
 COUNTS = (2, 4, 8, 16)
 SAMPLERS = ("independent", "multijitter", "owen")

@@ -31,8 +31,8 @@ from unittest import mock
 import numpy as np
 from measure import MEASURES, Run, arguments, begin, by_turns, gain, interval, reference, shown
 from mitsuba_prosim.light import table as lights
-from scenes import Subject
 from scipy.ndimage import maximum_filter
+from subjects import Subject
 
 DEPTH = 8
 #: As deep as a path of DEPTH edges, whose vertices but for the camera and the lamp are levels 0 to DEPTH - 2; with the

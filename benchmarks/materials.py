@@ -16,7 +16,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 from measure import Run, arguments, begin, interval, renders, shown
-from scenes import diffuse, lamp, rectangle, sphere, with_film
+from subjects import diffuse, lamp, rectangle, sphere, with_film
 
 CU = {"material": "Cu"}
 HALF = {"diffuse_reflectance": 0.4}

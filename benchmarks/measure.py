@@ -21,7 +21,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from mitsuba_prosim.compare import measures, runs
-from scenes import NAMES, Subject
+from subjects import NAMES, Subject
 
 #: Seeds of references begin here.
 REFERENCE_SEEDS = 1 << 20

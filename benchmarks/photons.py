@@ -16,7 +16,7 @@ import mitsuba as mi
 import numpy as np
 from measure import REFERENCE_SEEDS, Run, arguments, begin, interval, renders, shown
 from mitsuba_prosim.compare import measures
-from scenes import NAMES, Subject, lamp, rgb, sphere, stage, with_film
+from subjects import NAMES, Subject, lamp, rgb, sphere, stage, with_film
 
 COPPER = {"type": "prosim_conductor", "material": "Cu"}
 GLASS = {"type": "dielectric"}

@@ -16,8 +16,8 @@ import time
 import numpy as np
 from gains import NESTED
 from measure import Run, arguments, begin, reference
-from scenes import Subject
 from scipy.stats import beta
+from subjects import Subject
 
 LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
 

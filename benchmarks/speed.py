@@ -31,7 +31,7 @@ import mitsuba as mi
 import numpy as np
 import psutil
 from measure import Run, arguments, begin, interval, shown
-from scenes import EXAMPLES, Subject
+from subjects import EXAMPLES, Subject
 
 
 def probe(name: str, size: int, rounds: int) -> dict[str, Any]:

@@ -173,13 +173,14 @@ class Dielectric(Material):
         sample2: mi.Point2f,
         active: mi.Bool = True,
         weights: Sequence[mi.Float] | None = None,
-        together: bool = False,
+        undispersed: bool = False,
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         """Samples a direction; where smooth glass disperses, that of the wavelength that is chosen with the
         probabilities ``weights``, for integrators that know the throughput of a ray.
 
-        None: all are alike, which is right in the mean, as a ray does not store which ones it has lost. ``together``:
-        all go the way of the middle one, which is wrong, but without noise.
+        None: all wavelengths are equally probable. This is unbiased, but noisier, because the ray's throughput is not
+        known. ``undispersed``: all wavelengths take the direction of the middle one; biased, but without colour noise;
+        for the albedo.
         """
         bs = dr.zeros(mi.BSDFSample3f)
         reflection, transmission = self.enabled(ctx)
@@ -191,7 +192,7 @@ class Dielectric(Material):
         etas = self.etas(si)
         faces = [fresnel.interface(i_m, eta) for eta in etas]
         p = [1 / len(etas)] * len(etas) if weights is None or self.roughness is not None else list(weights)
-        if together:
+        if undispersed:
             p = [float(k == len(etas) // 2) for k in range(len(etas))]
         k, rest = dispersion.choose(p, sample1)
         f, cos_t, eta_it, eta_ti = (dispersion.pick(k, values) for values in zip(*faces, strict=True))
@@ -202,7 +203,7 @@ class Dielectric(Material):
         bs.sampled_type = dr.select(reflected, mi.UInt32(+self.types[0]), mi.UInt32(+self.types[1]))
         if self.roughness is None:
             reflectances, ratios = (dispersion.spectrum([face[j] for face in faces]) for j in (0, 2))
-            kept = [dr.select(reflected | together | (k == j), 1.0, 0.0) for j in range(len(faces))]
+            kept = [dr.select(reflected | undispersed | (k == j), 1.0, 0.0) for j in range(len(faces))]
             value = self.energy(ctx, si, reflected, reflectances, ratios, active) * mi.UnpolarizedSpectrum(*kept)
             mean = sum((p[j] * face[0] for j, face in enumerate(faces)), mi.Float(0))
             chosen = dispersion.pick(k, p)

@@ -137,7 +137,7 @@ def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
     sphere = scene.bbox().bounding_sphere()
     size = max(float(sphere.radius), 1e-3)
     rows = np.tile(np.array([*np.ravel(sphere.center), FAR * size, 0, 0, 1, 0, 0, 0], dtype=float), (len(emitters), 1))
-    near = [k for k, emitter in enumerate(emitters) if is_near(emitter)]
+    near = [k for k, emitter in enumerate(emitters) if falls_with_distance(emitter)]
     rays = {}
     try:
         rays = dict(zip(near, zip(*sample_lamps(scene, [emitters[k] for k in near], emitted_ray))))
@@ -159,7 +159,7 @@ def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
     return np.ldexp(np.round(mantissa * 1024) / 1024, exponent)
 
 
-def is_near(emitter: mi.Emitter) -> bool:
+def falls_with_distance(emitter: mi.Emitter) -> bool:
     """Whether the light of ``emitter`` falls with the square of the distance."""
     flags, kinds = emitter.flags(), mi.EmitterFlags
     endless = mi.has_flag(flags, kinds.Infinite) or emitter.class_name() == DIRECTIONAL

@@ -112,7 +112,7 @@ class ConstantSky(OtherLights):
     def sample(
         self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
-        """``(ds, weight)``: a point of the sky above the horizon of ``receiver``."""
+        """``(ds, weight)``: a sample of the sky above the horizon of ``receiver``, cosine-weighted."""
         local = mi.warp.square_to_cosine_hemisphere(sample)
         ds = direction_sample(receiver, mi.Frame3f(receiver.n).to_world(local))
         ds.dist = mi.Float(self.distance)

@@ -9,8 +9,8 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-#: A direction closer to the horizon than this (as a cosine) has no reflection: its square, and the densities
-#: that are divided by it, would leave the range of single precision.
+#: A direction whose cosine is below this has no reflection: the square of that cosine, and the densities that are
+#: divided by it, would leave the range of single precision.
 GRAZING = 1e-18
 
 #: Squared length below which a half vector is nothing but rounding.

@@ -25,8 +25,8 @@ from .targets import Targets
 #: The density of photons from a point or in a single direction: far above all others, but finite.
 DELTA_DENSITY = 1e30
 
-#: A function of center and radius of a target: whether a ray meets it, and the density of the ray among the photons of
-#: that pair.
+#: A function of the center and the radius of a target: whether a ray meets that target, and the density with which
+#: photons that are aimed at it take the ray.
 DensityOf = Callable[[Any, Any], tuple[Any, Any]]
 
 
@@ -48,8 +48,8 @@ class Start:
 
 @dataclass(frozen=True)
 class Draw:
-    """Photons to emit: the numbers of their targets, the number of photons of each pair, the points in [0, 1)² that
-    choose the start and the direction, and the wavelengths.
+    """Photons to emit: the numbers of their targets, the number of photons of each pair of emitter and target, the
+    points in [0, 1)² that choose the start and the direction, and the wavelengths.
     """
 
     target: mi.UInt32

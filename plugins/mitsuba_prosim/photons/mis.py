@@ -104,11 +104,12 @@ class PhotonMIS:
         self.lobes = (lobes.reflected(), lobes.refracted()) if tree else (lobes.specular(),)
         self.lights = Lights(scene, choose=not tree) if self.near_specular.any else None
         self.both_sides = bool(lobes.has_any(scene_flags(scene), *lobes.BOTH_SIDES))
-        #: Number of photons of each pair of a source and a target in a map; set when photons are emitted.
-        self.per_pair = mi.Float(0)
+        #: Number of photons of each pair of a source and a target in a map; None before :meth:`.Caustics.draw`.
+        self.per_pair: mi.Float | None = None
 
     def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
         """Density of the photons that come from the source to ``it`` along ``ds``."""
+        assert self.per_pair is not None, "no photons have been emitted"
         return self.sources.density(it, ds, self.per_pair, active)
 
     def area(self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr) -> mi.Float:

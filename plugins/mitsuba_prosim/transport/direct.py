@@ -49,8 +49,8 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
 def sample_lamp(
     context: Context, vertex: Vertex, lamp: Lamp, point: mi.Point2f, probability: mi.Float | None = None
 ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
-    """``(ds, weight)``: the ``point`` in [0, 1)² of ``lamp``, which was chosen with this ``probability``, and radiance
-    over density; both with derivatives if they are wanted.
+    """``(ds, weight)``: a sample of ``lamp`` by the ``point`` in [0, 1)², and its radiance over its density; both with
+    derivatives if they are wanted. ``probability``: with which the lamp was chosen; None where every lamp is sampled.
     """
     ds, weight = lamp.sample(vertex.receiver, point, vertex.smooth)
     if probability is not None:
@@ -99,7 +99,11 @@ def lamp_light(
 def eval_lobe(
     context: Context, lobe: mi.BSDFContext, vertex: Vertex, wo: mi.Vector3f, points: Points, active: mi.Bool
 ) -> tuple[mi.Spectrum, mi.Float]:
-    """Value of ``lobe`` times the cosine for ``wo``, and its density. Samples its ray, too, if the context says so."""
+    """Value of ``lobe`` times the cosine for ``wo``, and its density.
+
+    If ``context.samples_with_light``, it also samples the next ray of the lobe and keeps it in ``vertex.drawn``, except
+    with SamplerPoints.
+    """
     if not context.samples_with_light or isinstance(points, SamplerPoints):  # those are taken in order
         return context.scattering.eval_pdf(lobe, vertex, wo, active)
     u = lobe_point(context, lobe, vertex, points, vertex.active)

@@ -72,6 +72,8 @@ class Radiance:
 class Layers:
     """Assigns light to layers; this class is that of an image without layers."""
 
+    #: Whether light of different sources belongs to different layers.
+    splits_sources = False
     #: Whether diffuse and glossy light from the sources belong to different layers.
     splits_lobes = False
     #: Whether the layer depends on the lobe that a ray leaves the first vertex by: :attr:`.Ray.branch`.
@@ -99,6 +101,8 @@ class Layers:
 
 class ByLight(Layers):
     """A layer for each source, the background and the ambient term."""
+
+    splits_sources = True
 
     def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:  # noqa: D102
         return self.names.index(term) if term in ("background", "ambient") else source

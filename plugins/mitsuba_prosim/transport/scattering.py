@@ -50,10 +50,10 @@ class Scattering:
     def sample(
         self, lobe: mi.BSDFContext, at: Surface, u: LobePoint, active: mi.Bool, throughput: mi.Spectrum | None = None
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Bool]:
-        """``(bs, weight, belongs)``: a sample of ``lobe`` by the numbers ``u``, and whether it is one of that lobe.
+        """``(bs, weight, belongs)``: a sample by the numbers ``u``, and whether it is a sample of ``lobe``.
 
-        ``throughput``: of the ray, for dispersion, or None. In the lanes ``at.inseparable`` all lobes are sampled
-        together, and each sample belongs to one of those that have a ray of their own.
+        ``throughput``: of the ray; it chooses the wavelength of dispersive glass. In the lanes ``at.inseparable`` the
+        sample is one of all lobes; it belongs to the reflected, the refracted or the diffuse one.
         """
         bs, weight = self._sample(lobe, at, u, active, throughput)
         # Some BSDFs sample lobes outside of the type mask: these have a ray of their own.
@@ -82,7 +82,7 @@ class Scattering:
             one: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, weights: list[mi.Float] | None, active: mi.Bool
         ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
             if getattr(one, "disperses", False):
-                return one.sample(lobe, si, *u, active, weights, together=weights is None)
+                return one.sample(lobe, si, *u, active, weights, undispersed=weights is None)
             return workarounds.sample(lobe, one, si, u, active)
 
         return dispatch(at.bsdf, sample, at.si, u, weights, active)

@@ -123,7 +123,8 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
     weight = dr.select(uses_mis, mis(ray.pdf, pdf), 1)
     if context.photon_mis is not None:
         weight = context.photon_mis.emission_weight(ray, origin, ds, pdf, uses_mis, weight, active)
-    return dr.select(active, L * weight, 0), context.layers.of(ray, "emitted", lights.number_of(emitter, active))
+    k = lights.number_of(emitter, active) if context.layers.splits_sources else 0
+    return dr.select(active, L * weight, 0), context.layers.of(ray, "emitted", k)
 
 
 def ambient_term(radiance: mi.Texture, vertex: Vertex) -> mi.UnpolarizedSpectrum:

@@ -136,7 +136,9 @@ def belongs_to(lobe: mi.BSDFContext, wi: mi.Vector3f, bs: mi.BSDFSample3f) -> mi
 
 
 def blend_share(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, active: mi.Bool) -> mi.Float:
-    """Share, with derivatives, that the blends of ``bsdf`` give to the BSDF that is chosen by the number ``choice``."""
+    """Weight that the blends within ``bsdf`` give to the BSDF chosen by ``choice``; :func:`sample` uses only its
+    derivatives.
+    """
     share, below = mi.Float(1), mi.Float(0)
     for leaf in leaves(bsdf, si, active):
         part = dr.detach(leaf.share)

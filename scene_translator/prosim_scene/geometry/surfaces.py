@@ -75,8 +75,8 @@ class SurfaceMesh:
     kinds: list[tuple[int, int, int]]
     visible: np.ndarray
 
-    def chosen(self, kinds: list[int]) -> Triangles:
-        """The triangles of some kinds."""
+    def of_kinds(self, kinds: list[int]) -> Triangles:
+        """The triangles of these ``kinds``, given by their places in the list of that name."""
         of = self.triangles
         chosen = np.concatenate([of.index[self.starts[kind] : self.starts[kind + 1]] for kind in kinds])
         vertices, index = np.unique(chosen, return_inverse=True)
@@ -140,7 +140,7 @@ def tessellate(
     first_uses = {(leaves[i].shape, leaves[i].index): i for i in sorted(lining, reverse=True)}
     for i in sorted(first_uses.values()):
         _warn_of_lining(document, *places[i], media_of[i] == OPAQUE)
-    return {key: faces.chosen(kinds) for key, kinds in kinds_of_key.items() if faces.visible[kinds].any()}
+    return {key: faces.of_kinds(kinds) for key, kinds in kinds_of_key.items() if faces.visible[kinds].any()}
 
 
 def _boundary(

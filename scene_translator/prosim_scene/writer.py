@@ -138,13 +138,15 @@ def _check_replaceable(xml: Path, folder_of_meshes: Path) -> None:
 def _locked(folder: Path) -> Iterator[bool]:
     """Locks a folder against other translations, which could remove meshes before their XML is written.
 
-    Yields whether the lock is held: Windows and some network file systems have none. The system removes the lock of a
-    killed process. Raises TimeoutError after WAIT seconds.
+    Yields whether the lock is held: Windows, some network file systems, and folders that the user may write but not
+    read have none. The system removes the lock of a killed process. Raises TimeoutError after WAIT seconds.
     """
-    if sys.platform == "win32":
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+    except PermissionError:  # of any folder on Windows
         yield False
         return
-    descriptor, end = os.open(folder, os.O_RDONLY | os.O_DIRECTORY), time.monotonic() + WAIT
+    end = time.monotonic() + WAIT
     try:
         while (locked := _lock(descriptor)) is None:
             if time.monotonic() > end:

@@ -1,8 +1,11 @@
 """Long chains of + and -, which are evaluated in halves."""
 
+import weakref
+
 import exact_csg
 import numpy as np
 import pytest
+from manifold3d import Manifold
 from meshes import area, assert_closed, scene, solids, volume
 from prosim_scene.geometry import csg
 from test_exact_csg import EDGE, wrong_pixels
@@ -44,3 +47,11 @@ def test_a_crowd_of_holes_and_of_pegs(monkeypatch, sign, material, result):
     if result:
         assert_closed(again.values())
         assert volume(list(again.values())) == pytest.approx(result, rel=1e-9)
+
+
+def test_a_union_does_not_keep_its_operands():
+    bodies = [csg.Body(lambda: Manifold.cube(), np.zeros((1, 2, 3)), frozenset(), None) for _ in range(3)]
+    operands, joined = [weakref.ref(body) for body in bodies], csg.union(bodies)
+    bodies.clear()
+    assert joined.manifold() is joined.manifold()
+    assert [body() for body in operands] == [None] * 3

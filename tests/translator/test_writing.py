@@ -178,6 +178,18 @@ def test_a_translation_waits_for_another_one_but_not_for_ever(scene, monkeypatch
     assert prosim_scene.translate(scene, tolerance=1) == xml
 
 
+def test_a_folder_that_may_not_be_read_is_not_locked(scene, monkeypatch):
+    real = os.open
+
+    def refuse(path, *arguments, **keywords):
+        if path == scene.parent:
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+        return real(path, *arguments, **keywords)
+
+    monkeypatch.setattr(os, "open", refuse)
+    named(prosim_scene.translate(scene, tolerance=1))
+
+
 def test_the_meshes_of_a_loaded_scene_live_as_long_as_its_dictionary(scene, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     loaded = prosim_scene.load(scene, tolerance=1, transform=lambda matrix: matrix)

@@ -214,10 +214,11 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
 
     @cache
     def manifold() -> Manifold:
-        if len(distinct) <= MAX_BATCH and len(surfaces) == sum(len(body.surfaces) for body in distinct):
-            return Manifold.batch_boolean([body.manifold() for body in distinct], OpType.Add)
-        middle = len(distinct) // 2
-        first, second = union(distinct[:middle]), union(distinct[middle:])
+        operands, middle = distinct.copy(), len(distinct) // 2
+        distinct.clear()  # this closure lives longer than its result needs the operands
+        if len(operands) <= MAX_BATCH and len(surfaces) == sum(len(body.surfaces) for body in operands):
+            return Manifold.batch_boolean([body.manifold() for body in operands], OpType.Add)
+        first, second = union(operands[:middle]), union(operands[middle:])
         assert first and second
         return checked(combined("+", first, second).manifold())
 

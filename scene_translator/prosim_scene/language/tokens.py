@@ -21,7 +21,7 @@ PIECE = re.compile(
     r'|(?P<expression>\{[^{}\n]*\}?)|(?P<name>\$[^\s()#":=]*)|(?P<string>"[^"\n]*"?))',
     re.IGNORECASE,
 )
-#: A plain number, where numbers follow one another.
+#: Matches the next number of a list of numbers, if it is a plain number and not part of a word.
 NEXT_NUMBER = re.compile(rf'\s*({NUMBER})(?![^\s()#":=])', re.IGNORECASE)
 PARENTHESIS = re.compile(r"[()]")
 #: The roles of tokens that a name may represent: values, which begin no statement.

@@ -50,7 +50,7 @@ def test_a_crowd_of_holes_and_of_pegs(monkeypatch, sign, material, result):
 
 
 def test_a_union_does_not_keep_its_operands():
-    bodies = [csg.Body(lambda: Manifold.cube(), np.zeros((1, 2, 3)), frozenset(), None) for _ in range(3)]
+    bodies = [csg.Body(Manifold.cube, np.zeros((1, 2, 3)), frozenset(), None) for _ in range(3)]
     operands, joined = [weakref.ref(body) for body in bodies], csg.union(bodies)
     bodies.clear()
     assert joined.manifold() is joined.manifold()

@@ -265,19 +265,20 @@ def test_halves_are_two_renders(variant_rgb, integrator):
     scene = mi.load_dict(penumbra(size=16, type=integrator, **nested, **ours))
     sensor, own = scene.sensors()[0], scene.integrator()
     before = str(own)
-    render = halves.DenoisedRender(scene, sensor, own, 5, 0)
-    told, both = [step.done for step in render], render.halves
-    assert str(own) == before and told == sorted(told) and render.finished
+    render = halves.start(scene, sensor, own, 5)
+    told, both = [step.done for step in render], render.denoiser.halves
+    assert str(own) == before and told == sorted(told) and told[-1] == 1
+    one, other = both.images
     assert both.names == ["R", "G", "B", "samples"][: len(both.names)]
     half = mi.load_dict({"type": integrator} | nested | ours | ({"samples": 3} if ours else {}))
     if ours:
         half.threshold = own.threshold * 2**0.5
         assert np.all(both.others()["samples"] <= 18)
-        assert np.array_equal(both.first[..., 3], both.second[..., 3])
+        assert np.array_equal(one[..., 3], other[..., 3])
     first = half.render(scene, sensor, seed=5, spp=0 if ours else 8)
-    np.testing.assert_array_equal(both.first, np.array(first))
-    assert not np.array_equal(both.first[..., :3], both.second[..., :3])
-    assert [feature.shape for feature in render.features] == 2 * [(16, 16, 3)]
+    np.testing.assert_array_equal(one, np.array(first))
+    assert not np.array_equal(one[..., :3], other[..., :3])
+    assert [feature.shape for feature in render.denoiser.features] == 2 * [(16, 16, 3)]
 
 
 def test_features_have_other_samples_than_the_halves(variant_rgb):
@@ -292,12 +293,11 @@ def test_features_have_other_samples_than_the_halves(variant_rgb):
 
 def test_a_stop_leaves_the_first_half(variant_rgb):
     scene = mi.load_dict(penumbra(size=8))
-    render = halves.DenoisedRender(scene, scene.sensors()[0], scene.integrator(), 0, 0)
+    render = halves.start(scene, scene.sensors()[0], scene.integrator())
     next(render)
     render.close()
-    both = render.halves
-    assert both.second is None
-    assert [field.name for field in layers.undenoised(both).struct_()] == ["R", "G", "B"]
+    both = render.denoiser.halves
+    assert both.names == ["R", "G", "B"] and len(both.images) == 1
 
 
 def test_crops_wide_filters_alpha_and_luminance(variant_rgb, denoiser):
@@ -306,9 +306,8 @@ def test_crops_wide_filters_alpha_and_luminance(variant_rgb, denoiser):
     for pixel_format, names in (("rgba", "RGBA"), ("luminance_alpha", "YA")):
         scene["sensor"]["film"] |= crop | {"pixel_format": pixel_format}
         loaded = mi.load_dict(scene)
-        render = halves.DenoisedRender(loaded, loaded.sensors()[0], loaded.integrator()).run()
-        both = render.halves
-        found = render.denoised()
+        final = halves.start(loaded, loaded.sensors()[0], loaded.integrator()).run().denoiser
+        both, found = final.halves, final.denoised()
         assert found.final.shape == (9, 14, len(names) - 1) and both.names == [*names, "error"]
         fields = [field.name for field in layers.bitmap(both, found).struct_()]
         assert fields[: len(names) + 1] == [*names, "error"]
@@ -383,7 +382,7 @@ def test_the_integrator_has_no_derivatives_and_is_not_nested(variant_rgb, denois
 
 def final(scene, seed=3, steps=0, **how):
     """A render to an error of the final image, or of so many steps."""
-    render = halves.DenoisedRender(scene, scene.sensors()[0], scene.integrator(), seed, **how)
+    render = halves.start(scene, scene.sensors()[0], scene.integrator(), seed, **how)
     if not steps:
         return render.run()
     for _ in range(steps):
@@ -400,25 +399,35 @@ def cornell(size, **settings):
 
 
 def test_the_error_of_the_final_image_ends_the_render(variant_rgb, denoiser):
-    """By fewer samples than the raw image needs. The same bits from a checkpoint, and by the work items of others."""
-    scene = mi.load_dict(cornell(48, noise=0.005, band=1000))
-    render = final(scene)
-    image, estimates = render.denoised().final, render.render.state.estimates
-    assert render.finished and render.reached.noise <= 0.005 and render.networks == "fast"
+    """By fewer samples than the raw image needs. The same bits from a checkpoint, before the second half and in it, and
+    by the work items of others.
+    """
+    scene = mi.load_dict(cornell(96, noise=0.005, band=1000))
+    render, complete = final(scene), []
+    image, estimates = render.denoiser.denoised().final, render.state.estimates
+    assert render.finished and render.reached.noise <= 0.005 and render.denoiser.networks == "fast"
     assert [networks for _, networks, *_ in estimates][:2] == ["probe", "fast"] and len(estimates) <= 4
     raw = scene.integrator().progressive(scene, seed=3).run()
     assert render.reached.samples < 0.7 * raw.reached.samples
-    begun = final(scene, steps=4).checkpoint()
-    for how in ({"begin": begun}, {"executor": Elsewhere(mi.load_dict(cornell(48, noise=0.005, band=1000)))}):
-        again = final(scene, **how)
-        assert np.array_equal(again.denoised().final, image) and again.render.state.estimates == estimates
+    for steps in (4, 60):
+        begun = final(scene, steps=steps)
+        complete.append(begun.second.complete)
+        again = final(scene, begin=begun.checkpoint())
+        assert np.array_equal(again.denoiser.denoised().final, image) and again.state.estimates == estimates
+    assert complete == [False, True]
+    again = final(scene, executor=Elsewhere(mi.load_dict(cornell(96, noise=0.005, band=1000)), most=100_000))
+    assert np.array_equal(again.denoiser.denoised().final, image) and again.state.estimates == estimates
 
 
-def test_the_raw_image_is_the_result_where_the_denoiser_does_not_pay(variant_rgb, denoiser):
-    render = final(mi.load_dict(penumbra(size=32, type="prosim", samples=3, noise=0.006)))
-    result = render.denoised()
-    assert render.networks == "none" and not render.render.state.estimates
-    assert np.array_equal(result.final, result.raw) and result.noise == result.raw_noise <= 0.006
+def test_where_the_denoiser_does_not_pay_the_result_is_the_image_without_it(variant_rgb, denoiser):
+    scene = mi.load_dict(penumbra(size=96, type="prosim", samples=3, noise=0.006, aovs="samples,error"))
+    render = final(scene)
+    result, alone = render.denoiser.denoised(), np.array(scene.integrator().render(scene, seed=3))
+    assert render.denoiser.networks == "none" and not render.state.estimates
+    assert np.array_equal(result.final, result.raw) and np.array_equal(result.final, alone[..., :3])
+    assert result.noise == result.raw_noise == pytest.approx(render.reached.noise) and result.noise <= 0.006
+    both = render.denoiser.halves
+    assert all(np.array_equal(both.others()[name], alone[..., k]) for name, k in (("samples", 3), ("error", 4)))
 
 
 @pytest.mark.slow
@@ -426,7 +435,7 @@ def test_time_is_left_for_the_denoiser(variant_rgb, denoiser):
     denoising.render(mi.load_dict(penumbra(size=16, type="prosim", samples=2, noise=0.05)))  # compiles
     denoising.render(mi.load_dict(penumbra(size=16, type="prosim", samples=2)))  # loads the denoiser
     render = final(mi.load_dict(penumbra(size=16, type="prosim", samples=2, time=10.0)))
-    assert render.finished and render.render.target.denoiser_seconds > 0
+    assert render.finished and render.target.denoiser_seconds > 0
 
 
 @pytest.mark.slow
@@ -449,7 +458,7 @@ def test_the_final_error_that_is_asked_for_is_reached(variant_rgb, denoiser, mak
     ratios = []
     for seed in range(12):
         render = final(scene, seed)
-        assert (render.networks != "none") == denoised
-        off = in_display(render.denoised().final) - in_display(np.float32(reference))
+        assert (render.denoiser.networks != "none") == denoised
+        off = in_display(render.denoiser.denoised().final) - in_display(np.float32(reference))
         ratios.append(np.sqrt(max(np.mean(off**2) - own, 0)) / asked)
     assert np.sum((np.array(ratios) >= 0.6) & (np.array(ratios) <= 1.1)) >= 9, np.sort(ratios)

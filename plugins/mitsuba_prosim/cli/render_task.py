@@ -188,8 +188,8 @@ class Workers(ExitStack):
 
 def start(job: Job, scene: mi.Scene, sensor: mi.Sensor, **how: Any) -> Any:
     """The render of a job: an iterator of :class:`.Step`. ``how``: see :func:`.rendering.progressive`."""
-    render = halves.DenoisedRender if job.denoise else rendering.progressive
-    return render(scene, sensor, seed=job.seed, spp=job.spp or 0, integrator=scene.integrator(), **how)
+    begin = halves.start if job.denoise else rendering.progressive
+    return begin(scene, sensor, seed=job.seed, spp=job.spp or 0, integrator=scene.integrator(), **how)
 
 
 def render_image(
@@ -312,14 +312,14 @@ def finish(
     only_time = rendering.is_progressive(integrator) and integrator.time and not report.noise_goals(integrator)
     bound = steps.noise_bound() if only_time and not job.denoise else None
     lines, own = [report.summary(integrator, reached, header.get("prosim.ended"), bound)], dict[str, str]()
-    if not job.denoise:
-        bitmap = film.bitmap()
-    elif (both := steps.halves).second is None:
-        bitmap, own = layers.undenoised(both), {"prosim.denoised": "no, interrupted"}
-        lines.append("not denoised: interrupted")
-    else:
-        bitmap = layers.bitmap(both, steps.denoised())
-        own, line = report.denoised_report(steps, film)
+    bitmap = film.bitmap()
+    if job.denoise:
+        final = steps.denoiser
+        if interrupted and len(final.halves.images) == 1:
+            own, line = {"prosim.denoised": "no, interrupted"}, "not denoised: interrupted"
+        else:
+            bitmap = layers.bitmap(final.halves, final.denoised())
+            own, line = report.denoised_report(final, film)
         lines.append(line)
     exposure = job.exposure or 0.0
     colours = images.colours(bitmap)

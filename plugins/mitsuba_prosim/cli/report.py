@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import mitsuba as mi
 
 from ..denoising import oidn
-from ..denoising.halves import TOLERANCE, DenoisedRender
+from ..denoising.halves import TOLERANCE, FinalImage
 from ..engine.plan import UNLIMITED
 
 if TYPE_CHECKING:
@@ -78,9 +78,9 @@ def summary(
     return ", ".join(parts)
 
 
-def denoised_report(steps: DenoisedRender, film: mi.Film) -> tuple[dict[str, str], str]:
+def denoised_report(final: FinalImage, film: mi.Film) -> tuple[dict[str, str], str]:
     """The metadata of a denoised image, and its line."""
-    result, limit = steps.denoised(), getattr(steps.integrator, "noise", 0.0)
+    result, limit = final.denoised(), getattr(final.integrator, "noise", 0.0)
     facts = {
         "prosim.denoised": f"by Open Image Denoise {oidn.load().oidn_version()}, where two halves of the samples "
         "agree; the layers raw and denoised of the EXR are what was mixed",
@@ -88,10 +88,10 @@ def denoised_report(steps: DenoisedRender, film: mi.Film) -> tuple[dict[str, str
         "prosim.denoised.raw_noise": f"{result.raw_noise:.6g}",
     }
     line = f"denoised: noise about {result.noise:.2g}, raw {result.raw_noise:.2g}"
-    if steps.networks == "none":
+    if final.networks == "none":
         facts["prosim.denoised"] = "no, the raw image is within the limit"
         line = "not denoised: the raw image is within the limit"
-    if steps.render is not None and (estimates := steps.render.state.estimates):
+    if final.render.reached and (estimates := final.render.state.estimates):
         facts["prosim.denoised.estimates"] = json.dumps(estimates)  # samples, networks, noise
     if result.at_most > TOLERANCE * max(result.noise, limit):
         line += f", uncertain: its noise may be {result.at_most:.2g}"

@@ -90,8 +90,8 @@ class Contestant:
     def counts(self) -> np.ndarray:
         """The number of samples of each pixel, shape (height, width); samplers round the requested number."""
         if self.adaptive:
-            progressive = halves.DenoisedRender if self.denoised else rendering.progressive
-            return progressive(self.scene, self.sensor, spp=self.spp, integrator=self.integrator).run().counts()
+            start = halves.start if self.denoised else rendering.progressive
+            return start(self.scene, self.sensor, spp=self.spp, integrator=self.integrator).run().counts()
         sampler = self.sensor.sampler().clone()
         sampler.set_sample_count((self.spp + 1) // 2 if self.denoised else self.spp)
         width, height = self.sensor.film().crop_size()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..engine.accumulators import BRIGHTEST
-from .mixing import Denoised, inputs, mix, unmixed
+from .mixing import Denoised, inputs, mix
 from .oidn import Denoiser
 
 
@@ -44,15 +44,11 @@ def denoise(
     return mixed(first, second, Denoiser(albedo, normal, fast))
 
 
-def mixed(first: np.ndarray, second: np.ndarray, denoiser: Denoiser | None) -> Denoised:
-    """As :func:`denoise`, for arrays of shape (height, width, 1 or 3), by a ``denoiser`` with the features;
-    None: the raw image.
-    """
+def mixed(first: np.ndarray, second: np.ndarray, denoiser: Denoiser) -> Denoised:
+    """As :func:`denoise`, for arrays of shape (height, width, 1 or 3), by a ``denoiser`` with the features."""
     first, second = (np.where(np.isfinite(a), a, b) for a, b in ((first, second), (second, first)))
     # Their squares must be finite.
     first, second = (
         np.clip(np.nan_to_num(half, posinf=0, neginf=0), -BRIGHTEST, BRIGHTEST) for half in (first, second)
     )
-    if denoiser is None:
-        return unmixed(first, second)
     return mix(first, second, *(denoiser(image) for image in inputs(first, second)))

@@ -15,7 +15,7 @@ def bitmap(halves: Halves, denoised: Denoised) -> mi.Bitmap:
     """The final image, the integrator's own channels, the layers ``raw`` and ``denoised``, and the errors of the three
     images: ``error``, ``error_raw`` and ``error_denoised``, with one channel, ``Y``.
     """
-    colours = halves.names[: halves.colours]
+    colours = halves.names[: denoised.final.shape[2]]
     planes = dict(zip(colours, np.moveaxis(denoised.final, 2, 0))) | halves.others()
     for layer, image in (("raw", denoised.raw), ("denoised", denoised.denoised)):
         planes |= {f"{layer}.{name}": plane for name, plane in zip(colours, np.moveaxis(image, 2, 0))}
@@ -51,11 +51,6 @@ def errors(denoised: Denoised) -> dict[str, np.ndarray]:
         "error_raw.Y": denoised.raw_error,
         "error_denoised.Y": denoised.denoised_error,
     }
-
-
-def undenoised(halves: Halves) -> mi.Bitmap:
-    """The first half of a render that was stopped."""
-    return of_channels(dict(zip(halves.names, np.moveaxis(halves.first, 2, 0))))
 
 
 def mixed(

@@ -120,12 +120,15 @@ def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_seco
     return Denoised(raw, denoised, image, *errors, *squares(image, first, second, (above - below) / (4 * STEP)))
 
 
-def unmixed(first: np.ndarray, second: np.ndarray) -> Denoised:
-    """The same without a denoiser: the raw image."""
-    raw, own = (first + second) / 2, np.square((first - second) / 2)
-    error = np.sqrt(spread(own.mean(2, keepdims=True), displayed(raw))[0])
-    raw_squares = np.square((in_display(first) - in_display(second)) / 2)
-    return Denoised(raw, raw, raw, error, error, error, raw_squares, raw_squares)
+def unmixed(raw: np.ndarray, error: np.ndarray, noise: float) -> Denoised:
+    """The same without a denoiser. ``error``: standard error of each pixel's luminance but for a factor, shape (height,
+    width), which gives the displayed image the RMS error ``noise``.
+    """
+    error = np.nan_to_num(error, posinf=0)
+    squares = np.square(error / (2 * in_display(raw)))
+    factor = noise / max(squares.mean(), 1e-60) ** 0.5
+    error, squares = error * np.float32(factor), squares * factor**2
+    return Denoised(raw, raw, raw, error, error, error, squares, squares)
 
 
 def combined(

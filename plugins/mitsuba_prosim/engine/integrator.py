@@ -134,7 +134,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
 
         ``executor``: takes the samples, in the place of this process; ``begin``: continues from a checkpoint;
         ``part``: takes the samples of this part of the image alone (``begin`` knows its own); ``denoiser``: the samples
-        are divided into two images, see :class:`.Render`.
+        may be divided into two images, see :class:`.Render`.
 
         Raises RuntimeError in scalar variants and within ``dr.freeze``; ValueError if ``begin`` belongs to another
         image, and for a part with noise or time, which go by the whole image.

@@ -46,12 +46,15 @@ class Sampling:
 
     def halved(self, spp: int) -> tuple[Sampling, int]:
         """The parameters of one of two images that share the samples, of which there are ``spp``, if that is not 0:
-        patterns of about N²/2 samples, whose threshold is that of half the variance.
+        patterns of about N²/2 samples, whose threshold is that of half the variance. With an error target the image
+        may be one alone: it begins with the same samples.
         """
         if spp:
             return self, half_pattern(spp**0.5) ** 2
-        highest, threshold = (self.max_samples + 1) // 2, self.threshold * 2**0.5
-        return replace(self, samples=half_pattern(self.samples), max_samples=highest, threshold=threshold), 0
+        half = replace(self, max_samples=(self.max_samples + 1) // 2)
+        if self.has_target:
+            return half, 0
+        return replace(half, samples=half_pattern(self.samples), threshold=self.threshold * 2**0.5), 0
 
 
 def half_pattern(n: float) -> int:

@@ -19,7 +19,7 @@ from .error import in_display_units
 from .error_target import ENOUGH, ErrorTarget, SecondImage, mean, next_counts, remaining_factor
 from .estimator import Estimator
 from .film import film_values
-from .plan import Plan
+from .plan import UNLIMITED, Plan, area
 from .tiles import Part
 from .work import Executor, Step, photon_steps, work_items
 
@@ -50,7 +50,9 @@ class Denoiser(Protocol):
     """Estimates the error of an image that will be denoised."""
 
     def estimate(self, render: Render) -> tuple[float, float, float]:
-        """The RMS error of the displayed image (white = 1), and the bounds of 99 and of 99.9 % of its pixels."""
+        """The RMS error of the displayed image (white = 1), and the bounds of 99 and of 99.9 % of its pixels; after
+        ``render.complete_second()`` it is asked again.
+        """
 
 
 @dataclass
@@ -80,8 +82,9 @@ class Render:
     Its methods may be called between two steps. When it ends or is closed, the film holds the image so far. To leave
     its loop is to cancel it: :meth:`close` then completes the first sample of every pixel, if the render has started.
     ``estimator`` takes the samples; ``own_aovs``: names of the channels of statistics; ``executor``: of this process by
-    default; ``begin``: continues from there. ``denoiser``: the samples are taken for a complete second image as well,
-    and this estimates the error of the denoised image.
+    default; ``begin``: continues from there. ``denoiser``: estimates the error of the denoised image, which needs a
+    complete second image: it begins when the denoiser demands it, at the end if the image is not within the limits, and
+    at once where the render may end at any time, or the second image has all pixels anyway.
 
     Raises ValueError if ``begin`` belongs to another image.
     """
@@ -106,7 +109,12 @@ class Render:
         self.final_image: mi.TensorXf | None = None
         self._finished_before = begin is not None and begin.restore(self.state)
         self.denoiser = denoiser
-        self.second = SecondImage(self.state, denoiser is not None) if denoiser or any(self.target.limits) else None
+        self.second: SecondImage | None = None
+        if any(self.target.limits) or (denoiser is not None and self.target.seconds):
+            pixels, known = area(plan.region), self.state.second
+            begun = known is not None and dr.width(known.count) == pixels
+            complete = bool(self.target.seconds) or pixels < 2 * SecondImage.MIN_PIXELS or begun
+            self.second = SecondImage(self.state, complete and denoiser is not None)
         self._steps = self._run()
 
     # ---------------------------------------------------------------- as an iterator
@@ -186,15 +194,21 @@ class Render:
     def _limit(self, left: int) -> int:
         return self.executor.limit(left, self.target.item_seconds)
 
+    def complete_second(self) -> None:
+        """Begins a complete second image, if that is not there."""
+        self.second = SecondImage(self.state, complete=True)
+
     # ---------------------------------------------------------------- the passes
 
     def _passes(self) -> Iterator[Pass]:
         """The passes over the image, decided one after the other, and over a complete second image."""
         if not self._finished_before:
             yield from self._image_passes()
-        if self.denoiser is not None and self.second is not None:
-            yield Pass(self.second, np.minimum(self._second_counts(), 1), shown=False)
-            yield Pass(self.second, self._second_counts(), timed=True)
+        within = self.target.excess(self.state.noise) <= ENOUGH
+        if self.denoiser is not None and not within and not self._stopped:
+            self.complete_second()
+            yield self._second_pass(1)
+            yield self._second_pass()
 
     def _image_passes(self) -> Iterator[Pass]:
         """The passes over the image. A state with samples and decisions continues."""
@@ -234,18 +248,20 @@ class Render:
         """The passes that reach the error target, each followed by one that measures the error. Each pixel gets samples
         in proportion to those that the policy requests.
         """
-        state, second, started = self.state, self.second, time.perf_counter()
+        state, started = self.state, time.perf_counter()
         have = mean(state.counts)
         speed = have / self.target.elapsed if state.effort else 0.0  # else the first pass had to compile
         while True:
             count = np.array(state.accumulators.count)
             if state.wanted is None:
-                if second is not None:
-                    current = Pass(second, self._second_counts(), shown=False, timed=True)
+                if (second := self.second) is not None:
+                    current = self._second_pass()
                     yield current
                     if not current.complete:
                         return
                     state.noise = self.denoiser.estimate(self) if self.denoiser else second.noise(state)
+                    if self.second is not second:
+                        continue
                 if (more := mean(state.counts) - have) > 0:
                     speed = more / max(time.perf_counter() - started, 1e-9)
                     yield Pass(state, count)  # shows the image
@@ -265,9 +281,11 @@ class Render:
                 return
             state.wanted = None
 
-    def _second_counts(self) -> np.ndarray:
+    def _second_pass(self, most: int = UNLIMITED) -> Pass:
+        """The samples that the second image lacks, to ``most`` of a pixel."""
         assert self.second is not None
-        return np.array(self.state.accumulators.count)[self.second.index]
+        wanted = np.minimum(np.array(self.state.accumulators.count)[self.second.index], np.uint32(most))
+        return Pass(self.second, wanted, shown=False, timed=most > 1)
 
     # ---------------------------------------------------------------- the image so far
 
@@ -289,6 +307,13 @@ class Render:
         self.update_film(second)
         return self.film.develop()
 
+    def halves(self) -> list[np.ndarray]:
+        """The developed image so far, and the complete second one if there is one, shape (height, width, channels)."""
+        second = self.second
+        both = second is not None and second.complete and np.all(np.array(second.accumulators.count) > 0)
+        # The film holds the image in the end.
+        return [np.array(self.image(k)) for k in ((True, False) if both else (False,))][::-1]
+
     @property
     @alone()
     def reached(self) -> Reached:
@@ -305,7 +330,7 @@ class Render:
     def counts(self) -> np.ndarray:
         """Number of samples of each pixel, shape (height, width), those of a complete second image included."""
         counts = np.array(self.state.accumulators.count)
-        if self.denoiser is not None and self.second is not None:
+        if self.second is not None and self.second.complete:
             counts[self.second.index] += np.array(self.second.accumulators.count)
         return self.state.crop(counts, self.state.plan.window)
 

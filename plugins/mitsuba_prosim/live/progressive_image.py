@@ -103,17 +103,16 @@ class DenoisedImage(ProgressiveImage):
         return self._final or super()._latest()
 
     def _run(self) -> Iterator[Step]:
-        steps = halves.DenoisedRender(
+        self.render = halves.start(
             self.scene, self.sensor, self.integrator, self.seed, self.spp, executor=Executor(SECONDS)
         )
-        self.render = steps.render
-        for step in steps:
+        for step in self.render:
             yield Step(0.96 * step.done, step.complete)
-        result = steps.denoised()
+        result = self.render.denoiser.denoised()
         self._final = {
             "final": result.final,
             "error": result.final_error,
-            "samples": steps.counts().astype(np.float32),
+            "samples": self.render.counts().astype(np.float32),
             "raw": result.raw,
             "denoised": result.denoised,
         }

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator, Iterator, Sequence
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from ..engine.work import Step
+from ..sampling.hash import combine, hash32
 
 
 def is_progressive(integrator: mi.Integrator) -> bool:
@@ -24,30 +27,53 @@ def progressive(
     """
     integrator = integrator or scene.integrator()
     if not is_progressive(integrator):
-        return Blocking(integrator, scene, sensor, seed, spp)
+        return Blocking(integrator, scene, sensor, seed, spp, how.get("denoiser"))
     return integrator.progressive(scene, sensor, seed, spp, **how)
 
 
 class Blocking:
-    """The interface of :class:`.Render` for an integrator that renders the whole image in one :class:`.Step`."""
+    """The interface of :class:`.Render` for an integrator that renders a whole image in one :class:`.Step`; for a
+    ``denoiser`` two images, which share the samples.
+    """
 
-    reached = None
+    second = reached = None
 
-    def __init__(self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, seed: int, spp: int) -> None:
-        self.steps = self._render(integrator, scene, sensor, seed, spp)
+    def __init__(
+        self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, seed: int, spp: int, denoiser: Any = None
+    ) -> None:
+        self.denoiser, seeds = denoiser, [seed]
+        if denoiser is not None:
+            spp = ((spp or sensor.sampler().sample_count()) + 1) // 2
+            # No neighbouring seed, which may be that of another image.
+            seeds.append(combine(hash32(seed), 1))
+        self._images: list[mi.TensorXf] = []
+        self.steps = self._render(integrator, scene, sensor, seeds, spp)
         self.close = self.steps.close
 
-    def __iter__(self) -> Blocking:
-        return self
+    def __iter__(self) -> Iterator[Step]:
+        return self.steps
 
     def __next__(self) -> Step:
         return next(self.steps)
 
-    def _render(self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, seed: int, spp: int) -> Any:
+    def run(self) -> Blocking:
+        """Takes all steps, and returns itself."""
+        for _ in self.steps:
+            pass
+        return self
+
+    def _render(
+        self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, seeds: Sequence[int], spp: int
+    ) -> Generator[Step, None, None]:
         # Mitsuba's integrators in Python always develop the film. Writing it is another step.
-        integrator.render(scene, sensor, seed=seed, spp=spp, develop=True, evaluate=True)
-        dr.sync_thread()
-        yield Step(1.0, True)
+        for number, seed in enumerate(seeds, 1):
+            self._images.append(integrator.render(scene, sensor, seed=seed, spp=spp, develop=True, evaluate=True))
+            dr.sync_thread()
+            yield Step(number / len(seeds), number == len(seeds))
+
+    def halves(self) -> list[np.ndarray]:
+        """The developed images so far, shape (height, width, channels)."""
+        return [np.array(image) for image in self._images]
 
     def update_film(self) -> None:
         """Does nothing, as the film already holds the image."""

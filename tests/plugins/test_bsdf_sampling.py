@@ -145,6 +145,15 @@ def test_wide_lobes_are_drawn_with_their_density(variant_rgb, bsdf):
         check_sphere(loaded, angle, only(mi.BSDFFlags.DiffuseReflection) if mirror else None)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("flags", (mi.BSDFFlags.All, mi.BSDFFlags.GlossyTransmission))
+def test_rough_glass_that_disperses_is_drawn_with_its_density(variant_rgb, flags):
+    """With an index that differs much, so that the lobes of r, g and b lie apart."""
+    bsdf = mi.load_dict({"type": "prosim_dielectric", "int_cauchy": "1.2, 0.08", "ext_ior": 1.0, "alpha": 0.25})
+    for angle in (50, 130):
+        check_sphere(bsdf, angle, only(flags))
+
+
 @pytest.mark.parametrize("flags", (SPECULAR, mi.BSDFFlags.DiffuseReflection))
 def test_one_component_of_phong_is_drawn_with_its_density(variant_rgb, flags):
     bsdf = mi.load_dict({"type": "prosim_phong", "exponent": 20.0})

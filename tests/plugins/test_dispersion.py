@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from drawing.curves import interaction
 from image_statistics import renderings, same_expectation
-from mitsuba.chi2 import ChiSquareTest, SphericalDomain
 from mitsuba_prosim.optics.dispersion import MATERIALS, RGB, C, D, Dispersion, F, cauchy
 from mitsuba_prosim.sampling import wavelengths
 from scenes import T, area, camera, film, rectangle
@@ -144,28 +143,6 @@ def test_without_dispersion_it_is_plain_glass(variant_rgb):
         found.append((np.array(value), np.array(pdf), dr.grad(params[name])[0]))
     for a, b, relative in zip(*found, (1e-5, 1e-5, 1e-4)):
         assert np.allclose(a, b, rtol=relative)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("angle", [50, 130])
-@pytest.mark.parametrize("component", [0xFFFFFFFF, 1])
-def test_rough_glass_is_drawn_with_its_density(variant_rgb, angle, component):
-    """At 1 % for the four together; with an index that differs much, so that the lobes of r, g and b lie apart."""
-    bsdf = mi.load_dict({"type": "prosim_dielectric", "int_cauchy": "1.2, 0.08", "ext_ior": 1.0, "alpha": 0.25})
-    ctx = mi.BSDFContext()
-    ctx.component = component
-    wi = mi.ScalarVector3f(math.sin(math.radians(angle)), 0, math.cos(math.radians(angle)))
-
-    def sample(u):
-        si = interaction(mi.Vector3f(wi) + dr.zeros(mi.Vector3f, dr.width(u)))
-        bs, _ = bsdf.sample(ctx, si, u[0], mi.Point2f(u[1], u[2]))
-        return bs.wo, dr.select(bs.pdf > 0, 1.0, 0.0)
-
-    def pdf(wo):
-        return bsdf.pdf(ctx, interaction(mi.Vector3f(wi) + dr.zeros(mi.Vector3f, dr.width(wo))), wo)
-
-    test = ChiSquareTest(SphericalDomain(), sample, pdf, sample_dim=3, sample_count=200_000, res=61, ires=8)
-    assert test.run(0.01, 4, quiet=True), f"p = {test.p_value}\n{test.messages}"
 
 
 # ------------------------------------------------------------------ nothing is lost

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 import mitsuba as mi
 
@@ -94,6 +92,8 @@ class Composite(Pigmented):
             'exponent': 50.0
     """
 
+    EXPOSED = ("diffuse_reflectance", "specular_reflectance", "ambient", "eta")
+
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         self.conserves = conserve(props, diffuse_reflectance=0.5, specular_reflectance=None)
@@ -128,15 +128,3 @@ class Composite(Pigmented):
         width = self.roughness.eval_1(si, active)
         i_m, value, pdf = torrance_sparrow.eval_pdf(si.wi, wo, self.distribution, width)
         return self.reflected(si, i_m, active) * value, pdf
-
-    def parameters(self) -> dict[str, Any]:
-        return {
-            "diffuse_reflectance": self.diffuse_reflectance,
-            "specular_reflectance": self.specular_reflectance,
-            "ambient": self.ambient,
-            "eta": self.eta,
-            self.distribution.parameter: self.roughness,
-        }
-
-    def settings(self) -> dict[str, Any]:
-        return {"distribution": self.distribution.name}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 import mitsuba as mi
 
@@ -94,6 +92,9 @@ class Conductor(Material):
             'alpha': 0.2
     """
 
+    EXPOSED = ("eta", "k", "specular_reflectance", "ambient")
+    SHOWN = ("ext_ior", "fresnel")
+
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         self.eta, self.k = metal(props)
@@ -153,15 +154,3 @@ class Conductor(Material):
         width = self.roughness.eval_1(si, active)
         i_m, value, pdf = torrance_sparrow.eval_pdf(si.wi, wo, self.distribution, width)
         return mi.depolarizer(self.reflected(si, i_m, active) * value) & active, dr.select(active, pdf, 0)
-
-    def parameters(self) -> dict[str, Any]:
-        return {
-            "eta": self.eta,
-            "k": self.k,
-            "specular_reflectance": self.specular_reflectance,
-            "ambient": self.ambient,
-            self.distribution.parameter: self.roughness,
-        }
-
-    def settings(self) -> dict[str, Any]:
-        return {"ext_ior": self.ext_ior, "fresnel": self.fresnel, "distribution": self.distribution.name}

@@ -113,6 +113,8 @@ class Dielectric(Material):
             'alpha': 0.1
     """
 
+    EXPOSED = ("eta", "specular_reflectance", "specular_transmittance", "ambient")
+
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         self.indices = dispersion.Indices.read(props)
@@ -300,14 +302,7 @@ class Dielectric(Material):
         return value & active, pdf
 
     def parameters(self) -> dict[str, Any]:
-        return {
-            "eta": self.eta,
-            "specular_reflectance": self.specular_reflectance,
-            "specular_transmittance": self.specular_transmittance,
-            "ambient": self.ambient,
-            self.distribution.parameter: self.roughness,
-            **self.indices.coefficients(),
-        }
+        return {**super().parameters(), **self.indices.coefficients()}
 
     def settings(self) -> dict[str, Any]:
-        return {"indices": self.indices.shown(), "distribution": self.distribution.name}
+        return {"indices": self.indices.shown(), **super().settings()}

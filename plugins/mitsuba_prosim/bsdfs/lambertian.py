@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 import mitsuba as mi
 
@@ -53,6 +51,8 @@ class Lambertian(Material):
             }
     """
 
+    EXPOSED = ("reflectance", "ambient")
+
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         self.reflectance = reflectance(props, "reflectance", 0.5)
@@ -92,6 +92,3 @@ class Lambertian(Material):
 
     def eval_diffuse_reflectance(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
         return mi.depolarizer(self.reflectance.eval(si, active))
-
-    def parameters(self) -> dict[str, Any]:
-        return {"reflectance": self.reflectance, "ambient": self.ambient}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 import mitsuba as mi
 
@@ -73,6 +71,8 @@ class Phong(Pigmented):
             'exponent': 50.0
     """
 
+    EXPOSED = ("diffuse_reflectance", "specular_reflectance", "ambient", "exponent")
+
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         # The sum may exceed 1: an empirical model, and the thesis's own listing has kd + ks = 1.2 and 1.4 (appendix A).
@@ -96,11 +96,3 @@ class Phong(Pigmented):
         n = self.exponent.eval_1(si, active)
         lobe = cosine.power(cosine.versine(mi.reflect(si.wi), wo), n) * dr.inv_two_pi
         return self.specular_reflectance.eval(si, active) * ((n + 2) * lobe * wo.z), (n + 1) * lobe
-
-    def parameters(self) -> dict[str, Any]:
-        return {
-            "diffuse_reflectance": self.diffuse_reflectance,
-            "specular_reflectance": self.specular_reflectance,
-            "ambient": self.ambient,
-            "exponent": self.exponent,
-        }

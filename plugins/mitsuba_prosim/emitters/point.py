@@ -149,11 +149,7 @@ class Point(mi.Emitter):
     def sample_direction(
         self, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
-        ds = mi.DirectionSample3f()
-        ds.p, ds.n, ds.uv = self.position, mi.Normal3f(0), mi.Point2f(0)
-        ds.time = it.time
-        ds.pdf = mi.Float(1)
-        ds.delta = mi.Bool(True)
+        ds = mi.DirectionSample3f(self.sample_position(it.time, sample, active)[0])
         ds.emitter = mi.EmitterPtr(self) if dr.is_jit_v(mi.Float) else self
         ds.d = ds.p - it.p
         ds.dist = dr.norm(ds.d)

@@ -7,7 +7,6 @@ multiple importance sampling needs the probability.
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -16,6 +15,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..compat import DIRECTIONAL, emitter_pointers
+from ..masks import dispatch
 from ..sampling.hash import combine, hash32
 from ..sampling.nrook import to_unit
 from .strategy import Index, Receiver
@@ -138,14 +138,8 @@ def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
     size = max(float(sphere.radius), 1e-3)
     rows = np.tile(np.array([*np.ravel(sphere.center), FAR * size, 0, 0, 1, 0, 0, 0], dtype=float), (len(emitters), 1))
     near = [k for k, emitter in enumerate(emitters) if falls_with_distance(emitter)]
-    rays = {}
-    try:
-        rays = dict(zip(near, zip(*sample_lamps(scene, [emitters[k] for k in near], emitted_ray))))
-    except RuntimeError:
-        # Dr.Jit calls all emitters of the process together, and one of them emits no rays.
-        for k in near:
-            with contextlib.suppress(RuntimeError):
-                rays[k] = tuple(array[0] for array in sample_lamps(scene, [emitters[k]], emitted_ray, together=False))
+    samples = zip(near, *sample_lamps(scene, [emitters[k] for k in near], emitted_ray))
+    rays = {k: lamp for k, *lamp in samples if np.isfinite(lamp[1]).all()}
     for k, (power, origins, directions) in rays.items():
         rows[k] = nearby_lamp_model(power, origins, directions, size)
     far = [k for k in range(len(emitters)) if k not in rays]
@@ -183,19 +177,16 @@ def nearby_lamp_model(power: np.ndarray, origins: np.ndarray, directions: np.nda
     return np.array([*center, radius, flux * even / 2, flux * (1 - even) * (exponent + 1), exponent, *axis])
 
 
-def sample_lamps(
-    scene: mi.Scene, emitters: Sequence[mi.Emitter], sample: Callable[..., Any], together: bool = True
-) -> list[np.ndarray]:
+def sample_lamps(scene: mi.Scene, emitters: Sequence[mi.Emitter], sample: Callable[..., Any]) -> list[np.ndarray]:
     """Power, origin and direction of :data:`RAYS` samples of each of the ``emitters``, the same each time: arrays
-    (emitters, rays), (emitters, rays, 3) twice. ``together``: whether one call of Dr.Jit samples all emitters.
+    (emitters, rays), (emitters, rays, 3) twice.
     """
     count = len(emitters) * RAYS
     if not emitters:
         columns = [np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3))]
     elif dr.is_jit_v(mi.Float):
-        i, emitter = dr.arange(mi.UInt32, count), emitters[0]
-        if together:
-            emitter = dr.gather(mi.EmitterPtr, emitter_pointers(scene, emitters), i // RAYS)
+        i = dr.arange(mi.UInt32, count)
+        emitter = dr.gather(mi.EmitterPtr, emitter_pointers(scene, emitters), i // RAYS)
         samples = sample(scene, emitter, combine(hash32(dr.opaque(mi.UInt32, 0)), i % RAYS))
         columns = [np.array(array, dtype=float).T for array in samples]
     else:
@@ -208,10 +199,16 @@ def sample_lamps(
 
 
 def emitted_ray(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
-    """Power, origin and direction of a ray of ``emitter``; ``key``: a hash."""
-    u = [to_unit(combine(key, j)) for j in range(5)]
-    ray, weight = emitter.sample_ray(mi.Float(0), u[0], mi.Point2f(*u[1:3]), mi.Point2f(*u[3:]), mi.Bool(True))
-    return brightness(weight), ray.o, ray.d
+    """Power, origin and direction of a ray of ``emitter``; an origin of NaN if it emits no rays. ``key``: a hash."""
+
+    def sample(one: mi.Emitter, *u: mi.Float) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
+        try:
+            ray, weight = one.sample_ray(mi.Float(0), u[0], mi.Point2f(*u[1:3]), mi.Point2f(*u[3:5]))
+        except RuntimeError:  # also of another scene: Dr.Jit calls all emitters of the process
+            return mi.Float(0), mi.Point3f(dr.nan), mi.Vector3f(0)
+        return brightness(weight), ray.o, ray.d
+
+    return dispatch(emitter, sample, *(to_unit(combine(key, j)) for j in range(5)), mi.Bool(True))
 
 
 def light_in_scene(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:

@@ -26,9 +26,9 @@ class SphereLights(OtherLights):
     def __init__(self, emitters: Sequence[mi.Emitter]) -> None:
         self.spheres = [sphere_of(emitter) for emitter in emitters]
         if self.spheres and dr.is_jit_v(mi.Float):
-            self.centers = mi.Point3f(*(dr.concat([mi.Float(c[axis]) for c, _ in self.spheres]) for axis in range(3)))
-            self.radii = dr.concat([mi.Float(r) for _, r in self.spheres])
-            dr.make_opaque(self.centers, self.radii)
+            centers, radii = zip(*self.spheres)
+            self.table = mi.Point3f(*map(dr.concat, zip(*centers))), dr.concat(radii)
+            dr.make_opaque(self.table)
 
     @staticmethod
     def takes(emitter: Emitter) -> bool:
@@ -41,9 +41,7 @@ class SphereLights(OtherLights):
 
     def sphere(self, number: Index, active: mi.Bool = True) -> tuple[mi.Point3f, mi.Float]:
         """Center and radius of the source ``number``."""
-        if isinstance(number, int):
-            return self.spheres[number]
-        return dr.gather(mi.Point3f, self.centers, number, active), dr.gather(mi.Float, self.radii, number, active)
+        return self.spheres[number] if isinstance(number, int) else dr.gather(tuple, self.table, number, active)
 
     def sample(
         self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool

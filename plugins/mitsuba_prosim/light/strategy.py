@@ -16,6 +16,8 @@ from .reparameterisation import with_surface
 Emitter: TypeAlias = "mi.Emitter | mi.EmitterPtr"
 #: The number of a lamp: an integer, or a Dr.Jit array.
 Index: TypeAlias = "int | mi.UInt32"
+#: A point of a source with its density ``ds.pdf`` per solid angle, and its radiance over that density.
+LightSample: TypeAlias = "tuple[mi.DirectionSample3f, mi.Spectrum]"
 
 
 @dataclass

@@ -39,11 +39,6 @@ class Lamp:
     groups: list[Group]
 
     @property
-    def samples_below_horizon(self) -> bool:
-        """See :attr:`.OtherLights.samples_below_horizon`."""
-        return all(strategy.samples_below_horizon for strategy, *_ in self.groups)
-
-    @property
     def follows_shape(self) -> mi.Bool | bool:
         """See :attr:`.OtherLights.follows_shape`."""
         if len(self.groups) == 1:
@@ -69,7 +64,8 @@ class Lamp:
     def _by_side(self, receiver: Receiver, active: mi.Bool, evaluate: Evaluate) -> Any:
         """:meth:`_by_strategy`, but :data:`FROM_BOTH_SIDES` where light reaches ``receiver`` from both sides."""
         both_sides = receiver.both_sides
-        if self.samples_below_horizon or both_sides is False or idle(both_sides):
+        below_horizon = all(strategy.samples_below_horizon for strategy, *_ in self.groups)
+        if below_horizon or both_sides is False or idle(both_sides):
             return self._by_strategy(active, evaluate)
         whole = evaluate(FROM_BOTH_SIDES, self.k, active & both_sides)
         above = but_not(active, both_sides)
@@ -105,16 +101,13 @@ class Lights:
     UNROLLED = 4
 
     def __init__(self, scene: mi.Scene, choose: bool = False) -> None:
-        self.scene, emitters = scene, emitters_in_order(scene)
-        skies = [e for e in emitters if ConstantSky.takes(e)]
-        members: dict[type[OtherLights], list[mi.Emitter]] = {strategy: [] for strategy in STRATEGIES}
-        for emitter in emitters:
-            if emitter not in skies:
-                members[next(s for s in STRATEGIES if s.takes(emitter))].append(emitter)
+        self.scene = scene
+        strategies = {e: next(s for s in (ConstantSky, *STRATEGIES) if s.takes(e)) for e in emitters_in_order(scene)}
+        skies = [e for e, s in strategies.items() if s is ConstantSky]
         self.groups: list[Group] = []
         self.emitters: list[mi.Emitter] = []
-        for strategy, own in members.items():
-            if own:
+        for strategy in STRATEGIES:
+            if own := [e for e, s in strategies.items() if s is strategy]:
                 self.groups.append((strategy(own), len(self.emitters), len(self.emitters) + len(own)))
                 self.emitters += own
         #: Number of lamps, and of all sources.

@@ -27,16 +27,15 @@ import mitsuba as mi
 
 from ..light.strategy import Receiver
 from ..light.table import Lights
-from ..masks import but_not
+from ..masks import but_not, dispatch
 from ..optics.nested import all_bsdfs
 from ..transport import lobes
 from ..transport.ray import Ray, Surface, Vertex, viewer_side
 from ..transport.scattering import Scattering
-from ..transport.transport_context import scene_flags
 from .emission import DELTA_DENSITY, Sources, Start
 from .footprint import Footprint
 from .grid import Landed, Photons, gather
-from .near_specular import LANDING, NearSpecular
+from .near_specular import LANDING, near_specular_bsdfs
 
 #: Density of all other strategies that find a light sample, from the sample, the value and density of a lobe, a mask.
 OtherDensity = Callable[[Any, Any, Any, Any], Any]
@@ -96,14 +95,13 @@ class PhotonMIS:
 
     def __init__(self, scene: mi.Scene, sources: Sources, footprint: Footprint, deepest: mi.UInt32, tree: bool) -> None:
         self.footprint, self.sources, self.deepest = footprint, sources, deepest
-        self.near_specular, self.scattering = NearSpecular.of(scene), Scattering.of(scene)
+        self.near_specular_bsdfs, self.scattering = near_specular_bsdfs(scene), Scattering.of(scene)
         flags = [int(bsdf.flags()) for bsdf in all_bsdfs(scene)]
         glossy, ideal = (any(lobes.has_any(f, *names) for f in flags) for names in (lobes.GLOSSY, lobes.IDEAL))
         #: Whether photons may land on a glossy surface: next to ideally specular ones, or to near-specular ones.
-        self.needed = self.near_specular.any or (glossy and ideal)
+        self.needed = bool(self.near_specular_bsdfs) or (glossy and ideal)
         self.lobes = (lobes.reflected(), lobes.refracted()) if tree else (lobes.specular(),)
-        self.lights = Lights(scene, choose=not tree) if self.near_specular.any else None
-        self.both_sides = bool(lobes.has_any(scene_flags(scene), *lobes.BOTH_SIDES))
+        self.lights = Lights(scene, choose=not tree) if self.near_specular_bsdfs else None
         #: Number of photons of each pair of a source and a target in a map; None before :meth:`.Caustics.draw`.
         self.per_pair: mi.Float | None = None
 
@@ -112,11 +110,15 @@ class PhotonMIS:
         assert self.per_pair is not None, "no photons have been emitted"
         return self.sources.density(it, ds, self.per_pair, active)
 
+    def near_specular(self, bsdf: mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
+        """Whether ``bsdf`` is near-specular."""
+        if not self.near_specular_bsdfs:
+            return mi.Bool(False)
+        return dispatch(bsdf, lambda one, active: mi.Bool(one in self.near_specular_bsdfs), active)
+
     def area(self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr) -> mi.Float:
         """Area around ``si`` on which photons count; on near-specular surfaces the part for those that land there."""
         area = self.footprint.area(si.p)
-        if not self.near_specular.any:
-            return area
         return dr.select(self.near_specular(bsdf, mi.Bool(True)), area * LANDING, area)
 
     # ------------------------------------------------------------ rays of the eye
@@ -131,9 +133,8 @@ class PhotonMIS:
         """``following``, which leaves ``vertex`` with the sample ``bs`` of this ``weight``, with its étendue."""
         si, bsdf = vertex.si, vertex.bsdf
         smooth, passed = but_not(following.uses_mis, vertex.inseparable), passed_on(bs, weight, bsdf.flags())
-        if self.near_specular.any:
-            near = smooth & self.near_specular(bsdf, smooth)
-            passed = dr.select(near, dr.max(mi.unpolarized_spectrum(weight)) * (1 - LANDING), passed)
+        near = smooth & self.near_specular(bsdf, smooth)
+        passed = dr.select(near, dr.max(mi.unpolarized_spectrum(weight)) * (1 - LANDING), passed)
         last = dr.select(smooth, quotient(self.area(si, bsdf) * dr.abs(dr.dot(si.n, following.d)), bs.pdf), 0)
         earlier = dr.select(vertex.inseparable, 0, etendue_of(vertex.ray) * passed)
         return replace(following, last_etendue=last, earlier_etendue=earlier)
@@ -164,8 +165,6 @@ class PhotonMIS:
         """The :data:`OtherDensity` of light sampling at ``vertex``: rays of the lobe, and photons if the surface is
         near-specular.
         """
-        if not self.near_specular.any:
-            return lambda ds, f, pdf, active: pdf
         etendue, active = etendue_of(vertex.ray), vertex.before_gathering(vertex.smooth)
         shared = active & (etendue > 0) & self.near_specular(vertex.bsdf, active)
 
@@ -185,9 +184,7 @@ class PhotonMIS:
         ray, si, bsdf = vertex.ray, vertex.si, vertex.bsdf
         active = vertex.before_gathering(vertex.active) & lobes.has_any(bsdf.flags(), *lobes.GLOSSY)
         active = but_not(active & (ray.level < self.deepest), vertex.inseparable)
-        area, etendue = self.area(si, bsdf), None
-        if self.near_specular.any:
-            etendue = dr.select(self.near_specular(bsdf, active), etendue_of(ray), 0)
+        area, etendue = self.area(si, bsdf), dr.select(self.near_specular(bsdf, active), etendue_of(ray), 0)
 
         def light(i: mi.UInt32, in_reach: mi.Bool) -> mi.Spectrum:
             in_reach = in_reach & (ray.level + dr.gather(mi.UInt32, photons.level, i, in_reach) < self.deepest)
@@ -210,7 +207,7 @@ class PhotonMIS:
     def start(self, density: mi.Float) -> GlossyPhotons:
         """Photons of this ``density`` at their sources."""
         landed = replace(Landed.nowhere(), density=mi.Float(0), level=mi.UInt32(0))
-        return GlossyPhotons(density, landed, mi.Float(1) if self.near_specular.any else None)
+        return GlossyPhotons(density, landed, mi.Float(1) if self.near_specular_bsdfs else None)
 
     def pass_on(
         self,
@@ -239,7 +236,7 @@ class PhotonMIS:
             share = share * multiplicity
         here = Landed(hit.si.p, hit.d, hit.flux * share, mi.Bool(True), density, hit.level)
         beyond = density * dr.select(hit.inseparable, 0, passed_on(bs, weight, flags) * dr.square(bs.eta))
-        if self.near_specular.any:
+        if self.near_specular_bsdfs:
             glossy = active & lobes.has_any(bs.sampled_type, *lobes.GLOSSY)
             glossy = but_not(glossy & self.near_specular(bsdf, glossy), lands)
             beyond = dr.select(glossy, self.density_beyond(density, start, hit, bs.wo, glossy), beyond)
@@ -267,8 +264,8 @@ class PhotonMIS:
         landed = LANDING * self.footprint.area(hit.si.p) * dr.abs(dr.dot(hit.si.n, to_light))
         ds = mi.DirectionSample3f(start.place)
         ds.d, ds.dist, ds.emitter = to_light, eye.t, start.emitter
-        both_sides = lobes.has_any(hit.bsdf.flags(), *lobes.BOTH_SIDES) if self.both_sides else False
-        sampled = self.lights.pdf(Receiver(eye, viewer_side(eye), both_sides), ds, active & first)
+        receiver = Receiver(eye, viewer_side(eye), lobes.has_any(hit.bsdf.flags(), *lobes.BOTH_SIDES))
+        sampled = self.lights.pdf(receiver, ds, active & first)
         found = dr.square(pdf) + dr.select(first, dr.square(sampled), 0)
         strategies = dr.sqrt(found * dr.square(dr.rcp(density)) + dr.select(first, 0, dr.square(landed)))
         passed = dr.max(mi.unpolarized_spectrum(f)) * dr.select(first, 1, 1 - LANDING)
@@ -300,18 +297,14 @@ def passed_on(bs: mi.BSDFSample3f, weight: mi.Spectrum, flags: mi.UInt32) -> mi.
     return dr.select(ideal, dr.max(mi.unpolarized_spectrum(weight)) * bs.pdf, 0)
 
 
-def expected_photons(
-    area: mi.Float, f: mi.Spectrum, pdf: mi.Float, density: mi.Float, etendue: mi.Float | None
-) -> mi.Float:
+def expected_photons(area: mi.Float, f: mi.Spectrum, pdf: mi.Float, density: mi.Float, etendue: mi.Float) -> mi.Float:
     """Number of photons of this ``density`` that are expected on ``area`` (perpendicular to their direction) for each
     ray that a lobe samples there with the density ``pdf``, and for each of the eye's other strategies.
 
     ``f``: value of the lobe. ``etendue``: of the ray that sees the surface, if that is near-specular, so that photons
-    land beyond it too; 0 or None if it is not.
+    land beyond it too; 0 if it is not.
     """
     last = quotient(area, pdf)
-    if etendue is None:
-        return last * density
     passed = quotient(dr.max(mi.unpolarized_spectrum(f)) * (1 - LANDING), pdf)
     of_all = quotient(last, dr.sqrt(dr.square(dr.rcp(density)) + dr.square(etendue * passed)))
     return dr.select(etendue > 0, of_all, last * density)

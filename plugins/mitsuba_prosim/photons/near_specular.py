@@ -4,8 +4,6 @@ surfaces.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -29,53 +27,24 @@ LANDING = 0.5
 RAYS = 256
 
 
-@dataclass(frozen=True)
-class NearSpecular:
-    """The near-specular ones among the BSDFs of a scene. None of them disperses or has inseparable lobes."""
-
-    #: 1 or 0 for Dr.Jit's identity of each BSDF: whether it is near-specular; None if none is.
-    table: mi.UInt32 | None
-
-    @property
-    def any(self) -> bool:
-        """Whether any BSDF is near-specular."""
-        return self.table is not None
-
-    @classmethod
-    def of(cls, scene: mi.Scene) -> NearSpecular:
-        """The near-specular BSDFs of ``scene``, instances included."""
-        glossy = [b for b in all_bsdfs(scene) if lobes.has_any(int(b.flags()), *lobes.GLOSSY) and not is_inseparable(b)]
-        if len(glossy) < 2:
-            return cls(None)
-        identities = [int(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))[0]) for bsdf in glossy]
-        densities = density_of_rays(Scattering.of(scene, separate=False), identities)
-        limit = max(MIN_DENSITY_RATIO * densities.min(), MIN_DENSITY)
-        found = [
-            i for i, b, v in zip(identities, glossy, densities) if v > limit and not getattr(b, "disperses", False)
-        ]
-        if not found:
-            return cls(None)
-        table = mi.UInt32([int(i in found) for i in range(max(identities) + 1)])
-        dr.make_opaque(table)
-        return cls(table)
-
-    def __call__(self, bsdf: mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
-        """Whether ``bsdf`` is near-specular."""
-        if self.table is None:
-            return mi.Bool(False)
-        identity = dr.reinterpret_array(mi.UInt32, bsdf)
-        known = active & (identity < dr.opaque(mi.UInt32, dr.width(self.table)))
-        return dr.gather(mi.UInt32, self.table, identity, known) != 0
+def near_specular_bsdfs(scene: mi.Scene) -> frozenset[mi.BSDF]:
+    """The near-specular BSDFs of ``scene``, instances included. None of them disperses or has inseparable lobes."""
+    glossy = [b for b in all_bsdfs(scene) if lobes.has_any(int(b.flags()), *lobes.GLOSSY) and not is_inseparable(b)]
+    if len(glossy) < 2:
+        return frozenset()
+    densities = density_of_rays(Scattering.of(scene, separate=False), glossy)
+    limit = max(MIN_DENSITY_RATIO * densities.min(), MIN_DENSITY)
+    return frozenset(b for b, v in zip(glossy, densities) if v > limit and not getattr(b, "disperses", False))
 
 
-def density_of_rays(scattering: Scattering, identities: list[int]) -> np.ndarray:
+def density_of_rays(scattering: Scattering, bsdfs: list[mi.BSDF]) -> np.ndarray:
     """Density per solid angle that nine in ten sampled rays of each BSDF's glossy lobes exceed; 0 without such rays.
 
     The surfaces are evaluated at 45°, anywhere on their textures.
     """
-    count = len(identities)
+    count = len(bsdfs)
     i = dr.arange(mi.UInt32, RAYS * count)
-    bsdf = dr.gather(mi.BSDFPtr, dr.reinterpret_array(mi.BSDFPtr, mi.UInt32(identities)), i // RAYS)
+    bsdf = dr.concat([dr.repeat(mi.BSDFPtr(one), RAYS) for one in bsdfs])
     key = combine(hash32(dr.opaque(mi.UInt32, 0)), i)
     numbers = [to_unit(combine(key, k)) for k in range(5)]
     si = dr.zeros(mi.SurfaceInteraction3f, RAYS * count)

@@ -20,19 +20,20 @@ from ..parameters import describe, expose, number
 class Mixture(mi.Texture):
     """A texture that is the texture ``BASE`` where its pattern is 0, and ``TOP`` where it is 1.
 
-    A subclass sets the three names below, and the attributes that they name, calls `parameters_changed` at the end of
-    its ``__init__``, and defines `value` and `average`. (Classes of Mitsuba's cannot be abstract
+    A subclass sets the names below and the attributes of ``NUMBERS``, calls `parameters_changed` at the end of its
+    ``__init__``, and defines `value` and `average`. (Classes of Mitsuba's cannot be abstract
     by ``abc``: their metaclass is another.)
     """
 
-    BASE: str  #: name of the attribute that is the texture where the pattern is 0
-    TOP: str  #: ... where it is 1
+    BASE: tuple[str, float]  #: name of the texture where the pattern is 0, and its default
+    TOP: tuple[str, float]  #: ... where it is 1
     NUMBERS: tuple[str, ...] = ()  #: names of the attributes that are the pattern's own parameters
     STEP = 1e-3  #: of the differences that `eval_1_grad` takes, in units of (u, v)
 
     def __init__(self, props: mi.Properties) -> None:
-        """Reads ``solid``, ``to_local`` and ``smoothing``."""
+        """Reads both textures, ``solid``, ``to_local`` and ``smoothing``."""
         super().__init__(props)
+        self.base, self.top = (props.get_texture(*part) for part in (self.BASE, self.TOP))
         self.solid = props.get("solid", False)
         self.to_local = mi.AffineTransform4f(props.get("to_local", mi.ScalarTransform4f()).matrix)
         self.smoothing = mi.Float(number(props, "smoothing", 0.0, 0))
@@ -57,21 +58,14 @@ class Mixture(mi.Texture):
             dx, dy = mi.Vector3f(si.duv_dx.x, si.duv_dx.y, 0), mi.Vector3f(si.duv_dy.x, si.duv_dy.y, 0)
         return self.to_local @ p, dr.abs(self.to_local @ dx) + dr.abs(self.to_local @ dy) + self.smoothing
 
-    def textures(self) -> tuple[mi.Texture, mi.Texture]:
-        """The two that are mixed."""
-        return getattr(self, self.BASE), getattr(self, self.TOP)
-
     def eval(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.UnpolarizedSpectrum:
-        base, top = self.textures()
-        return dr.lerp(base.eval(si, active), top.eval(si, active), self.value(si))
+        return dr.lerp(self.base.eval(si, active), self.top.eval(si, active), self.value(si))
 
     def eval_1(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Float:
-        base, top = self.textures()
-        return dr.lerp(base.eval_1(si, active), top.eval_1(si, active), self.value(si))
+        return dr.lerp(self.base.eval_1(si, active), self.top.eval_1(si, active), self.value(si))
 
     def eval_3(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Color3f:
-        base, top = self.textures()
-        return dr.lerp(base.eval_3(si, active), top.eval_3(si, active), self.value(si))
+        return dr.lerp(self.base.eval_3(si, active), self.top.eval_3(si, active), self.value(si))
 
     def eval_1_grad(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Vector2f:
         """By central differences, as nested textures may be anything; for bump maps."""
@@ -87,19 +81,18 @@ class Mixture(mi.Texture):
         return mi.Vector2f(*gradient)
 
     def mean(self) -> mi.Float:
-        base, top = self.textures()
-        return dr.lerp(base.mean(), top.mean(), self.average())
+        return dr.lerp(self.base.mean(), self.top.mean(), self.average())
 
     def max(self) -> float:
-        base, top = self.textures()
-        return max(base.max(), top.max())
+        return max(self.base.max(), self.top.max())
 
     def is_spatially_varying(self) -> bool:
         return True
 
     def parameters(self, *names: str) -> dict[str, Any]:
         """The attributes of these names, with those that every mixture has."""
-        return {name: getattr(self, name) for name in (self.BASE, self.TOP, *names, "to_local", "smoothing")}
+        own = {name: getattr(self, name) for name in (*names, "to_local", "smoothing")}
+        return {self.BASE[0]: self.base, self.TOP[0]: self.top, **own}
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
         expose(callback, **self.parameters(*self.NUMBERS))

@@ -89,13 +89,11 @@ class Brick(Mixture):
             'mortar_width': 0.01
     """
 
-    BASE, TOP = "mortar", "brick"
+    BASE, TOP = ("mortar", 0.2), ("brick", 0.4)
     NUMBERS = ("brick_width", "brick_height", "mortar_width", "stagger")
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        self.brick = props.get_texture("brick", 0.4)
-        self.mortar = props.get_texture("mortar", 0.2)
         self.brick_width = mi.Float(number(props, "brick_width", 0.23, 0, open_below=True))
         self.brick_height = mi.Float(number(props, "brick_height", 0.07, 0, open_below=True))
         self.mortar_width = mi.Float(number(props, "mortar_width", 0.01, 0))

@@ -96,13 +96,11 @@ class Fractal(Mixture):
             'octaves': 5
     """
 
-    BASE, TOP = "color0", "color1"
+    BASE, TOP = ("color0", 0.4), ("color1", 0.2)
     NUMBERS = ("scale", "gain", "lacunarity")
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        self.color0 = props.get_texture("color0", 0.4)
-        self.color1 = props.get_texture("color1", 0.2)
         self.scale = mi.Float(number(props, "scale", 4.0, 0, open_below=True))
         self.gain = mi.Float(number(props, "gain", 0.5, 0))
         self.lacunarity = mi.Float(number(props, "lacunarity", 2.0, 0, open_below=True))

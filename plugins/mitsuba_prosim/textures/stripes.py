@@ -83,13 +83,11 @@ class Stripes(Mixture):
             'frequency': 8
     """
 
-    BASE, TOP = "color1", "color0"
+    BASE, TOP = ("color1", 0.2), ("color0", 0.4)
     NUMBERS = ("axis", "frequency", "duty")
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        self.color0 = props.get_texture("color0", 0.4)
-        self.color1 = props.get_texture("color1", 0.2)
         self.frequency = mi.Float(number(props, "frequency", 5.0, 0, open_below=True))
         self.duty = mi.Float(number(props, "duty", 0.5, 0, 1))
         axis = mi.ScalarVector3f(props.get("axis", mi.ScalarVector3f(1, 0, 0)))

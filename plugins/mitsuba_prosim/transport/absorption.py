@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import drjit as dr
 import mitsuba as mi
 
+from ..masks import idle
 from ..optics.nested import all_shapes
 
 #: Wavelengths (nm) at which the scattering of a medium is tested.
@@ -75,8 +76,8 @@ def medium_beyond(
     """The medium of a ray that leaves ``si`` in the direction ``d`` and arrived in ``medium``: the same one where the
     surface has no media.
     """
-    if not dr.is_jit_v(mi.Float):
-        return si.target_medium(d) if active and si.is_medium_transition() else medium
+    if idle(active):
+        return medium
     return dr.select(active & si.is_medium_transition(), si.target_medium(d), medium)
 
 
@@ -86,6 +87,9 @@ def medium_before(
     """The medium in which a camera ray of direction ``d`` meets ``si``: the sensor's ``medium``, or, if it has none,
     that of the surface on that side.
     """
-    if not dr.is_jit_v(mi.Float):
-        return medium_beyond(si, medium, -d, active) if medium is None else medium
-    return medium_beyond(si, medium, -d, active & (medium == mi.MediumPtr(None)))
+    return medium_beyond(si, medium, -d, active & (medium == pointer(None)))
+
+
+def pointer(medium: mi.Medium | None) -> mi.MediumPtr | mi.Medium | None:
+    """``medium`` as rays have it: an array; in scalar variants itself."""
+    return mi.MediumPtr(medium) if dr.is_jit_v(mi.Float) else medium

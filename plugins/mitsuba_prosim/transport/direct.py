@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..light.reparameterisation import reparameterised_sample
-from ..light.strategy import Index, Receiver
+from ..light.strategy import Index, LightSample, Receiver
 from ..light.table import Lamp
 from ..masks import but_not
 from ..sampling.nrook import SamplerPoints
@@ -30,16 +30,16 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
     other_pdf = None if context.photon_mis is None else context.photon_mis.light_pdf(vertex)
 
     def add(lamp: Lamp, L: Radiance) -> Radiance:
-        ds, weight = sample_lamp(context, vertex, lamp, points(space + lamp.k, active))
-        return L + lamp_light(context, vertex, points, lamp.k, ds, weight, other_pdf)
+        sample = sample_lamp(context, vertex, lamp, points(space + lamp.k, active))
+        return L + lamp_light(context, vertex, points, lamp.k, sample, other_pdf)
 
     if lights.sampler is None:
         L = lights.for_each(add, context.layers.none(), active, attached=context.attached)
     else:
         point = points(space, active)
         k, probability, rest = lights.sampler.choose(vertex.receiver, point.x, active)
-        ds, weight = sample_lamp(context, vertex, lights.lamp(k), mi.Point2f(rest, point.y), probability)
-        L = lamp_light(context, vertex, points, k, ds, weight, other_pdf)
+        sample = sample_lamp(context, vertex, lights.lamp(k), mi.Point2f(rest, point.y), probability)
+        L = lamp_light(context, vertex, points, k, sample, other_pdf)
     if lights.sky is not None and context.light_lobes is not None:
         value = sky_light(context, vertex, points, space + lights.lamps)
         L = L.plus(value, context.layers.of(ray, "diffuse", lights.lamps))
@@ -48,7 +48,7 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
 
 def sample_lamp(
     context: Context, vertex: Vertex, lamp: Lamp, point: mi.Point2f, probability: mi.Float | None = None
-) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+) -> LightSample:
     """``(ds, weight)``: a sample of ``lamp`` by the ``point`` in [0, 1)², and its radiance over its density; both with
     derivatives if they are wanted. ``probability``: with which the lamp was chosen; None where every lamp is sampled.
     """
@@ -61,17 +61,12 @@ def sample_lamp(
 
 
 def lamp_light(
-    context: Context,
-    vertex: Vertex,
-    points: Points,
-    k: Index,
-    ds: mi.DirectionSample3f,
-    weight: mi.Spectrum,
-    other_pdf: Any,
+    context: Context, vertex: Vertex, points: Points, k: Index, sample: LightSample, other_pdf: Any
 ) -> Radiance:
-    """Radiance that ``vertex`` scatters from the point ``ds`` of the lamp ``k``. ``weight``: radiance over density;
-    ``other_pdf``: see :meth:`.PhotonMIS.light_pdf`.
+    """Radiance that ``vertex`` scatters from a ``sample`` of the lamp ``k``. ``other_pdf``: see
+    :meth:`.PhotonMIS.light_pdf`.
     """
+    (ds, weight), layers = sample, context.layers
     si, bsdf, ray, gathered = vertex.si, vertex.bsdf, vertex.ray, vertex.ray.gathered_photons
     lit = vertex.smooth & (ds.pdf > 0)
     wo, mis_active = si.to_local(ds.d), vertex.before_gathering(lit)
@@ -85,7 +80,7 @@ def lamp_light(
             pdf_lobe = other_pdf(ds, f_lobe, pdf_lobe, but_not(mis_active, ds.delta))
         f = f + f_lobe * dr.select(ds.delta, 1, mis(ds.pdf, pdf_lobe))
     f = context.scattering.or_all_lobes(f, vertex, wo, lit)
-    layers, glossy = context.layers, context.layers.of(ray, "glossy", k)
+    glossy = layers.of(ray, "glossy", k)
     if not layers.splits_lobes:
         (value,) = unless_in_shadow(context, vertex, ds.p, [f * weight], lit)
         return layers.none().plus(value, glossy)
@@ -121,10 +116,8 @@ def sky_light(context: Context, vertex: Vertex, points: Points, space: mi.UInt32
     si, bsdf = vertex.si, vertex.bsdf
     flags = bsdf.flags()
     active = vertex.smooth & (lobes.has_any(flags, *lobes.DIFFUSE) | vertex.inseparable)
-    receiver = vertex.receiver
-    if context.both_sides:
-        both_sides = receiver.both_sides & active & (lobes.has_any(flags, "DiffuseTransmission") | vertex.inseparable)
-        receiver = Receiver(si, receiver.n, both_sides)
+    both_sides = active & (lobes.has_any(flags, "DiffuseTransmission") | vertex.inseparable)
+    receiver = Receiver(si, vertex.receiver.n, vertex.receiver.both_sides & both_sides)
     ds, weight = context.lights.sky.sample(receiver, points(space, active), active)
     lit, wo = active & (ds.pdf > 0), si.to_local(ds.d)
     f = context.scattering.or_all_lobes(bsdf.eval(context.light_lobes, si, wo, lit), vertex, wo, lit)

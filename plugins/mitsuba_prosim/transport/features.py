@@ -10,7 +10,7 @@ import mitsuba as mi
 
 from ..masks import idle
 from . import lobes
-from .absorption import UNBOUNDED, media_of, medium_before, medium_beyond, transmittance
+from .absorption import UNBOUNDED, media_of, medium_before, medium_beyond, pointer, transmittance
 from .ray import Surface
 from .scattering import Scattering
 from .workarounds import past_emitters
@@ -85,7 +85,7 @@ def features(
         ray, level = si.spawn_ray(d), state.level + 1
         return State(ray, albedo, throughput, normal, going, level, state.sampler, medium)
 
-    medium = mi.MediumPtr(camera_medium) if media and dr.is_jit_v(mi.Float) else camera_medium
+    medium = pointer(camera_medium) if media else None
     black, none = mi.Spectrum(0), mi.Normal3f(0)
     state = State(mi.Ray3f(ray), black, mi.Spectrum(1), none, mi.Bool(active), mi.UInt32(0), sampler, medium)
     (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (step(state),))

@@ -52,7 +52,7 @@ def next_ray(
         following.sees_emission = but_not(following.sees_emission, following.gathered_photons)
     if context.both_sides:
         following.both_sides = lobes.has_any(vertex.bsdf.flags(), *lobes.BOTH_SIDES)
-    if context.layers.follows_branch:
+    if context.layers.splits_lobes:
         through = mi.Frame3f.cos_theta(si.wi) * mi.Frame3f.cos_theta(bs.wo) < 0
         following.branch = context.layers.branch(ray, k == DIFFUSE, through)
     if context.photon_mis is not None:

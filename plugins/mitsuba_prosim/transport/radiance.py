@@ -58,11 +58,7 @@ class Radiance:
 
     def with_total(self, total: mi.Spectrum, value: mi.Spectrum, layer: Layer) -> Radiance:
         """The radiance ``total``, with ``value`` more in ``layer``."""
-        if isinstance(layer, int):
-            layers = [L + value if i == layer else L for i, L in enumerate(self.layers)]
-        else:
-            layers = [L + dr.select(layer == i, value, 0) for i, L in enumerate(self.layers)]
-        return Radiance(total, layers)
+        return Radiance(total, [L + dr.select(layer == i, value, 0) for i, L in enumerate(self.layers)])
 
     def moved(self, value: mi.Spectrum, source: Layer, target: Layer) -> Radiance:
         """This radiance, with ``value`` moved from the layer ``source`` to the layer ``target``."""
@@ -74,10 +70,8 @@ class Layers:
 
     #: Whether light of different sources belongs to different layers.
     splits_sources = False
-    #: Whether diffuse and glossy light from the sources belong to different layers.
+    #: Whether diffuse and glossy light belong to different layers, and light of different :attr:`.Ray.branch`.
     splits_lobes = False
-    #: Whether the layer depends on the lobe that a ray leaves the first vertex by: :attr:`.Ray.branch`.
-    follows_branch = False
 
     def __init__(self, names: Sequence[str] = ()) -> None:
         self.names = list(names)
@@ -118,7 +112,7 @@ class ByLevel(Layers):
 class ByTerm(Layers):
     """A layer for each term of the equation at the first visible surface."""
 
-    splits_lobes = follows_branch = True
+    splits_lobes = True
 
     def number(self, term: str) -> mi.UInt32:
         """The number of the layer of this name."""

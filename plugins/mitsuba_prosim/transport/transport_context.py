@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 
 from ..compat import INSTANCE
 from ..light.table import Lights
 from . import lobes
-from .absorption import absorbs_any
+from .absorption import absorbs_any, pointer
 from .radiance import layers_of
 from .ray import Ray
 from .scattering import Scattering
@@ -123,13 +122,12 @@ class Context:
         if self.both_sides:
             ray.both_sides = mi.Bool(False)
         if self.absorbs:
-            ray.medium = mi.MediumPtr(self.camera_medium) if dr.is_jit_v(mi.Float) else self.camera_medium
-            ray.offset = mi.Float(0)
+            ray.medium, ray.offset = pointer(self.camera_medium), mi.Float(0)
         if self.caustics is not None and (self.scattering.any_inseparable or not self.settings.follows_tree):
             ray.gathered_photons = mi.Bool(False)
         if self.lights.sampler is not None:
             ray.importance = mi.Float(0)
-        if self.layers.follows_branch:
+        if self.layers.splits_lobes:
             ray.branch = mi.UInt32(0)
         return ray if self.photon_mis is None else self.photon_mis.first(ray)
 

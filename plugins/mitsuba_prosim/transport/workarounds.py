@@ -104,9 +104,7 @@ def eval_pdf(
     lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
 ) -> tuple[mi.Spectrum, mi.Float]:
     """Value of the ``lobe`` of one ``bsdf`` times the cosine for ``wo``, and the density of :func:`sample` there."""
-    if _needs_leaves(lobe, bsdf):
-        return bsdf.eval_pdf(lobe, si, wo, active)
-    half = _mixes_ideal_and_smooth(lobe, bsdf)
+    half = _mixes_ideal_and_smooth(lobe, bsdf) and not _needs_leaves(lobe, bsdf)
     requested = lobes.only(lobe, *lobes.SMOOTH) if half else lobe
     f, pdf = bsdf.eval_pdf(lobes.with_null_lobes(requested) if any(_within(bsdf, MASK)) else requested, si, wo, active)
     return f, pdf * 0.5 if half else pdf

@@ -10,7 +10,7 @@ from mitsuba_prosim.cli import tev
 from mitsuba_prosim.live import publisher
 from running import done, pixels, refused
 
-pytest.importorskip("tevclient", reason="tevclient is not installed (it needs Python 3.11)")
+tevclient = pytest.importorskip("tevclient", reason="tevclient is not installed (it needs Python 3.11)")
 
 CREATE, UPDATE = 4, 6
 
@@ -22,7 +22,7 @@ class Tev:
         self.socket = socket.create_server(("127.0.0.1", 0))
         self.place = f"tev=127.0.0.1:{self.socket.getsockname()[1]}"
         self.heard, self.end = b"", end
-        self.thread = threading.Thread(target=self.listen)
+        self.thread = threading.Thread(target=self.listen, daemon=True)
         self.thread.start()
 
     def listen(self):
@@ -71,3 +71,15 @@ def test_a_tev_that_is_not_there_or_goes_away(scene, tmp_path, monkeypatch):
         place = f"tev=127.0.0.1:{deaf.getsockname()[1]}"
         said = done("render", scene, "--view", place, "--resolution", "960x720", "--spp", 1).stderr
     assert "tev has gone (timed out)" in said
+
+
+def test_a_tev_that_leaves_at_once_leaves_no_connection(scene, monkeypatch):
+    def broken(ipc, *_):
+        connections.append(ipc._socket)  # noqa: SLF001
+        raise BrokenPipeError(32, "Broken pipe")
+
+    connections, viewer = [], Tev()
+    monkeypatch.setattr(tevclient.Ipc, "create_image", broken)
+    refused("(Broken pipe)", "render", scene, "--view", viewer.place, code=1)
+    assert [connection.fileno() for connection in connections] == [-1]
+    assert viewer.packets() == []

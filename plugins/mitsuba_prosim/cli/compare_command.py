@@ -21,7 +21,7 @@ from .render_task import check_denoising
 
 SUFFIXES = (".html", ".json")
 
-#: Pixels a side that SSIM needs.
+#: SSIM compares windows of this many pixels per side. A smaller image has none.
 SSIM_WINDOW = 7
 
 CACHE = click.Path(file_okay=False, path_type=Path)

@@ -6,7 +6,7 @@ import json
 import os
 import sys
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -205,7 +205,7 @@ def render_image(
     writer, snapshots = task.writer(), Snapshots(task)
     consumers: list[Any] = [writer, snapshots] if writer else [snapshots]
     with (
-        closing(TevClient(job, task.sensor.film())) as shown,
+        TevClient(job, task.sensor.film()) as shown,
         interruptible(task.integrator.cancel, received_signals) as signals,
     ):
         executor = workers.executor(task.file)

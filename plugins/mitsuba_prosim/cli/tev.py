@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -22,27 +23,30 @@ SOCKET_TIMEOUT = 10.0
 CHANNELS = ["R", "G", "B"]
 
 
-class TevClient:
+class TevClient(ExitStack):
     """Shows the image of a job in tev, if the job requests it: the content of ``film``.
 
     Raises ClickException where tev does not run, or tevclient is missing.
     """
 
     def __init__(self, job: Job, film: mi.Film) -> None:
+        super().__init__()
         self._name, self._film, self._throttle = Path(job.scene).stem, film, Throttle()
-        self._tev: Any = self._connect(*job.view) if job.view else None
+        self._tev: Any = None
+        if job.view:
+            self._connect(*job.view)
 
-    def _connect(self, host: str, port: int) -> Any:
+    def _connect(self, host: str, port: int) -> None:
         require_extra("tev", "--view tev (Python 3.11 or later)")
         import tevclient
 
         before = socket.getdefaulttimeout()
         socket.setdefaulttimeout(SOCKET_TIMEOUT)  # of the new connection
         try:
-            tev = tevclient.Ipc(host, port).__enter__()
-            tev.create_image(self._name, *map(int, self._film.crop_size()), CHANNELS)
-            return tev
+            self._tev = self.push(tevclient.Ipc(host, port))
+            self._tev.__enter__().create_image(self._name, *map(int, self._film.crop_size()), CHANNELS)
         except OSError as error:
+            self.close()
             raise click.ClickException(
                 f"no tev at {host}:{port} ({error.strerror or error}); start it, or give its address: "
                 "--view tev=HOST:PORT"
@@ -66,10 +70,5 @@ class TevClient:
             self._tev.update_image(self._name, colours, CHANNELS)
         except OSError as error:
             self.close()
+            self._tev = None
             warn(f"tev has gone ({error.strerror or error}); the render continues")
-
-    def close(self) -> None:
-        """Leaves tev, which keeps the image."""
-        tev, self._tev = self._tev, None
-        if tev is not None:
-            tev.__exit__(None, None, None)

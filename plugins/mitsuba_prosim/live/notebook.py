@@ -51,11 +51,12 @@ def show(
     ``exposure``
         Exposure of the shown image, in stops.
 
-    Returns at once: the image is rendered while the notebook is idle. ``await view`` waits for the end, and so does
-    ``view.wait()``, which keeps the notebook busy; interrupting the kernel stops the image. Without a notebook the
-    function returns at the end. Then an image, or an error, replaces the buttons, and the notebook saves it.
-    ``view.image`` is the linear image, ``view.layers`` also has the maps ``error`` and ``samples``. Running the cell
-    again stops the image.
+    In a notebook it returns at once, and the image is rendered while the notebook is idle. ``await view`` waits for the
+    end. ``view.wait()`` waits too, but blocks the notebook. Interrupting the kernel, or running the cell again, stops
+    the render. Outside a notebook the function returns at the end of the render.
+
+    At the end a still image, or an error message, takes the place of the controls; the notebook saves it.
+    ``view.image`` is the linear image. ``view.layers`` has it and the maps ``error`` and ``samples``.
 
     Raises ImportError where ipywidgets is not installed, RuntimeError in scalar variants and where no variant is set,
     and the errors of the function that makes the scene.

@@ -53,14 +53,17 @@ class SceneBundle:
                     "the file there, and name it relative to that folder"
                 )
             place = Path(os.path.abspath(path))
-            if not place.is_relative_to(home):  # of a translation, which is in another folder
+            if not place.is_relative_to(home):  # it is beside the text of the language, and `home` has the translation
                 place = Path(os.path.abspath(home / name))
             contents[place.relative_to(home).as_posix()] = path.read_bytes()
         key = hashlib.sha256(json.dumps([file.digest(), file.changes, sensor], sort_keys=True).encode()).hexdigest()
         return cls(key, file.xml.name, file.changes, sensor, environment.this_environment(), contents)
 
     def load(self, contents: Mapping[str, bytes]) -> tuple[mi.Scene, mi.Sensor]:
-        """Its scene and its sensor. Raises the errors of their plugins."""
+        """Writes ``contents`` to a temporary folder and loads the scene there; returns it and its sensor.
+
+        Raises the errors of their plugins.
+        """
         with atomic.scratch() as folder:
             for name, content in contents.items():
                 path = folder / name

@@ -42,7 +42,7 @@ def apply(
         _set(props, zip(("width", "height"), resolution or ()))
         _set(props, zip(("crop_offset_x", "crop_offset_y", "crop_width", "crop_height"), crop or ()))
         check_size(props.get("width", 768), props.get("height", 576))
-    if state.root.type == mi.ObjectType.Scene and _outermost(state) is None:
+    if state.root.type == mi.ObjectType.Scene and _integrator_key(state) is None:
         state.root.props["integrator"] = _add(state, mi.Properties("path"))  # Mitsuba's default
     sampling = {name: value for name, value in parameters.items() if name in SAMPLING}
     others = {name: value for name, value in parameters.items() if name not in SAMPLING}
@@ -53,7 +53,7 @@ def apply(
         raise ValueError(f"only the integrator prosim has {', '.join(others)}; this scene's is {named}")
     for props in ours:
         _set(props, others.items())
-    name = _outermost(state)
+    name = _integrator_key(state)
     if not sampling or name is None:
         return None
     inner = state.root.props[name]
@@ -73,7 +73,7 @@ def apply(
     return plugin
 
 
-def _outermost(state: mi.parser.ParserState) -> str | None:
+def _integrator_key(state: mi.parser.ParserState) -> str | None:
     """Name of the scene's own integrator among its properties, or None."""
     integrators = (
         name

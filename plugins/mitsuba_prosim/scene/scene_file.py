@@ -20,6 +20,10 @@ from . import overrides, session
 from .confinement import ATTRIBUTE, ELEMENT, Confinement
 from .errors import check_images
 
+#: Arguments of :func:`prosim_scene.translate`: those that scenes in XML do not have, and all.
+LANGUAGE = ("light_units", "tolerance")
+TRANSLATION = (*LANGUAGE, "allow_outside", "cache")
+
 COMMENT = re.compile("<!--.*?-->", re.DOTALL)
 
 
@@ -35,7 +39,7 @@ class SceneFile:
         crop: tuple[int, int, int, int] | None = None,
         integrator: Mapping[str, Any] | None = None,
         confined: bool = False,
-        **language: Any,
+        **translation: Any,
     ) -> None:
         """Reads the scene at ``path``: XML if that is its suffix, else the thesis's language.
 
@@ -49,13 +53,15 @@ class SceneFile:
             Parameters of the integrator, such as ``samples``; see :func:`.overrides.apply`.
         ``confined``
             Whether the scene may name only files in its folder, see :class:`.confinement.Confinement`.
-        ``language``
-            Further arguments of :func:`prosim_scene.translate`, for a scene in the thesis's language.
+        ``translation``
+            The arguments :data:`TRANSLATION` of :func:`prosim_scene.translate`.
 
         Raises :class:`prosim_scene.SceneError`, ValueError where the changes do not fit the scene, and what the
         confinement and Mitsuba's parser raise. Warns if another resolution distorts the image of a scene in the
         thesis's language.
         """
+        if unknown := sorted(translation.keys() - {*TRANSLATION}):
+            raise TypeError(f"no such argument: {', '.join(unknown)}; integrator={{...}} takes samples and the like")
         self.path = self.xml = Path(path)
         #: The parsed text; None for XML.
         self.document: Document | None = None
@@ -63,14 +69,14 @@ class SceneFile:
         if self.path.suffix.lower() != ".xml":
             self.document = prosim_scene.document(self.path, dict(definitions or {}))
             self.xml = prosim_scene.translate(
-                self.document, Path(folder), resolution=resolution, samples=parameters.get("samples"), **language
+                self.document, Path(folder), resolution=resolution, samples=parameters.get("samples"), **translation
             )
             left, bottom, right, top = self.document.scene.view.window
             if resolution and (wrong := prosim_scene.distortion_message(*resolution, (right - left) / (top - bottom))):
                 warnings.warn(prosim_scene.SceneWarning(f"{self.path}: {wrong}"), stacklevel=2)
             definitions = resolution = None  # the translation has these
-        elif unfit := language.keys() - {"allow_outside", "cache"}:
-            raise ValueError(f"{min(unfit)} is for scenes in the thesis's language; {self.path} is XML")
+        elif unfit := [f"--{name.replace('_', '-')}" for name in LANGUAGE if translation.get(name)]:
+            raise ValueError(f"{', '.join(unfit)}: only for scenes in the thesis's language; {self.path} is XML")
         #: The arguments with which the XML file makes the same scene.
         self.changes: dict[str, Any] = {
             "definitions": dict(definitions or {}),

@@ -96,8 +96,8 @@ def install(names: Iterable[str], folder: Path) -> list[Path]:
     return paths
 
 
-def record(paths: Iterable[Path]) -> None:
-    """Adds files to the list of those that pip removes together with this package."""
+def add_to_pip_record(paths: Iterable[Path]) -> None:
+    """Adds files to those that pip removes together with this package: the lines of its file RECORD."""
     files = distribution("mitsuba-prosim").files or []
     listing = next(Path(str(file.locate())) for file in files if file.name == "RECORD")
     known = {file.as_posix() for file in files}
@@ -126,7 +126,7 @@ def link(remove: bool) -> None:
             click.echo(f"{len(paths)} stand-ins removed from {folder}")
         else:
             paths = install(plugin_names(), folder)
-            record(paths)
+            add_to_pip_record(paths)
             click.echo(f"{len(paths)} stand-ins in {folder}: {', '.join(path.stem for path in paths)}")
     except (RuntimeError, OSError) as error:
         raise click.ClickException(str(error)) from None

@@ -12,7 +12,6 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from drawing.curves import interaction
-from mitsuba_prosim.optics import fresnel
 
 GAUSSIAN = {"alpha": 0.3, "distribution": "gaussian"}
 LOBES = ({"alpha": 0.02}, {"alpha": 0.5}, GAUSSIAN, {"exponent": 0.0}, {"exponent": 60.0}, {"exponent": 1e6})
@@ -188,17 +187,6 @@ def test_refraction_is_as_in_double_precision(variant_rgb, lobe, eta):
     pairs = (refracted_pairs(5000, rng, eta, width) for width in (0.01, 0.3))
     wi, wo = (np.hstack(w) for w in zip(*pairs, strict=True))
     assert_as_in_double_precision(bsdf, lambda a, b: glass(a, b, lobe, float(np.float32(eta))), wi, wo, rng)
-
-
-@pytest.mark.parametrize("eta", (1.5, 1 + 1e-2, 1 + 1e-3, 1 - 1e-3, 1 + 1e-5))
-def test_fresnel_is_as_in_double_precision(variant_rgb, eta):
-    eta = float(np.float32(eta))
-    cos = np.float32(np.concatenate([np.linspace(0.02, 1, 500), np.geomspace(1e-9, 0.02, 500)]))
-    for side, index in ((1, eta), (-1, 1 / eta)):
-        t2 = 1 - (1 - np.float64(cos) ** 2) / index**2
-        some = np.abs(t2) > 1e-3  # at the critical angle floats are coarse
-        found = np.array(fresnel.dielectric(mi.Float(side * cos), mi.Float(eta)), dtype=float)
-        np.testing.assert_allclose(found[some], dielectric(np.float64(cos), index)[some], rtol=2e-4, atol=1e-12)
 
 
 ELEVATIONS = (1.0, 1e-3, 1e-7, 1e-12, 1e-17, 1e-19, 1e-30, 1e-40, 1e-45, 0.0, -1e-45, -1e-20, -1e-7, -1.0)

@@ -7,6 +7,7 @@ import mitsuba as mi
 import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 import pytest
+from mitsuba_prosim.alone import alone
 from mitsuba_prosim.light.strategy import Receiver
 from mitsuba_prosim.light.table import Lights
 from mitsuba_prosim.photons import grid
@@ -329,6 +330,7 @@ BALLS = {
 
 
 @pytest.mark.parametrize("tree", (True, pytest.param(False, marks=pytest.mark.slow)))
+@alone()
 def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
     """From rough metal into nearly smooth glass, out of it and to a lamp: by rays alone, by a point of the lamp that is
     sampled, and by photons on the inside of the glass and on the metal, reckoned from the lamp.
@@ -353,7 +355,6 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
         vertex = Vertex(si, si.bsdf(), met, mi.Bool(False), met, ray, Receiver(si, following.n))
         chain.append((vertex, bs.wo, *si.bsdf().eval_pdf(lobe, si, bs.wo, met)))
         ray = shared.next(vertex, following, bs, weight)
-        dr.eval(chain[-1][1:], ray, met)  # in a kernel of its own: one of all may define a function twice
     end, (last, _, f, pdf) = world.ray_intersect(mi.Ray3f(ray.o, ray.d), met), chain[-1]
     ds = mi.DirectionSample3f(world, end, last.si)
     met &= end.is_valid() & (ds.emitter != mi.EmitterPtr(None)) & (dr.dot(end.n, ray.d) < 0)

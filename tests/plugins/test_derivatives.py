@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.compat import to_world_name
-from scenes import T, bitmap, camera, derivative, diffuse, film, ground, load_scene, mesh, penumbra, rectangle, rgb
+from scenes import T, bitmap, camera, derivative, diffuse, film, ground, load_scene, mesh, penumbra, rgb
 
 
 def weighted_mean(image):
@@ -37,27 +37,6 @@ def derivatives(scene, change, seed=1, spp=16):
 
 
 # ------------------------------------------------------------------ of which samples
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "window", [{"sample_border": True}, {"crop_offset_x": 9, "crop_offset_y": 5, "crop_width": 8, "crop_height": 8}]
-)
-def test_all_samples_of_the_image_take_part(variant_rgb, window):
-    """A source that fills the view is seen as its radiance L, so that the derivative by L is 1 everywhere."""
-    pixels = film(24, pixel_format="rgb", component_format="float32") | {"rfilter": {"type": "gaussian"}} | window
-    even = {"type": "area", "radiance": 1.0}
-    scene = load_scene(
-        integrator={"type": "prosim", "adaptive": "none"},
-        sensor={"type": "perspective", "film": pixels},
-        wall=rectangle(T().translate([0, 0, 5]).rotate([0, 1, 0], 180).scale(50), emitter=even),
-    )
-
-    def change(params, e):
-        params["wall.emitter.radiance.value"] = 1 + e
-
-    forward, backward = derivatives(scene, change, spp=4)
-    assert forward == pytest.approx(1, rel=1e-5) and backward == pytest.approx(0.5, rel=1e-5)
 
 
 def test_the_derivative_of_what_is_linear_is_the_image(variant_rgb):

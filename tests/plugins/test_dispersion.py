@@ -9,7 +9,6 @@ import pytest
 from drawing.curves import interaction
 from image_statistics import renderings, same_expectation
 from mitsuba_prosim.optics.dispersion import MATERIALS, RGB, C, D, Dispersion, F, cauchy
-from mitsuba_prosim.sampling import wavelengths
 from scenes import T, area, camera, film, rectangle
 from scipy import stats
 
@@ -196,16 +195,6 @@ def test_a_ray_keeps_its_colour_through_two_faces(variant_rgb):
     """
     image = wide_slab()
     assert image.mean(2).std() < 0.01 < image[..., 0].std()
-
-
-def test_each_part_of_the_spectrum_is_kept_once(variant_spectral):
-    """Of 4 n samples, by the n parts of a quarter that they are in, and the quarter that they choose."""
-    for n in (*range(1, 9), 12):
-        t, key = dr.arange(mi.UInt32, 4 * n) + 12 * n, mi.UInt32(0x2B992DDF)
-        begin = wavelengths.shared(mi.UInt32(0), t, mi.UInt32(n))
-        chosen = wavelengths.chosen(key, t, n, mi.Float(0.99))
-        assert len(set(zip(np.array(dr.floor(begin * (4 * n))), np.array(dr.floor(chosen * 4))))) == 4 * n
-        assert len(set(np.array(dr.floor(chosen * 4))[:4])) == 4
 
 
 def test_samples_together_see_the_whole_spectrum(variant_spectral):

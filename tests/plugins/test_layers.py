@@ -41,12 +41,11 @@ def rendered(description, seed=0):
     return image[..., :3], {name: np.stack([letters[f"{name}.{c}"] for c in "RGB"], -1) for name in found}
 
 
-@pytest.mark.parametrize("kind", ["lights", "levels", "terms"])
-@pytest.mark.parametrize("bounces", [0, 2, -1])
+@pytest.mark.parametrize(
+    "kind, bounces", [(kind, bounces) for kind in ("lights", "levels", "terms") for bounces in (0, 2, -1)][:-1]
+)
 @pytest.mark.parametrize("more", [{}, {"ambient": 0.3, "background": rgb(0.1, 0.2, 0.3), "hide_emitters": True}])
 def test_the_sum_of_layers_is_the_image_without_layers(variant_rgb, kind, bounces, more):
-    if (kind, bounces) == ("terms", -1):
-        pytest.skip("refused")
     description = without(scene(GLASS, diffuse_bounces=bounces, **more), *["sky"] * bool(more))
     alone, _ = rendered(description)
     description["integrator"] |= {"layers": kind}

@@ -110,24 +110,6 @@ def test_the_density_of_a_lamp_that_is_met_is_that_of_its_sample(variant_rgb):
             assert there.sum() > 50 and np.allclose(pdf[there], expected[there], rtol=2e-2)
 
 
-@pytest.mark.parametrize("unrolled", [0, 4])
-@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "scalar_rgb"])
-def test_the_sky_is_not_among_the_lamps(monkeypatch, variant, unrolled):
-    mi.set_variant(variant)
-    monkeypatch.setattr(Lights, "UNROLLED", unrolled)
-    scene = mi.load_dict(lit())
-    for choose in (False, True):
-        lights = Lights(scene, choose)
-        emitters = lights.pointers if lights.jit else lights.emitters
-        numbers = [lights.number_of(e, True) for e in emitters] if not lights.jit else lights.number_of(emitters, True)
-        assert np.array(numbers).tolist() == [*range(lights.lamps), lights.lamps]
-        ds = dr.zeros(mi.DirectionSample3f) if lights.jit else mi.DirectionSample3f()
-        ds.d, last = mi.Vector3f(0, 1, 0), lights.emitters[-1]
-        ds.emitter = mi.EmitterPtr(last) if lights.jit else last
-        pdf = lights.pdf(Receiver(dr.zeros(mi.SurfaceInteraction3f), mi.Normal3f(0, 1, 0)), ds, mi.Bool(True))
-        assert np.all(np.array(pdf) == 0)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("small, hidden", [(0, False), (30, True)])
 @pytest.mark.parametrize("bounces", [-1, 20])

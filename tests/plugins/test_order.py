@@ -47,14 +47,14 @@ def xml(tmp_path):
 
 @pytest.mark.parametrize("integrator", [TREES | CAUSTICS, pytest.param(PATHS | CAUSTICS, marks=pytest.mark.slow)])
 def test_a_scene_has_one_image_however_often_it_is_loaded(variant_rgb, xml, integrator):
-    loaded = [mi.load_file(str(xml)) for _ in range(5)]  # all of them alive, and so at other addresses
+    loaded = [mi.load_file(str(xml)) for _ in range(3)]  # all of them alive, and so at other addresses
     images = {np.array(mi.render(scene, integrator=mi.load_dict(integrator), seed=3)).tobytes() for scene in loaded}
     assert len(images) == 1
 
 
 def test_so_has_one_that_mitsuba_s_integrator_renders(variant_rgb, xml, tmp_path):
     file = SceneFile(xml, tmp_path, integrator={"adaptive": "none", "samples": 2})
-    loaded = [file.load() for _ in range(5)]
+    loaded = [file.load() for _ in range(3)]
     assert len({np.array(mi.render(scene, seed=3)).tobytes() for scene in loaded}) == 1
     assert all(len(scene.emitters()) == 7 and len(scene.shapes()) == 12 for scene in loaded)
 

@@ -1,13 +1,10 @@
 """An image that is resumed from a checkpoint, and one that is merged from parts, is that of one run."""
 
-import itertools
-
 import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.engine.checkpoint import put_together
-from mitsuba_prosim.engine.plan import Rectangle
-from mitsuba_prosim.engine.tiles import Part, part_numbers, within_reach
+from mitsuba_prosim.engine.tiles import Part, part_numbers
 from scenes import COPPER, in_threads, penumbra
 
 CROP = {"width": 96, "height": 90, "crop_offset_x": 17, "crop_offset_y": 11, "crop_width": 50, "crop_height": 40}
@@ -91,30 +88,6 @@ def test_checkpoints_of_another_image_are_refused(variant_rgb):
 
 
 # ------------------------------------------------------------------ parts
-
-
-@pytest.mark.parametrize("region, margin", [((0, 0, 97, 41), 6), ((-2, -3, 50, 60), 2), ((0, 0, 97, 41), 0)])
-def test_each_pixel_is_in_one_part_and_each_part_knows_its_surroundings(variant_rgb, region: Rectangle, margin: int):
-    left, top, right, bottom = region
-    y, x = np.mgrid[top - 6 : bottom + 6, left - 6 : right + 6]
-    inside = (x >= left) & (x < right) & (y >= top) & (y < bottom)
-    for of in (1, 2, 3, 16):
-        parts = [Part(number, of) for number in range(1, of + 1)]
-        owned = part_numbers(region, of, margin, x, y)
-        mine = [(owned == part.number) & inside for part in parts]
-        assert np.array_equal(np.sum(mine, axis=0), inside)
-        sizes = np.sum(mine, axis=(1, 2))
-        assert sizes.min() > 0.5 * sizes.mean()
-        for part, own, reach in zip(parts, mine, (0, 1, 3, 6)):
-            close = within_reach(part, region, margin, x, y, reach)
-            around = np.zeros_like(own)
-            for dy, dx in itertools.product(range(-reach, reach + 1), repeat=2):
-                around |= np.roll(own, (dy, dx), (0, 1))
-            within = (np.abs(2 * x - left - right + 1) < right - left + 2 * reach) & (
-                np.abs(2 * y - top - bottom + 1) < bottom - top + 2 * reach
-            )
-            assert not np.any(around & within & ~close)
-            assert np.all((close & inside & ~around) == 0)
 
 
 @pytest.mark.parametrize("margin, most", [(0, 1.03), (2, 1.06), (6, 1.25)])

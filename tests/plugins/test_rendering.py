@@ -96,11 +96,3 @@ def test_a_frozen_function_is_refused(variant_rgb):
     while causes[-1].__cause__ is not None:
         causes.append(causes[-1].__cause__)
     assert any("dr.freeze" in str(cause) for cause in causes)
-
-
-def test_whole_numbers_are_whole(variant_rgb):
-    for name in ("samples", "min_passes", "max_samples", "max_level", "diffuse_bounces", "rr_depth", "band"):
-        integrator = mi.load_dict({"type": "prosim", name: 10.0})
-        assert getattr(integrator, name) == 10 and isinstance(getattr(integrator, name), int)
-        with pytest.raises(RuntimeError, match=f'"{name}" is 2.7; allowed: a whole number'):
-            mi.load_dict({"type": "prosim", name: 2.7})

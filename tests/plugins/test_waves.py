@@ -14,10 +14,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings
-from mitsuba_prosim.engine.error_target import SecondImage
-from mitsuba_prosim.engine.work import Executor, work_items
 from scenes import COPPER, CROP, alone, penumbra
-from scipy import stats
 
 LUMINANCE = [0.2126, 0.7152, 0.0722]
 
@@ -240,30 +237,6 @@ def test_an_abandoned_render_does_not_disturb_frozen_functions(variant_rgb):
 
 
 @pytest.mark.slow
-def test_the_second_image_measures_the_noise_and_is_independent(variant_rgb):
-    """Over 40 seeds its mean square is the variance of the displayed pixels (Welch's t-test over the seeds,
-    significance 0.001), and its samples have nothing to do with the image's (Pearson's correlation, the same).
-    """
-    measured, images, twins = [], [], []
-    for seed in range(40):
-        render = begun(loaded(adaptive="none", samples=4), seed)
-        state, twin = render.state, SecondImage(render.state)
-        counts = np.array(state.accumulators.count)[twin.index]
-        for item in work_items(twin, counts, lambda left: left):
-            item.store(item.compute())
-        measured.append(twin.noise(state)[0] ** 2)
-        images.append(np.array(state.accumulators.total)[twin.index] / 16)
-        twins.append(np.array(twin.accumulators.total) / 16)
-    images, twins = np.array(images, dtype=float), np.array(twins, dtype=float)
-    images, twins = (np.sqrt(x + 0.01) for x in (images, twins))
-    off = (images - images.mean(0)) ** 2 * 40 / 39
-    assert stats.ttest_ind(measured, off.mean(1), equal_var=False).pvalue > 0.001
-    a, b = (x - x.mean(0) for x in (images, twins))
-    noisy = a.std(0) > np.median(a.std(0))
-    assert stats.pearsonr(a[:, noisy].ravel(), b[:, noisy].ravel()).pvalue > 0.001
-
-
-@pytest.mark.slow
 def test_the_noise_of_a_few_pixels_is_not_small_by_chance(variant_rgb):
     """Of 12 seeds each comes to within 1.5 times what was asked for, against 10,000 samples; where four pixels of one
     other image say what the noise is, some do not.
@@ -371,14 +344,6 @@ def test_time_ends_in_time(variant_rgb, adaptive):
     far = reached(scene, seed=2)
     assert 1 < time.perf_counter() - start < 4
     assert far.seconds == pytest.approx(2, abs=1) and far.samples > 1
-
-
-def test_work_items_do_not_shrink_to_single_samples(variant_rgb):
-    executor = Executor()
-    for _ in range(10):
-        samples = executor.limit(10**7, 0.01)
-        executor.learn(samples, 0.02 + 1e-7 * samples)  # the launch takes longer than a work item should
-    assert samples > 1000
 
 
 def test_the_shortest_time_gives_every_pixel_one_sample(variant_rgb):

@@ -15,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..compat import DIRECTIONAL, emitter_pointers
-from ..masks import dispatch
+from ..masks import dispatch, fold
 from ..sampling.hash import combine, hash32
 from ..sampling.nrook import to_unit
 from .strategy import Index, Receiver
@@ -42,7 +42,6 @@ class LightSampler:
 
     def __init__(self, scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> None:
         self.count = len(emitters)
-        self.unrolled = self.count <= self.UNROLLED or not dr.is_jit_v(mi.Float)
         rows = lamp_models(scene, emitters)
         #: Whether any lamp has a lobe, and any a beam, a lobe narrower than a cosine.
         self.lobes, self.beams = bool(rows[:, 5].max() > 0), bool(rows[:, 6].max() > 1)
@@ -57,7 +56,11 @@ class LightSampler:
         """Sum of the importance of all lamps at ``receiver``."""
         if receiver.importance is not None:
             return receiver.importance
-        return self._fold(lambda k, total: total + self.importance(k, receiver, active), mi.Float(0), active)
+
+        def add(k: Index, total: mi.Float) -> mi.Float:
+            return total + self.importance(k, receiver, active)
+
+        return fold(0, self.count, add, mi.Float(0), active, self.count <= self.UNROLLED)
 
     def probability(self, k: Index, receiver: Receiver, active: mi.Bool) -> mi.Float:
         """Probability with which :meth:`choose` takes the lamp ``k``."""
@@ -81,7 +84,7 @@ class LightSampler:
             return chosen, importance, dr.select(takes, end, begin), end + own
 
         state = (mi.UInt32(0), mi.Float(1), mi.Float(0), mi.Float(0))
-        k, importance, begin, _ = self._fold(look, state, active)
+        k, importance, begin, _ = fold(0, self.count, look, state, active, self.count <= self.UNROLLED)
         rest = dr.clip((sample - begin) / importance, 0, 1 - 2.0**-24)
         return k, dr.select(total > 0, importance / total, 1), rest
 
@@ -116,20 +119,6 @@ class LightSampler:
             return mi.Point3f(a.x, a.y, a.z), a.w, b.x, b.y, b.z, mi.Vector3f(b.w, c.x, c.y)
         x, y, z, radius, even, lobe, exponent, *axis = self.rows[k]
         return mi.Point3f(x, y, z), radius, even, lobe, exponent, mi.Vector3f(axis)
-
-    def _fold(self, body: Callable[[Any, Any], Any], state: Any, active: mi.Bool) -> Any:
-        """Applies ``state = body(k, state)`` to all lamps."""
-        if self.unrolled:
-            for k in range(self.count):
-                state = body(k, state)
-            return state
-        count = dr.opaque(mi.UInt32, self.count)
-        return dr.while_loop(
-            (mi.UInt32(0), state),
-            lambda k, state: active & (k < count),
-            lambda k, state: (k + 1, body(k, state)),
-            labels=("k", "state"),
-        )[1]
 
 
 def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:

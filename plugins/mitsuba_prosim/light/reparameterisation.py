@@ -28,10 +28,14 @@ def reparameterised_ray(
     """``(d, jacobian)``, both with derivatives: the direction ``d`` of a ray from ``receiver``, which moves with the
     source that it meets, and is fixed elsewhere.
     """
-    if lights.all_delta:
+    if lights.all_delta or not lights.lamps:
         return d, mi.Float(1)
     met = meet(lights.scene, receiver.si.spawn_ray(d), active)
-    return lights.reparameterised(receiver, d, met, active & met.is_valid() & met.shape.is_emitter())
+    active = active & met.is_valid() & met.shape.is_emitter()
+    k = lights.number_of(met.shape.emitter(), active)
+    active &= k < lights.lamps
+    ds, jacobian = lights.lamp(k).reparameterised(receiver, d, met, active)
+    return dr.select(active, ds.d, d), dr.select(active, jacobian, 1)
 
 
 def reparameterised_sample(

@@ -12,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..compat import emitter_pointers, emitters_in_order
-from ..masks import but_not, idle
+from ..masks import but_not, fold, idle
 from .spheres import SphereLights
 from .strategy import ConstantSky, Emitter, Index, OtherLights, Receiver
 
@@ -138,32 +138,24 @@ class Lights:
             return self.emitters.index(emitter) if active and emitter is not None else self.lamps
         return dr.gather(mi.UInt32, self.numbers, dr.reinterpret_array(mi.UInt32, emitter), active)
 
-    def lamp(self, k: Index) -> Lamp:
-        """The lamp of the number ``k``."""
-        return Lamp(k, dr.gather(mi.EmitterPtr, self.pointers, k) if self.jit else self.emitters[k], self.groups)
+    def lamp(self, k: Index, groups: list[Group] | None = None) -> Lamp:
+        """The lamp of the number ``k``, which belongs to one of the ``groups``, by default to any."""
+        emitter = self.emitters[k] if isinstance(k, int) else dr.gather(mi.EmitterPtr, self.pointers, k)
+        return Lamp(k, emitter, groups or self.groups)
 
     def for_each(self, body: Callable[[Lamp, Any], Any], total: Any, active: mi.Bool, attached: bool = False) -> Any:
         """The last ``total = body(lamp, total)`` over the lamps.
 
         ``attached``: whether the derivatives of ``total`` are wanted, which do not pass through a symbolic loop.
         """
+        unrolled, mode = not self.jit or self.lamps <= self.UNROLLED, "evaluated" if attached else None
         for strategy, first, end in self.groups:
-            if not self.jit or self.lamps <= self.UNROLLED:
-                for k in range(first, end):
-                    total = body(Lamp(k, self.emitters[k], [(strategy, first, end)]), total)
-                continue
-            group = strategy, dr.opaque(mi.UInt32, first), dr.opaque(mi.UInt32, end)
+            group = strategy, *((first, end) if unrolled else (dr.opaque(mi.UInt32, n) for n in (first, end)))
 
-            def step(k: mi.UInt32, total: Any, group: Group = group) -> tuple[mi.UInt32, Any]:
-                return k + 1, body(Lamp(k, dr.gather(mi.EmitterPtr, self.pointers, k), [group]), total)
+            def step(k: Index, total: Any, group: Group = group) -> Any:
+                return body(self.lamp(k, [group]), total)
 
-            _, total = dr.while_loop(
-                (mi.UInt32(group[1]), total),
-                lambda k, total, end=group[2]: active & (k < end),
-                step,
-                labels=("k", "total"),
-                mode="evaluated" if attached else None,
-            )
+            total = fold(first, end, step, total, active, unrolled, mode=mode)
         return total
 
     def pdf(self, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
@@ -178,17 +170,3 @@ class Lights:
         if self.sampler is not None:
             pdf *= self.sampler.probability(k, receiver, active)
         return dr.select(active, pdf, 0)
-
-    def reparameterised(
-        self, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f, active: mi.Bool
-    ) -> tuple[mi.Vector3f, mi.Float]:
-        """``(d, jacobian)``, both with derivatives: the direction ``d`` from ``receiver`` to the point ``met`` of a
-        lamp, which moves with that lamp; see :mod:`.reparameterisation`.
-        """
-        emitter = met.shape.emitter()
-        k = self.number_of(emitter, active)
-        active = active & (k < self.lamps)
-        if not self.lamps:
-            return d, mi.Float(1)
-        ds, jacobian = Lamp(k, emitter, self.groups).reparameterised(receiver, d, met, active)
-        return dr.select(active, ds.d, d), dr.select(active, jacobian, 1)

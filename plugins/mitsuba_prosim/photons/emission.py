@@ -16,7 +16,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..compat import DIRECTIONAL, emitter_pointers, emitters_in_order, eval_direction
-from ..masks import but_not
+from ..masks import but_not, fold
 from ..sampling import sobol
 from ..sampling.hash import combine
 from . import targets as aim
@@ -195,15 +195,14 @@ class Sources:
         """Density of a ray among one photon of each pair of a source. ``own``: the target of its photon, which counts
         as met, also where rounding contradicts.
         """
-        count = dr.opaque(mi.UInt32, self.targets.count)
 
-        def step(k: mi.UInt32, total: mi.Float) -> tuple[mi.UInt32, mi.Float]:
+        def add(k: mi.UInt32, total: mi.Float) -> mi.Float:
             met, density = density_of(*self.targets.at(k))
             if own is not None:
                 met |= k == own
-            return k + 1, total + dr.select(met, density, 0)
+            return total + dr.select(met, density, 0)
 
-        return dr.while_loop((mi.UInt32(0), mi.Float(0)), lambda k, total: active & (k < count), step)[1]
+        return fold(0, self.targets.count, add, mi.Float(0), active, unrolled=False)
 
     def _first_hit(self, draw: Draw, ray: mi.Ray3f, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
         """The receiver where ``ray`` ends, and whether it ends. The sources of 1992 look the same from any distance:

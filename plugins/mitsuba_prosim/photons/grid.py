@@ -10,6 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..masks import fold
 from ..sampling.hash import combine
 from .footprint import OCTAVES, Footprint
 
@@ -188,7 +189,7 @@ def gather(
     off_axis = dr.minimum(dr.safe_sqrt(1 - n2) + MAX_PLANE_DISTANCE * dr.sqrt(n2), 1) * (1 + 1e-3)
     of_map, size = photons.map_range(number, active)
 
-    def of_reach(k: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
+    def of_reach(k: mi.UInt32, L: mi.Spectrum) -> mi.Spectrum:
         """Adds the photons whose radius is the ``k``-th of the footprint's."""
         times = mi.Float(1 << (OCTAVES * k))
         reach = times * footprint.width_at(distance)
@@ -227,7 +228,6 @@ def gather(
             _, L = dr.while_loop((i, L), lambda i, L: i < end, lambda i, L: photon(i, end, row_key, L))
             return k + 1, L
 
-        return k + 1, dr.while_loop((mi.UInt32(0), L), lambda k, L: k < rows, row)[1]
+        return dr.while_loop((mi.UInt32(0), L), lambda k, L: k < rows, row)[1]
 
-    count = len(footprint.radii)
-    return dr.while_loop((mi.UInt32(0), mi.Spectrum(0)), lambda k, L: active & (k < count), of_reach)[1]
+    return fold(0, len(footprint.radii), of_reach, mi.Spectrum(0), active, unrolled=False)

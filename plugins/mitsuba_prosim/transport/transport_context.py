@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import mitsuba as mi
 
-from ..compat import INSTANCE
 from ..light.table import Lights
+from ..optics.nested import all_bsdfs
 from . import lobes
 from .absorption import absorbs_any, pointer
 from .radiance import layers_of
@@ -87,7 +89,7 @@ class Context:
         self.absorbs = absorbs_any(scene, camera_medium)
         #: Union of the ``mi.BSDFFlags`` of all surfaces: whether any has a specular reflection, a specular
         #: transmission, smooth lobes lit from both sides.
-        self.flags = scene_flags(scene)
+        self.flags = functools.reduce(operator.or_, (int(bsdf.flags()) for bsdf in all_bsdfs(scene)), 0)
         self.reflects, self.refracts, self.both_sides = (
             bool(lobes.has_any(self.flags, *names)) for names in (lobes.REFLECTED, lobes.REFRACTED, lobes.BOTH_SIDES)
         )
@@ -141,12 +143,3 @@ def direction_space(lobe: mi.BSDFContext) -> int:
     if lobe.type_mask & lobes.mask(*lobes.DIFFUSE):
         return DIFFUSE
     return REFLECTED if lobe.type_mask & lobes.mask(*lobes.REFLECTED) else REFRACTED
-
-
-def scene_flags(scene: mi.Scene) -> int:
-    """Union of the ``mi.BSDFFlags`` of all surfaces of ``scene``; all flags where instances hide them."""
-    flags = 0
-    for shape in scene.shapes():
-        bsdf = shape.bsdf()
-        flags |= 0xFFFFFFFF if shape.class_name() == INSTANCE else 0 if bsdf is None else int(bsdf.m_flags)
-    return flags

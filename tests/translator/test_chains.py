@@ -13,15 +13,13 @@ from test_exact_csg import EDGE, wrong_pixels
 
 @pytest.mark.parametrize("kind", ["general", "grid", "recesses", "chains", "nested", "grazing"])
 def test_chains_in_halves_are_what_the_tree_means(variant_rgb, tmp_path, monkeypatch, kind):
-    monkeypatch.setattr(csg, "MAX_SEQUENCE", 0)
     monkeypatch.setattr(csg, "MAX_BATCH", 1)
     assert wrong_pixels(exact_csg.KINDS[kind](np.random.default_rng([1, 7])), tmp_path) <= EDGE
 
 
 @pytest.mark.filterwarnings("ignore:.*nothing is visible of CUBE 1")
-def test_a_face_that_was_covered_and_is_laid_bare_again_is_the_cutters(monkeypatch):
+def test_a_face_that_was_covered_and_is_laid_bare_again_is_the_cutters():
     # CUBE 1 covers the top of CUBE 0; CUBE 2 takes it away down to just there.
-    monkeypatch.setattr(csg, "MAX_SEQUENCE", 0)
     text = scene("- + CUBE 0 CUBE 1 CUBE 2", ["", "TRANSLATE (0 0 .5)", "SCALE (3 3 3) TRANSLATE (-1 -1 1)"])
     assert solids(text).keys() == {0, 2}
 

@@ -165,15 +165,6 @@ class Planes:
         pairs = np.unique(triangles * len(self.planes) + self.of_facet[facets, None])
         return self.move_points(vertices, *np.divmod(pairs, len(self.planes)), 0.0)
 
-    def one_sided(self, surface: int, boxes: np.ndarray) -> bool:
-        """Whether all boxes (n, 2, 3) are certainly on one side of a surface."""
-        planes = self.planes[self.surface == surface]
-        if len(planes) > 1:  # a curved surface
-            return False
-        middle = boxes.mean(axis=1) @ planes[0, :3] + planes[0, 3]
-        half = (boxes[:, 1] - boxes[:, 0]) @ np.abs(planes[0, :3]) / 2
-        return bool((middle + half < 8 * self.step).all() or (middle - half > -8 * self.step).all())
-
     def _moved(self, solid: Manifold, surfaces: Collection[int], target: Target) -> Manifold:
         """A solid with its facets on ``surfaces`` moved to new heights over their planes.
 

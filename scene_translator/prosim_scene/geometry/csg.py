@@ -164,41 +164,23 @@ class _Chain:
         return result
 
 
-MAX_SEQUENCE = 4  # steps that are evaluated one by one; of more steps, several are merged into one
-
-
 def apply_steps(before: Body | None, steps: list[Step]) -> Step:
-    """Applies a sequence of steps to a body, merged where possible; returns the union of all subtracted bodies, and the
-    result.
+    """Applies a sequence of steps to a body; returns the union of all subtracted bodies, and the result.
+
+    A step may cover a face of ``before``, and a later one with a face on the same surface cut it open again. One by one
+    the later step owns the face, merged ``before`` does. So steps are merged only if the later ones share no surface
+    with ``before``.
     """
     if len(steps) == 1:
         ((subtracted, added),) = steps
         rest = combined("-", before, subtracted) if before and subtracted else before
         return subtracted, union([rest, added])
-    if before and len(steps) > MAX_SEQUENCE and _mergeable(before, steps):
+    if before and all(before.surfaces.isdisjoint(subtracted.surfaces) for subtracted, _ in steps[1:] if subtracted):
         return apply_steps(before, [apply_steps(None, steps)])
     middle = len(steps) // 2
     subtracted, rest = apply_steps(before, steps[:middle])
     also_subtracted, result = apply_steps(rest, steps[middle:])
     return union([subtracted, also_subtracted]), result
-
-
-def _mergeable(before: Body, steps: list[Step]) -> bool:
-    """Whether steps may be merged: each face has the same owner as if they were applied one after the other.
-
-    A step may cover a face of ``before``, and a later one with a face on the same surface cut it open again. One by one
-    the later step owns the face, merged ``before`` does. A face cannot be covered if no added solid extends beyond its
-    surface.
-    """
-    added = [body.boxes for _, body in steps[:-1] if body]
-    boxes = np.concatenate(added) if added else np.empty((0, 2, 3))
-    for subtracted, _ in steps[1:]:
-        common = before.surfaces & subtracted.surfaces if subtracted else frozenset()
-        if common and subtracted:
-            close = boxes[touching(boxes, subtracted.box)]
-            if not all(before.planes.one_sided(s, close) for s in common):
-                return False
-    return True
 
 
 MAX_BATCH = 500  # bodies that are united at once; of more bodies, the halves are computed first to save memory

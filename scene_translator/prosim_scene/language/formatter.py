@@ -115,9 +115,7 @@ class _Layout:
         else:
             # A light's parameters are below its kind.
             depth = 2 if kind in ("LIGHT_PARAMETER", "DISTRIBUTION") else 1
-            mark = (
-                "" if kind == "MATERIAL" else {"SURFACE": "=", "TEXTURE": "=", "TRANSFORM": "("}.get(self.heading, "")
-            )
+            mark = "" if kind == "MATERIAL" else VALUE_MARKS.get(self.heading, "")
             self.add_line(depth, find_word(kind, token.text).canonical, 1, mark)
         self.previous = kind
 
@@ -145,11 +143,6 @@ class _Layout:
         if token.role == "NUMBER" and text[0] not in "${" and self.heading != "NAME" and isfinite(float(text)):
             text = number_text(float(text))
         elif token.role in ROLES and text[0] not in "${":
-            text = _canonical(token)
+            text = find_word(token.role, token.text).canonical
         if token.role not in ("LPAR", "RPAR"):  # the line adds parentheses
             self.line.words.append(text)
-
-
-def _canonical(token: Token) -> str:
-    """The canonical spelling of a keyword; the name of a solid as it is."""
-    return find_word(token.role, token.text).canonical if token.role in ROLES else token.text

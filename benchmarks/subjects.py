@@ -18,10 +18,11 @@ import prosim_scene
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 OURS = ("palito", "aranha", "chao-rugoso", "penumbra", "fontes", "esfera-metalica", "poste", "chimarrao", "caustica")
-#: Well-known scenes in Mitsuba 3's format. staircase2 and veach-mis are by Benedikt Bitterli
-#: (https://benedikt-bitterli.me/resources/); torus is in github.com/takkasila/practical_path_guiding_lab, which has
-#: veach-mis, too; staircase2 is also in github.com/niklassanden/ReSTIR_GI_DR.
-EXTERNAL = ("staircase2", "veach-mis", "torus")
+#: Well-known scenes in Mitsuba 3's format. staircase2, living-room-2 and veach-mis are by Benedikt Bitterli
+#: (https://benedikt-bitterli.me/resources/). torus and veach-mis are in
+#: github.com/takkasila/practical_path_guiding_lab, the other two in github.com/niklassanden/ReSTIR_GI_DR
+#: (living-room-2 without one mesh).
+EXTERNAL = ("staircase2", "living-room-2", "veach-mis", "torus")
 
 
 def rgb(*values: float) -> dict[str, Any]:

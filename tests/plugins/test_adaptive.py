@@ -4,7 +4,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.engine.error import standard_error
 from mitsuba_prosim.engine.policies import Neighbours, error_of_neighbours
 
 
@@ -36,9 +35,3 @@ def test_error_of_neighbours_is_that_of_the_pixels_around(variant_rgb, shape):
         dr.opaque(mi.UInt32, height),
     )
     assert np.allclose(np.array(error), expected.ravel(), rtol=1e-4)
-
-
-def test_standard_error(variant_rgb):
-    values = np.random.default_rng(2).random((50, 9))
-    error = standard_error(mi.Float(values.sum(1)), mi.Float((values**2).sum(1)), mi.Float(9))
-    assert np.allclose(np.array(error), values.std(1, ddof=1) / 3, rtol=1e-4)

@@ -20,7 +20,7 @@ from mitsuba_prosim.photons.mis import Hit, etendue_of, expected_photons, passed
 from mitsuba_prosim.photons.targets import Targets, merged
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.ray import Ray, Vertex, mis, viewer_side
-from scenes import T, area, bitmap, camera, film, ground, in_threads, load_scene, mesh, rectangle
+from scenes import T, area, bitmap, camera, film, ground, in_threads, load_scene, rectangle
 from test_taking import Elsewhere, image
 
 
@@ -459,6 +459,7 @@ def test_a_mirror_lights_a_floor_as_the_image_of_the_lamp_would(variant_rgb, kin
         assert abs(by_mirror[k] / expected - 1) < (0.04 if kind in BALLS else 0.02)  # some thousand photons
 
 
+@pytest.mark.slow
 def test_an_edge_is_blurred_by_half_a_pixel(variant_rgb):
     """Where the light of a point lamp by way of a mirror ends: the kernel has a standard deviation of 0.41 pixels, and
     the pixel itself one of 0.29; together they have 0.50.
@@ -490,52 +491,6 @@ def test_a_mirror_lights_rough_metal_as_the_image_of_the_lamp_would(variant_rgb)
         world = scene(floor=ground(6, ROUGH), lamp=lamp, **things)
         images.append(render(world, 1, sensor, caustics=caustics, caustic_photons=1 << 17).mean(axis=(0, 1)))
     assert np.allclose(images[0] - images[1], images[2], rtol=0.02)  # some thousand photons
-
-
-def cap(curvature, radius, side, bsdf, rings=8, sectors=96):
-    """A face of a lens: the part of a sphere within ``radius`` of the z axis, its rim at z = 0; ``side``: 1 or -1."""
-    rho, phi = np.meshgrid(radius * np.arange(1, rings + 1) / rings, 2 * np.pi * np.arange(sectors) / sectors)
-    x, y = (np.append(0, (rho * f(phi)).T.ravel()) for f in (np.cos, np.sin))
-    depth = np.sqrt(curvature**2 - x**2 - y**2)
-    p = np.stack([x, y, side * (depth - np.sqrt(curvature**2 - radius**2))])
-    n = np.stack([x, y, side * depth]) / curvature
-    i = np.arange(sectors)
-    j = (i + 1) % sectors
-    faces = [np.stack([0 * i, 1 + i, 1 + j])]
-    for k in range(rings - 1):
-        inner, outer = 1 + k * sectors, 1 + (k + 1) * sectors
-        faces += [np.stack([inner + i, outer + i, outer + j]), np.stack([inner + i, outer + j, inner + j])]
-    return mesh(p.T, np.concatenate(faces, axis=1)[::side].T, n.T, bsdf=bsdf)
-
-
-@pytest.mark.slow
-def test_a_thin_lens_gathers_a_point_source_as_the_lens_makers_equation_says(variant_rgb):
-    """What no path finds: a circle of even light, as wide as rays towards the image of the source are apart there."""
-    curvature, radius, n, intensity = 400.0, 16.0, 1.5, 1e5
-    thickness = 2 * (curvature - np.sqrt(curvature**2 - radius**2))
-    focal_length = 1 / ((n - 1) * (2 / curvature - (n - 1) * thickness / (n * curvature**2)))
-    lamp = 1.5 * focal_length
-    image = 1 / (1 / focal_length - 1 / lamp)
-    let_through = (1 - ((n - 1) / (n + 1)) ** 2) ** 2
-    flux = intensity * 2 * np.pi * (1 - lamp / np.hypot(lamp, radius)) * let_through
-    glass = {"type": "dielectric", "int_ior": n, "ext_ior": 1.0}
-    faces = {f"face_{side}": cap(curvature, radius, side, glass) for side in (-1, 1)}
-    source = {"type": "point", "position": [0, 0, lamp], "intensity": intensity}
-    white, size = {"type": "diffuse", "reflectance": 1.0}, 32
-    x = (2 * np.arange(size) + 1) / size - 1
-    for distance in (0.5 * image, 1.4 * image):  # before the image and behind it
-        circle = radius * abs(1 - distance / image)
-        half = 1.25 * circle
-        r2 = half**2 * (x**2 + x[:, None] ** 2)
-        screen = rectangle(T().translate((0, 0, -distance)).scale(100), bsdf=white)
-        world = load_scene(lamp=source, screen=screen, **faces)
-        sensor = parallel(size, half, (0, 0, 10 - distance), (0, 0, -distance), (0, 1, 0))
-        irradiance = np.pi * render(world, 1, sensor, samples=3, caustic_photons=1 << 16)[..., 1]
-        # What is reflected twice within the lens, 0.16 %, is spread far around.
-        assert irradiance.sum() * (2 * half / size) ** 2 == pytest.approx(flux, rel=3e-3)
-        assert np.sqrt(2 * np.average(r2, weights=irradiance)) == pytest.approx(circle, rel=0.015)
-        assert irradiance[r2 < (0.8 * circle) ** 2].mean() == pytest.approx(flux / (np.pi * circle**2), rel=0.025)
-        assert irradiance[r2 > (1.2 * circle) ** 2].max() < 0.01 * irradiance.max()
 
 
 def compared(ours, theirs, mask):

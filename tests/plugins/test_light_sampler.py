@@ -126,17 +126,6 @@ def test_lamps_of_all_kinds_and_powers_equal_path(variant_rgb, small, hidden, bo
     assert same_expectation(path, renderings(scene, 12, spp=100, diffuse_bounces=bounces, **ours))
 
 
-@pytest.mark.slow
-def test_lamps_seen_through_glass_that_absorbs_equal_volpath(variant_rgb):
-    """Significance: 0.01."""
-    medium = {"type": "homogeneous", "albedo": 0.0, "sigma_t": rgb(0.2, 0.6, 1.0)}
-    scene = lit(20)
-    scene["ball"] |= {"bsdf": {"type": "roughdielectric", "alpha": 0.2}, "interior": medium}
-    volpath = renderings(scene, 12, spp=400, type="volpath", max_depth=5, rr_depth=100)
-    settings = {"type": "prosim", "adaptive": "none", "max_level": 3, "diffuse_bounces": -1}
-    assert same_expectation(volpath, renderings(scene, 12, spp=100, **settings))
-
-
 def test_scalar_variants_choose_too():
     """One image of the mean radiance of that of a vectorised variant, within 5 standard errors of pixels."""
     settings = {"type": "prosim", "adaptive": "none", "max_level": 1, "diffuse_bounces": -1}

@@ -14,13 +14,10 @@ def properties(**values):
     return props
 
 
-@pytest.mark.parametrize("value", (10, 10.0))
-def test_whole_numbers_may_be_written_as_floats(variant_rgb, value):
-    found = whole(properties(n=value), "n", 5, 1)
-    assert found == 10 and type(found) is int
-
-
-def test_defaults(variant_rgb):
+def test_whole_numbers_may_be_written_as_floats_and_all_have_defaults(variant_rgb):
+    for value in (10, 10.0):
+        found = whole(properties(n=value), "n", 5, 1)
+        assert found == 10 and type(found) is int
     assert whole(properties(), "n", 5, 1) == 5
     assert number(properties(), "x", 0.5, 0) == 0.5
     assert choice(properties(), "word", ("first", "second")) == "first"
@@ -35,19 +32,13 @@ def test_numbers_out_of_range_are_rejected(variant_rgb, value):
             number(properties(n=value), "n", 1.0, 0, 8, open_below=True)
 
 
-def test_number_without_bounds_is_still_finite(variant_rgb):
+def test_what_is_missing_infinite_or_another_word_is_rejected(variant_rgb):
     assert number(properties(x=-7), "x", 1.0, -math.inf) == -7.0
     with pytest.raises(ValueError, match=r"allowed: a number\."):
         number(properties(x=math.inf), "x", 1.0, -math.inf)
-
-
-@pytest.mark.parametrize("read", (number, whole))
-def test_a_parameter_without_default_must_be_given(variant_rgb, read):
-    with pytest.raises(ValueError, match='parameter "x" is missing; allowed: '):
-        read(properties(), "x", None, 0)
-
-
-def test_choice_rejects(variant_rgb):
+    for read in (number, whole):
+        with pytest.raises(ValueError, match='parameter "x" is missing; allowed: '):
+            read(properties(), "x", None, 0)
     with pytest.raises(ValueError, match="is 'third'; allowed: first or second"):
         choice(properties(word="third"), "word", ("first", "second"))
     with pytest.raises(ValueError, match="is 4; allowed: one of a, b, c"):

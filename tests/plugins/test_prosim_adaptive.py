@@ -45,7 +45,7 @@ def foggy(inside=False):
 
 @pytest.mark.parametrize("rfilter", ["box", pytest.param("gaussian", marks=pytest.mark.slow)])
 def test_the_expectation_is_that_of_path(variant_rgb, rfilter):
-    assert compare(penumbra(COPPER, rfilter=rfilter), "path")
+    assert compare(penumbra(COPPER, rfilter=rfilter), "path", count=8 if rfilter == "box" else 16)
 
 
 @pytest.mark.slow
@@ -151,16 +151,10 @@ def test_derivatives_are_the_nested_integrators(variant_rgb):
     scene, nested = mi.load_dict(penumbra(COPPER)), mi.load_dict({"type": "prb"})
     ours, params = mi.load_dict(adaptive("prb", aovs="samples")), mi.traverse(scene)
 
-    def change(e):
+    def image(e, integrator):
         params["floor.bsdf.reflectance.value"] = mi.Color3f(0.6, 0.6, 0.5) + e
         params.update()
-
-    def image(e, integrator):
-        change(e)
         return mi.render(scene, params, integrator=integrator, seed=1, seed_grad=2, spp=4)
-
-    def loss(e):
-        return dr.mean(dr.square(image(e, ours) - 0.1)[:, :, :3], axis=None)
 
     forward = []
     for integrator in (nested, ours):
@@ -171,14 +165,8 @@ def test_derivatives_are_the_nested_integrators(variant_rgb):
         forward.append(np.array(dr.grad(found)))
     assert np.array_equal(forward[1][..., :3], forward[0]) and forward[0].max() > 0
     assert forward[1].shape == (32, 32, 4) and forward[1][..., 3].max() == 0
-    backward = derivative(loss)
-    # The nested integrator's own, by the gradient of our image.
-    loss_gradient = 2 * (mi.render(scene, integrator=ours, seed=1, spp=4)[..., :3] - 0.1) / (32 * 32 * 3)
-    e = mi.Float(0)
-    dr.enable_grad(e)
-    change(e)
-    nested.render_backward(scene, params, loss_gradient, 0, 2, 4)
-    assert backward == pytest.approx(dr.grad(e)[0], rel=1e-4) and backward != 0
+    of_nested, of_ours = (derivative(lambda e, i=i: dr.sum(image(e, i)[..., :3], axis=None)) for i in (nested, ours))
+    assert of_ours == pytest.approx(of_nested, rel=1e-4) and of_ours == pytest.approx(forward[0].sum(), rel=1e-4)
 
 
 def test_parameters_of_the_nested_integrator_are_found(variant_rgb):

@@ -3,8 +3,6 @@
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.sampling.nrook import NRook, Permutations, pixel_key
-from mitsuba_prosim.transport.transport_context import CAMERA_SPACES
 from scenes import film, load_scene
 from scipy import stats
 from test_waves import LUMINANCE, begun
@@ -62,22 +60,6 @@ def test_wavelengths_of_a_pixel_are_its_own(variant_spectral):
     for down, right in [(y, x) for y in range(3) for x in range(-2, 3) if (y, x) > (0, 0)]:
         a, b = blue[: 48 - down, max(-right, 0) : 48 - max(right, 0)], blue[down:, max(right, 0) : 48 + min(right, 0)]
         assert stats.pearsonr(a.ravel(), b.ravel()).pvalue > 0.001 / 12
-
-
-def test_which_part_of_the_spectrum_says_nothing_of_other_strata(variant_spectral):
-    """The n-th sample of a pass has the n-th part: in each space its row and its column are any, and so is how far
-    they are from those of the next sample (chi-squared tests over 5,000 pixels, significance 0.001 for all).
-    """
-    n, passes, spaces, pixels = 5, 2, CAMERA_SPACES + 2, 5_000
-    r, space, i, pixel = (v.ravel() for v in np.indices((passes, spaces, n, pixels), dtype=np.uint32))
-    points = NRook(Permutations(n), pixel_key(7, mi.UInt32(pixel)), mi.UInt32(r), mi.UInt32(i))
-    strata = np.floor(np.array(points(mi.UInt32(space))) * n).astype(int).reshape(2 * passes * spaces, n, pixels)
-    pvalues = []
-    for all_samples in strata:
-        for sample, next_one in zip(all_samples, np.roll(all_samples, 1, axis=0)):
-            counts, apart = (np.bincount(v % n, minlength=n) for v in (sample, next_one - sample))
-            pvalues += [stats.chisquare(counts).pvalue, stats.chisquare(apart[1:]).pvalue]
-    assert min(pvalues) > 0.001 / len(pvalues)
 
 
 def test_luminance_is_that_of_the_image(variant_spectral):

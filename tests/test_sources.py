@@ -42,6 +42,13 @@ def test_rooms():
     assert not upwards
 
 
+def test_no_two_modules_on_the_path_share_a_name():
+    """Among what tests, benchmarks and the documentation import from their folders."""
+    folders = {path.parent for room in ("tests", "benchmarks", "docs") for path in (ROOT / room).rglob("*.py")}
+    names = [path.stem for folder in {*folders, ROOT / "examples"} for path in folder.glob("*.py")]
+    assert {name for name in names if names.count(name) > 1} <= {"conftest"}
+
+
 def test_plugins_import_nothing_of_the_translator_but_what_is_public():
     others, public = [], {*prosim_scene.__all__, "extras"}
     for path, found in modules().items():

@@ -12,17 +12,10 @@ OLD = EXR + b"prosim.state\0string\0"
 def folder(tmp_path, monkeypatch):
     """Current folder, with a scene and images, no state and no part."""
     monkeypatch.chdir(tmp_path)
-    for name, content in [
-        ("mug.scn", b"SCENE"),
-        ("mug.png", PNG),
-        ("mug.0007.exr", EXR),
-        ("night.exr", EXR),
-        ("old.state.exr", OLD),
-    ]:
-        (tmp_path / name).write_bytes(content)
     (tmp_path / "scenes").mkdir()
-    (tmp_path / "scenes" / "jug.xml").write_text("<scene/>")
-    (tmp_path / "scenes" / "pole.scn").write_text("SCENE")
+    contents = {"mug.scn": b"SCENE", "mug.png": PNG, "mug.0007.exr": EXR, "night.exr": EXR, "old.state.exr": OLD}
+    for name, content in (contents | {"scenes/jug.xml": b"<scene/>", "scenes/pole.scn": b"SCENE"}).items():
+        (tmp_path / name).write_bytes(content)
     return tmp_path
 
 
@@ -36,15 +29,11 @@ def folder(tmp_path, monkeypatch):
         ("format", "mgu.scn", "Did you mean mug.scn?"),
         ("render", "scenes", "is a directory."),
         ("render", "scenes/jug.scn", "Did you mean scenes/jug.xml?"),
-        ("render", "scenes/jog.scn", "Did you mean scenes/jug.xml?"),
         ("render", "scense/jug.scn", "File 'scense/jug.scn' does not exist.\n"),
         ("translate", "scenes/jug.xml", "is a Mitsuba scene, not"),
         ("format", "scenes/jug.xml", "prosim render scenes/jug.xml\n"),
-        ("resume", "mug.png", "a PNG image, not the state of a render. prosim render --checkpoint"),
         ("resume", "mug.scn", "a text file, not the state of a render. prosim render --checkpoint"),
-        ("resume", "night.exr", "an EXR image, not the state of a render. prosim render --checkpoint"),
         ("resume", "old.state.exr", "a state that an older version wrote, not the state of a render. Continue it with"),
-        ("merge", "old.state.exr", "a state that an older version wrote, not a part of an image. Continue it with"),
         ("merge", "mug.scn", "a text file, not a part of an image. prosim render --part 1/4"),
         ("merge", "night.*-of-4.npz", "File 'night.*-of-4.npz' does not exist.\n"),
     ],

@@ -14,7 +14,6 @@ END
 """
 LAMP, VIEW = "POINT position 9 9 9", "OBS 0 0 10 VRP 0 0 0"
 
-
 AREA = "AREA position 90 90 90 raio 4"
 
 
@@ -26,7 +25,6 @@ AREA = "AREA position 90 90 90 raio 4"
         (LAMP, "OBS 0 0 0 VRP 0 0 -1", "the eye is within a solid"),
         ("POINT position 0 0 -9", VIEW, "they lie in shadow"),
         (LAMP + " CONE direction 0 1 0 angle 5", VIEW, "the lights shine elsewhere"),
-        (LAMP + " Intensity 3 3 3", VIEW, "its brightest value is"),
         (AREA, VIEW + "|kd 0 0 0", "light arrives at the visible surfaces, and none is reflected"),
         (LAMP + " POINT position 9 0 9 CONE direction 1 0 0 angle 5", VIEW + "|material condutor ouro", "or mirrors"),
         (LAMP, VIEW, None),

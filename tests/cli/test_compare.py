@@ -17,6 +17,7 @@ from running import LIT_FLOOR, done, refused, scene_text
 #: Whether the package that denoises is there: the page has its rows then.
 DENOISES = importlib.util.find_spec("mitsuba_oidn") is not None
 
+pytestmark = pytest.mark.xdist_group("compare")
 
 SCENE = scene_text(
     """<integrator type="prosim">
@@ -116,8 +117,7 @@ def test_real_sample_counts_and_the_same_expected_image(tmp_path, variant_rgb):
     counts = scene.contestant(Spec("prosim"), "scene").counts()
     assert counts.shape == (12, 16)
     assert set(np.unique(counts)) == {3, 9}
-    for transport in ("paths", "direct"):
-        integrator = {"paths": "path", "direct": "direct"}[transport]
+    for transport, integrator in ("paths", "path"), ("direct", "direct"):
         pair = [
             scene.contestant(Spec("prosim,adaptive=none,samples=10"), transport),
             scene.contestant(Spec(integrator + ":multijitter"), transport, spp=100),
@@ -145,20 +145,15 @@ def test_references_are_kept_and_continued(tmp_path, variant_rgb):
 
 
 def test_a_reference_is_of_one_content_and_one_version(tmp_path, variant_rgb, monkeypatch):
-    """What a scene includes counts as its own text does, and so does whatever renders it."""
-    head, body, tail = SCENE.partition('<shape type="sphere">')
-    (tmp_path / "balls.xml").write_text('<scene version="3.0.0">' + body + tail)
-    (tmp_path / "scene.xml").write_text(head + '<include filename="balls.xml"/></scene>')
+    path = tmp_path / "scene.xml"
 
-    def key():
-        return ComparedScene(SceneFile(tmp_path / "scene.xml", tmp_path)).key
+    def key(text=SCENE):
+        path.write_text(text)
+        return ComparedScene(SceneFile(path, tmp_path)).key
 
     first = key()
-    assert key() == first
+    assert key() == first != key(SCENE.replace('"9"', '"8"'))
     monkeypatch.setattr("mitsuba_prosim.engine.environment.__version__", "0.0")
-    assert key() != first
-    monkeypatch.undo()
-    (tmp_path / "balls.xml").write_text('<scene version="3.0.0">' + body + tail.replace('"9"', '"8"'))
     assert key() != first
 
 
@@ -213,10 +208,8 @@ def test_every_number_on_the_page_is_in_the_json_and_nothing_in_the_network(repo
     "arguments, message",
     [
         (["nosuchintegrator"], '"nosuchintegrator" not found!'),
-        (["pth"], '"pth" not found! Did you mean path?'),
         (["prosim", "path:multijiter"], "'path:multijiter': failed to instantiate"),
         (["prosim", "path,max_dept=4"], '"max_dept"'),
-        (["prosim,adaptiv=none"], '"adaptiv"'),
         (["prosim,samples=-1"], "samples"),
         (["prosim,samples"], "PARAMETER=VALUE"),
         (["prosim", "path", "--resolution", "5x5"], "SSIM needs 7 x 7"),

@@ -7,7 +7,6 @@ import drjit as dr
 import numpy as np
 import pytest
 from mitsuba_prosim.cli import files
-from mitsuba_prosim.cli import render_task as task
 from mitsuba_prosim.cli.progress import FilmProgress
 from running import XML, metadata, names, pixels, prosim, refused
 from running import done as run
@@ -78,18 +77,10 @@ def test_a_frame_is_rendered_again_where_the_scene_has_changed(film):
 def test_a_frame_is_rendered_again_where_an_option_has_changed(film):
     options = "--frames", "0:2"
     assert rendered(film, *options) == (2, 0)
-    for other in ["-D", "kd=0.3"], ["--seed", 1], ["--exposure", 1], ["--anew"]:
+    for other in ["-D", "kd=0.3"], ["--seed", 1], ["--exposure", 1], ["--denoise"], ["--noise", 0.05]:
         assert rendered(film, *options, *other) == (2, 0), other
+    assert rendered(film, *options, *other) == (0, 2) and rendered(film, *options, "--overwrite") == (2, 0)
     assert rendered(film, *options, "--fps", 30) == (1, 1)  # the first is at the time 0
-    film.write_text(FILM.replace("2 2 2", "2 2 1.9"))
-    assert rendered(film, *options) == (2, 0)
-
-
-@pytest.mark.slow
-def test_frames_are_denoised_or_rendered_to_a_noise(film):
-    for options in ["--denoise"], ["--noise", 0.05]:
-        assert rendered(film, "--frames", "0:2", *options) == (2, 0)
-        assert rendered(film, "--frames", "0:2", *options) == (0, 2)
 
 
 def test_frames_share_kernels(film):
@@ -101,48 +92,38 @@ def test_frames_share_kernels(film):
     assert len(kernels) > 3 and all(kernel["cache_hit"] for kernel in kernels)
 
 
-@pytest.mark.parametrize("keep", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_an_interrupted_film_keeps_its_frames(film, monkeypatch, keep):
-    options = ("--frames", "0:3", *(["--keep"] if keep else []))
+@pytest.mark.parametrize(
+    "target, name, keep",
+    [
+        (FilmProgress, "show", False),
+        (files, "save", False),
+        pytest.param(FilmProgress, "show", True, marks=pytest.mark.slow),
+    ],
+)
+def test_an_interrupted_film_keeps_its_frames(film, monkeypatch, target, name, keep):
+    """A signal comes while the first frame is written, or in the second frame, which ``--checkpoint`` keeps."""
+    options = ("--frames", "0:3", *(["--checkpoint"] if keep else []))
     assert rendered(film, *options, "-o", film.with_name("whole")) == (3, 0)
-    start, begun = task.start, []
+    act, in_second, calls = getattr(target, name), target is FilmProgress, []
 
-    def started(*arguments, **how):
-        begun.append(how["begin"])
-        return start(*arguments, **how)
+    def acting(*arguments):
+        calls.append(film.with_name("film.0000.png").exists() == in_second)
+        if sum(calls) > in_second:
+            os.kill(os.getpid(), signal.SIGINT)
+        return act(*arguments)
 
-    monkeypatch.setattr(task, "start", started)
     with monkeypatch.context() as patch:
-        show = FilmProgress.show
-
-        def shown(self, *how):
-            if len(begun) == 2:
-                os.kill(os.getpid(), signal.SIGINT)
-            show(self, *how)
-
-        patch.setattr(FilmProgress, "show", shown)
+        patch.setattr(target, name, acting)
         patch.setattr(os, "_exit", lambda _: None)
         done = prosim("render", film, *options)
     assert done.exit_code == 1 and "1 of 3 frames rendered; interrupted" in done.stdout
-    assert {"film.0000.exr", "film.0000.png"} <= set(names(film.parent))
-    assert not {"film.0001.exr", "film.0001.png", "film.0002.exr"} & set(names(film.parent))
-    assert rendered(film, *options) == (2, 1) and len(begun) == 4
-    assert [record is not None for record in begun] == [False, False, keep, False]
+    written = {"film.0000.exr", "film.0000.png"}
+    written |= {"film.0000.state.npz", "film.0001.state.npz"} if keep else set()
+    assert {name for name in names(film.parent) if "film.0" in name} == written
+    assert rendered(film, *options) == (2, 1)
     for number in range(3):
         name = f".000{number}.png"
         assert film.with_name("film" + name).read_bytes() == film.with_name("whole" + name).read_bytes()
-
-
-def test_a_signal_while_a_frame_is_written_ends_the_film(film, monkeypatch):
-    save = files.save
-
-    def interrupted(*arguments):
-        os.kill(os.getpid(), signal.SIGINT)
-        return save(*arguments)
-
-    monkeypatch.setattr(files, "save", interrupted)
-    result = prosim("render", film, "--frames", "0:3")
-    assert result.exit_code == 1 and "1 of 3 frames rendered; interrupted" in result.stdout, result.output
 
 
 def test_scenes_in_xml_have_frames_too(scene):

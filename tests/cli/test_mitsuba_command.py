@@ -16,6 +16,8 @@ from mitsuba_prosim.compat import PLUGINS_IN_PYTHON
 from mitsuba_prosim.stock_command import hosted, stand_ins
 from running import CONSTANT, compiled, scene_text
 
+pytestmark = pytest.mark.xdist_group("mitsuba command")
+
 BITMAP = '<texture name="reflectance" type="bitmap"><string name="filename" value="wood.png"/></texture>'
 
 
@@ -111,6 +113,7 @@ def test_several_scenes_none_twice(tmp_path, mitsuba):
         assert tuple(mi.Bitmap(str(tmp_path / f"{name}.exr")).size()) == (24, 16)
 
 
+@pytest.mark.slow
 @compiled
 def test_wrong_parameter(tmp_path, mitsuba):
     scene = write(tmp_path, "scene.xml", bsdf="prosim_conductor", inside='<string name="distribution" value="ggx"/>')
@@ -172,6 +175,7 @@ def test_plugins_of_another_package_and_the_end_of_the_launcher(tmp_path, plugin
         assert launcher.wait() == -signal.SIGTERM
 
 
+@pytest.mark.slow
 @compiled
 def test_ctrl_c_ends_at_once(tmp_path, plugins, monkeypatch):
     (tmp_path / "plugins").symlink_to(plugins)

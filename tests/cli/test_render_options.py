@@ -19,7 +19,6 @@ from tqdm import tqdm
         ("--exposre 1", "'--exposure'"),
         ("--spp many", "'many' is not a valid integer"),
         ("--resolution 0x4", "1 to 65536 pixels a side"),
-        ("--resolution 65536x65536", "268 million in all"),
         ("--crop 1,2,3", "not of the form X,Y,W,H"),
         ("--crop 0,0,100,100", "crop_size"),
         ("-D key", "not of the form key=value"),
@@ -35,21 +34,18 @@ from tqdm import tqdm
         ("--noise 0.1 -m scalar_rgb", "--noise: scalar_rgb"),
         ("--light-units radiance", "--light-units: only for scenes in the thesis's language"),
         ("--snapshots 0.1,4s", "errors or times, not both"),
-        ("--snapshots 0", "positive"),
         ("--snapshots x", "X,X"),
         ("--view vet", "'vet' is not of the form tev"),
         ("--view tev --frames 0:2", "--view"),
         ("--denoise --layers lights", "--denoise"),
         ("--checkpoint", "--checkpoint needs prosim or prosim_adaptive"),
         ("--checkpoint -m scalar_rgb", "--checkpoint: scalar_rgb"),
-        ("--part 1/2 -m scalar_rgb", "--part: scalar_rgb"),
         ("--part 1/2 --time 2", "need the whole image"),
         ("--part 1/2 --denoise", "--denoise needs the whole image"),
         ("--part 3/2", "part 3 of 2"),
         ("--part 3", "not of the form K/M"),
         ("--workers 2 --cluster tcp://a:1", "give one of them"),
         ("--workers 2 --part 1/2", "leave it out with a cluster"),
-        ("--workers 2 -m scalar_rgb", "--workers: scalar_rgb"),
         ("--workers 2", "needs prosim or prosim_adaptive"),
         ("--cluster localhost", "'localhost' is not of the form ADDRESS, such as tcp://machine:8786"),
         ("--fps 3", "--fps is for films"),
@@ -98,8 +94,9 @@ def test_the_number_of_samples_has_one_name(palito, tmp_path, variant_rgb):
         scene_file.SceneFile(path, tmp_path / "out", tolerance=None, allow_outside=False)
 
 
-@pytest.mark.parametrize("written", ["", "CAUSTICS TRUE\n"])
-@pytest.mark.parametrize("asked", [None, True, False])
+@pytest.mark.parametrize(
+    "written, asked", [("", None), ("", True), ("CAUSTICS TRUE\n", None), ("CAUSTICS TRUE\n", False)]
+)
 def test_the_command_goes_before_the_scene_in_caustics(palito, tmp_path, variant_rgb, written, asked):
     palito.write_text(written + palito.read_text(encoding="utf-8"), encoding="utf-8")
     loaded = scene_file.SceneFile(palito, tmp_path / "out", integrator=Job(caustics=asked).integrator).load()

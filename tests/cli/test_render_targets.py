@@ -36,7 +36,7 @@ def test_the_report_says_what_ended_it(scene):
     for options, ended, says in [
         (["--noise", 1e-6, "--max-samples", 50], "samples", "ended by the maximum number of samples per pixel, 50"),
         (["--noise-99", 0.2, "--noise", 0.1], "noise", ", that of 99 pixels in 100 0."),
-        (["--noise", 1e-6, "--time", 2], "time", "s of 2, ended by the time"),
+        (["--noise", 1e-6, "--time", 0.2], "time", "s of 0.2, ended by the time"),
     ]:
         assert says in done("render", scene, *options).stdout and metadata(scene)["ended"] == ended
 
@@ -80,11 +80,19 @@ def test_a_signal_after_the_first_pass_leaves_a_whole_image(scene, monkeypatch):
     assert pixels(scene.with_suffix(".exr")).max(axis=2).min() > 0
 
 
+#: The command, which writes its checkpoint often.
+OFTEN = """if True:
+    from mitsuba_prosim.engine.checkpoint import CheckpointWriter
+    from prosim_start import main
+    CheckpointWriter.SHORTEST = 0.1
+    main()"""
+
+
 @pytest.mark.slow
 def test_a_signal_is_heard_within_seconds_in_a_long_pass(scene):
     scene.write_text(scene_text(content=LIT_FLOOR, width=512, height=512))
     with subprocess.Popen(
-        [sys.executable, "-m", "prosim_start", "render", scene, "--noise", "1e-5", "-t", "1", "--checkpoint"],
+        [sys.executable, "-c", OFTEN, "render", scene, "--noise", "1e-5", "-t", "1", "--checkpoint"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     ) as process:

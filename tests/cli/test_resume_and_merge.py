@@ -78,12 +78,13 @@ def test_what_does_not_belong_together_is_refused(lamp, tmp_path):
     refused(f"not the state of a render. Did you mean {state}?", "resume", tmp_path / "a.exr")
     refused("the state of a render, not a scene. To continue it: prosim resume ", "render", state)
     refused("is the state of a render, not a part of an image", "merge", state)
+    whole = state.read_bytes()
     for name, value, says in [
         ("environment", environment.this_environment() | {"mitsuba-prosim": "0.0.9"}, "mitsuba-prosim 0.0.9 there"),
         ("environment", environment.this_environment() | {"variant": "llvm_other"}, "llvm_other"),
         ("about", {}, "prosim render did not write this state"),
     ]:
-        done("render", lamp, "-o", tmp_path / "a", "--checkpoint")
+        state.write_bytes(whole)
         change(state, **{name: value})
         refused(says, "resume", state)
 

@@ -7,6 +7,7 @@ A process stands for Windows that says it is on Windows, and has none of these m
 import subprocess
 import sys
 
+import pytest
 from running import names, scene_text
 
 #: What Windows lacks. (``os.set_blocking`` it has from Python 3.12 on; before, the signal module needs none there.)
@@ -69,6 +70,7 @@ RENDER = """
     """
 
 
+@pytest.mark.slow
 def test_every_module_is_imported_and_a_scene_is_rendered(tmp_path):
     """With a log, in a scalar variant and in the usual one."""
     (tmp_path / "scene.xml").write_text(scene_text('<integrator type="prosim"/>'))

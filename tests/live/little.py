@@ -95,8 +95,10 @@ def opened(browser, address, **options):
 def shown(page, canvas="own"):
     """The pixels of a canvas, shape (height, width, 3)."""
     width, height, data = page.evaluate(
-        """id => { const c = document.getElementById(id);
-        return [c.width, c.height, [...c.getContext("2d").getImageData(0, 0, c.width, c.height).data]]; }""",
+        """id => { const c = document.getElementById(id), copy = new OffscreenCanvas(c.width, c.height);
+        const context = copy.getContext("2d", {willReadFrequently: true});  // otherwise Chrome gives advice
+        context.drawImage(c, 0, 0);
+        return [c.width, c.height, [...context.getImageData(0, 0, c.width, c.height).data]]; }""",
         canvas,
     )
     return np.array(data).reshape(height, width, 4)[..., :3]

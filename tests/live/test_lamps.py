@@ -7,7 +7,7 @@ from click.testing import CliRunner
 from little import BROWSER, LITTLE, ask, opened, shown, state_when, until, watching
 from prosim_start import group
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("lamps")]
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def test_wrong_factors(lamps):
 
 
 @pytest.mark.browser
-@pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome on this machine")
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome in PATH")
 def test_sliders(lamps, browser):
     address, lights = lamps
     lamp = next(name for name in lights if name.startswith("lights.l"))

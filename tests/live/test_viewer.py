@@ -9,7 +9,7 @@ import pytest
 from little import LITTLE, running, save, until
 from mitsuba_prosim import denoising
 from mitsuba_prosim.engine.work import Executor
-from mitsuba_prosim.live import progressive_image, publisher
+from mitsuba_prosim.live import publisher
 from mitsuba_prosim.live.progressive_image import ProgressiveImage
 from mitsuba_prosim.live.view_requests import ViewRequests
 from mitsuba_prosim.scene.scene_file import SceneFile
@@ -183,34 +183,6 @@ def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monk
         assert path_image.shape == home.shape and 0.5 < path_image.mean() / home.mean() < 2
         # The sky, no source to prosim, lights the image of path, and is seen in it.
         assert np.allclose(path_image[1, 1], home[1, 1], rtol=1e-3)
-
-
-def test_compared_within_a_pass(variant_rgb, path, tmp_path, monkeypatch, all_portions_seen):
-    """Either image keeps its samples while the other one is begun or dropped, and has its own bytes at the end."""
-    all_portions_seen(6000)
-    path.write_text(RED.replace("NSAMPLES: 2", "NSAMPLES: 4"))
-    step = ProgressiveImage.step
-    changes = [("prosim", True), ("prosim", False), ("prosim", True), ("path", False), ("prosim", True)]
-
-    def stepped(image):
-        complete = step(image)
-        if changes and progressive_image.name(image.integrator) == changes[0][0] and not image.done:
-            viewer.requests.change(compared=changes.pop(0)[1])
-        return complete
-
-    monkeypatch.setattr(ProgressiveImage, "step", stepped)
-    with running(path) as viewer:
-        until(lambda: not changes and is_done(viewer)())
-        shown = final(viewer), final(viewer, "path")
-        viewer.requests.change(compared=False)
-        until(lambda: set(viewer.publisher.pictures) == {"own"})
-    monkeypatch.undo()
-    scene = SceneFile(path, tmp_path / "again").load()
-    own = ProgressiveImage(scene.integrator(), scene, scene.sensors()[0], 0, 0)
-    for image, expected in zip((own, progressive_image.by_path(own)), shown):
-        while not image.done:
-            image.step()
-        assert np.array_equal(image.layers()["final"], expected)
 
 
 def test_calls_that_nobody_waits_for_any_more():

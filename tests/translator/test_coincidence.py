@@ -98,4 +98,4 @@ def test_what_vanishes_however_it_is_turned(tree, transforms, words):
     for turn in turns(2, seed=10):
         turn = turn.split("TRANSLATE")[0]
         with pytest.warns(SceneWarning, match=words):
-            solids(scene(tree, [steps.format(turn=turn) for steps in transforms]))
+            solids(scene(tree, [steps.format(turn=turn) for steps in transforms]), 0.3)

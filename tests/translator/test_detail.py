@@ -20,35 +20,11 @@ def segments(tree, transforms, look="OBS 0 0 20 VRP 0 0 0 WINDOW -5 -5 5 5"):
     return [leaves.solids[i].segments for i in leaves.of_leaf]
 
 
-def chord_in_pixels(n, radius, distance, pixel):
-    """Of a circle of n segments, seen from a distance; ``pixel`` is a pixel's width at the distance 1."""
-    return radius * (1 - np.cos(np.pi / n)) / (pixel * distance)
-
-
-@pytest.mark.parametrize(
-    "shape, radius, transform",
-    [("CYLINDER", 50, "SCALE (50 50 50) TRANSLATE (0 0 -25)"), ("SPHERE", 50, "SCALE (50 50 50)")],
-)
-def test_an_eye_inside_a_solid_sees_it_as_fine_as_its_distance_asks_for(shape, radius, transform):
-    (n,) = segments(f"{shape} 0", [transform], "OBS 0 0 0 VRP 0 0 -1 WINDOW -1 -1 1 1")
-    smooth = n / (1.64 if shape == "SPHERE" else 1)
-    nearest = 50 if shape == "SPHERE" else 25  # of the pipe the eye is as near to its discs, but those are flat
-    assert chord_in_pixels(smooth, radius, 50, 2 / 500) < 0.1
-    assert chord_in_pixels(smooth, radius, nearest, 2 / 500) > 0.03  # and not much finer
-
-
 def test_what_lies_outside_of_the_window_is_not_as_fine_as_what_lies_in_it():
     plain = segments(UNION, BALLS)
     zoomed = segments(UNION, BALLS, "OBS 0 0 20 VRP -2 -2 0 WINDOW -.1 -.1 .1 .1 VPN 0 0 1")
     assert zoomed[0] > 5 * plain[0]  # the ball in the middle of the picture
     assert max(zoomed[1:]) <= 128 and min(zoomed[1:]) >= min(plain[1:])
-
-
-def test_faces_on_one_quadric_have_the_same_segments():
-    near, far = segments(
-        "+ CYLINDER 0 CYLINDER 1", ["SCALE (.5 .5 1) TRANSLATE (0 0 17)", "SCALE (.5 .5 60) TRANSLATE (0 0 -60)"]
-    )
-    assert near == far
 
 
 RADIUS, RIM = 20, 1
@@ -69,14 +45,6 @@ def test_the_rim_of_a_lens_is_as_fine_as_its_faces(tree, expected, recwarn):
     pixel = 4 / 500
     assert np.abs(np.hypot(x, y)[z < 1e-6] - RIM).max() < 0.4 * pixel
     assert not any("far from the origin" in str(w.message) for w in recwarn)  # as the eye is not far from the ball
-
-
-def test_equal_solids_are_united_once():
-    text = scene("+ " * 1100 + "SPHERE 0 " * 1100 + "SPHERE 1", ["SCALE (3 3 3)", "ROTATE-X (20) SCALE (3 3 3)"])
-    with pytest.warns(SceneWarning, match="nothing is visible of"):
-        many = solids(text)
-    (one,) = solids(scene("SPHERE 0", ["SCALE (3 3 3)"])).values()
-    assert many.keys() == {0} and len(many[0].positions) == len(one.positions)
 
 
 def test_more_triangles_than_memory_holds_are_coarser_with_a_warning(monkeypatch):

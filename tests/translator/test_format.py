@@ -64,10 +64,3 @@ def test_a_disk_that_is_full_leaves_the_file_as_it_was(scene, step, monkeypatch)
     with pytest.raises(SceneError, match=r"s.scn: No space left on device; the file is unchanged"):
         prosim_scene.rewrite(scene, "END\n")
     assert scene.read_text() == "fim" and os.listdir(scene.parent) == ["s.scn"]
-
-
-def test_a_file_that_is_gone_is_not_made(scene):
-    scene.unlink()
-    with pytest.raises(SceneError, match="No such file"):
-        prosim_scene.rewrite(scene, "END\n")
-    assert not os.listdir(scene.parent)

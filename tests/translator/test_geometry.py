@@ -1,7 +1,6 @@
 """Solids: volumes and areas against closed forms, closedness, normals, and who owns a face."""
 
 import math
-import random
 import warnings
 
 import numpy as np
@@ -34,15 +33,6 @@ def test_canonical_solids(shape, scale):
         assert sum(map(area, meshes)) == pytest.approx(surface, rel=1e-4)
 
 
-def test_sphere_cut_by_a_box():
-    # The half of the unit ball with z > 0.3, cut again at x > 0: half a cap of height 0.7.
-    meshes = solids(scene("* SPHERE 0 CUBE 1", ["", "SCALE (4 8 4) TRANSLATE (0 -4 0.3)"]), tolerance=0.006)
-    h = 0.7
-    assert_closed(list(meshes.values()))
-    assert volume(list(meshes.values())) == pytest.approx(math.pi * h * h * (3 - h) / 6, rel=5e-4)
-    assert area(meshes[0]) == pytest.approx(math.pi * h, rel=5e-4)  # Archimedes: half of 2 pi r h
-
-
 @pytest.mark.parametrize("shape, form", [("SPHERE", (1, 1, 1)), ("CYLINDER", (1, 1, 0)), ("CONE", (1, 1, -1))])
 @pytest.mark.parametrize("sign", [1, -1], ids=["added", "taken away"])
 def test_normals_are_those_of_the_quadric_after_cuts(shape, form, sign):
@@ -72,27 +62,6 @@ def test_chord_error_is_below_the_tolerance():
         n = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
         distance = np.abs(np.einsum("ti,ti->t", n / np.linalg.norm(n, axis=1, keepdims=True), p[:, 0]))
         assert 3 * (1 - distance.min()) <= tolerance * camera.footprint(20 - 1) * 1.02
-
-
-def test_coincident_faces_in_a_large_union():
-    # A row of boxes in shuffled order, each overlapping the next with coplanar tops, beside bodies that share no face.
-    order = list(range(24))
-    random.Random(4).shuffle(order)
-    transforms = [f"SCALE (1.5 1 1) TRANSLATE ({i} 0 0)" for i in range(24)] + [
-        f"SCALE (.3 .3 .3) TRANSLATE ({i + 0.2} .9 {0.2 + i * 0.01})" for i in range(24)
-    ]
-    leaves = [f"CUBE {i} SPHERE {24 + i}" for i in order]
-    surfaces = [f"material lambertiano kd = 0 {i / 100} 0" for i in range(48)]
-    meshes = solids(scene("+ " * 47 + " ".join(leaves), transforms, surfaces), 0.5)
-    assert_closed(list(meshes.values()))
-    rank = {i: n for n, i in enumerate(order)}
-    for axis, at in ((1, 0), (2, 1)):  # two faces that no ball reaches
-        face = {
-            i: area(m, np.all(np.abs(m.positions[..., axis] - at) < 1e-9, axis=1)) for i, m in meshes.items() if i < 24
-        }
-        for i in range(24):
-            lost = sum(0.5 for other in (i - 1, i + 1) if other in rank and rank[other] < rank[i])
-            assert face[i] == pytest.approx(1.5 - lost)
 
 
 def test_what_vanishes_is_reported():

@@ -59,11 +59,6 @@ def test_what_is_left_after_a_thickness(tmp_path):
     assert "interior" not in ball(scene(tmp_path, "n-refr = 1.5 transmitancia = 1"))
 
 
-def test_thickness_alone_is_a_warning(tmp_path):
-    with pytest.warns(SceneWarning, match="no effect without transmitancia"):
-        prosim_scene.check(scene(tmp_path, "n-refr = 1.5 espessura = 2"))
-
-
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 @pytest.mark.parametrize(
     "tree, view, length",

@@ -3,7 +3,6 @@
 import dataclasses
 import random
 import re
-import warnings
 from pathlib import Path
 
 import prosim_scene
@@ -86,22 +85,6 @@ def test_mutated_scenes_raise_scene_errors_or_nothing(seed, tmp_path):
         check(mutated(variant(rng.choice(TEXTS), rng), rng))
     for _ in range(10):
         check(mutated(rng.choice(MANUAL), rng), tmp_path)
-
-
-def test_both_languages_say_the_same():
-    english = """NAME: a MAX-LEVEL: 2 DO-SHADOW: TRUE CAUSTICS: YES BACKGROUND: 1000 2000 3000 NONE
-    LIGHTS AREA position 1 2 3 Intensity 4000 5000 6000 radius 7 SPOT direction 0 -1 0 angle 30 exponent 8
-    VIEW RESOLUTION 10 10 OBSERVER 0 0 9 CSG-TREE + CUBE 0 SPHERE 1
-    SURFACE 0 material conductor silver roughness = 5  SURFACE 1 material dielectric n-refr = 1.5
-    TRANSFORM 0 SCALE (1 2 3) ROTATE-X (90) TRANSFORM 1 TRANSLATE (1 2 3) END"""
-    portuguese = """NOME: a NÍVEL-MÁXIMO: 2 SOMBRA: SIM CÁUSTICAS: SIM FUNDO: 1000 2000 3000 NENHUM
-    FONTES EXTENSA posição 1 2 3 intensidade 4000 5000 6000 raio 7 SPOT direção 0 -1 0 ângulo 30 expoente 8
-    VISTA RESOLUÇÃO 10 10 OBSERVADOR 0 0 9 ÁRVORE-CSG + CUBO 0 ESFERA 1
-    SUPERFÍCIE 0 material condutor prata rugosidade = 5  SUPERFÍCIE 1 material dielétrico n-refr = 1.5
-    TRANSFORMAÇÃO 0 ESCALA (1 2 3) ROTAÇÃO-X (90) TRANSFORMAÇÃO 1 TRANSLAÇÃO (1 2 3) FIM"""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert prosim_scene.parse(english) == prosim_scene.parse(portuguese)
 
 
 def test_every_row_has_one_meaning_and_sets_a_field_of_the_model():

@@ -2,7 +2,6 @@
 
 import asyncio
 import pickle
-import random
 import re
 import subprocess
 import sys
@@ -12,15 +11,13 @@ import prosim_scene
 import pytest
 import pytest_lsp
 from lsprotocol import types as lsp
-from prosim_scene.language_server import OpenDocument
 from pygls.exceptions import JsonRpcException
-from pygls.workspace import TextDocument
 from test_editor import SCENE
 
 URI = "file:///nowhere/scene.scn"
 SERVER = [sys.executable, "-c", "from prosim_scene.language_server import language_server; language_server()"]
 
-pytestmark = pytest.mark.asyncio(loop_scope="module")
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("language server")]
 
 
 @pytest_lsp.fixture(config=pytest_lsp.ClientServerConfig(server_command=SERVER), scope="module", loop_scope="module")
@@ -108,6 +105,7 @@ async def test_nothing_waits_for_a_tree(editor):
     assert time.perf_counter() - begun < 20
 
 
+@pytest.mark.slow
 async def test_an_evaluation_ends_without_its_parent():
     scene = pickle.dumps((crowded(), "s.scn", 0.5))
     command = [sys.executable, "-c", "from prosim_scene.evaluation import main; main()"]
@@ -156,24 +154,6 @@ async def test_an_editor_renames(editor):
     with pytest.raises(JsonRpcException, match="another symbol's name") as refused:
         await editor.text_document_rename_async(lsp.RenameParams(document, at, "0"))
     assert refused.value.code == lsp.LSPErrorCodes.RequestFailed
-
-
-async def test_positions_are_those_of_the_protocol():
-    choice = random.Random(7)
-    pieces = [*"aé🎈\n\r\f\v\x1c\x85\u2028\ufeff\t", "", "\r\n", "one\ntwo 🎈🎈\n"]
-    for _ in range(100):
-        text = "".join(choice.choices(pieces, k=12))
-        opened = OpenDocument(TextDocument(URI, text))
-        line = column = 0
-        for i, character in enumerate(text + "x"):
-            assert opened.range(i, i).start == lsp.Position(line, column)
-            assert opened.offset(lsp.Position(line, column)) == i or text[i - 1 : i + 1] == "\r\n"
-            column += 1 + (character == "🎈")
-            if character == "\n" or (character == "\r" and text[i + 1 : i + 2] != "\n"):
-                line, column = line + 1, 0
-    opened = OpenDocument(TextDocument(URI, "a 🎈\r\nb"))
-    beyond = [(0, 3), (0, 4), (0, 9), (1, 9), (2, 0), (9, 9)]
-    assert [opened.offset(lsp.Position(*place)) for place in beyond] == [3, 3, 3, 6, 6, 6]
 
 
 async def test_of_many_keystrokes_the_last_is_published(editor):

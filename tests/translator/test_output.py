@@ -70,7 +70,7 @@ def silent(variant_rgb):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
-@pytest.mark.parametrize("target, units", [("prosim", "calibrated"), ("prosim", "unattenuated"), ("stock", "radiance")])
+@pytest.mark.parametrize("target, units", [("prosim", "calibrated"), ("stock", "radiance")])
 def test_mitsuba_loads_the_xml_without_a_warning(silent, everything, target, units, tmp_path):
     path = prosim_scene.translate(everything, tmp_path / "out", target=target, light_units=units, tolerance=0.5)
     scene = mi.load_file(str(path), parallel=False)
@@ -165,12 +165,9 @@ def test_caustics_are_said_where_a_scene_asks_for_them(said, asked, write_scene,
     "light, irradiance",
     [
         ("AREA raio .1", {"calibrated": 1, "unattenuated": 1, "radiance": math.pi * 0.1**2 / 4**2}),
-        ("AREA raio 2", 1),
-        ("AREA raio 2 SPOT direction 0 0 -1 exponent 1", 1),
         ("AREA raio 1 SPOT direction 0 0 -1 exponent 40", 1),
         ("AREA raio 2 SPOT direction 0 0 -1 exponent 3 angle 20", 1),
         ("AREA raio 2 CONE direction 0 0 -1 angle 15", 1),
-        ("AREA raio 2 CONE direction 0 0 -1 angle 120", 1),
         ("POINT SPOT direction 0 0 -1 exponent 9", 1),
         # VRP lies beside the axis: what counts is a surface as far away, on the axis.
         ("POINT SPOT direction 0 .6 -.8 exponent 2", 0.64),
@@ -208,15 +205,3 @@ def test_both_targets_are_comparably_bright(variant_rgb):
         scene = mi.load_dict(prosim_scene.load(EXAMPLES / "palito.scn", target=target, resolution=(64, 64)))
         means.append(np.array(mi.render(scene, spp=64)).mean(axis=(0, 1)))
     assert np.allclose(means[0], means[1], rtol=0.25)
-
-
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
-def test_a_document_stands_for_its_file_and_is_read_once(everything):
-    expected = prosim_scene.translate(everything, tolerance=1).read_bytes()
-    opened = prosim_scene.document(everything)
-    assert opened.scene.name == "tudo" and opened.line("surfaces", 0) == 15
-    everything.rename(everything.with_suffix(".moved"))
-    assert prosim_scene.translate(opened, tolerance=1).read_bytes() == expected
-    assert prosim_scene.check(opened, tolerance=1) == opened.scene
-    loaded = prosim_scene.load(opened, tolerance=1, transform=lambda matrix: matrix)
-    assert loaded["integrator"]["samples"] == 2 and loaded["view"]["to_world"].shape == (4, 4)

@@ -8,6 +8,7 @@ import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 import pytest
 from mitsuba_prosim.alone import alone
+from mitsuba_prosim.engine.work import WorkItem, photon_steps
 from mitsuba_prosim.light.strategy import Receiver
 from mitsuba_prosim.light.table import Lights
 from mitsuba_prosim.photons import grid
@@ -200,6 +201,17 @@ def test_an_image_by_another_process_in_small_work_items_has_the_same_photons(va
     world = small(6, integrator={"type": "prosim", "samples": 2, "caustics": True, "caustic_photons": 1 << 10} | more)
     expected = image(world)
     assert image(world, Elsewhere(world, most=500))[1] == expected[1]
+
+
+def test_no_photons_are_emitted_for_no_samples(variant_rgb):
+    """Neither between the samples of two pixels, nor without samples."""
+    world = small(4, integrator={"type": "prosim", "samples": 2, "caustics": True, "caustic_photons": 64})
+    state = world.integrator().progressive(world).state
+    accumulators, end = state.accumulators.gather(mi.UInt32(0, 1)), mi.UInt32(3, 14)
+    accumulators.count = mi.UInt32(1, 13)
+    item = WorkItem(state.estimator, state.plan, state.x, state.y, accumulators, end)
+    assert [which[1] for which, _ in item.photon_passes()] == [0, 3]
+    assert photon_steps(state, np.zeros(dr.width(state.x), np.uint32), 1) == []
 
 
 @pytest.mark.parametrize("more", ({}, {"diffuse_bounces": -1}))

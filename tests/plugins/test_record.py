@@ -1,9 +1,11 @@
 """An image that is resumed from a checkpoint, and one that is merged from parts, is that of one run."""
 
+from dataclasses import replace
+
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.engine.checkpoint import put_together
+from mitsuba_prosim.engine.checkpoint import CheckpointError, put_together
 from mitsuba_prosim.engine.tiles import Part, part_numbers
 from scenes import COPPER, in_threads, penumbra
 
@@ -121,6 +123,13 @@ def test_any_number_of_parts_makes_the_image(variant_rgb, adaptive, rfilter):
     for film, of in [({}, 7), (CROP, 4), ({"sample_border": True}, 2)]:
         scene = loaded(28, rfilter=rfilter, adaptive=adaptive, film=film, max_level=1)
         assert np.array_equal(in_parts(scene, of), finished(scene)[0]), of
+
+
+def test_parts_with_different_arrays_are_refused(variant_rgb):
+    first, second = (checkpoints(loaded(size=8), part=Part(number, 2))[-1] for number in (1, 2))
+    other = replace(second, pixels=dict(second.pixels, wanted=second.pixels["count"]))
+    with pytest.raises(CheckpointError, match=r"part 2-of-2 has other arrays than the parts before \(wanted\)"):
+        put_together([first, other])
 
 
 def test_a_stopped_part_is_resumed(variant_rgb):

@@ -14,6 +14,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings
+from mitsuba_prosim.engine.work import Executor
 from scenes import COPPER, CROP, alone, penumbra
 
 LUMINANCE = [0.2126, 0.7152, 0.0722]
@@ -123,12 +124,23 @@ def test_a_stopped_render_leaves_a_whole_image(variant_rgb):
         film.clear()
         act()
         assert np.array_equal(np.array(film.develop()), first) and np.all(first[-8:].max(2) > 0)
-    assert render.ended and list(render) == []
+    assert list(render) == []
     render = scene.integrator().progressive(scene)
     next(render)
     render.close()
     assert render.counts().min() == 1 and render.counts().max() == 5 and not render.finished
     assert np.array_equal(np.array(film.develop()), np.array(render.image()))
+
+
+def test_an_error_of_the_film_does_not_hide_the_error_of_a_render(variant_rgb, monkeypatch):
+    def fails(*_):
+        raise RuntimeError("of the samples")
+
+    scene, executor = loaded(size=4), Executor()
+    monkeypatch.setattr(executor, "learn", fails)
+    monkeypatch.setattr("mitsuba_prosim.engine.render.film_values", lambda *_: 1 / 0)
+    with pytest.raises(RuntimeError, match="of the samples"):
+        scene.integrator().progressive(scene, executor=executor).run()
 
 
 def test_nothing_is_left_on_the_integrator_nor_the_film(variant_rgb):

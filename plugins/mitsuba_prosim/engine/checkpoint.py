@@ -299,10 +299,16 @@ def merge(paths: Sequence[str | Path]) -> Checkpoint:
 
 
 def put_together(parts: Iterable[Checkpoint]) -> Checkpoint:
-    """The checkpoint of the image of which these are all parts, finished, in any order."""
+    """The checkpoint of the image of which these are all parts, finished, in any order; without a second image, which
+    a render takes again. Raises CheckpointError if the parts have arrays of different names.
+    """
     headers, arrays = [], dict[str, list[np.ndarray]]()
     for part in parts:
-        headers.append(replace(part, pixels={}))
+        headers.append(replace(part, pixels={}, second={}))
+        if different := sorted(part.pixels.keys() ^ arrays.keys()) if arrays else []:
+            raise CheckpointError(
+                f"part {part.part} has other arrays than the parts before ({', '.join(different)}); render it again"
+            )
         for name, values in part.pixels.items():
             arrays.setdefault(name, []).append(values)
     seconds = sum(header.attributes["seconds"] for header in headers)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Generator, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
@@ -102,11 +102,11 @@ class Render:
         self.state = FilmState(plan, estimator, part if begin is None else begin.part)
         self.film, self.own_aovs, self.executor = estimator.sensor.film(), own_aovs, executor or Executor()
         self.target = ErrorTarget.of(plan.sampling, 0.0 if begin is None else begin.attributes["seconds"])
-        #: Whether the render has ended; and whether the image has all requested samples.
-        self.ended = self.finished = False
-        self._stopped, self._done = False, 0.0
-        #: The developed image of a render that has ended.
+        #: Whether the image has all requested samples.
+        self.finished = False
+        #: The developed image of a render that has ended, not evaluated: it costs nothing where nobody needs it.
         self.final_image: mi.TensorXf | None = None
+        self._stopped, self._done = False, 0.0
         self._finished_before = begin is not None and begin.restore(self.state)
         self.denoiser = denoiser
         self.second: SecondImage | None = None
@@ -119,8 +119,8 @@ class Render:
 
     # ---------------------------------------------------------------- as an iterator
 
-    def __iter__(self) -> Generator[Step, None, None]:
-        return self._steps
+    def __iter__(self) -> Render:
+        return self
 
     def __next__(self) -> Step:
         return next(self._steps)
@@ -137,17 +137,8 @@ class Render:
 
     def close(self) -> None:
         """Ends it with the image so far."""
-        if not self.ended:
-            self.stop()
-            self.run()
-        if not self.ended:  # the generator was closed
-            self._end()
-
-    @alone()
-    def _end(self) -> None:
-        self.ended = True
-        self.update_film()
-        self.final_image = self.film.develop()
+        self.stop()
+        self.run()
 
     def _run(self) -> Generator[Step, None, None]:
         """Gives the work items of all passes to the executor."""
@@ -179,9 +170,10 @@ class Render:
             if self.finished and self._done < 1:
                 yield Step(1.0, True)
         except (Exception, KeyboardInterrupt):
-            self._end()
+            with suppress(Exception):  # the first error is the cause
+                self.update_film()
             raise
-        self._end()
+        self.final_image = self.image()
 
     def _must_end(self, current: Pass) -> bool:
         return (current.stoppable and self._stopped) or (current.timed and self.target.time_is_up)

@@ -82,10 +82,11 @@ class WorkItem:
             yield None, self.end
             return
         maps = caustics.maps(self.plan.n)
-        first, last = int(dr.min(self.start.count)[0]) // maps, (int(dr.max(self.end)[0]) - 1) // maps
-        for number in range(first, last + 1):
-            after = dr.opaque(mi.UInt32, (number + 1) * maps)
-            yield (self.plan.photon_seed, number, self.plan.n), dr.minimum(self.end, after)
+        start, end = np.array(self.start.count), np.array(self.end)
+        for first in range(int(start.min()) // maps * maps, int(end.max()), maps):
+            if np.any(np.maximum(start, first) < np.minimum(end, first + maps)):
+                after = dr.opaque(mi.UInt32, first + maps)
+                yield (self.plan.photon_seed, first // maps, self.plan.n), dr.minimum(self.end, after)
 
 
 #: Work items with their sums; None while no result is ready: the caller may stop then.
@@ -186,12 +187,12 @@ def photon_steps(pixels: Pixels, wanted: np.ndarray, photon_passes: int | None) 
     A step needs at most this number of ``photon_passes``; None: as many as a process keeps.
 
     With 1 all pixels proceed alike, and a render can stop between two photon passes. Without caustics there is one
-    step.
+    step; none if no pixel lacks samples.
     """
     caustics, count = pixels.estimator.transport.caustics, np.array(pixels.accumulators.count)
     lacking = wanted > count
     if caustics is None or not lacking.any():
-        return [wanted]
+        return [wanted] if lacking.any() else []
     maps = caustics.maps(pixels.plan.n)
     further = maps * (photon_passes or caustics.capacity)
     first = int(count[lacking].min()) // maps * maps

@@ -2,6 +2,7 @@
 
 import html
 from dataclasses import dataclass, field
+from functools import cached_property
 
 Vector = tuple[float, float, float]
 
@@ -141,7 +142,7 @@ class Scene:
     patterns: dict[str, Pattern] = field(default_factory=dict)
     text: str = field(default="", compare=False, repr=False)
 
-    @property
+    @cached_property
     def leaves(self) -> list[tuple[int, Leaf]]:
         """The primitives of the tree, each with its number in ``csg``."""
         return [(number, node) for number, node in enumerate(self.csg) if isinstance(node, Leaf)]

@@ -208,12 +208,9 @@ class Planes:
         touched, index = np.unique(vertex, return_inverse=True)
         normal, offset = self.planes[plane, :3], self.planes[plane, 3]
         height = distance - (np.einsum("ij,ij->i", normal, points[vertex]) + offset)
-        normals = np.zeros((len(touched), 3, 3))  # sums of n n^T
-        heights = np.zeros((len(touched), 3, 1))
-        for i in range(3):
-            heights[:, i, 0] = np.bincount(index, normal[:, i] * height)
-            for j in range(3):
-                normals[:, i, j] = np.bincount(index, normal[:, i] * normal[:, j])
+        normals, heights = np.zeros((len(touched), 3, 3)), np.zeros((len(touched), 3, 1))
+        np.add.at(normals, index, normal[:, :, None] * normal[:, None])
+        np.add.at(heights, index, (normal * height[:, None])[:, :, None])
         # Tikhonov's regularisation: few planes leave directions free, more than three are overdetermined.
         points[touched] += np.linalg.solve(normals + 1e-12 * np.eye(3), heights)[..., 0]
         return points

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from ..language.document import Document
-from ..model import Leaf
 from ..view import Camera
 from .coincidence import STEP, Planes, same_surfaces
 from .csg import tree_of
@@ -38,7 +37,7 @@ class Leaves:
 
         Raises :class:`SceneError` for a singular transform, and for too many triangles.
         """
-        keys = [(x.shape, x.file, x.index) for x in document.scene.csg if isinstance(x, Leaf)]
+        keys = [(leaf.shape, leaf.file, leaf.index) for _, leaf in document.scene.leaves]
         numbers_of_keys = {key: i for i, key in enumerate(dict.fromkeys(keys))}
         self.of_leaf = np.array([numbers_of_keys[key] for key in keys])
         indices = [index for *_, index in numbers_of_keys]

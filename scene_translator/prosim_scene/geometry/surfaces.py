@@ -105,7 +105,7 @@ def tessellate(
     ``cached(key, make)`` returns ``make()``, or its earlier result for an equal key. ``meshes``: the solids of mesh
     files, by file name. Raises :class:`SceneError` for a singular transform, and for too many triangles.
     """
-    places = [(number, node) for number, node in enumerate(document.scene.csg) if isinstance(node, Leaf)]
+    places = document.scene.leaves
     leaves = [leaf for _, leaf in places]
     if not leaves:
         return {}

@@ -38,6 +38,7 @@ TREE = NEXT | {"PLUS", "MINUS", "TIMES", "PRIMITIVE", "USE"}  # USE: the name of
 SLOTS = TREE | FILE | {"TEXTURE_NAME", "NULL"}
 SURFACE = NEXT | {"MATERIAL", "METAL", "OPTIC"}
 TRANSFORM = NEXT | {"STEP"}
+STEP_VALUES, CLOSING = TRANSFORM | {"NUMBER", "LPAR"}, frozenset(("RPAR",))
 TEXTURE = NEXT | {"PARAMETER"}
 
 #: A comment in the place of the values of a keyword.
@@ -340,9 +341,9 @@ class Reader:
         self.read_index("transforms", TRANSFORM)
         steps = []
         while (keyword := self.token).role == "STEP":
-            if self.read_token(TRANSFORM | {"NUMBER", "LPAR"}).role == "LPAR":
+            if self.read_token(STEP_VALUES).role == "LPAR":
                 self.parenthesis = self.token.span
-                value = self.read_numbers(keyword, frozenset(("RPAR",)))
+                value = self.read_numbers(keyword, CLOSING)
                 self.read_token(TRANSFORM)
             else:
                 value = self.read_numbers(keyword, TRANSFORM, self.token)

@@ -23,6 +23,7 @@ PIECE = re.compile(
 )
 #: Matches the next number of a list of numbers, if it is a plain number and not part of a word.
 NEXT_NUMBER = re.compile(rf'\s*({NUMBER})(?![^\s()#":=])', re.IGNORECASE)
+EQUALS = re.compile(r"\s*[:=]")
 PARENTHESIS = re.compile(r"[()]")
 #: The roles of tokens that a name may represent: values, which begin no statement.
 VALUES = frozenset(
@@ -95,6 +96,8 @@ class Scanner:
     def read_plain_numbers(self) -> list[Token]:
         """The plain numbers that follow, or an empty list; other values, such as expressions, may follow them."""
         text, match, tokens = self.source.text, NEXT_NUMBER.match, list[Token]()
+        if self.last.role in ROLES and (mark := EQUALS.match(text, self.position)):
+            self.position = mark.end()
         while found := match(text, self.position):
             start, self.position = found.span(1)
             tokens.append(Token("NUMBER", found[1], start, self.position))

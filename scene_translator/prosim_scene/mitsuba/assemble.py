@@ -5,6 +5,7 @@ from pathlib import Path
 from types import ModuleType
 
 from ..geometry import TOLERANCE, MeshKey, Triangles, tessellate
+from ..geometry.grouping import group_equal
 from ..language.document import Document
 from ..model import Leaf, Scene
 from ..nodes import Comment, Node
@@ -93,24 +94,22 @@ def _shapes(
 ) -> Node:
     """The shapes of a scene, in the order of the tree: one for each :class:`MeshKey`."""
     document, scene = context.document, context.scene
-    keys: dict[Hashable, list[MeshKey]] = {}
-    for key in triangles:
-        keys.setdefault(key.material, []).append(key)
-    groups = _leaves_by_appearance(scene)
-    media: dict[Hashable, int] = {
-        medium_key(scene, leaf): leaf.index for leaves in reversed(groups) for _, leaf in leaves[:1]
-    }
+    faces, faces_of = list(triangles.items()), group_equal(key.material for key in triangles)
+    groups = group_equal(appearance_key(scene, leaf) for _, leaf in scene.leaves)
+    first_leaves = [scene.leaves[positions[0]][1] for positions in groups.values()]
+    media: dict[Hashable, int] = {medium_key(scene, leaf): leaf.index for leaf in reversed(first_leaves)}
     result: Node = {}
-    for leaves in groups:
+    for appearance, positions in groups.items():
+        leaves = [scene.leaves[i] for i in positions]
         number, leaf = leaves[0]
         path = "surfaces", leaf.index
         with_uv = materials.effective_textures(leaf, scene.surfaces[leaf.index])[0] is not None
         leaf_names = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + ", ..." * (len(leaves) > 3)
-        for key in keys.get(appearance_key(scene, leaf), []):
+        for key, mesh in (faces[i] for i in faces_of.get(appearance, [])):
             name = f"surface_{leaf.index}"
             while name in result:
                 name += "_"
-            content = ply_bytes(triangles[key], with_uv)
+            content = ply_bytes(mesh, with_uv)
             if content is None:
                 reason = "it is too small for Mitsuba's single precision; enlarge it"
                 document.warn(f"nothing is visible of {leaf_names}: {reason}", "transforms", leaf.index)
@@ -130,11 +129,3 @@ def _shapes(
 def _comment_with_line(document: Document, text: str, *path: str | int) -> Comment:
     """A comment with the line of a value in the text."""
     return Comment(f"{text} (line {document.line(*path)})")
-
-
-def _leaves_by_appearance(scene: Scene) -> list[list[tuple[int, Leaf]]]:
-    """The leaves grouped by equal appearance, with their numbers in the tree."""
-    groups: dict[Hashable, list[tuple[int, Leaf]]] = {}
-    for number, leaf in scene.leaves:
-        groups.setdefault(appearance_key(scene, leaf), []).append((number, leaf))
-    return list(groups.values())

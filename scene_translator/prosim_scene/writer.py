@@ -59,6 +59,11 @@ class TranslationCache:
         self.surface: SurfaceMesh | None = None
         self.evaluations = 0
 
+    @property
+    def triangles(self) -> Triangles | None:
+        """The triangles of the last evaluated tree; None if there are none."""
+        return self.surface.triangles if self.surface and len(self.surface.triangles.vertices) else None
+
     def faces(self, key: Hashable, evaluate: Callable[[], SurfaceMesh]) -> SurfaceMesh:
         """The result of ``evaluate``, or the cached result if its ``key`` is equal."""
         if self.surface is None or key != self.key:

@@ -72,7 +72,7 @@ def assemble(
 
     result: Node = {"type": "scene"} | check_single_precision(document, target.settings(context))
     result["view_comment"] = _comment_with_line(document, "VIEW", "view")
-    result["view"] = check_single_precision(document, sensor(context, target, camera, list(triangles.values())), "view")
+    result["view"] = view_sensor(document, options, cache if triangles else None)
     for i, light in enumerate(scene.lights):
         lights.warn_of_radius(context, i, light)
         result[f"light_{i}_comment_with_line"] = _comment_with_line(document, light.kind.upper(), "lights", i)
@@ -83,10 +83,8 @@ def assemble(
 def view_sensor(document: Document, options: Options, cache: TranslationCache | None) -> Node:
     """The sensor of a document's VIEW; its clipping planes enclose the faces in ``cache``."""
     context = Context(document, Path(), options.light_units, options.samples or document.scene.samples, False, str)
-    faces = cache.surface if cache else None
-    bodies = [faces.triangles] if faces and len(faces.triangles.vertices) else []
-    camera = camera_of(document, options.resolution)
-    return check_single_precision(document, sensor(context, TARGETS[options.target], camera, bodies), "view")
+    faces, camera = cache.triangles if cache else None, camera_of(document, options.resolution)
+    return check_single_precision(document, sensor(context, TARGETS[options.target], camera, faces), "view")
 
 
 def _shapes(

@@ -3,7 +3,7 @@ The language has no clipping, so the clipping planes of Mitsuba's cameras enclos
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from types import ModuleType
 
 import numpy as np
@@ -18,8 +18,8 @@ from .translation_context import Context
 NEAR, FAR = 1e-3, 1e5
 
 
-def clipping_depths(camera: Camera, meshes: Sequence[Triangles], lights: Iterable[Light]) -> tuple[float, float]:
-    """Depths of a near and a far plane that clip no triangle of ``meshes``, and no light.
+def clipping_depths(camera: Camera, faces: Triangles | None, lights: Iterable[Light]) -> tuple[float, float]:
+    """Depths of a near and a far plane that clip no triangle of ``faces``, and no light.
 
     If a triangle may be near the eye, the near plane is almost at the eye, but never on it.
     """
@@ -28,16 +28,15 @@ def clipping_depths(camera: Camera, meshes: Sequence[Triangles], lights: Iterabl
         if light.kind == "sky":
             continue
         far = max(far, 2 * (float(_depth(camera, np.array(light.position))) + light.radius))
-    extent = 0.0
-    for mesh in meshes:
-        far = max(far, 2 * float(_depth(camera, mesh.vertices).max()))
-        extent = max(extent, float(np.abs(mesh.vertices - camera.eye).max()))
+    if faces is None:
+        return near, far
+    far = max(far, 2 * float(_depth(camera, faces.vertices).max()))
     corner = np.linalg.norm(
         [max(abs(camera.left), abs(camera.right)), max(abs(camera.bottom), abs(camera.top)), camera.depth]
     )
     slant = float(corner / camera.depth)  # distance over depth, in a corner of the image
-    if any(_is_near(camera.eye, mesh, near * slant) for mesh in meshes):
-        near = 1e-9 * extent
+    if _is_near(camera.eye, faces, near * slant):
+        near = 1e-9 * float(np.abs(faces.vertices - camera.eye).max())
     return near, far
 
 
@@ -52,13 +51,13 @@ def _is_near(point: np.ndarray, mesh: Triangles, distance: float) -> bool:
     return bool(np.all(below[mesh.index].any(axis=1) & above[mesh.index].any(axis=1), axis=1).any())
 
 
-def sensor(context: Context, target: ModuleType, camera: Camera, meshes: Sequence[Triangles]) -> Node:
+def sensor(context: Context, target: ModuleType, camera: Camera, faces: Triangles | None) -> Node:
     """The sensor of a camera: Mitsuba's ``perspective`` for square pixels, ``prosim_window`` for others.
 
-    Its clipping planes clip no triangle of ``meshes``.
+    Its clipping planes clip no triangle of ``faces``.
     """
     camera = target.camera(context, camera)
-    near, far = clipping_depths(camera, meshes, context.scene.lights)
+    near, far = clipping_depths(camera, faces, context.scene.lights)
     width, height = camera.right - camera.left, camera.top - camera.bottom
     to_world = np.eye(4)
     # Mitsuba's camera looks along +z with x to the left of the image.

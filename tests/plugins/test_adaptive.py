@@ -13,19 +13,12 @@ def test_error_of_neighbours_is_that_of_the_pixels_around(variant_rgb, shape):
     rng, n = np.random.default_rng(1), 5
     samples = rng.random((*shape, n))
     height, width = shape
+    rows, columns = np.indices(shape)
     expected = np.full(shape, np.inf)
-    for y in range(height):
-        for x in range(width):
-            around = np.array(
-                [
-                    samples[v, u]
-                    for v in range(height)
-                    for u in range(width)
-                    if max(abs(v - y), abs(u - x)) <= Neighbours.reach and (v, u) != (y, x)
-                ]
-            )
-            if len(around) == 0:
-                continue
+    for y, x in np.ndindex(shape):
+        apart = np.maximum(abs(rows - y), abs(columns - x))
+        around = samples[(apart > 0) & (apart <= Neighbours.reach)]
+        if around.size:
             expected[y, x] = np.sqrt(around.var() / n) / (2 * np.sqrt(around.mean() + 0.01))
     error = error_of_neighbours(
         mi.Float(samples.sum(2).ravel()),

@@ -8,9 +8,6 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim import compat
-from mitsuba_prosim.photons.footprint import Footprint
-from mitsuba_prosim.photons.targets import sphere
-from mitsuba_prosim.scene.black import reason
 from scenes import load_scene, mesh, penumbra
 
 #: Parameters of Mitsuba 3.9 -> those of 3.10.
@@ -84,27 +81,6 @@ def test_the_image_is_the_same(next_mitsuba, scene):
     before = np.array(mi.render(scenes[0]))
     next_mitsuba()
     assert np.array_equal(np.array(mi.render(scenes[1])), before) and before.any()
-
-
-def test_what_is_measured_is_the_same(next_mitsuba):
-    """The footprint of a pixel, spheres around meshes, and why a picture is black."""
-    scene = mi.load_dict(window())
-    sensor, pane = scene.sensors()[0], next(shape for shape in scene.shapes() if shape.is_mesh())
-
-    def measured():
-        footprint = Footprint.of(scene, sensor)
-        return (
-            *np.ravel(footprint.eye),
-            footprint.spread[0],
-            *sphere(pane),
-            *compat.world_matrix(sensor).ravel(),
-            reason(scene, sensor, np.zeros((2, 2, 3))),
-        )
-
-    before = measured()
-    next_mitsuba()
-    assert measured() == before
-    assert sphere(pane)[3] < 0.55  # the half diagonal of its box is 0.7
 
 
 @pytest.mark.parametrize("kind", ["perspective", "prosim_window"])

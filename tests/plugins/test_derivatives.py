@@ -285,43 +285,6 @@ def test_derivatives_match_finite_differences(variant_rgb, name, ball, settings)
     assert forward == pytest.approx(backward, rel=1e-3, abs=1e-7)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("bounces", [0, -1], ids=["tree", "paths"])
-def test_forward_and_backward_agree_to_rounding(variant_rgb, bounces):
-    """By whatever surfaces, sources and shapes are made of, all of it tracked at once."""
-    rough = {"type": "roughconductor", "alpha": 0.3}
-    glossy = {"type": "blendbsdf", "weight": 0.4, "a": rough, "b": diffuse(0.5, 0.4, 0.3)}
-    blend = {"type": "blendbsdf", "weight": 0.6, "a": {"type": "conductor"}, "b": glossy}
-    scene = load_scene(
-        integrator={"type": "prosim", "samples": 2, "max_level": 1, "diffuse_bounces": bounces, "adaptive": "none"},
-        sensor=camera([0, 1, 5], [0, 0, 0], film(4, pixel_format="rgb")),
-        sky={"type": "constant", "radiance": 0.5},
-        lamp={"type": "point", "position": [1, 2, 3], "intensity": 9.0},
-        card=mesh([(-9, -9, 0), (9, -9, 0.5), (0, 9, 0)], [(0, 1, 2)], bsdf=blend),
-    )
-    params = mi.traverse(scene)
-    names = (".weight.value", ".alpha.value", ".reflectance.value", "sky.radiance.value", "vertex_positions")
-    keys = [key for key in sorted(params.keys()) if key.endswith(names)]
-    assert len(keys) == 6  # there are two weights
-
-    def tracked():
-        for key in keys:
-            dr.disable_grad(params[key])
-            dr.enable_grad(params[key])
-        params.update()
-        return weighted_mean(mi.render(scene, params, seed=1))
-
-    dr.backward(tracked())
-    backward = [dr.sum(dr.ravel(dr.grad(params[key])))[0] for key in keys]
-    assert np.abs(backward).min() > 1e-5
-    seeds = np.array([5, 1, -2, 3, 1, 4]) / np.abs(backward)
-    loss = tracked()
-    for key, seed in zip(keys, seeds):
-        dr.set_grad(params[key], float(seed))
-    dr.forward_to(loss)
-    assert dr.grad(loss).array[0] == pytest.approx(seeds @ backward, rel=1e-4)
-
-
 # ------------------------------------------------------------------ of our materials in Mitsuba's prb
 
 

@@ -100,21 +100,6 @@ def test_scalar_samples_are_those_of_the_vectorised_variants():
         assert np.allclose(np.array(point), expected[pixel, r, i], atol=1e-7)
 
 
-def test_keys_of_two_seeds_are_not_the_same_sequence_shifted(variant_rgb):
-    """Wherever two seeds share a key, the next pixels' keys differ; under one seed all differ."""
-    pixel = np.arange(1 << 18, dtype=np.uint64)
-
-    def keys(seed):
-        return np.array(pixel_key(mi.UInt32(seed), mi.UInt32(pixel)))
-
-    a, b = keys(6058), keys(7452)
-    assert len(np.unique(a)) == len(np.unique(b)) == len(pixel)
-    _, i, j = np.intersect1d(a, b, assume_unique=True, return_indices=True)
-    assert stats.poisson.sf(len(i) - 1, len(pixel) ** 2 / 2.0**32) > 1e-3  # as many as chance has it
-    apart = np.unique((j.astype(np.int64) - i), return_counts=True)[1]
-    assert apart.max() <= 2  # nor in the same order
-
-
 @pytest.mark.parametrize("jitter", ["multi", "uniform"])
 @pytest.mark.parametrize("n", [2, 5])
 def test_beyond_all_cells_a_new_pattern_begins(variant_rgb, n, jitter):

@@ -30,7 +30,6 @@ TURNED = {
         4,
     ),
     "touching blocks have no wall": ("+ CUBE 0 CUBE 1", BESIDE, (), {0: 5, 1: 5}, 2, 15),
-    "nor those of one glass": ("+ CUBE 0 CUBE 1", BESIDE, (GLASS, GLASS), {0: 10}, 2, 15),
     "two glasses have one interface": (
         "+ CUBE 0 CUBE 1",
         BESIDE,
@@ -54,14 +53,6 @@ TURNED = {
         (),
         {0: 11 * math.pi, 1: math.pi},  # of the shorter one there is the disc, and nothing of its side
         5 * math.pi,
-        4,
-    ),
-    "a cone less its tip": (
-        "- CONE 0 CONE 1",
-        ["SCALE (2 2 2)", "ROTATE-Z (50)"],
-        (),
-        {0: (4 + 3 * 2**0.5) * math.pi, 1: math.pi},
-        7 / 3 * math.pi,
         4,
     ),
 }

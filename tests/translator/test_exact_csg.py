@@ -58,24 +58,15 @@ def wrong_pixels(text, folder):
     return len(exact_csg.wrong_pixels(document.scene, camera_of(document), seen_by_meshes(folder)))
 
 
-def check(kind, seeds, tmp_path):
+@pytest.mark.parametrize("kind", exact_csg.KINDS)
+@pytest.mark.parametrize("seeds", [range(3), pytest.param(range(3, 20), marks=pytest.mark.slow)], ids=["few", "many"])
+def test_what_is_seen_is_what_the_tree_means(variant_rgb, tmp_path, kind, seeds):
     wrong = {}
     for seed in seeds:
         folder = tmp_path / str(seed)
         folder.mkdir()
         wrong[seed] = wrong_pixels(exact_csg.KINDS[kind](np.random.default_rng([seed, 99])), folder)
     assert not {seed: count for seed, count in wrong.items() if count > EDGE}
-
-
-@pytest.mark.parametrize("kind", exact_csg.KINDS)
-def test_what_is_seen_is_what_the_tree_means(variant_rgb, tmp_path, kind):
-    check(kind, range(3), tmp_path)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", exact_csg.KINDS)
-def test_what_is_seen_is_what_the_tree_means_in_many_scenes(variant_rgb, tmp_path, kind):
-    check(kind, range(3, 20), tmp_path)
 
 
 def test_faces_of_a_grid_that_look_to_opposite_sides(variant_rgb, tmp_path):

@@ -189,7 +189,10 @@ class Dielectric(Material):
         active = active & (dr.abs(si.wi.z) > GRAZING)
         if active is False or not (reflection or transmission):
             return bs, mi.Spectrum(0)
-        m, width = self.facet(si, sample2, active)
+        m = mi.Normal3f(0, 0, 1)
+        if self.roughness is not None:
+            width = self.roughness.eval_1(si, active)
+            m = visible.sample(dr.mulsign(si.wi, si.wi.z), sample2, self.distribution.polar, width)
         i_m = dr.dot(si.wi, m)
         etas = self.etas(si)
         faces = [fresnel.interface(i_m, eta) for eta in etas]
@@ -230,15 +233,6 @@ class Dielectric(Material):
     def etas(self, si: mi.SurfaceInteraction3f) -> list[mi.Float]:
         """The relative index, or one for each wavelength of ``si``."""
         return self.indices.etas(si) if self.disperses else [self.eta]
-
-    def facet(
-        self, si: mi.SurfaceInteraction3f, sample2: mi.Point2f, active: mi.Bool
-    ) -> tuple[mi.Normal3f, mi.Float | None]:
-        """``(m, width)``: a facet by the area that is visible from ``wi``, and the roughness, None without one."""
-        if self.roughness is None:
-            return mi.Normal3f(0, 0, 1), None
-        width = self.roughness.eval_1(si, active)
-        return visible.sample(dr.mulsign(si.wi, si.wi.z), sample2, self.distribution.polar, width), width
 
     def facets(
         self,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import operator
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -59,6 +60,11 @@ def all_shapes(scene: mi.Scene) -> list[mi.Shape]:
 def all_bsdfs(scene: mi.Scene) -> list[mi.BSDF]:
     """The BSDFs of :func:`all_shapes`, each once."""
     return list(dict.fromkeys(shape.bsdf() for shape in all_shapes(scene) if shape.bsdf() is not None))
+
+
+def all_flags(scene: mi.Scene) -> int:
+    """Union of the ``mi.BSDFFlags`` of :func:`all_bsdfs`."""
+    return functools.reduce(operator.or_, (int(bsdf.flags()) for bsdf in all_bsdfs(scene)), 0)
 
 
 class Leaf(NamedTuple):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Sequence
 
 import drjit as dr
 import mitsuba as mi
@@ -111,15 +110,15 @@ class Caustics:
         """The divisor of the spectrum for the ``t``-th samples, see :attr:`.NRook.division`."""
         return t, self._n
 
-    def add_to(self, L: mi.Spectrum, vertex: Vertex, drawn: Sequence[mi.BSDFContext], t: mi.UInt32) -> mi.Spectrum:
-        """``L`` plus the radiance of the photons at ``vertex``, for the ``t``-th sample of a pixel. ``drawn``: the
-        glossy lobes, each with its own ray; after a diffuse reflection they gather none.
+    def add_to(self, L: mi.Spectrum, vertex: Vertex, t: mi.UInt32) -> mi.Spectrum:
+        """``L`` plus the radiance of the photons at ``vertex``, for the ``t``-th sample of a pixel. After a diffuse
+        reflection glossy lobes gather none.
         """
         assert self._current is not None, "no photons have been emitted"
         diffuse, glossy = self._current
         number = t % dr.opaque(mi.UInt32, diffuse.maps)
         L = L + self.gathering(diffuse, number, vertex)
-        return L if self.mis is None or glossy is None else L + self.mis.radiance(glossy, number, vertex, drawn)
+        return L if self.mis is None or glossy is None else L + self.mis.radiance(glossy, number, vertex)
 
     def per_pair(self, n: int) -> int:
         """Number of photons of each pair of a source and a target in a map."""

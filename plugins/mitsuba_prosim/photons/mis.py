@@ -18,7 +18,7 @@ strategies, whose weights add up to 1.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -28,7 +28,7 @@ import mitsuba as mi
 from ..light.strategy import Receiver
 from ..light.table import Lights
 from ..masks import but_not, dispatch
-from ..optics.nested import all_bsdfs
+from ..optics.nested import all_flags
 from ..transport import lobes
 from ..transport.ray import Ray, Surface, Vertex, viewer_side
 from ..transport.scattering import Scattering
@@ -96,11 +96,11 @@ class PhotonMIS:
     def __init__(self, scene: mi.Scene, sources: Sources, footprint: Footprint, deepest: mi.UInt32, tree: bool) -> None:
         self.footprint, self.sources, self.deepest = footprint, sources, deepest
         self.near_specular_bsdfs, self.scattering = near_specular_bsdfs(scene), Scattering.of(scene)
-        flags = [int(bsdf.flags()) for bsdf in all_bsdfs(scene)]
-        glossy, ideal = (any(lobes.has_any(f, *names) for f in flags) for names in (lobes.GLOSSY, lobes.IDEAL))
+        flags = all_flags(scene)
+        #: The glossy lobes, each with its own ray of the eye.
+        self.lobes = lobes.glossy(flags, tree)
         #: Whether photons may land on a glossy surface: next to ideally specular ones, or to near-specular ones.
-        self.needed = bool(self.near_specular_bsdfs) or (glossy and ideal)
-        self.lobes = (lobes.reflected(), lobes.refracted()) if tree else (lobes.specular(),)
+        self.needed = bool(self.near_specular_bsdfs or (self.lobes and lobes.has_any(flags, *lobes.IDEAL)))
         self.lights = Lights(scene, choose=not tree) if self.near_specular_bsdfs else None
         #: Number of photons of each pair of a source and a target in a map; None before :meth:`.Caustics.draw`.
         self.per_pair: mi.Float | None = None
@@ -175,12 +175,8 @@ class PhotonMIS:
 
         return with_photons
 
-    def radiance(
-        self, photons: Photons, number: mi.UInt32, vertex: Vertex, drawn: Sequence[mi.BSDFContext]
-    ) -> mi.Spectrum:
-        """Radiance of the photons of the map ``number`` by the glossy lobes at ``vertex``, with MIS weights. ``drawn``:
-        the lobes, each with its own ray.
-        """
+    def radiance(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
+        """Radiance of the photons of the map ``number`` by the glossy lobes at ``vertex``, with MIS weights."""
         ray, si, bsdf = vertex.ray, vertex.si, vertex.bsdf
         active = vertex.before_gathering(vertex.active) & lobes.has_any(bsdf.flags(), *lobes.GLOSSY)
         active = but_not(active & (ray.level < self.deepest), vertex.inseparable)
@@ -193,7 +189,7 @@ class PhotonMIS:
             cos = dr.abs(mi.Frame3f.cos_theta(wo))
             in_reach = in_reach & (cos > 1e-6)
             density, f = dr.gather(mi.Float, photons.density, i, in_reach), mi.Spectrum(0)
-            for lobe in drawn:
+            for lobe in self.lobes:
                 f_lobe, pdf = self.scattering.eval_pdf(lobe, vertex, wo, in_reach)
                 photons_expected = expected_photons(area * dr.abs(dr.dot(si.n, d)), f_lobe, pdf, density, etendue)
                 f += f_lobe * (1 - ray_weight(photons_expected))

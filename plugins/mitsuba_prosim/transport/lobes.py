@@ -52,6 +52,15 @@ def diffuse() -> mi.BSDFContext:
     return _context(mask(*DIFFUSE))
 
 
+def glossy(flags: int, tree: bool) -> tuple[mi.BSDFContext, ...]:
+    """The contexts of the lobes with a ray of their own that may be glossy on surfaces with these ``flags``: in a
+    ``tree`` of rays the reflected and the refracted one, else both as one.
+    """
+    if not tree:
+        return (specular(),) if has_any(flags, *GLOSSY) else ()
+    return tuple(lobe for name, lobe in zip(GLOSSY, (reflected(), refracted())) if has_any(flags, name))
+
+
 def only(context: mi.BSDFContext, *names: str) -> mi.BSDFContext:
     """``context`` for no other lobes than the named ones."""
     return _context(context.type_mask & mask(*names), context.mode)

@@ -52,17 +52,14 @@ class Radiance:
         """This radiance times ``factor``."""
         return Radiance(factor * self.total, [factor * L for L in self.layers])
 
-    def plus(self, value: mi.Spectrum, layer: Layer) -> Radiance:
-        """This radiance and ``value``, which belongs to ``layer``."""
-        return self.with_total(self.total + value, value, layer)
-
-    def with_total(self, total: mi.Spectrum, value: mi.Spectrum, layer: Layer) -> Radiance:
-        """The radiance ``total``, with ``value`` more in ``layer``."""
-        return Radiance(total, [L + dr.select(layer == i, value, 0) for i, L in enumerate(self.layers)])
+    def plus(self, value: mi.Spectrum, layer: Layer, total: mi.Spectrum | None = None) -> Radiance:
+        """This radiance and ``value``, which belongs to ``layer``. ``total``: their sum, if it is known."""
+        layers = [L + dr.select(layer == i, value, 0) for i, L in enumerate(self.layers)]
+        return Radiance(self.total + value if total is None else total, layers)
 
     def moved(self, value: mi.Spectrum, source: Layer, target: Layer) -> Radiance:
         """This radiance, with ``value`` moved from the layer ``source`` to the layer ``target``."""
-        return self.with_total(self.total, -value, source).with_total(self.total, value, target)
+        return self.plus(-value, source, self.total).plus(value, target, self.total)
 
 
 class Layers:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import functools
-import operator
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import mitsuba as mi
 
 from ..light.table import Lights
-from ..optics.nested import all_bsdfs
+from ..optics.nested import all_flags
 from . import lobes
 from .absorption import absorbs_any, pointer
 from .radiance import layers_of
@@ -89,22 +87,17 @@ class Context:
         self.absorbs = absorbs_any(scene, camera_medium)
         #: Union of the ``mi.BSDFFlags`` of all surfaces: whether any has a specular reflection, a specular
         #: transmission, smooth lobes lit from both sides.
-        self.flags = functools.reduce(operator.or_, (int(bsdf.flags()) for bsdf in all_bsdfs(scene)), 0)
+        self.flags = all_flags(scene)
         self.reflects, self.refracts, self.both_sides = (
             bool(lobes.has_any(self.flags, *names)) for names in (lobes.REFLECTED, lobes.REFRACTED, lobes.BOTH_SIDES)
         )
-        #: Those of the lobes with a ray of their own that may be glossy.
-        self.glossy: tuple[mi.BSDFContext, ...]
-        if settings.diffuse_bounces < 0:
-            self.glossy = (lobes.all_lobes(),)
-        elif settings.follows_tree:
-            of_rays = zip(lobes.GLOSSY, (lobes.reflected(), lobes.refracted()))
-            self.glossy = tuple(lobe for name, lobe in of_rays if lobes.has_any(self.flags, name))
-        else:
-            self.glossy = (lobes.specular(),) if lobes.has_any(self.flags, *lobes.GLOSSY) else ()
-        #: The lobes lit by light sampling and by their own rays, with MIS; and those lit by light sampling alone, as no
-        #: ray of theirs may meet a source, or None.
-        self.mis_lobes = self.glossy if settings.diffuse_bounces < 0 or not self.lights.all_delta else ()
+        #: The lobes lit by light sampling and by their own rays, with MIS ...
+        self.mis_lobes: tuple[mi.BSDFContext, ...] = (lobes.all_lobes(),)
+        #: ... and those lit by light sampling alone, as no ray of theirs may meet a source, or None.
+        self.light_lobes: mi.BSDFContext | None = None
+        if settings.diffuse_bounces >= 0:
+            self.mis_lobes = () if self.lights.all_delta else lobes.glossy(self.flags, settings.follows_tree)
+            self.light_lobes = lobes.diffuse() if self.mis_lobes else lobes.all_lobes()
         #: Whether one call of a BSDF evaluates a lobe for the only lamp and samples its ray, so that its textures are
         #: evaluated once.
         self.samples_with_light = (
@@ -112,9 +105,6 @@ class Context:
             and not (self.scattering.disperses or self.scattering.mixes or self.scattering.any_inseparable)
             and (self.lights.sampler is not None or self.lights.lamps == 1)
         )
-        self.light_lobes = None
-        if settings.diffuse_bounces >= 0:
-            self.light_lobes = lobes.diffuse() if self.mis_lobes else lobes.all_lobes()
 
     def first(self, camera: mi.Ray3f) -> Ray:
         """The ray that begins with the ``mi.Ray3f`` of the camera."""

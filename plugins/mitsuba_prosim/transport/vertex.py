@@ -49,8 +49,8 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
     L += direct_light(context, vertex, points)
     if context.caustics is not None:
         assert not isinstance(points, SamplerPoints)
-        total = context.caustics.add_to(L.total, vertex, context.glossy, points.t)
-        L = L.with_total(total, total - L.total, context.layers.of(ray, "caustics"))
+        total = context.caustics.add_to(L.total, vertex, points.t)
+        L = L.plus(total - L.total, context.layers.of(ray, "caustics"), total)
     return L.scaled(ray.throughput), vertex
 
 

@@ -172,7 +172,7 @@ class Area(mi.Emitter):
         return dr.select(active, pdf, mi.Float(0))
 
     def pdf_shape(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, pdf: mi.Float) -> mi.Float:
-        """The density of `Shape.sample_direction`, from which Mitsuba's sphere strays by 1 % at r/d = 0.001.
+        """The density of `Shape.sample_direction`. That of Mitsuba's sphere has an error of 1 % at r/d = 0.001.
 
         There 1 - cos of the half-angle cancels; here it is sin² / (1 + cos).
         """

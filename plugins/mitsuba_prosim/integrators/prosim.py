@@ -265,7 +265,7 @@ class Prosim(ProgressiveIntegrator):
                 "integrator."
             )
         transport = self._scalar or Transport(self._settings(), scene, camera_medium=medium)
-        L, hit, _ = transport(ray, SamplerPoints(sampler), active, sampler)
+        L, hit, _ = transport(ray, SamplerPoints(sampler), active)
         aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
         return L, hit, aovs
 

@@ -137,7 +137,7 @@ def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
     scale = np.where(np.isin(np.arange(len(emitters)), list(rays)), size, FAR * size) ** 2
     least = LEAST_POWER * (rows[:, 4:6].sum(1) / scale).mean()
     rows[:, 4] += (least or 1.0) * scale
-    # So few digits that it does not matter how the rays were rounded.
+    # Rounded to ten bits, so that the rounding errors of the rays do not matter.
     mantissa, exponent = np.frexp(rows)
     return np.ldexp(np.round(mantissa * 1024) / 1024, exponent)
 
@@ -157,7 +157,7 @@ def nearby_lamp_model(power: np.ndarray, origins: np.ndarray, directions: np.nda
     radius = max(np.linalg.norm(origins - center, axis=1).max(), 1e-4 * size)
     mean = power @ directions / (power.sum() or 1)
     # The mean cosine of cos^n is (n + 1) / (n + 2); a cosine's is 2/3; a smaller mean has an even part.
-    # Those of spheres and surfaces are known but for the noise of the rays.
+    # Those of spheres and surfaces are known, except for the noise of the rays.
     cosine = min(float(np.linalg.norm(mean)), 0.9999)
     exponent = (2 * cosine - 1) / (1 - cosine) if cosine > 0.7 else 1.0
     even = max(1 - 1.5 * cosine, LEAST_EVEN) if cosine > 0.1 else 1.0

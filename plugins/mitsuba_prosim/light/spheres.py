@@ -81,7 +81,7 @@ def direction_to_sphere(
     to_center = center - receiver.si.p
     d2 = dr.squared_norm(to_center)
     axis = to_center * dr.rsqrt(d2)
-    # With y across n and the axis. Where these two are one but for rounding, any y across n will do.
+    # With y across n and the axis. Where these two differ only by rounding, any y across n will do.
     across = dr.cross(n, axis)
     across -= n * dr.dot(n, across)
     sin_n = dr.norm(across)

@@ -14,7 +14,7 @@ That region is composed here of two pieces, each sampled without rejection:
 
 Lengths in the plane are divided by s, the sine of the angle that the sphere's radius subtends, so that tiny sources
 keep their precision in single precision arithmetic; no step subtracts nearly equal numbers, except for the sliver that
-shows when the sphere is all but set.
+shows when the sphere has nearly set.
 
 All functions take Dr.Jit arrays, or Python floats in scalar variants. A receiver inside the sphere, or on it
 (``sin2_theta_max >= 1``), sees no cap: the area and the densities are then 0, by which a caller knows.

@@ -136,8 +136,8 @@ def kernel_radii(p: mi.Point3f, footprint: Footprint) -> mi.Float:
 
 
 def first_of_each(key: mi.UInt32, count: int) -> mi.UInt32:
-    """For each of 0 .. ``count``, how many of the sorted ``key`` are below it."""
-    # On the host, as a kernel would have to add in whatever order the threads come.
+    """How many of the sorted ``key`` are below k, for each k from 0 to ``count``."""
+    # On the host: a kernel would add in the order in which the threads end.
     counts = np.bincount(np.array(key), minlength=count)
     return mi.UInt32(np.concatenate([[0], np.cumsum(counts)]).astype(np.uint32))
 
@@ -159,15 +159,13 @@ def cell(p: mi.Point3f, level: mi.Int32) -> tuple[mi.Int32, mi.Int32, mi.Int32]:
 
 
 def row_hash(level: mi.Int32, y: mi.Int32, z: mi.Int32) -> mi.UInt32:
-    """A hash of a row of cells along x, which stands for it: that two near one another have the same is one chance in
-    10⁸.
-    """
+    """A hash that identifies a row of cells along x. Two neighbouring rows have the same one with probability 10⁻⁸."""
     return combine(combine(mi.UInt32(level), mi.UInt32(y)), mi.UInt32(z))
 
 
 def bucket_of(number: mi.UInt32, row: mi.UInt32, x: mi.Int32, mask: mi.UInt32) -> mi.UInt32:
-    """Number of the bucket of the cell ``x`` of the row with the key ``row`` in the map ``number``, where each map has
-    ``mask`` + 1; the next cell has the next one, but for the last, and cells of other rows share it.
+    """Number of the bucket of the cell ``x`` of a row in the map ``number``. ``row``: hash of the row; each map has
+    ``mask`` + 1 buckets, a ring. The next cell has the next bucket; cells of different rows may share a bucket.
     """
     return number * (mask + 1) + ((row + mi.UInt32(x)) & mask)
 

@@ -89,8 +89,8 @@ class PhotonMIS:
     of these photons and of the rays that find the same light.
 
     ``deepest``: greatest number of specular surfaces, those of the eye's ray included. ``tree``: whether the eye's rays
-    follow both specular lobes of a surface, or one of the two. The weights take it that photons count within a pixel's
-    width (``footprint``); sparse ones count within more.
+    follow both specular lobes of a surface, or one of the two. The weights assume that photons count within a pixel's
+    width (``footprint``), although sparse ones count within more.
     """
 
     def __init__(self, scene: mi.Scene, sources: Sources, footprint: Footprint, deepest: mi.UInt32, tree: bool) -> None:
@@ -287,7 +287,7 @@ def passed_on(bs: mi.BSDFSample3f, weight: mi.Spectrum, flags: mi.UInt32) -> mi.
     """Part of a beam that an ideal lobe passes on, by its sample ``bs`` of this ``weight``: the probability of the lobe
     times its reflectance; 0 where any lobe of the surface is glossy (``flags``).
 
-    It is the same from either end of the beam, but for the squares of the indices that radiance is scaled by.
+    It is the same from either end of the beam, except for the squares of the indices that radiance is scaled by.
     """
     ideal = but_not(lobes.has_any(bs.sampled_type, *lobes.IDEAL), lobes.has_any(flags, *lobes.GLOSSY))
     return dr.select(ideal, dr.max(mi.unpolarized_spectrum(weight)) * bs.pdf, 0)

@@ -112,7 +112,7 @@ def solid_angle(x: mi.Point3f, center: mi.Point3f, radius: mi.Float) -> mi.Float
 
 
 def versine(x: mi.Point3f, center: mi.Point3f, radius: mi.Float) -> mi.Float:
-    """1 - cos of the angle that the radius of a sphere takes up, 2 from within it."""
+    """1 - cos of the angle that the radius of a sphere subtends; 2 from within it."""
     sin2 = dr.square(radius) / dr.maximum(dr.squared_norm(center - x), 1e-30)
     return dr.select(sin2 < 1, sin2 / (1 + dr.safe_sqrt(1 - sin2)), 2)
 

@@ -86,7 +86,7 @@ class PhotonTracer:
         flags, first = hit.bsdf.flags(), hit.level * NUMBERS
         lands = hit.active & (hit.level > 0) & lobes.has_any(flags, *lobes.DIFFUSE)
         if state.from_inseparable is not None:
-            # Rays from one such surface to another find the light of sources there, whatever its lobes.
+            # Rays from one such surface to another find the light of sources there, through any of its lobes.
             lands = dr.select(hit.inseparable, but_not(hit.level > 0, state.from_inseparable), lands)
         goes = hit.active & (hit.level < self.deepest) & lobes.has_any(flags, *lobes.REFLECTED, *lobes.REFRACTED)
         bs, weight, goes, by_all_lobes = self._scatter(hit, key, goes)

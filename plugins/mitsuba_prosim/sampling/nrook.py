@@ -66,7 +66,7 @@ class Permutations:
     @classmethod
     @functools.cache
     def _rows(cls, n: int) -> np.ndarray:
-        import numpy as np  # takes as long to import as all plugins together, and is for whoever renders
+        import numpy as np  # takes as long to import as all plugins together, and only a render needs it
 
         if n <= cls.ALL_UP_TO:
             return np.array(list(itertools.permutations(range(n))), dtype=np.uint32)
@@ -151,13 +151,13 @@ class NRook:
 
 
 class SamplerPoints:
-    """The samples of a Mitsuba sampler in the place of :class:`NRook`; the spaces are taken as they come."""
+    """The samples of a Mitsuba sampler instead of :class:`NRook`, in the order of the calls."""
 
     def __init__(self, sampler: mi.Sampler) -> None:
         self.sampler = sampler
 
     def __call__(self, space: int | mi.UInt32, active: mi.Bool = True) -> mi.Point2f:
-        """The sampler's next point, whatever the ``space``."""
+        """The sampler's next point, for any ``space``."""
         return self.sampler.next_2d(active)
 
     def choice(self, space: int | mi.UInt32) -> mi.Float:

@@ -108,9 +108,8 @@ def eval_lobe(
 
 
 def sky_light(context: Context, vertex: Vertex, points: Points, space: mi.UInt32) -> mi.Spectrum:
-    """Radiance that ``vertex`` scatters from a constant sky by the lobes without a ray of their own: the other lobes'
-    rays meet the sky.
-    ``space``: of the pattern.
+    """Radiance that ``vertex`` scatters from a constant sky by the lobes without a ray of their own: the rays of the
+    other lobes meet the sky. ``space``: of the sampling pattern.
     """
     assert context.lights.sky is not None
     si, bsdf = vertex.si, vertex.bsdf

@@ -37,25 +37,14 @@ class State:
 class Transport(Context):
     """Estimates radiance in a scene; made once per render."""
 
-    @property
-    def aov_names(self) -> list[str]:
-        """Names of the channels of the layers."""
-        return [f"{name}.{letter}" for name in self.layers.names for letter in "RGB"]
-
-    @property
-    def has_layers(self) -> bool:
-        """Whether there are any layers."""
-        return bool(self.layers.names)
-
     def __call__(
-        self, ray: mi.Ray3f, points: Points, active: mi.Bool, sampler: mi.Sampler | None = None
+        self, ray: mi.Ray3f, points: Points, active: mi.Bool
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Spectrum]]:
         """``(L, hit, layers)``: the radiance of the camera ray ``ray``, whether it met a surface, and the radiance of
         each layer (:mod:`.radiance`).
 
         ``points(space, active)`` returns a ``mi.Point2f`` in [0, 1)² for a space of the sampling pattern, and
-        ``points.choice(space)`` a number; ``sampler`` is the state behind them, if there is one that loops have to
-        carry.
+        ``points.choice(space)`` a number.
         """
         walk: Any = tree if self.settings.follows_tree else path
 
@@ -65,7 +54,7 @@ class Transport(Context):
             following, going, progress = walk.proceed(self, vertex, points, state.active, state.progress)
             return State(state.L + L, hit, following, going, progress, state.sampler)
 
-        first = self.first(ray)
+        first, sampler = self.first(ray), points.sampler if isinstance(points, SamplerPoints) else None
         state = State(self.layers.none(), mi.Bool(False), first, mi.Bool(active), walk.start(self, first), sampler)
         if walk is tree and not (self.reflects or self.refracts):
             state = step(state)
@@ -103,10 +92,10 @@ class InnerIntegrator:
         self, sampler: mi.Sampler, ray: mi.RayDifferential3f, medium: mi.Medium | None, active: mi.Bool
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
         """The same with a sampler of Mitsuba's."""
-        if not is_differential(self.integrator):
+        if not dr.is_jit_v(mi.Float) or not isinstance(self.integrator, mi.CppADIntegrator):
             L, hit, aovs = self.integrator.sample(self.scene, sampler, ray, medium, active)
             return L, hit, list(aovs)
-        # Mitsuba's integrators for derivatives, in Python, have a method of their own.
+        # Mitsuba's integrators for derivatives, such as prb, have a method of their own.
         L, hit, aovs, _ = self.integrator.sample(
             mode=dr.ADMode.Primal,
             scene=self.scene,
@@ -119,11 +108,6 @@ class InnerIntegrator:
             active=mi.Bool(active),
         )
         return L, hit, list(aovs)
-
-
-def is_differential(integrator: mi.Integrator) -> bool:
-    """Whether ``integrator`` is one of Mitsuba's for derivatives, such as ``prb``."""
-    return dr.is_jit_v(mi.Float) and isinstance(integrator, mi.CppADIntegrator)
 
 
 def sampler_of(points: NRook | Sobol) -> Any:

@@ -79,8 +79,10 @@ class Context:
         #: The photons, which must have been emitted before samples are taken; and their MIS with rays, or None.
         self.caustics, self.photon_mis = caustics, None if caustics is None else caustics.mis
         self.lights = Lights(scene, choose=not settings.follows_tree)
-        #: To which layer light belongs.
+        #: To which layer light belongs, whether there are any, and the names of their channels.
         self.layers = layers_of(settings.layers, settings, self.lights, caustics is not None)
+        self.has_layers = bool(self.layers.names)
+        self.aov_names = [f"{name}.{letter}" for name in self.layers.names for letter in "RGB"]
         #: How BSDFs are sampled and evaluated.
         self.scattering = Scattering.of(scene, separate=settings.diffuse_bounces >= 0)
         #: Whether anything absorbs light on its way, see :mod:`.absorption`.

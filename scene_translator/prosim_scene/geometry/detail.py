@@ -17,8 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..language.document import Document
+from ..language.document import Document, subtree_ends
+from ..model import Leaf, Operator
 from ..view import Camera
+from .csg import tree_of
 from .grouping import group_equal, sweep
 from .primitives import MAX_SEGMENTS, OUTSIDE_SEGMENTS, OUTSIDE_TOLERANCE, box_corners
 from .solids import IDENTITY, Solid, world_box_corners
@@ -34,31 +36,28 @@ class Ball(NamedTuple):
 UNBOUNDED = Ball((0.0, 0.0, 0.0), math.inf)
 
 
-def active_zones(tree: Sequence[str | int], solids: Sequence[Solid], of_leaf: Sequence[int]) -> list[Ball]:
+def active_zones(csg: Sequence[Operator | Leaf], solids: Sequence[Solid], of_leaf: Sequence[int]) -> list[Ball]:
     """The active zone of each solid: a ball outside of which the solid has no effect; UNBOUNDED if none is known.
 
-    ``tree`` is in prefix order, ``of_leaf`` has the solid of each leaf. A subtracted solid has an effect only inside
-    the solid that it is subtracted from, an intersected one only inside the other operand.
+    ``csg`` is the tree in prefix order, ``of_leaf`` has the solid of each leaf. A subtracted solid has an effect only
+    inside the solid that it is subtracted from, an intersected one only inside the other operand.
     """
+    tree, ends = tree_of(csg), subtree_ends(csg)
     if not {"-", "*"} & set(tree):
         return [UNBOUNDED] * len(solids)
     of_solid = bounding_balls(solids)
     value = {"+": union_ball, "-": lambda first, second: first, "*": intersection_ball}
     balls = [UNBOUNDED] * len(tree)  # bounding balls of the values of the nodes
-    operands: list[tuple[int, int]] = [(0, 0)] * len(tree)
-    stack: list[int] = []
     for i, node in reversed(list(enumerate(tree))):
         if isinstance(node, str):
-            a, b = operands[i] = stack.pop(), stack.pop()
-            balls[i] = value[node](balls[a], balls[b])
+            balls[i] = value[node](balls[i + 1], balls[ends[i + 1]])
         else:
             balls[i] = of_solid[of_leaf[node]]
-        stack.append(i)
     bounds = [UNBOUNDED] * len(tree)
     result: dict[int, Ball] = {}
     for i, node in enumerate(tree):
         if isinstance(node, str):
-            a, b = operands[i]
+            a, b = i + 1, ends[i + 1]
             bounds[a] = intersection_ball(bounds[i], balls[b]) if node == "*" else bounds[i]
             bounds[b] = bounds[i] if node == "+" else intersection_ball(bounds[i], balls[a])
         else:

@@ -9,9 +9,8 @@ import numpy as np
 from ..language.document import Document
 from ..view import Camera
 from .coincidence import STEP, Planes, same_surfaces
-from .csg import tree_of
 from .detail import active_zones, choose_segments, shrink_inscribed
-from .grouping import components
+from .grouping import components, group_equal
 from .primitives import PRIMITIVES, CornerAttributes, Primitive
 from .solids import Solid, world_box_corners
 from .transforms import matrices
@@ -56,15 +55,14 @@ class Leaves:
         size = float(np.abs(np.stack([low, high]) - self.origin).max())
         self.step = STEP * 2.0 ** (math.frexp(size)[1] - 1)
         self._find_shared_surfaces(cutters)
-        bounds = active_zones(tree_of(document.scene.csg), self.solids, self.of_leaf.tolist())
+        bounds = active_zones(document.scene.csg, self.solids, self.of_leaf.tolist())
         choose_segments(document, self.solids, bounds, camera, tolerance)
         shrink_inscribed(self.solids)
         offset = np.pad(self.origin[:, None], ((0, 1), (3, 0)))
         for s in self.solids:
             s.to_world = s.to_world - offset
         self.to_local = np.linalg.inv([s.to_world for s in self.solids])[:, :3]
-        self.primitives = list(dict.fromkeys(s.primitive for s in self.solids))
-        self.shape = np.array([self.primitives.index(s.primitive) for s in self.solids])
+        self.of_primitive = group_equal(s.primitive for s in self.solids)
 
     def _find_shared_surfaces(self, cutters: np.ndarray) -> None:
         """Finds surfaces that several leaves share, and merges equal solids."""
@@ -146,8 +144,8 @@ class Leaves:
         result = CornerAttributes(
             np.zeros_like(local), np.zeros((*local.shape[:2], 2)), np.zeros(local.shape[:2], bool)
         )
-        for number, primitive in enumerate(self.primitives):
-            chosen = self.shape[solid] == number
+        for primitive, numbers in self.of_primitive.items():
+            chosen = np.isin(solid, numbers)
             if chosen.any():
                 own = primitive.corner_attributes(local[chosen], face[chosen])
                 result.normals[chosen], result.uv[chosen], result.unshared[chosen] = own.normals, own.uv, own.unshared

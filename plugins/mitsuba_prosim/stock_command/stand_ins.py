@@ -1,11 +1,8 @@
 """``prosim link``: compiles, installs, finds and removes the stand-ins for plugins in Python (see ``stand_in.c``)."""
 
-import importlib.util
 import os
-import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Iterable
 from importlib.metadata import distribution
 from pathlib import Path
@@ -14,7 +11,7 @@ from typing import Any
 import click
 import mitsuba as mi
 
-from .. import registry
+from .. import atomic, registry
 from ..compat import PLUGINS_IN_PYTHON
 from ..scene import session
 
@@ -26,10 +23,7 @@ MARK = b"mitsuba-prosim stand-in for a Python plugin"
 
 def plugin_folder() -> Path:
     """Mitsuba's folder of plugins."""
-    spec = importlib.util.find_spec("mitsuba")
-    if spec is None or spec.origin is None:
-        raise ModuleNotFoundError("there is no Mitsuba for this Python")
-    return Path(spec.origin).with_name("plugins")
+    return Path(mi.__file__).with_name("plugins")
 
 
 def is_stand_in(path: Path) -> bool:
@@ -46,38 +40,32 @@ def plugin_names() -> list[str]:
     """Names of the plugins in Python: those that the installed packages register, and Mitsuba's own."""
     mi.set_variant("scalar_rgb")
     names = {*PLUGINS_IN_PYTHON, *registry.PLUGINS}
+    for attribute in [a for a in dir(mi) if a.startswith("register_")]:
 
-    def recording(register: Callable) -> Callable:
-        def record(name: str, *args: Any) -> Any:
+        def record(name: str, *args: Any, register: Callable = getattr(mi, attribute)) -> Any:
             names.add(name)
             return register(name, *args)
 
-        return record
-
-    for attribute in [a for a in dir(mi) if a.startswith("register_")]:
-        setattr(mi, attribute, recording(getattr(mi, attribute)))
+        setattr(mi, attribute, record)
     session.load_plugins()
     return sorted(names)
 
 
-def compiler() -> list[str] | None:
-    """The command line of the C compiler, or None."""
-    if named := os.environ.get("CC"):
-        return named.split()
-    found = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
-    return [found] if found else None
+def compiler() -> list[str]:
+    """The command line of the C compiler."""
+    return (os.environ.get("CC") or "cc").split()
 
 
 def compile_stand_in(path: Path) -> None:
     """Compiles a stand-in that starts this interpreter. Raises RuntimeError where that fails."""
-    command = compiler()
-    if command is None:
-        raise RuntimeError("there is no C compiler; install one (on Debian and Ubuntu: apt install gcc libc6-dev)")
-    command += ["-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-s", f'-DPYTHON="{sys.executable}"']
+    command = [*compiler(), "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-s", f'-DPYTHON="{sys.executable}"']
     try:
         subprocess.run([*command, "-o", str(path), str(SOURCE)], check=True, capture_output=True, text=True)
-    except (OSError, subprocess.CalledProcessError) as error:
-        raise RuntimeError(f"the C compiler failed: {getattr(error, 'stderr', None) or error}") from None
+    except OSError as error:
+        advice = "install one (on Debian and Ubuntu: apt install gcc libc6-dev), or name it by the variable CC"
+        raise RuntimeError(f"the C compiler failed: {error}; {advice}") from None
+    except subprocess.CalledProcessError as error:
+        raise RuntimeError(f"the C compiler failed: {error.stderr or error}") from None
 
 
 def install(names: Iterable[str], folder: Path) -> list[Path]:
@@ -86,14 +74,9 @@ def install(names: Iterable[str], folder: Path) -> list[Path]:
     Raises RuntimeError and OSError.
     """
     paths = [path for name in names if not (path := folder / f"{name}.so").exists() or is_stand_in(path)]
-    with tempfile.TemporaryDirectory() as scratch:
-        built = Path(scratch, "stand_in.so")
-        compile_stand_in(built)
-        for path in paths:
-            part = path.with_suffix(f".{os.getpid()}")
-            shutil.copyfile(built, part)
-            part.replace(path)
-    return paths
+    with atomic.scratch() as scratch:
+        compile_stand_in(scratch / "stand_in.so")
+        return atomic.write(dict.fromkeys(paths, (scratch / "stand_in.so").read_bytes()))
 
 
 def add_to_pip_record(paths: Iterable[Path]) -> None:

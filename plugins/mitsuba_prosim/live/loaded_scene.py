@@ -99,7 +99,8 @@ class LoadedScene:
         """Gives the film fewer pixels for a while; the kernels stay the same."""
         before = mi.ScalarVector2u(self.sensor.film().size())
         try:
-            self._resize(mi.ScalarVector2u(coarser(self.size)))
+            times = max(1, ceil(sqrt(self.size[0] * self.size[1] / COARSE)))
+            self._resize(mi.ScalarVector2u([max(1, side // times) for side in self.size]))
             yield
         finally:
             self._resize(before)
@@ -131,10 +132,3 @@ class LoadedScene:
         leaves = [leaf for leaf in self.file.document.scene.csg if isinstance(leaf, Leaf) and leaf.index == index]
         kinds = " or ".join(dict.fromkeys(leaf.shape.upper() for leaf in leaves))
         return f"{kinds} {index}, SURFACE {index} (line {self.file.document.line('surfaces', index)})"
-
-
-def coarser(size: tuple[int, int]) -> tuple[int, int]:
-    """The size of the coarse image for an image of ``size``."""
-    width, height = size
-    least = max(1, ceil(sqrt(width * height / COARSE)))
-    return max(1, width // least), max(1, height // least)

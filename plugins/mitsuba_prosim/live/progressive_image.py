@@ -14,6 +14,7 @@ from ..compare.contestants import can_light, lit
 from ..denoising import halves
 from ..engine.work import Executor, Step
 from ..registry import create
+from ..scene import rendering
 from ..transport.scattering import disperses
 from .picture import Picture, fill_unknown, layers_of_render
 
@@ -22,11 +23,13 @@ SECONDS = 0.4
 
 
 class ProgressiveImage:
-    """A progressive image. ``spp``: samples per pixel, 0 for those of the integrator."""
+    """A progressive image. ``spp``: samples per pixel, 0 for those of the integrator; ``denoise``: at the end."""
 
-    def __init__(self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, spp: int, seed: int) -> None:
+    def __init__(
+        self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, spp: int, seed: int, denoise: bool = False
+    ) -> None:
         self.integrator, self.scene, self.sensor, self.spp, self.seed = integrator, scene, sensor, spp, seed
-        self.done = False
+        self.denoise, self.done = denoise, False
         #: Whether there are samples that :meth:`layers` has not returned.
         self.new = False
         #: Progress, 0 to 1, which never falls, although its estimate may.
@@ -36,6 +39,7 @@ class ProgressiveImage:
         self.render: Any = None
         self._steps = self._run()
         self._coarse: dict[str, np.ndarray] = {}
+        self._denoised: dict[str, np.ndarray] = {}
 
     def step(self) -> bool:
         """Renders a work item; returns whether a pass over the image is complete."""
@@ -49,27 +53,42 @@ class ProgressiveImage:
         return step.complete
 
     def _run(self) -> Iterator[Step]:
-        self.render = self.integrator.progressive(
-            self.scene, self.sensor, self.seed, self.spp, executor=Executor(SECONDS)
+        begin = halves.start if self.denoise else rendering.progressive
+        self.render = begin(
+            self.scene,
+            self.sensor,
+            seed=self.seed,
+            spp=self.spp,
+            integrator=self.integrator,
+            executor=Executor(SECONDS),
         )
-        yield from self.render
+        for step in self.render:
+            yield Step(0.96 * step.done, step.complete) if self.denoise else step
+        if self.denoise:
+            result = self.render.denoiser.denoised()
+            self._denoised = {
+                "final": result.final,
+                "error": result.final_error,
+                "samples": self.render.counts().astype(np.float32),
+                "raw": result.raw,
+                "denoised": result.denoised,
+            }
+            self.render.state.noise, self.new = (result.noise, np.nan, np.nan), True
+            yield Step(1.0, True)
 
     def layers(self) -> Mapping[str, np.ndarray] | None:
-        """The layers of a :class:`.Picture` of the image so far; None before the render has started.
+        """The layers of a :class:`.Picture` of the image so far; None before the render has started. A denoised image
+        has ``raw`` and ``denoised`` too, which it is a mixture of; before it is the image without a denoiser.
 
         During the first pass it lacks the maps, and pixels without a sample are those of :meth:`coarse`, or black.
         """
-        latest = self._latest()
-        if latest is None:
+        if self.render is None:
             return None
-        self.new = False
+        latest, self.new = self._denoised or self._of(self.render), False
         known = latest["samples"] > 0
         if known.all():
             return latest
         return {name: fill_unknown(known, latest[name], self._coarse.get(name)) for name in without_maps(latest)}
-
-    def _latest(self) -> dict[str, np.ndarray] | None:
-        return None if self.render is None else self._of(self.render)
 
     def _of(self, render: Any) -> dict[str, np.ndarray]:
         return layers_of_render(render, getattr(self.integrator, "layers", "none"))
@@ -90,41 +109,9 @@ def without_maps(layers: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {name: values for name, values in layers.items() if values.ndim == 3}
 
 
-class DenoisedImage(ProgressiveImage):
-    """An image of two halves, which is denoised at the end. Raises ValueError for a film without colours."""
-
-    def __init__(self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, spp: int, seed: int) -> None:
-        super().__init__(integrator, scene, sensor, spp, seed)
-        halves.check(sensor.film())
-        self._final: dict[str, np.ndarray] = {}
-
-    def _latest(self) -> dict[str, np.ndarray] | None:
-        """The first half; at the end the final image, and ``raw`` and ``denoised``, which it is a mixture of."""
-        return self._final or super()._latest()
-
-    def _run(self) -> Iterator[Step]:
-        self.render = halves.start(
-            self.scene, self.sensor, self.integrator, self.seed, self.spp, executor=Executor(SECONDS)
-        )
-        for step in self.render:
-            yield Step(0.96 * step.done, step.complete)
-        result = self.render.denoiser.denoised()
-        self._final = {
-            "final": result.final,
-            "error": result.final_error,
-            "samples": self.render.counts().astype(np.float32),
-            "raw": result.raw,
-            "denoised": result.denoised,
-        }
-        self.render.state.noise, self.new = (result.noise, np.nan, np.nan), True
-        yield Step(1.0, True)
-
-
 def progressive(integrator: Any, sensor: mi.Sensor, spp: int) -> tuple[Any, int]:
     """``integrator``, nested in ``prosim_adaptive`` if it is not progressive, and its samples per pixel."""
-    from ..engine.integrator import ProgressiveIntegrator
-
-    if isinstance(integrator, ProgressiveIntegrator):
+    if rendering.is_progressive(integrator):
         return integrator, spp
     outer = create("prosim_adaptive", nested=integrator, adaptive="none")
     return outer, spp or sensor.sampler().sample_count()

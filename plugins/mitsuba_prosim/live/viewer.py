@@ -20,7 +20,7 @@ from ..scene import black, session
 from ..scene.errors import with_line, with_suggestion
 from .loaded_scene import LoadedScene
 from .picture import Factors, Picture
-from .progressive_image import DenoisedImage, ProgressiveImage, by_path, name, not_compared, progressive
+from .progressive_image import ProgressiveImage, by_path, name, not_compared, progressive
 from .publisher import Publisher, State, Throttle
 from .scene_watcher import SceneWatcher
 from .view_requests import ViewRequest, ViewRequests
@@ -41,7 +41,7 @@ class Viewer:
     ) -> None:
         self.requests, self.publisher, self.watcher = ViewRequests(), Publisher(State(path.name)), SceneWatcher(path)
         self._path, self._open_scene = path, open_scene
-        self._spp, self._seed, self._kind = spp, seed, DenoisedImage if denoise else ProgressiveImage
+        self._spp, self._seed, self._denoise = spp, seed, denoise
         self._scene: LoadedScene | None = None
         #: The request that is shown or being rendered.
         self._shown = ViewRequest(saves=-1)
@@ -129,7 +129,7 @@ class Viewer:
         """Begins the image of the scene."""
         self._seconds = 0.0
         self._integrator, spp = progressive(scene.scene.integrator(), scene.sensor, self._spp)
-        image = self._kind(self._integrator, scene.scene, scene.sensor, spp, self._seed)
+        image = ProgressiveImage(self._integrator, scene.scene, scene.sensor, spp, self._seed, self._denoise)
         self._images = {"own": image}
         reason = not_compared(self._integrator)
         self.publisher.publish(

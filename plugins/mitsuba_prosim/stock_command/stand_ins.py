@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterable
+from functools import partial
 from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
@@ -40,13 +41,13 @@ def plugin_names() -> list[str]:
     """Names of the plugins in Python: those that the installed packages register, and Mitsuba's own."""
     mi.set_variant("scalar_rgb")
     names = {*PLUGINS_IN_PYTHON, *registry.PLUGINS}
+
+    def record(register: Callable, name: str, *args: Any) -> Any:
+        names.add(name)
+        return register(name, *args)
+
     for attribute in [a for a in dir(mi) if a.startswith("register_")]:
-
-        def record(name: str, *args: Any, register: Callable = getattr(mi, attribute)) -> Any:
-            names.add(name)
-            return register(name, *args)
-
-        setattr(mi, attribute, record)
+        setattr(mi, attribute, partial(record, getattr(mi, attribute)))
     session.load_plugins()
     return sorted(names)
 

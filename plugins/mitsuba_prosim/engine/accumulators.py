@@ -81,7 +81,7 @@ class FilmState:
         self.margin = self.policy.rounds * self.policy.reach
         #: The pixels of the arrays, row by row.
         self.outer = widened(plan.region, self.margin, plan.domain)
-        self.x, self.y, *_ = pixels(self.outer)
+        self.x, self.y = pixels(self.outer)
         self.accumulators = Accumulators.empty(estimator.sums_per_pixel, area(self.outer))
         dr.eval(self.x, self.y)
         #: RMS error of the displayed image (white = 1), and the bounds of 99 and of 99.9 % of its pixels, as measured

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from ..compat import dr_array
 from .accumulators import FilmState
 from .camera import without_crop_window
-from .film import film_values
+from .film import film_values, put
 from .plan import index_within, pixels
 
 #: Samples per kernel: many, as Dr.Jit traces the code again for each; but each sample stores some 100 numbers a node.
@@ -26,14 +27,13 @@ class Derivatives:
     def __init__(self, state: FilmState) -> None:
         self.plan, self.estimator, self.sensor = state.plan, state.estimator, state.estimator.sensor
         self.film = self.sensor.film()
-        self.counts = dr_array(state.counts.ravel())
+        self.counts = state.counts.ravel()
         #: The film's values of that image.
         self.storage = film_values(state, [])
 
-    def develop(self, storage: mi.TensorXf, aov_names: Sequence[str]) -> mi.TensorXf:
+    def develop(self, storage: mi.TensorXf) -> mi.TensorXf:
         """The developed image of film values ``storage``, differentiably; without the integrator's own channels."""
-        self.film.prepare(aov_names[: storage.shape[2] - self.estimator.channels.names.index("W") - 1])
-        self.film.put_block(mi.ImageBlock(storage, mi.ScalarPoint2i(self.film.crop_offset()), border=False))
+        put(self.film, storage, self.estimator.channels.aov_names)
         return self.film.develop()
 
     def samples(self) -> Iterator[tuple[list[mi.Float], list[tuple[mi.Float, mi.UInt32]]]]:
@@ -44,12 +44,12 @@ class Derivatives:
         window, reach = self.plan.window, self.plan.reach
         left, top, right, bottom = (dr.opaque(mi.Int32, v) for v in window)
         offsets = range(-reach, reach + 1)
-        x, y, *_ = pixels(self.plan.region)
+        x, y = pixels(self.plan.region)
         with without_crop_window(self.sensor):
-            for pixel, t in self.lanes():
+            for pixel, t, count in self.lanes():
                 px, py = dr.gather(mi.Int32, x, pixel), dr.gather(mi.Int32, y, pixel)
                 values, _, position = self.estimator.sample(self.plan, px, py, t)
-                share = dr.rcp(mi.Float(dr.gather(mi.UInt32, self.counts, pixel)))
+                share = dr.rcp(mi.Float(count))
                 splats = []
                 targets = [(px + dx, py + dy) for dy in offsets for dx in offsets]
                 for (tx, ty), (weight, _) in zip(targets, self.estimator.splats([mi.Float(1)], position)):
@@ -58,18 +58,16 @@ class Derivatives:
                     splats.append((weight, dr.select(there, index_within(window, tx, ty), 0)))
                 yield values, splats
 
-    def lanes(self) -> Iterator[tuple[mi.UInt32, mi.UInt32]]:
-        """All samples, up to ``LANES`` at a time: ``(pixel, t)``, the pixels of the region and which of their samples
-        are taken.
+    def lanes(self) -> Iterator[list[mi.UInt32]]:
+        """All samples, up to ``LANES`` at a time: ``[pixel, t, count]``, the pixels of the region, which of their
+        samples are taken, and the number of these.
         """
-        behind = dr.cumsum(mi.UInt64(self.counts))
-        pixels_there, total = dr.width(behind), int(behind[dr.width(behind) - 1])
-        for first in range(0, total, LANES):
-            lane = dr.opaque(mi.UInt64, first) + dr.arange(mi.UInt64, min(LANES, total - first))
-            pixel = dr.binary_search(0, pixels_there, lambda i: dr.gather(mi.UInt64, behind, i) <= lane)  # noqa: B023
-            t = mi.UInt32(lane + dr.gather(mi.UInt32, self.counts, pixel) - dr.gather(mi.UInt64, behind, pixel))
-            dr.eval(pixel, t)
-            yield pixel, t
+        ends = np.cumsum(self.counts, dtype=np.int64)
+        for first in range(0, int(ends[-1]), LANES):
+            lane = np.arange(first, min(first + LANES, int(ends[-1])))
+            pixel = np.searchsorted(ends, lane, side="right")
+            count = self.counts[pixel]
+            yield [dr_array(values.astype(np.uint32)) for values in (pixel, lane - ends[pixel] + count, count)]
 
     def backward(self, gradient: mi.TensorXf) -> None:
         """Propagates the derivative with respect to the film's values to the scene's parameters."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -15,7 +15,7 @@ from ..compat import dr_array
 from ..sampling.hash import hash32
 from .accumulators import Accumulators, FilmState
 from .error import displayed, in_display_units, variance
-from .plan import UNLIMITED, Sampling, area
+from .plan import UNLIMITED, area
 
 #: Seconds of a work item with a time limit: this fraction of the limit, between these two.
 SHARE, SHORTEST, LONGEST = 0.01, 0.01, 0.5
@@ -40,14 +40,9 @@ class ErrorTarget:
 
     limits: tuple[float, float, float]
     seconds: float
-    started: float = field(default_factory=time.perf_counter)
+    started: float
     #: Seconds at the end for the denoiser.
     denoiser_seconds: float = 0.0
-
-    @classmethod
-    def of(cls, sampling: Sampling, elapsed: float) -> ErrorTarget:
-        """The target of ``sampling``; ``elapsed``: seconds since the beginning."""
-        return cls(sampling.noises, sampling.time, time.perf_counter() - elapsed)
 
     def excess(self, noise: Sequence[float]) -> float:
         """The measured ``noise`` over the target; the worst of the three."""
@@ -89,8 +84,6 @@ class SecondImage:
     #: number of copies of each.
     FEW, MAX_COPIES = 512, 64
 
-    policy = None  # its counts are those of the image
-
     def __init__(self, state: FilmState, complete: bool = False) -> None:
         self.state, self.complete = state, complete
         index, seed = state.crop(np.arange(area(state.outer)), state.plan.region).ravel(), state.plan.seed + 1
@@ -104,7 +97,8 @@ class SecondImage:
         some = dr_array(index.astype(np.uint32))
         self.x, self.y = (dr.gather(mi.Int32, v, some) for v in (state.x, state.y))
         dr.make_opaque(seed, self.x, self.y)
-        self.plan = replace(state.plan, seed=seed, own_photon_seed=int(seed[0]))
+        sampling = replace(state.plan.sampling, adaptive="none")  # its counts are those of the image
+        self.plan = replace(state.plan, seed=seed, own_photon_seed=int(seed[0]), sampling=sampling)
         self.estimator = copy.copy(state.estimator)
         if state.second is None or dr.width(state.second.count) != len(index):  # of other pixels
             self.accumulators = Accumulators.empty(self.estimator.sums_per_pixel, len(index))

@@ -17,7 +17,7 @@ from .accumulators import BRIGHTEST, DARKEST, Accumulators
 from .camera import ray_sampler
 from .film import Channels, luminance
 from .plan import Plan
-from .policies import Policy
+from .policies import policy_of
 
 
 class Estimator:
@@ -93,19 +93,16 @@ class Estimator:
         down = [self.rfilter.eval(k + 0.5 - position.y) for k in offsets]
         return [(wx * wy, v) for wy in down for wx in across for v in values]
 
-    def accumulate(
-        self, plan: Plan, x: mi.Int32, y: mi.Int32, start: Accumulators, end: mi.UInt32, policy: Policy | None
-    ) -> Accumulators:
+    def accumulate(self, plan: Plan, x: mi.Int32, y: mi.Int32, start: Accumulators, end: mi.UInt32) -> Accumulators:
         """The sums of ``start`` and of further samples, until the pixels (x, y) have ``end`` samples, or have converged
-        by ``policy`` after a pass. One lane a pixel.
+        by their own policy after a pass. One lane a pixel.
         """
-        n = plan.n
+        n, policy = plan.n, policy_of(plan)
 
         # ``end`` is no variable of the loop: Dr.Jit traces a loop twice in which a variable stays as it is.
         def unfinished(sums: Accumulators) -> mi.Bool:
-            converged = None if policy is None else policy.converged(sums.total, sums.squares, sums.count)
-            active = sums.count < end
-            return active if converged is None else active & ~((sums.count % n == 0) & converged)
+            converged = policy.converged(sums.total, sums.squares, sums.count)
+            return (sums.count < end) & ~((sums.count % n == 0) & converged)
 
         def step(sums: Accumulators, active: mi.Bool) -> tuple[Accumulators, mi.Bool]:
             t = sums.count

@@ -41,6 +41,11 @@ class Channels:
             + others
         )
 
+    @property
+    def aov_names(self) -> list[str]:
+        """Names of the AOVs, which follow the film's own channels."""
+        return self.names[self.names.index("W") + 1 :]
+
     def values(
         self,
         scene: mi.Scene,
@@ -106,6 +111,12 @@ def append_channels(image: mi.TensorXf, more: int) -> mi.TensorXf:
     return dr.concat((image, dr.zeros(mi.TensorXf, (*image.shape[:2], more))), axis=2) if more else image
 
 
+def put(film: mi.Film, values: mi.TensorXf, aov_names: Sequence[str]) -> None:
+    """Replaces the content of ``film``, which may be that of another image, by ``values``."""
+    film.prepare(aov_names)
+    film.put_block(mi.ImageBlock(values, mi.ScalarPoint2i(film.crop_offset()), border=False))
+
+
 def film_values(state: FilmState, own_aovs: Sequence[str], second: Accumulators | None = None) -> mi.TensorXf:
     """The film's values of the image so far, shape (height, width, channels), with the ``own_aovs`` multiplied by the
     weight, as films expect. Pixels without samples are black. ``second``: those of a complete second image instead.
@@ -115,7 +126,7 @@ def film_values(state: FilmState, own_aovs: Sequence[str], second: Accumulators 
     plan, names = state.plan, state.estimator.channels.names
     accumulators, outer = (state.accumulators, state.outer) if second is None else (second, state.plan.region)
     (left, top, right, bottom), reach = plan.window, plan.reach
-    x, y, *_ = pixels(plan.window)
+    x, y = pixels(plan.window)
     offsets = range(-reach, reach + 1)
     share = dr.select(accumulators.count > 0, dr.rcp(mi.Float(accumulators.count)), 0)
     own = [mi.Float(accumulators.count) if name == "samples" else accumulators.error(plan.n) for name in own_aovs]

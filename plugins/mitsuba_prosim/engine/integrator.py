@@ -206,7 +206,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         storage, gradient = mi.TensorXf(derivatives.storage), derivatives.forward()
         dr.enable_grad(storage)
         dr.set_grad(storage, gradient)
-        image = derivatives.develop(storage, self.aov_names())
+        image = derivatives.develop(storage)
         dr.forward_to(image)
         gradient = dr.grad(image)
         return append_channels(gradient, len(self.own_aovs))  # the integrator's own channels have no derivatives
@@ -224,7 +224,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         derivatives = self._derivatives(scene, sensor, seed, spp)
         storage = mi.TensorXf(derivatives.storage)
         dr.enable_grad(storage)
-        image = derivatives.develop(storage, self.aov_names())
+        image = derivatives.develop(storage)
         dr.backward(dr.sum(image * grad_in[:, :, : image.shape[2]], axis=None))
         derivatives.backward(dr.grad(storage))
 

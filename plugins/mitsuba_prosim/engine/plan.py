@@ -155,14 +155,12 @@ def widened(rectangle: Rectangle, reach: int, domain: Rectangle) -> Rectangle:
     )
 
 
-def pixels(rectangle: Rectangle) -> tuple[mi.Int32, mi.Int32, mi.UInt32, mi.UInt32]:
-    """``(x, y, width, height)``: the pixels of a rectangle (left, top, right, bottom), row by row, and its size."""
-    left, top, right, bottom = rectangle
-    width, height = dr.opaque(mi.UInt32, right - left), dr.opaque(mi.UInt32, bottom - top)
-    i = dr.arange(mi.UInt32, (right - left) * (bottom - top))
+def pixels(rectangle: Rectangle) -> tuple[mi.Int32, mi.Int32]:
+    """``(x, y)``: the pixels of a rectangle (left, top, right, bottom), row by row."""
+    left, top, right, _ = rectangle
+    width, i = dr.opaque(mi.UInt32, right - left), dr.arange(mi.UInt32, area(rectangle))
     y = i // width
-    x = i - y * width
-    return mi.Int32(x) + dr.opaque(mi.Int32, left), mi.Int32(y) + dr.opaque(mi.Int32, top), width, height
+    return mi.Int32(i - y * width) + dr.opaque(mi.Int32, left), mi.Int32(y) + dr.opaque(mi.Int32, top)
 
 
 def index_within(rectangle: Rectangle, x: mi.Int32, y: mi.Int32) -> mi.UInt32:

@@ -41,11 +41,11 @@ class Policy:
         """
         return dr.full(mi.Float, self.noisy_samples, dr.width(accumulators.count))
 
-    def converged(self, total: mi.Float, squares: mi.Float, t: mi.UInt32) -> mi.Bool | None:
+    def converged(self, total: mi.Float, squares: mi.Float, t: mi.UInt32) -> mi.Bool:
         """Which pixels need no sample beyond the first ``t``, a whole number of passes, by the sums of the luminance
-        and of its square; None: the policy does not decide by the pixel itself.
+        and of its square; none if the policy does not decide by the pixel itself.
         """
-        return None
+        return mi.Bool(False)
 
 
 class Thesis(Policy):

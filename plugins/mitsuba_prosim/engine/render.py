@@ -18,7 +18,7 @@ from .checkpoint import Checkpoint
 from .error import in_display_units
 from .error_target import ENOUGH, ErrorTarget, SecondImage, mean, next_counts, remaining_factor
 from .estimator import Estimator
-from .film import film_values
+from .film import film_values, put
 from .plan import UNLIMITED, Plan, area
 from .tiles import Part
 from .work import Executor, Step, photon_steps, work_items
@@ -101,7 +101,8 @@ class Render:
     ) -> None:
         self.state = FilmState(plan, estimator, part if begin is None else begin.part)
         self.film, self.own_aovs, self.executor = estimator.sensor.film(), own_aovs, executor or Executor()
-        self.target = ErrorTarget.of(plan.sampling, 0.0 if begin is None else begin.attributes["seconds"])
+        elapsed = 0.0 if begin is None else begin.attributes["seconds"]
+        self.target = ErrorTarget(plan.sampling.noises, plan.sampling.time, time.perf_counter() - elapsed)
         #: Whether the image has all requested samples.
         self.finished = False
         #: The developed image of a render that has ended, not evaluated: it costs nothing where nobody needs it.
@@ -286,10 +287,8 @@ class Render:
         """Puts the image so far into the film; ``second``: the second image, which is complete."""
         state = self.state
         sums = self.second.accumulators if second and self.second else None
-        names = state.estimator.channels.names
-        self.film.prepare([*names[names.index("W") + 1 :], *self.own_aovs])  # another image may have had others
-        offset = mi.ScalarPoint2i(state.plan.window[:2])
-        self.film.put_block(mi.ImageBlock(film_values(state, self.own_aovs, sums), offset, border=False))
+        names = [*state.estimator.channels.aov_names, *self.own_aovs]
+        put(self.film, film_values(state, self.own_aovs, sums), names)
         self.film.schedule_storage()
         dr.eval()  # pending work of one thread would break dr.freeze in another
 

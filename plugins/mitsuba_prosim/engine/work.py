@@ -18,7 +18,6 @@ from .accumulators import Accumulators
 from .camera import is_perspective, without_crop_window
 from .estimator import Estimator
 from .plan import Plan
-from .policies import Policy
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,7 +44,7 @@ class Step(NamedTuple):
 @dataclass(frozen=True)
 class WorkItem:
     """The pixels (x, y), whose samples by ``plan`` continue from ``start`` to the counts ``end``, or until they have
-    converged by ``policy``. All arrays are evaluated, with one entry a pixel.
+    converged. All arrays are evaluated, with one entry a pixel.
     """
 
     estimator: Estimator
@@ -54,7 +53,6 @@ class WorkItem:
     y: mi.Int32
     start: Accumulators
     end: mi.UInt32
-    policy: Policy | None = None
     #: Number of samples, about.
     samples: int = 0
     #: Stores the sums.
@@ -69,7 +67,7 @@ class WorkItem:
             for which, end in self.photon_passes():
                 if which is not None:
                     self.estimator.transport.caustics.draw(*which)
-                sums = self.estimator.accumulate(self.plan, self.x, self.y, sums, end, self.policy)
+                sums = self.estimator.accumulate(self.plan, self.x, self.y, sums, end)
                 dr.eval(sums)
         return sums
 
@@ -179,7 +177,7 @@ def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, samples: in
             pixels.accumulators.scatter(sums, index)
             dr.eval(pixels.accumulators)
 
-    return WorkItem(pixels.estimator, plan, x, y, start, end, pixels.policy, samples, store)
+    return WorkItem(pixels.estimator, plan, x, y, start, end, samples, store)
 
 
 def photon_steps(pixels: Pixels, wanted: np.ndarray, photon_passes: int | None) -> list[np.ndarray]:

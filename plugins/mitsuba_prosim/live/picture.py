@@ -69,8 +69,7 @@ def layers_of_render(render: Render, kind: str = "none") -> dict[str, np.ndarray
     image = np.array(render.image())
     layers = {"final": colours(image), "error": render.error(), "samples": render.counts().astype(np.float32)}
     if kind != "none":
-        names = render.state.estimator.channels.names
-        names = names[names.index("W") + 1 :] + list(render.own_aovs)
+        names = [*render.state.estimator.channels.aov_names, *render.own_aovs]
         for k, name in enumerate(render.state.estimator.transport.aov_names, image.shape[2] - len(names)):
             if name.endswith(".R"):
                 layers[f"{kind}.{name[:-2]}"] = colours(image[..., k : k + 3])

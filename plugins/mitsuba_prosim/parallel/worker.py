@@ -27,7 +27,6 @@ from ..alone import alone
 from ..compat import dr_array
 from ..engine import environment
 from ..engine.estimator import Estimator
-from ..engine.policies import policy_of
 from ..engine.work import WorkItem
 from ..photons.caustics import Which
 from ..scene import session
@@ -128,7 +127,7 @@ def pickled(value: Any) -> bytes:
 
 def packed(item: WorkItem) -> bytes:
     """A work item without the scene and without the function that stores the sums."""
-    return pickled((item.plan, item.x, item.y, item.start, item.end, item.policy is not None))
+    return pickled((item.plan, item.x, item.y, item.start, item.end))
 
 
 @in_render_thread
@@ -147,8 +146,7 @@ def sample(
 def timed_sums(estimator: Estimator, item: bytes) -> tuple[float, bytes]:
     """``(seconds, sums)`` of a :func:`packed` work item; the sums are pickled."""
     with alone():
-        plan, x, y, start, end, decides = pickle.loads(item)
-        work_item = WorkItem(estimator, plan, x, y, start, end, policy_of(plan) if decides else None)
+        work_item = WorkItem(estimator, *pickle.loads(item))
     started = time.perf_counter()
     sums = work_item.compute()
     dr.sync_thread()

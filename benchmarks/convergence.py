@@ -55,7 +55,9 @@ def slope(curve: list[Run]) -> np.ndarray:
     return interval(fitted, len(curve[0].seconds))
 
 
-def draw(subject: Subject, found: dict[str, list[Run]], truth: np.ndarray, path: Path) -> None:
+def draw(
+    subject: Subject, found: dict[str, list[Run]], slopes: dict[str, np.ndarray], truth: np.ndarray, path: Path
+) -> None:
     """The curves, and below them crops at about the time of the largest ``graded`` run."""
     figure = plt.figure(figsize=(12, 10), layout="constrained")
     upper, lower = figure.subfigures(2, 1, height_ratios=(1, 1.1))
@@ -63,7 +65,7 @@ def draw(subject: Subject, found: dict[str, list[Run]], truth: np.ndarray, path:
     for name, curve in found.items():
         every = np.arange(len(curve[0].seconds))
         costs, errors = [np.median(run.seconds) for run in curve], [rms(run, every) for run in curve]
-        axes.loglog(costs, errors, "o-", label=f"{name} (slope {slope(curve)[0]:.2f})")
+        axes.loglog(costs, errors, "o-", label=f"{name} (slope {slopes[name][0]:.2f})")
     axes.set(xlabel="processor seconds", ylabel="tone-mapped RMS error", title=subject.name)
     axes.legend(fontsize=8)
     graded = found["prosim, graded"][-1]
@@ -102,9 +104,9 @@ def main() -> None:
         found, integrator, spp = curves(subject)
         truth = reference(subject, integrator, spp, options.reference_seconds, options.cache)
         by_turns([run for curve in found.values() for run in curve], truth, options.rounds, ["tone-mapped"])
-        draw(subject, found, truth, options.output / f"{name.replace(' ', '-')}.png")
-        for label, curve in found.items():
-            value = slope(curve)
+        slopes = {label: slope(curve) for label, curve in found.items()}
+        draw(subject, found, slopes, truth, options.output / f"{name.replace(' ', '-')}.png")
+        for label, value in slopes.items():
             print(f"| {name} | {label} | {value[0]:.2f} ({value[1]:.2f} to {value[2]:.2f}) |", flush=True)
 
 

@@ -7,7 +7,7 @@ import drjit as dr
 import numpy as np
 import pytest
 from mitsuba_prosim.cli import files
-from mitsuba_prosim.cli.progress import FilmProgress
+from mitsuba_prosim.cli.progress import Progress
 from running import XML, metadata, names, pixels, prosim, refused
 from running import done as run
 
@@ -94,17 +94,13 @@ def test_frames_share_kernels(film):
 
 @pytest.mark.parametrize(
     "target, name, keep",
-    [
-        (FilmProgress, "show", False),
-        (files, "save", False),
-        pytest.param(FilmProgress, "show", True, marks=pytest.mark.slow),
-    ],
+    [(Progress, "show", False), (files, "save", False), pytest.param(Progress, "show", True, marks=pytest.mark.slow)],
 )
 def test_an_interrupted_film_keeps_its_frames(film, monkeypatch, target, name, keep):
     """A signal comes while the first frame is written, or in the second frame, which ``--checkpoint`` keeps."""
     options = ("--frames", "0:3", *(["--checkpoint"] if keep else []))
     assert rendered(film, *options, "-o", film.with_name("whole")) == (3, 0)
-    act, in_second, calls = getattr(target, name), target is FilmProgress, []
+    act, in_second, calls = getattr(target, name), target is Progress, []
 
     def acting(*arguments):
         calls.append(film.with_name("film.0000.png").exists() == in_second)

@@ -26,7 +26,7 @@ from .interrupts import interruptible
 from .job import Job
 from .log import log
 from .option_types import input_errors
-from .progress import FilmProgress, warn
+from .progress import Progress, warn
 from .render_task import Image, RenderTask, Workers, finish, render_image, start
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class Film:
         self.job, self.stem, self.frames = job, stem, job.frames or range(0)
         self.cache = prosim_scene.TranslationCache()
         self.rendered = self.left = self.black = 0
-        self.bar = FilmProgress(len(self.frames))
+        self.bar = Progress("film", len(self.frames))
         self.signals: list[int] = []
         #: The frame that errors are about.
         self.number = self.frames[0]

@@ -17,35 +17,31 @@ def warn(text: str) -> None:
 
 
 class Progress(tqdm):
-    """The progress of one step after the other, on standard error.
+    """The progress of one step after the other, or of a film's frames, on standard error.
 
-    ``doing``: shown until the first step begins; ``total``: the length of a step; ``timed``: whether a step shows
-    progress before its end.
+    ``doing``: shown until the first step begins; ``frames``: of a film; ``timed``: whether a step shows progress before
+    its end.
     """
 
-    def __init__(self, doing: str, total: float = 1, timed: bool = True) -> None:
+    def __init__(self, doing: str, frames: int = 1, timed: bool = True) -> None:
         self.on_terminal, self.next_line = sys.stderr.isatty(), SHORTEST
         form = "{l_bar}{bar}| {elapsed}, {remaining} left" if timed else "{desc}"
-        self.step: str | None = None
+        self.step, self.finished = "", 0
         super().__init__(
-            desc=doing, total=total, bar_format=form, file=sys.stderr, leave=False, smoothing=0, miniters=0
+            desc=doing, total=frames, bar_format=form, file=sys.stderr, leave=False, smoothing=0, miniters=0
         )
 
     def show(self, done: float, step: str = "rendering") -> None:
-        """Shows that the part ``done`` of a step is done, 0 to 1. What the first call says of a step was done before:
-        the time left does not count it.
+        """Shows that the part ``done`` of a step, or of the frame, is done, 0 to 1; the bar never moves back. What the
+        first call says of a step was done before: the time left does not count it.
         """
         if step != self.step:
-            if self.step is not None:
+            if self.step:
                 self.reset()
                 self.next_line = SHORTEST
-            self.step, self.initial = step, done * self.total
+            self.step, self.initial = step, done
             self.set_description_str(step, refresh=False)
-        self.advance(done)
-
-    def advance(self, done: float) -> None:
-        """Moves the bar to ``done``, and never back: an estimate may become worse."""
-        self.update(max(done - self.n, 0))
+        self.update(max(self.finished + done - self.n, 0))  # an estimate may become worse
 
     def display(self, msg: str | None = None, pos: int | None = None) -> bool:
         """Draws the bar; without a terminal prints a line, if it is time for one."""
@@ -63,21 +59,10 @@ class Progress(tqdm):
         if self.on_terminal:
             super().clear(*how, **more)
 
-
-class FilmProgress(Progress):
-    """The progress of the ``frames`` of a film, one after the other."""
-
-    def __init__(self, frames: int) -> None:
-        super().__init__("film", total=frames)
-        self.finished = 0
-
     def begin(self, number: int) -> None:
         """Shows the frame of that number from now on."""
+        self.step = "rendering"
         self.set_description_str(f"frame {number}")
-
-    def show(self, done: float, step: str = "rendering") -> None:
-        """Shows that the part ``done`` of the frame is done, 0 to 1."""
-        self.advance(self.finished + done)
 
     def finish(self) -> None:
         """Counts a frame that was rendered."""

@@ -7,6 +7,7 @@ input exhausts Python's stack.
 import math
 import operator
 import re
+from collections import ChainMap
 from collections.abc import Callable, Mapping
 from functools import cache
 from numbers import Real
@@ -65,6 +66,7 @@ class Definitions:
         self.source = source
         self.caller_values = {name: _caller_value_text(source, name, value) for name, value in (given or {}).items()}
         self.defaults: dict[str, str] = {}
+        self.values = ChainMap(self.caller_values, self.defaults, {FRAME: "0"})
         self.uses: set[str] = set()
         self.undefined: dict[str, SceneError] = {}  # one error for each name, up to MAX_ERRORS
         source.names.update({name: f"{quote(text)}, by -D {name}={text}" for name, text in self.caller_values.items()})
@@ -77,11 +79,8 @@ class Definitions:
     def value_text(self, name: str, span: Span) -> str | None:
         """The text of a name's value; None if it has none, which is an error in ``undefined``."""
         self.uses.add(name)
-        for table in (self.caller_values, self.defaults):
-            if name in table:
-                return table[name]
-        if name == FRAME:
-            return "0"
+        if name in self.values:
+            return self.values[name]
         if name == TIME:
             return number_text(self.number(FRAME, span) / FPS)
         if name not in self.undefined and len(self.undefined) <= MAX_ERRORS:

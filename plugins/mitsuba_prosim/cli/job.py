@@ -24,9 +24,8 @@ from .option_types import InputError, Integer, Number
 #: Fields that say when an image is good enough.
 TARGETS = ("noise", "noise_99", "noise_999", "time")
 
-#: Fields that become parameters of the integrator, and options of the translator.
+#: Fields that become parameters of the integrator.
 INTEGRATOR = ("samples", "caustics", "max_level", "layers", "threshold", "max_samples", "adaptive", *TARGETS)
-LANGUAGE = ("light_units", "tolerance", "allow_outside")
 
 #: Fields of films, and all that do not change the image.
 FILM = ("frames", "fps", "overwrite")
@@ -138,8 +137,8 @@ class Job:
 
     @property
     def language(self) -> dict[str, Any]:
-        """Options of the translator."""
-        return {name: value for name in LANGUAGE if (value := getattr(self, name))}
+        """Options of the translator; see :data:`.scene_file.TRANSLATION`."""
+        return {name: value for name in scene_file.TRANSLATION if (value := getattr(self, name, None))}
 
     @property
     def distributed(self) -> str | None:

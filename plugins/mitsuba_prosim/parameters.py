@@ -9,24 +9,16 @@ from typing import Any
 import mitsuba as mi
 
 
-class _Missing:
-    """Represents a missing parameter in the message of `reject`."""
-
-    def __repr__(self) -> str:
-        return "missing"
-
-
-MISSING = _Missing()
-
-
 def reject(props: mi.Properties, name: str, value: Any, allowed: str) -> ValueError:
     """Returns the error for a parameter with a value that is not allowed; the caller raises it.
 
-    ``name``: of the parameter; ``value``: the one that was given, or `MISSING`; ``allowed``: a phrase such as ``"a
+    ``name``: of the parameter; ``value``: the given one, None if it is missing; ``allowed``: a phrase such as ``"a
     number >= 0"``.
     """
     where = f'"{props.id()}" ({props.plugin_name()})' if props.id() else props.plugin_name()
-    return ValueError(f'{where}: parameter "{name}" is {value!r}; allowed: {allowed}.')
+    return ValueError(
+        f'{where}: parameter "{name}" is {"missing" if value is None else repr(value)}; allowed: {allowed}.'
+    )
 
 
 def number(
@@ -38,7 +30,7 @@ def number(
     """
     value = props.get(name, default)
     if not _is_number(value) or not low <= value <= high or not isfinite(value) or (open_below and value == low):
-        raise reject(props, name, MISSING if value is None else value, "a number" + _bounds(low, high, open_below))
+        raise reject(props, name, value, "a number" + _bounds(low, high, open_below))
     return float(value)
 
 
@@ -50,7 +42,7 @@ def whole(props: mi.Properties, name: str, default: int | None, low: int, high: 
     value = props.get(name, default)
     top = inf if high is None else high
     if not _is_number(value) or not low <= value <= top or not isfinite(value) or value != int(value):
-        raise reject(props, name, MISSING if value is None else value, "a whole number" + _bounds(low, top, False))
+        raise reject(props, name, value, "a whole number" + _bounds(low, top, False))
     return int(value)
 
 

@@ -8,6 +8,7 @@ import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 import pytest
 from mitsuba_prosim.alone import alone
+from mitsuba_prosim.engine.accumulators import Accumulators
 from mitsuba_prosim.engine.work import WorkItem, photon_steps
 from mitsuba_prosim.light.strategy import Receiver
 from mitsuba_prosim.light.table import Lights
@@ -207,7 +208,7 @@ def test_no_photons_are_emitted_for_no_samples(variant_rgb):
     """Neither between the samples of two pixels, nor without samples."""
     world = small(4, integrator={"type": "prosim", "samples": 2, "caustics": True, "caustic_photons": 64})
     state = world.integrator().progressive(world).state
-    accumulators, end = state.accumulators.gather(mi.UInt32(0, 1)), mi.UInt32(3, 14)
+    accumulators, end = Accumulators.empty(state.estimator.sums_per_pixel, 2), mi.UInt32(3, 14)
     accumulators.count = mi.UInt32(1, 13)
     item = WorkItem(state.estimator, state.plan, state.x, state.y, accumulators, end)
     assert [which[1] for which, _ in item.photon_passes()] == [0, 3]

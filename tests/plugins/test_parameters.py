@@ -4,7 +4,7 @@ import math
 
 import mitsuba as mi
 import pytest
-from mitsuba_prosim.parameters import MISSING, choice, number, reject, whole
+from mitsuba_prosim.parameters import choice, number, reject, whole
 
 
 def properties(**values):
@@ -48,4 +48,4 @@ def test_what_is_missing_infinite_or_another_word_is_rejected(variant_rgb):
 def test_errors_name_the_plugin_and_its_id(variant_rgb):
     props = properties()
     props.set_id("lamp")
-    assert str(reject(props, "x", MISSING, "a")) == '"lamp" (prosim_thing): parameter "x" is missing; allowed: a.'
+    assert str(reject(props, "x", None, "a")) == '"lamp" (prosim_thing): parameter "x" is missing; allowed: a.'

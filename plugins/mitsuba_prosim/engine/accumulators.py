@@ -52,14 +52,6 @@ class Accumulators:
         dr.make_opaque(result)
         return result
 
-    def gather(self, index: mi.UInt32) -> Accumulators:
-        """The entries at ``index``."""
-        return dr.gather(Accumulators, self, index)
-
-    def scatter(self, other: Accumulators, index: mi.UInt32) -> None:
-        """Replaces the entries at ``index``, each at most once."""
-        dr.scatter(self, other, index, mode=dr.ReduceMode.NoConflicts)
-
     def error(self, n: int) -> mi.Float:
         """Standard error of the mean luminance; between passes of ``n`` samples after two or more complete ones."""
         count = mi.Float(self.count)

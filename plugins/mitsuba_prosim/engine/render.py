@@ -70,11 +70,6 @@ class Pass:
     #: Whether all samples have been taken.
     complete: bool = field(default=False, init=False)
 
-    def taken_and_missing(self) -> tuple[int, int]:
-        """Number of the samples that have been taken, and of those that are missing."""
-        count = np.array(self.pixels.accumulators.count, dtype=np.int64)
-        return int(count.sum()), int(np.maximum(self.wanted - count, 0).sum())
-
 
 class Render:
     """The image of ``plan``, or a ``part`` of it, in progress: an iterator of :class:`Step`.
@@ -150,9 +145,10 @@ class Render:
                     current = next(passes, None)
                 if current is None:
                     break
-                (before, missing), taken = current.taken_and_missing(), 0
+                count = np.array(current.pixels.accumulators.count, dtype=np.int64)
+                missing, taken = int(np.maximum(current.wanted - count, 0).sum()), 0
                 for wanted in photon_steps(current.pixels, current.wanted, self.executor.photon_passes):
-                    items = work_items(current.pixels, wanted, self._limit)
+                    items = work_items(current.pixels, wanted, self.executor, self.target.item_seconds)
                     with closing(self.executor(items)) as results:
                         for result in results if not self._must_end(current) else ():
                             if result is not None:
@@ -160,7 +156,7 @@ class Render:
                                 with alone():
                                     item.store(sums)
                                 taken += item.samples
-                                self._done = self._progress(current, before + taken)
+                                self._done = self._progress(current, int(count.sum()) + taken)
                             yield Step(self._done, False)
                             if taken < missing and self._must_end(current):
                                 break
@@ -183,9 +179,6 @@ class Render:
         """The part of the image that is done, by its samples or by its time."""
         by_time = 1 - self.target.seconds_left / self.target.seconds if current.timed and self.target.seconds else 0.0
         return min(max(samples / current.expected if current.expected else self._done, by_time), 1.0)
-
-    def _limit(self, left: int) -> int:
-        return self.executor.limit(left, self.target.item_seconds)
 
     def complete_second(self) -> None:
         """Begins a complete second image, if that is not there."""

@@ -136,8 +136,9 @@ class Executor:
             yield item, sums
 
 
-def work_items(pixels: Pixels, wanted: np.ndarray, limit: Callable[[int], int]) -> Iterator[WorkItem]:
-    """The samples that ``pixels`` lack to the counts ``wanted``, as work items of about ``limit(left)`` samples.
+def work_items(pixels: Pixels, wanted: np.ndarray, executor: Executor, seconds: float = np.inf) -> Iterator[WorkItem]:
+    """The samples that ``pixels`` lack to the counts ``wanted``, as work items of the size that suits ``executor`` and
+    takes ``seconds`` at most.
 
     Pixels that lack most come first: a render that stops has improved the noisiest. Pixels that lack about as many are
     together, row by row: the lanes of a kernel wait for the last of some neighbours.
@@ -149,7 +150,7 @@ def work_items(pixels: Pixels, wanted: np.ndarray, limit: Callable[[int], int]) 
     ends = np.cumsum(lack[order])
     begin = before = 0
     while begin < len(order):
-        most = before + limit(int(ends[-1]) - before)
+        most = before + executor.limit(int(ends[-1]) - before, seconds)
         end = max(begin + 1, int(np.searchsorted(ends, most, side="right")))
         end = min(end, begin + pixels.plan.sampling.band)
         samples, before = int(ends[end - 1]) - before, int(ends[end - 1])
@@ -165,7 +166,7 @@ def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, samples: in
     index = None
     if len(some) < len(wanted) or np.any(some[1:] < some[:-1]):
         index = dr_array(some.astype(np.uint32))
-        x, y, start = dr.gather(mi.Int32, x, index), dr.gather(mi.Int32, y, index), start.gather(index)
+        x, y, start = (dr.gather(type(values), values, index) for values in (x, y, start))
         if dr.width(plan.seed) > 1:
             plan = replace(plan, seed=dr.gather(mi.UInt32, plan.seed, index))
         dr.eval(x, y, start, plan.seed)
@@ -174,7 +175,7 @@ def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, samples: in
         if index is None:
             pixels.accumulators = sums
         else:
-            pixels.accumulators.scatter(sums, index)
+            dr.scatter(pixels.accumulators, sums, index, mode=dr.ReduceMode.NoConflicts)
             dr.eval(pixels.accumulators)
 
     return WorkItem(pixels.estimator, plan, x, y, start, end, samples, store)

@@ -178,8 +178,9 @@ class FinalImage:
         if not excess > ENOUGH:  # NaN without limits
             return raw
         by_raw = samples * (excess / AIM) ** 2
-        # As many samples are needed for the second half.
-        if not state.estimates and by_raw - samples * (1 if second.complete else 2) < 2 * self.CALL:
+        # The second half takes as many samples. The error of the first pass promises too many of them.
+        left = by_raw - samples * (1 if second.complete else 2) if state.effort else 0.0
+        if not state.estimates and left < 2 * self.CALL:
             return raw
         if excess > self.FAR:
             return scaled(raw, 1 / self.FAR)

@@ -124,7 +124,7 @@ def test_all_photons_within_reach_are_found(variant_rgb, monkeypatch, enough, ti
     white = mi.load_dict({"type": "diffuse", "reflectance": 1.0})
     world = load_scene(floor=floor(1.0), ball=ball(ROUGH))
     vertex = Vertex(si, white, mi.Bool(True), mi.Bool(False), mi.Bool(True), None, None)
-    L = Gathering(world, footprint)(photons, mi.UInt32(number), vertex)
+    L = Gathering(world)(photons, mi.UInt32(number), vertex)
     width = footprint.width(place)
     radius = np.round(np.array(grid.kernel_radii(place, footprint) / width)).astype(int)
     assert set(radius) == {times} if times else len(set(radius)) > 1

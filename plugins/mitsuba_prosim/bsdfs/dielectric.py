@@ -117,7 +117,7 @@ class Dielectric(Material):
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        self.indices = dispersion.Indices.read(props)
+        self.indices = dispersion.Indices(dispersion.read(props, "int", "bk7"), dispersion.read(props, "ext", "air"))
         #: Whether they depend on the wavelength; ``eta`` is then none.
         self.disperses = self.indices.disperse
         self.eta = self.indices.quotient()

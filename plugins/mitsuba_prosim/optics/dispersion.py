@@ -91,11 +91,6 @@ class Indices:
     inside: float | Dispersion
     outside: float | Dispersion
 
-    @classmethod
-    def read(cls, props: mi.Properties) -> Indices:
-        """The indices that ``props`` give, see :func:`read`; glass in air by default."""
-        return cls(read(props, "int", "bk7"), read(props, "ext", "air"))
-
     @property
     def disperse(self) -> bool:
         """Whether either depends on the wavelength."""

@@ -47,7 +47,7 @@ class Caustics:
         #: The MIS of photons and rays at glossy surfaces; None where only diffuse surfaces gather photons.
         self.mis = mis if mis.needed else None
         self.tracer = PhotonTracer(scene, limit, tree, self.mis)
-        self.gathering = Gathering(scene, self.footprint)
+        self.gathering = Gathering(scene)
         #: Photon passes, the most recently used one last.
         self._passes: OrderedDict[Which, tuple[Photons, Photons | None]] = OrderedDict()
         self._current: tuple[Photons, Photons | None] | None = None

@@ -10,7 +10,6 @@ from ..optics.nested import all_bsdfs, all_within
 from ..transport import lobes
 from ..transport.ray import Vertex
 from ..transport.scattering import Scattering
-from .footprint import Footprint
 from .grid import Photons, gather
 
 #: Class names of BSDFs whose diffuse lobe is Lambert's, ours and Mitsuba's, and of those around others that change
@@ -20,10 +19,9 @@ AROUND = (TWO_SIDED, MASK, BLEND)
 
 
 class Gathering:
-    """The diffuse lobes of the surfaces of ``scene``, lit by photons; ``footprint``: of the pixels."""
+    """The diffuse lobes of the surfaces of ``scene``, lit by photons."""
 
-    def __init__(self, scene: mi.Scene, footprint: Footprint) -> None:
-        self.footprint = footprint
+    def __init__(self, scene: mi.Scene) -> None:
         self.scattering = Scattering.of(scene)
         #: Whether all diffuse lobes are Lambert's.
         self.lambertian = (
@@ -52,7 +50,7 @@ class Gathering:
             f = self.scattering.or_all_lobes(f, vertex, wo, in_reach)
             return dr.select(in_reach, f * flux / dr.select(in_reach, dr.abs(cos), 1), 0)
 
-        L = gather(photons, number, self.footprint, si, light, active)
+        L = gather(photons, number, si, light, active)
         if self.lambertian:
             lit = active & (dr.max(L) > 0)
             L *= bsdf.eval(lobes.diffuse(), si, mi.Vector3f(0, 0, dr.sign(si.wi.z)), lit)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -28,6 +29,9 @@ MIN_NEIGHBOURS = 100
 
 #: Entries of the hash table that photons are counted in.
 COUNTERS = 1 << 18
+
+#: Radiance of the photon of an index, in the lanes of a mask.
+LightOf = Callable[[Any, Any], Any]
 
 
 @dataclass
@@ -70,6 +74,8 @@ class Photons:
     begins: mi.UInt32
     #: Buckets of a map, a power of two, less one.
     mask: mi.UInt32
+    #: Of the pixels that gather them.
+    footprint: Footprint
 
     @classmethod
     def of(cls, landed: Landed, map_of: mi.UInt32, maps: int, footprint: Footprint) -> Photons:
@@ -95,7 +101,7 @@ class Photons:
         places = dr.ravel(mi.Vector4f(p.x, p.y, p.z, dr.reinterpret_array(mi.Float, rows)))
         dr.make_opaque(places, d, flux, begins, others)
         density, levels = others or (None, None)
-        return cls(maps, places, d, flux, density, levels, begins, mask)
+        return cls(maps, places, d, flux, density, levels, begins, mask, footprint)
 
     def map_range(self, number: mi.UInt32, active: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
         """First photon of the map ``number``, and the number of its photons."""
@@ -171,17 +177,13 @@ def bucket_of(number: mi.UInt32, row: mi.UInt32, x: mi.Int32, mask: mi.UInt32) -
 
 
 def gather(
-    photons: Photons,
-    number: mi.UInt32,
-    footprint: Footprint,
-    si: mi.SurfaceInteraction3f,
-    light: Callable[[mi.UInt32, mi.Bool], mi.Spectrum],
-    active: mi.Bool,
+    photons: Photons, number: mi.UInt32, si: mi.SurfaceInteraction3f, light: LightOf, active: mi.Bool
 ) -> mi.Spectrum:
     """Sum of ``light(i, in_reach)`` times the kernel over the photons i of the map ``number`` near ``si``;
     ``in_reach``: the lanes with such a photon. The kernel for the radius r of a photon is Epanechnikov's,
     2 (1 - d² / r²) / (π r²).
     """
+    footprint = photons.footprint
     distance, n2 = footprint.distance(si.p), dr.square(si.n)
     # They are between two planes parallel to the surface: along its normal mostly in one cell, not in two.
     off_axis = dr.minimum(dr.safe_sqrt(1 - n2) + MAX_PLANE_DISTANCE * dr.sqrt(n2), 1) * (1 + 1e-3)

@@ -196,7 +196,7 @@ class PhotonMIS:
             flux = dr.gather(mi.Spectrum, photons.flux, i, in_reach)
             return dr.select(in_reach, f * flux / dr.select(in_reach, cos, 1), 0)
 
-        return gather(photons, number, self.footprint, si, light, active)
+        return gather(photons, number, si, light, active)
 
     # ------------------------------------------------------------ photons
 

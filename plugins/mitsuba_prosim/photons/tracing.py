@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import drjit as dr
 import mitsuba as mi
@@ -37,16 +37,16 @@ class State:
     """Photons on their way, and where they have landed. ``level``: number of specular surfaces so far."""
 
     ray: mi.Ray3f
+    flux: mi.Spectrum
+    active: mi.Bool
     #: The medium, where anything in the scene absorbs.
     medium: mi.MediumPtr | None
-    flux: mi.Spectrum
-    level: mi.UInt32
-    active: mi.Bool
-    landed: Landed
     #: Whether a smooth lobe of a BSDF without separable lobes has scattered it; None where no BSDF is like that.
     from_inseparable: mi.Bool | None
     #: Photons for glossy surfaces, with MIS; else None.
     glossy: GlossyPhotons | None
+    level: mi.UInt32 = field(default_factory=lambda: mi.UInt32(0))
+    landed: Landed = field(default_factory=Landed.nowhere)
 
 
 class PhotonTracer:
@@ -68,16 +68,10 @@ class PhotonTracer:
         """Where the photons ``start`` land: on diffuse surfaces, and on glossy ones with MIS. ``key``: the hash key of
         each.
         """
-        state = State(
-            start.ray,
-            mi.MediumPtr(None) if self.absorbs else None,
-            start.flux,
-            mi.UInt32(0),
-            dr.max(start.flux) > 0,
-            Landed.nowhere(),
-            mi.Bool(False) if self.scattering.any_inseparable else None,
-            None if self.mis is None else self.mis.start(start.density),
-        )
+        medium = mi.MediumPtr(None) if self.absorbs else None
+        from_inseparable = mi.Bool(False) if self.scattering.any_inseparable else None
+        glossy = None if self.mis is None else self.mis.start(start.density)
+        state = State(start.ray, start.flux, dr.max(start.flux) > 0, medium, from_inseparable, glossy)
         (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (self._step(state, key, start),))
         return state.landed, None if state.glossy is None else state.glossy.landed
 
@@ -105,17 +99,11 @@ class PhotonTracer:
         goes &= number(key, first + ROULETTE) < p
         lands = but_not(lands, goes) & (hit.cos > 0)
         here = hit.flux * (hit.shading / dr.maximum(1 - p, 1e-6))
-        landed = Landed(hit.si.p, hit.d, here, mi.Bool(True))
-        return State(
-            hit.si.spawn_ray(d),
-            medium_beyond(hit.si, medium, d, goes) if self.absorbs else None,
-            dr.select(goes, flux / dr.select(goes, p, 1), state.flux),
-            hit.level + 1,
-            goes,
-            dr.select(lands, landed, state.landed),
-            None if state.from_inseparable is None else state.from_inseparable | by_all_lobes,
-            glossy,
-        )
+        landed = dr.select(lands, Landed(hit.si.p, hit.d, here, mi.Bool(True)), state.landed)
+        flux = dr.select(goes, flux / dr.select(goes, p, 1), state.flux)
+        medium = medium_beyond(hit.si, medium, d, goes) if self.absorbs else None
+        from_inseparable = None if state.from_inseparable is None else state.from_inseparable | by_all_lobes
+        return State(hit.si.spawn_ray(d), flux, goes, medium, from_inseparable, glossy, hit.level + 1, landed)
 
     def _intersect(self, state: State) -> tuple[Hit, mi.MediumPtr | None]:
         """Where photons meet a surface, and the medium before it."""

@@ -32,18 +32,9 @@ def next_ray(
     if context.attached:
         o = dr.replace_grad(o, si.p)
     active = active & belongs & (bs.pdf > 0) & (dr.max(throughput) > context.settings.cutoff)
-    following = replace(
-        ray,
-        o=o,
-        d=d,
-        throughput=throughput,
-        level=ray.level + 1,
-        node=ray.node * 2 + (k == REFRACTED),
-        pdf=bs.pdf,
-        uses_mis=but_not(mi.Bool(True), ideal),
-        n=vertex.receiver.n,
-        importance=vertex.receiver.importance,
-    )
+    following = replace(ray, o=o, d=d, throughput=throughput, pdf=bs.pdf, uses_mis=but_not(mi.Bool(True), ideal))
+    following.level, following.node = ray.level + 1, ray.node * 2 + (k == REFRACTED)
+    following.n, following.importance = vertex.receiver.n, vertex.receiver.importance
     by_all_lobes = but_not(vertex.inseparable, ideal)  # light sampling and photons took all of them
     if ray.sees_emission is not None:
         following.sees_emission = but_not(mi.Bool(True), by_all_lobes)

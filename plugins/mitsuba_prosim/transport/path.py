@@ -65,14 +65,10 @@ def specular_or_diffuse(
     # Code that chooses among lobes has already used the number of the choice; no ray is only refracted here.
     chosen = context.scattering.mixes or context.scattering.any_inseparable
     choose = points.choice(context.space(vertex.ray.node, REFRACTED if chosen else CHOICE)) < p
-    ray = dr.select(choose, diffuse, specular)
+    of_diffuse, of_specular = (diffuse, scatters, mi.Float(1), bounces + 1), (specular, reflects, eta, bounces)
+    ray, active, eta, bounces = dr.select(choose, of_diffuse, of_specular)
     ray.throughput *= dr.rcp(dr.detach(dr.select(choose, p, 1 - p)))
-    return (
-        ray,
-        dr.select(choose, scatters, reflects),
-        dr.select(choose, 1, eta),
-        dr.select(choose, bounces + 1, bounces),
-    )
+    return ray, active, eta, bounces
 
 
 def roulette(context: Context, ray: Ray, active: mi.Bool, eta: mi.Float, sample: mi.Float) -> tuple[Ray, mi.Bool]:

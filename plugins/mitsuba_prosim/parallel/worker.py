@@ -112,7 +112,7 @@ class _Pickler(pickle.Pickler):
     def reducer_override(self, value: Any) -> Any:
         if type(value) in (mi.Float, mi.UInt32, mi.Int32):
             return dr_array, (np.array(value),)
-        if type(value) in (mi.Vector3f, mi.Spectrum):
+        if type(value) in (mi.Point3f, mi.Vector3f, mi.Spectrum):
             return type(value), tuple(value)
         return NotImplemented
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import overload
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -12,11 +12,7 @@ from ..parameters import constant, reject, shown
 from ..registry import create
 
 
-@overload
-def read_emission(props: mi.Properties, name: str, default: float) -> mi.Texture: ...
-@overload
-def read_emission(props: mi.Properties, name: str) -> mi.Texture | None: ...
-def read_emission(props, name, default=None):
+def read_emission(props: mi.Properties, name: str, default: float | None = None) -> Any:
     """The texture of the emission; None if the parameter is absent and has no ``default``.
 
     Raises ValueError unless all its numbers, those of the texels of an image included, are finite and not negative. In

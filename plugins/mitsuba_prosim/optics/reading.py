@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from math import inf
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 import mitsuba as mi
 
@@ -17,11 +17,7 @@ from .facets import DISTRIBUTIONS, Distribution
 from .nested import parts
 
 
-@overload
-def reflectance(props: mi.Properties, name: str, default: float) -> mi.Texture: ...
-@overload
-def reflectance(props: mi.Properties, name: str) -> mi.Texture | None: ...
-def reflectance(props, name, default=None):
+def reflectance(props: mi.Properties, name: str, default: float | None = None) -> Any:
     """The texture of a reflectance, checked to lie in [0, 1] where it is constant; None if absent without default."""
     values = constant(props, name)
     if not all(0 <= v <= 1 for v in values):

@@ -114,7 +114,7 @@ def lamp(kind):
     if kind == "mesh":
         corners = [to_world @ mi.ScalarPoint3f(x, y, 0) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
         return mesh(corners, [(0, 1, 2), (0, 2, 3)], emitter=emitter)
-    shape = {"sphere": "sphere", "low sphere": "sphere", "disk": "disk"}.get(kind, "rectangle")
+    shape = "sphere" if "sphere" in kind else "rectangle"
     return {"type": shape, "to_world": to_world, "bsdf": diffuse(0, 0, 0), "emitter": emitter}
 
 
@@ -161,17 +161,11 @@ def turned(value, e):
     return mi.Transform4f().rotate([1, 0, 0.5], 20 * e) @ value
 
 
-def times(value, e):
-    return value * (1 + e)
-
-
 CHANGES = {
     "lamp moves": ("lamp.to_world", moved([1, 0.5, -0.7])),
     "lamp grows": ("lamp.to_world", scaled),
     "floor turns": ("floor.to_world", turned),
     "floor rises": ("floor.to_world", moved([0, 1, 0])),
-    "alpha": ("floor.bsdf.alpha.value", times),
-    "eta": ("floor.bsdf.eta.value", times),
 }
 
 
@@ -196,12 +190,9 @@ TREE, BOTH, PATH = {}, {"diffuse_bounces": 2}, {"diffuse_bounces": -1}
         ("textured", "diffuse", "floor turns", TREE),
         ("rectangle", "metal", "lamp grows", PATH),
         ("rectangle", "conductor", "floor rises", BOTH),
-        ("disk", "plastic", "lamp grows", PATH),
         ("sphere", "diffuse", "lamp grows", TREE),
         ("sphere", "conductor", "lamp moves", BOTH),
-        ("sphere", "conductor", "alpha", PATH),
-        ("sphere", "conductor", "eta", TREE),
-        ("low sphere", "plastic", "lamp moves", TREE),
+        ("low sphere", "plastic", "lamp moves", PATH),
     ],
 )
 def test_derivatives_match_quadrature(variant_rgb, kind, floor, change, settings):
@@ -222,8 +213,7 @@ def test_derivatives_match_quadrature(variant_rgb, kind, floor, change, settings
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("settings", [TREE, PATH])
-def test_a_stretched_mesh_has_the_derivatives_of_a_rectangle(variant_rgb, settings):
+def test_a_stretched_mesh_has_the_derivatives_of_a_rectangle(variant_rgb):
     """Mitsuba's samples of a mesh know nothing of its change of area."""
     center = mi.ScalarPoint3f(0.3, 1.6, 0.4)
 
@@ -231,10 +221,10 @@ def test_a_stretched_mesh_has_the_derivatives_of_a_rectangle(variant_rgb, settin
         v = dr.unravel(mi.Point3f, value)
         params["lamp.vertex_positions"] = dr.ravel(center + (v - center) * (1 + e))
 
-    scene = spot("mesh", "plastic", **settings)
+    scene = spot("mesh", "plastic", **PATH)
     value = mi.Float(mi.traverse(scene)["lamp.vertex_positions"])
     stretched, _ = derivatives(scene, stretch)
-    scene = spot("rectangle", "plastic", **settings)
+    scene = spot("rectangle", "plastic", **PATH)
     rectangle, _ = derivatives(scene, change_of(scene, "lamp grows"), seed=7)
     error = np.hypot(stretched.mean(axis=2).std(), rectangle.mean(axis=2).std()) / 32
     assert abs(stretched.mean() - rectangle.mean()) < 4 * error
@@ -251,9 +241,7 @@ PAINT = {"type": "prosim_composite", "diffuse_reflectance": 0.4, "specular_refle
 @pytest.mark.parametrize(
     "name, ball, settings",
     [
-        ("reflectance", None, {"rfilter": "gaussian"}),
-        ("reflectance", None, {"diffuse_bounces": -1}),
-        ("eta", METAL | {"alpha": 0.3}, {}),
+        ("reflectance", None, {"rfilter": "gaussian", "diffuse_bounces": -1}),
         ("k", METAL, {}),
         ("alpha", METAL | {"alpha": 0.3}, {}),
         ("diffuse_reflectance", PAINT, {}),

@@ -143,12 +143,12 @@ def _check_replaceable(xml: Path, folder_of_meshes: Path) -> None:
 def _locked(folder: Path) -> Iterator[bool]:
     """Locks a folder against other translations, which could remove meshes before their XML is written.
 
-    Yields whether the lock is held: Windows, some network file systems, and folders that the user may write but not
-    read have none. The system removes the lock of a killed process. Raises TimeoutError after WAIT seconds.
+    Yields whether the lock is held: there is none on Windows, on some network file systems, and if the user may not
+    read the folder. The system removes the lock of a killed process. Raises TimeoutError after WAIT seconds.
     """
     try:
         descriptor = os.open(folder, os.O_RDONLY)
-    except PermissionError:  # of any folder on Windows
+    except PermissionError:  # on Windows for every folder
         yield False
         return
     end = time.monotonic() + WAIT

@@ -183,7 +183,7 @@ def apply_steps(before: Body | None, steps: list[Step]) -> Step:
     return union([subtracted, also_subtracted]), result
 
 
-MAX_BATCH = 500  # bodies that are united at once; of more bodies, the halves are computed first to save memory
+MAX_BATCH = 500  # the largest number of bodies in one union; of more, each half is computed first, to save memory
 
 
 def union(bodies: Iterable[Body | None]) -> Body | None:
@@ -197,7 +197,7 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
     @cache
     def manifold() -> Manifold:
         operands, middle = distinct.copy(), len(distinct) // 2
-        distinct.clear()  # this closure lives longer than its result needs the operands
+        distinct.clear()  # frees memory: this function outlives the operands
         if len(operands) <= MAX_BATCH and len(surfaces) == sum(len(body.surfaces) for body in operands):
             return Manifold.batch_boolean([body.manifold() for body in operands], OpType.Add)
         first, second = union(operands[:middle]), union(operands[middle:])

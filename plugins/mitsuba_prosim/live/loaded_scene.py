@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from math import ceil, radians, sqrt, tan
 from pathlib import Path
@@ -96,17 +96,16 @@ class LoadedScene:
 
     @contextmanager
     def coarse(self) -> Iterator[None]:
-        """Gives the film fewer pixels for a while; the kernels stay the same."""
-        before = mi.ScalarVector2u(self.sensor.film().size())
+        """Gives the film of a :attr:`whole` image fewer pixels for a while; the kernels stay the same."""
         try:
             times = max(1, ceil(sqrt(self.size[0] * self.size[1] / COARSE)))
-            self._resize(mi.ScalarVector2u([max(1, side // times) for side in self.size]))
+            self._resize([max(1, side // times) for side in self.size])
             yield
         finally:
-            self._resize(before)
+            self._resize(self.size)
 
-    def _resize(self, size: mi.ScalarVector2u) -> None:
-        self._params["film.size"], self._params["film.crop_size"] = size, size
+    def _resize(self, size: Sequence[int]) -> None:
+        self._params["film.size"] = self._params["film.crop_size"] = mi.ScalarVector2u(size)
         self._params.update()
 
     # ---------------------------------------------------------------- the surface of a pixel

@@ -11,7 +11,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -23,8 +23,11 @@ if TYPE_CHECKING:
 
 JITTERS = ("multi", "uniform")
 
+#: A 32-bit unsigned integer of Python's, or a Dr.Jit array of them.
+UInt: TypeAlias = "int | mi.UInt32"
 
-def pixel_key(seed: int | mi.UInt32, pixel: int | mi.UInt32) -> int | mi.UInt32:
+
+def pixel_key(seed: UInt, pixel: UInt) -> UInt:
     """Hash key of a pixel: ``seed`` and ``pixel`` are 32-bit unsigned integers (Python or Dr.Jit).
 
     The pixel is hashed before the seed is mixed in, and then both again: no seed's keys are another's, shifted. Under
@@ -33,7 +36,7 @@ def pixel_key(seed: int | mi.UInt32, pixel: int | mi.UInt32) -> int | mi.UInt32:
     return combine(hash32(pixel), hash32(seed))
 
 
-def epoch_key(key: int | mi.UInt32, epoch: int | mi.UInt32) -> int | mi.UInt32:
+def epoch_key(key: UInt, epoch: UInt) -> UInt:
     """Hash key of an epoch: N passes fill the N² cells, the next N are a pattern of their own.
 
     ``key``: :func:`pixel_key`, which is that of epoch 0; ``epoch``: 0 .. 2^32 - 1. Hashed once more than the keys of
@@ -73,7 +76,7 @@ class Permutations:
         keys = hash32(np.arange(1024 * n, dtype=np.uint64)).reshape(1024, n)
         return np.argsort(keys, axis=1, kind="stable").astype(np.uint32)
 
-    def __call__(self, h: int | mi.UInt32, i: int | mi.UInt32) -> int | mi.UInt32:
+    def __call__(self, h: UInt, i: UInt) -> UInt:
         """Place ``i`` (0 .. n-1) of the permutation that the hash ``h`` (32 bits) chooses."""
         row = scale(h, self.count) * self.n
         if self.turned:
@@ -83,12 +86,12 @@ class Permutations:
         return dr.gather(mi.UInt32, self.table, row + i) if dr.is_jit_v(mi.UInt32) else int(self.table[row + i])
 
 
-def scale(h: int | mi.UInt32, n: int) -> int | mi.UInt32:
+def scale(h: UInt, n: int) -> UInt:
     """Maps a 32-bit hash ``h`` to 0 .. n-1."""
     return dr.mul_hi(h, mi.UInt32(n)) if dr.is_jit_v(h) else h * n >> 32
 
 
-def to_unit(h: int | mi.UInt32) -> mi.Float:
+def to_unit(h: UInt) -> mi.Float:
     """Maps a 32-bit hash to [0, 1)."""
     return mi.Float(h >> 8) * (1 / (1 << 24))
 
@@ -102,22 +105,15 @@ class NRook:
     Chiu, Shirley and Wang 1994; Kensler 2013).
     """
 
-    def __init__(
-        self,
-        permutations: Permutations,
-        key: int | mi.UInt32,
-        r: int | mi.UInt32,
-        i: int | mi.UInt32,
-        jitter: str = "multi",
-    ) -> None:
+    def __init__(self, permutations: Permutations, key: UInt, r: UInt, i: UInt, jitter: str = "multi") -> None:
         self.permutations, self.key, self.r, self.i, self.jitter = permutations, key, r, i, jitter
         #: Number of the sample among all of its pixel, where that is known.
-        self.t: int | mi.UInt32 = 0
+        self.t: UInt = 0
         #: Number of the sample among those that divide the spectrum, and how many a pass has: see :mod:`.wavelengths`.
         self.division = r * permutations.n + i, permutations.n
 
     @classmethod
-    def at(cls, permutations: Permutations, key: int | mi.UInt32, t: int | mi.UInt32, jitter: str = "multi") -> NRook:
+    def at(cls, permutations: Permutations, key: UInt, t: UInt, jitter: str = "multi") -> NRook:
         """The ``t``-th samples of all (from 0): N samples a pass, N passes an epoch, as many epochs as are wanted."""
         n = permutations.n
         r = t // n
@@ -126,7 +122,7 @@ class NRook:
         points.t = t
         return points
 
-    def __call__(self, space: int | mi.UInt32, active: mi.Bool = True) -> mi.Point2f:
+    def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:
         """The ``mi.Point2f`` in [0, 1)² for ``space`` (an integer: 0 is the pixel; see ``transport_context.py``)."""
         permute, n = self.permutations, self.permutations.n
         h_space = combine(self.key, space)
@@ -145,7 +141,7 @@ class NRook:
         below_one = 1 - 2.0**-24
         return mi.Point2f(dr.minimum((row + u) / n, below_one), dr.minimum((col + v) / n, below_one))
 
-    def choice(self, space: int | mi.UInt32) -> mi.Float:
+    def choice(self, space: UInt) -> mi.Float:
         """A number in [0, 1), without strata, to choose among alternatives."""
         return to_unit(combine(combine(combine(self.key, space), self.r + 1), self.i))
 
@@ -156,11 +152,11 @@ class SamplerPoints:
     def __init__(self, sampler: mi.Sampler) -> None:
         self.sampler = sampler
 
-    def __call__(self, space: int | mi.UInt32, active: mi.Bool = True) -> mi.Point2f:
+    def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:
         """The sampler's next point, for any ``space``."""
         return self.sampler.next_2d(active)
 
-    def choice(self, space: int | mi.UInt32) -> mi.Float:
+    def choice(self, space: UInt) -> mi.Float:
         """The sampler's next number."""
         return self.sampler.next_1d()
 

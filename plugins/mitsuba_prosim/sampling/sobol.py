@@ -13,7 +13,7 @@ import drjit as dr
 import mitsuba as mi
 
 from .hash import combine
-from .nrook import NRook, SamplerPoints, to_unit
+from .nrook import NRook, SamplerPoints, UInt, to_unit
 
 
 class Sobol:
@@ -21,20 +21,20 @@ class Sobol:
     how many samples divide the spectrum, see :mod:`.wavelengths`.
     """
 
-    def __init__(self, key: int | mi.UInt32, t: int | mi.UInt32, n: int = 1) -> None:
+    def __init__(self, key: UInt, t: UInt, n: int = 1) -> None:
         self.key, self.t, self.division = key, t, (t, n)
         self.reversed = reverse(t)
 
-    def __call__(self, space: int | mi.UInt32, active: mi.Bool = True) -> mi.Point2f:
+    def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:
         """The ``mi.Point2f`` in [0, 1)² for ``space`` (an integer: 0 is the pixel; see ``transport_context.py``)."""
         return point(combine(self.key, space), self.reversed)
 
-    def choice(self, space: int | mi.UInt32) -> mi.Float:
+    def choice(self, space: UInt) -> mi.Float:
         """A number in [0, 1), without strata, to choose among alternatives."""
         return to_unit(combine(combine(combine(self.key, space), 3), self.t))
 
 
-def point(key: int | mi.UInt32, reversed_index: int | mi.UInt32) -> mi.Point2f:
+def point(key: UInt, reversed_index: UInt) -> mi.Point2f:
     """The point of a sequence under ``key`` whose index has these bits in reverse order."""
     i = reverse(scrambled(reversed_index, combine(key, 0)))  # the order of the points
     x, y = scrambled(i, combine(key, 1)), scrambled(pascal(i), combine(key, 2))

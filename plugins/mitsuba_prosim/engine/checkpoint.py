@@ -109,7 +109,9 @@ class Checkpoint:
             raise ValueError(
                 f"these are the samples of another image ({name}: {mine.get(name)} there, {theirs[name]} here)"
             )
-        decided = self._agrees(state, DECIDING)
+        sampling = asdict(state.plan.sampling)
+        changed = {name for name, value in sampling.items() if self.attributes["sampling"][name] != value}
+        decided = changed.isdisjoint(DECIDING)
         if not decided and state.plan.sampling.adaptive == "neighbours":
             raise ValueError(
                 "adaptive = neighbours decides once, by the first samples alone; continue with adaptive = graded if "
@@ -130,11 +132,7 @@ class Checkpoint:
         if decided:
             state.rounds, state.effort = self.attributes["rounds"], self.attributes["effort"]
             state.requested, state.wanted = (pixels.get(name) for name in ADAPTIVE)
-        return decided and self.finished and self._agrees(state, ENDS)
-
-    def _agrees(self, state: FilmState, parameters: Sequence[str]) -> bool:
-        theirs = asdict(state.plan.sampling)
-        return all(self.attributes["sampling"][name] == theirs[name] for name in parameters)
+        return decided and self.finished and changed.isdisjoint(ENDS)
 
     def write(self, path: Path) -> None:
         """Writes the archive over ``path``. Raises OSError."""

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mitsuba_prosim.alone import alone
 from mitsuba_prosim.engine.accumulators import Accumulators
+from mitsuba_prosim.engine.error_target import limit_by_photons
 from mitsuba_prosim.engine.work import WorkItem, photon_steps
 from mitsuba_prosim.light.strategy import Receiver
 from mitsuba_prosim.light.table import Lights
@@ -213,6 +214,18 @@ def test_no_photons_are_emitted_for_no_samples(variant_rgb):
     item = WorkItem(state.estimator, state.plan, state.x, state.y, accumulators, end)
     assert [which[1] for which, _ in item.photon_passes()] == [0, 3]
     assert photon_steps(state, np.zeros(dr.width(state.x), np.uint32), 1) == []
+
+
+def test_a_pass_takes_as_many_samples_as_most_pixels_request():
+    """A few pixels that request more get no photons of their own."""
+
+    def samples(requested, most=1 << 20):
+        return limit_by_photons(np.full(len(requested), 25), np.array(requested), most, 25, 1 << 20)
+
+    assert samples([50] * 900 + [100] * 90 + [5000] * 10) == 50
+    assert samples([50] * 400 + [100] * 590 + [5000] * 10) == 100
+    assert samples([25] * 990 + [5000] * 10) == 0  # no more than there is
+    assert samples([25] * 990 + [5000] * 10, most=5000) == 5000  # nothing else is to come
 
 
 @pytest.mark.parametrize("more", ({}, {"diffuse_bounces": -1}))

@@ -30,9 +30,11 @@ TRANSPORTS = {
     "scene": "the light that the scene asks for",
 }
 
-
 #: Colours of the contestants.
 COLOURS = {"a": "#c2410c", "b": "#1d4ed8"}
+
+#: Colour maps of the kinds of maps.
+COLOUR_MAPS = {"error": "magma", "flip": "magma", "counts": "viridis"}
 
 
 def html(facts: Facts, images: Mapping[str, np.ndarray]) -> str:
@@ -68,40 +70,28 @@ def number(value: float | None, form: str = ".3g") -> str:
     return markupsafe.Markup('<data value="{}">{}</data>').format(repr(value), text)
 
 
-def data_uri(content: bytes, kind: str) -> str:
-    """``content``, an image of that kind, as a URI."""
-    return f"data:image/{kind};base64," + base64.b64encode(content).decode()
-
-
-def png(image: np.ndarray) -> str:
-    """``image``, of shape (height, width, 3) in [0, 1], as a PNG data URI."""
-    from matplotlib.image import imsave
-
-    file = io.BytesIO()
-    imsave(file, np.ascontiguousarray(np.clip(image, 0, 1)), format="png")
-    return data_uri(file.getvalue(), "png")
-
-
-def coloured(values: np.ndarray, top: float, name: str = "magma") -> np.ndarray:
-    """Numbers in 0 to ``top`` as colours."""
-    from matplotlib import colormaps
-
-    return colormaps[name](np.clip(values / top, 0, 1))[..., :3]
+def data_uri(file: io.BytesIO, kind: str) -> str:
+    """The content of ``file``, an image of that kind, as a URI."""
+    return f"data:image/{kind};base64," + base64.b64encode(file.getvalue()).decode()
 
 
 def encode(facts: Facts, images: Mapping[str, np.ndarray]) -> dict[str, str]:
-    """Images as data URIs; maps of one kind share their scale."""
-    colours = {"error": "magma", "flip": "magma", "counts": "viridis"}
+    """Images as data URIs of PNG files; maps of one kind share their scale."""
+    from matplotlib.image import imsave
+
     result = {}
     for name, image in images.items():
-        kind = name.rpartition("/")[2]
-        if kind in colours:
-            result[name] = png(coloured(image, facts["scales"][kind], colours[kind]))
+        kind, colours = name.rpartition("/")[2], dict[str, Any]()
+        if kind in COLOUR_MAPS:
+            colours = {"cmap": COLOUR_MAPS[kind], "vmin": 0, "vmax": facts["scales"][kind]}
         elif kind == "signed":
-            shown = np.mean(np.sign(image) * display(np.abs(image)), axis=2)
-            result[name] = png(coloured(shown + 1, 2, "RdBu_r"))
+            image = np.mean(np.sign(image) * display(np.abs(image)), axis=2)
+            colours = {"cmap": "RdBu_r", "vmin": -1, "vmax": 1}
         else:
-            result[name] = png(display(image))
+            image = display(image)
+        file = io.BytesIO()
+        imsave(file, np.ascontiguousarray(image), format="png", **colours)
+        result[name] = data_uri(file, "png")
     return result
 
 
@@ -130,7 +120,7 @@ def chart(section: Facts) -> str:
     file = io.BytesIO()
     with matplotlib.rc_context({"svg.fonttype": "path"}):
         figure.savefig(file, format="svg")
-    return data_uri(file.getvalue(), "svg+xml")
+    return data_uri(file, "svg+xml")
 
 
 def json_text(facts: Facts) -> str:

@@ -7,6 +7,7 @@ import gc
 import json
 import time
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import drjit as dr
@@ -104,7 +105,6 @@ class ComparedScene:
     def __init__(self, file: scene_file.SceneFile) -> None:
         self.file, self.scene = file, file.load()
         self._sensors: dict[str | None, mi.Sensor] = {None: scene_file.pick_sensor(self.scene, 0)}
-        self._lit: mi.Scene | None = None
         own: Any = self.scene.integrator()
         #: The ambient term and the background of the scene's ``prosim`` integrator: textures or None.
         self.ambient, self.background = getattr(own, "ambient", None), getattr(own, "background", None)
@@ -124,11 +124,10 @@ class ComparedScene:
             gc.collect()  # Dr.Jit traces the BSDFs of all scenes that exist
         return self._sensors[sampler]
 
+    @cached_property
     def lit(self) -> mi.Scene:
         """The scene with the integrator's background as an emitter, which other integrators need."""
-        if self._lit is None:
-            self._lit = self.scene if self.background is None else lit(self.scene, self.background)
-        return self._lit
+        return self.scene if self.background is None else lit(self.scene, self.background)
 
     def contestant(self, spec: Spec, transport: str, **overrides: Any) -> Contestant:
         """The :class:`Contestant` of ``spec`` for a ``transport``: "scene" (that of the scene file), "paths" or
@@ -150,7 +149,7 @@ class ComparedScene:
         sensor = self.sensor(spec.sampler)
         if not spec.is_adaptive and not spp:
             spp = sensor.sampler().sample_count()
-        scene = self.scene if transport == "scene" else self.lit()
+        scene = self.scene if transport == "scene" else self.lit
         return Contestant(spec.text, scene, sensor, mi.load_dict(settings), spp, spec.is_adaptive)
 
 

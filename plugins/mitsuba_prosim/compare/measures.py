@@ -65,14 +65,7 @@ def flip(image: np.ndarray, reference: np.ndarray) -> float:
 
 
 #: Name -> function of an image and its reference.
-ALL = {
-    "rmse": rmse,
-    "tone_mapped_rmse": tone_mapped_rmse,
-    "percentile99": percentile99,
-    "relative_mse": relative_mse,
-    "ssim": ssim,
-    "flip": flip,
-}
+ALL = {f.__name__: f for f in (rmse, tone_mapped_rmse, percentile99, relative_mse, ssim, flip)}
 
 
 def slope(costs: Sequence[float], errors: Sequence[float]) -> float:

@@ -52,6 +52,22 @@ variant_scalar = pytest.fixture(activate, params=SCALAR, name="variant_scalar")
 variant = pytest.fixture(activate, params=VARIANTS, name="variant")
 
 
+#: Files whose tests share what takes seconds to make: with -n one process runs them.
+SHARING = "cluster compare mitsuba_command docs lamps language_server page server"
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Scheduling(LoadScopeScheduling):
+        def _split_scope(self, nodeid):
+            path = Path(nodeid.partition("::")[0])
+            return path.stem if path.stem.removeprefix("test_") in SHARING.split() else nodeid
+
+    return Scheduling(config, log)
+
+
 def pytest_addoption(parser):
     parser.addoption("--vector-width", type=int, choices=TARGETS, help="compile kernels as on a CPU with such vectors")
 

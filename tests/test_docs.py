@@ -12,7 +12,7 @@ from mitsuba_prosim.registry import FOLDERS
 
 DOCS = Path(__file__).parents[1] / "docs"
 
-pytestmark = [pytest.mark.docs, pytest.mark.xdist_group("docs")]
+pytestmark = pytest.mark.docs
 
 
 @pytest.fixture(scope="module")

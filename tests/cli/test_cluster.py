@@ -23,8 +23,6 @@ from mitsuba_prosim.scene import scene_file
 from running import ADAPTIVE_PATH, LIT_FLOOR, alike, done, prosim, refused, scene_text
 from test_frames import FILM
 
-pytestmark = pytest.mark.xdist_group("cluster")
-
 LAMP = scene_text(ADAPTIVE_PATH, LIT_FLOOR, 64, 48)
 NOISE = {"noise": 0.007, "max_samples": 400}
 

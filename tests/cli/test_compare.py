@@ -16,8 +16,6 @@ from running import LIT_FLOOR, done, refused, scene_text
 #: Whether the package that denoises is there: the page has its rows then.
 DENOISES = importlib.util.find_spec("mitsuba_oidn") is not None
 
-pytestmark = pytest.mark.xdist_group("compare")
-
 SCENE = scene_text(
     """<integrator type="prosim">
         <integer name="samples" value="3"/>

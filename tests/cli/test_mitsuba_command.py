@@ -16,8 +16,6 @@ from mitsuba_prosim.compat import PLUGINS_IN_PYTHON
 from mitsuba_prosim.stock_command import hosted, stand_ins
 from running import CONSTANT, compiled, scene_text
 
-pytestmark = pytest.mark.xdist_group("mitsuba command")
-
 BITMAP = '<texture name="reflectance" type="bitmap"><string name="filename" value="wood.png"/></texture>'
 
 

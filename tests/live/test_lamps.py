@@ -7,7 +7,7 @@ from click.testing import CliRunner
 from little import BROWSER, LITTLE, ask, opened, shown, state_when, until, watching
 from prosim_start import group
 
-pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("lamps")]
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

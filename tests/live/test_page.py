@@ -8,11 +8,7 @@ import numpy as np
 import pytest
 from little import BROWSER, LITTLE, opened, shown, until, watching
 
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome in PATH"),
-    pytest.mark.xdist_group("watch"),
-]
+pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome in PATH")]
 
 LONG = LITTLE.replace("NSAMPLES: 2", "NSAMPLES: 40")
 

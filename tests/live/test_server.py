@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from little import ask, state_when, watching
 from prosim_start import group
 
-pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("watch")]
+pytestmark = pytest.mark.slow
 
 
 def test_only_this_machine_and_who_knows_the_token(address):

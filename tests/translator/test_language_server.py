@@ -17,7 +17,7 @@ from test_editor import SCENE
 URI = "file:///nowhere/scene.scn"
 SERVER = [sys.executable, "-c", "from prosim_scene.language_server import language_server; language_server()"]
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("language server")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 
 
 @pytest_lsp.fixture(config=pytest_lsp.ClientServerConfig(server_command=SERVER), scope="module", loop_scope="module")

@@ -406,6 +406,13 @@ def test_where_the_denoiser_does_not_pay_the_result_is_the_image_without_it(vari
     assert all(np.array_equal(both.others()[name], alone[..., k]) for name, k in (("samples", 3), ("error", 4)))
 
 
+def test_the_error_beyond_the_limit_is_that_of_the_image(variant_rgb, denoiser):
+    """Where the maximum number of samples ends the render far from its limit."""
+    render = begun(mi.load_dict(cornell(96, noise=1e-4, max_samples=40))).run()
+    result = render.denoiser.denoised()
+    assert result.noise < result.raw_noise == pytest.approx(render.reached.noise, rel=1e-3)
+
+
 @pytest.mark.slow
 def test_time_is_left_for_the_denoiser(variant_rgb, denoiser):
     denoising.render(mi.load_dict(penumbra(size=16, type="prosim", samples=2, noise=0.05)))  # compiles

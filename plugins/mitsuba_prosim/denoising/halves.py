@@ -183,7 +183,8 @@ class FinalImage:
         if not state.estimates and left < 2 * self.CALL:
             return raw
         if excess > self.FAR:
-            return scaled(raw, 1 / self.FAR)
+            render.loosening = self.FAR
+            return raw
         if not second.complete:
             render.complete_second()
             return raw

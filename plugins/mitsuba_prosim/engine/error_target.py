@@ -49,6 +49,11 @@ class ErrorTarget:
         ratios = [measured / limit for measured, limit in zip(noise, self.limits) if limit]
         return min(max(ratios, default=np.nan), 1e100)
 
+    def loosened(self, factor: float) -> ErrorTarget:
+        """The same with ``factor`` times the limits."""
+        rms, most, nearly_all = self.limits
+        return replace(self, limits=(factor * rms, factor * most, factor * nearly_all))
+
     @property
     def elapsed(self) -> float:
         """Seconds since the beginning."""

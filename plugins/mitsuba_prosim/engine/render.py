@@ -105,6 +105,8 @@ class Render:
         self._stopped, self._done = False, 0.0
         self._finished_before = begin is not None and begin.restore(self.state)
         self.denoiser = denoiser
+        #: The next pass aims at an error of this many times the limits, which the denoiser may set.
+        self.loosening = 1.0
         self.second: SecondImage | None = None
         if any(self.target.limits) or (denoiser is not None and self.target.seconds):
             pixels, known = area(plan.region), self.state.second
@@ -192,9 +194,11 @@ class Render:
             yield from self._image_passes()
         within = self.target.excess(self.state.noise) <= ENOUGH
         if self.denoiser is not None and not within and not self._stopped:
-            self.complete_second()
+            second = self.second = SecondImage(self.state, complete=True)
             yield self._second_pass(1)
             yield self._second_pass()
+            if any(self.target.limits) and not self._stopped:
+                self.state.noise = second.noise(self.state)
 
     def _image_passes(self) -> Iterator[Pass]:
         """The passes over the image. A state with samples and decisions continues."""
@@ -245,6 +249,7 @@ class Render:
                     yield current
                     if not current.complete:
                         return
+                    self.loosening = 1.0
                     state.noise = self.denoiser.estimate(self) if self.denoiser else second.noise(state)
                     if self.second is not second:
                         continue
@@ -255,7 +260,7 @@ class Render:
             if target.time_is_up or target.excess(state.noise) <= ENOUGH:
                 return
             if state.wanted is None:
-                state.wanted = next_counts(state, target, speed)
+                state.wanted = next_counts(state, target.loosened(self.loosening), speed)
                 if not np.any(state.wanted > count):  # each pixel has all that the plan allows
                     state.wanted = None
                     return

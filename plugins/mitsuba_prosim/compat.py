@@ -208,7 +208,9 @@ EVALUATED_TOGETHER, DIFFUSE = ("Principled", "PrincipledThin"), ("SmoothDiffuse"
 def eval_direction(
     emitter: mi.Emitter | mi.EmitterPtr, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool
 ) -> mi.Spectrum:
-    """``emitter.eval_direction(it, ds, active)``; 0 of emitters without that method."""
+    """``emitter.eval_direction(it, ds, active)``. In an array of emitters ``directionalarea``, whose method raises,
+    gives 0.
+    """
     if not dr.is_jit_v(mi.Float) or isinstance(emitter, mi.Emitter):
         return emitter.eval_direction(it, ds, active)
 

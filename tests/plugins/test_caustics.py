@@ -10,7 +10,7 @@ import pytest
 from mitsuba_prosim.alone import alone
 from mitsuba_prosim.engine.accumulators import Accumulators
 from mitsuba_prosim.engine.error_target import limit_by_photons
-from mitsuba_prosim.engine.work import WorkItem, photon_steps
+from mitsuba_prosim.engine.work import WorkItem, photon_batches
 from mitsuba_prosim.light.strategy import Receiver
 from mitsuba_prosim.light.table import Lights
 from mitsuba_prosim.photons import grid
@@ -19,7 +19,7 @@ from mitsuba_prosim.photons.emission import Sources, Start, start_points
 from mitsuba_prosim.photons.footprint import RADII, Footprint
 from mitsuba_prosim.photons.gathering import Gathering
 from mitsuba_prosim.photons.grid import Landed, Photons
-from mitsuba_prosim.photons.mis import Hit, etendue_of, expected_photons, passed_on, ray_weight
+from mitsuba_prosim.photons.mis import Hit, etendue_of, expected_photons, ideal_throughput, ray_weight
 from mitsuba_prosim.photons.targets import Targets, merged
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.ray import Ray, Vertex, mis, viewer_side
@@ -213,7 +213,7 @@ def test_no_photons_are_emitted_for_no_samples(variant_rgb):
     accumulators.count = mi.UInt32(1, 13)
     item = WorkItem(state.estimator, state.plan, state.x, state.y, accumulators, end)
     assert [which[1] for which, _ in item.photon_passes()] == [0, 3]
-    assert photon_steps(state, np.zeros(dr.width(state.x), np.uint32), 1) == []
+    assert photon_batches(state, np.zeros(dr.width(state.x), np.uint32), 1) == []
 
 
 def test_a_pass_takes_as_many_samples_as_most_pixels_request():
@@ -334,10 +334,10 @@ def test_a_beam_loses_as_much_from_either_end(variant_rgb, bsdf):
     found = 0
     for eye in (lobes.reflected(), lobes.refracted()):
         a, weight = bsdf.sample(eye, there, (0.5 + number % n) / n, mi.Point2f(0.5))
-        by_eye = passed_on(a, weight, bsdf.flags())
+        by_eye = ideal_throughput(a, weight, bsdf.flags())
         back.wi = a.wo
         b, weight = bsdf.sample(light, back, (0.5 + number * 5 % n) / n, mi.Point2f(0.5))
-        by_light = passed_on(b, weight, bsdf.flags()) * dr.square(b.eta)
+        by_light = ideal_throughput(b, weight, bsdf.flags()) * dr.square(b.eta)
         lost = (a.pdf == 0) | (b.pdf == 0) | ((a.sampled_type & eye.type_mask) == 0)
         met = ~lost & (dr.norm(b.wo - there.wi) < 1e-4)
         assert dr.all(~met | (dr.abs(by_eye - by_light) < 0.01 * by_light))
@@ -385,7 +385,7 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
     ds = mi.DirectionSample3f(world, end, last.si)
     met &= end.is_valid() & (ds.emitter != mi.EmitterPtr(None)) & (dr.dot(end.n, ray.d) < 0)
     density, of_lamp = shared.density(last.si, ds, met), lights.pdf(Receiver(last.si, ray.n, mi.Bool(True)), ds, met)
-    other = shared.light_pdf(last)(ds, f, pdf, met)
+    other = shared.competing_pdf(last)(ds, f, pdf, met)
     of_ray = shared.emission_weight(ray, last.si, ds, of_lamp, met, mis(ray.pdf, of_lamp), met)
     shares = [of_ray, mis(of_lamp, other)]
     start = Start(mi.Ray3f(), mi.Spectrum(1), density, mi.PositionSample3f(end), ds.emitter)
@@ -398,7 +398,7 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
         back = mi.SurfaceInteraction3f(si)
         back.wi = wo
         hit = Hit(back, bsdf, met, mi.Bool(False), -si.to_world(wo), mi.UInt32(level), None, None, None, None)
-        density = shared.density_beyond(density, start, hit, si.wi, met)
+        density = shared.density_after(density, start, hit, si.wi, met)
     dr.eval(shares, met)
     shares = np.array(shares)[:, np.array(met)]
     assert shares.shape[1] > 100 and np.all(shares.max(axis=1) > 0.05)

@@ -106,7 +106,7 @@ class Composite(Pigmented):
         self.set_components(glossy=self.roughness is not None)
 
     def reflected(self, si: mi.SurfaceInteraction3f, cos: mi.Float, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        """Fresnel's reflectance times ks, which is at most 1 - kd at every point and wavelength."""
+        """Fresnel's reflectance times ks; ks is at most 1 - kd at every point and wavelength."""
         if self.specular_reflectance is None:
             ks = dr.maximum(1 - self.diffuse_reflectance.eval(si, active), 0)
         else:

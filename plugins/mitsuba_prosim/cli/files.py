@@ -55,7 +55,7 @@ class InputFile(click.Path):
         except click.BadParameter as error:
             self.fail(error.message + self.suggestion(path), param, ctx)
         if (found := kind(path)) not in self.kinds:
-            hint = f" {USES[found].format(parts(path))}" if found in USES else self.suggestion(path)
+            hint = f" {USES[found].format(quoted_path(path))}" if found in USES else self.suggestion(path)
             self.fail(f"'{path}' is {found}, not {self.what}.{hint or self.writes}", param, ctx)
         return path
 
@@ -64,7 +64,7 @@ class InputFile(click.Path):
         found = chain.from_iterable(map(path.parent.glob, self.patterns))
         files = {file.name.partition(".")[0]: file for file in found if file != path}
         near = difflib.get_close_matches(path.name.partition(".")[0], files, n=1)
-        return f" Did you mean {parts(files[near[0]])}?" if near else ""
+        return f" Did you mean {quoted_path(files[near[0]])}?" if near else ""
 
 
 SCENE_FILE = InputFile("a scene", (TEXT, XML), ("*.xml", "*.scn"))
@@ -79,8 +79,8 @@ def image_stem(path: Path) -> Path:
     return path.with_name(name if name != path.name else path.stem)
 
 
-def parts(path: Path) -> str:
-    """A pattern for all parts of the image of one: ``night.*-of-4.npz``; another path, in quotes if need be."""
+def quoted_path(path: Path) -> str:
+    """The path as an argument of a shell; for a part, a pattern of all parts of its image: ``night.*-of-4.npz``."""
     found = STATE_SUFFIXES.search(path.name)
     return f"{image_stem(path)}.*-of-{found['of']}.npz" if found and found["of"] else shlex.quote(str(path))
 

@@ -131,7 +131,9 @@ class Film:
         return bool(job.checkpoint or task.integrator.time or (job.denoise and job.cluster))
 
     def images_of_workers(self, tasks: Iterator[RenderTask], dask: DaskExecutor, size: int) -> Iterator[Rendered]:
-        """Lets one worker render each frame, and writes them as they are finished; ``size``: bytes of one at most."""
+        """Renders each frame on one worker, several at the same time, and saves each when it is finished. ``size``:
+        upper bound of the bytes of a frame.
+        """
         from ..parallel import worker
         from ..parallel.bundle import SceneBundle
         from ..parallel.executor import Task

@@ -14,7 +14,7 @@ from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint
 from ..scene import session
 from . import files, frames
-from .files import PART_FILE, SCENE_FILE, STATE_FILE, image_stem, parts
+from .files import PART_FILE, SCENE_FILE, STATE_FILE, image_stem, quoted_path
 from .job import OPTIONS, RUNNING, TARGETS, Command, Job, choose_variant, job_options
 from .option_types import InputError, option
 from .render_task import STATE, SUFFIXES, write_image
@@ -73,7 +73,7 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
     write_image(job, files.output_stem(job.output, image_stem(state), SUFFIXES), record)
     if record.finished and not target:
         click.echo(
-            f"It was finished before. When all parts are finished: prosim merge {parts(state)}"
+            f"It was finished before. When all parts are finished: prosim merge {quoted_path(state)}"
             if record.part
             else "It was finished before. To improve it, add another target, such as --noise or --time."
         )

@@ -94,7 +94,7 @@ class Section:
     def __init__(self, scene: ComparedScene, transport: str, specs: dict[str, Spec], effort: Effort) -> None:
         self.scene, self.transport, self.specs, self.effort = scene, transport, specs, effort
         key = f"{scene.key} {transport} {[spec.text for spec in specs.values()]}"
-        estimators = [converging(scene, spec, transport) for spec in specs.values()]
+        estimators = [reference_estimator(scene, spec, transport) for spec in specs.values()]
         self.reference = Reference(effort.cache, key, estimators)
 
     def prepare(self) -> Iterator[tuple[str, float]]:
@@ -178,8 +178,8 @@ def at_level(scene: ComparedScene, spec: Spec, transport: str, n: int) -> Contes
     return scene.contestant(spec.but(**changes), transport)
 
 
-def converging(scene: ComparedScene, spec: Spec, transport: str) -> Contestant:
-    """The contestant as an unbiased estimator of the reference, with 64 samples."""
+def reference_estimator(scene: ComparedScene, spec: Spec, transport: str) -> Contestant:
+    """The contestant with 64 samples for every pixel: the mean of many such images is the reference."""
     if spec.is_adaptive:
         return scene.contestant(spec.but(adaptive="none", samples=8, **UNTARGETED), transport)
     return scene.contestant(spec, transport, spp=64)

@@ -41,10 +41,10 @@ def denoise(
     for name, feature in (("albedo", albedo), ("normal", normal)):
         if feature is not None and np.shape(feature) != (*first.shape[:2], 3):
             raise ValueError(f"denoise: {name} has the shape {np.shape(feature)}, not {(*first.shape[:2], 3)}")
-    return mixed(first, second, Denoiser(albedo, normal, fast))
+    return denoise_halves(first, second, Denoiser(albedo, normal, fast))
 
 
-def mixed(first: np.ndarray, second: np.ndarray, denoiser: Denoiser) -> Denoised:
+def denoise_halves(first: np.ndarray, second: np.ndarray, denoiser: Denoiser) -> Denoised:
     """As :func:`denoise`, for arrays of shape (height, width, 1 or 3), by a ``denoiser`` with the features."""
     first, second = (np.where(np.isfinite(a), a, b) for a, b in ((first, second), (second, first)))
     # Their squares must be finite.

@@ -17,7 +17,7 @@ from ..registry import create
 from ..sampling.hash import combine, hash32
 from ..scene import rendering
 from ..transport.features import NAMES
-from .denoised import mixed
+from .denoised import denoise_halves
 from .mixing import Denoised, unmixed
 from .oidn import Denoiser
 
@@ -123,7 +123,7 @@ class FinalImage:
     @property
     def halves(self) -> Halves:
         """The two halves so far, or one image if the second half has no samples, or lacks pixels."""
-        images = self.render.halves()
+        images = self.render.half_images()
         return Halves([field.name for field in self.sensor.film().bitmap().struct_()], images)
 
     @cached_property
@@ -155,7 +155,7 @@ class FinalImage:
             raw = np.add.reduce(halves.colours) / len(halves.images)
             return unmixed(raw, self.render.error(), self.render.second.noise(self.render.state)[0])
         first, second = halves.colours
-        return mixed(first, second, self._denoiser(networks))
+        return denoise_halves(first, second, self._denoiser(networks))
 
     @property
     def _samples(self) -> float:
@@ -186,7 +186,7 @@ class FinalImage:
             render.loosening = self.FAR
             return raw
         if not second.complete:
-            render.complete_second()
+            render.begin_complete_second()
             return raw
         if not state.estimates:
             self._record("probe", raw, self._probed())
@@ -209,7 +209,7 @@ class FinalImage:
         both = self.halves.colours
         sides = [(n, max(n // 3, min(n, LEAST_SIDE))) for n in both[0].shape[:2]]
         part = tuple(slice((n - side) // 2, (n + side) // 2) for n, side in sides)
-        result = mixed(both[0][part], both[1][part], Denoiser(fast=True))
+        result = denoise_halves(both[0][part], both[1][part], Denoiser(fast=True))
         return result.at_most / max(result.raw_noise, 1e-30)
 
     def _record(self, networks: str, raw: Noise, ratio: float) -> None:

@@ -206,7 +206,9 @@ def display_variance(accumulators: Accumulators) -> np.ndarray:
 
 
 def smallest_effort(reaches: Callable[[float], bool], begin: float) -> float:
-    """The smallest effort beyond ``begin`` that ``reaches``, to a thousandth or so; at most 2^60."""
+    """The smallest effort (samples per requested sample) above ``begin`` for which ``reaches`` is true, within 0.1 %;
+    at most 2^60.
+    """
     low, high = max(begin, 2.0**-20), max(2 * begin, 2.0**-19)
     while not reaches(high) and high < 2.0**60:
         low, high = high, 4 * high

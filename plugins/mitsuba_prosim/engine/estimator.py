@@ -57,8 +57,9 @@ class Estimator:
         return ray, weight, position
 
     def _wavelength(self, points: NRook | Sobol) -> mi.Float:
-        """The number in [0, 1) by which the sensor draws the wavelengths of a sample: those of its photons, or the
-        pixel's own. Their order among the samples does no harm: the strata of a space are drawn again in each pass.
+        """The number in [0, 1) by which the sensor samples wavelengths. With caustics all pixels share it with the
+        photons of the map; otherwise each pixel has its own. It follows the order of the samples, which is harmless:
+        each pass draws new strata in every space.
         """
         if self.transport.caustics is not None:
             return self.transport.caustics.wavelength(points.t)

@@ -22,23 +22,24 @@ OWN_AOVS = ("samples", "error")
 class Channels:
     """The channels that every sample of an image has: the film's own and those of Mitsuba's ``aov`` integrator.
 
-    ``letters``: which of r, g and b are stored; ``nested``: names of the values that the integrator returns besides;
+    ``stored``: the stored colours, "rgb" or some of them; ``integrator_aovs``: names of the further values that the
+    integrator returns, such as layers;
     ``aovs``: Mitsuba's ``aov`` integrator, or None.
     """
 
     def __init__(
-        self, film: mi.Film, letters: str, nested: Sequence[str] = (), aovs: mi.Integrator | None = None
+        self, film: mi.Film, stored: str, integrator_aovs: Sequence[str] = (), aovs: mi.Integrator | None = None
     ) -> None:
-        self.film, self.letters, self.aovs = film, letters, aovs
+        self.film, self.stored, self.aovs = film, stored, aovs
         self.special = mi.has_flag(film.flags(), mi.FilmFlags.Special)
         self.alpha = bool(mi.has_flag(film.flags(), mi.FilmFlags.Alpha))
-        others = list(aovs.aov_names()) if aovs is not None else []
+        mitsuba_aovs = list(aovs.aov_names()) if aovs is not None else []
         #: Names of the channels; ``W`` is the weight.
         self.names = (
             ([str(k) for k in range(film.base_channels_count())] if self.special else list("RGB") + ["A"] * self.alpha)
             + ["W"]
-            + list(nested)
-            + others
+            + list(integrator_aovs)
+            + mitsuba_aovs
         )
 
     @property
@@ -53,13 +54,15 @@ class Channels:
         ray: mi.Ray3f,
         L: mi.Spectrum,
         hit: mi.Float,
-        nested: Sequence[mi.Float] = (),
+        integrator_values: Sequence[mi.Float] = (),
     ) -> list[mi.Float]:
         """The values of a sample of weight 1: the radiance ``L`` along the camera ray ``ray``, which ``hit`` a
-        surface, and the ``nested`` values.
+        surface, and the ``integrator_values``.
         """
         return (
-            self._own_values(L, ray.wavelengths, hit) + list(nested) + aov_values(self.aovs, scene, sampler, ray, True)
+            self._own_values(L, ray.wavelengths, hit)
+            + list(integrator_values)
+            + aov_values(self.aovs, scene, sampler, ray, True)
         )
 
     def rgb(self, L: mi.Spectrum, wavelengths: mi.Color0f) -> list[mi.Float]:
@@ -68,7 +71,7 @@ class Channels:
             rgb = mi.spectrum_to_srgb(L, wavelengths)
         else:
             rgb = mi.Color3f(L.x) if mi.is_monochromatic else mi.Color3f(L)
-        return [v if name in self.letters else mi.Float(0) for name, v in zip("rgb", rgb)]
+        return [v if name in self.stored else mi.Float(0) for name, v in zip("rgb", rgb)]
 
     def _own_values(self, L: mi.Spectrum, wavelengths: mi.Color0f, alpha: mi.Float) -> list[mi.Float]:
         if self.special:

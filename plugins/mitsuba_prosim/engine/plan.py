@@ -14,8 +14,10 @@ from ..sampling.sobol import Sobol
 Rectangle = tuple[int, int, int, int]
 
 
-#: Most samples of a pixel where noise or time say when it is enough; and in N² where ``graded`` does.
-UNLIMITED, GRADED = 1 << 20, 4
+#: Default maximum of the samples of a pixel where a limit of noise or time ends the render.
+UNLIMITED = 1 << 20
+#: Default maximum with ``graded``, in multiples of N².
+GRADED_PATTERNS = 4
 
 
 @dataclass(frozen=True)
@@ -41,13 +43,14 @@ class Sampling:
 
     @property
     def has_target(self) -> bool:
-        """Whether noise or time end the image."""
+        """Whether a limit of noise or time ends the render."""
         return any(self.noises) or self.time > 0
 
     def halved(self, spp: int) -> tuple[Sampling, int]:
-        """The parameters of one of two images that share the samples, of which there are ``spp``, if that is not 0:
-        patterns of about N²/2 samples, whose threshold is that of half the variance. With an error target the image
-        may be one alone: it begins with the same samples.
+        """The parameters and ``spp`` of each of two half images, with about half the samples; ``spp`` 0 stays 0.
+
+        The threshold grows by the root of 2, as the mean of both images has half the variance of one. With a limit of
+        noise or time only ``max_samples`` is halved: the first image may be enough.
         """
         if spp:
             return self, half_pattern(spp**0.5) ** 2
@@ -69,12 +72,12 @@ SAMPLING = tuple(field.name for field in fields(Sampling))
 @dataclass(frozen=True)
 class Plan:
     """The samples of one image: the N-rook patterns of the thesis where a pixel gets N² at most, else Owen-scrambled
-    Sobol' points, which have no end.
+    Sobol' points, of which there are any number.
     """
 
     #: N: samples of a pass.
     n: int
-    #: Samples that every pixel gets, those of a noisy pixel, and those that one may get at most.
+    #: Minimum number of samples of a pixel; that of a pixel above the threshold; and the maximum.
     min_samples: int
     noisy_samples: int
     max_samples: int
@@ -87,11 +90,11 @@ class Plan:
     #: The pixels that have samples: the film, and the pixels beyond it within the filter's reach where the film samples
     #: its border.
     domain: Rectangle
-    #: Pixels around its own that a sample is spread over.
+    #: Radius of the reconstruction filter, in whole pixels.
     reach: int
     #: The parameters.
     sampling: Sampling
-    #: Seed of the photons, where that of the samples may differ from pixel to pixel.
+    #: Seed of the photons where ``seed`` may differ between pixels; None: ``seed``.
     own_photon_seed: int | None = None
 
     @classmethod
@@ -102,7 +105,7 @@ class Plan:
         if sampling.has_target:
             highest = sampling.max_samples or UNLIMITED
         elif sampling.adaptive == "graded":
-            highest = (0 if spp else sampling.max_samples) or GRADED * noisy
+            highest = (0 if spp else sampling.max_samples) or GRADED_PATTERNS * noisy
         else:
             highest = noisy = (0 if spp else sampling.max_samples) or noisy
         (x, y), (w, h), (width, height) = film.crop_offset(), film.crop_size(), film.size()

@@ -21,7 +21,7 @@ from .estimator import Estimator
 from .film import film_values, put
 from .plan import UNLIMITED, Plan, area
 from .tiles import Part
-from .work import Executor, Step, photon_steps, work_items
+from .work import Executor, Step, photon_batches, work_items
 
 if TYPE_CHECKING:
     from .work import Pixels
@@ -50,8 +50,8 @@ class Denoiser(Protocol):
     """Estimates the error of an image that will be denoised."""
 
     def estimate(self, render: Render) -> tuple[float, float, float]:
-        """The RMS error of the displayed image (white = 1), and the bounds of 99 and of 99.9 % of its pixels; after
-        ``render.complete_second()`` it is asked again.
+        """The RMS error of the displayed image (white = 1), and the bounds of 99 and of 99.9 % of its pixels. If
+        it calls ``render.begin_complete_second()``, it is asked again when that image has its samples.
         """
 
 
@@ -63,9 +63,11 @@ class Pass:
     wanted: np.ndarray
     #: Samples of the image at its end, as far as is known; 0: the progress stays the same.
     expected: float = 0.0
-    #: Whether the image is shown afterwards; whether the time limit ends it; whether a call of ``stop()`` does.
+    #: Whether the image is shown afterwards.
     shown: bool = True
+    #: Whether the time limit may end the pass.
     timed: bool = False
+    #: Whether ``stop()`` may end the pass.
     stoppable: bool = True
     #: Whether all samples have been taken.
     complete: bool = field(default=False, init=False)
@@ -74,12 +76,12 @@ class Pass:
 class Render:
     """The image of ``plan``, or a ``part`` of it, in progress: an iterator of :class:`Step`.
 
-    Its methods may be called between two steps. When it ends or is closed, the film holds the image so far. To leave
-    its loop is to cancel it: :meth:`close` then completes the first sample of every pixel, if the render has started.
-    ``estimator`` takes the samples; ``own_aovs``: names of the channels of statistics; ``executor``: of this process by
-    default; ``begin``: continues from there. ``denoiser``: estimates the error of the denoised image, which needs a
-    complete second image: it begins when the denoiser demands it, at the end if the image is not within the limits, and
-    at once where the render may end at any time, or the second image has all pixels anyway.
+    Its methods may be called between two steps. When it ends or is closed, the film holds the image so far. To cancel
+    it, leave the loop and call :meth:`close`, which completes the first sample of every pixel, if the render has
+    started. ``estimator`` takes the samples; ``own_aovs``: names of the channels of statistics; ``executor``: of this
+    process by default; ``begin``: continues from there. ``denoiser``: estimates the error of the denoised image. It
+    needs a complete second image, which begins when the denoiser asks for it, or at the end if the limits are not
+    reached. It begins at once if there is a time limit, or if the second image has all pixels anyway.
 
     Raises ValueError if ``begin`` belongs to another image.
     """
@@ -109,9 +111,9 @@ class Render:
         self.loosening = 1.0
         self.second: SecondImage | None = None
         if any(self.target.limits) or (denoiser is not None and self.target.seconds):
-            pixels, known = area(plan.region), self.state.second
-            begun = known is not None and dr.width(known.count) == pixels
-            complete = bool(self.target.seconds) or pixels < 2 * SecondImage.MIN_PIXELS or begun
+            pixel_count, restored = area(plan.region), self.state.second
+            begun = restored is not None and dr.width(restored.count) == pixel_count
+            complete = bool(self.target.seconds) or pixel_count < 2 * SecondImage.MIN_PIXELS or begun
             self.second = SecondImage(self.state, complete and denoiser is not None)
         self._steps = self._run()
 
@@ -149,7 +151,7 @@ class Render:
                     break
                 count = np.array(current.pixels.accumulators.count, dtype=np.int64)
                 missing, taken = int(np.maximum(current.wanted - count, 0).sum()), 0
-                for wanted in photon_steps(current.pixels, current.wanted, self.executor.photon_passes):
+                for wanted in photon_batches(current.pixels, current.wanted, self.executor.photon_passes):
                     items = work_items(current.pixels, wanted, self.executor, self.target.item_seconds)
                     with closing(self.executor(items)) as results:
                         for result in results if not self._must_end(current) else ():
@@ -182,8 +184,8 @@ class Render:
         by_time = 1 - self.target.seconds_left / self.target.seconds if current.timed and self.target.seconds else 0.0
         return min(max(samples / current.expected if current.expected else self._done, by_time), 1.0)
 
-    def complete_second(self) -> None:
-        """Begins a complete second image, if that is not there."""
+    def begin_complete_second(self) -> None:
+        """Makes the second image cover all pixels, with the samples that it has."""
         self.second = SecondImage(self.state, complete=True)
 
     # ---------------------------------------------------------------- the passes
@@ -204,7 +206,7 @@ class Render:
         """The passes over the image. A state with samples and decisions continues."""
         state, plan, policy = self.state, self.state.plan, self.state.policy
         first = state.counts_of_part(np.full(dr.width(state.x), policy.first_samples, np.uint32), state.margin)
-        # As long as the number of the following passes is unknown.
+        # The upper bound is the estimate while later passes are not decided.
         most = float(plan.max_samples * np.count_nonzero(first))
         if state.rounds == 0:
             if self.target.seconds:  # there is an image after one sample of each pixel
@@ -225,7 +227,7 @@ class Render:
                 left -= 1
                 # The next decision looks at pixels around: their samples must be those of the whole image.
                 wanted = state.counts_for(state.request(left * policy.reach))
-                if left:  # few samples know little
+                if left:  # estimates by few samples are unreliable
                     wanted = np.minimum(wanted, np.maximum(GROWTH * np.array(state.accumulators.count), plan.n**2))
                 state.wanted, state.rounds = state.counts_of_part(wanted, left * policy.reach), state.rounds + 1
             current = Pass(state, state.wanted, most if left else float(state.wanted.sum(dtype=np.int64)))
@@ -240,7 +242,7 @@ class Render:
         """
         state, started = self.state, time.perf_counter()
         have = mean(state.counts)
-        speed = have / self.target.elapsed if state.effort else 0.0  # else the first pass had to compile
+        speed = have / self.target.elapsed if state.effort else 0.0  # unknown at first: the first pass compiles
         while True:
             count = np.array(state.accumulators.count)
             if state.wanted is None:
@@ -255,7 +257,7 @@ class Render:
                         continue
                 if (more := mean(state.counts) - have) > 0:
                     speed = more / max(time.perf_counter() - started, 1e-9)
-                    yield Pass(state, count)  # shows the image
+                    yield Pass(state, count)  # without samples: shows the image
             target = self.target
             if target.time_is_up or target.excess(state.noise) <= ENOUGH:
                 return
@@ -296,11 +298,11 @@ class Render:
         self.update_film(second)
         return self.film.develop()
 
-    def halves(self) -> list[np.ndarray]:
+    def half_images(self) -> list[np.ndarray]:
         """The developed image so far, and the complete second one if there is one, shape (height, width, channels)."""
         second = self.second
         both = second is not None and second.complete and np.all(np.array(second.accumulators.count) > 0)
-        # The film holds the image in the end.
+        # The film must finally hold the first image.
         return [np.array(self.image(k)) for k in ((True, False) if both else (False,))][::-1]
 
     @property

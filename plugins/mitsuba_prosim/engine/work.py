@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     #: Pixels that are sampled together: an image, or its second image.
     Pixels: TypeAlias = FilmState | SecondImage
 
-#: Pixels in one work item lack about the same number of samples, within a factor of 2 to the power of 1 over this.
-CLASSES = 4
+#: Pixels are sorted by their number of missing samples, in this many classes for each factor of 2.
+CLASSES_PER_OCTAVE = 4
 
 
 class Step(NamedTuple):
@@ -99,9 +99,10 @@ class Executor:
     #: Number of photon passes that the work items of a step may need; None: as many as a process keeps.
     photon_passes: int | None = 1
 
-    #: Maximum growth of the speed from one work item to the next; and the remaining samples are one work item if they
-    #: are fewer than this number of work items.
-    GROWTH, LAST = 4, 1.25
+    #: Maximum growth of the speed from one work item to the next.
+    SPEED_GROWTH = 4
+    #: The remaining samples are one work item if they are fewer than this multiple of its size.
+    LAST = 1.25
     #: Minimum number of samples of a work item: fewer take as long, as the kernel has to be launched.
     SMALLEST = 1 << 12
 
@@ -110,7 +111,7 @@ class Executor:
         #: Samples in a second; at first, those of a usual scene.
         cpu = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
         self.speed: float = 2**20 * dr.thread_count() if cpu else 2**24
-        self.first = True  # whose time is that of the compiler
+        self.compiles = True
 
     def limit(self, left: int, seconds: float = np.inf) -> int:
         """Samples of the next work item, of those that are ``left``, if it should not take more than ``seconds``."""
@@ -121,10 +122,10 @@ class Executor:
         """Adapts the speed to the time of a work item of ``samples`` samples."""
         speed = samples / max(seconds, 1e-6)
         if speed > self.speed:
-            self.speed = min(speed, self.GROWTH * self.speed)
-        elif not self.first:
+            self.speed = min(speed, self.SPEED_GROWTH * self.speed)
+        elif not self.compiles:
             self.speed = speed
-        self.first = False
+        self.compiles = False
 
     def __call__(self, items: Iterator[WorkItem]) -> Results:
         """Yields each of ``items`` with its sums."""
@@ -140,13 +141,13 @@ def work_items(pixels: Pixels, wanted: np.ndarray, executor: Executor, seconds: 
     """The samples that ``pixels`` lack to the counts ``wanted``, as work items of the size that suits ``executor`` and
     takes ``seconds`` at most.
 
-    Pixels that lack most come first: a render that stops has improved the noisiest. Pixels that lack about as many are
-    together, row by row: the lanes of a kernel wait for the last of some neighbours.
+    Pixels with most missing samples come first: if the render stops, the noisiest have improved. Pixels with similar
+    numbers are together, row by row: the lanes of a kernel wait for the slowest of their neighbours.
     """
     with alone():
         lack = wanted - np.array(pixels.accumulators.count, dtype=np.int64)
     order = np.flatnonzero(lack > 0)
-    order = order[np.argsort(-np.floor(CLASSES * np.log2(lack[order])), kind="stable")]
+    order = order[np.argsort(-np.floor(CLASSES_PER_OCTAVE * np.log2(lack[order])), kind="stable")]
     ends = np.cumsum(lack[order])
     begin = before = 0
     while begin < len(order):
@@ -181,12 +182,13 @@ def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, samples: in
     return WorkItem(pixels.estimator, plan, x, y, start, end, samples, store)
 
 
-def photon_steps(pixels: Pixels, wanted: np.ndarray, photon_passes: int | None) -> list[np.ndarray]:
-    """The counts up to those ``wanted`` that ``pixels`` reach step by step, so that each photon pass is emitted once.
-    A step needs at most this number of ``photon_passes``; None: as many as a process keeps.
+def photon_batches(pixels: Pixels, wanted: np.ndarray, photon_passes: int | None) -> list[np.ndarray]:
+    """Splits the samples that ``pixels`` lack to the counts ``wanted`` into batches: the counts after each of them. A
+    batch needs at most this number of ``photon_passes`` (None: as many as a process keeps), so that each is emitted
+    once.
 
     With 1 all pixels proceed alike, and a render can stop between two photon passes. Without caustics there is one
-    step; none if no pixel lacks samples.
+    batch; none if no pixel lacks samples.
     """
     caustics, count = pixels.estimator.transport.caustics, np.array(pixels.accumulators.count)
     lacking = wanted > count

@@ -17,9 +17,10 @@ NAME = "ambient"
 
 
 def reflectance(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.UnpolarizedSpectrum:
-    """Share of ambient light that ``bsdf`` reflects towards ``si.wi``; for an array of BSDFs, by ``dr.dispatch``.
+    """Fraction of the ambient light that ``bsdf`` reflects towards ``si.wi``; for an array of BSDFs, call it by
+    ``dr.dispatch``.
 
-    Black without the parameter, and on the back of BSDFs with one side.
+    It is 0 without the attribute ``ambient``, and on the back of BSDFs with one side.
     """
     total = mi.UnpolarizedSpectrum(0)
     for leaf in leaves(bsdf, si, active):

@@ -107,7 +107,7 @@ class Indices:
         return [mi.Float(_at(self.inside, w) / _at(self.outside, w)) for w in wavelengths(si)]
 
     def coefficients(self) -> dict[str, mi.Float]:
-        """The coefficients of the functions of the wavelength, by their names in ``mi.traverse``."""
+        """The coefficients of the dispersion formulas by their names in ``mi.traverse``, such as ``int_B1``."""
         return {
             f"{side}_{name}": value
             for side, ior in (("int", self.inside), ("ext", self.outside))

@@ -49,10 +49,10 @@ class Pigmented(Material):
         """Whether ``ctx`` asks for the specular, and for the diffuse component."""
         return ctx.is_enabled(self.specular_type, 0), ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 1)
 
-    def share(
+    def specular_probability(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, kd: mi.UnpolarizedSpectrum, active: mi.Bool
     ) -> mi.Float:
-        """Probability with which the specular component is sampled: 1 or 0 if it is the only one, or not, enabled."""
+        """Probability of sampling the specular component; 1 or 0 where only one component is enabled."""
         specular, diffuse = self.enabled(ctx)
         if specular != diffuse:
             return mi.Float(1 if specular else 0)
@@ -74,7 +74,7 @@ class Pigmented(Material):
         if active is False or not (specular or diffuse):
             return bs, mi.Spectrum(0)
         kd = self.diffuse_reflectance.eval(si, active)
-        p = self.share(ctx, si, kd, active)
+        p = self.specular_probability(ctx, si, kd, active)
         chosen = sample1 < p  # the specular component
         bs.eta = 1
         bs.sampled_component = dr.select(chosen, mi.UInt32(0), mi.UInt32(1))
@@ -102,7 +102,7 @@ class Pigmented(Material):
         if active is False or not (specular or diffuse):
             return mi.Spectrum(0), pdf
         kd = self.diffuse_reflectance.eval(si, active)
-        p = self.share(ctx, si, kd, active)
+        p = self.specular_probability(ctx, si, kd, active)
         if diffuse:
             density = mi.warp.square_to_cosine_hemisphere_pdf(wo)
             value += kd * density

@@ -101,8 +101,8 @@ class Caustics:
         return which in self._passes
 
     def wavelength(self, t: mi.UInt32) -> mi.Float:
-        """The number in [0, 1) by which a sensor samples the wavelengths of the ``t``-th samples: those of their map,
-        the same for all pixels.
+        """The number in [0, 1) by which a sensor samples the wavelengths of the ``t``-th samples. All pixels and the
+        photons of that map share it.
         """
         return wavelengths.shared(self._key, *self.division(t))
 

@@ -8,12 +8,12 @@ within a pixel of G for each ray that is sampled.
 R is the density of photons times an étendue. The density is their number per area at right angles to the ray and per
 solid angle. It is known at the source. Along a chain of specular surfaces it falls only by absorption and by the choice
 of a lobe, and scales with the square of the index of refraction as radiance does: neither mirrors nor lenses change the
-product of area and solid angle of a beam. The étendue belongs to the ray of the eye (:class:`RayWithEtendue`): the area
+product of area and solid angle of a beam. The étendue belongs to the camera ray (:class:`RayWithEtendue`): the area
 on which photons count at G, perpendicular to the ray, over the density with which the lobe samples the ray.
 
 A near-specular surface (:mod:`.near_specular`) may be part of such a chain. There each end multiplies by the value of
-the lobe over the density of the eye's sample. Light sampling there, and photons at several glossy surfaces, are further
-strategies, whose weights add up to 1.
+the lobe over the density of the camera ray's sample. Light sampling there, and photons at several glossy surfaces, are
+further strategies, whose weights add up to 1.
 """
 
 from __future__ import annotations
@@ -37,13 +37,14 @@ from .footprint import Footprint
 from .grid import Landed, Photons, gather
 from .near_specular import LANDING, near_specular_bsdfs
 
-#: Density of all other strategies that find a light sample, from the sample, the value and density of a lobe, a mask.
-OtherDensity = Callable[[Any, Any, Any, Any], Any]
+#: (ds, f, pdf, active) -> the density that competes with light sampling in the power heuristic; ``f``, ``pdf``: value
+#: and density of a lobe.
+CompetingPdf = Callable[[Any, Any, Any, Any], Any]
 
 
 @dataclass
 class RayWithEtendue(Ray):
-    """A ray of the eye, with the area times the solid angle that it stands for: expected photons over their density."""
+    """A camera ray with its étendue: the expected number of photons per sampled ray for a photon density of 1."""
 
     #: At the last glossy surface that the ray left; 0 if it left none.
     last_etendue: mi.Float = field(default_factory=lambda: mi.Float(0))
@@ -67,9 +68,10 @@ class Hit(Surface):
     #: The flux that arrives, and the part that the medium on the way has transmitted.
     flux: mi.Spectrum
     transmitted: mi.Spectrum
-    #: Cosine of the direction and the surface, and the bounded ratio of that with the shading normal to it.
+    #: Cosine between the direction and the geometric normal.
     cos: mi.Float
-    shading: mi.Float
+    #: The cosine with the shading normal over ``cos``, bounded.
+    shading_ratio: mi.Float
 
 
 @dataclass
@@ -80,15 +82,16 @@ class GlossyPhotons:
     density: mi.Float
     #: Where they have landed.
     landed: Landed
-    #: Number of photons that each counts for where it lands; None if no surface is near-specular.
-    multiplicity: mi.Float | None
+    #: Weight of a photon where it lands: one over its probability to land at the near-specular surfaces so far; None if
+    #: no surface is near-specular.
+    landing_weight: mi.Float | None
 
 
 class PhotonMIS:
     """Photons on glossy surfaces of ``scene`` that came through specular or near-specular surfaces, and the MIS weights
     of these photons and of the rays that find the same light.
 
-    ``deepest``: greatest number of specular surfaces, those of the eye's ray included. ``tree``: whether the eye's rays
+    ``deepest``: greatest number of specular surfaces, those of the camera ray included. ``tree``: whether camera rays
     follow both specular lobes of a surface, or one of the two. The weights assume that photons count within a pixel's
     width (``footprint``), although sparse ones count within more.
     """
@@ -97,7 +100,7 @@ class PhotonMIS:
         self.footprint, self.sources, self.deepest = footprint, sources, deepest
         self.near_specular_bsdfs, self.scattering = near_specular_bsdfs(scene), Scattering.of(scene)
         flags = all_flags(scene)
-        #: The glossy lobes, each with its own ray of the eye.
+        #: The glossy lobes, each with its own camera ray.
         self.lobes = lobes.glossy(flags, tree)
         #: Whether photons may land on a glossy surface: next to ideally specular ones, or to near-specular ones.
         self.needed = bool(self.near_specular_bsdfs or (self.lobes and lobes.has_any(flags, *lobes.IDEAL)))
@@ -121,7 +124,7 @@ class PhotonMIS:
         area = self.footprint.area(si.p)
         return dr.select(self.near_specular(bsdf, mi.Bool(True)), area * LANDING, area)
 
-    # ------------------------------------------------------------ rays of the eye
+    # ------------------------------------------------------------ camera rays
 
     def first(self, ray: Ray) -> RayWithEtendue:
         """The camera ray ``ray``, which has no étendue yet."""
@@ -130,13 +133,13 @@ class PhotonMIS:
     def next(
         self, vertex: Vertex, following: RayWithEtendue, bs: mi.BSDFSample3f, weight: mi.Spectrum
     ) -> RayWithEtendue:
-        """``following``, which leaves ``vertex`` with the sample ``bs`` of this ``weight``, with its étendue."""
+        """``following`` with its étendue. ``bs``, ``weight``: the BSDF sample at ``vertex`` that made this ray."""
         si, bsdf = vertex.si, vertex.bsdf
-        smooth, passed = but_not(following.uses_mis, vertex.inseparable), passed_on(bs, weight, bsdf.flags())
+        smooth, kept = but_not(following.uses_mis, vertex.inseparable), ideal_throughput(bs, weight, bsdf.flags())
         near = smooth & self.near_specular(bsdf, smooth)
-        passed = dr.select(near, dr.max(mi.unpolarized_spectrum(weight)) * (1 - LANDING), passed)
+        kept = dr.select(near, dr.max(mi.unpolarized_spectrum(weight)) * (1 - LANDING), kept)
         last = dr.select(smooth, quotient(self.area(si, bsdf) * dr.abs(dr.dot(si.n, following.d)), bs.pdf), 0)
-        earlier = dr.select(vertex.inseparable, 0, etendue_of(vertex.ray) * passed)
+        earlier = dr.select(vertex.inseparable, 0, etendue_of(vertex.ray) * kept)
         return replace(following, last_etendue=last, earlier_etendue=earlier)
 
     def emission_weight(
@@ -161,10 +164,8 @@ class PhotonMIS:
         etendue = dr.select(ray.uses_mis, ray.earlier_etendue * (1 / (1 - LANDING)), ray.earlier_etendue)
         return dr.select(found, ray_weight(etendue * self.density(origin, ds, found), others), weight)
 
-    def light_pdf(self, vertex: Vertex) -> OtherDensity:
-        """The :data:`OtherDensity` of light sampling at ``vertex``: rays of the lobe, and photons if the surface is
-        near-specular.
-        """
+    def competing_pdf(self, vertex: Vertex) -> CompetingPdf:
+        """The :data:`CompetingPdf` at ``vertex``: of BSDF sampling, and of photons if the surface is near-specular."""
         etendue, active = etendue_of(vertex.ray), vertex.before_gathering(vertex.smooth)
         shared = active & (etendue > 0) & self.near_specular(vertex.bsdf, active)
 
@@ -205,7 +206,7 @@ class PhotonMIS:
         landed = replace(Landed.nowhere(), density=mi.Float(0), level=mi.UInt32(0))
         return GlossyPhotons(density, landed, mi.Float(1) if self.near_specular_bsdfs else None)
 
-    def pass_on(
+    def scatter(
         self,
         photons: GlossyPhotons,
         start: Start,
@@ -215,57 +216,60 @@ class PhotonMIS:
         sample: mi.Float,
         active: mi.Bool,
     ) -> GlossyPhotons:
-        """The photons that ``start`` at the sources, after ``hit``: landed there, or with the density beyond it.
+        """The photons after ``hit``: those that land are in ``landed``; ``density`` is that after the surface.
+        ``start``: the photons as they were emitted.
 
         ``bs``, ``weight``: sample of the lobe that scatters those in the lanes ``active``; ``sample``: a number in
         [0, 1) for the choice to land.
         """
-        bsdf, flags, multiplicity = hit.bsdf, hit.bsdf.flags(), photons.multiplicity
+        bsdf, flags, landing_weight = hit.bsdf, hit.bsdf.flags(), photons.landing_weight
         density = photons.density * dr.max(hit.transmitted)
         lands = but_not(hit.active & (hit.level > 0) & (density > 0) & (hit.cos > 0), hit.inseparable)
         lands &= lobes.has_any(flags, *lobes.GLOSSY)
-        share = hit.shading
-        if multiplicity is not None:
+        share = hit.shading_ratio
+        if landing_weight is not None:
             near = but_not(hit.active & self.near_specular(bsdf, hit.active), hit.level == 0)
-            multiplicity = dr.select(near, multiplicity / LANDING, multiplicity)
+            landing_weight = dr.select(near, landing_weight / LANDING, landing_weight)
             lands = but_not(lands, near & (sample >= LANDING))
-            share = share * multiplicity
+            share = share * landing_weight
         here = Landed(hit.si.p, hit.d, hit.flux * share, mi.Bool(True), density, hit.level)
-        beyond = density * dr.select(hit.inseparable, 0, passed_on(bs, weight, flags) * dr.square(bs.eta))
+        beyond = density * dr.select(hit.inseparable, 0, ideal_throughput(bs, weight, flags) * dr.square(bs.eta))
         if self.near_specular_bsdfs:
             glossy = active & lobes.has_any(bs.sampled_type, *lobes.GLOSSY)
             glossy = but_not(glossy & self.near_specular(bsdf, glossy), lands)
-            beyond = dr.select(glossy, self.density_beyond(density, start, hit, bs.wo, glossy), beyond)
-        return GlossyPhotons(beyond, dr.select(lands, here, photons.landed), multiplicity)
+            beyond = dr.select(glossy, self.density_after(density, start, hit, bs.wo, glossy), beyond)
+        return GlossyPhotons(beyond, dr.select(lands, here, photons.landed), landing_weight)
 
-    def density_beyond(self, density: mi.Float, start: Start, hit: Hit, wo: mi.Vector3f, active: mi.Bool) -> mi.Float:
-        """The ``density`` beyond a near-specular surface along ``wo``: over the sum of all strategies that find the
-        same light and end there.
+    def density_after(self, density: mi.Float, start: Start, hit: Hit, wo: mi.Vector3f, active: mi.Bool) -> mi.Float:
+        """Density of photons along ``wo`` after a near-specular surface, which they reach with ``density``.
+
+        It is the value of the BSDF over the root of the summed squares of all strategies that end there: BSDF and light
+        sampling, relative to ``density``, and photons that land.
         """
         assert self.lights is not None
-        eye = mi.SurfaceInteraction3f(hit.si)
-        eye.wi = wo
-        seen = Surface(eye, hit.bsdf, active, hit.inseparable)
+        camera_si = mi.SurfaceInteraction3f(hit.si)
+        camera_si.wi = wo
+        seen = Surface(camera_si, hit.bsdf, active, hit.inseparable)
         f, pdf = mi.Spectrum(0), mi.Float(0)
         for lobe in self.lobes:
             f_lobe, pdf_lobe = self.scattering.eval_pdf(lobe, seen, hit.si.wi, active)
             f, pdf = f + f_lobe, pdf + pdf_lobe
         first = hit.level == 0
         # Only light sampling finds light directly from a source without size; only rays find that of a sky.
-        alone = start.density == DELTA_DENSITY
+        single_strategy = start.density == DELTA_DENSITY
         if self.lights.sky is not None:
-            alone |= start.emitter.is_environment()
-        active = but_not(active & (density > 0), first & alone)
+            single_strategy |= start.emitter.is_environment()
+        active = but_not(active & (density > 0), first & single_strategy)
         to_light = hit.si.to_world(hit.si.wi)
         landed = LANDING * self.footprint.area(hit.si.p) * dr.abs(dr.dot(hit.si.n, to_light))
         ds = mi.DirectionSample3f(start.place)
-        ds.d, ds.dist, ds.emitter = to_light, eye.t, start.emitter
-        receiver = Receiver(eye, viewer_side(eye), lobes.has_any(hit.bsdf.flags(), *lobes.BOTH_SIDES))
-        sampled = self.lights.pdf(receiver, ds, active & first)
-        found = dr.square(pdf) + dr.select(first, dr.square(sampled), 0)
-        strategies = dr.sqrt(found * dr.square(dr.rcp(density)) + dr.select(first, 0, dr.square(landed)))
-        passed = dr.max(mi.unpolarized_spectrum(f)) * dr.select(first, 1, 1 - LANDING)
-        return dr.select(active & (strategies > 0), passed / dr.select(strategies > 0, strategies, 1), 0)
+        ds.d, ds.dist, ds.emitter = to_light, camera_si.t, start.emitter
+        receiver = Receiver(camera_si, viewer_side(camera_si), lobes.has_any(hit.bsdf.flags(), *lobes.BOTH_SIDES))
+        light_pdf = self.lights.pdf(receiver, ds, active & first)
+        camera_strategies = dr.square(pdf) + dr.select(first, dr.square(light_pdf), 0)
+        strategies = dr.sqrt(camera_strategies * dr.square(dr.rcp(density)) + dr.select(first, 0, dr.square(landed)))
+        kept = dr.max(mi.unpolarized_spectrum(f)) * dr.select(first, 1, 1 - LANDING)
+        return dr.select(active & (strategies > 0), kept / dr.select(strategies > 0, strategies, 1), 0)
 
 
 def etendue_of(ray: Ray) -> mi.Float:
@@ -283,9 +287,9 @@ def ray_weight(photons: mi.Float, others: mi.Float | float = 1) -> mi.Float:
     return dr.rcp(others + dr.square(photons))
 
 
-def passed_on(bs: mi.BSDFSample3f, weight: mi.Spectrum, flags: mi.UInt32) -> mi.Float:
-    """Part of a beam that an ideal lobe passes on, by its sample ``bs`` of this ``weight``: the probability of the lobe
-    times its reflectance; 0 where any lobe of the surface is glossy (``flags``).
+def ideal_throughput(bs: mi.BSDFSample3f, weight: mi.Spectrum, flags: mi.UInt32) -> mi.Float:
+    """Fraction of a beam that the sampled ideal lobe keeps: its probability times its reflectance or transmittance; 0
+    where the surface has a glossy lobe (``flags``). ``bs``, ``weight``: the sample.
 
     It is the same from either end of the beam, except for the squares of the indices that radiance is scaled by.
     """
@@ -295,14 +299,14 @@ def passed_on(bs: mi.BSDFSample3f, weight: mi.Spectrum, flags: mi.UInt32) -> mi.
 
 def expected_photons(area: mi.Float, f: mi.Spectrum, pdf: mi.Float, density: mi.Float, etendue: mi.Float) -> mi.Float:
     """Number of photons of this ``density`` that are expected on ``area`` (perpendicular to their direction) for each
-    ray that a lobe samples there with the density ``pdf``, and for each of the eye's other strategies.
+    ray that a lobe samples there with the density ``pdf``, and for each of the camera's other strategies.
 
     ``f``: value of the lobe. ``etendue``: of the ray that sees the surface, if that is near-specular, so that photons
     land beyond it too; 0 if it is not.
     """
     last = quotient(area, pdf)
-    passed = quotient(dr.max(mi.unpolarized_spectrum(f)) * (1 - LANDING), pdf)
-    of_all = quotient(last, dr.sqrt(dr.square(dr.rcp(density)) + dr.square(etendue * passed)))
+    kept = quotient(dr.max(mi.unpolarized_spectrum(f)) * (1 - LANDING), pdf)
+    of_all = quotient(last, dr.sqrt(dr.square(dr.rcp(density)) + dr.square(etendue * kept)))
     return dr.select(etendue > 0, of_all, last * density)
 
 

@@ -32,7 +32,7 @@ class Targets:
     @classmethod
     def of(cls, scene: mi.Scene, tree: bool = False) -> Targets | None:
         """Spheres around the specular surfaces of ``scene``; None without any. ``tree``: see :class:`.PhotonTracer`."""
-        spheres = [sphere(shape) for shape in shapes_in_order(scene) if is_specular(shape, tree)]
+        spheres = [bounding_sphere(shape) for shape in shapes_in_order(scene) if is_specular(shape, tree)]
         if not spheres:
             return None
         # Lists: Dr.Jit would use the memory of NumPy arrays, and kernels differ by its alignment.
@@ -71,7 +71,7 @@ def warn_of_light_missed_by_trees(shapes: Sequence[mi.Shape]) -> None:
         )
 
 
-def sphere(shape: mi.Shape) -> tuple[float, float, float, float]:
+def bounding_sphere(shape: mi.Shape) -> tuple[float, float, float, float]:
     """``(x, y, z, radius)`` of a sphere around ``shape``."""
     box = shape.bbox()
     center = np.array(box.center(), dtype=np.float64)
@@ -92,10 +92,10 @@ def merged(spheres: Sequence[tuple[float, ...]], max_count: int = MAX_TARGETS) -
         group = groups.pop()
         order = np.argsort(group[:, int(np.argmax(np.ptp(group[:, :3], axis=0)))], kind="stable")
         groups += [group[order[: len(group) // 2]], group[order[len(group) // 2 :]]]
-    return [around(group) for group in groups]
+    return [sphere_around(group) for group in groups]
 
 
-def around(spheres: np.ndarray) -> tuple[float, ...]:
+def sphere_around(spheres: np.ndarray) -> tuple[float, ...]:
     """A sphere around ``spheres``, shape (n, 4)."""
     low, high = (spheres[:, :3] - spheres[:, 3:]).min(axis=0), (spheres[:, :3] + spheres[:, 3:]).max(axis=0)
     center = (low + high) / 2 if len(spheres) > 1 else spheres[0, :3]

@@ -89,7 +89,7 @@ class PhotonTracer:
         if self.mis is not None:
             assert glossy is not None
             sample = number(key, LANDS + hit.level)
-            glossy = self.mis.pass_on(glossy, start, hit, bs, weight, sample, goes)
+            glossy = self.mis.scatter(glossy, start, hit, bs, weight, sample, goes)
         # A photon either lands or continues, with about the same flux.
         flux = hit.flux * (weight * adjoint_correction(hit.si, bs.wo, d))
         kept = dr.select(goes, dr.max(flux) / dr.max(state.flux), 0)
@@ -98,7 +98,7 @@ class PhotonTracer:
             p = dr.select((hit.level == 0) & (kept > 0) & (kept < FAINT), 1, p)
         goes &= number(key, first + ROULETTE) < p
         lands = but_not(lands, goes) & (hit.cos > 0)
-        here = hit.flux * (hit.shading / dr.maximum(1 - p, 1e-6))
+        here = hit.flux * (hit.shading_ratio / dr.maximum(1 - p, 1e-6))
         landed = dr.select(lands, Landed(hit.si.p, hit.d, here, mi.Bool(True)), state.landed)
         flux = dr.select(goes, flux / dr.select(goes, p, 1), state.flux)
         medium = medium_beyond(hit.si, medium, d, goes) if self.absorbs else None

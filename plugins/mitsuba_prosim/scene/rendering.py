@@ -71,7 +71,7 @@ class Blocking:
             dr.sync_thread()
             yield Step(number / len(seeds), number == len(seeds))
 
-    def halves(self) -> list[np.ndarray]:
+    def half_images(self) -> list[np.ndarray]:
         """The developed images so far, shape (height, width, channels)."""
         return [np.array(image) for image in self._images]
 

@@ -22,16 +22,16 @@ from .transport_context import NODE_SPACES, Context
 
 
 def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
-    """Radiance that ``vertex`` scatters from the sources: every source by one point and one shadow ray (section 4.1),
-    or one chosen lamp; by the whole BRDF, but by the diffuse lobes alone where photons were gathered before.
+    """Direct light that ``vertex`` scatters: one sample and one shadow ray for every source (section 4.1), or for one
+    chosen lamp. All lobes scatter it; only the diffuse ones where photons were gathered at an earlier vertex.
     """
     lights, ray, active = context.lights, vertex.ray, vertex.smooth
     space = context.space(ray.node, NODE_SPACES)
-    other_pdf = None if context.photon_mis is None else context.photon_mis.light_pdf(vertex)
+    competing_pdf = None if context.photon_mis is None else context.photon_mis.competing_pdf(vertex)
 
     def add(lamp: Lamp, L: Radiance) -> Radiance:
         sample = sample_lamp(context, vertex, lamp, points(space + lamp.k, active))
-        return L + lamp_light(context, vertex, points, lamp.k, sample, other_pdf)
+        return L + lamp_light(context, vertex, points, lamp.k, sample, competing_pdf)
 
     if lights.sampler is None:
         L = lights.for_each(add, context.layers.none(), active, attached=context.attached)
@@ -39,7 +39,7 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
         point = points(space, active)
         k, probability, rest = lights.sampler.choose(vertex.receiver, point.x, active)
         sample = sample_lamp(context, vertex, lights.lamp(k), mi.Point2f(rest, point.y), probability)
-        L = lamp_light(context, vertex, points, k, sample, other_pdf)
+        L = lamp_light(context, vertex, points, k, sample, competing_pdf)
     if lights.sky is not None and context.light_lobes is not None:
         value = sky_light(context, vertex, points, space + lights.lamps)
         L = L.plus(value, context.layers.of(ray, "diffuse", lights.lamps))
@@ -61,10 +61,10 @@ def sample_lamp(
 
 
 def lamp_light(
-    context: Context, vertex: Vertex, points: Points, k: Index, sample: LightSample, other_pdf: Any
+    context: Context, vertex: Vertex, points: Points, k: Index, sample: LightSample, competing_pdf: Any
 ) -> Radiance:
-    """Radiance that ``vertex`` scatters from a ``sample`` of the lamp ``k``. ``other_pdf``: see
-    :meth:`.PhotonMIS.light_pdf`.
+    """Radiance that ``vertex`` scatters from a ``sample`` of the lamp ``k``. ``competing_pdf``: see
+    :meth:`.PhotonMIS.competing_pdf`.
     """
     (ds, weight), layers = sample, context.layers
     si, bsdf, ray, gathered = vertex.si, vertex.bsdf, vertex.ray, vertex.ray.gathered_photons
@@ -76,18 +76,18 @@ def lamp_light(
     diffuse = f
     for lobe in context.mis_lobes:
         f_lobe, pdf_lobe = eval_lobe(context, lobe, vertex, wo, points, mis_active)
-        if other_pdf is not None:
-            pdf_lobe = other_pdf(ds, f_lobe, pdf_lobe, but_not(mis_active, ds.delta))
+        if competing_pdf is not None:
+            pdf_lobe = competing_pdf(ds, f_lobe, pdf_lobe, but_not(mis_active, ds.delta))
         f = f + f_lobe * dr.select(ds.delta, 1, mis(ds.pdf, pdf_lobe))
     f = context.scattering.or_all_lobes(f, vertex, wo, lit)
     glossy = layers.of(ray, "glossy", k)
     if not layers.splits_lobes:
-        (value,) = unless_in_shadow(context, vertex, ds.p, [f * weight], lit)
+        (value,) = with_visibility(context, vertex, ds.p, [f * weight], lit)
         return layers.none().plus(value, glossy)
     if not context.mis_lobes:
         diffuse = bsdf.eval(lobes.diffuse(), si, wo, lit)
     diffuse = dr.select(vertex.inseparable, f, diffuse)
-    value, diffuse = unless_in_shadow(context, vertex, ds.p, [f * weight, diffuse * weight], lit)
+    value, diffuse = with_visibility(context, vertex, ds.p, [f * weight, diffuse * weight], lit)
     return layers.none().plus(value, glossy).moved(diffuse, glossy, layers.of(ray, "diffuse"))
 
 
@@ -99,7 +99,7 @@ def eval_lobe(
     If ``context.samples_with_light``, it also samples the next ray of the lobe and keeps it in ``vertex.drawn``, except
     with SamplerPoints.
     """
-    if not context.samples_with_light or isinstance(points, SamplerPoints):  # those are taken in order
+    if not context.samples_with_light or isinstance(points, SamplerPoints):  # that draws its numbers in a fixed order
         return context.scattering.eval_pdf(lobe, vertex, wo, active)
     u = lobe_point(context, lobe, vertex, points, vertex.active)
     f, pdf, *drawn = vertex.bsdf.eval_pdf_sample(lobe, vertex.si, wo, *u, vertex.active)
@@ -108,8 +108,8 @@ def eval_lobe(
 
 
 def sky_light(context: Context, vertex: Vertex, points: Points, space: mi.UInt32) -> mi.Spectrum:
-    """Radiance that ``vertex`` scatters from a constant sky by the lobes without a ray of their own: the rays of the
-    other lobes meet the sky. ``space``: of the sampling pattern.
+    """Radiance that ``vertex`` scatters from a constant sky by the lobes without a ray of their own; rays of the other
+    lobes meet the sky. ``space``: number of the sampling space.
     """
     assert context.lights.sky is not None
     si, bsdf = vertex.si, vertex.bsdf
@@ -120,14 +120,14 @@ def sky_light(context: Context, vertex: Vertex, points: Points, space: mi.UInt32
     ds, weight = context.lights.sky.sample(receiver, points(space, active), active)
     lit, wo = active & (ds.pdf > 0), si.to_local(ds.d)
     f = context.scattering.or_all_lobes(bsdf.eval(context.light_lobes, si, wo, lit), vertex, wo, lit)
-    return unless_in_shadow(context, vertex, ds.p, [f * weight], lit)[0]
+    return with_visibility(context, vertex, ds.p, [f * weight], lit)[0]
 
 
-def unless_in_shadow(
+def with_visibility(
     context: Context, vertex: Vertex, p: mi.Point3f, radiances: list[mi.Spectrum], active: mi.Bool
 ) -> list[mi.Spectrum]:
-    """The ``radiances`` times the transmittance, where nothing is between ``vertex`` and the point ``p``; else 0. The
-    first contains the others.
+    """The ``radiances`` times visibility and transmittance between ``vertex`` and the point ``p``. The first is the
+    total: no shadow ray is traced where it is 0.
     """
     si = vertex.si
     if context.settings.shadows:
@@ -135,6 +135,6 @@ def unless_in_shadow(
         active = but_not(active, context.scene.ray_test(si.spawn_ray_to(p), active))
     if context.absorbs:
         d = p - si.p
-        left = transmittance(medium_beyond(si, vertex.ray.medium, d, active), si.wavelengths, dr.norm(d), active)
-        radiances = [L * left for L in radiances]
+        transmitted = transmittance(medium_beyond(si, vertex.ray.medium, d, active), si.wavelengths, dr.norm(d), active)
+        radiances = [L * transmitted for L in radiances]
     return [dr.select(active, L, 0) for L in radiances]

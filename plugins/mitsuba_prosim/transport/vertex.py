@@ -31,16 +31,16 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
     if settings.hide_emitters and not lights.all_delta:
         si = past_emitters(context.scene, ray3, si, active & (ray.level == 0), context.attached)
     if context.absorbs:
-        ray = absorbed(context, ray, ray3, si, active)
-    inside = active if settings.max_level < 0 else active & (ray.level <= settings.max_level)
+        ray = attenuated_at(context, ray, ray3, si, active)
+    within_max_level = active if settings.max_level < 0 else active & (ray.level <= settings.max_level)
     L = context.layers.none()
     if not lights.all_delta:
         L = L.plus(*emission(context, ray, si, active))
     if settings.background is not None:
-        escaped = but_not(inside, active & si.is_valid())
+        escaped = but_not(within_max_level, active & si.is_valid())
         radiance = dr.select(escaped, background_radiance(settings.background, ray3, si, escaped), 0)
         L = L.plus(radiance, context.layers.of(ray, "background"))
-    surface = active & si.is_valid() & inside
+    surface = active & si.is_valid() & within_max_level
     vertex = vertex_at(context, ray, si, surface)
     if idle(surface):
         return L.scaled(ray.throughput), vertex
@@ -78,22 +78,22 @@ def intersect(
     return ray3, context.scene.ray_intersect(ray3, mi.RayFlags.All, ray.level == 0, active=active)
 
 
-def absorbed(context: Context, ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Ray:
-    """The ray where it meets ``si``, attenuated by the medium on its way (Beer's law)."""
+def attenuated_at(context: Context, ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Ray:
+    """``ray``, attenuated by its medium up to ``si`` (Beer's law)."""
     met = active & si.is_valid()
     medium = medium_before(si, ray.medium, ray.d, met & (ray.level == 0))
-    t = ray.offset + dr.dot(si.p - ray.o, ray.d)  # si.t would begin at the last hidden source
-    left = transmittance(medium, ray3.wavelengths, dr.select(met, t, UNBOUNDED), active)
-    return replace(ray.attenuated(left), medium=medium)
+    t = ray.offset + dr.dot(si.p - ray.o, ray.d)  # not si.t, which begins at the last hidden source
+    transmitted = transmittance(medium, ray3.wavelengths, dr.select(met, t, UNBOUNDED), active)
+    return replace(ray.attenuated(transmitted), medium=medium)
 
 
 def last_emission(context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> Radiance:
-    """The radiance that a ray below the deepest level adds: it can only meet a source."""
+    """Emission at the end of a ray beyond the maximum level, which is not shaded."""
     if context.lights.all_delta:
         return context.layers.none()
     ray3, si = intersect(context, ray, camera, active)
     if context.absorbs:
-        ray = absorbed(context, ray, ray3, si, active)
+        ray = attenuated_at(context, ray, ray3, si, active)
     return context.layers.none().plus(*emission(context, ray, si, active)).scaled(ray.throughput)
 
 
@@ -116,7 +116,7 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
     origin = dr.zeros(mi.Interaction3f)
     origin.p, origin.n, origin.time, origin.t = ray.o, ray.n, si.time, mi.Float(0)
     ds = mi.DirectionSample3f(context.scene, si, origin)
-    if context.attached:  # not by way of the point, whose derivative is unbounded at a sphere's outline
+    if context.attached:  # not that of the point, which is unbounded at a sphere's silhouette
         ds.d = dr.replace_grad(ds.d, ray.d)
     receiver = Receiver(origin, ray.n, False if ray.both_sides is None else ray.both_sides, ray.importance)
     pdf = lights.pdf(receiver, ds, uses_mis)

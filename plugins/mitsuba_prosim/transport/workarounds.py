@@ -84,7 +84,8 @@ def sample(
         return sample_leaves(lobe, bsdf, si, u, active)
     masks, (choice, point) = any(_within(bsdf, MASK)), u
 
-    def part(requested: mi.BSDFContext, choice: mi.Float) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+    def sample_lobes(requested: mi.BSDFContext, choice: mi.Float) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+        """A sample; ``bs.pdf`` is 0 if it belongs to a lobe that is not ``requested``."""
         bs, weight = bsdf.sample(lobes.with_null_lobes(requested) if masks else requested, si, choice, point, active)
         ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL)
         weight *= dr.select(ideal, dr.relative_grad(blend_share(bsdf, si, choice, active)), 1)
@@ -92,9 +93,10 @@ def sample(
         return bs, weight
 
     if not _mixes_ideal_and_smooth(lobe, bsdf):
-        return part(lobe, choice)
-    ideal = part(lobes.only(lobe, *lobes.IDEAL), choice * 2)
-    smooth = part(lobes.only(lobe, *lobes.SMOOTH), choice * 2 - 1)
+        return sample_lobes(lobe, choice)
+    # Each half of the numbers samples one kind of lobes.
+    ideal = sample_lobes(lobes.only(lobe, *lobes.IDEAL), choice * 2)
+    smooth = sample_lobes(lobes.only(lobe, *lobes.SMOOTH), choice * 2 - 1)
     bs, weight = dr.select(choice < 0.5, ideal, smooth)
     bs.pdf *= 0.5
     return bs, weight * 2
@@ -139,9 +141,9 @@ def blend_share(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, ac
     """
     share, below = mi.Float(1), mi.Float(0)
     for leaf in leaves(bsdf, si, active):
-        part = dr.detach(leaf.share)
-        share = dr.select((choice >= below) & (part > 0), leaf.blend, share)
-        below += part
+        probability = dr.detach(leaf.share)
+        share = dr.select((choice >= below) & (probability > 0), leaf.blend, share)
+        below += probability
     return share
 
 
@@ -155,19 +157,19 @@ def sample_leaves(
     bs.wo = -si.wi
     mixed = leaves(bsdf, si, active)
     for leaf in mixed:
-        part = dr.detach(leaf.share)
-        chosen = active & (choice >= below) & (part > 0)
+        probability = dr.detach(leaf.share)
+        chosen = active & (choice >= below) & (probability > 0)
         if leaf.bsdf is None:
             one, value = dr.zeros(mi.BSDFSample3f), mi.Spectrum(1)
             one.wo, one.pdf, one.eta, one.sampled_type = -si.wi, mi.Float(1), mi.Float(1), mi.UInt32(+mi.BSDFFlags.Null)
         else:
-            rest = dr.clip((choice - below) / dr.select(part > 0, part, 1), 0, 1)
+            rest = dr.clip((choice - below) / dr.select(probability > 0, probability, 1), 0, 1)
             one, value = leaf.bsdf.sample(lobe, leaf.seen_by(si), rest, point, chosen)
             if leaf.turned:
                 one.wo.z = dr.mulsign(one.wo.z, si.wi.z)
-        one.pdf *= part
+        one.pdf *= probability
         bs, weight = dr.select(chosen, one, bs), dr.select(chosen, value * dr.relative_grad(leaf.share), weight)
-        below += part
+        below += probability
     smooth = active & mi.has_flag(bs.sampled_type, mi.BSDFFlags.Smooth) & (bs.pdf > 0)
     f, pdf = mi.Spectrum(0), mi.Float(0)
     for leaf in mixed:

@@ -138,7 +138,9 @@ class Scanner:
         return self.name_token(piece, span, expected, statement)
 
     def name_token(self, name: str, span: Span, expected: frozenset[str], statement: str) -> Token:
-        """The token of a ``$name``: itself after DEFAULT, and elsewhere its value, a number or a word."""
+        """The token of a ``$name``: a VARIABLE after DEFAULT, elsewhere the token of its value. A name without a value
+        gets a placeholder that fits the grammar.
+        """
         if not NAME.fullmatch(name, 1):
             reason = "expected letters, digits and _ after $, and arithmetic in braces: {$x - 1}"
             raise self.source.error(span, f"found {quote(name)}; {reason}", "name")

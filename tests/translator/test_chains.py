@@ -38,8 +38,8 @@ def test_a_crowd_of_holes_and_of_pegs(monkeypatch, sign, material, result):
     text = scene(" ".join([sign] * 64 + [f"CUBE {i}" for i in range(65)]), transforms, surfaces)
     plain = solids(text)
     monkeypatch.setattr(csg, "MAX_BATCH", 8)
-    monkeypatch.setattr(csg, "MAX_CUTS", 1)
-    monkeypatch.setattr(csg, "REFINED_CUTS", 1)
+    monkeypatch.setattr(csg, "MAX_NEIGHBOURS", 1)
+    monkeypatch.setattr(csg, "REFINED_NEIGHBOURS", 1)
     again = solids(text)
     assert {key: area(mesh) for key, mesh in again.items()} == pytest.approx({k: area(m) for k, m in plain.items()})
     if result:

@@ -49,7 +49,7 @@ def fold(tree: Tree, leaf: Callable[[int], T], combine: Callable[[str, T, T], T]
 
 
 def cut_media(tree: Tree, media_of: Sequence[int]) -> np.ndarray:
-    """How many media each leaf cuts: those of the first operands of each - or * that has it in the second one."""
+    """For each leaf the largest number of media that one - or * cuts with it: the media of its first operand."""
     result = np.zeros(len(media_of), int)
 
     def combine(symbol: str, first: _Operand, second: _Operand) -> _Operand:
@@ -128,18 +128,18 @@ class _Chain:
 
     def __init__(self, first: Body) -> None:
         self.operands = deque([("+", first)])
-        self.cuts = False
+        self.has_minus = False
 
     def combined(self, symbol: str, other: _Chain) -> _Chain:
         """The chain of this one, ``symbol`` and ``other``; A + (B + C) and A - (B + C) are flattened."""
         if symbol == "*":
             return _Chain(combined("*", self.value(), other.value()))
-        right = _Chain(other.value()) if other.cuts else other
-        if symbol == "+" and not self.cuts and len(self.operands) < len(right.operands):
+        right = _Chain(other.value()) if other.has_minus else other
+        if symbol == "+" and not self.has_minus and len(self.operands) < len(right.operands):
             right.operands.extendleft(reversed(self.operands))
             return right
         self.operands.extend((symbol, body) for _, body in right.operands)
-        self.cuts |= symbol == "-"
+        self.has_minus |= symbol == "-"
         return self
 
     def value(self) -> Body:
@@ -153,7 +153,7 @@ class _Chain:
         adds = np.array([sign == "+" for sign, _ in self.operands])
         boxes = np.array([body.box for _, body in self.operands])
         step = np.zeros(len(adds), int)
-        for i in range(1, len(adds) if self.cuts else 0):
+        for i in range(1, len(adds) if self.has_minus else 0):
             earlier = touching(boxes[:i], boxes[i])
             step[i] = (step[earlier] + (adds[earlier] & ~adds[i])).max(initial=0)
         steps: list[tuple[list[Body], list[Body]]] = [([], []) for _ in range(step.max() + 1)]
@@ -167,9 +167,9 @@ class _Chain:
 def apply_steps(before: Body | None, steps: list[Step]) -> Step:
     """Applies a sequence of steps to a body; returns the union of all subtracted bodies, and the result.
 
-    A step may cover a face of ``before``, and a later one with a face on the same surface cut it open again. One by one
-    the later step owns the face, merged ``before`` does. So steps are merged only if the later ones share no surface
-    with ``before``.
+    One step may cover a face of ``before``, and a later step may subtract a solid with a face on the same surface and
+    uncover it. Step by step, the later solid owns the face; after merging, ``before`` owns it. So steps are merged only
+    if the later ones share no surface with ``before``.
     """
     if len(steps) == 1:
         ((subtracted, added),) = steps
@@ -234,16 +234,16 @@ def _operation(first: Body, second: Body, operation: OpType | None, outwards: in
     return Body(lambda: result, boxes, first.surfaces | second.surfaces, planes)
 
 
-MAX_CUTS = 64  # small solids that touch a leaf, per triangle; above it the leaf's mesh is refined
-REFINED_CUTS = 32  # small solids per triangle of a refined mesh, approximately
-SMALL = 8  # a solid is small if its volume is less than that of the other one by this factor
+MAX_NEIGHBOURS = 64  # small solids that touch a leaf, per triangle; above it the leaf's mesh is refined
+REFINED_NEIGHBOURS = 32  # small solids per triangle of a refined mesh, approximately
+SMALL = 8  # a solid is small if its box has less than one over this of the volume of the other box
 MIN_TRIANGLES = 4  # of a closed mesh
 
 
 def count_small_neighbours(boxes: np.ndarray) -> np.ndarray:
     """For each of the boxes (n, 2, 3) the number of small ones that touch it."""
     result = np.zeros(len(boxes), int)
-    if len(boxes) > MIN_TRIANGLES * MAX_CUTS:
+    if len(boxes) > MIN_TRIANGLES * MAX_NEIGHBOURS:
         size = (boxes[:, 1] - boxes[:, 0]).prod(axis=1)
         for pair in sweep(boxes[:, 0], boxes[:, 1]):
             for large, small in (pair, pair[::-1]):
@@ -251,15 +251,14 @@ def count_small_neighbours(boxes: np.ndarray) -> np.ndarray:
     return result
 
 
-def refined(manifold: Manifold, cuts: int) -> Manifold:
-    """A leaf's mesh, refined if many small solids (``cuts``) touch it, such as holes in a plate.
+def refined(manifold: Manifold, small_neighbours: int) -> Manifold:
+    """A leaf's mesh, refined if many small solids touch it, such as holes in a plate.
 
     manifold3d triangulates a cut triangle in a time that grows as the square of the number of cuts.
     """
-    if cuts <= MAX_CUTS * manifold.num_tri():
+    if small_neighbours <= MAX_NEIGHBOURS * manifold.num_tri():
         return manifold
     box = manifold.bounding_box()
     _, middle, longest = sorted(high - low for low, high in zip(box[:3], box[3:]))
-    return manifold.refine_to_length(
-        max(math.sqrt(middle * longest * REFINED_CUTS / cuts), longest * REFINED_CUTS / cuts)
-    )
+    by_area = math.sqrt(middle * longest * REFINED_NEIGHBOURS / small_neighbours)
+    return manifold.refine_to_length(max(by_area, longest * REFINED_NEIGHBOURS / small_neighbours))

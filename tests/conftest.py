@@ -60,6 +60,9 @@ SHARING = "cluster compare mitsuba_command docs lamps language_server page serve
 def pytest_xdist_make_scheduler(config, log):
     from xdist.scheduler import LoadScopeScheduling
 
+    if config.getvalue("dist") != "load":
+        return None
+
     class Scheduling(LoadScopeScheduling):
         def _split_scope(self, nodeid):
             path = Path(nodeid.partition("::")[0])

@@ -42,3 +42,14 @@ def test_what_can_not_be_denoised(scene, monkeypatch):
         refused("pip install 'mitsuba-prosim[denoise]'", "render", scene, "--denoise", code=1)
     scene.write_text(scene_text('<integrator type="prosim_denoised"><integrator type="path"/></integrator>'))
     refused("prosim_denoised, already denoises; leave out --denoise", "render", scene, "--denoise")
+
+
+def test_a_denoised_render_continues_with_another_limit(scene):
+    """Without a limit before, and with one that was reached."""
+    pytest.importorskip("mitsuba_oidn", reason="mitsuba-oidn is not installed: pip install 'mitsuba-prosim[denoise]'")
+    scene.write_text(OURS)
+    done("render", scene, "--denoise", "--checkpoint")
+    assert " of 0.001" in done("resume", scene.with_suffix(".state.npz"), "--noise", 0.001).stdout
+    done("render", scene, "--denoise", "--checkpoint", "--noise", 0.5, "--resolution", "128x64")
+    printed = done("resume", scene.with_suffix(".state.npz"), "--time", 0.05).stdout
+    assert "not denoised: the raw image is within the limit" in printed

@@ -6,6 +6,7 @@ import threading
 
 import numpy as np
 import pytest
+from mitsuba_prosim.cli import tev
 from mitsuba_prosim.live import publisher
 from running import done, pixels, refused
 
@@ -55,7 +56,7 @@ def test_waves_are_sent_and_the_last_is_the_image(palito, monkeypatch):
     assert np.array_equal(image, pixels(palito.with_suffix(".exr")))
 
 
-def test_a_tev_that_is_not_there_or_goes_away(scene):
+def test_a_tev_that_is_not_there_or_goes_away(scene, monkeypatch):
     with socket.create_server(("127.0.0.1", 0)) as unused:
         port = unused.getsockname()[1]
     refused(f"no tev at 127.0.0.1:{port}", "render", scene, "--view", f"tev=127.0.0.1:{port}", code=1)
@@ -63,6 +64,13 @@ def test_a_tev_that_is_not_there_or_goes_away(scene):
     said = done("render", scene, "--view", viewer.place, "--resolution", "640x480", "--spp", 1).stderr
     assert "tev has gone" in said and scene.with_suffix(".exr").exists()
     viewer.packets()
+    # One that is there, but takes nothing.
+    monkeypatch.setattr(tev, "SOCKET_TIMEOUT", 0.3)
+    with socket.create_server(("127.0.0.1", 0)) as deaf:
+        deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 12)
+        place = f"tev=127.0.0.1:{deaf.getsockname()[1]}"
+        said = done("render", scene, "--view", place, "--resolution", "960x720", "--spp", 1).stderr
+    assert "tev has gone (timed out)" in said
 
 
 def test_a_tev_that_leaves_at_once_leaves_no_connection(scene, monkeypatch):

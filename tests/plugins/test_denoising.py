@@ -279,6 +279,8 @@ def test_a_stop_leaves_the_first_half(variant_rgb):
     render.close()
     both = render.denoiser.halves
     assert both.names == ["R", "G", "B"] and len(both.images) == 1
+    with pytest.raises(RuntimeError, match="stopped before its second half"):
+        render.denoiser.denoised()
 
 
 def test_crops_wide_filters_alpha_and_luminance(variant_rgb, denoiser):
@@ -411,6 +413,17 @@ def test_the_error_beyond_the_limit_is_that_of_the_image(variant_rgb, denoiser):
     render = begun(mi.load_dict(cornell(96, noise=1e-4, max_samples=40))).run()
     result = render.denoiser.denoised()
     assert result.noise < result.raw_noise == pytest.approx(render.reached.noise, rel=1e-3)
+
+
+def test_a_render_resumed_in_its_last_pass_has_the_same_bits(variant_rgb, denoiser):
+    """That over the second half, where no pixel may get more samples."""
+    scene = mi.load_dict(cornell(96, noise=0.006, max_samples=40, band=5000))
+    render = begun(scene).run()
+    stopped = begun(scene)
+    next(stopped for _ in stopped if stopped.second.complete)
+    again = begun(scene, begin=stopped.checkpoint()).run()
+    assert again.state.estimates == render.state.estimates
+    assert np.array_equal(again.denoiser.denoised().final, render.denoiser.denoised().final)
 
 
 @pytest.mark.slow

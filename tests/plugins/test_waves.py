@@ -341,6 +341,14 @@ def test_time_ends_in_time(variant_rgb, adaptive):
     assert far.seconds == pytest.approx(2, abs=1) and far.samples > 1
 
 
+def test_work_items_do_not_shrink_to_single_samples(variant_rgb):
+    executor = Executor()
+    for _ in range(10):
+        samples = executor.limit(10**7, 0.01)
+        executor.learn(samples, 0.02 + 1e-7 * samples)  # the launch takes longer than a work item should
+    assert samples > 1000
+
+
 def test_the_shortest_time_gives_every_pixel_one_sample(variant_rgb):
     image = render(COPPER, time=1e-6, aovs="samples,error")
     assert np.all(image[..., -2] == 1)

@@ -34,6 +34,7 @@ OUTSIDE = {
         for path in ("../secret", "OUT/secret", "secret", "link")
     },
     "included in a detour": INCLUDE.format("parts/../../secret.xml"),
+    "included by a link of a folder": INCLUDE.format("up/secret.xml"),
     "included by what is included": INCLUDE.format("parts/above.xml"),
     "a device": INCLUDE.format("/dev/zero"),
     "written in characters' numbers": INCLUDE.format("&#x2e;&#46;/secret.xml"),
@@ -41,6 +42,10 @@ OUTSIDE = {
     "a folder to search": '<path value=".."/>' + INCLUDE.format("secret.xml"),
     "a folder to search by its path": '<path value="OUT"/>',
     "a parameter": DEFAULT.format("x", "..") + INCLUDE.format("$x/secret.xml"),
+    "a folder to search, a link": '<path value="up"/>',
+    "parameters that begin alike": DEFAULT.format("x", "a")
+    + DEFAULT.format("xx", "..")
+    + INCLUDE.format("$xx/secret.xml"),
     "a parameter in a parameter": DEFAULT.format("xx", r"\$y")
     + DEFAULT.format("y", "..")
     + INCLUDE.format("$xx/secret.xml"),

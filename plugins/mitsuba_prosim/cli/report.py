@@ -116,6 +116,6 @@ def end_cause(integrator: mi.Integrator, reached: Reached, interrupted: bool) ->
         return "interrupted"
     if noises and all(getattr(reached, name) <= getattr(integrator, name) for name in noises):
         return "noise"
-    if integrator.time and reached.seconds >= IN_TIME * integrator.time:
-        return "time"
-    return "samples"
+    out_of_time = integrator.time and reached.seconds >= IN_TIME * integrator.time
+    at_most = integrator.max_samples or UNLIMITED
+    return "time" if out_of_time or (integrator.time and reached.samples < at_most) else "samples"

@@ -111,8 +111,10 @@ class FinalImage:
     FAR = 3.0
     #: Maximum number of calls for all pixels before that of the final image.
     CALLS = 3
-    #: Samples of a pixel that cost about as much as a call, and so many that the best networks are worth theirs.
-    CALL, BEST = 64, 512
+    #: Cost of a call, in samples of a pixel.
+    CALL_COST = 64
+    #: Minimum number of samples of a pixel for which the best networks are worth their time.
+    MIN_SAMPLES_FOR_BEST = 512
 
     def __init__(self, scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int, fast: bool) -> None:
         self.scene, self.sensor, self.integrator, self.seed, self.fast = scene, sensor, integrator, seed, fast
@@ -154,6 +156,8 @@ class FinalImage:
         if networks == "none":
             raw = np.add.reduce(halves.colours) / len(halves.images)
             return unmixed(raw, self.render.error(), self.render.second.noise(self.render.state)[0])
+        if len(halves.images) < 2:
+            raise RuntimeError("the render was stopped before its second half; there is nothing to denoise")
         first, second = halves.colours
         return denoise_halves(first, second, self._denoiser(networks))
 
@@ -180,7 +184,7 @@ class FinalImage:
         by_raw = samples * (excess / AIM) ** 2
         # The second half takes as many samples. The error of the first pass promises too many of them.
         left = by_raw - samples * (1 if second.complete else 2) if state.effort else 0.0
-        if not state.estimates and left < 2 * self.CALL:
+        if not state.estimates and left < 2 * self.CALL_COST:
             return raw
         if excess > self.FAR:
             render.loosening = self.FAR
@@ -196,11 +200,11 @@ class FinalImage:
             excess, called = target.excess(noise), last == samples and networks != "probe"
             if called and excess <= ENOUGH:
                 return noise
-            if by_raw - samples * (excess / AIM) ** 2 < self.CALL or len(state.estimates) > self.CALLS:
+            if by_raw - samples * (excess / AIM) ** 2 < self.CALL_COST or len(state.estimates) > self.CALLS:
                 return raw
             if called or (excess > 1 and networks != "probe"):
                 return noise
-            networks = "fast" if self.fast or by_raw < self.BEST else "best"
+            networks = "fast" if self.fast or by_raw < self.MIN_SAMPLES_FOR_BEST else "best"
             result = self._latest(networks, samples)
             self._record(networks, raw, max(result.noise, result.at_most * ENOUGH / TOLERANCE) / result.raw_noise)
 

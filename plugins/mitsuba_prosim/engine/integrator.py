@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import weakref
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -154,6 +155,9 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         sampling, spp = self.sampling.halved(spp) if denoiser is not None else (self.sampling, spp)
+        if denoiser is not None and begin is not None and not spp:
+            # With a new limit a render without one continues; its passes had half the samples.
+            sampling = replace(sampling, samples=begin.attributes["sampling"]["samples"])
         if (part or (begin and begin.part)) and sampling.has_target:
             raise ValueError(
                 f"{self.name()}: a part of an image can't have the limits noise and time, those of the whole image; "

@@ -113,7 +113,8 @@ class Render:
         if any(self.target.limits) or (denoiser is not None and self.target.seconds):
             pixel_count, restored = area(plan.region), self.state.second
             begun = restored is not None and dr.width(restored.count) == pixel_count
-            complete = bool(self.target.seconds) or pixel_count < 2 * SecondImage.MIN_PIXELS or begun
+            reached = self.target.excess(self.state.noise) <= ENOUGH
+            complete = (bool(self.target.seconds) and not reached) or pixel_count < 2 * SecondImage.MIN_PIXELS or begun
             self.second = SecondImage(self.state, complete and denoiser is not None)
         self._steps = self._run()
 
@@ -185,7 +186,7 @@ class Render:
         return min(max(samples / current.expected if current.expected else self._done, by_time), 1.0)
 
     def begin_complete_second(self) -> None:
-        """Makes the second image cover all pixels, with the samples that it has."""
+        """Begins a complete second image; it does not keep the samples of a partial one."""
         self.second = SecondImage(self.state, complete=True)
 
     # ---------------------------------------------------------------- the passes
@@ -265,7 +266,10 @@ class Render:
                 state.wanted = next_counts(state, target.loosened(self.loosening), speed)
                 if not np.any(state.wanted > count):  # each pixel has all that the plan allows
                     state.wanted = None
-                    return
+                    if self.denoiser is None or self.second is None or self.second.complete:
+                        return
+                    self.begin_complete_second()
+                    continue
             have, started = mean(count), time.perf_counter()
             expected = max(have * remaining_factor(state, target), mean(state.wanted)) if any(target.limits) else np.inf
             current = Pass(state, state.wanted, expected * len(count), shown=False, timed=True)

@@ -111,7 +111,7 @@ class Executor:
         #: Samples in a second; at first, those of a usual scene.
         cpu = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
         self.speed: float = 2**20 * dr.thread_count() if cpu else 2**24
-        self.compiles = True
+        self.measured = False  # a first work item is not: it compiles
 
     def limit(self, left: int, seconds: float = np.inf) -> int:
         """Samples of the next work item, of those that are ``left``, if it should not take more than ``seconds``."""
@@ -123,9 +123,9 @@ class Executor:
         speed = samples / max(seconds, 1e-6)
         if speed > self.speed:
             self.speed = min(speed, self.SPEED_GROWTH * self.speed)
-        elif not self.compiles:
+        elif self.measured:
             self.speed = speed
-        self.compiles = False
+        self.measured = True
 
     def __call__(self, items: Iterator[WorkItem]) -> Results:
         """Yields each of ``items`` with its sums."""

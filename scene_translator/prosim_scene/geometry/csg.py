@@ -196,13 +196,15 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
 
     @cache
     def manifold() -> Manifold:
-        operands, middle = distinct.copy(), len(distinct) // 2
+        middle = len(distinct) // 2
+        if len(distinct) <= MAX_BATCH and len(surfaces) == sum(len(body.surfaces) for body in distinct):
+            result = Manifold.batch_boolean([body.manifold() for body in distinct], OpType.Add)
+        else:
+            first, second = union(distinct[:middle]), union(distinct[middle:])
+            assert first and second
+            result = checked(combined("+", first, second).manifold())
         distinct.clear()  # frees memory: this function outlives the operands
-        if len(operands) <= MAX_BATCH and len(surfaces) == sum(len(body.surfaces) for body in operands):
-            return Manifold.batch_boolean([body.manifold() for body in operands], OpType.Add)
-        first, second = union(operands[:middle]), union(operands[middle:])
-        assert first and second
-        return checked(combined("+", first, second).manifold())
+        return result
 
     return Body(manifold, np.concatenate([body.boxes for body in distinct]), surfaces, distinct[0].planes)
 

@@ -37,7 +37,6 @@ def test_the_report_says_what_ended_it(scene):
         (["--noise", 1e-6, "--max-samples", 50], "samples", "ended by the maximum number of samples per pixel, 50"),
         (["--noise-99", 0.2, "--noise", 0.1], "noise", ", that of 99 pixels in 100 0."),
         (["--noise", 1e-6, "--time", 0.2], "time", "s of 0.2, ended by the time"),
-        (["--time", 0.5, "--denoise"], "time", "s of 0.5\n"),
     ]:
         assert says in done("render", scene, *options).stdout and metadata(scene)["ended"] == ended
 

@@ -197,11 +197,11 @@ class Render:
             yield from self._image_passes()
         within = self.target.excess(self.state.noise) <= ENOUGH
         if self.denoiser is not None and not within and not self._stopped:
-            second = self.second = SecondImage(self.state, complete=True)
+            self.begin_complete_second()
             yield self._second_pass(1)
             yield self._second_pass()
-            if any(self.target.limits) and not self._stopped:
-                self.state.noise = second.noise(self.state)
+            if any(self.target.limits) and self.second and not self._stopped:
+                self.state.noise = self.second.noise(self.state)
 
     def _image_passes(self) -> Iterator[Pass]:
         """The passes over the image. A state with samples and decisions continues."""

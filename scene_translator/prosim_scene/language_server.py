@@ -14,7 +14,6 @@ from . import extras
 
 try:
     from lsprotocol import types as lsp
-    from pygls.exceptions import JsonRpcException
     from pygls.lsp.server import LanguageServer
     from pygls.uris import to_fs_path
     from pygls.workspace import TextDocument
@@ -24,7 +23,7 @@ except ModuleNotFoundError:
 from .evaluation import evaluate_in_process
 from .language.diagnostics import Problem, SceneError
 from .language.formatter import format
-from .symbols import Completion, Occurrence, Symbols
+from .symbols import Completion, Symbols
 
 #: The largest tree that the server evaluates; ``prosim translate --check`` has no limit.
 LARGEST = 1000
@@ -63,9 +62,12 @@ class OpenDocument:
         places = [lsp.Position(line, offset - self.starts[line]) for line, offset in zip(lines, (start, end))]
         return lsp.Range(*(self.codec.position_to_client_units(self.lines, place) for place in places))
 
-    def locations(self, occurrences: list[Occurrence]) -> list[lsp.Location]:
-        """The protocol's locations of occurrences."""
-        return [lsp.Location(self.uri, self.range(one.start, one.end)) for one in occurrences]
+    def locations(self, position: lsp.Position, only_definitions: bool) -> list[lsp.Location]:
+        """The protocol's locations of the symbol at a position: all, or those that define it."""
+        here = self.symbols.occurrence_at(self.offset(position))
+        found = self.symbols.table[here.symbol] if here else []
+        found = [one for one in found if one.defines] if only_definitions else found
+        return [lsp.Location(self.uri, self.range(one.start, one.end)) for one in found]
 
     def diagnostic(self, one: Problem) -> lsp.Diagnostic:
         """The protocol's diagnostic of an error or a warning; without a span it is at the beginning of the text."""
@@ -108,21 +110,13 @@ class SceneServer(LanguageServer):
             lsp.PublishDiagnosticsParams(document.uri, diagnostics, document.version)
         )
 
-    def occurrences(
-        self, params: lsp.DefinitionParams | lsp.ReferenceParams | lsp.RenameParams
-    ) -> tuple[OpenDocument, list[Occurrence]]:
-        """The document, and all occurrences of the symbol at a position in it."""
-        document = self.documents[params.text_document.uri]
-        here = document.symbols.occurrence_at(document.offset(params.position))
-        return document, document.symbols.occurrences(here.symbol) if here else []
-
 
 server = SceneServer()
 
 
 @click.command("language-server")
 def language_server() -> None:
-    """Help an editor with scenes: errors while you write, completion, meanings, renaming, layout.
+    """Help an editor with scenes: errors while you write, completion, meanings, layout.
 
     An editor starts it, and communicates with it by standard input and output.
     """
@@ -189,30 +183,13 @@ def hover(ls: SceneServer, params: lsp.HoverParams) -> lsp.Hover | None:
 @server.feature(lsp.TEXT_DOCUMENT_DEFINITION)
 def definition(ls: SceneServer, params: lsp.DefinitionParams) -> list[lsp.Location]:
     """The definitions of a symbol: SURFACE and TRANSFORM of an index, TEXTURE, SOLID, or DEFAULT of a name."""
-    document, occurrences = ls.occurrences(params)
-    return document.locations([one for one in occurrences if one.defines])
+    return ls.documents[params.text_document.uri].locations(params.position, only_definitions=True)
 
 
 @server.feature(lsp.TEXT_DOCUMENT_REFERENCES)
 def references(ls: SceneServer, params: lsp.ReferenceParams) -> list[lsp.Location]:
     """All occurrences of the symbol at a position."""
-    document, occurrences = ls.occurrences(params)
-    return document.locations(occurrences)
-
-
-@server.feature(lsp.TEXT_DOCUMENT_RENAME)
-def rename(ls: SceneServer, params: lsp.RenameParams) -> lsp.WorkspaceEdit | None:
-    """Renames all occurrences of a symbol; raises JsonRpcException for an invalid name."""
-    document, occurrences = ls.occurrences(params)
-    if not occurrences:
-        return None
-    symbol = occurrences[0].symbol
-    new = "$" * (symbol.kind == "name") + params.new_name.removeprefix("$")
-    if document.symbols.renamed_text(symbol, new) is None:
-        reason = f"{new!r} is another symbol's name, or not a name of this kind ({symbol.kind}); choose another"
-        raise JsonRpcException(reason, lsp.LSPErrorCodes.RequestFailed)
-    edits = [lsp.TextEdit(location.range, new) for location in document.locations(occurrences)]
-    return lsp.WorkspaceEdit({document.uri: edits})
+    return ls.documents[params.text_document.uri].locations(params.position, only_definitions=False)
 
 
 @server.feature(lsp.TEXT_DOCUMENT_FORMATTING)

@@ -101,15 +101,6 @@ class Symbols:
         everywhere = (one for found in self.table.values() for one in found)
         return min((o for o in everywhere if o.start <= offset <= o.end), key=lambda o: o.start, default=None)
 
-    def renamed_text(self, symbol: Symbol, new: str) -> str | None:
-        """The text with a symbol renamed; None if the name is invalid, or another symbol's."""
-        text = self.text
-        for one in reversed(self.occurrences(symbol)):
-            text = text[: one.start] + new + text[one.end :]
-        other = Symbols(text)
-        places = [list(map(len, symbols.table.values())) for symbols in (self, other)]
-        return text if places[0] == places[1] and (self.document is None) == (other.document is None) else None
-
     # ---- Meanings
 
     def hover(self, offset: int) -> tuple[int, int, str] | None:

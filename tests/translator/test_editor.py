@@ -4,7 +4,6 @@ import json
 import re
 from pathlib import Path
 
-import pytest
 from prosim_scene.language.analysis import analyse
 from prosim_scene.language.diagnostics import MAX_ERRORS
 from prosim_scene.language.words import WORDS
@@ -87,21 +86,13 @@ def test_every_word_has_a_meaning():
         assert word.meaning and description(word).startswith(f"**{word.canonical}**")
 
 
-def test_symbols_are_found_and_renamed():
+def test_all_occurrences_of_a_symbol_are_found():
     symbols = Symbols(SCENE)
     here = symbols.occurrence_at(SCENE.index("SPHERE 1") + 7)
     assert [SCENE[: one.start].count("\n") for one in symbols.occurrences(here.symbol) if one.defines] == [7, 9]
-    for word, shift, new, count in (("SPHERE 1", 7, "7", 4), ("$turn", 1, "$angle", 4), ("t-mine", 2, "t-yours", 1)):
+    for word, shift, count in (("SPHERE 1", 7, 4), ("$turn", 1, 4), ("t-mine", 2, 1)):
         here = symbols.occurrence_at(SCENE.index(word) + shift)
         assert len(symbols.occurrences(here.symbol)) == count
-        other = Symbols(symbols.renamed_text(here.symbol, new))
-        assert other.document is not None and here.symbol not in other.table
-
-
-@pytest.mark.parametrize("word, new", [("0 t-l", "1"), ("0 t-l", "x"), ("t-listra", "stripes"), ("$turn", "$a-b")])
-def test_a_wrong_name_is_refused(word, new):
-    symbols = Symbols(SCENE)
-    assert symbols.renamed_text(symbols.occurrence_at(SCENE.index(word)).symbol, new) is None
 
 
 def test_a_symbol_is_found_wherever_it_may_stand():

@@ -2,7 +2,6 @@
 
 import asyncio
 import pickle
-import re
 import subprocess
 import sys
 import time
@@ -11,7 +10,6 @@ import prosim_scene
 import pytest
 import pytest_lsp
 from lsprotocol import types as lsp
-from pygls.exceptions import JsonRpcException
 from test_editor import SCENE
 
 URI = "file:///nowhere/scene.scn"
@@ -139,21 +137,6 @@ async def test_an_editor_completes_explains_and_finds(editor):
         lsp.ReferenceParams(lsp.ReferenceContext(include_declaration=True), document, at)
     )
     assert len(everywhere) == 4
-
-
-async def test_an_editor_renames(editor):
-    await opened(editor, SCENE)
-    document = lsp.TextDocumentIdentifier(URI)
-    at = position(SCENE, "SPHERE 1", 7)
-    changed = await editor.text_document_rename_async(lsp.RenameParams(document, at, "12"))
-    lines = SCENE.splitlines(keepends=True)
-    for edit in reversed(changed.changes[URI]):
-        start, end = edit.range.start, edit.range.end
-        lines[start.line] = lines[start.line][: start.character] + edit.new_text + lines[start.line][end.character :]
-    assert "".join(lines) == re.sub(r"(SPHERE|CYLINDER|SURFACE|TRANSFORM) 1\b", r"\1 12", SCENE)
-    with pytest.raises(JsonRpcException, match="another symbol's name") as refused:
-        await editor.text_document_rename_async(lsp.RenameParams(document, at, "0"))
-    assert refused.value.code == lsp.LSPErrorCodes.RequestFailed
 
 
 async def test_of_many_keystrokes_the_last_is_published(editor):

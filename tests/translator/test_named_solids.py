@@ -74,11 +74,10 @@ def test_an_editor_knows_named_solids():
     symbols = Symbols(NAMED)
     at = NAMED.index("LEG 11")
     symbol = symbols.occurrence_at(at).symbol
-    assert len(symbols.occurrences(symbol)) == symbols.renamed_text(symbol, "foot").count("foot") == 3
+    assert len(symbols.occurrences(symbol)) == 3
     assert "SOLID leg + CYLINDER 1 SPHERE 2" in symbols.hover(at)[2]
     assert {"leg", "CUBE"} <= {one.label for one in symbols.completions(at)}
     assert {"20", "1"} <= {one.label for one in symbols.completions(at + len("LEG "))}
-    assert symbols.renamed_text(symbol, "CUBE") is None
 
 
 def test_an_image_lights_the_scene(tmp_path, write_scene):

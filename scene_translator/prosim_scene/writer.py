@@ -73,9 +73,6 @@ class TranslationCache:
         return self.surface
 
 
-if sys.platform != "win32":
-    import fcntl
-
 #: A comment in each XML file that a translation writes.
 MARK = "A translation from the scene language; the next one takes its place"
 WAIT = 10.0  # seconds, for another translation to the same folder
@@ -165,6 +162,10 @@ def _locked(folder: Path) -> Iterator[bool]:
 
 def _lock(descriptor: int) -> bool | None:
     """Locks an open folder; returns whether the file system has locks, or None if another translation has the lock."""
+    if sys.platform == "win32":
+        return False
+    import fcntl
+
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

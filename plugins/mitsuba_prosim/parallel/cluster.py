@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
@@ -62,7 +63,7 @@ def interrupts_blocked() -> Iterator[None]:
     """Starts threads and processes that ignore Ctrl-C, which a terminal sends to all processes: only the one that
     renders handles it.
     """
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
+    if sys.platform == "win32":
         yield
         return
     resource_tracker.ensure_running()  # it starts with the first process and would unblock the signal

@@ -14,6 +14,7 @@ from mitsuba_prosim import registry
 from mitsuba_prosim.engine.policies import POLICIES
 from mitsuba_prosim.light import table
 from mitsuba_prosim.light.table import Lights
+from scenes import area, camera, film, ground
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
@@ -48,28 +49,18 @@ def test_bsdf(variant_rgb, monkeypatch):
 
 def under_tubes(count, floor, **integrator):
     """A floor below as many tubes; the camera sees the floor alone."""
-    T = mi.ScalarTransform4f
     tubes = {
         f"tube_{i}": {
             "type": "cylinder",
             "p0": [0.7 * i - 2, 1, -1],
             "p1": [1 - 0.4 * i, 1.1 + 0.4 * i, 1],
             "radius": 0.1 + 0.05 * i,
-            "emitter": {"type": "area", "radiance": 1.0 + i},
+            **area(1.0 + i),
         }
         for i in range(count)
     }
-    return tubes | {
-        "type": "scene",
-        "integrator": integrator,
-        "sensor": {
-            "type": "perspective",
-            "fov": 90,
-            "to_world": T().look_at([0, 0.5, 0], [0, 0, 0], [0, 0, 1]),
-            "film": {"type": "hdrfilm", "width": 8, "height": 8, "rfilter": {"type": "box"}},
-        },
-        "floor": {"type": "rectangle", "to_world": T().rotate([1, 0, 0], -90).scale(4), "bsdf": floor},
-    }
+    sensor = camera([0, 0.5, 0], [0, 0, 0], film(8), (0, 0, 1), fov=90)
+    return tubes | {"type": "scene", "integrator": integrator, "sensor": sensor, "floor": ground(4, floor)}
 
 
 @pytest.mark.parametrize("count", [pytest.param(1, marks=pytest.mark.slow), Lights.UNROLLED + 1])

@@ -1,11 +1,15 @@
-"""What the pages name exists: options, modules and files."""
+"""What the pages name exists: options, modules and files; their examples work, and their tables are right."""
 
+import html
 import importlib
 import re
 from pathlib import Path
 
 import click
+import prosim_scene
 import pytest
+from prosim_scene.language.words import WORDS, normalise
+from prosim_scene.mitsuba import textures
 from prosim_start.group import COMMANDS, prosim
 
 ROOT = Path(__file__).parents[1]
@@ -50,3 +54,53 @@ def test_modules_and_files_exist(page):
         assert (ROOT / name).exists() or name == "docs/_build", name
     for name in set(re.findall(r"\b(?:python|bash) ((?:benchmarks|docs|tests|examples)/[\w./-]+)", text)):
         assert (ROOT / name).exists(), name
+
+
+# ---- The language, and its functions in Python
+
+LANGUAGE, CHEAT_SHEET, PYTHON = (
+    (ROOT / "docs" / f"{name}.md").read_text() for name in ("language", "cheat_sheet", "python")
+)
+EXAMPLES = re.findall(r"```scn\n(.*?)```", LANGUAGE + CHEAT_SHEET, re.DOTALL)
+
+
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+@pytest.mark.parametrize("text", EXAMPLES, ids=range(len(EXAMPLES)))
+def test_scenes_parse(text):
+    assert prosim_scene.parse(prosim_scene.format(text)) == prosim_scene.parse(text)
+
+
+def test_every_statement_and_parameter_has_an_example():
+    words = {normalise(w) for example in EXAMPLES for w in re.findall(r"[\w-]+", example)}
+    missing = [row for row in WORDS if not words & {normalise(s) for s in row.spellings}]
+    # The plain ones among the parameters of textures and transforms are in the tables.
+    assert {normalise(row.canonical) for row in missing} <= {normalise(w) for w in re.findall(r"[\w-]+", LANGUAGE)}
+
+
+def test_the_tables_of_defaults_are_right():
+    for kind, values in textures.DEFAULTS.items():
+        (row,) = re.findall(rf"^\| `{kind}` \| (.*) \|$", LANGUAGE, re.MULTILINE)
+        for name, value in values.items():
+            numbers = re.search(rf"`{name.replace('_', '-')}` ([\d. ]+)", row)[1].split()
+            expected = value if isinstance(value, tuple) else (value,)
+            assert [float(n) for n in numbers] == pytest.approx(expected, abs=1e-4), name
+
+
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+def test_python_examples_work(monkeypatch):
+    monkeypatch.chdir(ROOT / "examples")
+    for block in re.findall(r"```python\n(.*?)```", PYTHON, re.DOTALL):
+        exec(block, {})
+
+
+def test_everything_public_is_on_the_page_and_documented():
+    assert not [name for name in prosim_scene.__all__ if not re.search(rf"\b{name}\b", PYTHON)]
+    functions = [getattr(prosim_scene, name) for name in prosim_scene.__all__]
+    assert all(one.__doc__ for one in functions if callable(one))
+
+
+def test_a_scene_shows_itself_in_its_own_language():
+    scene = prosim_scene.parse(prosim_scene.read(ROOT / "examples/palito.scn"), "palito.scn")
+    shown = scene._repr_html_()
+    text = html.unescape(shown.removeprefix("<pre>").removesuffix("</pre>"))
+    assert shown.startswith("<pre>NAME: palito") and prosim_scene.parse(text, "shown") == scene

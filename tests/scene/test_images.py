@@ -1,28 +1,24 @@
-"""Image files hold what the film holds."""
+"""Image files hold what the film holds; a damaged one is named at its place in the scene."""
 
 import io
 
 import mitsuba as mi
 import numpy as np
 import OpenEXR
+import prosim_scene
 import pytest
 from mitsuba_prosim.scene import images, session
+from mitsuba_prosim.scene.scene_file import SceneFile
+from scenes import film, load_scene
 
 
-def film(**settings):
+def rendered(**settings):
     """A rendered film of 20 x 10 pixels."""
-    scene = mi.load_dict(
-        {
-            "type": "scene",
-            "light": {"type": "constant"},
-            "ball": {"type": "sphere", "to_world": mi.ScalarTransform4f().translate([0, 0, 4])},
-            "integrator": {"type": "aov", "aovs": "nn:sh_normal,depth:depth", "path": {"type": "path"}},
-            "sensor": {
-                "type": "perspective",
-                "sampler": {"type": "independent"},
-                "film": {"type": "hdrfilm", "width": 20, "height": 10} | settings,
-            },
-        }
+    scene = load_scene(
+        light={"type": "constant"},
+        ball={"type": "sphere", "center": [0, 0, 4]},
+        integrator={"type": "aov", "aovs": "nn:sh_normal,depth:depth", "path": {"type": "path"}},
+        sensor={"type": "perspective", "film": film(20, 10, **settings)},
     )
     mi.render(scene)
     return scene.sensors()[0].film().bitmap()
@@ -39,7 +35,7 @@ def film(**settings):
 )
 def test_exr_holds_the_film_bit_by_bit(variant_rgb, tmp_path, settings):
     """Every channel under its name, in its precision; both OpenEXR's library and Mitsuba read the same."""
-    bitmap = film(**settings)
+    bitmap = rendered(**settings)
     content = images.exr(bitmap, {"prosim.scene": "a"})
     pixels = np.array(bitmap)
     read = OpenEXR.File(io.BytesIO(content), separate_channels=True)
@@ -59,7 +55,7 @@ def test_exr_in_one_thread_with_a_name_that_is_no_text(variant_rgb):
     """Mitsuba 3.9 alone would wait for ever."""
     name = b"caf\xe9.scn".decode("utf-8", "surrogateescape")
     with session.threads(1):
-        content = images.exr(film(), {"prosim.scene": name})
+        content = images.exr(rendered(), {"prosim.scene": name})
     assert OpenEXR.File(io.BytesIO(content)).header()["prosim.scene"] == r"caf\udce9.scn"
 
 
@@ -77,3 +73,32 @@ def test_the_tone_curve_keeps_the_range_the_order_and_the_colours():
 def test_spectral_bins_have_no_png(variant_spectral):
     bitmap = mi.Bitmap(np.zeros((4, 6, 5), dtype=np.float32), mi.Bitmap.PixelFormat.MultiChannel)
     assert set(images.encode(bitmap, {})) == {".exr"}
+
+
+SCENE = """AMBIENT 9000 9000 9000
+BACKGROUND 0 0 0 {}
+LIGHTS POINT position 9 9 9
+CSG-TREE CUBE 0 {}
+SURFACE 0 TRANSFORM 0
+END
+"""
+
+
+@pytest.mark.parametrize("background, texture, line", [("NULL", '"cut file.{}"', 4), ('"cut file.{}"', "NULL", 2)])
+@pytest.mark.parametrize("suffix, says", [("png", "read 162 out of 795 bytes"), ("jpg", "Invalid JPEG file")])
+def test_an_image_that_is_cut_short(variant_rgb, tmp_path, background, texture, line, suffix, says):
+    scene, image, out = tmp_path / "scene.scn", tmp_path / f"cut file.{suffix}", tmp_path / "out"
+    scene.write_text(SCENE.format(background, texture).replace("{}", suffix), encoding="utf-8")
+    noise = np.random.default_rng(1).integers(0, 256, (16, 16, 3), dtype=np.uint8)
+    mi.Bitmap(noise).write(str(image))
+    whole = image.read_bytes()
+    image.write_bytes(whole[: len(whole) // 3])
+    out.mkdir()
+    with pytest.raises(prosim_scene.SceneError) as error:
+        SceneFile(scene, out).load()
+    assert (error.value.filename, error.value.line) == (str(scene), line)
+    words = str(error.value)
+    assert f"the image 'cut file.{suffix}' is incomplete or damaged: " in words and says in words
+    assert "save it again" in words and str(out) not in words
+    image.write_bytes(whole)
+    assert SceneFile(scene, out).load().shapes()

@@ -1,4 +1,4 @@
-"""Small scenes for the tests of the integrator."""
+"""Small scenes, and what tests do with them."""
 
 import tempfile
 from pathlib import Path

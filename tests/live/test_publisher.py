@@ -1,0 +1,30 @@
+"""Images as the page receives them, and how often."""
+
+import numpy as np
+import pytest
+from mitsuba_prosim.live import publisher
+from mitsuba_prosim.live.picture import Picture
+
+
+@pytest.mark.parametrize("value, white", [(0, 0), (0.5, 0.5), (3e7, 3e7), (np.nan, 1)])
+def test_layers_and_their_white(value, white):
+    image = np.full((2, 4, 3), value, np.float32)
+    content, facts = Picture(1, {"final": image}).packed("final")
+    assert np.array_equal(np.frombuffer(content, "<f4").reshape(image.shape), np.nan_to_num(image))
+    assert float(facts["X-White"]) == pytest.approx(white) and (facts["X-Width"], facts["X-Height"]) == ("4", "2")
+
+
+def test_pictures_are_drawn_as_often_as_they_are_cheap(monkeypatch):
+    time = 0.0
+    monkeypatch.setattr(publisher, "clock", lambda: time)
+    another, drawn = publisher.Throttle(), []
+    for took in (0.001, 0.06):
+        while time < 60:
+            if another.due:
+                drawn.append(time)
+                with another.drawing():
+                    time += took
+            time += 0.01
+        rate = len(drawn) / 60
+        assert 0.8 < max(rate * publisher.DRAW_INTERVAL, rate * took / publisher.DRAW_SHARE) <= 1
+        time, another, drawn = 0.0, publisher.Throttle(), []

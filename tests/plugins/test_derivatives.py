@@ -71,6 +71,15 @@ def test_time_is_refused(variant_rgb):
 
 
 @pytest.mark.slow
+def test_a_render_by_the_integrator_itself_is_not_recorded(variant_rgb):
+    """As with Mitsuba's ``prb``. Dr.Jit 1.5 crashes at exit while the film holds the recorded loops."""
+    scene = mi.load_dict(penumbra(None, 8, type="prosim", samples=2))
+    params = mi.traverse(scene)
+    dr.enable_grad(params["light.emitter.radiance.value"])
+    params.update()
+    assert not dr.grad_enabled(scene.integrator().render(scene)) and dr.grad_enabled(mi.render(scene, params))
+
+
 def test_iterations_share_their_kernels(variant_rgb):
     """However long the paths are, and whatever the parameters: a step after the first compiles nothing."""
     bsdf = {"type": "prosim_conductor", "eta": 0.3, "k": 3.0, "alpha": 0.3}

@@ -163,7 +163,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
                 f"{self.name()}: a part of an image can't have the limits noise and time, those of the whole image; "
                 "render the parts without them, merge them, and continue the image with them."
             )
-        with alone():
+        with alone(), dr.suspend_grad():
             estimator = self.estimator(scene, sensor)
             plan = Plan.of(sampling, sensor.film(), seed, spp)
             render = Render(plan, estimator, self.own_aovs, executor, begin, part, denoiser)
@@ -240,7 +240,6 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
                 f"{self.name()}: derivatives are those of an image's own samples, and how many fit into a time is "
                 "different each time; set samples, max_samples or noise in the place of time."
             )
-        with dr.suspend_grad():
-            state = self.progressive(scene, sensor, seed, spp).run().state
+        state = self.progressive(scene, sensor, seed, spp).run().state
         state.estimator.transport = self.transport(scene, state.estimator.sensor, attached=True)
         return Derivatives(state)

@@ -63,7 +63,8 @@ class WorkItem:
         every work item.
         """
         sensor, sums = self.estimator.sensor, self.start
-        with alone(), nullcontext() if is_perspective(sensor) else without_crop_window(sensor):
+        window = nullcontext() if is_perspective(sensor) else without_crop_window(sensor)
+        with alone(), dr.suspend_grad(), window:
             for which, end in self.photon_passes():
                 if which is not None:
                     self.estimator.transport.caustics.draw(*which)

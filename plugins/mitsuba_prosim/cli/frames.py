@@ -7,13 +7,9 @@ import json
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from time import perf_counter
-from typing import TYPE_CHECKING
 
 import click
-import mitsuba as mi
 import OpenEXR
 import prosim_scene
 from prosim_scene import FPS, FRAME, TIME
@@ -21,23 +17,15 @@ from prosim_scene import FPS, FRAME, TIME
 from .. import atomic
 from ..engine import environment
 from ..scene import scene_file, session
-from . import files
 from .interrupts import interruptible
 from .job import Job
 from .log import log
 from .option_types import input_errors
 from .progress import Progress, warn
-from .render_task import Image, RenderTask, Workers, finish, render_image, start
-
-if TYPE_CHECKING:
-    from ..parallel.executor import DaskExecutor
+from .render_task import Image, RenderTask, Workers, render_image
 
 #: The metadata of a frame's EXR that has its :func:`digest`.
 DIGEST = "prosim.digest"
-
-#: Seconds of one worker's time. If the first frame takes less, each other frame is rendered by one worker: what
-#: precedes its samples then happens in all workers at a time.
-SMALL = 30.0
 
 #: A frame, its image and its report.
 Rendered = tuple[RenderTask, Image, str]
@@ -109,9 +97,7 @@ class Film:
                 self.bar.leave_out()
 
     def images(self, tasks: Iterator[RenderTask], workers: Workers) -> Iterator[Rendered]:
-        """Renders frames, each by all workers or by this process; small frames by one worker each. Ends with a
-        frame that is interrupted.
-        """
+        """Renders frames, by all workers or by this process. Ends with a frame that is interrupted."""
         for task in tasks:
             with input_errors():
                 task.check()
@@ -120,38 +106,6 @@ class Film:
             if self.signals:
                 return
             yield task, *render_image(task, self.bar, workers, self.signals)
-            if workers.dask is not None and workers.dask.worker_seconds <= SMALL and not self.needs_all(task):
-                yield from self.images_of_workers(tasks, workers.dask, task.size)
-
-    def needs_all(self, task: RenderTask) -> bool:
-        """Whether all workers have to render a frame together: its checkpoints are written here, so that a lost worker
-        loses no samples; a time limit is that of all workers; or they may lack the denoiser.
-        """
-        job = task.job
-        return bool(job.checkpoint or task.integrator.time or (job.denoise and job.cluster))
-
-    def images_of_workers(self, tasks: Iterator[RenderTask], dask: DaskExecutor, size: int) -> Iterator[Rendered]:
-        """Renders each frame on one worker, several at the same time, and saves each when it is finished. ``size``:
-        upper bound of the bytes of a frame.
-        """
-        from ..parallel import worker
-        from ..parallel.bundle import SceneBundle
-        from ..parallel.executor import Task
-
-        def calls() -> Iterator[Task]:
-            for task in tasks:
-                task.check_place(size)
-                with input_errors():
-                    bundle = SceneBundle.of(task.file, self.job.sensor)
-                submit = partial(dask.submit, worker.call, bundle, render_frame, task.job, task.facts)
-                yield Task(f"frame {self.number}", submit, partial(lambda task, image: (task, image), task))
-
-        for result in dask.results(calls()):
-            if self.signals:
-                return
-            if result is not None:
-                task, image = result
-                yield task, image, image.report(task, files.save(task.stem, image.contents))
 
     def definitions(self, number: int) -> dict[str, str]:
         """The values of a frame's names."""
@@ -168,15 +122,6 @@ class Film:
         left = f", {self.left} had been rendered before" if self.left else ""
         black = f", {self.black} of them black" if self.black else ""
         return f"{names}, and .png: {self.rendered} of {len(self.frames)} frames rendered{black}{left}"
-
-
-def render_frame(scene: mi.Scene, sensor: mi.Sensor, job: Job, facts: dict[str, str]) -> Image:
-    """The image of a frame, rendered by a worker."""
-    started = perf_counter()
-    steps = start(job, scene, sensor)
-    for _ in steps:
-        pass
-    return finish(job, scene, sensor, steps, perf_counter() - started, facts=facts)
 
 
 def digest(job: Job, file: scene_file.SceneFile) -> str:

@@ -2,42 +2,36 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import uuid
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
 
 from .. import atomic
-from ..engine import environment
 from ..scene import scene_file
 
 #: Identifies this process: a worker keeps the last scene of each client.
 SESSION = uuid.uuid4().hex
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class SceneBundle:
     """A scene for :mod:`.worker`.
 
-    ``key`` identifies the content; ``main`` is the name of the XML file; ``changes`` are further arguments of
-    :class:`.SceneFile`; ``sensor`` is a number; ``environment`` is that of the process that made
-    the bundle. ``contents`` maps the names of files, relative to the scene's folder, to their bytes. They travel
-    separately.
+    ``main`` is the name of the XML file; ``changes`` are further arguments of :class:`.SceneFile`; ``sensor`` is a
+    number; ``variant`` that of the process that made the bundle. ``contents`` maps the names of files, relative to the
+    scene's folder, to their bytes.
     """
 
-    key: str
     main: str
     changes: Mapping[str, Any]
     sensor: int
-    environment: Mapping[str, str]
-    contents: Mapping[str, bytes] = field(default_factory=dict)
-    session: str = SESSION
+    variant: str
+    contents: Mapping[str, bytes]
 
     @classmethod
     def of(cls, file: scene_file.SceneFile, sensor: int = 0) -> SceneBundle:
@@ -56,16 +50,15 @@ class SceneBundle:
             if not place.is_relative_to(home):  # it is beside the text of the language, and `home` has the translation
                 place = Path(os.path.abspath(home / name))
             contents[place.relative_to(home).as_posix()] = path.read_bytes()
-        key = hashlib.sha256(json.dumps([file.digest(), file.changes, sensor], sort_keys=True).encode()).hexdigest()
-        return cls(key, file.xml.name, file.changes, sensor, environment.this_environment(), contents)
+        return cls(file.xml.name, file.changes, sensor, mi.variant() or "", contents)
 
-    def load(self, contents: Mapping[str, bytes]) -> tuple[mi.Scene, mi.Sensor]:
-        """Writes ``contents`` to a temporary folder and loads the scene there; returns it and its sensor.
+    def load(self) -> tuple[mi.Scene, mi.Sensor]:
+        """Writes the files to a temporary folder and loads the scene there; returns it and its sensor.
 
         Raises the errors of their plugins.
         """
         with atomic.scratch() as folder:
-            for name, content in contents.items():
+            for name, content in self.contents.items():
                 path = folder / name
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.write_bytes(content)

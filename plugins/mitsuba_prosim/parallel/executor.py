@@ -1,12 +1,12 @@
-"""Work items and whole images as tasks of a Dask cluster."""
+"""Work items as tasks of a Dask cluster."""
 
 from __future__ import annotations
 
 import pickle
 import time
 import warnings
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +19,11 @@ import numpy as np
 from .. import atomic
 from ..alone import alone
 from ..engine import environment
+from ..engine.accumulators import Accumulators
 from ..engine.work import Executor, Results, WorkItem
-from ..photons.caustics import Which
 from ..scene import rendering, scene_file
 from . import worker
-from .bundle import SceneBundle
+from .bundle import SESSION, SceneBundle
 
 #: Seconds between two checks of the workers, and without workers until a warning.
 CHECK_INTERVAL, WARNING_DELAY = 0.5, 10.0
@@ -32,9 +32,8 @@ CHECK_INTERVAL, WARNING_DELAY = 0.5, 10.0
 #: is submitted again whose worker was lost.
 WINDOW, RETRIES, LOSSES = 2, 2, 20
 
-#: Seconds of a work item; the last ones are smaller, by this factor at most. Photon passes that stay in
-#: the cluster.
-SECONDS, FEWER, PHOTON_PASSES = 2.0, 8, 4
+#: Seconds of a work item; the last ones are smaller, by this factor at most.
+SECONDS, FEWER = 2.0, 8
 
 
 class ClusterError(RuntimeError):
@@ -43,15 +42,13 @@ class ClusterError(RuntimeError):
 
 @dataclass(eq=False)
 class Task:
-    """A call of a worker, begun by ``submit``; ``read`` makes the result of its value. Messages use ``name``."""
+    """A work item in the cluster, and its ``content``, which travels."""
 
-    name: str
-    submit: Callable[[], distributed.Future]
-    read: Callable[[Any], Any]
-    #: The workers that may run it; and seconds that its value may take to arrive.
-    workers: frozenset[str] = frozenset()
+    item: WorkItem
+    content: bytes
     future: Any = None
-    value: Any = None
+    #: The workers that may run it; and seconds that its sums may take to arrive.
+    workers: frozenset[str] = frozenset()
     timeout: float = 1.0
     #: How often it was lost with its worker.
     losses: int = 0
@@ -68,118 +65,85 @@ class DaskExecutor(Executor):
         self, client: distributed.Client, bundle: SceneBundle, say: Callable[[str], None] = lambda _: None
     ) -> None:
         super().__init__(SECONDS)
-        self.client, self.bundle, self.say = client, bundle, say
+        self.client, self.say = client, say
         #: Why the cluster has gone away.
         self.loss_reason: str | None = None
-        #: Seconds of all workers together.
-        self.worker_seconds = 0.0
         self.address = getattr(client.scheduler, "address", "of the cluster")
         #: The address of each worker, and the reason why it can't take part; empty if it can.
         self._refusals = dict[str, str]()
         self._next_check, self._begun, self._warnings = 0.0, time.perf_counter(), set[str]()
-        self._photons = dict[Which, distributed.Future]()
-        self._files = dict[bytes, distributed.Future]()
+        self.change_scene(bundle)
 
     def change_scene(self, bundle: SceneBundle) -> None:
         """Continues with another scene, between two images."""
-        self.bundle = bundle
-        self._photons.clear()
-        self._files = {content: self._files[content] for content in bundle.contents.values() if content in self._files}
+        self._variant, self._scene = bundle.variant, pickle.dumps(bundle)
+        #: The same in the cluster, whose workers pass it on to each other.
+        self._shared: distributed.Future | None = None
 
     def limit(self, left: int, seconds: float = np.inf) -> int:
         """Samples of the next work item: some seconds of a worker, less towards the end."""
         size = super().limit(left, seconds)
         return min(size, max(left // (WINDOW * max(len(self._workers), 1)), size // FEWER, 1))
 
-    def __call__(self, items: Iterable[WorkItem]) -> Results:
-        """Yields each work item with its sums, and None while there is nothing new. Raises as :meth:`results`."""
-        return self.results(map(self._task, items))
-
-    # ---------------------------------------------------------------- tasks
-
-    def _task(self, item: WorkItem) -> Task:
-        """The task that takes the samples of ``item``."""
-        content, passes = worker.packed(item), [which for which, _ in item.photon_passes() if which is not None]
-
-        def submit() -> distributed.Future:
-            photons = [self._photons_of(which) for which in passes] if len(passes) <= PHOTON_PASSES else []
-            return self.submit(worker.sample, self.bundle, content, passes, photons)
-
-        def read(value: tuple[float, bytes]) -> tuple[WorkItem, Any]:
-            seconds, sums = value
-            self.worker_seconds += seconds
-            self.learn(item.samples, seconds)
-            with alone():
-                result = pickle.loads(sums)
-                dr.eval(result)
-            return item, result
-
-        return Task("samples", submit, read)
-
-    def _photons_of(self, which: Which) -> distributed.Future:
-        """The photons of a pass, which one worker draws for all."""
-        if which not in self._photons:
-            self._photons[which] = self.submit(worker.emit, self.bundle, which)
-            while len(self._photons) > PHOTON_PASSES:
-                del self._photons[next(iter(self._photons))]
-        return self._photons[which]
-
-    def submit(self, function: Callable[..., Any], bundle: SceneBundle, *arguments: Any) -> distributed.Future:
-        """A future of ``function(bundle, files, *arguments)``. Workers pass the files on to each other."""
-        with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
-            for content in bundle.contents.values():
-                self._files[content] = self._files.get(content) or self.client.submit(bytes, content)
-            files = {name: self._files[content] for name, content in bundle.contents.items()}
-            call = function, replace(bundle, contents={}), files, *arguments
-            return self.client.submit(*call, workers=list(self._workers), retries=RETRIES, pure=False)
-
-    def results(self, tasks: Iterator[Task]) -> Generator[Any, None, None]:
-        """Yields the result of each task, and None while there is nothing new, so that the caller can stop at once.
+    def __call__(self, items: Iterator[WorkItem]) -> Results:
+        """Yields each work item with its sums, and None while there is nothing new, so that the caller can stop at
+        once.
 
         Raises ClusterError if no worker can take part, or if a task fails too often.
         """
         running: list[Task] = []
         try:
             while not self._check_workers():
-                self._begin(tasks, running)
+                self._begin(items, running)
                 if self._workers and not running:
                     return
                 ready = next((task for task in running if task.future.done()), None)
-                if ready is not None and self._arrived(ready):
-                    running.remove(ready)
-                    yield ready.read(ready.value)
-                else:
+                sums = None if ready is None else self._sums(ready)
+                if ready is None or sums is None:
                     time.sleep(0.01)
                     yield None
+                else:
+                    running.remove(ready)
+                    yield ready.item, sums
         finally:
             for task in running:
                 task.future.cancel()
 
-    def _begin(self, tasks: Iterator[Task], running: list[Task]) -> None:
-        """Submits the next tasks, and those again whose workers were all lost."""
+    # ---------------------------------------------------------------- tasks
+
+    def _begin(self, items: Iterator[WorkItem], running: list[Task]) -> None:
+        """Submits the next work items, and those again whose workers were all lost."""
+        busy = sum(not task.future.done() for task in running)
+        while busy < WINDOW * len(self._workers) and (item := next(items, None)) is not None:
+            running.append(Task(item, worker.packed(item)))
+            busy += 1
         for task in running:
             if self._workers and task.workers.isdisjoint(self._workers):
-                task.future, task.workers = task.submit(), self._workers
-        busy = sum(not task.future.done() for task in running)
-        while busy < WINDOW * len(self._workers) and (new := next(tasks, None)) is not None:
-            new.future, new.workers = new.submit(), self._workers
-            running.append(new)
-            busy += 1
+                task.workers = self._workers
+                with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
+                    self._shared = self._shared or self.client.submit(bytes, self._scene)
+                    call = worker.sample, SESSION, self._shared, task.content
+                    task.future = self.client.submit(*call, workers=list(self._workers), retries=RETRIES, pure=False)
 
-    def _arrived(self, task: Task) -> bool:
-        """Whether the value of a finished task is here; it may be late or lost. Raises ClusterError."""
+    def _sums(self, task: Task) -> Accumulators | None:
+        """The sums of a finished task; None if they are late or lost. Raises ClusterError."""
         try:
-            task.value = task.future.result(task.timeout)
-            return True
+            seconds, content = task.future.result(task.timeout)
         except distributed.TimeoutError:  # late, or lost with all workers that may repeat the task
             task.timeout *= 2
+            return None
         except (distributed.CancelledError, OSError) as error:
             task.workers, task.losses = frozenset(), task.losses + 1  # it is submitted again
             if task.losses > LOSSES:
-                raise ClusterError(f"{task.name}: lost {LOSSES} times, the last one with: {error}") from error
+                raise ClusterError(f"samples: lost {LOSSES} times, the last one with: {error}") from error
+            return None
         except Exception as error:
-            raise ClusterError(f"{task.name}: {RETRIES + 1} attempts failed, the last one with: {error}") from error
-        return False
+            raise ClusterError(f"samples: {RETRIES + 1} attempts failed, the last one with: {error}") from error
+        self.learn(task.item.samples, seconds)
+        with alone():
+            sums: Accumulators = pickle.loads(content)
+            dr.eval(sums)
+        return sums
 
     # ---------------------------------------------------------------- workers
 
@@ -200,8 +164,8 @@ class DaskExecutor(Executor):
             if self.client.status != "running":
                 raise OSError
             present = self.client.ncores().keys()
-            new, variant = [*present - self._refusals.keys()], self.bundle.environment["variant"]
-            checks = self.client.run(worker.check, variant, workers=new, on_error="return") if new else {}
+            new = [*present - self._refusals.keys()]
+            checks = self.client.run(worker.check, self._variant, workers=new, on_error="return") if new else {}
         except (OSError, ValueError, TypeError, AttributeError):  # a lost connection raises any of these
             self.loss_reason = f"the scheduler {self.address} has gone away"
             return True
@@ -210,7 +174,6 @@ class DaskExecutor(Executor):
         if before - present:
             left = len(before & present) or "none"
             self._warn(f"a worker was lost, {left} left; others do its work, and the image stays the same")
-            self._photons.clear()  # workers that are lost can't draw them again
         if not self._workers and self._refusals:
             raise ClusterError("no worker of the cluster can take part: " + "; ".join(self._refusals.values()))
         if not self._workers and now - self._begun > WARNING_DELAY:

@@ -1,6 +1,6 @@
-"""The tasks of a Dask worker: samples of a work item, photons, and whole images.
+"""The task of a Dask worker: the samples of a work item.
 
-All of them run in one thread of the worker, which uses all threads of Dr.Jit; two renders take turns.
+It runs in one thread of the worker, which uses all threads of Dr.Jit; two renders take turns.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import pickle
 import time
 import warnings
 from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -28,7 +27,6 @@ from ..compat import dr_array
 from ..engine import environment
 from ..engine.estimator import Estimator
 from ..engine.work import WorkItem
-from ..photons.caustics import Which
 from ..scene import session
 from .bundle import SceneBundle
 
@@ -42,28 +40,15 @@ def render_thread() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(1, "prosim")
 
 
-def in_render_thread(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``function``, run in the :func:`render_thread`."""
-
-    @functools.wraps(function)
-    def wrapped(*arguments: Any) -> Any:
-        return render_thread().submit(function, *arguments).result()
-
-    return wrapped
-
-
 class WorkerScene:
-    """A scene that is ready to be sampled."""
+    """The scene of a pickled :class:`.SceneBundle`, ready to be sampled in its variant."""
 
-    def __init__(self, bundle: SceneBundle, contents: Mapping[str, bytes]) -> None:
-        self.key = bundle.key
-        self.scene, self.sensor = bundle.load(contents)
-
-    @functools.cached_property
-    def estimator(self) -> Estimator:
-        """The estimator of the scene."""
-        integrator: Any = self.scene.integrator()
-        return integrator.estimator(self.scene, self.sensor)
+    def __init__(self, content: bytes) -> None:
+        bundle: SceneBundle = pickle.loads(content)
+        self.content, self.variant = content, session.set_variant(bundle.variant)
+        scene, sensor = bundle.load()
+        integrator: Any = scene.integrator()
+        self.estimator: Estimator = integrator.estimator(scene, sensor)
 
 
 #: The last scene of each client.
@@ -87,22 +72,22 @@ async def check(variant: str, dask_worker: distributed.Worker) -> dict[str, str]
     return await asyncio.wrap_future(render_thread().submit(prepare))
 
 
-def load(bundle: SceneBundle, contents: Mapping[str, bytes]) -> WorkerScene:
-    """The scene of ``bundle``, in its variant.
+def load(client: str, content: bytes) -> WorkerScene:
+    """The scene of a ``client``, in its variant.
 
     Another scene of the same client is deleted first, so that the new one takes its places in Dr.Jit's tables, and
     kernels are found in the cache.
     """
-    if mi.variant() != bundle.environment["variant"]:
-        session.set_variant(bundle.environment["variant"])
-    scene = scenes.pop(bundle.session, None)
-    if scene is None or scene.key != bundle.key:
+    scene = scenes.pop(client, None)
+    if scene is None or scene.content != content:
         scene = None
         while len(scenes) >= SCENES:
             scenes.popitem(last=False)
         gc.collect()  # scenes are in reference cycles
-        scene = WorkerScene(bundle, contents)
-    scenes[bundle.session] = scene
+        scene = WorkerScene(content)
+    elif mi.variant() != scene.variant:
+        session.set_variant(scene.variant)
+    scenes[client] = scene
     return scene
 
 
@@ -112,8 +97,6 @@ class _Pickler(pickle.Pickler):
     def reducer_override(self, value: Any) -> Any:
         if type(value) in (mi.Float, mi.UInt32, mi.Int32):
             return dr_array, (np.array(value),)
-        if type(value) in (mi.Point3f, mi.Vector3f, mi.Spectrum):
-            return type(value), tuple(value)
         return NotImplemented
 
 
@@ -130,17 +113,9 @@ def packed(item: WorkItem) -> bytes:
     return pickled((item.plan, item.x, item.y, item.start, item.end))
 
 
-@in_render_thread
-def sample(
-    bundle: SceneBundle, contents: Mapping[str, bytes], item: bytes, passes: Sequence[Which], photons: Sequence[bytes]
-) -> tuple[float, bytes]:
-    """``(seconds, sums)`` of a :func:`packed` work item. ``photons`` are those of some ``passes``, by :func:`emit`."""
-    estimator = load(bundle, contents).estimator
-    for which, photon_pass in zip(passes, photons):
-        if not estimator.transport.caustics.has(which):
-            with alone():
-                estimator.transport.caustics.add(which, pickle.loads(photon_pass))
-    return timed_sums(estimator, item)
+def sample(client: str, scene: bytes, item: bytes) -> tuple[float, bytes]:
+    """``(seconds, sums)`` of a :func:`packed` work item by a pickled :class:`.SceneBundle`."""
+    return render_thread().submit(lambda: timed_sums(load(client, scene).estimator, item)).result()
 
 
 def timed_sums(estimator: Estimator, item: bytes) -> tuple[float, bytes]:
@@ -151,17 +126,3 @@ def timed_sums(estimator: Estimator, item: bytes) -> tuple[float, bytes]:
     sums = work_item.compute()
     dr.sync_thread()
     return time.perf_counter() - started, pickled(sums)
-
-
-@in_render_thread
-def emit(bundle: SceneBundle, contents: Mapping[str, bytes], which: Which) -> bytes:
-    """The photons of a pass, pickled for all workers."""
-    with alone():
-        return pickled(load(bundle, contents).estimator.transport.caustics.photons(which))
-
-
-@in_render_thread
-def call(bundle: SceneBundle, contents: Mapping[str, bytes], function: Callable[..., Any], *arguments: Any) -> Any:
-    """The result of ``function(scene, sensor, *arguments)``."""
-    scene = load(bundle, contents)
-    return function(scene.scene, scene.sensor, *arguments)

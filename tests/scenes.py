@@ -1,5 +1,6 @@
 """Small scenes, and what tests do with them."""
 
+import gc
 import tempfile
 from pathlib import Path
 
@@ -146,6 +147,15 @@ def in_threads(count, function, *arguments, **named):
         return function(*arguments, **named)
     finally:
         dr.set_thread_count(before)
+
+
+def kernels(act):
+    """The hashes of the kernels that ``act`` launches. What is compiled, and kept on the disk, does not matter."""
+    gc.collect()  # kernels know of all scenes in memory
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+        dr.kernel_history_clear()
+        act()
+        return {kernel["hash"] for kernel in dr.kernel_history([dr.KernelType.JIT])}
 
 
 def mesh(positions, faces, normals=None, **within):

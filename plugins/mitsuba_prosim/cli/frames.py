@@ -27,9 +27,6 @@ from .render_task import Image, RenderTask, Workers, render_image
 #: The metadata of a frame's EXR that has its :func:`digest`.
 DIGEST = "prosim.digest"
 
-#: A frame, its image and its report.
-Rendered = tuple[RenderTask, Image, str]
-
 
 class Film:
     """The frames of one job, rendered in their order; existing ones are left."""
@@ -61,13 +58,13 @@ class Film:
             self.bar,
         ):
             try:
-                for task, image, report in self.images(self.missing(folder), workers):
+                for image, report in self.images(self.missing(folder), workers):
                     if image.interruption:
                         return image.interruption
                     self.rendered += 1
                     self.bar.finish()
                     if image.black and self.black == 0:
-                        warn(f"frame {task.facts['prosim.frame']}: {image.black}")
+                        warn(f"frame {self.number}: {image.black}")
                     self.black += bool(image.black)
                     self.bar.write(report, file=sys.stderr)
             except click.ClickException as error:
@@ -96,8 +93,10 @@ class Film:
                 self.left += 1
                 self.bar.leave_out()
 
-    def images(self, tasks: Iterator[RenderTask], workers: Workers) -> Iterator[Rendered]:
-        """Renders frames, by all workers or by this process. Ends with a frame that is interrupted."""
+    def images(self, tasks: Iterator[RenderTask], workers: Workers) -> Iterator[tuple[Image, str]]:
+        """Renders frames, by all workers or by this process. Ends with a frame that is interrupted. Yields no tasks:
+        the kernels of the next frame would know the scene of one that is in memory.
+        """
         for task in tasks:
             with input_errors():
                 task.check()
@@ -105,7 +104,7 @@ class Film:
                     task.begin = task.unfinished()
             if self.signals:
                 return
-            yield task, *render_image(task, self.bar, workers, self.signals)
+            yield render_image(task, self.bar, workers, self.signals)
 
     def definitions(self, number: int) -> dict[str, str]:
         """The values of a frame's names."""

@@ -259,10 +259,10 @@ def test_a_scheduler_that_goes_away(lamp, monkeypatch):
     aim = ["--noise", 0.01]
     with subprocess.Popen([sys.executable, "-c", ANOTHER], stdout=subprocess.PIPE, text=True) as process:
 
-        def killing(self, render, last=False):
-            if not last and render.counts().any():
+        def killing(self, render):
+            if render.counts().any():
                 process.kill()
-            keep(self, render, last)
+            keep(self, render)
 
         with monkeypatch.context() as patch:
             patch.setattr(CheckpointWriter, "__call__", killing)

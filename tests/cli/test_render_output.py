@@ -95,10 +95,11 @@ def test_an_image_is_rescued_from_a_full_disk(scene, monkeypatch, tmp_path_facto
 
     monkeypatch.setattr(atomic, "write", full)
     monkeypatch.setattr(atomic.tempfile, "tempdir", str(elsewhere))
-    result = prosim("render", scene)
+    scene.write_text(BANDS)
+    result = prosim("render", scene, "--checkpoint")
     assert result.exit_code == 1 and "No space left on device" in result.stderr
     folder = next(path for path in elsewhere.iterdir() if path.name.startswith(atomic.RESCUE))
-    assert names(folder) == ["scene.exr", "scene.png"] and str(folder / "scene.exr") in result.stderr
+    assert names(folder) == ["scene.exr", "scene.png", "scene.state.npz"] and str(folder / "scene.exr") in result.stderr
     assert pixels(folder / "scene.exr").shape == (8, 12, 3)
 
 

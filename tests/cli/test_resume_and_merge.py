@@ -31,8 +31,8 @@ def die_after(monkeypatch, steps):
     monkeypatch.setattr(CheckpointWriter, "SHARE", 1e9)
     keep, left = CheckpointWriter.__call__, [steps]
 
-    def call(self, render, last=False):
-        keep(self, render, last)
+    def call(self, render):
+        keep(self, render)
         left[0] -= 1
         if left[0] == 0:
             raise KeyboardInterrupt

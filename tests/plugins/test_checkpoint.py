@@ -175,6 +175,3 @@ def test_a_checkpoint_is_written_every_few_seconds_and_seldom_if_that_takes_long
     cost[0] = -0.01
     until(clock[0] + 100)
     assert len(written) > 10 and len(said) == 1 and "full; the render continues" in said[0]
-    writer(render, True)
-    writer.unwritten(tmp_path / "b")
-    assert (tmp_path / "b").read_bytes()[:2] == b"PK"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,15 +13,13 @@ import OpenEXR
 import prosim_scene
 from prosim_scene import FPS, FRAME, TIME
 
-from .. import atomic
 from ..engine import environment
-from ..scene import scene_file, session
+from ..scene import scene_file
 from .interrupts import interruptible
 from .job import Job
-from .log import log
 from .option_types import input_errors
 from .progress import Progress, warn
-from .render_task import Image, RenderTask, Workers, render_image
+from .render_task import RenderTask, Resources, render_image
 
 #: The metadata of a frame's EXR that has its :func:`digest`.
 DIGEST = "prosim.digest"
@@ -36,9 +33,6 @@ class Film:
         self.cache = prosim_scene.TranslationCache()
         self.rendered = self.left = self.black = 0
         self.bar = Progress("film", len(self.frames))
-        self.signals: list[int] = []
-        #: The frame that errors are about.
-        self.number = self.frames[0]
         with input_errors():
             self.names = scene_file.used_names(job.scene, {**job.definitions, **self.definitions(0)}, (FRAME, TIME))
             if not self.names and len(self.frames) > 1:
@@ -49,62 +43,44 @@ class Film:
 
     def render(self) -> str | None:
         """Renders the missing frames; returns the cause of an interruption, in words. Raises ClickException."""
-        with (
-            log(self.job.verbose),
-            session.threads(self.job.threads),
-            atomic.scratch() as folder,
-            interruptible(lambda: None) as self.signals,
-            Workers(self.job) as workers,
-            self.bar,
-        ):
-            try:
-                for image, report in self.images(self.missing(folder), workers):
-                    if image.interruption:
-                        return image.interruption
-                    self.rendered += 1
-                    self.bar.finish()
-                    if image.black and self.black == 0:
-                        warn(f"frame {self.number}: {image.black}")
-                    self.black += bool(image.black)
-                    self.bar.write(report, file=sys.stderr)
-            except click.ClickException as error:
-                raise type(error)(f"frame {self.number}: {error.message}") from None
-            except RuntimeError as error:  # of the cluster
-                raise click.ClickException(str(error)) from None
-            return "interrupted" if self.signals else workers.loss_reason
+        with Resources(self.job) as resources, interruptible(lambda: None) as signals, self.bar:
+            for number in self.frames:
+                if signals:
+                    return "interrupted"
+                try:
+                    interruption = self.render_frame(number, resources, signals)
+                except click.ClickException as error:
+                    raise type(error)(f"frame {number}: {error.message}") from None
+                if interruption:
+                    return interruption
+            return "interrupted" if signals else None
 
-    def missing(self, folder: Path) -> Iterator[RenderTask]:
-        """The frames that are to be rendered, each read when it is its turn, until a signal arrives."""
-        for number in self.frames:
-            if self.signals:
-                return
-            self.number = number
-            self.bar.begin(number)
-            own = {name: value for name, value in self.definitions(number).items() if name in self.names}
-            seed = (self.job.seed + number) % 2**32
-            job = replace(self.job, definitions={**self.job.definitions, **own}, seed=seed)
-            with input_errors():
-                file = job.read_scene(folder, cache=self.cache)
-                facts = {DIGEST: digest(job, file), "prosim.frame": str(number)}
+    def render_frame(self, number: int, resources: Resources, signals: list[int]) -> str | None:
+        """Renders a frame, if it is missing; returns the cause of an interruption. Raises ClickException."""
+        self.bar.begin(number)
+        own = {name: value for name, value in self.definitions(number).items() if name in self.names}
+        job = replace(self.job, definitions={**self.job.definitions, **own}, seed=(self.job.seed + number) % 2**32)
+        with input_errors():
+            file = job.read_scene(resources.folder, cache=self.cache)
+            facts = {DIGEST: digest(job, file), "prosim.frame": str(number)}
             task = RenderTask(job, file, self.path(number), facts=facts)
-            if job.overwrite or not is_rendered(task):
-                yield task
-            else:
+            if not job.overwrite and is_rendered(task):
                 self.left += 1
                 self.bar.leave_out()
-
-    def images(self, tasks: Iterator[RenderTask], workers: Workers) -> Iterator[tuple[Image, str]]:
-        """Renders frames, by all workers or by this process. Ends with a frame that is interrupted. Yields no tasks:
-        the kernels of the next frame would know the scene of one that is in memory.
-        """
-        for task in tasks:
-            with input_errors():
-                task.check()
-                if task.job.checkpoint and not task.job.overwrite:
-                    task.begin = task.unfinished()
-            if self.signals:
-                return
-            yield render_image(task, self.bar, workers, self.signals)
+                return None
+            task.check()
+            if job.checkpoint and not job.overwrite:
+                task.begin = task.unfinished()
+        image = render_image(task, self.bar, resources, signals)
+        if image.interruption:
+            return image.interruption
+        self.rendered += 1
+        self.bar.finish()
+        if image.black and self.black == 0:
+            warn(f"frame {number}: {image.black}")
+        self.black += bool(image.black)
+        self.bar.write(image.report, file=sys.stderr)
+        return None
 
     def definitions(self, number: int) -> dict[str, str]:
         """The values of a frame's names."""

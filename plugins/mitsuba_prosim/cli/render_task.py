@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from time import perf_counter
@@ -92,21 +92,17 @@ class RenderTask:
                 "names. Render it again, or give the right one by --scene."
             )
 
-    def writer(self) -> CheckpointWriter | None:
-        """The writer of the checkpoints, or None. Raises InputError where the result can't be written."""
-        part = self.job.part
-        states = [f".{part}.npz" if part else STATE] if part or self.job.checkpoint else []
-        self.check_place(self.size, [*(() if part else SUFFIXES), *states])
-        return CheckpointWriter(Path(f"{self.stem}{states[0]}"), self.about, warn) if states else None
-
     @property
-    def size(self) -> int:
-        """Bytes of the image at most: ten channels of 32 bits, the integrator's own ones, and the PNG."""
-        width, height = self.sensor.film().crop_size()
-        return int(width * height) * (48 + 4 * len(self.integrator.aov_names())) + 2**16
+    def state_suffix(self) -> str:
+        """The suffix of the checkpoints; empty without any."""
+        return f".{self.job.part}.npz" if self.job.part else STATE if self.job.checkpoint else ""
 
-    def check_place(self, size: int, suffixes: Sequence[str] = SUFFIXES) -> None:
-        """Raises InputError where files of these suffixes, of ``size`` bytes, can't be written."""
+    def check_place(self) -> None:
+        """Raises InputError where the result can't be written."""
+        width, height = self.sensor.film().crop_size()
+        # Ten channels of 32 bits, the integrator's own ones, and the PNG.
+        size = int(width * height) * (48 + 4 * len(self.integrator.aov_names())) + 2**16
+        suffixes = [*(() if self.job.part else SUFFIXES), *filter(None, [self.state_suffix])]
         files.check(self.stem, suffixes, size, [self.file.path, *self.file.sources()])
 
     def unfinished(self) -> Checkpoint | None:
@@ -118,41 +114,21 @@ class RenderTask:
         return record if json.dumps(record.about, sort_keys=True) == json.dumps(self.about, sort_keys=True) else None
 
 
-@dataclass
-class Image:
-    """A rendered image; it can be pickled.
-
-    ``size``: in pixels; ``contents``: of its files, by suffix; ``lines``: noise, samples and time; ``black``: why
-    nothing is visible; ``interruption``: its cause; ``note``: for the first line of the report.
+class Resources(ExitStack):
+    """What the images of a job share: Mitsuba's log, the number of threads, a temporary ``folder``, and the workers,
+    from the first image that needs them.
     """
-
-    size: tuple[int, ...]
-    seconds: float
-    contents: Mapping[str, bytes] = field(default_factory=dict)
-    lines: Sequence[str] = ()
-    black: str | None = None
-    interruption: str | None = None
-    note: str = ""
-
-    def report(self, task: RenderTask, written: Sequence[Path]) -> str:
-        """The lines that the command prints."""
-        part, wrapped = task.job.part, task.file.wrapped
-        first = (
-            f"{' and '.join(map(str, written))}: "
-            + (f"part {part.number} of {part.of}, " if part else "")
-            + f"{self.size[0]} x {self.size[1]} pixels, {task.job.variant}, {self.seconds:.2f} s"
-            + (f", {wrapped} within prosim_adaptive" if wrapped else "")
-        )
-        return "\n".join([first + self.note, *self.lines])
-
-
-class Workers(ExitStack):
-    """The workers that a job asks for, from the first image until the context ends."""
 
     def __init__(self, job: Job) -> None:
         super().__init__()
         self.job = job
         self.dask: DaskExecutor | None = None
+
+    def __enter__(self) -> Resources:
+        self.enter_context(log(self.job.verbose))
+        self.enter_context(session.threads(self.job.threads))
+        self.folder = self.enter_context(atomic.scratch())
+        return self
 
     @property
     def loss_reason(self) -> str | None:
@@ -186,46 +162,56 @@ class Workers(ExitStack):
         return self.dask
 
 
-def start(job: Job, scene: mi.Scene, sensor: mi.Sensor, **how: Any) -> Any:
-    """The render of a job: an iterator of :class:`.Step`. ``how``: see :func:`.rendering.progressive`."""
-    begin = halves.start if job.denoise else rendering.progressive
-    return begin(scene, sensor, seed=job.seed, spp=job.spp or 0, integrator=scene.integrator(), **how)
+@dataclass
+class Image:
+    """The image of a render that has ended: the ``contents`` of its files by suffix; the ``lines`` that the command
+    prints; ``black``: why nothing is visible; ``interruption``: its cause.
+    """
+
+    contents: dict[str, atomic.Content] = field(default_factory=dict)
+    lines: Sequence[str | None] = ()
+    black: str | None = None
+    interruption: str | None = None
+
+    @property
+    def report(self) -> str:
+        """The text that the command prints."""
+        return "\n".join(filter(None, self.lines))
 
 
 def render_image(
-    task: RenderTask, bar: Progress, workers: Workers, received_signals: list[int] | None = None
-) -> tuple[Image, str]:
-    """Renders and writes an image or its state; returns it and its report. ``workers`` may take the samples; for
-    ``received_signals`` see :func:`.interruptible`.
+    task: RenderTask, bar: Progress, resources: Resources, received_signals: list[int] | None = None
+) -> Image:
+    """Renders an image and writes it, or its state. For ``received_signals`` see :func:`.interruptible`.
 
     Raises InputError, where nothing has been written, and ClickException; ends the process where it was interrupted
     before the first sample, unless it is a frame of a film.
     """
-    job, is_frame = task.job, bool(task.facts)
-    writer, snapshots = task.writer(), Snapshots(task)
-    consumers: list[Any] = [writer, snapshots] if writer else [snapshots]
-    with (
-        TevClient(job, task.sensor.film()) as shown,
-        interruptible(task.integrator.cancel, received_signals) as signals,
-    ):
-        executor = workers.executor(task.file)
+    job, is_frame, film = task.job, bool(task.facts), task.sensor.film()
+    task.check_place()
+    state = Path(f"{task.stem}{task.state_suffix}")
+    consumers: list[Any] = [CheckpointWriter(state, task.about, warn)] if task.state_suffix else []
+    snapshots = Snapshots(task)
+    with TevClient(job, film) as shown, interruptible(task.integrator.cancel, received_signals) as signals:
+        consumers += [snapshots, shown.update]
+        executor = resources.executor(task.file)
         started = perf_counter()
+        start = halves.start if job.denoise else rendering.progressive
+        how: dict[str, Any] = {"begin": task.begin, "part": job.part, "executor": executor}
         try:
-            steps = start(job, task.scene, task.sensor, begin=task.begin, part=job.part, executor=executor)
-            while not (signals or workers.loss_reason) and (step := next(steps, None)) is not None:
+            steps = start(task.scene, task.sensor, seed=job.seed, spp=job.spp or 0, integrator=task.integrator, **how)
+            while not (signals or resources.loss_reason) and (step := next(steps, None)) is not None:
                 bar.show(step.done)
-                for consume in (*consumers, shown.update):
+                for consume in consumers:
                     consume(steps)
             steps.close()
             snapshots(steps)
-            if writer is not None:
-                writer(steps, last=True)
         except ValueError as error:
             raise InputError(str(error)) from None
         except (RuntimeError, MemoryError) as error:
             raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
-        image = Image(tuple(task.sensor.film().crop_size()), perf_counter() - started)
-        lost, reached = workers.loss_reason, steps.reached
+        seconds, reached = perf_counter() - started, steps.reached
+        lost = resources.loss_reason
         interruption = lost or ("interrupted" if signals else None)
         if interruption and not is_frame and reached is not None and reached.samples == 0:
             nothing = "before the first sample; nothing was written."
@@ -233,21 +219,27 @@ def render_image(
                 raise click.ClickException(f"{lost} {nothing}")
             click.echo(f"Interrupted {nothing}", err=True)
             sys.exit(128 + signals[0])
+        image = Image()
         if job.part is None and not (is_frame and interruption):
-            image = finish(job, task.scene, task.sensor, steps, image.seconds, bool(interruption), task.facts)
-        shown.show()
-        paths = files.save(task.stem, image.contents)
-    image.interruption = interruption
-    if writer is not None:
-        if writer.unwritten is not None:
-            files.save(writer.path.with_suffix(""), {".npz": writer.unwritten})
-        paths.append(writer.path)
-    if interruption:
+            image = finish(task, steps, seconds, interruption is not None)
         partial = image.contents and reached is not None and reached.min_samples == 0
-        image.note = ", interrupted" + (": pixels without a sample are black" if partial else "")
-        how_to_continue = f"To continue it: prosim resume {writer.path}" if writer else None
-        image.lines = [*filter(None, (lost, *image.lines, how_to_continue))]
-    return image, image.report(task, paths)
+        if task.state_suffix:
+            image.contents[task.state_suffix] = replace(steps.checkpoint(), about=task.about).write
+        shown.show()
+        written = files.save(task.stem, image.contents)
+    width, height = film.crop_size()
+    first = (
+        f"{' and '.join(map(str, written))}: "
+        + (f"part {job.part.number} of {job.part.of}, " if job.part else "")
+        + f"{width} x {height} pixels, {job.variant}, {seconds:.2f} s"
+        + (f", {task.file.wrapped} within prosim_adaptive" if task.file.wrapped else "")
+    )
+    image.lines, image.interruption = [first, *image.lines], interruption
+    if interruption:
+        first += ", interrupted" + (": pixels without a sample are black" if partial else "")
+        how_to_continue = f"To continue it: prosim resume {state}" if task.state_suffix else None
+        image.lines = [first, lost, *image.lines[1:], how_to_continue]
+    return image
 
 
 def write_image(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
@@ -256,18 +248,17 @@ def write_image(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
     ``begin``: continues from there. Raises InputError, where nothing has been written, and ClickException; ends the
     process where it was interrupted.
     """
-    with log(job.verbose), session.threads(job.threads), atomic.scratch() as folder:
+    with Resources(job) as resources:
         with input_errors():
-            task = RenderTask(job, job.read_scene(folder), stem, begin)
+            task = RenderTask(job, job.read_scene(resources.folder), stem, begin)
             task.check()
         progressive = rendering.is_progressive(task.integrator)
         # The first step ends when the kernels are compiled and one work item is rendered.
-        doing = "compiling kernels" if progressive else "rendering"
-        with Workers(job) as workers, Progress(doing, timed=progressive) as bar:
-            image, report = render_image(task, bar, workers)
+        with Progress("compiling kernels" if progressive else "rendering", timed=progressive) as bar:
+            image = render_image(task, bar, resources)
         if image.black:
             warn(image.black)
-    click.echo(report)
+    click.echo(image.report)
     if image.interruption:
         sys.exit(1)
 
@@ -297,17 +288,9 @@ class Snapshots:
                 files.save(task.stem.with_name(f"{task.stem.name}.{text}"), {".exr": exr})
 
 
-def finish(
-    job: Job,
-    scene: mi.Scene,
-    sensor: mi.Sensor,
-    steps: Any,
-    seconds: float,
-    interrupted: bool = False,
-    facts: Mapping[str, str] | None = None,
-) -> Image:
-    """The files' content of a render that has ended, denoised if the job requests it. ``facts``: further metadata."""
-    integrator, film, reached = scene.integrator(), sensor.film(), steps.reached
+def finish(task: RenderTask, steps: Any, seconds: float, interrupted: bool) -> Image:
+    """The image of a render that has ended, denoised if the job requests it."""
+    job, integrator, film, reached = task.job, task.integrator, task.sensor.film(), steps.reached
     header = report.metadata(job, integrator, reached, interrupted, seconds)
     only_time = rendering.is_progressive(integrator) and integrator.time and not report.noise_goals(integrator)
     bound = steps.noise_bound() if only_time and not job.denoise else None
@@ -323,9 +306,9 @@ def finish(
         lines.append(line)
     exposure = job.exposure or 0.0
     colours = images.colours(bitmap)
-    why = None if colours is None else black.reason(scene, sensor, colours * 2.0**exposure, exposure=exposure)
-    contents = images.encode(bitmap, header | own | dict(facts or {}), exposure, own)
-    return Image(tuple(film.crop_size()), seconds, contents, [*filter(None, lines)], why)
+    shown = None if colours is None else colours * 2.0**exposure
+    why = None if shown is None else black.reason(task.scene, task.sensor, shown, exposure=exposure)
+    return Image({**images.encode(bitmap, header | own | dict(task.facts), exposure, own)}, lines, why)
 
 
 def check_denoising(film: mi.Film, integrator: mi.Integrator | None = None) -> None:

@@ -247,7 +247,7 @@ def check_environments(checkpoints: Mapping[Path, Checkpoint]) -> None:
 
 
 class CheckpointWriter:
-    """Writes the checkpoint of a render to ``path`` from time to time, and at its end.
+    """Writes the checkpoint of a render to ``path`` from time to time.
 
     ``about``: that of :class:`Checkpoint`; ``warn``: receives a message the first time that writing fails.
     """
@@ -258,21 +258,16 @@ class CheckpointWriter:
     def __init__(self, path: Path, about: Mapping[str, Any], warn: Callable[[str], None] = warnings.warn) -> None:
         self.path, self.about, self.warn = path, about, warn
         self.next, self.failed = time.perf_counter() + self.SHORTEST, False
-        #: The last checkpoint, if it could not be written.
-        self.unwritten: atomic.Content | None = None
 
-    def __call__(self, render: Any, last: bool = False) -> None:
-        """Writes the checkpoint of ``render`` if it is time for it, or the ``last`` one."""
+    def __call__(self, render: Any) -> None:
+        """Writes the checkpoint of ``render`` if it is time for it."""
         started = time.perf_counter()
-        if not last and started < self.next:
+        if started < self.next:
             return
-        content = replace(render.checkpoint(), about=self.about).write
         try:
-            atomic.write({self.path: content})
+            save(replace(render.checkpoint(), about=self.about), self.path)
         except OSError as error:
-            if last:
-                self.unwritten = content
-            elif not self.failed:
+            if not self.failed:
                 self.warn(
                     f"{self.path}: the checkpoint can't be written: {error.strerror or error}; the render continues"
                 )

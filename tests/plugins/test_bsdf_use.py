@@ -177,35 +177,3 @@ def test_derivatives_match_finite_differences(variant_rgb, material, key, step):
     )
     found, difference = slopes(world, f"plate.bsdf.{key}", step)
     assert found == pytest.approx(difference, rel=5e-3) and difference != 0
-
-
-SUM = "diffuse_reflectance + specular_reflectance"
-
-
-@pytest.mark.parametrize(
-    "name, parameters, words",
-    (
-        ("conductor", {"alpha": -0.1}, "alpha|-0.1|a number >= 0"),
-        ("conductor", {"distribution": "ggx"}, "distribution|ggx|beckmann, gaussian, phong"),
-        ("conductor", {"distribution": "phong", "alpha": 0.1}, 'alpha|"exponent"'),
-        ("conductor", {"exponent": 10.0, "alpha": 0.1}, 'alpha|"exponent"'),
-        ("conductor", {"material": "Unobtainium"}, "material|Unobtainium|Cu_palik"),
-        ("conductor", {"material": "Cu", "k": 1.0}, '"k"|material|Cu'),
-        ("conductor", {"fresnel": "schlick"}, "fresnel|schlick|exact or thesis"),
-        ("dielectric", {"int_ior": "glas"}, "int_ior|glas|bk7"),
-        ("dielectric", {"int_ior": RGB}, "int_ior|0.4|> 0"),
-        ("dielectric", {"alpha": "rough"}, "alpha|rough|a number, a colour or a texture"),
-        ("dielectric", {"int_ior": 1.5, "ext_ior": 1.5, "alpha": 0.1}, "int_ior|1.5|ext_ior"),
-        ("lambertian", {"reflectance": RGB | {"value": [0.1, 1.2, 0.3]}}, "reflectance|1.2|0 and 1"),
-        ("composite", {"diffuse_reflectance": 0.7, "specular_reflectance": 0.4}, f"{SUM}|1.1|<= 1"),
-        ("composite", {"diffuse_reflectance": 0.7, "specular_reflectance": RGB}, f"{SUM}|1.3|<= 1"),
-        ("composite", {"specular_reflectance": 0.9}, f"{SUM}|1.4|diffuse_reflectance is 0.5 if not given"),
-        ("phong", {"distribution": "gaussian"}, "distribution|gaussian|phong"),
-    ),
-    ids=str,
-)
-def test_errors_say_what_is_wrong(variant_rgb, name, parameters, words):
-    with pytest.raises(RuntimeError) as error:
-        mi.load_dict({"type": f"prosim_{name}", **parameters})
-    for word in (f"prosim_{name}", *words.split("|")):
-        assert word in str(error.value)

@@ -345,12 +345,6 @@ def test_the_integrator_denoises_a_luminance_film_and_refuses_others(variant_rgb
         scene.integrator().render(scene, spp=4)
 
 
-@pytest.mark.parametrize("nested", [{}, {"a": {"type": "ptracer"}}, {"a": {"type": "path"}, "b": {"type": "path"}}])
-def test_the_integrator_takes_one_that_samples(variant_rgb, nested):
-    with pytest.raises((ValueError, RuntimeError), match="takes samples from a sensor"):
-        mi.load_dict({"type": "prosim_denoised", **nested})
-
-
 def test_the_integrator_has_no_derivatives_and_is_not_nested(variant_rgb, denoiser):
     scene = mi.load_dict(penumbra(type="prosim_denoised", nested={"type": "path"}))
     params = mi.traverse(scene)

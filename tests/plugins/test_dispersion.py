@@ -59,27 +59,6 @@ def test_r_g_and_b_are_the_centroids_of_srgb(variant_rgb):
     assert functions @ nm / functions.sum(axis=1) == pytest.approx(RGB, abs=1)
 
 
-@pytest.mark.parametrize(
-    "parameters, said",
-    [
-        ({"int_material": "glas"}, ("int_material", "glas", "bk7")),
-        ({"int_material": "bk7", "int_ior": 1.5}, ("int_material", "int_ior")),
-        ({"int_material": "bk7", "int_abbe": 50.0}, ("int_abbe", "int_material")),
-        ({"int_abbe": 50.0}, ("int_abbe", "int_ior")),
-        ({"int_ior": 1.5, "int_abbe": 0.0}, ("int_abbe", ">= 1")),
-        ({"ext_cauchy": "1.5"}, ("ext_cauchy", "A, B")),
-        ({"int_cauchy": "1.5, x"}, ("int_cauchy", "commas")),
-        ({"int_cauchy": "-1.5, 0"}, ("int_cauchy", "> 0")),
-        ({"int_sellmeier": "1, 0.3"}, ("int_sellmeier", "> 0")),
-        ({"int_sellmeier": "1, 2, 3"}, ("int_sellmeier", "B1, C1")),
-    ],
-)
-def test_wrong_parameters_are_named(variant_rgb, parameters, said):
-    with pytest.raises(RuntimeError, match="prosim_dielectric") as error:
-        mi.load_dict({"type": "prosim_dielectric", **parameters})
-    assert all(word in str(error.value) for word in said)
-
-
 # ------------------------------------------------------------------ where it goes
 
 

@@ -329,44 +329,6 @@ def test_parameters_can_be_changed_and_equal_sources_stay_two(variant_rgb):
     assert first(weight)[0] > 0 and ds.p.y[0] == pytest.approx(3.1)
 
 
-BEAMS = (
-    ("distribution", {"distribution": "laser"}),
-    ("direction", {**CONE, "direction": [0, 0, 0]}),
-    ("direction", {"direction": [0, 0, 1]}),
-    ("angle", {"distribution": "cone"}),
-    ("angle", {**CONE, "angle": 181.0}),
-    ("angle", {"angle": 20.0}),
-    ("exponent", {"distribution": "spot"}),
-    ("exponent", {**CONE, "exponent": 3.0}),
-    ("to_world", {"to_world": None}),
-)
-POINTS = (
-    ("radius", {"radiance": 1.0}),
-    ("radiance", {"radiance": 1.0, "intensity": 1.0, "radius": 1.0}),
-    ("radiance", {"radiance": 1.0, "unattenuated": True, "radius": 1.0}),
-    ("intensity", {"intensity": {"type": "checkerboard"}}),
-    ("position", {"position": [0, float("nan"), 0]}),
-)
-SPECTRUM = {"type": "spectrum", "value": [(400, 1.0), (700, -1.0)]}
-LIGHT = (-1.0, float("nan"), float("inf"), rgb(1.0, -0.2, 0.3), SPECTRUM)
-
-
-@pytest.mark.parametrize(
-    "source, parameter",
-    [(make(**wrong), name) for make in (surface, point) for name, wrong in BEAMS]
-    + [({"type": "prosim_point", **wrong}, name) for name, wrong in POINTS]
-    + [(surface(radiance=value), "radiance") for value in LIGHT]
-    + [({"type": "prosim_point", "intensity": -1.0}, "intensity")]
-    + [({"type": "prosim_point", "radius": 0.1, "radiance": -1.0}, "radiance")],
-    ids=str,
-)
-def test_wrong_parameters_are_named(variant_rgb, source, parameter):
-    if "to_world" in source:
-        source = source | {"to_world": T()}
-    with pytest.raises(Exception, match=f'{source["type"]}.*parameter "{parameter}" is .*; allowed: '):
-        mi.load_dict(sphere(source) if source["type"] == "prosim_area" else source)
-
-
 @pytest.mark.parametrize("texel", (-1.0, float("nan"), float("inf")))
 def test_an_image_of_light_is_finite_and_not_negative(variant_rgb, texel):
     texels = np.ones((3, 3, 3), np.float32)

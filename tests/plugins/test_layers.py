@@ -129,20 +129,6 @@ def test_the_layers_of_lamps_recombine_to_a_new_render(variant_rgb):
     assert np.allclose(sum(parts.values()) - 0.5 * parts["light"], image, atol=1e-5 * image.max())
 
 
-@pytest.mark.parametrize(
-    "parameters, word",
-    [
-        ({"layers": "lamps"}, "levels"),
-        ({"layers": "lights", "caustics": True}, "caustics"),
-        ({"layers": "levels", "max_level": -1, "diffuse_bounces": -1}, "max_level"),
-        ({"layers": "terms", "diffuse_bounces": -1}, "diffuse_bounces"),
-    ],
-)
-def test_layers_that_cannot_be_are_refused(variant_rgb, parameters, word):
-    with pytest.raises((ValueError, RuntimeError), match=word):
-        mi.load_dict({"type": "prosim", **parameters})
-
-
 def test_many_layers_derivatives_and_nesting_are_refused(variant_rgb):
     many = {f"lamp{k}": LAMPS["point"] for k in range(layers.MAX_LAYERS + 1)}
     with pytest.raises((ValueError, RuntimeError), match="33 layers"):

@@ -175,27 +175,6 @@ def test_parameters_of_the_nested_integrator_are_found(variant_rgb):
 # ------------------------------------------------------------------ wrong inputs
 
 
-@pytest.mark.parametrize(
-    "children, message",
-    [
-        ({}, "prosim_adaptive: parameter \"integrator\" is 'nothing'; allowed: one integrator that takes samples"),
-        ({"a": {"type": "path"}, "b": {"type": "direct"}}, "is 'PathIntegrator, DirectIntegrator'; allowed: one"),
-        (
-            {"a": {"type": "ptracer"}},
-            "'ParticleTracerIntegrator'; allowed: one integrator that takes samples from a sensor",
-        ),
-        ({"a": {"type": "path"}, "adaptive": "thesis", "noise": 0.1}, "noise and time ask for more than N² samples"),
-        ({"a": {"type": "path"}, "noise": -1.0}, '"noise" is -1.0'),
-        ({"a": {"type": "path"}, "adaptive": "always"}, '"adaptive" is .always.; allowed: one of'),
-        ({"a": {"type": "path"}, "max_level": 2}, "max_level"),
-        ({"a": {"type": "path"}, "b": {"type": "diffuse"}}, "PathIntegrator, SmoothDiffuse"),
-    ],
-)
-def test_wrong_inputs_are_named(variant_rgb, children, message):
-    with pytest.raises(RuntimeError, match=message):
-        mi.load_dict({"type": "prosim_adaptive", **children})
-
-
 def test_polarised_light_is_refused():
     mi.set_variant("scalar_spectral_polarized")
     with pytest.raises(RuntimeError, match="prosim_adaptive: light is unpolarised here"):

@@ -256,8 +256,3 @@ def test_sampler_stratifies_for_integrators_in_cpp_and_in_python(variant_rgb, in
     cut = np.flatnonzero((image.mean(axis=0) > 0.01) & (image.mean(axis=0) < 0.99))
     assert len(cut) == 1
     assert np.ptp(image[:, cut]) < 0.02
-
-
-def test_sampler_says_what_is_wrong(variant_rgb):
-    with pytest.raises(RuntimeError, match=r'nrook: parameter "jitter" is .*allowed: multi or uniform'):
-        mi.load_dict({"type": "nrook", "jitter": "none"})

@@ -260,17 +260,3 @@ def test_a_product_multiplies_two_textures(variant):
     assert np.array(product.mean()).item() == pytest.approx(0.55 * 0.35)
     assert product.is_spatially_varying()
     assert min(mi.traverse(product).keys()).startswith("a.")
-
-
-@pytest.mark.parametrize(
-    "plugin, wrong",
-    (
-        (BRICK, {"brick_width": 0.0, "brick_height": -1.0, "mortar_width": -0.1, "smoothing": -1.0}),
-        (STRIPES, {"frequency": 0.0, "duty": 1.5, "axis": [0, 0, 1]}),
-        (FRACTAL, {"scale": 0.0, "octaves": 17, "gain": -1.0, "lacunarity": 0.0, "seed": -1}),
-    ),
-)
-def test_wrong_parameters_are_named(variant_rgb, plugin, wrong):
-    for parameter, value in wrong.items():
-        with pytest.raises(Exception, match=f'{plugin}.*parameter "{parameter}" is .*; allowed: '):
-            mi.load_dict({"type": plugin, parameter: value})

@@ -68,6 +68,23 @@ WRONG = [
     (4, "CSG-TREE CUBE 0 * - CUBE 0", 17, "tree", ""),
     (4, "CSG-TREE CUBE 0 t-listra - SPHERE 0 * CUBE 0", 26, "infix", "- CUBE 0 t-listra SPHERE 0"),
     (4, "CSG-TREE (- cubo 0 ESFERA 0)", 10, "tree-in-comment", ""),
+    # named solids
+    (1, "SOLID CUBE CUBE 1", 7, "name", "'CUBE', a word of the language; expected another name"),
+    (1, "SOLID x", 7, "incomplete", "expected its tree after x"),
+    (1, "SOLID x CUBE 0 SOLID X CUBE 0", 22, "twice", "SOLID X stands twice"),
+    (4, "CSG-TREE x 1 SOLID x CUBE 0", 10, "unknown-word", "unknown word 'x'; expected +, -"),
+    (4, "SOLID legs CUBE 0 CSG-TREE leg 1", 28, "unknown-word", "legs or the next"),
+    (4, "SOLID x CUBE 1 TRANSFORM 1 CSG-TREE x 2", 37, "no-index", "no SURFACE 1 or SURFACE 2 and no TRANSFORM 2"),
+    # degenerate views
+    (3, "VIEW OBS 0 0 0 VRP 0 0 0", 6, "view", "same point"),
+    (3, "VIEW OBS 0 5 0 VRP 0 0 0 VPN 0 0 1", 6, "view", "OBS lies on the view plane"),
+    (3, "VIEW OBS 0 5 0 VRP 0 0 0 VUP 0 1 0", 26, "view", "parallel to VPN"),
+    (3, "VIEW OBS 0 0 5 VRP 0 0 0 VUP 0 0 0", 26, "view", "length 0"),
+    (3, "VIEW OBS 0 0 5 WINDOW 1 0 1 5", 16, "view", "is empty"),
+    (3, "VIEW OBS 0 0 5 WINDOW -1e8 -1 1e8 1", 16, "view", "too large or too small"),
+    (3, "VIEW OBS 0 0 5 WINDOW 1 1 1.000000001 2", 16, "view", "too large or too small"),
+    (3, "VIEW OBS 0 0 5 VPN 0 0 1e-200", 16, "view", "length 0"),
+    (3, "VIEW OBS 0 0 1e-200 VRP 0 0 0", 6, "view", "same point"),
     # materials
     (5, "SURFACE 0 material dieletrico ouro", 31, "unknown-name", "'condutor ouro'"),
     (5, "SURFACE 0 material BK7", 20, "unknown-word", "'dieletrico BK7'"),

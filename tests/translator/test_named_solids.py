@@ -46,23 +46,6 @@ def test_a_use_of_a_named_solid_is_its_tree_written_out(write_scene):
     assert prosim_scene.parse(prosim_scene.format(NAMED)) == scene
 
 
-@pytest.mark.parametrize(
-    "text, column, code, words",
-    [
-        ("SOLID CUBE CUBE 1", 7, "name", "'CUBE', a word of the language; expected another name"),
-        ("SOLID x", 7, "incomplete", "this solid is empty; expected its tree after x"),
-        ("SOLID x CUBE 1 SOLID X CUBE 1", 22, "twice", "SOLID X stands twice"),
-        ("CSG-TREE x 1 SOLID x CUBE 1", 10, "unknown-word", "unknown word 'x'; expected +, -"),
-        ("SOLID legs CUBE 1 CSG-TREE leg 1", 28, "unknown-word", "MESH, legs or the next"),
-        ("SOLID x CUBE 1 TRANSFORM 1 CSG-TREE x 2", 37, "no-index", "no SURFACE 1 or SURFACE 2 and no TRANSFORM 2"),
-    ],
-)
-def test_wrong_solids(text, column, code, words):
-    with pytest.raises(SceneError) as error:
-        prosim_scene.parse(text + "\nEND")
-    assert words in str(error.value) and (error.value.column, error.value.code) == (column, code)
-
-
 def test_solids_of_solids_do_not_grow_without_a_limit(monkeypatch):
     monkeypatch.setattr(reader, "MAX_NODES", 1000)
     text = "SOLID s0 + CUBE 1 CUBE 1\n" + "".join(f"SOLID s{i} + s{i - 1} 1 s{i - 1} 1\n" for i in range(1, 60))

@@ -1,0 +1,106 @@
+"""Each plugin says which of its parameters is wrong, and what is allowed."""
+
+import math
+
+import mitsuba as mi
+import pytest
+from mitsuba_prosim.engine.policies import POLICIES
+from scenes import T, rgb
+
+RGB = {"type": "rgb", "value": [0.2, 0.4, 0.6]}
+SUM = "diffuse_reflectance + specular_reflectance"
+CONE = {"distribution": "cone", "angle": 25.0, "direction": [-1, -2, 0]}
+SPECTRUM = {"type": "spectrum", "value": [(400, 1.0), (700, -1.0)]}
+PATH = {"a": {"type": "path"}}
+BRICK = {"brick_width": 0.0, "brick_height": -1.0, "mortar_width": -0.1, "smoothing": -1.0}
+STRIPES = {"frequency": 0.0, "duty": 1.5, "axis": [0, 0, 1]}
+FRACTAL = {"scale": 0.0, "octaves": 17, "gain": -1.0, "lacunarity": 0.0, "seed": -1}
+
+BEAMS = [
+    ("distribution", {"distribution": "laser"}),
+    ("direction", {**CONE, "direction": [0, 0, 0]}),
+    ("direction", {"direction": [0, 0, 1]}),
+    ("angle", {"distribution": "cone"}),
+    ("angle", {**CONE, "angle": 181.0}),
+    ("angle", {"angle": 20.0}),
+    ("exponent", {"distribution": "spot"}),
+    ("exponent", {**CONE, "exponent": 3.0}),
+    ("to_world", {"to_world": T}),
+]
+#: Plugins, the parameter that the error names, and all parameters.
+NAMED = [
+    *((f"prosim_{source}", *wrong) for source in ("area", "point") for wrong in BEAMS),
+    *(("prosim_area", "radiance", {"radiance": v}) for v in (-1.0, math.nan, math.inf, rgb(1, -0.2, 0.3), SPECTRUM)),
+    ("prosim_point", "radius", {"radiance": 1.0}),
+    ("prosim_point", "radiance", {"radiance": 1.0, "intensity": 1.0, "radius": 1.0}),
+    ("prosim_point", "radiance", {"radiance": 1.0, "unattenuated": True, "radius": 1.0}),
+    ("prosim_point", "intensity", {"intensity": {"type": "checkerboard"}}),
+    ("prosim_point", "position", {"position": [0, math.nan, 0]}),
+    ("prosim_point", "intensity", {"intensity": -1.0}),
+    ("prosim_point", "radiance", {"radius": 0.1, "radiance": -1.0}),
+    *(("prosim_brick", name, {name: value}) for name, value in BRICK.items()),
+    *(("prosim_stripes", name, {name: value}) for name, value in STRIPES.items()),
+    *(("prosim_fractal", name, {name: value}) for name, value in FRACTAL.items()),
+]
+#: Plugins, parameters, and words of the error.
+WRONG = [
+    *((plugin, parameters, f'parameter "{name}" is |; allowed: ') for plugin, name, parameters in NAMED),
+    ("prosim_conductor", {"alpha": -0.1}, "alpha|-0.1|a number >= 0"),
+    ("prosim_conductor", {"distribution": "ggx"}, "distribution|ggx|beckmann, gaussian, phong"),
+    ("prosim_conductor", {"distribution": "phong", "alpha": 0.1}, 'alpha|"exponent"'),
+    ("prosim_conductor", {"exponent": 10.0, "alpha": 0.1}, 'alpha|"exponent"'),
+    ("prosim_conductor", {"material": "Unobtainium"}, "material|Unobtainium|Cu_palik"),
+    ("prosim_conductor", {"material": "Cu", "k": 1.0}, '"k"|material|Cu'),
+    ("prosim_conductor", {"fresnel": "schlick"}, "fresnel|schlick|exact or thesis"),
+    ("prosim_dielectric", {"int_ior": "glas"}, "int_ior|glas|bk7"),
+    ("prosim_dielectric", {"int_ior": RGB}, "int_ior|0.4|> 0"),
+    ("prosim_dielectric", {"alpha": "rough"}, "alpha|rough|a number, a colour or a texture"),
+    ("prosim_dielectric", {"int_ior": 1.5, "ext_ior": 1.5, "alpha": 0.1}, "int_ior|1.5|ext_ior"),
+    ("prosim_dielectric", {"int_material": "glas"}, "int_material|glas|bk7"),
+    ("prosim_dielectric", {"int_material": "bk7", "int_ior": 1.5}, "int_material|int_ior"),
+    ("prosim_dielectric", {"int_material": "bk7", "int_abbe": 50.0}, "int_abbe|int_material"),
+    ("prosim_dielectric", {"int_abbe": 50.0}, "int_abbe|int_ior"),
+    ("prosim_dielectric", {"int_ior": 1.5, "int_abbe": 0.0}, "int_abbe|>= 1"),
+    ("prosim_dielectric", {"ext_cauchy": "1.5"}, "ext_cauchy|A, B"),
+    ("prosim_dielectric", {"int_cauchy": "1.5, x"}, "int_cauchy|commas"),
+    ("prosim_dielectric", {"int_cauchy": "-1.5, 0"}, "int_cauchy|> 0"),
+    ("prosim_dielectric", {"int_sellmeier": "1, 0.3"}, "int_sellmeier|> 0"),
+    ("prosim_dielectric", {"int_sellmeier": "1, 2, 3"}, "int_sellmeier|B1, C1"),
+    ("prosim_lambertian", {"reflectance": RGB | {"value": [0.1, 1.2, 0.3]}}, "reflectance|1.2|0 and 1"),
+    ("prosim_composite", {"diffuse_reflectance": 0.7, "specular_reflectance": 0.4}, f"{SUM}|1.1|<= 1"),
+    ("prosim_composite", {"diffuse_reflectance": 0.7, "specular_reflectance": RGB}, f"{SUM}|1.3|<= 1"),
+    ("prosim_composite", {"specular_reflectance": 0.9}, f"{SUM}|1.4|diffuse_reflectance is 0.5 if not given"),
+    ("prosim_phong", {"distribution": "gaussian"}, "distribution|gaussian|phong"),
+    ("prosim", {"adaptive": "always"}, 'parameter "adaptive" is |always|; allowed: one of ' + ", ".join(POLICIES)),
+    ("prosim", {"samples": 0}, 'parameter "samples" is 0; allowed: a whole number >= 1'),
+    ("prosim", {"max_level": -1}, 'parameter "max_level" is -1; allowed: 0 to 24'),
+    ("prosim", {"channels": "rgx"}, 'parameter "channels"'),
+    ("prosim", {"aovs": "sample"}, 'parameter "aovs" is |sample|; allowed: samples, error'),
+    ("prosim", {"layers": "lamps"}, "levels"),
+    ("prosim", {"layers": "lights", "caustics": True}, "caustics"),
+    ("prosim", {"layers": "levels", "max_level": -1, "diffuse_bounces": -1}, "max_level"),
+    ("prosim", {"layers": "terms", "diffuse_bounces": -1}, "diffuse_bounces"),
+    ("prosim_adaptive", {}, "\"integrator\" is 'nothing'; allowed: one integrator that takes samples"),
+    ("prosim_adaptive", PATH | {"b": {"type": "direct"}}, "is 'PathIntegrator, DirectIntegrator'; allowed: one"),
+    ("prosim_adaptive", {"a": {"type": "ptracer"}}, "ParticleTracerIntegrator|takes samples from a sensor"),
+    ("prosim_adaptive", PATH | {"adaptive": "thesis", "noise": 0.1}, "noise and time ask for more than N² samples"),
+    ("prosim_adaptive", PATH | {"noise": -1.0}, '"noise" is -1.0'),
+    ("prosim_adaptive", PATH | {"adaptive": "always"}, '"adaptive" is |always|; allowed: one of'),
+    ("prosim_adaptive", PATH | {"max_level": 2}, "max_level"),
+    ("prosim_adaptive", PATH | {"b": {"type": "diffuse"}}, "PathIntegrator, SmoothDiffuse"),
+    ("prosim_denoised", {}, "takes samples from a sensor"),
+    ("prosim_denoised", {"a": {"type": "ptracer"}}, "takes samples from a sensor"),
+    ("prosim_denoised", PATH | {"b": {"type": "path"}}, "takes samples from a sensor"),
+    ("prosim_window", {"left": 2.0}, "left"),
+    ("nrook", {"jitter": "none"}, 'parameter "jitter" is |allowed: multi or uniform'),
+]
+
+
+@pytest.mark.parametrize("plugin, parameters, words", WRONG)
+def test_wrong_parameters_are_named(variant_rgb, plugin, parameters, words):
+    parameters = {name: value() if value is T else value for name, value in parameters.items()}
+    with pytest.raises((RuntimeError, ValueError)) as error:
+        mi.load_dict({"type": plugin, **parameters})
+    said = str(error.value)
+    for word in (plugin, *words.split("|")):
+        assert word in said

@@ -45,15 +45,6 @@ def utf_32(text):
     return text.encode("utf-32-le")
 
 
-def change(path, **values):
-    """Replaces values in the header of a checkpoint."""
-    with np.load(path) as archive:
-        contents = dict(archive)
-    contents["facts"] = np.array(json.dumps(json.loads(str(contents["facts"])) | values))
-    with open(path, "wb") as file:
-        np.savez(file, **contents)
-
-
 def test_a_checkpoint_is_read_as_it_was_written(variant_rgb, tmp_path):
     before, path = made(), tmp_path / "a.state.npz"
     checkpoint.save(before, path)
@@ -88,21 +79,22 @@ def test_what_is_no_complete_checkpoint_is_refused(variant_rgb, tmp_path):
         made().write(Path("/dev/full"))
 
 
-def test_a_checkpoint_of_another_version_or_variant_is_refused(variant_rgb, tmp_path):
+def test_a_checkpoint_of_another_version_or_variant_is_refused(variant_rgb, tmp_path, monkeypatch):
     path, here = tmp_path / "a.state.npz", environment.this_environment()
     assert all(here.values()) and here["variant"] == mi.variant()
-    checkpoint.save(made(), path)
     for name, says in [
         ("mitsuba-prosim", "mitsuba-prosim 0.0 there"),
         ("variant", "variant 0.0 there, llvm_ad_rgb here"),
     ]:
-        change(path, environment=here | {name: "0.0"})
+        checkpoint.save(replace(made(), environment=here | {name: "0.0"}), path)
         with pytest.raises(CheckpointError, match=says):
             checkpoint.load(path)
-    change(path, environment=here | {"processor": "another"})
+    checkpoint.save(replace(made(), environment=here | {"processor": "another"}), path)
     with pytest.warns(UserWarning, match="processor another there"):
         checkpoint.load(path)
-    change(path, environment=here, format=checkpoint.FORMAT + 1)
+    with monkeypatch.context() as patch:
+        patch.setattr(checkpoint, "FORMAT", checkpoint.FORMAT + 1)
+        checkpoint.save(made(), path)
     with pytest.raises(CheckpointError, match=r"has format \d+, and this version reads format"):
         checkpoint.load(path)
 
@@ -126,8 +118,9 @@ def test_parts_that_are_missing_doubled_unfinished_or_of_another_image_are_refus
     (tmp_path / "copy.npz").write_bytes(second.read_bytes())
     with pytest.raises(CheckpointError, match=r"2.npz: another file has the same part"):
         checkpoint.merge([first, second, third, tmp_path / "copy.npz"])
-    for path in first, second:
-        change(path, environment=environment.this_environment() | {"processor": "another"})
+    elsewhere = environment.this_environment() | {"processor": "another"}
+    for path, part in zip((first, second), parts()):
+        checkpoint.save(replace(part, environment=elsewhere), path)
     with pytest.warns(UserWarning, match=r"^made elsewhere: .*1.npz \(processor another .*; .*2.npz \(") as said:
         merged = checkpoint.merge([third, first, second])
     assert len(said) == 1

@@ -18,14 +18,6 @@ STRING = '<shape type="ply">\n  <string name="filename" value="{}"/></shape>'
 METAL = '<bsdf type="conductor"><string name="material" value="{}"/></bsdf>'
 HERE = '<scene version="3.0.0">\n{}</scene>'
 
-LITTLE = """LIGHTS AREA position 10 20 30 Intensity 60000 60000 60000 raio 4
-VIEW OBS 0 3 12 VRP 0 0 0 WINDOW -4 -3 4 3 RESOLUTION 8 6
-CSG-TREE SPHERE 0
-SURFACE 0 material lambertiano kd = 0.4 0.5 0.6
-TRANSFORM 0 SCALE (2 2 2)
-END
-"""
-
 #: What a scene names, with OUT for the absolute path of the folder around its own, where the command is given.
 OUTSIDE = {
     **{
@@ -182,7 +174,7 @@ def test_nothing_takes_the_place_of_mitsubas_own_files(variant_rgb, folder):
     with pytest.raises(RuntimeError):
         opened(folder, METAL.format("Cu"), confined=False).load()
     scene = folder / "scene.scn"
-    scene.write_text(LITTLE)
+    scene.write_text("LIGHTS POINT position 9 9 9 VIEW OBS 0 3 12 CSG-TREE SPHERE 0 SURFACE 0 TRANSFORM 0 END")
     assert SceneFile(scene, folder / "made", confined=True).load()
 
 

@@ -95,12 +95,12 @@ def shown(values: list[float]) -> float | list[float]:
 def expose(callback: mi.TraversalCallback, flags: mi.ParamFlags | None = None, /, **parameters: Any) -> None:
     """Shows textures and Dr.Jit values to ``mi.traverse`` by name, as differentiable or with other ``flags``.
 
-    Ignores None, and the plain numbers of scalar variants, which cannot be changed in place. A texture of a BSDF with
-    the name ``ambient`` becomes the BSDF's attribute of that name.
+    Ignores None, words, and plain numbers, those of scalar variants too, which cannot be changed in place. A texture of
+    a BSDF with the name ``ambient`` becomes the BSDF's attribute of that name.
     """
     flags = mi.ParamFlags.Differentiable if flags is None else flags
     for name, parameter in parameters.items():
-        if parameter is not None and not isinstance(parameter, float):
+        if parameter is not None and not isinstance(parameter, (float, str)):
             callback.put(name, parameter, flags)
 
 

@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from drawing import curves
-from mitsuba_prosim.optics import ambient
+from mitsuba_prosim.optics.nested import ambient_reflectance
 from scenes import FLAT, T, bitmap, camera, film, load_scene, slopes
 
 RGB = {"type": "rgb", "value": [0.2, 0.4, 0.6]}
@@ -122,10 +122,10 @@ def test_the_ambient_reflectance_is_the_diffuse_one_unless_stated(variant):
     for z, column in ((1, 1), (-1, 2)):
         si, expected = curves.interaction(mi.Vector3f(0, 0, z)), [case[column] for case in cases]
         for (bsdf, *_), value in zip(cases, expected):
-            np.testing.assert_allclose(np.ravel(ambient.reflectance(bsdf, si)), value, rtol=1e-5)
+            np.testing.assert_allclose(np.ravel(ambient_reflectance(bsdf, si)), value, rtol=1e-5)
         if variant == "llvm_ad_rgb":  # by a virtual call over all BSDFs at once
             pointers = dr.concat([mi.BSDFPtr(bsdf) for bsdf, *_ in cases])
-            found = dr.dispatch(pointers, ambient.reflectance, si, mi.Bool(True))
+            found = dr.dispatch(pointers, ambient_reflectance, si, mi.Bool(True))
             np.testing.assert_allclose(np.array(found)[1], expected, rtol=1e-5)
 
 

@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from drawing import curves
-from mitsuba_prosim.optics import fresnel, torrance_sparrow, visible
+from mitsuba_prosim.optics import facets, fresnel
 from mitsuba_prosim.optics.facets import DISTRIBUTIONS
 
 WIDTHS = (0.02, 0.3, 1.0)
@@ -65,7 +65,7 @@ def test_azimuth_inverts_its_density(variant_rgb):
     for t in (0, 1e-3, 0.3, 0.9, 0.99, 1, 1.01, 1.5, 5, 100, 1e5):
         density = np.clip(1 + t * np.cos(mid), 0, 2)
         share = np.concatenate([[0], np.cumsum(density)]) / density.sum()
-        drawn = np.array(visible.azimuth(mi.Float(u), mi.Float(t)), dtype=float)
+        drawn = np.array(facets.azimuth(mi.Float(u), mi.Float(t)), dtype=float)
         assert (np.diff(drawn) >= -1e-6).all()
         errors.append(np.abs(np.interp(drawn, phi, share) - u))
     assert np.max(errors) < 2e-4
@@ -81,7 +81,7 @@ def test_visible_facets_fill_the_projected_area(variant_rgb, name, alpha, angle)
     m, area = curves.facets(alpha, 512)
     w = curves.direction(angle)
     w_m = dr.dot(w, m)
-    seen = dr.select(w_m > 0, torrance_sparrow.g1(w.z, m.z, w_m) * w_m * d.D(m, mi.Float(roughness(d, alpha))), 0)
+    seen = dr.select(w_m > 0, facets.g1(w.z, m.z, w_m) * w_m * d.D(m, mi.Float(roughness(d, alpha))), 0)
     assert dr.sum(seen * area)[0] == pytest.approx(math.cos(math.radians(angle)), rel=2e-3)
 
 
@@ -92,7 +92,7 @@ def test_attenuation_is_torrance_and_sparrows(variant_rgb):
     h /= np.linalg.norm(h, axis=1, keepdims=True)
     vh = (v * h).sum(1)
     expected = np.minimum(1, np.minimum(2 * h[:, 2] * v[:, 2] / vh, 2 * h[:, 2] * w[:, 2] / vh))
-    g = torrance_sparrow.g(*(mi.Float(x) for x in (v[:, 2], w[:, 2], h[:, 2], vh)))
+    g = facets.g(*(mi.Float(x) for x in (v[:, 2], w[:, 2], h[:, 2], vh)))
     np.testing.assert_allclose(g, expected, rtol=1e-5)
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from ..optics import fresnel, torrance_sparrow, visible
-from ..optics.pigmented import Pigmented
-from ..optics.reading import ambient, conserve, index, reflectance, roughness
+from ..optics import facets, fresnel
+from ..optics.material import Pigmented
+from ..optics.reading import index, reflectance
+from ..parameters import constant, reject, shown
 from ..registry import plugin
 
 
@@ -92,18 +93,16 @@ class Composite(Pigmented):
             'exponent': 50.0
     """
 
-    EXPOSED = ("diffuse_reflectance", "specular_reflectance", "ambient", "eta")
+    PARAMETERS = ("diffuse_reflectance", "specular_reflectance", "eta")
 
     def __init__(self, props: mi.Properties) -> None:
+        conserves = known_to_conserve(props)  # before the parameters become textures
         super().__init__(props)
-        self.conserves = conserve(props, diffuse_reflectance=0.5, specular_reflectance=None)
-        self.diffuse_reflectance = reflectance(props, "diffuse_reflectance", 0.5)
+        self.conserves = conserves
         self.specular_reflectance = reflectance(props, "specular_reflectance")
-        self.ambient = ambient(props, self.diffuse_reflectance)
+        self.ambient = self.ambient or self.diffuse_reflectance
         self.eta = mi.Float(index(props, "int_ior", "polypropylene") / index(props, "ext_ior", "air"))
         dr.make_opaque(self.eta)
-        self.distribution, self.roughness = roughness(props)
-        self.set_components(glossy=self.roughness is not None)
 
     def reflected(self, si: mi.SurfaceInteraction3f, cos: mi.Float, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         """Fresnel's reflectance times ks; ks is at most 1 - kd at every point and wavelength."""
@@ -119,12 +118,35 @@ class Composite(Pigmented):
         return self.reflected(si, si.wi.z, active)
 
     def specular_sample(self, si: mi.SurfaceInteraction3f, sample2: mi.Point2f, active: mi.Bool) -> mi.Vector3f:
-        m = visible.sample(si.wi, sample2, self.distribution.polar, self.roughness.eval_1(si, active))
+        m = facets.sample_visible(si.wi, sample2, self.distribution, self.roughness.eval_1(si, active))
         return mi.reflect(si.wi, m)
 
     def specular_eval_pdf(
         self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
     ) -> tuple[mi.UnpolarizedSpectrum, mi.Float]:
         width = self.roughness.eval_1(si, active)
-        i_m, value, pdf = torrance_sparrow.eval_pdf(si.wi, wo, self.distribution, width)
+        i_m, value, pdf = facets.torrance_sparrow(si.wi, wo, self.distribution, width)
         return self.reflected(si, i_m, active) * value, pdf
+
+
+def known_to_conserve(props: mi.Properties) -> bool:
+    """Whether the two reflectances are known to add up to at most 1 wherever they are evaluated (s + d = 1, section
+    3.1.1).
+
+    That is so for numbers, and for colours in a variant that computes with them; of textures and spectra it is known
+    only where they are evaluated. Raises ValueError if constants add up to more than 1.
+    """
+    names = "diffuse_reflectance", "specular_reflectance"
+    if names[1] not in props:
+        return True
+    kd, ks = constant(props, names[0]) if names[0] in props else [0.5], constant(props, names[1])
+    if any(len(values) > 1 and hasattr(props.get(name), "values") for name, values in zip(names, (kd, ks))):
+        return False  # of a spectrum
+    if not kd or not ks:
+        return False  # of a texture
+    channels = max(len(kd), len(ks))
+    sums = [kd[i % len(kd)] + ks[i % len(ks)] for i in range(channels)]
+    if max(sums) > 1 + 1e-6:
+        note = "" if names[0] in props else f" ({names[0]} is 0.5 if not given)"
+        raise reject(props, " + ".join(names), shown(sums), f"a sum <= 1{note}, or energy would be created")
+    return channels == 1 or not mi.is_spectral

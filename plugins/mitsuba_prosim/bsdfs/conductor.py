@@ -5,10 +5,10 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from ..optics import fresnel, torrance_sparrow, visible
-from ..optics.half_vectors import GRAZING
+from ..optics import facets, fresnel
+from ..optics.facets import GRAZING
 from ..optics.material import Material
-from ..optics.reading import ambient, index, metal, reflectance, roughness
+from ..optics.reading import index, metal, reflectance, roughness
 from ..parameters import choice
 from ..registry import plugin
 
@@ -92,20 +92,16 @@ class Conductor(Material):
             'alpha': 0.2
     """
 
-    EXPOSED = ("eta", "k", "specular_reflectance", "ambient")
-    SHOWN = ("ext_ior", "fresnel")
+    PARAMETERS = ("eta", "k", "specular_reflectance", "ext_ior", "fresnel")
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         self.eta, self.k = metal(props)
         self.ext_ior = index(props, "ext_ior", 1.0)
         self.specular_reflectance = reflectance(props, "specular_reflectance")
-        self.ambient = ambient(props)
         self.distribution, self.roughness = roughness(props)
         self.fresnel = choice(props, "fresnel", tuple(FRESNEL))
-        self.specular_type = mi.BSDFFlags.GlossyReflection if self.roughness else mi.BSDFFlags.DeltaReflection
-        self.m_components = [self.specular_type | mi.BSDFFlags.FrontSide]
-        self.m_flags = self.m_components[0]
+        self.set_components({self.specular_type(): mi.BSDFFlags.FrontSide})
 
     def reflected(self, si: mi.SurfaceInteraction3f, cos: mi.Float, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         """Fresnel's reflectance times the user's factor."""
@@ -123,34 +119,34 @@ class Conductor(Material):
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         bs = dr.zeros(mi.BSDFSample3f)
         active = active & (si.wi.z > GRAZING)
-        if active is False or not ctx.is_enabled(self.specular_type, 0):
+        if active is False or not any(self.enabled(ctx)):
             return bs, mi.Spectrum(0)
         bs.eta = 1
-        bs.sampled_type = mi.UInt32(+self.specular_type)
+        bs.sampled_type = mi.UInt32(+self.types[0])
         bs.sampled_component = 0
         if self.roughness is None:
             bs.wo = mi.reflect(si.wi)
             bs.pdf = dr.select(active, mi.Float(1), 0)
             return bs, mi.depolarizer(self.reflected(si, si.wi.z, active)) & active
         width = self.roughness.eval_1(si, active)
-        m = visible.sample(si.wi, sample2, self.distribution.polar, width)
+        m = facets.sample_visible(si.wi, sample2, self.distribution, width)
         i_m = dr.dot(si.wi, m)
         bs.wo = mi.reflect(si.wi, m)
-        g1 = torrance_sparrow.g1(si.wi.z, m.z, i_m)
+        g1 = facets.g1(si.wi.z, m.z, i_m)
         pdf = self.distribution.D(m, width) * g1 / (4 * si.wi.z)
         active = active & (i_m > 0) & (bs.wo.z > 0) & (pdf > 0)
         bs.pdf = dr.select(active, pdf, 0)
         if active is False:
             return bs, mi.Spectrum(0)
-        weight = torrance_sparrow.g(si.wi.z, bs.wo.z, m.z, i_m) / dr.select(active, g1, 1)
+        weight = facets.g(si.wi.z, bs.wo.z, m.z, i_m) / dr.select(active, g1, 1)
         return bs, mi.depolarizer(self.reflected(si, i_m, active) * weight) & active
 
     def eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
     ) -> tuple[mi.Spectrum, mi.Float]:
         active = active & (si.wi.z > GRAZING) & (wo.z > 0)
-        if active is False or self.roughness is None or not ctx.is_enabled(self.specular_type, 0):
+        if active is False or self.roughness is None or not any(self.enabled(ctx)):
             return mi.Spectrum(0), mi.Float(0)
         width = self.roughness.eval_1(si, active)
-        i_m, value, pdf = torrance_sparrow.eval_pdf(si.wi, wo, self.distribution, width)
+        i_m, value, pdf = facets.torrance_sparrow(si.wi, wo, self.distribution, width)
         return mi.depolarizer(self.reflected(si, i_m, active) * value) & active, dr.select(active, pdf, 0)

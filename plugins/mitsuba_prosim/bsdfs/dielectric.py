@@ -8,10 +8,10 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..optics import dispersion, fresnel, half_vectors, torrance_sparrow, visible
-from ..optics.half_vectors import GRAZING
+from ..optics import dispersion, facets, fresnel
+from ..optics.facets import GRAZING
 from ..optics.material import Material
-from ..optics.reading import ambient, reflectance, roughness
+from ..optics.reading import reflectance, roughness
 from ..parameters import reject
 from ..registry import plugin
 
@@ -113,33 +113,22 @@ class Dielectric(Material):
             'alpha': 0.1
     """
 
-    EXPOSED = ("eta", "specular_reflectance", "specular_transmittance", "ambient")
+    PARAMETERS = ("specular_reflectance", "specular_transmittance")
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        self.indices = dispersion.Indices(dispersion.read(props, "int", "bk7"), dispersion.read(props, "ext", "air"))
-        #: Whether they depend on the wavelength; ``eta`` is then none.
-        self.disperses = self.indices.disperse
-        self.eta = self.indices.quotient()
-        dr.make_opaque(self.eta)
+        self.indices = dispersion.Indices.read(props)
+        #: Whether they depend on the wavelength.
+        self.disperses = self.indices.eta is None
         self.specular_reflectance = reflectance(props, "specular_reflectance")
         self.specular_transmittance = reflectance(props, "specular_transmittance")
-        self.ambient = ambient(props)
         self.distribution, self.roughness = roughness(props)
-        flags = mi.BSDFFlags
-        if self.roughness is None:
-            self.types = flags.DeltaReflection, flags.DeltaTransmission
-        elif self.indices.inside == self.indices.outside:
+        if self.roughness is not None and self.indices.inside == self.indices.outside:
             raise reject(props, "int_ior", self.indices.inside, "another index than ext_ior, for a rough surface")
-        else:
-            self.types = flags.GlossyReflection, flags.GlossyTransmission
+        flags = mi.BSDFFlags
         sides = flags.FrontSide | flags.BackSide
-        self.m_components = [self.types[0] | sides, self.types[1] | sides | flags.NonSymmetric]
-        self.m_flags = self.m_components[0] | self.m_components[1]
-
-    def enabled(self, ctx: mi.BSDFContext) -> tuple[bool, bool]:
-        """Whether ``ctx`` asks for the reflected, and for the transmitted component."""
-        return ctx.is_enabled(self.types[0], 0), ctx.is_enabled(self.types[1], 1)
+        transmission = flags.DeltaTransmission if self.roughness is None else flags.GlossyTransmission
+        self.set_components({self.specular_type(): sides, transmission: sides | flags.NonSymmetric})
 
     def share(self, ctx: mi.BSDFContext, reflected: mi.Bool, f: mi.Float) -> mi.Float:
         """Probability of the component that was chosen, given Fresnel's reflectance ``f``."""
@@ -192,9 +181,9 @@ class Dielectric(Material):
         m = mi.Normal3f(0, 0, 1)
         if self.roughness is not None:
             width = self.roughness.eval_1(si, active)
-            m = visible.sample(dr.mulsign(si.wi, si.wi.z), sample2, self.distribution.polar, width)
+            m = facets.sample_visible(dr.mulsign(si.wi, si.wi.z), sample2, self.distribution, width)
         i_m = dr.dot(si.wi, m)
-        etas = self.etas(si)
+        etas = self.indices.etas(si)
         faces = [fresnel.interface(i_m, eta) for eta in etas]
         p = [1 / len(etas)] * len(etas) if weights is None or self.roughness is not None else list(weights)
         if undispersed:
@@ -223,16 +212,12 @@ class Dielectric(Material):
             else:
                 divisor = dr.detach(self.share(ctx, reflected, f))
                 o_m = dr.select(reflected, i_m, cos_t)
-                lit, density = self.facets(si, bs.wo, m, i_m, o_m, reflected, width, self.eta)
+                lit, density = self.facets(si, bs.wo, m, i_m, o_m, reflected, width, etas[0])
                 pdf = density * divisor
                 value = self.energy(ctx, si, reflected, f, eta_it, active) * (lit / dr.select(density > 0, density, 1))
         active = active & (pdf > 0)
         bs.pdf = dr.select(active, pdf, 0)
         return bs, mi.depolarizer(value / dr.select(active, divisor, 1)) & active
-
-    def etas(self, si: mi.SurfaceInteraction3f) -> list[mi.Float]:
-        """The relative index, or one for each wavelength of ``si``."""
-        return self.indices.etas(si) if self.disperses else [self.eta]
 
     def facets(
         self,
@@ -259,9 +244,7 @@ class Dielectric(Material):
         spread = (a + eta_it * b) / dr.maximum(dr.abs(fresnel.contrast(si.wi.z, eta)), 1e-7)
         jacobian = dr.select(reflected, 0.25 / dr.maximum(a, 1e-30), dr.square(eta_it * spread) * b)
         density = self.distribution.D(m, width) * jacobian
-        lit = dr.select(
-            reflected, dr.minimum(visible, 2 * m.z * cos_o / cos_i), visible * torrance_sparrow.g1(cos_o, m.z, b)
-        )
+        lit = dr.select(reflected, dr.minimum(visible, 2 * m.z * cos_o / cos_i), visible * facets.g1(cos_o, m.z, b))
         return density * lit, density * visible
 
     def eval_pdf(
@@ -279,10 +262,10 @@ class Dielectric(Material):
         active = active & (dr.abs(si.wi.z) > GRAZING) & (wo.z != 0) & dr.select(reflected, reflection, transmission)
         if active is False or self.roughness is None or not (reflection or transmission):
             return mi.UnpolarizedSpectrum(0), mi.Float(0)
-        width, etas = self.roughness.eval_1(si, active), self.etas(si)
+        width, etas = self.roughness.eval_1(si, active), self.indices.etas(si)
         values, reflectances, ratios, pdf = [], [], [], mi.Float(0)
         for eta in etas:
-            m, i_m, o_m = half_vectors.between(si.wi, wo, eta)
+            m, i_m, o_m = facets.between(si.wi, wo, eta)
             # A facet's front is visible from the front of the surface, its back from the back.
             facing = active & (i_m * si.wi.z > 0) & (o_m * wo.z > 0)
             lit, density = self.facets(si, wo, m, i_m, o_m, reflected, width, eta)
@@ -296,7 +279,4 @@ class Dielectric(Material):
         return value & active, pdf
 
     def parameters(self) -> dict[str, Any]:
-        return {**super().parameters(), **self.indices.coefficients()}
-
-    def settings(self) -> dict[str, Any]:
-        return {"indices": self.indices.shown(), **super().settings()}
+        return {**self.indices.parameters(), **super().parameters()}

@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..optics.material import Material
-from ..optics.reading import ambient, reflectance
+from ..optics.reading import reflectance
 from ..registry import plugin
 
 
@@ -51,14 +51,13 @@ class Lambertian(Material):
             }
     """
 
-    EXPOSED = ("reflectance", "ambient")
+    PARAMETERS = ("reflectance",)
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         self.reflectance = reflectance(props, "reflectance", 0.5)
-        self.ambient = ambient(props, self.reflectance)
-        self.m_components = [mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.FrontSide]
-        self.m_flags = self.m_components[0]
+        self.ambient = self.ambient or self.reflectance
+        self.set_components({mi.BSDFFlags.DiffuseReflection: mi.BSDFFlags.FrontSide})
 
     def sample(
         self,

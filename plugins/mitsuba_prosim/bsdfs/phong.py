@@ -6,8 +6,8 @@ import drjit as dr
 import mitsuba as mi
 
 from ..optics import cosine
-from ..optics.pigmented import Pigmented
-from ..optics.reading import ambient, reflectance, roughness
+from ..optics.material import Pigmented
+from ..optics.reading import reflectance
 from ..registry import plugin
 
 
@@ -71,28 +71,24 @@ class Phong(Pigmented):
             'exponent': 50.0
     """
 
-    EXPOSED = ("diffuse_reflectance", "specular_reflectance", "ambient", "exponent")
+    PARAMETERS = ("diffuse_reflectance", "specular_reflectance")
 
     def __init__(self, props: mi.Properties) -> None:
-        super().__init__(props)
+        super().__init__(props, ("phong",))
         # The sum may exceed 1: an empirical model, and the thesis's own listing has kd + ks = 1.2 and 1.4 (appendix A).
-        self.diffuse_reflectance = reflectance(props, "diffuse_reflectance", 0.5)
         self.specular_reflectance = reflectance(props, "specular_reflectance", 0.2)
-        self.ambient = ambient(props)
-        self.exponent = roughness(props, ("phong",))[1]
-        self.set_components(glossy=self.exponent is not None)
 
     def specular_weight(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         return self.specular_reflectance.eval(si, active)
 
     def specular_sample(self, si: mi.SurfaceInteraction3f, sample2: mi.Point2f, active: mi.Bool) -> mi.Vector3f:
-        sin, cos = cosine.sample(sample2.x, self.exponent.eval_1(si, active))  # equation 4.10
+        sin, cos = cosine.sample(sample2.x, self.roughness.eval_1(si, active))  # equation 4.10
         sin_phi, cos_phi = dr.sincos(2 * dr.pi * sample2.y)
         return mi.Frame3f(mi.reflect(si.wi)).to_world(mi.Vector3f(sin * cos_phi, sin * sin_phi, cos))
 
     def specular_eval_pdf(
         self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
     ) -> tuple[mi.UnpolarizedSpectrum, mi.Float]:
-        n = self.exponent.eval_1(si, active)
+        n = self.roughness.eval_1(si, active)
         lobe = cosine.power(cosine.versine(mi.reflect(si.wi), wo), n) * dr.inv_two_pi
         return self.specular_reflectance.eval(si, active) * ((n + 2) * lobe * wo.z), (n + 1) * lobe

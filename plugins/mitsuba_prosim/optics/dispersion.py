@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import inf
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
-from ..parameters import constant, number, reject
+from ..parameters import number, reject
 from .reading import index
 
 #: Fraunhofer's lines d, F and C (nm), which classify glasses: V = (n_d - 1) / (n_F - n_C).
@@ -90,77 +91,76 @@ class Indices:
 
     inside: float | Dispersion
     outside: float | Dispersion
+    #: Inside over outside, if they are numbers.
+    eta: mi.Float | None
 
-    @property
-    def disperse(self) -> bool:
-        """Whether either depends on the wavelength."""
-        return isinstance(self.inside, Dispersion) or isinstance(self.outside, Dispersion)
-
-    def quotient(self) -> mi.Float | None:
-        """Inside over outside, if they are numbers."""
-        if isinstance(self.inside, Dispersion) or isinstance(self.outside, Dispersion):
-            return None
-        return mi.Float(self.inside / self.outside)
+    @classmethod
+    def read(cls, props: mi.Properties) -> Indices:
+        """By the parameters of a plugin, see :func:`read_index`."""
+        inside, outside = read_index(props, "int", "bk7"), read_index(props, "ext", "air")
+        if isinstance(inside, Dispersion) or isinstance(outside, Dispersion):
+            return cls(inside, outside, None)
+        eta = mi.Float(inside / outside)
+        dr.make_opaque(eta)
+        return cls(inside, outside, eta)
 
     def etas(self, si: mi.SurfaceInteraction3f) -> list[mi.Float]:
-        """The quotient, inside over outside, for each channel of a spectrum at ``si``."""
+        """The quotient, inside over outside: one, or one for each channel of a spectrum at ``si`` if it depends on the
+        wavelength.
+        """
+        if self.eta is not None:
+            return [self.eta]
         return [mi.Float(_at(self.inside, w) / _at(self.outside, w)) for w in wavelengths(si)]
 
-    def coefficients(self) -> dict[str, mi.Float]:
-        """The coefficients of the dispersion formulas by their names in ``mi.traverse``, such as ``int_B1``."""
-        return {
-            f"{side}_{name}": value
-            for side, ior in (("int", self.inside), ("ext", self.outside))
-            if isinstance(ior, Dispersion)
-            for name, value in ior.coefficients.items()
-        }
-
-    def shown(self) -> str | None:
-        """How ``to_string`` shows them where they depend on the wavelength."""
-        return f"{self.inside!r} over {self.outside!r}" if self.disperse else None
+    def parameters(self) -> dict[str, Any]:
+        """The numbers, and the coefficients by their names in ``mi.traverse``, such as ``int_B1``."""
+        parameters: dict[str, Any] = {"eta": self.eta}
+        for side, ior in (("int", self.inside), ("ext", self.outside)):
+            values = ior.coefficients if isinstance(ior, Dispersion) else {"ior": ior}
+            parameters |= {f"{side}_{name}": value for name, value in values.items()}
+        return parameters
 
 
 def _at(ior: float | Dispersion, wavelength: mi.Float | float) -> mi.Float | float:
     return ior.index(wavelength) if isinstance(ior, Dispersion) else ior
 
 
-def read(props: mi.Properties, side: str, default: float | str) -> float | Dispersion:
+def read_index(props: mi.Properties, side: str, default: str) -> float | Dispersion:
     """The index on a ``side`` ("int" or "ext") of an interface: ``<side>_ior`` alone, which is one number; or what
     depends on the wavelength: ``<side>_ior`` with ``<side>_abbe``, or ``<side>_cauchy``, ``_sellmeier``, ``_material``.
 
     Raises ValueError for wrong values.
     """
-    ior = side + "_ior"
-    ways = [f"{side}_{way}" for way in ("material", "cauchy", "sellmeier", "abbe")]
-    given = [name for name in ways if name in props]
+    ior, abbe = side + "_ior", side + "_abbe"
+    given = [name for way in ("material", "cauchy", "sellmeier", "abbe") if (name := f"{side}_{way}") in props]
     if not given:
         return index(props, ior, default)
-    allowed = ways[-1:] if ior in props else given[:1]
+    first = ior if ior in props else given[0]
     for name in given:
-        if name not in allowed:
-            raise reject(props, name, props[name], f'no "{name}" together with "{ior if ior in props else given[0]}"')
-    name = given[0]
-    if name.endswith("material"):
-        chosen = str(props[name]).lower()
-        if chosen not in MATERIALS:
-            raise reject(props, name, props[name], ", ".join(MATERIALS))
-        return Dispersion.of(False, MATERIALS[chosen])
-    if name.endswith("abbe"):
+        if name != first and (first, name) != (ior, abbe):
+            raise reject(props, name, props[name], f'no "{name}" together with "{first}"')
+    name, value = given[0], props[given[0]]
+    if name == abbe:
         if ior not in props:
-            raise reject(props, name, props[name], f'"{ior}", the index at 587.6 nm, together with "{name}"')
+            raise reject(props, name, value, f'"{ior}", the index at 587.6 nm, together with "{name}"')
         dispersion = Dispersion.of(True, cauchy(index(props, ior, default), number(props, name, None, 1, 1000)))
+    elif name.endswith("material"):
+        if (chosen := str(value).lower()) not in MATERIALS:
+            raise reject(props, name, value, ", ".join(MATERIALS))
+        return Dispersion.of(False, MATERIALS[chosen])
     else:
-        values = numbers(props, name)
+        try:
+            values = [float(word) for word in str(value).replace(",", " ").split()]
+        except ValueError:
+            raise reject(props, name, value, "numbers with commas between them") from None
         of_cauchy = name.endswith("cauchy")
         if len(values) not in ((2, 3) if of_cauchy else range(2, 21, 2)):
-            expected = (
-                "A, B or A, B, C of Cauchy's formula" if of_cauchy else "B1, C1, B2, C2, ... of Sellmeier's formula"
-            )
-            raise reject(props, name, props[name], f"the numbers {expected}, wavelengths in micrometres")
+            form = "A, B or A, B, C of Cauchy's formula" if of_cauchy else "B1, C1, B2, C2, ... of Sellmeier's formula"
+            raise reject(props, name, value, f"the numbers {form}, wavelengths in micrometres")
         dispersion = Dispersion.of(of_cauchy, values)
     found = [float(dr.slice(dispersion.index(w))) for w in range(360, 831, 10)]
-    if not all(isfinite(n) and 0 < n < inf for n in found):
-        raise reject(props, name, props[name], "coefficients of an index > 0 from 360 to 830 nm")
+    if not all(0 < n < inf for n in found):
+        raise reject(props, name, value, "coefficients of an index > 0 from 360 to 830 nm")
     return dispersion
 
 
@@ -168,17 +168,6 @@ def cauchy(n_d: float, abbe: float) -> tuple[float, float]:
     """A and B of Cauchy's formula from the index at the line d and the Abbe number V_d."""
     b = (n_d - 1) / abbe / (1e6 / F**2 - 1e6 / C**2)
     return n_d - b * 1e6 / D**2, b
-
-
-def numbers(props: mi.Properties, name: str) -> list[float]:
-    """The numbers of a parameter: text with commas or spaces between them, or a sequence."""
-    value = props[name]
-    if not isinstance(value, str):
-        return constant(props, name)
-    try:
-        return [float(word) for word in value.replace(",", " ").split()]
-    except ValueError:
-        raise reject(props, name, value, "numbers with commas between them") from None
 
 
 def wavelengths(si: mi.SurfaceInteraction3f) -> list[mi.Float | float]:

@@ -10,7 +10,10 @@ from typing import Any, NamedTuple
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import BLEND, INSTANCE, MASK, TWO_SIDED
+from ..compat import BLEND, INSTANCE, MAPS, MASK, TWO_SIDED
+
+#: The BSDF attribute by which a material states its reflectance of ambient light.
+AMBIENT = "ambient"
 
 
 @functools.cache
@@ -124,3 +127,26 @@ def from_front(si: mi.SurfaceInteraction3f) -> mi.SurfaceInteraction3f:
     other = mi.SurfaceInteraction3f(si)
     other.wi.z = dr.abs(si.wi.z)
     return other
+
+
+def ambient_reflectance(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.UnpolarizedSpectrum:
+    """Fraction of the ambient light that ``bsdf`` reflects towards ``si.wi``; for an array of BSDFs, call it by
+    ``dr.dispatch``.
+
+    It is 0 without the attribute ``ambient``, and on the back of BSDFs with one side. ``mask``, ``blendbsdf``,
+    ``bumpmap`` and ``normalmap`` do not pass on the attributes of the BSDFs within: these are evaluated directly.
+    """
+    total = mi.UnpolarizedSpectrum(0)
+    for leaf in leaves(bsdf, si, active):
+        if leaf.bsdf is not None:
+            total += leaf.share * _ambient_of(leaf.bsdf, leaf.seen_by(si), active)
+    return total
+
+
+def _ambient_of(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
+    if bsdf.class_name() in MAPS:
+        return ambient_reflectance(parts(bsdf)["nested_bsdf"], si, active)
+    if not dr.all(bsdf.has_attribute(AMBIENT)):  # in scalar variants, to evaluate it then is an error
+        return mi.UnpolarizedSpectrum(0)
+    visible = True if mi.has_flag(bsdf.flags(), mi.BSDFFlags.BackSide) else si.wi.z > 0
+    return dr.select(active & visible, bsdf.eval_attribute(AMBIENT, si, active), 0)

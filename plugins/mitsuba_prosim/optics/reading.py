@@ -27,29 +27,6 @@ def reflectance(props: mi.Properties, name: str, default: float | None = None) -
     return None if default is None else props.get_texture(name, default)
 
 
-def conserve(props: mi.Properties, **defaults: float | None) -> bool:
-    """Whether the reflectances of these names are known to add up to at most 1 wherever they are evaluated.
-
-    That is so (s + d = 1, section 3.1.1) for numbers, and for colours in a variant that computes with them; of textures
-    and spectra it is known only where they are evaluated. ``defaults``: the values of missing reflectances; None
-    for the value that keeps the sum. Raises ValueError if constants add up to more than 1.
-    """
-    if any(default is None and name not in props for name, default in defaults.items()):
-        return True
-    implied = {name: default for name, default in defaults.items() if default is not None and name not in props}
-    values = [[implied[name]] if name in implied else constant(props, name) for name in defaults]
-    channels = max(map(len, values))
-    if any(
-        len(v) > 1 and hasattr(props.get(name), "values") for name, v in zip(defaults, values, strict=True)
-    ) or not all(values):
-        return False
-    sums = [sum(v[i % len(v)] for v in values) for i in range(channels)]
-    if max(sums) > 1 + 1e-6:
-        note = "".join(f" ({name} is {default} if not given)" for name, default in implied.items())
-        raise reject(props, " + ".join(defaults), shown(sums), f"a sum <= 1{note}, or energy would be created")
-    return channels == 1 or not mi.is_spectral
-
-
 def roughness(props: mi.Properties, allowed: tuple[str, ...] = tuple(DISTRIBUTIONS)) -> tuple[Distribution, Any]:
     """Reads ``distribution`` and the roughness that it calls for: (distribution, texture).
 
@@ -113,9 +90,3 @@ def metal(props: mi.Properties) -> tuple[mi.Texture, mi.Texture]:
         raise reject(props, "material", material, "none, " + ", ".join(names)) from None
     found = parts(conductor)
     return found["eta"], found["k"]
-
-
-def ambient(props: mi.Properties, default: mi.Texture | None = None) -> mi.Texture | None:
-    """The texture of the reflectance of ambient light; ``default`` (a texture or None, i.e. black) if not given."""
-    given = reflectance(props, "ambient")
-    return default if given is None else given

@@ -9,7 +9,7 @@ import mitsuba as mi
 
 from ..light.strategy import Receiver
 from ..masks import but_not, dispatch, idle
-from ..optics import ambient
+from ..optics.nested import ambient_reflectance
 from ..sampling.nrook import SamplerPoints
 from ..sampling.sobol import Points
 from . import lobes
@@ -129,7 +129,7 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
 
 def ambient_term(radiance: mi.Texture, vertex: Vertex) -> mi.UnpolarizedSpectrum:
     """The ambient term ka I_a, of the ambient ``radiance``."""
-    ka = dispatch(vertex.bsdf, ambient.reflectance, vertex.si, vertex.active)
+    ka = dispatch(vertex.bsdf, ambient_reflectance, vertex.si, vertex.active)
     return ka * radiance.eval(vertex.si, vertex.active)
 
 

@@ -52,6 +52,18 @@ variant_scalar = pytest.fixture(activate, params=SCALAR, name="variant_scalar")
 variant = pytest.fixture(activate, params=VARIANTS, name="variant")
 
 
+@pytest.fixture
+def write_scene(tmp_path):
+    """Writes a text into a scene file; its path."""
+
+    def write(text, name="s.scn"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
 #: Files whose tests share what takes seconds to make: with -n one process runs them.
 SHARING = "cluster compare mitsuba_command docs lamps language_server page server"
 

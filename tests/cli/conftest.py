@@ -5,14 +5,10 @@ from running import PALITO, XML
 
 
 @pytest.fixture
-def scene(tmp_path):
-    path = tmp_path / "scene.xml"
-    path.write_text(XML)
-    return path
+def scene(write_scene):
+    return write_scene(XML, "scene.xml")
 
 
 @pytest.fixture
-def palito(tmp_path):
-    path = tmp_path / "listing.scn"
-    path.write_bytes(PALITO.read_bytes())
-    return path
+def palito(write_scene):
+    return write_scene(PALITO.read_text("utf-8"), "listing.scn")

@@ -25,10 +25,8 @@ END
 
 
 @pytest.fixture
-def film(tmp_path, variant_rgb):
-    path = tmp_path / "film.scn"
-    path.write_text(FILM)
-    return path
+def film(write_scene, variant_rgb):
+    return write_scene(FILM, "film.scn")
 
 
 def rendered(*arguments):

@@ -16,10 +16,8 @@ SCENE = scene_text(
 
 
 @pytest.fixture
-def image(tmp_path):
-    scene = tmp_path / "two.xml"
-    scene.write_text(SCENE)
-    done("render", scene, "--layers", "lights")
+def image(tmp_path, write_scene):
+    done("render", write_scene(SCENE, "two.xml"), "--layers", "lights")
     return tmp_path / "two.exr"
 
 

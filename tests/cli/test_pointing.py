@@ -22,10 +22,8 @@ XML = """<scene version="3.0.0">
         ("</shape>", "", "</scene>", "scene>"),
     ],
 )
-def test_places_in_xml_have_a_caret(tmp_path, old, new, line, under):
-    scene = tmp_path / "a scene.xml"
-    scene.write_text(XML.replace(old, new), encoding="utf-8")
-    done = prosim("render", scene, "-m", "scalar_rgb")
+def test_places_in_xml_have_a_caret(write_scene, old, new, line, under):
+    done = prosim("render", write_scene(XML.replace(old, new), "a scene.xml"), "-m", "scalar_rgb")
     assert done.exit_code == 2
     quoted, caret = done.output.splitlines()[-2:]
     assert quoted.startswith(f"    {line}") and caret.strip() == "^"
@@ -61,13 +59,12 @@ def test_no_line_of_another_folder_is_shown_by_a_scenes_own_words(tmp_path):
     assert with_line(words, tmp_path / "named.xml").endswith("\n    <part/>\n     ^")
 
 
-def test_what_can_not_be_shown_is_said_alone(tmp_path):
+def test_what_can_not_be_shown_is_said_alone(tmp_path, write_scene):
     """Words without a place, or with one that is not there to be read."""
     gone = f"At {tmp_path}/gone.xml (line 3, col 6): failed"
     for words in ("[Film] too wide", gone, 'Loading "a.ply" (line 1, col 1)'):
         assert with_line(words) == words
-    short = tmp_path / "short.xml"
-    short.write_text("<scene/>\n", encoding="utf-8")
+    short = write_scene("<scene/>\n", "short.xml")
     said = f"While loading {short} (line {{}}, col 2): wrong\n  - more"
     assert with_line(said.format(9)) == said.format(9)
     assert re.search(r"more\n    <scene/>\n     \^$", with_line(said.format(1)))

@@ -5,10 +5,8 @@ from little import BROWSER, LITTLE, watching
 
 
 @pytest.fixture
-def path(tmp_path):
-    path = tmp_path / "little.scn"
-    path.write_text(LITTLE)
-    return path
+def path(write_scene):
+    return write_scene(LITTLE, "little.scn")
 
 
 @pytest.fixture(scope="module")

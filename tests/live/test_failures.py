@@ -16,12 +16,11 @@ def is_(viewer, doing, saves=0):
     until(lambda: viewer.publisher.state.status == doing and viewer.publisher.state.saves == saves)
 
 
-def test_an_image_that_fails(variant_rgb, tmp_path, monkeypatch):
+def test_an_image_that_fails(variant_rgb, write_scene, monkeypatch):
     """By an integrator that takes no samples from the sensor, and by what nobody has foreseen; whatever is asked for
     then, until there is something that can be rendered.
     """
-    path = tmp_path / "scene.xml"
-    path.write_text(XML.replace("INTEGRATOR", '<integrator type="ptracer"/>'))
+    path = write_scene(XML.replace("INTEGRATOR", '<integrator type="ptracer"/>'), "scene.xml")
 
     def asked(words):
         assert words in viewer.publisher.state.error
@@ -45,10 +44,9 @@ def test_an_image_that_fails(variant_rgb, tmp_path, monkeypatch):
         assert viewer.publisher.state.integrator == "path" and viewer.publisher.state.error is None
 
 
-def test_a_background_that_path_cannot_be_lit_by(variant_rgb, tmp_path):
-    path = tmp_path / "scene.xml"
+def test_a_background_that_path_cannot_be_lit_by(variant_rgb, write_scene):
     squares = '<integrator type="prosim"><texture type="checkerboard" name="background"/></integrator>'
-    path.write_text(XML.replace("INTEGRATOR", squares))
+    path = write_scene(XML.replace("INTEGRATOR", squares), "scene.xml")
     with running(path) as viewer:
         is_(viewer, "done")
         assert "no bitmap" in viewer.publisher.state.not_compared
@@ -60,12 +58,11 @@ def test_a_background_that_path_cannot_be_lit_by(variant_rgb, tmp_path):
             lit(scene, scene.integrator().background)  # as prosim compare has it
 
 
-def test_the_path_of_another_scene_is_not_compared(variant_rgb, tmp_path):
+def test_the_path_of_another_scene_is_not_compared(variant_rgb, write_scene):
     """Where there is a crop window, and so no picture before the first wave; and channels that path's has not."""
-    path = tmp_path / "scene.xml"
     window = '<integer name="crop_width" value="4"/><integer name="crop_height" value="3"/></film>'
     maps = '<integrator type="prosim"><string name="aovs" value="samples,sn:sh_normal"/></integrator>'
-    path.write_text(XML.replace("INTEGRATOR", maps).replace("</film>", window))
+    path = write_scene(XML.replace("INTEGRATOR", maps).replace("</film>", window), "scene.xml")
     with running(path) as viewer:
         viewer.requests.change(compared=True)
         until(lambda: viewer.publisher.state.status == "done" and viewer.publisher.state.compared)

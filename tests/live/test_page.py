@@ -228,10 +228,8 @@ def test_a_narrow_screen_and_contrast(page):
         assert len(ratios) > 10 and min(ratios) >= 4.5
 
 
-def test_when_it_has_ended_nothing_can_be_pressed_in_vain(browser, tmp_path):
-    scene = tmp_path / "café 1.scn"
-    scene.write_text(LITTLE)
-    with watching(scene) as (process, address):
+def test_when_it_has_ended_nothing_can_be_pressed_in_vain(browser, write_scene):
+    with watching(write_scene(LITTLE, "café 1.scn")) as (process, address):
         page = browser.new_page()
         page.goto(address)
         is_(page, "done")

@@ -26,10 +26,9 @@ def glass(k):
 
 
 @pytest.fixture
-def xml(tmp_path):
+def xml(write_scene):
     """A scene with six lamps and four pieces of glass, all of them meshes without names."""
-    path = tmp_path / "lamps.xml"
-    path.write_text(f"""<scene version="3.0.0">
+    scene = f"""<scene version="3.0.0">
         <integrator type="path"/>
         <sensor type="perspective">
             <transform name="to_world"><lookat origin="0,4,9" target="0,0,0" up="0,1,0"/></transform>
@@ -41,8 +40,8 @@ def xml(tmp_path):
         <shape type="sphere"><point name="center" x="0" y="4" z="2"/><float name="radius" value="0.1"/>{lamp(3)}</shape>
         {"".join(cube(k - 2.5, 3, 0.15, lamp(k)) for k in range(6))}
         {"".join(cube(1.5 * k - 2, 0.4, 0.3, glass(k)) for k in range(4))}
-    </scene>""")
-    return path
+    </scene>"""
+    return write_scene(scene, "lamps.xml")
 
 
 @pytest.mark.parametrize("integrator", [TREES | CAUSTICS, pytest.param(PATHS | CAUSTICS, marks=pytest.mark.slow)])
@@ -59,8 +58,7 @@ def test_so_has_one_that_mitsuba_s_integrator_renders(variant_rgb, xml, tmp_path
     assert all(len(scene.emitters()) == 7 and len(scene.shapes()) == 12 for scene in loaded)
 
 
-def test_meshes_of_one_material_are_merged(variant_rgb, tmp_path):
-    path = tmp_path / "cubes.xml"
+def test_meshes_of_one_material_are_merged(variant_rgb, tmp_path, write_scene):
     cubes = "".join(cube(k, 0, 0.1, glass(0)) for k in range(5)) + cube(5, 0, 0.1, lamp(0)) + cube(6, 0, 0.1, lamp(0))
-    path.write_text(f'<scene version="3.0.0">{cubes}</scene>')
+    path = write_scene(f'<scene version="3.0.0">{cubes}</scene>', "cubes.xml")
     assert sorted(s.primitive_count() for s in SceneFile(path, tmp_path).load().shapes()) == [12, 12, 60]

@@ -30,11 +30,10 @@ def test_a_variant_without_its_backend(monkeypatch):
 
 @pytest.mark.parametrize("integrator, parallel", [("prosim", False), ("path", True)])
 def test_scenes_with_plugins_in_python_are_not_made_in_parallel(
-    variant_rgb, tmp_path, monkeypatch, integrator, parallel
+    variant_rgb, write_scene, monkeypatch, integrator, parallel
 ):
     """Mitsuba 3.9 fails now and then if they are."""
-    path = tmp_path / "scene.xml"
-    path.write_text(f'<scene version="3.0.0"><integrator type="{integrator}"/></scene>')
+    path = write_scene(f'<scene version="3.0.0"><integrator type="{integrator}"/></scene>', "scene.xml")
     asked = []
     make = mi.parser.instantiate
     monkeypatch.setattr(

@@ -107,10 +107,9 @@ WRONG = [
 
 @pytest.mark.parametrize("number, line, column, code, suggested", WRONG)
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
-def test_wrong_input(number, line, column, code, suggested, tmp_path):
+def test_wrong_input(number, line, column, code, suggested, write_scene):
     text = with_line(number, line)
-    path = tmp_path / "wrong.scn"
-    path.write_text(text)
+    path = write_scene(text)
     with pytest.raises(SceneError) as error:
         prosim_scene.translate(path)
     message = str(error.value)
@@ -122,7 +121,7 @@ def test_wrong_input(number, line, column, code, suggested, tmp_path):
     assert source.startswith("    …") == before
     assert caret.strip("~ ") == "^" and caret.index("^") == 4 + before + min(column - 1, 60)
     assert source[4:].strip("…") in text
-    assert [p.name for p in tmp_path.iterdir()] == ["wrong.scn"]
+    assert [p.name for p in path.parent.iterdir()] == ["s.scn"]
 
 
 @pytest.mark.parametrize(

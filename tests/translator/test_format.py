@@ -45,15 +45,10 @@ def test_words_are_spelt_as_the_place_has_them():
     )
 
 
-@pytest.fixture
-def scene(tmp_path):
-    path = tmp_path / "s.scn"
-    path.write_text("fim")
-    return path
-
-
 @pytest.mark.parametrize("step", ["writing", "renaming"])
-def test_a_disk_that_is_full_leaves_the_file_as_it_was(scene, step, monkeypatch):
+def test_a_disk_that_is_full_leaves_the_file_as_it_was(write_scene, step, monkeypatch):
+    scene = write_scene("fim")
+
     def full(*_, **__):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 

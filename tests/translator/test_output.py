@@ -49,13 +49,11 @@ END
 
 
 @pytest.fixture
-def everything(tmp_path):
+def everything(tmp_path, write_scene):
     """A scene with every kind of light, material and texture, and its image file."""
     mi.set_variant("llvm_ad_rgb")
     mi.Bitmap(np.full((4, 4, 3), 128, np.uint8)).write(str(tmp_path / "madeira.png"))
-    path = tmp_path / "tudo.scn"
-    path.write_text(EVERYTHING, encoding="utf-8")
-    return path
+    return write_scene(EVERYTHING, "tudo.scn")
 
 
 @pytest.fixture

@@ -26,11 +26,9 @@ END
 
 
 @pytest.fixture
-def scene(tmp_path):
+def scene(write_scene):
     """A scene file, alone in its folder."""
-    path = tmp_path / "s.scn"
-    path.write_text(SCENE.format(1))
-    return path
+    return write_scene(SCENE.format(1))
 
 
 def everything(folder):

@@ -165,6 +165,15 @@ class Planes:
         pairs = np.unique(triangles * len(self.planes) + self.of_facet[facets, None])
         return self.move_points(vertices, *np.divmod(pairs, len(self.planes)), 0.0)
 
+    def one_sided(self, surfaces: Collection[int], boxes: np.ndarray) -> bool:
+        """Whether all ``boxes`` (n, 2, 3) are certainly on one side of each of the ``surfaces``."""
+        planes = self.planes[np.isin(self.surface, list(surfaces))]
+        if len(planes) > len(surfaces):  # a curved surface
+            return False
+        middle = boxes.mean(axis=1) @ planes[:, :3].T + planes[:, 3]
+        half = (boxes[:, 1] - boxes[:, 0]) @ np.abs(planes[:, :3]).T / 2 - 8 * self.step
+        return bool(((middle <= -half).all(axis=0) | (middle >= half).all(axis=0)).all())
+
     def _moved(self, solid: Manifold, surfaces: Collection[int], target: Target) -> Manifold:
         """A solid with its facets on ``surfaces`` moved to new heights over their planes.
 

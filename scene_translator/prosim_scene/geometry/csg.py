@@ -165,22 +165,32 @@ class _Chain:
 
 
 def apply_steps(before: Body | None, steps: list[Step]) -> Step:
-    """Applies a sequence of steps to a body; returns the union of all subtracted bodies, and the result.
-
-    One step may cover a face of ``before``, and a later step may subtract a solid with a face on the same surface and
-    uncover it. Step by step, the later solid owns the face; after merging, ``before`` owns it. So steps are merged only
-    if the later ones share no surface with ``before``.
-    """
+    """Applies a sequence of steps to a body; returns the union of all subtracted bodies, and the result."""
     if len(steps) == 1:
         ((subtracted, added),) = steps
         rest = combined("-", before, subtracted) if before and subtracted else before
         return subtracted, union([rest, added])
-    if before and all(before.surfaces.isdisjoint(subtracted.surfaces) for subtracted, _ in steps[1:] if subtracted):
+    if before and _mergeable(before, steps):
         return apply_steps(before, [apply_steps(None, steps)])
     middle = len(steps) // 2
     subtracted, rest = apply_steps(before, steps[:middle])
     also_subtracted, result = apply_steps(rest, steps[middle:])
     return union([subtracted, also_subtracted]), result
+
+
+def _mergeable(before: Body, steps: list[Step]) -> bool:
+    """Whether each face has the same owner if the steps are merged as if they are applied one after the other.
+
+    One step may cover a face of ``before``, and a later step may subtract a solid with a face on the same surface and
+    uncover it. Step by step, the later solid owns the face; after merging, ``before`` owns it. No face is covered if
+    there is material on one side of the surface only.
+    """
+    boxes = np.concatenate([before.boxes, *(added.boxes for _, added in steps[:-1] if added)])
+    return all(
+        before.planes.one_sided(before.surfaces & subtracted.surfaces, boxes[touching(boxes, subtracted.box)])
+        for subtracted, _ in steps[1:]
+        if subtracted
+    )
 
 
 MAX_BATCH = 500  # the largest number of bodies in one union; of more, each half is computed first, to save memory

@@ -5,7 +5,6 @@ from running import refused
 
 #: What files of other kinds begin with.
 PNG, EXR = b"\x89PNG\r\n\x1a\n" + bytes(40), b"\x76\x2f\x31\x01" + bytes(40)
-OLD = EXR + b"prosim.state\0string\0"
 
 
 @pytest.fixture
@@ -13,7 +12,7 @@ def folder(tmp_path, monkeypatch):
     """Current folder, with a scene and images, no state and no part."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scenes").mkdir()
-    contents = {"mug.scn": b"SCENE", "mug.png": PNG, "mug.0007.exr": EXR, "night.exr": EXR, "old.state.exr": OLD}
+    contents = {"mug.scn": b"SCENE", "mug.png": PNG, "mug.0007.exr": EXR, "night.exr": EXR}
     for name, content in (contents | {"scenes/jug.xml": b"<scene/>", "scenes/pole.scn": b"SCENE"}).items():
         (tmp_path / name).write_bytes(content)
     return tmp_path
@@ -33,7 +32,7 @@ def folder(tmp_path, monkeypatch):
         ("translate", "scenes/jug.xml", "is a Mitsuba scene, not"),
         ("format", "scenes/jug.xml", "prosim render scenes/jug.xml\n"),
         ("resume", "mug.scn", "a text file, not the state of a render. prosim render --checkpoint"),
-        ("resume", "old.state.exr", "a state that an older version wrote, not the state of a render. Continue it with"),
+        ("resume", "night.exr", "an EXR image, not the state of a render. prosim render --checkpoint"),
         ("merge", "mug.scn", "a text file, not a part of an image. prosim render --part 1/4"),
         ("merge", "night.*-of-4.npz", "File 'night.*-of-4.npz' does not exist.\n"),
     ],

@@ -18,18 +18,16 @@ from ..engine import checkpoint
 from .option_types import InputError
 
 TEXT, XML, EXR, ARCHIVE = "a text file", "a Mitsuba scene", "an EXR image", "an archive"
-STATE, PART, OLD = "the state of a render", "a part of an image", "a state that an older version wrote"
+STATE, PART = "the state of a render", "a part of an image"
 
-#: The first bytes of files that are no text, and their kinds; an attribute of the EXR files that once were states.
+#: The first bytes of files that are no text, and their kinds.
 MAGIC = {b"v/1\x01": EXR, b"\x89PNG": "a PNG image", b"\xff\xd8\xff": "a JPEG image", b"PK\x03\x04": ARCHIVE}
-OLD_STATE = b"prosim.state\0"
 
 #: Advice for a file of another kind than a command needs.
 USES = {
     XML: "To render it: prosim render {}",
     STATE: "To continue it: prosim resume {}",
     PART: "To merge all parts: prosim merge {}",
-    OLD: "Continue it with that version, or render again.",
 }
 
 #: The suffixes of a state and of a part, after the name of the image.
@@ -90,10 +88,8 @@ def kind(path: Path) -> str:
     begin = b""
     if path.is_file():  # a pipe could not be read again
         with open(path, "rb") as file:
-            begin = file.read(1 << 16)
+            begin = file.read(1 << 10)
     what = next((what for known, what in MAGIC.items() if begin.startswith(known)), None)
-    if what == EXR and OLD_STATE in begin:
-        return OLD
     if what == ARCHIVE:
         try:
             return STATE if checkpoint.read(path, arrays=False).part is None else PART

@@ -192,9 +192,6 @@ def job_options(*names: str) -> Callable[[Callable], Callable]:
 #: The groups in the order of the help; the last has the options of no group.
 GROUPS = ("Quality", "Output", "Scene", "Film", "Comparison", "Page", "Distribution", "Advanced", "Others")
 
-#: Options of the version before, and their names today.
-OLD = {"--anew": "--overwrite", "--keep": "--checkpoint", "--levels": "--sqrt-spp"}
-
 
 class Command(click.Command):
     """A command that gets its scene and the options of :func:`job_options` as one :class:`Job`, its argument ``job``.
@@ -204,7 +201,7 @@ class Command(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Makes the job when all options are known."""
-        rest = super().parse_args(ctx, [OLD.get(word, word) for word in args])
+        rest = super().parse_args(ctx, args)
         if not ctx.resilient_parsing:
             ctx.params["job"] = make_job({name: ctx.params.pop(name) for name in FIELDS if name in ctx.params})
         return rest

@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from ..engine.render import Reached
     from .job import Job
 
-#: A render has used its time from this part of it on, as it aims to end before.
-IN_TIME = 0.97
-
 #: Goal of an integrator, and measured value of a render -> the same in words.
 NOISES = {"noise": "noise", "noise_99": "that of 99 pixels in 100", "noise_999": "that of 999 in 1000"}
 
@@ -116,6 +113,4 @@ def end_cause(integrator: mi.Integrator, reached: Reached, interrupted: bool) ->
         return "interrupted"
     if noises and all(getattr(reached, name) <= getattr(integrator, name) for name in noises):
         return "noise"
-    out_of_time = integrator.time and reached.seconds >= IN_TIME * integrator.time
-    at_most = integrator.max_samples or UNLIMITED
-    return "time" if out_of_time or (integrator.time and reached.samples < at_most) else "samples"
+    return "time" if integrator.time and reached.samples < (integrator.max_samples or UNLIMITED) else "samples"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import pickle
 import time
 import warnings
@@ -65,13 +66,14 @@ class DaskExecutor(Executor):
         self, client: distributed.Client, bundle: SceneBundle, say: Callable[[str], None] = lambda _: None
     ) -> None:
         super().__init__(SECONDS)
-        self.client, self.say = client, say
+        #: ``warn`` shows equal warnings once.
+        self.client, self.warn = client, functools.cache(say)
         #: Why the cluster has gone away.
         self.loss_reason: str | None = None
         self.address = getattr(client.scheduler, "address", "of the cluster")
         #: The address of each worker, and the reason why it can't take part; empty if it can.
         self._refusals = dict[str, str]()
-        self._next_check, self._begun, self._warnings = 0.0, time.perf_counter(), set[str]()
+        self._next_check, self._begun = 0.0, time.perf_counter()
         self.change_scene(bundle)
 
     def change_scene(self, bundle: SceneBundle) -> None:
@@ -173,11 +175,11 @@ class DaskExecutor(Executor):
         self._refusals = {address: why for address, why in (self._refusals | found).items() if address in present}
         if before - present:
             left = len(before & present) or "none"
-            self._warn(f"a worker was lost, {left} left; others do its work, and the image stays the same")
+            self.warn(f"a worker was lost, {left} left; others do its work, and the image stays the same")
         if not self._workers and self._refusals:
             raise ClusterError("no worker of the cluster can take part: " + "; ".join(self._refusals.values()))
         if not self._workers and now - self._begun > WARNING_DELAY:
-            self._warn("the cluster has no workers yet; the render begins when there are some")
+            self.warn("the cluster has no workers yet; the render begins when there are some")
         return False
 
     def _refusal(self, address: str, found: Mapping[str, str] | Exception) -> str:
@@ -186,18 +188,13 @@ class DaskExecutor(Executor):
             why = f"it can't run this version of mitsuba-prosim ({str(found) or type(found).__name__})"
         elif not (why := environment.differences(found, environment.MUST_AGREE)):
             if other := environment.differences(found, environment.MAY_DIFFER):
-                self._warn(
+                self.warn(
                     f"the worker {address} is of another kind ({other}): its samples are as good, but may differ in "
                     "their last bits"
                 )
             return ""
-        self._warn(f"a worker cannot take part, {address}: {why}")
+        self.warn(f"a worker cannot take part, {address}: {why}")
         return f"{address}: {why}"
-
-    def _warn(self, text: str) -> None:
-        if text not in self._warnings:
-            self._warnings.add(text)
-            self.say(text)
 
 
 def render(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -80,7 +81,7 @@ class FilmState:
         #: last by :class:`.SecondImage`.
         self.noise: tuple[float, float, float] = (float("nan"),) * 3
         #: Each estimate of the denoised image's error: samples of a pixel, the denoiser's networks, the error as above.
-        self.estimates = list[tuple[Any, ...]]()
+        self.estimates = list[Sequence[Any]]()
         #: How often the policy has decided; 0 before the end of the first pass.
         self.rounds = 0
         #: The counts of the current pass; None in the first pass and between two.

@@ -34,8 +34,8 @@ ENDS, DECIDING = ("noise", "noise_99", "noise_999", "time"), ("adaptive", "thres
 #: Attributes that parts of one image may differ in.
 ANY = ("scene", "exposure", "band", *MAY_DIFFER)
 
-#: The adaptive state of each pixel.
-ADAPTIVE = ("requested", "wanted")
+#: Attributes of a :class:`.FilmState`: its measured errors; its decisions; and those for each pixel.
+MEASURED, DECIDED, ADAPTIVE = ("noise", "estimates"), ("rounds", "effort"), ("requested", "wanted")
 
 
 class CheckpointError(ValueError):
@@ -72,10 +72,7 @@ class Checkpoint:
             "sampling": asdict(state.plan.sampling),
             "part": None if state.part is None else (state.part.number, state.part.of),
             "uses_sobol": state.plan.uses_sobol,
-            "noise": state.noise,
-            "estimates": state.estimates,
-            "rounds": state.rounds,
-            "effort": state.effort,
+            **{name: getattr(state, name) for name in (*MEASURED, *DECIDED)},
             "seconds": seconds,
             "finished": finished,
         }
@@ -119,9 +116,8 @@ class Checkpoint:
             )
         # Further samples may be Sobol' points after N-rook patterns, but not the reverse.
         state.plan = replace(state.plan, uses_sobol=state.plan.uses_sobol or self.attributes["uses_sobol"])
-        rms, most, nearly_all = self.attributes["noise"]
-        state.noise = rms, most, nearly_all
-        state.estimates = [tuple(estimate) for estimate in self.attributes["estimates"]]
+        for name in (*MEASURED, *(DECIDED if decided else ())):
+            setattr(state, name, self.attributes[name])
         # The policies look at different numbers of pixels around a crop window.
         _, mine, theirs = np.intersect1d(self.pixels["index"], index(state), True, return_indices=True)
         pixels = {name: np.zeros(len(index(state)), values.dtype) for name, values in self.pixels.items()}
@@ -130,7 +126,6 @@ class Checkpoint:
         state.accumulators = accumulators(pixels)
         state.second = accumulators(self.second) if self.second else None
         if decided:
-            state.rounds, state.effort = self.attributes["rounds"], self.attributes["effort"]
             state.requested, state.wanted = (pixels.get(name) for name in ADAPTIVE)
         return decided and self.finished and changed.isdisjoint(ENDS)
 

@@ -21,7 +21,7 @@ from .estimator import Estimator
 from .film import film_values, put
 from .plan import UNLIMITED, Plan, area
 from .tiles import Part
-from .work import Executor, Step, photon_batches, work_items
+from .work import Executor, Step, Steps, photon_batches, work_items
 
 if TYPE_CHECKING:
     from .work import Pixels
@@ -73,7 +73,7 @@ class Pass:
     complete: bool = field(default=False, init=False)
 
 
-class Render:
+class Render(Steps):
     """The image of ``plan``, or a ``part`` of it, in progress: an iterator of :class:`Step`.
 
     Its methods may be called between two steps. When it ends or is closed, the film holds the image so far. To cancel
@@ -116,21 +116,9 @@ class Render:
             reached = self.target.excess(self.state.noise) <= ENOUGH
             complete = (bool(self.target.seconds) and not reached) or pixel_count < 2 * SecondImage.MIN_PIXELS or begun
             self.second = SecondImage(self.state, complete and denoiser is not None)
-        self._steps = self._run()
+        super().__init__(self._run())
 
     # ---------------------------------------------------------------- as an iterator
-
-    def __iter__(self) -> Render:
-        return self
-
-    def __next__(self) -> Step:
-        return next(self._steps)
-
-    def run(self) -> Render:
-        """Takes all steps, and returns itself."""
-        for _ in self:
-            pass
-        return self
 
     def stop(self) -> None:
         """Ends it after the current work item; from any thread."""

@@ -22,6 +22,8 @@ from .plan import Plan
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from typing_extensions import Self
+
     from .accumulators import FilmState
     from .error_target import SecondImage
 
@@ -39,6 +41,25 @@ class Step(NamedTuple):
     done: float
     #: Whether a pass over the image is complete: every pixel has a value, and the samples of that pass.
     complete: bool
+
+
+class Steps:
+    """An iterator of :class:`Step`."""
+
+    def __init__(self, steps: Generator[Step, None, None]) -> None:
+        self._steps = steps
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> Step:
+        return next(self._steps)
+
+    def run(self) -> Self:
+        """Takes all steps, and returns itself."""
+        for _ in self:
+            pass
+        return self
 
 
 @dataclass(frozen=True)

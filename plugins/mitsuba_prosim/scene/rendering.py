@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Sequence
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..engine.work import Step
+from ..engine.work import Step, Steps
 from ..sampling.hash import combine, hash32
 
 
@@ -31,7 +31,7 @@ def progressive(
     return integrator.progressive(scene, sensor, seed, spp, **how)
 
 
-class Blocking:
+class Blocking(Steps):
     """The interface of :class:`.Render` for an integrator that renders a whole image in one :class:`.Step`; for a
     ``denoiser`` two images, which share the samples.
     """
@@ -47,20 +47,8 @@ class Blocking:
             # No neighbouring seed, which may be that of another image.
             seeds.append(combine(hash32(seed), 1))
         self._images: list[mi.TensorXf] = []
-        self.steps = self._render(integrator, scene, sensor, seeds, spp)
-        self.close = self.steps.close
-
-    def __iter__(self) -> Iterator[Step]:
-        return self.steps
-
-    def __next__(self) -> Step:
-        return next(self.steps)
-
-    def run(self) -> Blocking:
-        """Takes all steps, and returns itself."""
-        for _ in self.steps:
-            pass
-        return self
+        super().__init__(self._render(integrator, scene, sensor, seeds, spp))
+        self.close = self._steps.close
 
     def _render(
         self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, seeds: Sequence[int], spp: int

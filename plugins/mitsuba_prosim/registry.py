@@ -19,7 +19,7 @@ import mitsuba as mi
 from . import llvm
 
 #: Modules of base classes. They depend on the variant as well, and run first.
-BASES = ("optics.material", "procedural.mixture", "sampling.sampler", "engine.integrator")
+BASES = ("optics.material", "light.source", "procedural.mixture", "sampling.sampler", "engine.integrator")
 
 #: The folders of plugins, in the order of the thesis: 5.1 materials, 5.2 sources, textures, views, 5.3 sampling, 5.4
 #: rendering.

@@ -6,14 +6,12 @@ import drjit as dr
 import mitsuba as mi
 
 from ..compat import SPHERE
-from ..light.beam import read_beam
-from ..light.emitted_spectrum import read_emission, sample_spectrum
-from ..parameters import describe, expose, reject
+from ..light.source import Source
 from ..registry import plugin
 
 
 @plugin("emitter", "prosim_area")
-class Area(mi.Emitter):
+class Area(Source):
     r"""
     .. _emitter-prosim_area:
 
@@ -103,29 +101,15 @@ class Area(mi.Emitter):
     """
 
     def __init__(self, props: mi.Properties) -> None:
-        super().__init__(props)
-        if "to_world" in props:
-            raise reject(props, "to_world", "a transform", "that of the shape")
-        self.radiance = read_emission(props, "radiance", 1.0)
-        self.unattenuated = props.get("unattenuated", False)
-        self.beam = read_beam(props)
-        self.textured = self.radiance.is_spatially_varying()
+        super().__init__(props, "radiance", "that of the shape")
+        self.textured = self.emission.is_spatially_varying()
         self.m_flags = mi.EmitterFlags.Surface | (mi.EmitterFlags.SpatiallyVarying if self.textured else 0)
-
-    def traverse(self, callback: mi.TraversalCallback) -> None:
-        super().traverse(callback)
-        expose(callback, radiance=self.radiance)
-        self.beam.traverse(callback)
-
-    def parameters_changed(self, keys: list[str]) -> None:
-        self.beam.make_opaque()
-        super().parameters_changed(keys)
 
     def emitted(
         self, si: mi.SurfaceInteraction3f, d: mi.Vector3f, receiver: mi.Point3f, active: mi.Bool
     ) -> mi.Spectrum:
         """Radiance in the direction ``d``, as ``receiver`` sees it."""
-        value = self.radiance.eval(si, active) * self.beam.towards(d)
+        value = self.emission.eval(si, active) * self.beam.towards(d)
         if self.unattenuated and (shape := self.get_shape()) is not None:
             value *= 4 * dr.squared_norm(receiver - shape.bbox().center()) / shape.surface_area()
         return dr.select(active, mi.depolarizer(value), mi.Spectrum(0))
@@ -200,7 +184,7 @@ class Area(mi.Emitter):
 
     def sample_texture(self, time: mi.Float, sample: mi.Point2f, active: mi.Bool) -> mi.PositionSample3f:
         """A point sampled in proportion to the texture, and its density per area."""
-        uv, pdf = self.radiance.sample_position(sample, active)
+        uv, pdf = self.emission.sample_position(sample, active)
         si = self.get_shape().eval_parameterization(uv, mi.RayFlags.All, active & (pdf > 0))
         ps = mi.PositionSample3f(si)
         ps.time = time
@@ -213,7 +197,7 @@ class Area(mi.Emitter):
         """Density per area with which `sample_texture` samples the point at ``uv``."""
         si = self.get_shape().eval_parameterization(uv, mi.RayFlags.All, active)
         stretch = dr.norm(dr.cross(si.dp_du, si.dp_dv))
-        pdf = self.radiance.pdf_position(uv, active) / dr.maximum(stretch, 1e-30)
+        pdf = self.emission.pdf_position(uv, active) / dr.maximum(stretch, 1e-30)
         return dr.select(si.is_valid(), pdf, mi.Float(0))
 
     def sample_ray(
@@ -230,18 +214,15 @@ class Area(mi.Emitter):
         else:  # the beam may be much narrower than the hemisphere
             d, total = self.beam.sample(sample3)
             weight *= total * dr.maximum(dr.dot(d, ps.n), 0)
-        si.wavelengths, spectrum = sample_spectrum(self.radiance, si, sample1, active)
+        si.wavelengths, spectrum = self.sample_spectrum(si, sample1, active)
         return si.spawn_ray(d), mi.depolarizer(spectrum * weight)
 
     def sample_wavelengths(
         self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool = True
     ) -> tuple[mi.Color0f, mi.Spectrum]:
-        wavelengths, weight = sample_spectrum(self.radiance, si, sample, active)
+        wavelengths, weight = self.sample_spectrum(si, sample, active)
         # Only the particle tracer calls this; its si.wi is the direction to the camera, in world coordinates.
         return wavelengths, weight * self.beam.towards(si.wi)
 
     def bbox(self) -> mi.ScalarBoundingBox3f:
         return self.get_shape().bbox()
-
-    def to_string(self) -> str:
-        return describe(self, radiance=self.radiance, **vars(self.beam), unattenuated=self.unattenuated)

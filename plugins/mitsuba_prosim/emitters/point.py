@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
-from ..light.beam import read_beam
-from ..light.emitted_spectrum import read_emission, sample_spectrum
-from ..parameters import describe, expose, number, reject
+from ..light.source import Source
+from ..parameters import expose, number, reject
 from ..registry import plugin
 
 
 @plugin("emitter", "prosim_point")
-class Point(mi.Emitter):
+class Point(Source):
     r"""
     .. _emitter-prosim_point:
 
@@ -102,26 +102,20 @@ class Point(mi.Emitter):
     """
 
     def __init__(self, props: mi.Properties) -> None:
-        super().__init__(props)
-        if "to_world" in props:
-            raise reject(props, "to_world", "a transform", '"position" and "direction"')
+        super().__init__(props, "radiance" if "radiance" in props else "intensity", '"position" and "direction"')
         position = props.get("position", mi.ScalarPoint3f(0))
         if not all(map(math.isfinite, position)):
             raise reject(props, "position", list(position), "finite coordinates")
         self.position = mi.Point3f(position)
-        self.unattenuated = props.get("unattenuated", False)
-        self.radius = number(props, "radius", 0.0, 0)
-        self.quantity, self.scale = "intensity", 1.0
-        if "radiance" in props:
+        self.radius, self.scale = number(props, "radius", 0.0, 0), 1.0
+        if self.quantity == "radiance":
             if "intensity" in props or self.unattenuated:
                 raise reject(props, "radiance", "given", '"intensity" or "radiance", and "intensity" if unattenuated')
             if self.radius == 0:
                 raise reject(props, "radius", self.radius, 'a number > 0 with "radiance"')
-            self.quantity, self.scale = "radiance", dr.pi * self.radius**2
-        self.intensity = read_emission(props, self.quantity, 1.0)
-        if self.intensity.is_spatially_varying():
+            self.scale = dr.pi * self.radius**2
+        if self.emission.is_spatially_varying():
             raise reject(props, self.quantity, "a texture", "a colour, a spectrum or a number")
-        self.beam = read_beam(props)
         dr.make_opaque(self.position)
         self.m_flags = mi.EmitterFlags.DeltaPosition
         self.m_needs_sample_2 = False
@@ -129,12 +123,9 @@ class Point(mi.Emitter):
     def traverse(self, callback: mi.TraversalCallback) -> None:
         super().traverse(callback)
         expose(callback, mi.ParamFlags.NonDifferentiable, position=self.position)
-        expose(callback, **{self.quantity: self.intensity})
-        self.beam.traverse(callback)
 
     def parameters_changed(self, keys: list[str]) -> None:
         dr.make_opaque(self.position)
-        self.beam.make_opaque()
         super().parameters_changed(keys)
 
     def sample_ray(
@@ -162,7 +153,7 @@ class Point(mi.Emitter):
     def eval_direction(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool = True) -> mi.Spectrum:
         si = dr.zeros(mi.SurfaceInteraction3f)
         si.wavelengths = it.wavelengths
-        value = self.intensity.eval(si, active) * (self.beam.towards(-ds.d) * self.scale)
+        value = self.emission.eval(si, active) * (self.beam.towards(-ds.d) * self.scale)
         if not self.unattenuated:
             value /= dr.maximum(dr.squared_norm(ds.p - it.p), 1e-30)
         return mi.depolarizer(value)
@@ -183,7 +174,7 @@ class Point(mi.Emitter):
     def sample_wavelengths(
         self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool = True
     ) -> tuple[mi.Color0f, mi.Spectrum]:
-        wavelengths, weight = sample_spectrum(self.intensity, si, sample, active)
+        wavelengths, weight = self.sample_spectrum(si, sample, active)
         return wavelengths, weight * self.scale
 
     def eval(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
@@ -193,12 +184,5 @@ class Point(mi.Emitter):
         p = mi.ScalarPoint3f(*(dr.slice(self.position[i], 0) for i in range(3)))
         return mi.ScalarBoundingBox3f(p)
 
-    def to_string(self) -> str:
-        return describe(
-            self,
-            position=self.position,
-            **{self.quantity: self.intensity},
-            radius=self.radius or None,
-            **vars(self.beam),
-            unattenuated=self.unattenuated,
-        )
+    def parameters(self) -> dict[str, Any]:
+        return {"position": self.position, **super().parameters(), "radius": self.radius or None}

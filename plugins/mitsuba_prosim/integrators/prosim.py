@@ -10,7 +10,7 @@ import mitsuba as mi
 from ..alone import alone
 from ..engine.film import aov_values
 from ..engine.integrator import ProgressiveIntegrator
-from ..light.emitted_spectrum import read_emission
+from ..light.source import read_emission
 from ..parameters import choice, expose, number, reject, whole
 from ..registry import plugin
 from ..sampling.nrook import SamplerPoints

@@ -13,13 +13,10 @@ import drjit as dr
 import mitsuba as mi
 
 from ..optics import cosine
-from ..parameters import choice, expose, number, reject
+from ..parameters import choice, number, reject
 
-#: Values of the parameter ``distribution``.
-SHAPES = ("uniform", "cone", "spot")
-
-#: Widest angle of each, in degrees.
-WIDEST = {"cone": 180, "spot": 90}
+#: Values of the parameter ``distribution``, and the further parameters of each.
+PARAMETERS = {"uniform": (), "cone": ("direction", "angle"), "spot": ("direction", "angle", "exponent")}
 
 
 def falloff(versine: mi.Float, limit: mi.Float, exponent: mi.Float | None = None) -> mi.Float:
@@ -49,7 +46,7 @@ def sample_falloff(sample2: mi.Point2f, limit: mi.Float, exponent: mi.Float | No
 class Beam:
     """The distribution of a source about its axis; None where it has no such parameter."""
 
-    distribution: str  #: one of `SHAPES`
+    distribution: str  #: one of `PARAMETERS`
     direction: mi.Vector3f | None  #: the axis, in world coordinates and of any length
     angle: mi.Float | None  #: in degrees
     exponent: mi.Float | None
@@ -81,30 +78,24 @@ class Beam:
         """Keeps the values out of the kernels' code."""
         dr.make_opaque(self.direction, self.angle, self.exponent)
 
-    def traverse(self, callback: mi.TraversalCallback) -> None:
-        """Shows the parameters to ``mi.traverse``."""
-        edge = mi.ParamFlags.Differentiable | mi.ParamFlags.Discontinuous
-        expose(callback, edge, direction=self.direction, angle=self.angle)
-        expose(callback, exponent=self.exponent)
-
 
 def read_beam(props: mi.Properties) -> Beam:
     """Reads ``distribution``, ``direction``, ``angle`` and ``exponent`` of a plugin.
 
     Raises ValueError for missing or wrong parameters, and for those without effect.
     """
-    name = choice(props, "distribution", SHAPES)
-    needless = {"uniform": ("direction", "angle", "exponent"), "cone": ("exponent",), "spot": ()}[name]
-    for parameter in needless:
-        if parameter in props:
+    name = choice(props, "distribution", tuple(PARAMETERS))
+    spot = name == "spot"
+    for parameter in PARAMETERS["spot"]:
+        if parameter in props and parameter not in PARAMETERS[name]:
             raise reject(props, parameter, props[parameter], f'no "{parameter}" with distribution {name}')
     if name == "uniform":
         return Beam(name, None, None, None)
     direction = mi.ScalarVector3f(props.get("direction", mi.ScalarVector3f(0, -1, 0)))
     if not 0 < dr.norm(direction) < float("inf"):
         raise reject(props, "direction", list(direction), "a vector of finite length > 0")
-    angle = number(props, "angle", 90.0 if name == "spot" else None, 0, WIDEST[name], open_below=True)
-    exponent = number(props, "exponent", None, 0) if name == "spot" else None
+    angle = number(props, "angle", 90.0 if spot else None, 0, 90 if spot else 180, open_below=True)
+    exponent = number(props, "exponent", None, 0) if spot else None
     beam = Beam(name, mi.Vector3f(direction), mi.Float(angle), None if exponent is None else mi.Float(exponent))
     beam.make_opaque()
     return beam

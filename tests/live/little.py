@@ -131,17 +131,28 @@ def running(path, opened=lambda: None, **options):
         yield viewer
         assert thread.is_alive()
     finally:
-        viewer.requests.close()
+        viewer.close()
         thread.join(30)
         assert not thread.is_alive()
 
 
 def save(viewer, path, text):
     """Saves, and waits until the scene is opened again."""
+    opened = viewer.publisher.state.opened
     path.write_text(text)
-    saves = viewer.publisher.state.saves
-    viewer.requests.save()
-    until(lambda: viewer.publisher.state.saves != saves)
+    until(lambda: viewer.publisher.state.opened != opened)
+
+
+def change(viewer, **changes):
+    viewer.call(lambda viewer: viewer.change(**changes)).result(20)
+
+
+def move(viewer, by):
+    viewer.call(lambda viewer: viewer.move(by)).result(20)
+
+
+def surface_at(viewer, x, y):
+    return viewer.call(lambda viewer: viewer.scene.surface_at(x, y)).result(20)
 
 
 def until(condition):

@@ -1,7 +1,7 @@
 """What goes wrong after a scene was opened, and in telling it: the page stays, and the next save is awaited."""
 
 import pytest
-from little import running, save, until
+from little import change, move, running, save, surface_at, until
 from mitsuba_prosim.compare.contestants import lit
 from mitsuba_prosim.live.progressive_image import ProgressiveImage
 
@@ -12,8 +12,8 @@ XML = """<scene version="3.0.0">INTEGRATOR<sensor type="perspective"><film type=
 <shape type="sphere"><point name="center" x="0" y="0" z="5"/></shape><emitter type="constant"/></scene>"""
 
 
-def is_(viewer, doing, saves=0):
-    until(lambda: viewer.publisher.state.status == doing and viewer.publisher.state.saves == saves)
+def is_(viewer, doing, opened=1):
+    until(lambda: viewer.publisher.state.status == doing and viewer.publisher.state.opened == opened)
 
 
 def test_an_image_that_fails(variant_rgb, write_scene, monkeypatch):
@@ -24,11 +24,11 @@ def test_an_image_that_fails(variant_rgb, write_scene, monkeypatch):
 
     def asked(words):
         assert words in viewer.publisher.state.error
-        viewer.requests.change(compared=True)
-        viewer.requests.change(paused=True)
-        viewer.requests.change(paused=False)
-        assert viewer.requests.call(lambda subject: subject.surface_at(4, 3)).result(20).startswith("Sphere")
-        viewer.requests.change(compared=False)
+        change(viewer, compared=True)
+        change(viewer, paused=True)
+        change(viewer, paused=False)
+        assert surface_at(viewer, 4, 3).startswith("Sphere")
+        change(viewer, compared=False)
         assert viewer.publisher.state.status == "failed" and words in viewer.publisher.state.error
 
     with running(path) as viewer:
@@ -37,10 +37,10 @@ def test_an_image_that_fails(variant_rgb, write_scene, monkeypatch):
         with monkeypatch.context() as patch:
             patch.setattr(ProgressiveImage, "step", lambda *_: {}["unforeseen"])
             save(viewer, path, XML.replace("INTEGRATOR", ""))
-            is_(viewer, "failed", 1)
+            is_(viewer, "failed", 2)
             asked("KeyError: 'unforeseen'")
-        viewer.requests.move(lambda camera: camera.orbited(10, 0))
-        is_(viewer, "done", 1)
+        move(viewer, lambda camera: camera.orbited(10, 0))
+        is_(viewer, "done", 2)
         assert viewer.publisher.state.integrator == "path" and viewer.publisher.state.error is None
 
 
@@ -50,10 +50,10 @@ def test_a_background_that_path_cannot_be_lit_by(variant_rgb, write_scene):
     with running(path) as viewer:
         is_(viewer, "done")
         assert "no bitmap" in viewer.publisher.state.not_compared
-        viewer.requests.change(compared=True)
+        change(viewer, compared=True)
         is_(viewer, "done")
         assert set(viewer.publisher.pictures) == {"own"} and viewer.publisher.state.error is None
-        scene = viewer.requests.call(lambda subject: subject.scene).result(20)
+        scene = viewer.call(lambda viewer: viewer.scene.scene).result(20)
         with pytest.raises(ValueError, match="Checkerboard can't light the scene"):
             lit(scene, scene.integrator().background)  # as prosim compare has it
 
@@ -64,11 +64,11 @@ def test_the_path_of_another_scene_is_not_compared(variant_rgb, write_scene):
     maps = '<integrator type="prosim"><string name="aovs" value="samples,sn:sh_normal"/></integrator>'
     path = write_scene(XML.replace("INTEGRATOR", maps).replace("</film>", window), "scene.xml")
     with running(path) as viewer:
-        viewer.requests.change(compared=True)
+        change(viewer, compared=True)
         until(lambda: viewer.publisher.state.status == "done" and viewer.publisher.state.compared)
         before, count = dict(viewer.publisher.state.pictures), len(viewer.publisher.said)
         save(viewer, path, path.read_text().replace('z="5"', 'z="6"'))
-        is_(viewer, "done", 1)
+        is_(viewer, "done", 2)
         seen = [state.pictures for state, _ in viewer.publisher.said[count:]]
     later = [pictures for pictures in seen if pictures["own"] != before["own"]]
     assert "path" in later[-1] and before["path"] not in [pictures.get("path") for pictures in later]

@@ -1,9 +1,8 @@
 """When files that a scene is made of are written, removed or made, in whichever folder."""
 
-import threading
+import time
 
 import pytest
-from little import until
 from mitsuba_prosim.live.scene_watcher import SceneWatcher
 
 
@@ -15,48 +14,43 @@ def scene(tmp_path):
     return path
 
 
-class Heard:
-    def __init__(self):
-        self.event = threading.Event()
-
-    def tell(self):
-        self.event.set()
-
-    def after(self, act, seconds=20):
-        """Whether it is told after ``act()``."""
-        self.event.wait(0.03)
-        self.event.clear()
-        act()
-        return self.event.wait(seconds)
-
-
 def test_each_file_in_its_folder_and_no_other(scene):
     picture = scene.parent / "pictures" / "wood.png"
-    files, heard = SceneWatcher(scene), Heard()
+    files = SceneWatcher(scene)
     files.opened([scene.parent / ("é" * 200) / "wood.png"])  # the name of that folder is too long
-    with files.watching(heard.tell):
-        assert not heard.after(lambda: scene.with_name("other.scn").write_text("other"), 0.3)
-        assert heard.after(lambda: scene.write_text("changed"))
-        scene.with_name("new").write_text("new")
-        assert heard.after(lambda: scene.with_name("new").rename(scene))
-        picture.parent.mkdir()
-        picture.write_bytes(b"wood")
-        assert not heard.after(lambda: files.opened([picture]), 0.3)
-        assert heard.after(lambda: picture.write_bytes(b"oak"))
-        assert heard.after(lambda: scene.write_text("the folder of the scene is watched as before"))
-        assert heard.after(picture.unlink)
-        assert heard.after(lambda: picture.write_bytes(b"wood"))
-        # The whole folder goes and comes again.
-        assert heard.after(lambda: picture.parent.rename(scene.parent / "gone"))
-        assert heard.after(lambda: (scene.parent / "gone").rename(picture.parent))
-        assert heard.after(lambda: picture.write_bytes(b"beech"))
+
+    def noticed(act, seconds=20):
+        """Whether it is noticed after ``act()``."""
+        act()
+        end = time.monotonic() + seconds
+        while not (changed := files.changed()) and time.monotonic() < end:
+            time.sleep(0.005)
+        return changed
+
+    assert not noticed(lambda: scene.with_name("other.scn").write_text("other"), 0.3)
+    assert noticed(lambda: scene.write_text("changed"))
+    scene.with_name("new").write_text("new")
+    assert noticed(lambda: scene.with_name("new").rename(scene))
+    picture.parent.mkdir()
+    picture.write_bytes(b"wood")
+    assert not noticed(lambda: files.opened([picture]), 0.3)
+    assert noticed(lambda: picture.write_bytes(b"oak"))
+    assert noticed(lambda: scene.write_text("the folder of the scene is watched as before"))
+    assert noticed(picture.unlink)
+    assert noticed(lambda: picture.write_bytes(b"wood"))
+    # The whole folder goes and comes again.
+    assert noticed(lambda: picture.parent.rename(scene.parent / "gone"))
+    assert noticed(lambda: (scene.parent / "gone").rename(picture.parent))
+    assert noticed(lambda: picture.write_bytes(b"beech"))
 
 
 def test_a_file_that_is_being_written_is_told_of_once_it_is_whole(scene, monkeypatch):
     """Between two looks nothing has changed."""
-    stamps = iter([(1,), (2,), (3,), *[(4,)] * 9])
+    stamps = iter([(1,), (2,), (3,), (3,), (4,)])
     monkeypatch.setattr("mitsuba_prosim.live.scene_watcher.stamp", lambda path: next(stamps, (4,)))
-    files, told = SceneWatcher(scene), []
-    with files.watching(lambda: told.append(next(stamps, None))):
-        until(lambda: told)
-    assert told == [(4,)]
+    files = SceneWatcher(scene)
+    while not files.changed():
+        time.sleep(0.005)
+    assert next(stamps, None) is None
+    time.sleep(0.1)
+    assert not files.changed()

@@ -6,12 +6,12 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
-from little import LITTLE, running, save, until
+from little import LITTLE, change, move, running, save, surface_at, until
 from mitsuba_prosim import denoising
 from mitsuba_prosim.engine.work import Executor
 from mitsuba_prosim.live import publisher
 from mitsuba_prosim.live.progressive_image import ProgressiveImage
-from mitsuba_prosim.live.view_requests import ViewRequests
+from mitsuba_prosim.live.viewer import Viewer
 from mitsuba_prosim.scene.scene_file import SceneFile
 
 pytestmark = pytest.mark.slow
@@ -85,7 +85,6 @@ def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, mo
         save(viewer, path, RED.replace("10000 NULL", '10000 "../secret.png"'))
         until(lambda: "'../secret.png' is outside the scene's folder" in (viewer.publisher.state.error or ""))
         path.unlink()
-        viewer.requests.save()
         until(lambda: viewer.publisher.state.status == "missing")
         assert viewer.publisher.state.error is None and final(viewer) is red
         dark = RED.replace("600000 600000 600000", "0 0 0").replace("20000 20000 20000", "0 0 0")
@@ -97,10 +96,8 @@ def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, mo
         until(lambda: viewer.publisher.state.status == "rendering" and viewer.publisher.state.layers != ("final",))
         for text in [RED, LONG] * 25 + [BLUE]:
             path.write_text(text)
-            viewer.requests.save()
-        until(lambda: viewer.publisher.state.saves == 56 and is_done(viewer)())
+        until(lambda: is_done(viewer)() and final(viewer)[20, 30, 2] > final(viewer)[20, 30, 0])
         assert viewer.publisher.state.error is None and viewer.publisher.state.black is None
-        assert final(viewer)[20, 30, 2] > final(viewer)[20, 30, 0]
 
 
 def test_a_file_that_is_missing_is_awaited(variant_rgb, path, tmp_path, monkeypatch):
@@ -108,11 +105,11 @@ def test_a_file_that_is_missing_is_awaited(variant_rgb, path, tmp_path, monkeypa
     path.write_text(LITTLE.replace("64 48", "8 6").replace("10000 NULL", '10000 "pictures/wood.png"'))
     wood, stream = tmp_path / "pictures" / "wood.png", mi.MemoryStream()
     mi.Bitmap(np.full((8, 8, 3), 128, np.uint8)).write(stream, mi.Bitmap.FileFormat.PNG)
-    with running(path) as viewer, viewer.watcher.watching(viewer.requests.save):
+    with running(path) as viewer:
         until(lambda: "'pictures/wood.png' does not exist" in (viewer.publisher.state.error or ""))
         wood.parent.mkdir()
         wood.write_bytes(stream.raw_buffer()[:40])
-        until(lambda: viewer.publisher.state.saves > 0 and viewer.publisher.state.status == "failed")
+        until(lambda: viewer.publisher.state.opened > 1 and viewer.publisher.state.status == "failed")
         wood.write_bytes(stream.raw_buffer())
         until(is_done(viewer))
         assert {path, wood} <= viewer.watcher.files
@@ -123,9 +120,8 @@ def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_
     viewers = []
 
     def opened():
-        if viewers[0].publisher.state.saves == 0:
+        if viewers[0].publisher.state.opened == 1:
             path.write_text(BLUE)
-            viewers[0].requests.save()
 
     def wait_for_viewer():
         until(lambda: viewers)
@@ -133,9 +129,9 @@ def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_
 
     with running(path, wait_for_viewer) as viewer:
         viewers.append(viewer)
-        until(lambda: viewer.publisher.state.saves == 1 and is_done(viewer)())
+        until(lambda: viewer.publisher.state.opened == 2 and is_done(viewer)())
         assert final(viewer)[20, 30, 2] > final(viewer)[20, 30, 0]
-        viewer.requests.move(lambda camera: camera.orbited(40, 10))
+        move(viewer, lambda camera: camera.orbited(40, 10))
         until(lambda: viewer.publisher.state.view is not None and is_done(viewer)())
         view = viewer.publisher.state.view
         save(viewer, path, BLUE.replace("kd", "kkd"))
@@ -148,18 +144,18 @@ def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monk
     path.write_text(LONG)
     with running(path) as viewer:
         until(lambda: viewer.publisher.state.layers == ("final", "error", "samples"))
-        viewer.requests.change(paused=True)
+        change(viewer, paused=True)
         until(lambda: viewer.publisher.state.status == "paused")
         number = viewer.publisher.pictures["own"].number
-        words = viewer.requests.call(lambda scene: (scene.surface_at(30, 20), scene.surface_at(1, 1))).result(20)
+        words = surface_at(viewer, 30, 20), surface_at(viewer, 1, 1)
         assert words == ("SPHERE 0, SURFACE 0 (line 14)", "background")
         assert viewer.publisher.pictures["own"].number == number and viewer.publisher.state.status == "paused"
-        viewer.requests.change(paused=False)
+        change(viewer, paused=False)
         until(lambda: viewer.publisher.state.status == "rendering")
         save(viewer, path, RED)
         until(is_done(viewer))
         home = final(viewer)
-        viewer.requests.move(lambda camera: camera.orbited(40, 10))
+        move(viewer, lambda camera: camera.orbited(40, 10))
         until(lambda: viewer.publisher.state.view is not None and is_done(viewer)())
         view, moved = viewer.publisher.state.view, final(viewer)
         assert not np.allclose(moved, home, atol=0.05)
@@ -170,22 +166,22 @@ def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monk
         assert np.mean(np.abs(final(viewer) - moved)) < 0.02
         save(viewer, path, RED)
         until(lambda: is_done(viewer)() and np.array_equal(final(viewer), home))
-        viewer.requests.change(compared=True)
+        change(viewer, compared=True)
         until(lambda: "path" in viewer.publisher.pictures and is_done(viewer)())
         path_image = final(viewer, "path")
-        words = viewer.requests.call(lambda scene: scene.surface_at(30, 20)).result(20)
+        words = surface_at(viewer, 30, 20)
         assert words == "SPHERE 0, SURFACE 0 (line 14)" and np.array_equal(final(viewer), home)
         assert path_image.shape == home.shape and 0.5 < path_image.mean() / home.mean() < 2
         # The sky, no source to prosim, lights the image of path, and is seen in it.
         assert np.allclose(path_image[1, 1], home[1, 1], rtol=1e-3)
 
 
-def test_calls_that_nobody_waits_for_any_more():
+def test_calls_that_nobody_waits_for_any_more(path):
     """As of a page that has asked for a pixel while a large scene was opened; they are no end of the viewer."""
-    requests, done = ViewRequests(), []
-    assert requests.call(done.append).cancel()
-    failed, last = requests.call(lambda _: 1 / 0), requests.call(lambda scene: scene)
-    requests.run_calls(None)
+    viewer, done = Viewer(path, lambda: None), []
+    assert viewer.call(done.append).cancel()
+    failed, last = viewer.call(lambda _: 1 / 0), viewer.call(lambda viewer: viewer.scene)
+    viewer.run_calls()
     assert not done and last.result(0) is None and isinstance(failed.exception(0), ZeroDivisionError)
 
 
@@ -211,8 +207,8 @@ def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):
             assert state.not_compared and state.integrator == "path" and state.size == (8, 6) and state.samples == 9
             assert {path, wood} <= viewer.watcher.files
             before = final(viewer)
-            assert viewer.requests.call(lambda scene: scene.surface_at(7, 5)).result(20).startswith("Sphere ball, ")
-            viewer.requests.move(lambda camera: camera.panned(0.3, 0))
+            assert surface_at(viewer, 7, 5).startswith("Sphere ball, ")
+            move(viewer, lambda camera: camera.panned(0.3, 0))
             until(lambda viewer=viewer: viewer.publisher.state.view is not None and is_done(viewer)())
             assert "<matrix" in viewer.publisher.state.view
             assert not np.array_equal(final(viewer), before)

@@ -69,12 +69,7 @@ def watch(job: Job, port: int, browser: bool) -> None:
             click.echo(f"{job.scene} is shown at {address} (Ctrl-C ends it)")
             if browser and has_windows():
                 webbrowser.open(address)
-            with (
-                log(job.verbose),
-                session.threads(job.threads),
-                shown.watcher.watching(shown.requests.save),
-                interruptible(shown.requests.close),
-            ):
+            with log(job.verbose), session.threads(job.threads), interruptible(shown.close):
                 shown.run()
 
 

@@ -175,7 +175,7 @@ class View:
                     self._progress.value = self._image.progress
                     if self._stopped or (self._image.new and (complete or self._throttle.due)):
                         with self._throttle.drawing():
-                            self._layers = self._image.layers() or {}
+                            self._layers = self._image.layers()
                             self._draw()
                 yield
             self._label.value = ("stopped: " if self._stopped else "") + self._status()

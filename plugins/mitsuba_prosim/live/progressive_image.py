@@ -76,14 +76,12 @@ class ProgressiveImage:
             self.render.state.noise, self.new = (result.noise, np.nan, np.nan), True
             yield Step(1.0, True)
 
-    def layers(self) -> Mapping[str, np.ndarray] | None:
-        """The layers of a :class:`.Picture` of the image so far; None before the render has started. A denoised image
-        has ``raw`` and ``denoised`` too, which it is a mixture of; before it is the image without a denoiser.
+    def layers(self) -> Mapping[str, np.ndarray]:
+        """The layers of a :class:`.Picture` of the image so far; call it after a step. A denoised image has ``raw`` and
+        ``denoised`` too, which it is a mixture of; before it is the image without a denoiser.
 
         During the first pass it lacks the maps, and pixels without a sample are those of :meth:`coarse`, or black.
         """
-        if self.render is None:
-            return None
         latest, self.new = self._denoised or self._of(self.render), False
         known = latest["samples"] > 0
         if known.all():

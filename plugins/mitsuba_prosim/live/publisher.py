@@ -23,8 +23,8 @@ class State:
     scene: str
     #: ``opening``, ``rendering``, ``paused``, ``done``, ``missing`` if the file does not exist, or ``failed``.
     status: str = "opening"
-    #: Number of saves before the file was last opened.
-    saves: int = 0
+    #: Number of times that the file was opened, or tried.
+    opened: int = 0
     #: Why it failed.
     error: str | None = None
     warnings: tuple[str, ...] = ()

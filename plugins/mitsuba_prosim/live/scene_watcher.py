@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Iterable
 from itertools import chain, islice
 from pathlib import Path
 from time import perf_counter as clock
@@ -29,10 +28,12 @@ def stamp(path: Path) -> Stamp:
 
 
 class SceneWatcher:
-    """Watches the files of the scene at ``path``. Any thread may use it."""
+    """Watches the files of the scene at ``path``. It polls: the system notifies about folders, which are removed and
+    made again, and on some disks it does not.
+    """
 
     def __init__(self, path: Path) -> None:
-        self._scene, self._lock = path, threading.Lock()
+        self._scene, self._due = path, 0.0
         self._stamps = {path.absolute(): stamp(path)}
 
     @property
@@ -42,44 +43,29 @@ class SceneWatcher:
 
     def opened(self, files: Iterable[Path]) -> None:
         """Watches the scene and ``files``, which it uses."""
-        self._set({path.absolute() for path in [self._scene, *files]})
+        self._watch({path.absolute() for path in [self._scene, *files]})
 
     def failed(self) -> None:
         """Also watches the scene's folder and its subfolders, because one of their files may be missing or wrong."""
         folder = self._scene.absolute().parent
-        self._set({*self._stamps, folder, *islice(chain(folder.glob("*"), folder.glob("*/*")), MAX_WATCHED_FILES)})
+        self._watch({*self._stamps, folder, *islice(chain(folder.glob("*"), folder.glob("*/*")), MAX_WATCHED_FILES)})
 
-    def _set(self, files: set[Path]) -> None:
-        with self._lock:
-            self._stamps = {path: self._stamps[path] if path in self._stamps else stamp(path) for path in files}
+    def _watch(self, files: set[Path]) -> None:
+        self._stamps = {path: self._stamps[path] if path in self._stamps else stamp(path) for path in files}
 
     def changed(self) -> bool:
-        """Whether any was written, made, removed or renamed since the last call."""
-        with self._lock:
-            before, self._stamps = self._stamps, {path: stamp(path) for path in self._stamps}
-            return before != self._stamps
-
-    @contextmanager
-    def watching(self, notify: Callable[[], None]) -> Iterator[None]:
-        """Calls ``notify``, in a thread, when the files stay the same after a change. It polls: the system notifies
-        about folders, which are removed and made again, and on some disks it does not.
+        """Whether any was written, made, removed or renamed since this was true, and stays the same for a moment. Call
+        it often.
         """
-        end = threading.Event()
-
-        def poll() -> None:
-            interval, waiting = 0.0, False
-            while not end.wait(max(INTERVAL, interval)):
-                started = clock()
-                changed = self.changed()
-                interval = (clock() - started) / SHARE
-                if waiting and not changed:
-                    notify()
-                waiting = changed
-
-        thread = threading.Thread(target=poll, name="files", daemon=True)
-        thread.start()
-        try:
-            yield
-        finally:
-            end.set()
-            thread.join(2)
+        started = clock()
+        if started < self._due:
+            return False
+        found = {path: stamp(path) for path in self._stamps}
+        self._due = clock() + max(INTERVAL, (clock() - started) / SHARE)
+        if found == self._stamps:
+            return False
+        time.sleep(INTERVAL)
+        if found != {path: stamp(path) for path in found}:
+            return False  # it is being written
+        self._stamps = found
+        return True

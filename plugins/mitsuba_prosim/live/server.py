@@ -47,8 +47,8 @@ ACTIONS: dict[str, dict[str, Any]] = {
 
 #: The motions of the camera, by name; their arguments are two numbers.
 GESTURES: dict[str, Callable[[Camera, float, float], Camera]] = {
-    "orbit": lambda camera, x, y: camera.orbited(x, y),
-    "pan": lambda camera, x, y: camera.panned(x, y),
+    "orbit": Camera.orbited,
+    "pan": Camera.panned,
     "dolly": lambda camera, x, _: camera.dollied(x),
 }
 
@@ -113,7 +113,7 @@ class Pages:
     """The responses to the page; ``encode`` makes the files to save."""
 
     def __init__(self, viewer: Viewer, encode: Encoder) -> None:
-        self._requests, self._publisher, self._encode = viewer.requests, viewer.publisher, encode
+        self._viewer, self._publisher, self._encode = viewer, viewer.publisher, encode
 
     def routes(self) -> list[BaseRoute]:
         """The routes of the page's files and requests."""
@@ -152,8 +152,8 @@ class Pages:
         if not (x < width and y < height):
             return JSONResponse({})  # the page still shows a larger image
         values = {name: picture.at(x, y, (width, height)) for name, picture in self._publisher.pictures.items()}
-        surface = self._requests.call(lambda scene: scene.surface_at(x, y) if scene is not None else "")
-        return JSONResponse({**values, "surface": await asyncio.wait_for(asyncio.wrap_future(surface), PATIENCE)})
+        surface = await self._call(lambda viewer: viewer.scene.surface_at(x, y) if viewer.scene is not None else "")
+        return JSONResponse({**values, "surface": surface})
 
     async def save(self, request: Request) -> Response:
         """A file of the image, after factors and exposure are applied."""
@@ -161,16 +161,15 @@ class Pages:
         if picture is None or suffix not in (".exr", ".png"):
             raise HTTPException(404)
         exposure, mix = number(request, "exposure", 64.0), factors(request, picture)
-        files = self._requests.call(lambda _: self._encode(exposure, mix))
-        content = (await asyncio.wait_for(asyncio.wrap_future(files), PATIENCE))[suffix]
-        return Response(content, media_type="application/octet-stream")
+        files = await self._call(lambda _: self._encode(exposure, mix))
+        return Response(files[suffix], media_type="application/octet-stream")
 
     async def act(self, request: Request) -> Response:
         """Changes the view request; see :data:`ACTIONS`."""
         changes = ACTIONS.get(request.path_params["action"])
         if changes is None:
             raise HTTPException(404)
-        self._requests.change(**changes)
+        self._viewer.call(lambda viewer: viewer.change(**changes))
         return Response(status_code=204)
 
     async def move(self, request: Request) -> Response:
@@ -181,8 +180,12 @@ class Pages:
         x, y = (number(request, name, 360.0) for name in "xy")
         if gesture is GESTURES["dolly"] and not x > 0:
             raise HTTPException(400)
-        self._requests.move(lambda camera: gesture(camera, x, y))
+        self._viewer.call(lambda viewer: viewer.move(lambda camera: gesture(camera, x, y)))
         return Response(status_code=204)
+
+    async def _call(self, work: Callable[[Viewer], Any]) -> Any:
+        """The result of some work in the thread that renders."""
+        return await asyncio.wait_for(asyncio.wrap_future(self._viewer.call(work)), PATIENCE)
 
 
 def factors(request: Request, picture: Picture) -> Factors:

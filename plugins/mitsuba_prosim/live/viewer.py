@@ -6,9 +6,12 @@ import gc
 import time
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from concurrent.futures import Future
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from math import isnan
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Any
 
 import mitsuba as mi
@@ -19,42 +22,80 @@ from ..denoising import layers
 from ..scene import black, session
 from ..scene.errors import with_line, with_suggestion
 from .loaded_scene import LoadedScene
+from .orbit_camera import Camera
 from .picture import Factors, Picture
 from .progressive_image import ProgressiveImage, by_path, name, not_compared, progressive
 from .publisher import Publisher, State, Throttle
-from .scene_watcher import SceneWatcher
-from .view_requests import ViewRequest, ViewRequests
+from .scene_watcher import INTERVAL, SceneWatcher
 
 #: How to make a black picture brighter on the page.
 ON_THE_PAGE = "Exposure {} makes it bright here"
 
 
+@dataclass(frozen=True)
+class ViewRequest:
+    """The requested image."""
+
+    #: The moved camera; None for the scene's own view.
+    camera: Camera | None = None
+    #: Whether the image by ``path`` is shown as well; whether rendering pauses.
+    compared: bool = False
+    paused: bool = False
+
+
 class Viewer:
-    """Renders and publishes the image that :attr:`requests` ask for, of the scene at ``path``.
+    """Renders and publishes the requested image of the scene at ``path``, and opens the scene again after changes.
 
     ``open_scene`` loads it. ``spp``: samples per pixel, 0 for those of the scene; ``denoise``: whether the final image
-    is denoised.
+    is denoised. Other threads only use :attr:`publisher`, :meth:`call` and :meth:`close`.
     """
 
     def __init__(
         self, path: Path, open_scene: Callable[[], LoadedScene], spp: int = 0, seed: int = 0, denoise: bool = False
     ) -> None:
-        self.requests, self.publisher, self.watcher = ViewRequests(), Publisher(State(path.name)), SceneWatcher(path)
+        self.publisher, self.watcher = Publisher(State(path.name)), SceneWatcher(path)
+        #: The open scene; None if it could not be opened.
+        self.scene: LoadedScene | None = None
         self._path, self._open_scene = path, open_scene
         self._spp, self._seed, self._denoise = spp, seed, denoise
-        self._scene: LoadedScene | None = None
-        #: The request that is shown or being rendered.
-        self._shown = ViewRequest(saves=-1)
+        self._calls: SimpleQueue[tuple[Callable[[Viewer], Any], Future[Any]]] = SimpleQueue()
+        self._closed = False
+        #: The latest request, and the one that is shown or being rendered.
+        self._request = self._shown = ViewRequest()
+        #: The own view of the scene that was opened last; None if its sensor cannot be moved.
+        self._home: Camera | None = None
         #: By name: ``own``, that of the scene's integrator, and maybe ``path``.
         self._images: dict[str, ProgressiveImage] = {}
         self._integrator: Any = None
+        self._not_compared: str | None = None
         self._reached: Any = None
         self._throttle = Throttle()
         self._pictures, self._seconds = 0, 0.0
 
+    # ---------------------------------------------------------------- requests
+
+    def call(self, work: Callable[[Viewer], Any]) -> Future[Any]:
+        """Runs some short work in the thread that renders."""
+        future: Future[Any] = Future()
+        self._calls.put((work, future))
+        return future
+
+    def close(self) -> None:
+        """Ends the thread that renders."""
+        self._closed = True
+
+    def change(self, **changes: Any) -> None:
+        """Changes the request; for :meth:`call`."""
+        self._request = replace(self._request, **changes)
+
+    def move(self, by: Callable[[Camera], Camera]) -> None:
+        """Moves the camera, if the scene's camera can be moved; for :meth:`call`."""
+        if self._home is not None:
+            self.change(camera=by(self._request.camera or self._home), paused=False)
+
     def result(self, factors: Factors = ()) -> tuple[State, mi.Bitmap, Any, Any]:
         """The state, the image of the scene's integrator as it is shown, mixed with ``factors``, that integrator, and
-        its samples, noise and time; for :meth:`.ViewRequests.call`.
+        its samples, noise and time; for :meth:`call`.
         """
         picture = self.publisher.pictures["own"].mixed(factors)
         planes = {name: picture.layers["final"][..., k] for k, name in enumerate("RGB")}
@@ -63,160 +104,164 @@ class Viewer:
             planes |= {f"{part.partition('.')[2]}.{c}": picture.layers[part][..., k] for k, c in enumerate("RGB")}
         return self.publisher.state, layers.of_channels(planes), self._integrator, self._reached
 
+    def run_calls(self, patience: float = 0.0) -> None:
+        """Runs the work of all calls; waits for the first at most ``patience`` seconds."""
+        with suppress(Empty):
+            while True:
+                work, future = self._calls.get(timeout=patience)
+                patience = 0.0
+                if not future.set_running_or_notify_cancel():
+                    continue  # the caller stopped waiting, for example while a large scene was opened
+                try:
+                    future.set_result(work(self))
+                except Exception as error:  # noqa: BLE001 (the caller receives it)
+                    future.set_exception(error)
+
+    # ---------------------------------------------------------------- towards the requested image
+
     def run(self) -> None:
-        """Renders until :meth:`.ViewRequests.close`."""
+        """Renders until :meth:`close`."""
         gc.collect()
         gc.freeze()  # collections after each change of the scene then visit only younger objects
         try:
-            while True:
-                request = self.requests.wait(self._idle)
-                if self.requests.closed:
-                    return
-                self.requests.run_calls(self._scene)
+            while not self._closed:
+                self.run_calls(INTERVAL if self._idle else 0.0)
                 try:
-                    self._serve(request)
+                    self._advance()
                 except Exception as error:  # noqa: BLE001 (whatever a scene and its plugins do, the next save is awaited)
-                    self._fail(request, error)
+                    self._fail(error)
         finally:
-            self._images, self._scene, self._integrator = {}, None, None
+            self._images, self.scene, self._integrator = {}, None, None
             gc.unfreeze()
             self.publisher.closed = True
 
-    def _idle(self, request: ViewRequest) -> bool:
-        if request != self._shown:
-            return self._scene is None and request.saves == self._shown.saves
-        return request.paused or self._done()
-
+    @property
     def _done(self) -> bool:
         return all(image.done for image in self._images.values())
 
-    def _serve(self, request: ViewRequest) -> None:
-        """Takes the next step towards a request."""
-        if request.saves != self._shown.saves:
-            self._open(request)
-        elif self._scene is None or request == self._shown:
-            self._step()
-        elif request.camera is not self._shown.camera:
-            self._scene.look(request.camera)
-            self._begin(request, self._scene)
-        else:
-            self._pause_or_compare(request)
+    @property
+    def _idle(self) -> bool:
+        return self._request == self._shown and (self._request.paused or self._done)
+
+    def _advance(self) -> None:
+        """Takes the next step towards the request."""
+        if not self.publisher.state.opened or self.watcher.changed():
+            self._open()
+        elif self.scene is None:
+            self._shown = self._request
+        elif self._request.camera is not self._shown.camera:
+            self.scene.look(self._request.camera)
+            self._begin(self.scene)
+        elif self._request != self._shown:
+            self._pause_or_compare()
+        elif not self._idle:
+            self._step(self.scene)
 
     # ---------------------------------------------------------------- a new scene or view
 
-    def _open(self, request: ViewRequest) -> None:
+    def _open(self) -> None:
         """Opens the scene again."""
         # Kernels contain the materials of all loaded scenes, so the last scene must be deleted first.
-        self._scene, self._images = None, {}
-        self._shown, self._seconds = replace(self._shown, saves=request.saves), 0.0
-        self.publisher.publish(status="opening", saves=request.saves)
+        self.scene, self._images = None, {}
+        self.change(paused=False)
+        self.publisher.publish(status="opening", opened=self.publisher.state.opened + 1)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", prosim_scene.SceneWarning)
             scene = self._open_scene()
         gc.collect()
         messages = tuple(str(w.message) for w in caught if issubclass(w.category, prosim_scene.SceneWarning))
         self.watcher.opened(scene.files)
-        before, self.requests.home, self._scene = self.requests.home, scene.home, scene
+        before, self._home, self.scene = self._home, scene.home, scene
         if before is None or scene.home is None or (before.to_world != scene.home.to_world).any():
-            self.requests.change(camera=None)  # the text has another view
-            request = replace(request, camera=None)
-        elif request.camera is not None:
-            scene.look(request.camera)
+            self.change(camera=None)  # the text has another view
+        elif self._request.camera is not None:
+            scene.look(self._request.camera)
         self.publisher.publish(warnings=messages, size=scene.size, movable=scene.home is not None)
-        self._begin(request, scene)
+        self._begin(scene)
 
-    def _begin(self, request: ViewRequest, scene: LoadedScene) -> None:
+    def _begin(self, scene: LoadedScene) -> None:
         """Begins the image of the scene."""
-        self._seconds = 0.0
+        self._shown = replace(self._request, compared=False, paused=False)
+        self._reached, self._seconds = None, 0.0
         self._integrator, spp = progressive(scene.scene.integrator(), scene.sensor, self._spp)
+        self._not_compared = not_compared(self._integrator)
         image = ProgressiveImage(self._integrator, scene.scene, scene.sensor, spp, self._seed, self._denoise)
         self._images = {"own": image}
-        reason = not_compared(self._integrator)
-        self.publisher.publish(
-            status="rendering",
+        self._publish(
             error=None,
             black=None,
             view=scene.view(),
             integrator=name(self._integrator),
-            not_compared=reason,
-            compared=request.compared and reason is None,
-            progress=0.0,
-            samples=None,
-            noise=None,
+            not_compared=self._not_compared,
         )
         if scene.whole:
             with scene.coarse(), self._throttle.drawing():
                 self._show(image, image.coarse())
-        self._shown = replace(request, compared=False, paused=False)
+            self._publish()
 
-    def _pause_or_compare(self, request: ViewRequest) -> None:
-        if self._images and request.compared != self._shown.compared:
-            own = self._images["own"]
-            self._images = {"own": own}
-            if request.compared and not_compared(own.integrator) is None:
-                self._images = {"path": by_path(own), "own": own}
-            self._publish(compared="path" in self._images, progress=self._progress)
-        if self._images and self._done():
-            self.publisher.publish(status="done", progress=1.0)
-        elif self._images:
-            if request.paused:
-                for image in self._images.values():
+    def _pause_or_compare(self) -> None:
+        """Adds or removes the image by ``path``, and shows all samples of paused images."""
+        request, own = self._request, self._images.get("own")
+        if own is not None:
+            if request.compared != self._shown.compared:
+                compared = request.compared and self._not_compared is None
+                self._images = {"path": by_path(own), "own": own} if compared else {"own": own}
+            for image in self._images.values():
+                if request.paused and image.new:
                     self._draw(image)
-            self.publisher.publish(status="paused" if request.paused else "rendering")
+            self._publish()
         self._shown = request
 
     # ---------------------------------------------------------------- work item after work item
 
-    def _step(self) -> None:
+    def _step(self, scene: LoadedScene) -> None:
         """Renders a work item of the image that has waited longest."""
-        if self._shown.paused or self._done() or self._scene is None:
-            return
-        started = time.perf_counter()
+        started, changes = time.perf_counter(), dict[str, Any]()
         which, image = next((name, image) for name, image in self._images.items() if not image.done)
         complete = image.step()
         self._images[which] = self._images.pop(which)  # the last from now on
         if image.new and (complete or self._throttle.due):
             self._draw(image)
         if complete and which == "own" and image.picture is not None:
-            why = black.reason(self._scene.scene, self._scene.sensor, image.picture.layers["final"], ON_THE_PAGE)
-            self.publisher.publish(black=why)
+            final = image.picture.layers["final"]
+            changes["black"] = black.reason(scene.scene, scene.sensor, final, ON_THE_PAGE)
         self._seconds += time.perf_counter() - started
-        status = "done" if self._done() else "rendering"
-        self.publisher.publish(status=status, progress=self._progress, seconds=self._seconds)
-
-    @property
-    def _progress(self) -> float:
-        return sum(image.progress for image in self._images.values()) / len(self._images)
-
-    def _draw(self, image: ProgressiveImage) -> None:
-        """Publishes the image so far."""
-        with self._throttle.drawing():
-            latest = image.layers()
-            if latest is None:
-                return
-            changes: dict[str, Any] = {}
-            if image is self._images["own"]:
-                self._reached = reached = image.render.reached
-                changes = {"samples": reached.samples, "noise": None if isnan(reached.noise) else reached.noise}
-            self._show(image, latest, **changes)
-
-    def _show(self, image: ProgressiveImage, layers: Mapping[str, np.ndarray], **changes: Any) -> None:
-        """Publishes ``layers`` as a new picture of ``image``, and changes of the state."""
-        self._pictures += 1
-        image.picture = Picture(self._pictures, layers)
         self._publish(**changes)
 
-    def _publish(self, **changes: Any) -> None:
-        """Publishes the pictures, and changes of the state."""
-        pictures = {name: image.picture for name, image in self._images.items() if image.picture is not None}
-        self.publisher.publish(pictures if "own" in pictures else None, seconds=self._seconds, **changes)
+    def _draw(self, image: ProgressiveImage) -> None:
+        """Makes a picture of the image so far."""
+        with self._throttle.drawing():
+            self._show(image, image.layers())
+            if image is self._images["own"]:
+                self._reached = image.render.reached
 
-    def _fail(self, request: ViewRequest, error: BaseException) -> None:
-        self._images, self._shown = {}, request
+    def _show(self, image: ProgressiveImage, layers: Mapping[str, np.ndarray]) -> None:
+        """Makes ``layers`` the picture of the image."""
+        self._pictures += 1
+        image.picture = Picture(self._pictures, layers)
+
+    def _publish(self, **changes: Any) -> None:
+        """Publishes the pictures, the progress, and changes of the state."""
+        images, reached = self._images, self._reached
+        pictures = {name: image.picture for name, image in images.items() if image.picture is not None}
+        self.publisher.publish(
+            pictures if "own" in pictures else None,
+            status="done" if self._done else "paused" if self._request.paused else "rendering",
+            compared=self._request.compared and self._not_compared is None,
+            progress=sum(image.progress for image in images.values()) / len(images),
+            samples=reached.samples if reached else None,
+            noise=None if reached is None or isnan(reached.noise) else reached.noise,
+            seconds=self._seconds,
+            **changes,
+        )
+
+    def _fail(self, error: BaseException) -> None:
+        """Publishes the error; the next change of the scene or the view begins again."""
+        self._images, self._shown = {}, self._request
         expected = isinstance(error, (RuntimeError, TypeError, ValueError, OSError, MemoryError))
         words = with_suggestion(session.message(error)) if expected else f"{type(error).__name__}: {error}"
         missing = not self._path.exists()
-        if self._scene is None:
+        if self.scene is None:
             self.watcher.failed()
         self.publisher.publish(
             status="missing" if missing else "failed", error=None if missing else with_line(words, self._path)

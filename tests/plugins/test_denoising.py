@@ -11,7 +11,7 @@ from image_statistics import renderings
 from mitsuba_prosim import denoising
 from mitsuba_prosim.denoising import halves, layers, oidn
 from mitsuba_prosim.denoising.mixing import LIGHT, in_display, inputs, mix, with_light
-from mitsuba_prosim.denoising.pyramid import average, bands, blur, whole
+from mitsuba_prosim.denoising.pyramid import average, blur
 from mitsuba_prosim.sampling.hash import combine, hash32
 from scenes import T, area, diffuse, film, load_scene, penumbra, rectangle, rgb
 from test_taking import Elsewhere
@@ -45,14 +45,6 @@ def rms(error):
 
 
 # ---------------------------------------------------------------- the mathematics
-
-
-@pytest.mark.parametrize("size", SIZES)
-def test_bands_are_the_image(size):
-    image = np.random.default_rng(7).random((*size, 3), dtype=np.float32)
-    parts = bands(image, 4, 8)
-    assert len(parts) == (1 if min(size) < 8 else 4)
-    np.testing.assert_allclose(whole(parts), image, atol=1e-6)
 
 
 @pytest.mark.parametrize("size", SIZES)

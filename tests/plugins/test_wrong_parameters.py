@@ -41,6 +41,8 @@ NAMED = [
     *(("prosim_brick", name, {name: value}) for name, value in BRICK.items()),
     *(("prosim_stripes", name, {name: value}) for name, value in STRIPES.items()),
     *(("prosim_fractal", name, {name: value}) for name, value in FRACTAL.items()),
+    *(("prosim_fractal", "octaves", {"octaves": value}) for value in (0, -1, math.nan, math.inf, True, "three")),
+    *(("prosim_fractal", "scale", {"scale": value}) for value in (math.nan, math.inf, True, "three")),
 ]
 #: Plugins, parameters, and words of the error.
 WRONG = [
@@ -71,6 +73,10 @@ WRONG = [
     ("prosim_composite", {"diffuse_reflectance": 0.7, "specular_reflectance": RGB}, f"{SUM}|1.3|<= 1"),
     ("prosim_composite", {"specular_reflectance": 0.9}, f"{SUM}|1.4|diffuse_reflectance is 0.5 if not given"),
     ("prosim_phong", {"distribution": "gaussian"}, "distribution|gaussian|phong"),
+    ("prosim_fractal", {"octaves": 2.7}, 'parameter "octaves" is 2.7; allowed: a whole number >= 1 and <= 16.'),
+    ("prosim_fractal", {"scale": 0.0}, 'parameter "scale" is 0.0; allowed: a number > 0.'),
+    ("prosim_point", {"id": "lamp", "distribution": "cone"}, '"lamp" (prosim_point): parameter "angle" is missing; '),
+    ("prosim", {"adaptive": 4}, 'parameter "adaptive" is 4; allowed: one of '),
     ("prosim", {"adaptive": "always"}, 'parameter "adaptive" is |always|; allowed: one of ' + ", ".join(POLICIES)),
     ("prosim", {"samples": 0}, 'parameter "samples" is 0; allowed: a whole number >= 1'),
     ("prosim", {"max_level": -1}, 'parameter "max_level" is -1; allowed: 0 to 24'),
@@ -104,3 +110,7 @@ def test_wrong_parameters_are_named(variant_rgb, plugin, parameters, words):
     said = str(error.value)
     for word in (plugin, *words.split("|")):
         assert word in said
+
+
+def test_a_whole_number_may_be_written_as_a_float(variant_rgb):
+    assert type(mi.load_dict({"type": "prosim_fractal", "octaves": 3.0}).octaves) is int

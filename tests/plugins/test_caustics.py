@@ -15,11 +15,11 @@ from mitsuba_prosim.light.strategy import Receiver
 from mitsuba_prosim.light.table import Lights
 from mitsuba_prosim.photons import grid
 from mitsuba_prosim.photons.caustics import Caustics
-from mitsuba_prosim.photons.emission import Sources, Start, start_points
+from mitsuba_prosim.photons.emission import Sources, start_points
 from mitsuba_prosim.photons.footprint import RADII, Footprint
 from mitsuba_prosim.photons.gathering import Gathering
 from mitsuba_prosim.photons.grid import Landed, Photons
-from mitsuba_prosim.photons.mis import Hit, etendue_of, expected_photons, ideal_throughput, ray_weight
+from mitsuba_prosim.photons.mis import Hit, etendue_of, ideal_throughput, kept_by, ray_weight, shared
 from mitsuba_prosim.photons.targets import Targets, merged
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.ray import Ray, Vertex, mis, viewer_side
@@ -364,12 +364,12 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
     glass = ball({"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.1}, (0, 1.2, 0), 0.8)
     world = scene(128, floor=ground(6, ROUGH), ball=glass, lamp=lamp(2.5, center=(0, 5, -2)))
     caustics, lights = Caustics.of(world, world.sensors()[0], 1, 7, tree), Lights(world)
-    shared = caustics.mis
-    shared.per_pair = mi.Float(1000)
+    photons = caustics.mis
+    photons.per_pair = mi.Float(1000)
     n = 128 * 128
     random = [mi.Float(v) for v in np.random.default_rng(5).random((11, n), dtype=np.float32)]
     camera = world.sensors()[0].sample_ray(0, 0.5, mi.Point2f(*random[:2]), mi.Point2f(0.5))[0]
-    ray, met, chain = shared.first(Ray.first(camera)), mi.Bool(True), []
+    ray, met, chain = photons.first(Ray.first(camera)), mi.Bool(True), []
     for k in range(3):
         si = world.ray_intersect(mi.Ray3f(ray.o, ray.d), met)
         lobe = lobes.specular() if not tree else lobes.refracted() if k else lobes.reflected()
@@ -380,25 +380,25 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
         following = replace(ray, o=si.spawn_ray(d).o, d=d, pdf=bs.pdf, uses_mis=mi.Bool(True), n=viewer_side(si))
         vertex = Vertex(si, si.bsdf(), met, mi.Bool(False), met, ray, Receiver(si, following.n))
         chain.append((vertex, bs.wo, *si.bsdf().eval_pdf(lobe, si, bs.wo, met)))
-        ray = shared.next(vertex, following, bs, weight)
+        ray = photons.next(vertex, following, bs, weight)
     end, (last, _, f, pdf) = world.ray_intersect(mi.Ray3f(ray.o, ray.d), met), chain[-1]
     ds = mi.DirectionSample3f(world, end, last.si)
     met &= end.is_valid() & (ds.emitter != mi.EmitterPtr(None)) & (dr.dot(end.n, ray.d) < 0)
-    density, of_lamp = shared.density(last.si, ds, met), lights.pdf(Receiver(last.si, ray.n, mi.Bool(True)), ds, met)
-    other = shared.competing_pdf(last)(ds, f, pdf, met)
-    of_ray = shared.emission_weight(ray, last.si, ds, of_lamp, met, mis(ray.pdf, of_lamp), met)
-    shares = [of_ray, mis(of_lamp, other)]
-    start = Start(mi.Ray3f(), mi.Spectrum(1), density, mi.PositionSample3f(end), ds.emitter)
+    density, of_lamp = photons.density(last.si, ds, met), lights.pdf(Receiver(last.si, ray.n, mi.Bool(True)), ds, met)
+    ds.pdf = of_lamp
+    of_ray = mis(ray.pdf, of_lamp) * photons.emission_weight(ray, last.si, ds, of_lamp, met, met)
+    shares = [of_ray, mis(of_lamp, pdf) * photons.light_weight(last, ds, f, pdf, met)]
     for level, (vertex, wo, f, pdf) in enumerate(reversed(chain)):
         si, bsdf = vertex.si, vertex.bsdf
-        area = shared.area(si, bsdf) * dr.abs(dr.dot(si.n, si.to_world(wo)))
+        cos = dr.abs(dr.dot(si.n, si.to_world(wo)))
         if level:
-            etendue = dr.select(shared.near_specular(bsdf, met), etendue_of(vertex.ray), 0)
-            shares.append(1 - ray_weight(expected_photons(area, f, pdf, density, etendue)))
+            etendue = dr.select(photons.near_specular(bsdf, met), etendue_of(vertex.ray), 0)
+            here = photons.footprint.area(si.p) * cos / pdf * density
+            shares.append(1 - ray_weight(shared(here, etendue * kept_by(f, pdf) * density)))
         back = mi.SurfaceInteraction3f(si)
         back.wi = wo
-        hit = Hit(back, bsdf, met, mi.Bool(False), -si.to_world(wo), mi.UInt32(level), None, None, None, None)
-        density = shared.density_after(density, start, hit, si.wi, met)
+        hit = Hit(back, bsdf, met, mi.Bool(False), -si.to_world(wo), mi.UInt32(level), None, None, cos, None)
+        density = photons.density_after(density, hit, si.wi, met)
     dr.eval(shares, met)
     shares = np.array(shares)[:, np.array(met)]
     assert shares.shape[1] > 100 and np.all(shares.max(axis=1) > 0.05)

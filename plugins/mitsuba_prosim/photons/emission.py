@@ -25,6 +25,9 @@ from .targets import Targets
 #: The density of photons from a point or in a single direction: far above all others, but finite.
 DELTA_DENSITY = 1e30
 
+#: Greatest density of other photons.
+MAX_DENSITY = 1e20
+
 #: A function of the center and the radius of a target: whether a ray meets that target, and the density with which
 #: photons that are aimed at it take the ray.
 DensityOf = Callable[[Any, Any], tuple[Any, Any]]
@@ -40,10 +43,6 @@ class Start:
     #: Number of photons per area at right angles to the ray and per solid angle; :data:`DELTA_DENSITY` from points and
     #: in a single direction.
     density: mi.Float
-    #: Where they start, if that is on a surface ...
-    place: mi.PositionSample3f
-    #: ... and of which source.
-    emitter: mi.EmitterPtr
 
 
 @dataclass(frozen=True)
@@ -121,7 +120,7 @@ class Sources:
         target = pair - number * self.targets.count
         emitter, kinds = dr.gather(mi.EmitterPtr, self.pointers, number), dr.gather(mi.UInt32, self.kind, number)
         draw = Draw(target, per_pair, position, aimed, wavelengths)
-        start = Start(dr.zeros(mi.Ray3f), mi.Spectrum(0), mi.Float(0), dr.zeros(mi.PositionSample3f), emitter)
+        start = Start(dr.zeros(mi.Ray3f), mi.Spectrum(0), mi.Float(0))
         for k, (name, method) in enumerate(zip(KINDS, (self._point, self._surface, self._far))):
             if name in self.kinds:
                 active = kinds == k
@@ -138,7 +137,7 @@ class Sources:
         met, lit = self._first_hit(draw, ray, active)
         weight = emitter.sample_direction(met, draw.position, lit)[1]
         flux = dr.select(lit, weight * (dr.squared_norm(met.p - x) / density), 0)
-        return Start(ray, flux, mi.Float(DELTA_DENSITY), dr.zeros(mi.PositionSample3f), emitter)
+        return Start(ray, flux, mi.Float(DELTA_DENSITY))
 
     def _surface(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
         center, radius = self.targets.at(draw.target)
@@ -154,7 +153,7 @@ class Sources:
         ds.d, ds.dist, ds.emitter = -d, dr.norm(met.p - x), emitter
         L = eval_direction(emitter, met, ds, lit)
         flux = dr.select(lit, L * (cos / dr.select(lit, density, 1)), 0)
-        return Start(ray, flux, density / dr.select(lit, cos, 1), ps, emitter)
+        return Start(ray, flux, density / dr.select(lit, cos, 1))
 
     def _far(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
         center, radius = self.targets.at(draw.target)
@@ -166,7 +165,7 @@ class Sources:
         back = dr.dot(x - self.middle, d) + self.far
         flux = dr.select(active, weight / density, 0)
         density = dr.select(ds.delta, DELTA_DENSITY, density * ds.pdf)
-        return Start(mi.Ray3f(x - d * back, d), flux, density, dr.zeros(mi.PositionSample3f), emitter)
+        return Start(mi.Ray3f(x - d * back, d), flux, density)
 
     def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, per_pair: mi.Float, active: mi.Bool) -> mi.Float:
         """Density of photons (:attr:`Start.density`) on the ray of light that arrives at ``it`` along ``ds``; 0 where

@@ -13,14 +13,12 @@ on which photons count at G, perpendicular to the ray, over the density with whi
 
 A near-specular surface (:mod:`.near_specular`) may be part of such a chain. There each end multiplies by the value of
 the lobe over the density of the camera ray's sample. Light sampling there, and photons at several glossy surfaces, are
-further strategies, whose weights add up to 1.
+further strategies, whose weights add up to 1. That only a part of the photons lands there does not enter the weights.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -32,21 +30,17 @@ from ..optics.nested import all_flags
 from ..transport import lobes
 from ..transport.ray import Ray, Surface, Vertex, viewer_side
 from ..transport.scattering import Scattering
-from .emission import DELTA_DENSITY, Sources, Start
+from .emission import MAX_DENSITY, Sources
 from .footprint import Footprint
 from .grid import Landed, Photons, gather
 from .near_specular import LANDING, near_specular_bsdfs
-
-#: (ds, f, pdf, active) -> the density that competes with light sampling in the power heuristic; ``f``, ``pdf``: value
-#: and density of a lobe.
-CompetingPdf = Callable[[Any, Any, Any, Any], Any]
 
 
 @dataclass
 class RayWithEtendue(Ray):
     """A camera ray with its étendue: the expected number of photons per sampled ray for a photon density of 1."""
 
-    #: At the last glossy surface that the ray left; 0 if it left none.
+    #: At the glossy surface that the ray leaves; 0 if it leaves none.
     last_etendue: mi.Float = field(default_factory=lambda: mi.Float(0))
     #: At the glossy surfaces before, if the ray has met only specular and near-specular ones since; else 0.
     earlier_etendue: mi.Float = field(default_factory=lambda: mi.Float(0))
@@ -97,7 +91,7 @@ class PhotonMIS:
     """
 
     def __init__(self, scene: mi.Scene, sources: Sources, footprint: Footprint, deepest: mi.UInt32, tree: bool) -> None:
-        self.footprint, self.sources, self.deepest = footprint, sources, deepest
+        self.scene, self.footprint, self.sources, self.deepest = scene, footprint, sources, deepest
         self.near_specular_bsdfs, self.scattering = near_specular_bsdfs(scene), Scattering.of(scene)
         flags = all_flags(scene)
         #: The glossy lobes, each with its own camera ray.
@@ -119,11 +113,6 @@ class PhotonMIS:
             return mi.Bool(False)
         return dispatch(bsdf, lambda one, active: mi.Bool(one in self.near_specular_bsdfs), active)
 
-    def area(self, si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr) -> mi.Float:
-        """Area around ``si`` on which photons count; on near-specular surfaces the part for those that land there."""
-        area = self.footprint.area(si.p)
-        return dr.select(self.near_specular(bsdf, mi.Bool(True)), area * LANDING, area)
-
     # ------------------------------------------------------------ camera rays
 
     def first(self, ray: Ray) -> RayWithEtendue:
@@ -135,12 +124,12 @@ class PhotonMIS:
     ) -> RayWithEtendue:
         """``following`` with its étendue. ``bs``, ``weight``: the BSDF sample at ``vertex`` that made this ray."""
         si, bsdf = vertex.si, vertex.bsdf
-        smooth, kept = but_not(following.uses_mis, vertex.inseparable), ideal_throughput(bs, weight, bsdf.flags())
-        near = smooth & self.near_specular(bsdf, smooth)
-        kept = dr.select(near, dr.max(mi.unpolarized_spectrum(weight)) * (1 - LANDING), kept)
-        last = dr.select(smooth, quotient(self.area(si, bsdf) * dr.abs(dr.dot(si.n, following.d)), bs.pdf), 0)
+        smooth = but_not(following.uses_mis, vertex.inseparable)
+        near, kept = smooth & self.near_specular(bsdf, smooth), ideal_throughput(bs, weight, bsdf.flags())
+        kept = dr.select(near, dr.max(mi.unpolarized_spectrum(weight)), kept)
         earlier = dr.select(vertex.inseparable, 0, etendue_of(vertex.ray) * kept)
-        return replace(following, last_etendue=last, earlier_etendue=earlier)
+        here = quotient(self.footprint.area(si.p) * dr.abs(dr.dot(si.n, following.d)), bs.pdf)
+        return replace(following, last_etendue=dr.select(smooth, here, 0), earlier_etendue=earlier)
 
     def emission_weight(
         self,
@@ -149,39 +138,34 @@ class PhotonMIS:
         ds: mi.DirectionSample3f,
         pdf: mi.Float,
         uses_mis: mi.Bool,
-        weight: mi.Float,
         active: mi.Bool,
     ) -> mi.Float:
-        """MIS weight of the emission that ``ray`` meets; ``weight`` where no photon could have found it.
+        """Factor of the MIS weight of the emission that ``ray`` meets: 1 where no photon could have found it.
 
         ``ds``: the direction sample of the source from ``origin``, which light sampling takes with the density ``pdf``
         in the lanes ``uses_mis``.
         """
         # Only rays find light directly from a sky.
         found = active & (ray.earlier_etendue > 0) & (uses_mis | but_not(mi.Bool(True), ray.uses_mis))
-        others = dr.select(uses_mis & found, 1 + dr.square(pdf / ray.pdf), 1)
-        # No photon lands on a near-specular surface that the source lights directly.
-        etendue = dr.select(ray.uses_mis, ray.earlier_etendue * (1 / (1 - LANDING)), ray.earlier_etendue)
-        return dr.select(found, ray_weight(etendue * self.density(origin, ds, found), others), weight)
+        others = dr.select(uses_mis & found, pdf / ray.pdf, 0)
+        return ray_weight(shared(ray.earlier_etendue * self.density(origin, ds, found), others))
 
-    def competing_pdf(self, vertex: Vertex) -> CompetingPdf:
-        """The :data:`CompetingPdf` at ``vertex``: of BSDF sampling, and of photons if the surface is near-specular."""
-        etendue, active = etendue_of(vertex.ray), vertex.before_gathering(vertex.smooth)
-        shared = active & (etendue > 0) & self.near_specular(vertex.bsdf, active)
-
-        def with_photons(ds: mi.DirectionSample3f, f: mi.Spectrum, pdf: mi.Float, active: mi.Bool) -> mi.Float:
-            active = active & shared
-            photons = etendue * dr.max(mi.unpolarized_spectrum(f)) * self.density(vertex.si, ds, active)
-            return dr.select(active, dr.sqrt(dr.square(pdf) + dr.square(photons)), pdf)
-
-        return with_photons
+    def light_weight(
+        self, vertex: Vertex, ds: mi.DirectionSample3f, f: mi.Spectrum, pdf: mi.Float, active: mi.Bool
+    ) -> mi.Float:
+        """Factor of the MIS weight of light sampling at ``vertex``: 1 where no photon could have found that light.
+        ``f``, ``pdf``: value and density of the lobe for the direction sample ``ds``.
+        """
+        active = active & (pdf > 0) & self.near_specular(vertex.bsdf, active)
+        expected = etendue_of(vertex.ray) * kept_by(f, pdf) * self.density(vertex.si, ds, active)
+        return ray_weight(shared(expected, quotient(ds.pdf, dr.select(active, pdf, 0))))
 
     def radiance(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
         """Radiance of the photons of the map ``number`` by the glossy lobes at ``vertex``, with MIS weights."""
         ray, si, bsdf = vertex.ray, vertex.si, vertex.bsdf
         active = vertex.before_gathering(vertex.active) & lobes.has_any(bsdf.flags(), *lobes.GLOSSY)
         active = but_not(active & (ray.level < self.deepest), vertex.inseparable)
-        area, etendue = self.area(si, bsdf), dr.select(self.near_specular(bsdf, active), etendue_of(ray), 0)
+        area, etendue = self.footprint.area(si.p), dr.select(self.near_specular(bsdf, active), etendue_of(ray), 0)
 
         def light(i: mi.UInt32, in_reach: mi.Bool) -> mi.Spectrum:
             in_reach = in_reach & (ray.level + dr.gather(mi.UInt32, photons.level, i, in_reach) < self.deepest)
@@ -192,8 +176,8 @@ class PhotonMIS:
             density, f = dr.gather(mi.Float, photons.density, i, in_reach), mi.Spectrum(0)
             for lobe in self.lobes:
                 f_lobe, pdf = self.scattering.eval_pdf(lobe, vertex, wo, in_reach)
-                photons_expected = expected_photons(area * dr.abs(dr.dot(si.n, d)), f_lobe, pdf, density, etendue)
-                f += f_lobe * (1 - ray_weight(photons_expected))
+                here = quotient(area * dr.abs(dr.dot(si.n, d)), pdf) * density
+                f += f_lobe * (1 - ray_weight(shared(here, etendue * kept_by(f_lobe, pdf) * density)))
             flux = dr.gather(mi.Spectrum, photons.flux, i, in_reach)
             return dr.select(in_reach, f * flux / dr.select(in_reach, cos, 1), 0)
 
@@ -209,7 +193,6 @@ class PhotonMIS:
     def scatter(
         self,
         photons: GlossyPhotons,
-        start: Start,
         hit: Hit,
         bs: mi.BSDFSample3f,
         weight: mi.Spectrum,
@@ -217,7 +200,6 @@ class PhotonMIS:
         active: mi.Bool,
     ) -> GlossyPhotons:
         """The photons after ``hit``: those that land are in ``landed``; ``density`` is that after the surface.
-        ``start``: the photons as they were emitted.
 
         ``bs``, ``weight``: sample of the lobe that scatters those in the lanes ``active``; ``sample``: a number in
         [0, 1) for the choice to land.
@@ -237,39 +219,31 @@ class PhotonMIS:
         if self.near_specular_bsdfs:
             glossy = active & lobes.has_any(bs.sampled_type, *lobes.GLOSSY)
             glossy = but_not(glossy & self.near_specular(bsdf, glossy), lands)
-            beyond = dr.select(glossy, self.density_after(density, start, hit, bs.wo, glossy), beyond)
+            beyond = dr.select(glossy, self.density_after(density, hit, bs.wo, glossy), beyond)
         return GlossyPhotons(beyond, dr.select(lands, here, photons.landed), landing_weight)
 
-    def density_after(self, density: mi.Float, start: Start, hit: Hit, wo: mi.Vector3f, active: mi.Bool) -> mi.Float:
-        """Density of photons along ``wo`` after a near-specular surface, which they reach with ``density``.
-
-        It is the value of the BSDF over the root of the summed squares of all strategies that end there: BSDF and light
-        sampling, relative to ``density``, and photons that land.
-        """
+    def density_after(self, density: mi.Float, hit: Hit, wo: mi.Vector3f, active: mi.Bool) -> mi.Float:
+        """Density of photons along ``wo`` after a near-specular surface, which they reach with ``density``."""
         assert self.lights is not None
         camera_si = mi.SurfaceInteraction3f(hit.si)
         camera_si.wi = wo
-        seen = Surface(camera_si, hit.bsdf, active, hit.inseparable)
-        f, pdf = mi.Spectrum(0), mi.Float(0)
+        seen, f, pdf = Surface(camera_si, hit.bsdf, active, hit.inseparable), mi.Spectrum(0), mi.Float(0)
         for lobe in self.lobes:
             f_lobe, pdf_lobe = self.scattering.eval_pdf(lobe, seen, hit.si.wi, active)
             f, pdf = f + f_lobe, pdf + pdf_lobe
+        # Other strategies end here: light sampling at the first surface, photons that land at later ones.
         first = hit.level == 0
-        # Only light sampling finds light directly from a source without size; only rays find that of a sky.
-        single_strategy = start.density == DELTA_DENSITY
-        if self.lights.sky is not None:
-            single_strategy |= start.emitter.is_environment()
-        active = but_not(active & (density > 0), first & single_strategy)
-        to_light = hit.si.to_world(hit.si.wi)
-        landed = LANDING * self.footprint.area(hit.si.p) * dr.abs(dr.dot(hit.si.n, to_light))
-        ds = mi.DirectionSample3f(start.place)
-        ds.d, ds.dist, ds.emitter = to_light, camera_si.t, start.emitter
+        back = self.scene.ray_intersect(hit.si.spawn_ray(-hit.d), active & first)
+        ds = mi.DirectionSample3f(self.scene, back, hit.si)
         receiver = Receiver(camera_si, viewer_side(camera_si), lobes.has_any(hit.bsdf.flags(), *lobes.BOTH_SIDES))
-        light_pdf = self.lights.pdf(receiver, ds, active & first)
-        camera_strategies = dr.square(pdf) + dr.select(first, dr.square(light_pdf), 0)
-        strategies = dr.sqrt(camera_strategies * dr.square(dr.rcp(density)) + dr.select(first, 0, dr.square(landed)))
-        kept = dr.max(mi.unpolarized_spectrum(f)) * dr.select(first, 1, 1 - LANDING)
-        return dr.select(active & (strategies > 0), kept / dr.select(strategies > 0, strategies, 1), 0)
+        lit = quotient(self.lights.pdf(receiver, ds, active & first), pdf)
+        landed = quotient(self.footprint.area(hit.si.p) * hit.cos, pdf) * density
+        beyond = shared(density, dr.select(first, lit, landed)) * kept_by(f, pdf)
+        # Only light sampling finds light directly from a source without size; only rays find that of a sky.
+        single_strategy = density > MAX_DENSITY
+        if self.lights.sky is not None:
+            single_strategy |= ds.emitter.is_environment()
+        return dr.select(first & single_strategy, 0, beyond)
 
 
 def etendue_of(ray: Ray) -> mi.Float:
@@ -280,11 +254,16 @@ def etendue_of(ray: Ray) -> mi.Float:
     return dr.select(ray.earlier_etendue > 0, both, ray.last_etendue)
 
 
-def ray_weight(photons: mi.Float, others: mi.Float | float = 1) -> mi.Float:
-    """MIS weight of a ray where this number of ``photons`` is expected. ``others``: the sum over all other strategies,
-    the ray included, as squares over the ray's.
+def shared(photons: mi.Float, others: mi.Float) -> mi.Float:
+    """The number (or density) of ``photons`` that competes as well with a ray as this number does with the ray and this
+    number of ``others`` for each ray.
     """
-    return dr.rcp(others + dr.square(photons))
+    return photons * dr.rsqrt(1 + dr.square(others))
+
+
+def ray_weight(photons: mi.Float) -> mi.Float:
+    """MIS weight of a ray where this number of ``photons`` is expected; the photons have the rest."""
+    return dr.rcp(1 + dr.square(photons))
 
 
 def ideal_throughput(bs: mi.BSDFSample3f, weight: mi.Spectrum, flags: mi.UInt32) -> mi.Float:
@@ -297,17 +276,9 @@ def ideal_throughput(bs: mi.BSDFSample3f, weight: mi.Spectrum, flags: mi.UInt32)
     return dr.select(ideal, dr.max(mi.unpolarized_spectrum(weight)) * bs.pdf, 0)
 
 
-def expected_photons(area: mi.Float, f: mi.Spectrum, pdf: mi.Float, density: mi.Float, etendue: mi.Float) -> mi.Float:
-    """Number of photons of this ``density`` that are expected on ``area`` (perpendicular to their direction) for each
-    ray that a lobe samples there with the density ``pdf``, and for each of the camera's other strategies.
-
-    ``f``: value of the lobe. ``etendue``: of the ray that sees the surface, if that is near-specular, so that photons
-    land beyond it too; 0 if it is not.
-    """
-    last = quotient(area, pdf)
-    kept = quotient(dr.max(mi.unpolarized_spectrum(f)) * (1 - LANDING), pdf)
-    of_all = quotient(last, dr.sqrt(dr.square(dr.rcp(density)) + dr.square(etendue * kept)))
-    return dr.select(etendue > 0, of_all, last * density)
+def kept_by(f: mi.Spectrum, pdf: mi.Float) -> mi.Float:
+    """Fraction of a beam that a near-specular lobe of the value ``f`` and the density ``pdf`` keeps."""
+    return quotient(dr.max(mi.unpolarized_spectrum(f)), pdf)
 
 
 def quotient(value: mi.Float, pdf: mi.Float) -> mi.Float:

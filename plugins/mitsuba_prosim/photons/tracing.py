@@ -72,10 +72,10 @@ class PhotonTracer:
         from_inseparable = mi.Bool(False) if self.scattering.any_inseparable else None
         glossy = None if self.mis is None else self.mis.start(start.density)
         state = State(start.ray, start.flux, dr.max(start.flux) > 0, medium, from_inseparable, glossy)
-        (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (self._step(state, key, start),))
+        (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (self._step(state, key),))
         return state.landed, None if state.glossy is None else state.glossy.landed
 
-    def _step(self, state: State, key: mi.UInt32, start: Start) -> State:
+    def _step(self, state: State, key: mi.UInt32) -> State:
         hit, medium = self._intersect(state)
         flags, first = hit.bsdf.flags(), hit.level * NUMBERS
         lands = hit.active & (hit.level > 0) & lobes.has_any(flags, *lobes.DIFFUSE)
@@ -89,7 +89,7 @@ class PhotonTracer:
         if self.mis is not None:
             assert glossy is not None
             sample = number(key, LANDS + hit.level)
-            glossy = self.mis.scatter(glossy, start, hit, bs, weight, sample, goes)
+            glossy = self.mis.scatter(glossy, hit, bs, weight, sample, goes)
         # A photon either lands or continues, with about the same flux.
         flux = hit.flux * (weight * adjoint_correction(hit.si, bs.wo, d))
         kept = dr.select(goes, dr.max(flux) / dr.max(state.flux), 0)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 import mitsuba as mi
 
@@ -27,11 +25,10 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
     """
     lights, ray, active = context.lights, vertex.ray, vertex.smooth
     space = context.space(ray.node, NODE_SPACES)
-    competing_pdf = None if context.photon_mis is None else context.photon_mis.competing_pdf(vertex)
 
     def add(lamp: Lamp, L: Radiance) -> Radiance:
         sample = sample_lamp(context, vertex, lamp, points(space + lamp.k, active))
-        return L + lamp_light(context, vertex, points, lamp.k, sample, competing_pdf)
+        return L + lamp_light(context, vertex, points, lamp.k, sample)
 
     if lights.sampler is None:
         L = lights.for_each(add, context.layers.none(), active, attached=context.attached)
@@ -39,7 +36,7 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
         point = points(space, active)
         k, probability, rest = lights.sampler.choose(vertex.receiver, point.x, active)
         sample = sample_lamp(context, vertex, lights.lamp(k), mi.Point2f(rest, point.y), probability)
-        L = lamp_light(context, vertex, points, k, sample, competing_pdf)
+        L = lamp_light(context, vertex, points, k, sample)
     if lights.sky is not None and context.light_lobes is not None:
         value = sky_light(context, vertex, points, space + lights.lamps)
         L = L.plus(value, context.layers.of(ray, "diffuse", lights.lamps))
@@ -60,12 +57,8 @@ def sample_lamp(
     return reparameterised_sample(context.lights, lamp, vertex.receiver, ds, weight, vertex.smooth)
 
 
-def lamp_light(
-    context: Context, vertex: Vertex, points: Points, k: Index, sample: LightSample, competing_pdf: Any
-) -> Radiance:
-    """Radiance that ``vertex`` scatters from a ``sample`` of the lamp ``k``. ``competing_pdf``: see
-    :meth:`.PhotonMIS.competing_pdf`.
-    """
+def lamp_light(context: Context, vertex: Vertex, points: Points, k: Index, sample: LightSample) -> Radiance:
+    """Radiance that ``vertex`` scatters from a ``sample`` of the lamp ``k``."""
     (ds, weight), layers = sample, context.layers
     si, bsdf, ray, gathered = vertex.si, vertex.bsdf, vertex.ray, vertex.ray.gathered_photons
     lit = vertex.smooth & (ds.pdf > 0)
@@ -76,9 +69,10 @@ def lamp_light(
     diffuse = f
     for lobe in context.mis_lobes:
         f_lobe, pdf_lobe = eval_lobe(context, lobe, vertex, wo, points, mis_active)
-        if competing_pdf is not None:
-            pdf_lobe = competing_pdf(ds, f_lobe, pdf_lobe, but_not(mis_active, ds.delta))
-        f = f + f_lobe * dr.select(ds.delta, 1, mis(ds.pdf, pdf_lobe))
+        weight_lobe = dr.select(ds.delta, 1, mis(ds.pdf, pdf_lobe))
+        if context.photon_mis is not None:
+            weight_lobe *= context.photon_mis.light_weight(vertex, ds, f_lobe, pdf_lobe, mis_active)
+        f = f + f_lobe * weight_lobe
     f = context.scattering.or_all_lobes(f, vertex, wo, lit)
     glossy = layers.of(ray, "glossy", k)
     if not layers.splits_lobes:

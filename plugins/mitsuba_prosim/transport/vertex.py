@@ -122,7 +122,7 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
     pdf = lights.pdf(receiver, ds, uses_mis)
     weight = dr.select(uses_mis, mis(ray.pdf, pdf), 1)
     if context.photon_mis is not None:
-        weight = context.photon_mis.emission_weight(ray, origin, ds, pdf, uses_mis, weight, active)
+        weight *= context.photon_mis.emission_weight(ray, origin, ds, pdf, uses_mis, active)
     k = lights.number_of(emitter, active) if context.layers.splits_sources else 0
     return dr.select(active, L * weight, 0), context.layers.of(ray, "emitted", k)
 

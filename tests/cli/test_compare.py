@@ -109,9 +109,9 @@ def test_real_sample_counts_and_the_same_expected_image(tmp_path, variant_rgb):
     path.write_text(SCENE)
     scene = ComparedScene(SceneFile(path, tmp_path))
     mi.set_log_level(mi.LogLevel.Error)
-    assert scene.contestant(Spec("path:ldsampler"), "paths", spp=25).counts().mean() == 64
-    assert scene.contestant(Spec("path:orthogonal"), "paths", spp=64).counts().mean() == 121
-    counts = scene.contestant(Spec("prosim"), "scene").counts()
+    assert scene.contestant(Spec("path:ldsampler"), "paths", spp=25).render(0)[1].mean() == 64
+    assert scene.contestant(Spec("path:orthogonal"), "paths", spp=64).render(0)[1].mean() == 121
+    counts = scene.contestant(Spec("prosim"), "scene").render(0)[1]
     assert counts.shape == (12, 16)
     assert set(np.unique(counts)) == {3, 9}
     for transport, integrator in ("paths", "path"), ("direct", "direct"):
@@ -129,7 +129,7 @@ def test_references_are_kept_and_continued(tmp_path, variant_rgb):
 
         def render(self, seed):
             Noise.calls += 1
-            return np.random.default_rng(seed).normal(1, 0.1, (32, 32, 3)), 0, 0
+            return np.random.default_rng(seed).normal(1, 0.1, (32, 32, 3)), 0, 0, 0
 
     first = converged(tmp_path, "key", [Noise()])
     again = converged(tmp_path, "key", [Noise()])

@@ -13,17 +13,14 @@ from . import measures, runs
 from .contestants import ComparedScene, Contestant, Spec
 from .runs import Reference, Runs
 
-#: Transport of light -> its name in progress reports.
+#: Transport of light -> its name.
 LIGHT = {"paths": "all paths", "direct": "direct light", "scene": "the scene's light"}
 
 #: Parameters that end a render by its sample counts, not by its noise.
 UNTARGETED: dict[str, Any] = {"noise": 0.0, "time": 0.0}
 
-#: Values of a row of the table, besides the measures of error, that are medians of rounds.
-COSTS = ("seconds", "cpu")
-
-#: Kinds of maps, whose names end in these words: all of one kind share their scale.
-MAPS = ("error", "flip", "counts")
+#: Kinds of maps, whose names end in these words -> their colours. All of one kind share their scale.
+COLOUR_MAPS = {"error": "magma", "flip": "magma", "counts": "viridis"}
 
 
 @dataclass(frozen=True)
@@ -59,40 +56,40 @@ class Comparison:
 
     def run(self) -> Iterator[tuple[str, float]]:
         """Renders all; yields what is done at the moment, and the part of it that is done, 0 to 1."""
-        a, b, scale = self.a, self.b, self.scale
+        a, b = self.a, self.b
         transport = b.transport or a.transport or "scene"
         free = next((spec for spec in (a, b) if spec.transport is None), None)
-        sections = [Section(self.scene, transport, {"a": a, "b": b}, self.effort)]
+        sections = [Section(self.scene, transport, {"a": a, "b": b}, self.effort, self.scale)]
         if free and transport != "scene":
-            sections.append(Section(self.scene, "scene", {"a": free}, self.effort))
+            sections.append(Section(self.scene, "scene", {"a": free}, self.effort, self.scale))
         for section in sections:
             yield from section.prepare()
-        results = {c: Runs(section.reference.image) for section in sections for c in section.contestants()}
-        scaled = {name: lambda image, truth, m=m: m(image * scale, truth * scale) for name, m in measures.ALL.items()}
-        for done in runs.interleaved(results, self.effort.rounds, scaled):
+        for done in runs.interleaved([run for section in sections for run in section.runs()], self.effort.rounds):
             yield "rendering in turn", done
-        height, width = map(int, sections[0].reference.image.shape[:2])
+        height, width = map(int, sections[0].image.shape[:2])
         self.facts |= {"machine": runs.machine(), "width": width, "height": height}
-        self.facts["sections"] = [section.facts(results, scale) for section in sections]
+        self.facts["sections"] = [section.facts() for section in sections]
         for k, section in enumerate(sections):
-            self.images |= {f"{k}/{name}": image for name, image in section.images(results, scale).items()}
+            self.images |= {f"{k}/{name}": image for name, image in section.images().items()}
         if free and len(sections) > 1:
-            paths, own = (section.reference.image * scale for section in sections)
-            self.facts["difference"], more = difference(self.scene, free, paths, own, scale)
+            paths, own = (section.image for section in sections)
+            self.facts["difference"], more = difference(self.scene, free, paths, own, self.scale)
             self.images |= more
         self.facts["scales"] = scales(self.images)
 
 
 class Section:
-    """The contestants of one transport of light, by ``specs`` for "a" and perhaps "b": the rows of the table by role,
-    and the curves by role and level.
+    """The contestants of one transport of light, by ``specs`` for "a" and perhaps "b": the runs of the table's rows by
+    role, and those of the curves by role and level. All images are multiplied by ``scale``.
 
     Roles are "a", "b", "b at equal samples" and "b at equal time" for rows, "a" and "b" for curves. A level is the
     square root of the sample count.
     """
 
-    def __init__(self, scene: ComparedScene, transport: str, specs: dict[str, Spec], effort: Effort) -> None:
-        self.scene, self.transport, self.specs, self.effort = scene, transport, specs, effort
+    def __init__(
+        self, scene: ComparedScene, transport: str, specs: dict[str, Spec], effort: Effort, scale: float
+    ) -> None:
+        self.scene, self.transport, self.specs, self.effort, self.scale = scene, transport, specs, effort, scale
         key = f"{scene.key} {transport} {[spec.text for spec in specs.values()]}"
         estimators = [reference_estimator(scene, spec, transport) for spec in specs.values()]
         self.reference = Reference(effort.cache, key, estimators)
@@ -102,49 +99,41 @@ class Section:
         scene, transport, effort = self.scene, self.transport, self.effort
         for done in self.reference.converge(effort.seconds):
             yield f"reference of {LIGHT[transport]}", done
+        self.image = self.reference.image * self.scale
         b = self.specs.get("b")
-        self.rows = {"a": scene.contestant(self.specs["a"], transport)}
+        rows = {"a": scene.contestant(self.specs["a"], transport)}
         sqrt_spp = dict.fromkeys(self.specs, effort.sqrt_spp)
         if b and b.is_adaptive:
-            self.rows["b"] = scene.contestant(b, transport)
+            rows["b"] = scene.contestant(b, transport)
         elif b:
             # B may need more samples for the error of A.
             sqrt_spp["b"] = (*effort.sqrt_spp, round(1.6 * effort.sqrt_spp[-1]), round(2.5 * effort.sqrt_spp[-1]))
             yield "finding equal times", 0.0
-            same = equals(scene, self.rows["a"], b, transport)
-            self.rows["b at equal samples"], self.rows["b at equal time"] = same
+            rows["b at equal samples"], rows["b at equal time"] = equals(scene, rows["a"], b, transport)
         if effort.denoise:
-            self.rows |= {f"{role} denoised": replace(row, denoised=True) for role, row in self.rows.items()}
+            rows |= {f"{role} denoised": replace(row, denoised=True) for role, row in rows.items()}
+        self.rows = {role: Runs(row, self.image, self.scale) for role, row in rows.items()}
         self.curves = {
-            role: {n: at_level(scene, spec, transport, n) for n in sqrt_spp[role]} for role, spec in self.specs.items()
+            role: {n: Runs(at_level(scene, spec, transport, n), self.image, self.scale) for n in sqrt_spp[role]}
+            for role, spec in self.specs.items()
         }
 
-    def contestants(self) -> list[Contestant]:
-        """All contestants, rows first."""
+    def runs(self) -> list[Runs]:
+        """The runs of all contestants, rows first."""
         return [*self.rows.values(), *(point for curve in self.curves.values() for point in curve.values())]
 
-    def facts(self, results: Mapping[Contestant, Runs], scale: float) -> dict[str, Any]:
+    def facts(self) -> dict[str, Any]:
         """Rows, curves and reference, as numbers."""
-        rows: list[dict[str, Any]] = []
-        for role, contestant in self.rows.items():
-            run = results[contestant]
-            values = {
-                name: {"median": run.median(name), "least": min(of_rounds), "most": max(of_rounds)}
-                for name, of_rounds in run.values.items()
-            }
-            rows.append({"role": role, "name": contestant.name, "samples": run.samples, **values})
+        rows = [{"role": role, "name": run.contestant.name} | run.facts() for role, run in self.rows.items()]
         curves: list[dict[str, Any]] = []
         for role, curve in self.curves.items():
-            points = []
-            for level, contestant in curve.items():
-                medians = {name: results[contestant].median(name) for name in (*COSTS, *measures.ALL)}
-                points.append({"level": level, "samples": results[contestant].samples, **medians})
-            errors = [max(point["rmse"], 1e-12) for point in points]
-            slopes = {cost: measures.slope([point[cost] for point in points], errors) for cost in ("samples", "cpu")}
+            points = [{"level": level} | run.facts() for level, run in curve.items()]
+            errors = [median(point, "rmse") for point in points]
+            slopes = {c: measures.slope([median(point, c) for point in points], errors) for c in ("samples", "cpu")}
             curves.append({"role": role, "name": self.specs[role].text, "points": points, "slopes": slopes})
         reference = {name: getattr(self.reference, name) for name in ("seconds", "passes", "disagreement")}
-        reference["error"] = self.reference.error * scale
-        mean = float(np.mean(self.reference.image) * scale)
+        reference["error"] = self.reference.error * self.scale
+        mean = float(np.mean(self.reference.image) * self.scale)
         result = {"transport": self.transport, "mean": mean, "rows": rows, "curves": curves, "reference": reference}
         if len(curves) == 2:
             result["equal_error"] = {
@@ -153,19 +142,23 @@ class Section:
             }
         return result
 
-    def images(self, results: Mapping[Contestant, Runs], scale: float) -> dict[str, np.ndarray]:
+    def images(self) -> dict[str, np.ndarray]:
         """Images, error maps and sample counts of the rows of the table."""
-        reference = self.reference.image * scale
-        images = {"reference": reference}
-        for role, contestant in self.rows.items():
-            image = results[contestant].image * scale
+        images = {"reference": self.image}
+        for role, run in self.rows.items():
             images |= {
-                f"{role}/image": image,
-                f"{role}/error": measures.tone_mapped_error(image, reference),
-                f"{role}/flip": measures.flip_map(image, reference),
-                f"{role}/counts": results[contestant].counts,
+                f"{role}/image": run.image,
+                f"{role}/error": measures.tone_mapped_error(run.image, self.image),
+                f"{role}/flip": measures.flip_map(run.image, self.image),
+                f"{role}/counts": run.counts,
             }
         return images
+
+
+def median(facts: Mapping[str, Any], name: str) -> float:
+    """A value of a row or of a point, see :meth:`.Runs.facts`, above 0, as its logarithm is wanted."""
+    value = facts[name]
+    return max(float(value if name == "samples" else value["median"]), 1e-7)
 
 
 def at_level(scene: ComparedScene, spec: Spec, transport: str, n: int) -> Contestant:
@@ -187,11 +180,11 @@ def reference_estimator(scene: ComparedScene, spec: Spec, transport: str) -> Con
 
 def equals(scene: ComparedScene, a: Contestant, b: Spec, transport: str) -> tuple[Contestant, Contestant]:
     """Contestants of ``b`` with as many samples as ``a`` takes, and with as many as take the same time."""
-    samples = max(round(float(np.mean(a.counts()))), 1)
+    samples = max(round(float(np.mean(a.render(0)[1]))), 1)
 
     def processor_seconds(contestant: Contestant) -> float:
         contestant.render(0)  # compiles
-        return float(np.median([contestant.render(0)[2] for _ in range(3)]))
+        return float(np.median([contestant.render(0)[3] for _ in range(3)]))
 
     wanted = processor_seconds(a)
     spp, equal = samples, scene.contestant(b, transport, spp=samples)
@@ -210,16 +203,16 @@ def equal_error(points: list[dict[str, Any]], cost: str, measure: str, row: dict
     If the curve does not reach that error, ``reached`` is false, and its highest cost counts; if it starts below that
     error, its lowest cost counts.
     """
-    costs, errors = [point[cost] for point in points], [max(point[measure], 1e-12) for point in points]
-    own, error = row[cost] if cost == "samples" else row[cost]["median"], max(row[measure]["median"], 1e-12)
+    costs = [median(point, cost) for point in points]
+    *errors, error = (median(facts, measure) for facts in (*points, row))
     needed = costs[0] if error > errors[0] else measures.cost_at(error, costs, errors)
-    return {"ratio": (max(costs) if needed is None else needed) / own, "reached": needed is not None}
+    return {"ratio": (max(costs) if needed is None else needed) / median(row, cost), "reached": needed is not None}
 
 
 def scales(images: Mapping[str, np.ndarray]) -> dict[str, float]:
     """Kind of map -> the value at which its colours end."""
     result = {}
-    for kind in MAPS:
+    for kind in COLOUR_MAPS:
         maps = [image for name, image in images.items() if name.endswith("/" + kind)]
         result[kind] = float(max((m.max() if kind == "counts" else np.percentile(m, 99.5)) for m in maps)) or 1.0
     return result

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .comparison import COLOUR_MAPS, LIGHT, median
 from .measures import display
 
 #: The results of a comparison: texts and numbers, fit for JSON.
@@ -24,17 +25,8 @@ MEASURES = {
     "flip": ("ꟻLIP", "difference that a viewer sees when flipping between the two; 0 is none"),
 }
 
-TRANSPORTS = {
-    "paths": "the same light: every path",
-    "direct": "the same light: that of the sources alone",
-    "scene": "the light that the scene asks for",
-}
-
 #: Colours of the contestants.
 COLOURS = {"a": "#c2410c", "b": "#1d4ed8"}
-
-#: Colour maps of the kinds of maps.
-COLOUR_MAPS = {"error": "magma", "flip": "magma", "counts": "viridis"}
 
 
 def html(facts: Facts, images: Mapping[str, np.ndarray]) -> str:
@@ -44,7 +36,7 @@ def html(facts: Facts, images: Mapping[str, np.ndarray]) -> str:
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
-    environment.globals.update(number=number, described=described, MEASURES=MEASURES, TRANSPORTS=TRANSPORTS)
+    environment.globals.update(number=number, described=described, MEASURES=MEASURES, LIGHT=LIGHT)
     template = environment.from_string(files(__package__).joinpath("comparison_page.html").read_text(encoding="utf-8"))
     return template.render(
         facts=facts, pictures=encode(facts, images), charts=[chart(section) for section in facts["sections"]]
@@ -103,17 +95,16 @@ def chart(section: Facts) -> str:
     figure = Figure(figsize=(10.5, 6.6), layout="constrained")
     axes = figure.subplots(2, 2, sharex="col", sharey="row")
     costs = {"samples": "samples per pixel", "cpu": "processor seconds per thread"}
-    for row, measure in zip(axes, ("rmse", "flip")):
-        for axis, cost in zip(row, costs):
+    for line, measure in zip(axes, ("rmse", "flip")):
+        for axis, cost in zip(line, costs):
             for curve in section["curves"]:
-                points = [(point[cost], max(point[measure], 1e-7)) for point in curve["points"]]
+                points = [(median(point, cost), median(point, measure)) for point in curve["points"]]
                 axis.loglog(*zip(*points), "o-", color=COLOURS[curve["role"]], label=curve["name"])
-            for entry in section["rows"]:
-                x = entry[cost] if cost == "samples" else entry[cost]["median"]
-                y = max(entry[measure]["median"], 1e-7)
-                axis.loglog(x, y, "D", color=COLOURS[entry["role"][0]], markersize=9, markerfacecolor="none")
+            for row in section["rows"]:
+                colour = COLOURS[row["role"][0]]
+                axis.loglog(median(row, cost), median(row, measure), "D", color=colour, ms=9, markerfacecolor="none")
             axis.grid(True, which="both", alpha=0.2)
-        row[0].set_ylabel(MEASURES[measure][0])
+        line[0].set_ylabel(MEASURES[measure][0])
     for axis, label in zip(axes[1], costs.values()):
         axis.set_xlabel(label)
     axes[0, 0].legend()

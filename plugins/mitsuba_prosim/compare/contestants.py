@@ -71,32 +71,19 @@ class Contestant:
     sensor: mi.Sensor
     integrator: mi.Integrator
     spp: int = 0
-    #: Whether the integrator decides on the sample counts.
-    adaptive: bool = False
     #: Whether the image is denoised, from two halves of the samples.
     denoised: bool = False
 
-    def render(self, seed: int) -> tuple[np.ndarray, float, float]:
-        """Image (height, width, 3), seconds by the clock, and processor seconds per thread."""
+    def render(self, seed: int) -> tuple[np.ndarray, np.ndarray, float, float]:
+        """Image (height, width, 3), sample counts (height, width), seconds by the clock, and processor seconds per
+        thread.
+        """
+        begin = halves.start if self.denoised else rendering.progressive
         start, start_cpu = time.perf_counter(), time.process_time()
-        if self.denoised:
-            image = halves.render(self.scene, self.sensor, self.integrator, seed, self.spp).final
-        else:
-            image = self.integrator.render(self.scene, self.sensor, seed=seed, spp=self.spp)
-        dr.eval(image)
-        dr.sync_thread()
+        render = begin(self.scene, self.sensor, seed=seed, spp=self.spp, integrator=self.integrator).run()
+        image = render.denoiser.denoised().final if self.denoised else render.half_images()[0]
         seconds, cpu = time.perf_counter() - start, time.process_time() - start_cpu
-        return np.array(image)[..., :3], seconds, cpu / max(dr.thread_count(), 1)
-
-    def counts(self) -> np.ndarray:
-        """The number of samples of each pixel, shape (height, width); samplers round the requested number."""
-        if self.adaptive:
-            start = halves.start if self.denoised else rendering.progressive
-            return start(self.scene, self.sensor, spp=self.spp, integrator=self.integrator).run().counts()
-        sampler = self.sensor.sampler().clone()
-        sampler.set_sample_count((self.spp + 1) // 2 if self.denoised else self.spp)
-        width, height = self.sensor.film().crop_size()
-        return np.full((height, width), float(sampler.sample_count() * (1 + self.denoised)))
+        return image[..., :3], render.counts(), seconds, cpu / max(dr.thread_count(), 1)
 
 
 class ComparedScene:
@@ -150,7 +137,7 @@ class ComparedScene:
         if not spec.is_adaptive and not spp:
             spp = sensor.sampler().sample_count()
         scene = self.scene if transport == "scene" else self.lit
-        return Contestant(spec.text, scene, sensor, mi.load_dict(settings), spp, spec.is_adaptive)
+        return Contestant(spec.text, scene, sensor, mi.load_dict(settings), spp)
 
 
 def can_light(background: Any) -> bool:

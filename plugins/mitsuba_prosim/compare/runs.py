@@ -7,19 +7,18 @@ import io
 import os
 import platform
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import drjit as dr
 import numpy as np
 
 from .. import atomic
 from ..engine import environment
+from . import measures
 from .contestants import Contestant
-
-#: Name -> function of an image and its reference.
-Measures = Mapping[str, Callable[[np.ndarray, np.ndarray], float]]
 
 #: The first seed of references: measured images have other samples.
 REFERENCE_SEEDS = 1 << 20
@@ -28,39 +27,41 @@ REFERENCE_SEEDS = 1 << 20
 @dataclass
 class Runs:
     """The runs of one contestant: values of each round, by name ("seconds", "cpu" and the measures of error against
-    ``reference``), the last image, and the number of samples of each pixel.
+    ``reference``), the last image times ``scale``, and the number of samples of each pixel.
     """
 
+    contestant: Contestant
     reference: np.ndarray
+    scale: float = 1.0
     values: dict[str, list[float]] = field(default_factory=dict)
     image: np.ndarray = field(default_factory=lambda: np.zeros(0))
     counts: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
-    @property
-    def samples(self) -> float:
-        """The mean number of samples per pixel."""
-        return float(np.mean(self.counts))
+    def measure(self, turn: int) -> None:
+        """Renders and measures an image; turn 0 warms up."""
+        image, self.counts, seconds, cpu = self.contestant.render(turn)
+        self.image = image * self.scale
+        if turn > 0:
+            errors = {name: measure(self.image, self.reference) for name, measure in measures.ALL.items()}
+            for name, value in {"seconds": seconds, "cpu": cpu, **errors}.items():
+                self.values.setdefault(name, []).append(value)
 
-    def median(self, name: str) -> float:
-        """Median of the rounds' values."""
-        return float(np.median(self.values[name]))
+    def facts(self) -> dict[str, Any]:
+        """Mean samples per pixel, and the median, least and most of the rounds' values."""
+        return {"samples": float(np.mean(self.counts))} | {
+            name: {"median": float(np.median(values)), "least": min(values), "most": max(values)}
+            for name, values in self.values.items()
+        }
 
 
-def interleaved(runs: Mapping[Contestant, Runs], rounds: int, measures: Measures) -> Iterator[float]:
-    """Renders each contestant once to warm up and then once in each of ``rounds`` rounds; measures and stores the
-    images. Yields the progress, 0 to 1.
+def interleaved(runs: Sequence[Runs], rounds: int) -> Iterator[float]:
+    """Measures each once to warm up and then once in each of ``rounds`` rounds. Yields the progress, 0 to 1.
 
     Turns distribute the other load of the machine evenly.
     """
     for turn in range(rounds + 1):
-        for k, (contestant, run) in enumerate(runs.items()):
-            run.image, seconds, cpu = contestant.render(turn)
-            if turn == 0:
-                run.counts = contestant.counts()
-            else:
-                errors = {name: measure(run.image, run.reference) for name, measure in measures.items()}
-                for name, value in {"seconds": seconds, "cpu": cpu, **errors}.items():
-                    run.values.setdefault(name, []).append(value)
+        for k, run in enumerate(runs):
+            run.measure(turn)
             yield (turn * len(runs) + k + 1) / ((rounds + 1) * len(runs))
 
 
@@ -121,14 +122,10 @@ def cache_folder() -> Path:
 
 
 def machine() -> dict[str, str | int | float | None]:
-    """Processor, number of cores, versions and load of this machine."""
-    here = environment.this_environment()
-    return {
-        "processor": here["processor"],
+    """Software, processor, number of cores and load of this machine."""
+    return environment.this_environment() | {
         "cores": os.cpu_count(),
         "threads": dr.thread_count(),
-        "system": platform.system(),
         "python": platform.python_version(),
-        **{name: here[name] for name in environment.MUST_AGREE},
         "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
     }

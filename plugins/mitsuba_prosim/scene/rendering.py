@@ -47,6 +47,7 @@ class Blocking(Steps):
             # No neighbouring seed, which may be that of another image.
             seeds.append(combine(hash32(seed), 1))
         self._images: list[mi.TensorXf] = []
+        self._sensor, self._spp = sensor, spp
         super().__init__(self._render(integrator, scene, sensor, seeds, spp))
         self.close = self._steps.close
 
@@ -62,6 +63,13 @@ class Blocking(Steps):
     def half_images(self) -> list[np.ndarray]:
         """The developed images so far, shape (height, width, channels)."""
         return [np.array(image) for image in self._images]
+
+    def counts(self) -> np.ndarray:
+        """Number of samples of each pixel so far, shape (height, width); samplers round the requested number."""
+        sampler = self._sensor.sampler().clone()
+        sampler.set_sample_count(self._spp or sampler.sample_count())
+        height, width = self._images[0].shape[:2]
+        return np.full((height, width), sampler.sample_count() * len(self._images))
 
     def update_film(self) -> None:
         """Does nothing, as the film already holds the image."""

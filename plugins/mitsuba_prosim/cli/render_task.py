@@ -80,12 +80,8 @@ class RenderTask:
         if job.denoise:
             check_denoising(film, integrator)
         option = "--part" if job.part else "--checkpoint" if job.checkpoint else job.distributed
-        if option and not rendering.is_progressive(integrator):
-            raise ValueError(
-                f"{option} needs prosim or prosim_adaptive, in all but scalar variants; this scene's integrator is "
-                f"{integrator.class_name()}. Add --noise 0.01 or --adaptive none --samples 8, for example: "
-                "prosim_adaptive then wraps it."
-            )
+        if option:
+            rendering.require_progressive(integrator, option)
         if self.begin is not None and self.begin.about["digest"] != self.about["digest"]:
             raise ValueError(
                 f"{job.scene} is not the scene of this state: its text has changed, or a mesh or a picture that it "

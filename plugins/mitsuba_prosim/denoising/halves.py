@@ -168,8 +168,9 @@ class FinalImage:
         return float(reached.samples) if reached else 0.0
 
     def estimate(self, render: Render) -> Noise:
-        """The error of the final image; see :class:`~mitsuba_prosim.engine.render.Denoiser`. Where the denoiser is not
-        called, it is the one that the last call promises, or that of the raw image.
+        """The error of the final image, by which ``render`` continues. Where the denoiser is not called, it is the one
+        that the last call promises, or that of the raw image. If the second image begins here, ``render`` asks again
+        when that has its samples.
         """
         second, state, target, samples = render.second, render.state, render.target, self._samples
         assert second is not None

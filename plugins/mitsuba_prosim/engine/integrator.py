@@ -18,10 +18,11 @@ from .plan import SAMPLING, Plan, Sampling
 from .policies import POLICIES
 
 if TYPE_CHECKING:
+    from ..denoising.halves import FinalImage
     from .checkpoint import Checkpoint
     from .derivatives import Derivatives
     from .estimator import Estimator
-    from .render import Denoiser, Render
+    from .render import Render
     from .tiles import Part
     from .work import Executor
 
@@ -128,7 +129,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         executor: Executor | None = None,
         begin: Checkpoint | None = None,
         part: Part | None = None,
-        denoiser: Denoiser | None = None,
+        denoiser: FinalImage | None = None,
     ) -> Render:
         """Renders step by step: returns an iterator that yields a :class:`.Step` after each work item,
         and whose methods show the image so far.

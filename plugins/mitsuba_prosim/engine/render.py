@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
@@ -24,6 +24,7 @@ from .tiles import Part
 from .work import Executor, Step, Steps, photon_batches, work_items
 
 if TYPE_CHECKING:
+    from ..denoising.halves import FinalImage
     from .work import Pixels
 
 #: Maximum ratio of the samples of a pixel after a pass and before it; the last pass may take more.
@@ -46,15 +47,6 @@ class Reached:
     seconds: float
 
 
-class Denoiser(Protocol):
-    """Estimates the error of an image that will be denoised."""
-
-    def estimate(self, render: Render) -> tuple[float, float, float]:
-        """The RMS error of the displayed image (white = 1), and the bounds of 99 and of 99.9 % of its pixels. If
-        it calls ``render.begin_complete_second()``, it is asked again when that image has its samples.
-        """
-
-
 @dataclass
 class Pass:
     """The samples that ``pixels`` lack to the counts ``wanted``."""
@@ -69,8 +61,10 @@ class Pass:
     timed: bool = False
     #: Whether ``stop()`` may end the pass.
     stoppable: bool = True
-    #: Whether all samples have been taken.
-    complete: bool = field(default=False, init=False)
+
+
+#: Passes, one after the other; whether all samples of a pass were taken is sent.
+Passes = Generator[Pass, "bool | None", None]
 
 
 class Render(Steps):
@@ -94,7 +88,7 @@ class Render(Steps):
         executor: Executor | None = None,
         begin: Checkpoint | None = None,
         part: Part | None = None,
-        denoiser: Denoiser | None = None,
+        denoiser: FinalImage | None = None,
     ) -> None:
         self.state = FilmState(plan, estimator, part if begin is None else begin.part)
         self.film, self.own_aovs, self.executor = estimator.sensor.film(), own_aovs, executor or Executor()
@@ -131,13 +125,14 @@ class Render(Steps):
 
     def _run(self) -> Generator[Step, None, None]:
         """Gives the work items of all passes to the executor."""
-        passes, complete = self._passes(), True
+        passes, complete = self._passes(), None
         try:
             while True:
                 with alone():
-                    current = next(passes, None)
-                if current is None:
-                    break
+                    try:
+                        current = passes.send(complete)
+                    except StopIteration:
+                        break
                 count = np.array(current.pixels.accumulators.count, dtype=np.int64)
                 missing, taken = int(np.maximum(current.wanted - count, 0).sum()), 0
                 for wanted in photon_batches(current.pixels, current.wanted, self.executor.photon_passes):
@@ -153,10 +148,10 @@ class Render(Steps):
                             yield Step(self._done, False)
                             if taken < missing and self._must_end(current):
                                 break
-                complete = current.complete = taken == missing
+                complete = taken == missing
                 if (current.shown or not complete) and np.all(self.state.counts > 0):
                     yield Step(self._done, True)
-            self.finished = not self._stopped and (complete or self.target.time_is_up)
+            self.finished = not self._stopped and (complete is not False or self.target.time_is_up)
             if self.finished and self._done < 1:
                 yield Step(1.0, True)
         except (Exception, KeyboardInterrupt):
@@ -179,7 +174,7 @@ class Render(Steps):
 
     # ---------------------------------------------------------------- the passes
 
-    def _passes(self) -> Iterator[Pass]:
+    def _passes(self) -> Passes:
         """The passes over the image, decided one after the other, and over a complete second image."""
         if not self._finished_before:
             yield from self._image_passes()
@@ -191,7 +186,7 @@ class Render(Steps):
             if any(self.target.limits) and self.second and not self._stopped:
                 self.state.noise = self.second.noise(self.state)
 
-    def _image_passes(self) -> Iterator[Pass]:
+    def _image_passes(self) -> Passes:
         """The passes over the image. A state with samples and decisions continues."""
         state, plan, policy = self.state, self.state.plan, self.state.policy
         first = state.counts_of_part(np.full(dr.width(state.x), policy.first_samples, np.uint32), state.margin)
@@ -200,11 +195,10 @@ class Render(Steps):
         if state.rounds == 0:
             if self.target.seconds:  # there is an image after one sample of each pixel
                 yield Pass(state, np.minimum(first, 1), shown=False)
-            current = Pass(state, first, most, timed=True)
-            yield current
-            if not current.complete and dr.any(state.accumulators.count > 0):
+            complete = yield Pass(state, first, most, timed=True)
+            if not complete and dr.any(state.accumulators.count > 0):
                 yield Pass(state, np.minimum(first, 1), shown=False, stoppable=False)
-            if not current.complete or policy.first_samples == plan.max_samples:
+            if not complete or policy.first_samples == plan.max_samples:
                 return
         if plan.sampling.has_target:
             state.rounds = 1
@@ -219,13 +213,12 @@ class Render(Steps):
                 if left:  # estimates by few samples are unreliable
                     wanted = np.minimum(wanted, np.maximum(GROWTH * np.array(state.accumulators.count), plan.n**2))
                 state.wanted, state.rounds = state.counts_of_part(wanted, left * policy.reach), state.rounds + 1
-            current = Pass(state, state.wanted, most if left else float(state.wanted.sum(dtype=np.int64)))
-            yield current
-            if not current.complete:
+            expected = most if left else float(state.wanted.sum(dtype=np.int64))
+            if not (yield Pass(state, state.wanted, expected)):
                 return
             state.wanted = None
 
-    def _refine(self) -> Iterator[Pass]:
+    def _refine(self) -> Passes:
         """The passes that reach the error target, each followed by one that measures the error. Each pixel gets samples
         in proportion to those that the policy requests.
         """
@@ -236,9 +229,7 @@ class Render(Steps):
             count = np.array(state.accumulators.count)
             if state.wanted is None:
                 if (second := self.second) is not None:
-                    current = self._second_pass()
-                    yield current
-                    if not current.complete:
+                    if not (yield self._second_pass()):
                         return
                     self.loosening = 1.0
                     state.noise = self.denoiser.estimate(self) if self.denoiser else second.noise(state)
@@ -260,9 +251,7 @@ class Render(Steps):
                     continue
             have, started = mean(count), time.perf_counter()
             expected = max(have * remaining_factor(state, target), mean(state.wanted)) if any(target.limits) else np.inf
-            current = Pass(state, state.wanted, expected * len(count), shown=False, timed=True)
-            yield current
-            if not current.complete:
+            if not (yield Pass(state, state.wanted, expected * len(count), shown=False, timed=True)):
                 return
             state.wanted = None
 

@@ -219,12 +219,7 @@ def render(
         loaded = file.load()
         bundle = SceneBundle.of(file, sensor)
     integrator: Any = loaded.integrator()
-    if not rendering.is_progressive(integrator):
-        raise ValueError(
-            f"{scene}: a cluster renders with prosim or prosim_adaptive, in all but scalar variants; this scene's "
-            f'integrator is {integrator.class_name()}. Add integrator={{"noise": 0.01}}, for example: prosim_adaptive '
-            "then wraps it."
-        )
+    rendering.require_progressive(integrator, "a cluster")
     executor = DaskExecutor(client or distributed.default_client(), bundle, warnings.warn)
     chosen = scene_file.pick_sensor(loaded, sensor)
     progress = integrator.progressive(loaded, chosen, seed, spp, executor=executor).run()

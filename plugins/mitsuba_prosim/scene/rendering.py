@@ -18,6 +18,16 @@ def is_progressive(integrator: mi.Integrator) -> bool:
     return hasattr(integrator, "progressive") and dr.is_jit_v(mi.Float)
 
 
+def require_progressive(integrator: mi.Integrator, what: str) -> None:
+    """Raises ValueError if an integrator does not render progressively; ``what`` needs that."""
+    if not is_progressive(integrator):
+        raise ValueError(
+            f"{what} needs prosim or prosim_adaptive, in all but scalar variants; this scene's integrator is "
+            f"{integrator.class_name()}. Give the parameter noise (--noise 0.01), or adaptive (--adaptive none "
+            "--samples 8), for example: prosim_adaptive then wraps it."
+        )
+
+
 def progressive(
     scene: mi.Scene, sensor: mi.Sensor, seed: int = 0, spp: int = 0, integrator: Any = None, **how: Any
 ) -> Any:

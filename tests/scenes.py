@@ -92,6 +92,13 @@ def penumbra(ball=None, size=32, rfilter="box", **integrator):
     }
 
 
+def loaded(ball=None, size=32, film=None, **settings):
+    """That scene with the integrator prosim, unless it is another, and more settings of the film."""
+    scene = penumbra(ball, size, **{"type": "prosim", **settings})
+    scene["sensor"]["film"] |= film or {}
+    return mi.load_dict(scene)
+
+
 def without(scene, *names):
     """The scene without the things of these names."""
     return {name: thing for name, thing in scene.items() if name not in names}

@@ -275,23 +275,6 @@ def test_a_stop_leaves_the_first_half(variant_rgb):
         render.denoiser.denoised()
 
 
-def test_crops_wide_filters_alpha_and_luminance(variant_rgb, denoiser):
-    scene = penumbra(size=24, rfilter="gaussian", type="prosim", samples=2, aovs="error")
-    crop = {"crop_offset_x": 3, "crop_offset_y": 5, "crop_width": 14, "crop_height": 9}
-    for pixel_format, names in (("rgba", "RGBA"), ("luminance_alpha", "YA")):
-        scene["sensor"]["film"] |= crop | {"pixel_format": pixel_format}
-        loaded = mi.load_dict(scene)
-        final = halves.start(loaded, loaded.sensors()[0], loaded.integrator()).run().denoiser
-        both, found = final.halves, final.denoised()
-        assert found.final.shape == (9, 14, len(names) - 1) and both.names == [*names, "error"]
-        fields = [field.name for field in layers.bitmap(both, found).struct_()]
-        assert fields[: len(names) + 1] == [*names, "error"]
-        assert set(fields[len(names) + 1 :]) == {
-            *(f"{layer}.{name}" for layer in ("raw", "denoised") for name in names[:-1]),
-            *("error.Y", "error_raw.Y", "error_denoised.Y"),
-        }
-
-
 def test_render_in_every_variant(variant, denoiser):
     scene = mi.load_dict(penumbra(size=8, type="path"))
     found = denoising.render(scene, spp=4)
@@ -307,30 +290,35 @@ def test_films_without_colours_are_refused(variant_spectral):
 # ---------------------------------------------------------------- as an integrator
 
 
-def test_the_integrator_is_the_denoised_image_of_the_nested_one(variant_rgb, denoiser):
-    """To the bit, with alpha, in a crop, beside the nested integrator's own channels."""
-    scene = penumbra(type="prosim", samples=2, aovs="samples")
-    crop = {"crop_offset_x": 4, "crop_offset_y": 2, "crop_width": 24, "crop_height": 20}
-    scene["sensor"]["film"] |= crop | {"pixel_format": "rgba"}
-    whole = {**scene, "integrator": {"type": "prosim_denoised", "nested": scene["integrator"]}}
-    image = np.array(mi.render(loaded := mi.load_dict(whole), seed=3))
-    wanted = denoising.render(mi.load_dict(scene), seed=3)
-    names = [field.name for field in loaded.sensors()[0].film().bitmap().struct_()]
-    planes = dict(zip(names, np.moveaxis(image, 2, 0)))
-    for layer, expected in (("", wanted.final), ("raw.", wanted.raw), ("denoised.", wanted.denoised)):
-        np.testing.assert_array_equal(np.stack([planes[layer + c] for c in "RGB"], axis=2), expected)
-    for layer in ("error", "error_raw", "error_denoised"):
-        map_ = {"error": "final_error"}.get(layer, "_".join(reversed(layer.split("_"))))
-        np.testing.assert_array_equal(planes[layer + ".Y"], getattr(wanted, map_))
-    assert planes["A"].max() == 1 and np.all(planes["samples"] == 2) and image.shape[:2] == (20, 24)
+@pytest.mark.parametrize("pixel_format, names", [("rgba", "RGBA"), ("luminance_alpha", "YA"), ("luminance", "Y")])
+def test_the_integrator_is_the_denoised_image_of_the_nested_one(variant_rgb, denoiser, pixel_format, names):
+    """To the bit in colours, with a wide filter and in a crop, beside the nested integrator's own channels."""
+    scene = penumbra(size=24, rfilter="gaussian", type="prosim", samples=2, aovs="samples")
+    crop = {"crop_offset_x": 3, "crop_offset_y": 5, "crop_width": 14, "crop_height": 9}
+    scene["sensor"]["film"] |= crop | {"pixel_format": pixel_format}
+    ours = mi.load_dict({**scene, "integrator": {"type": "prosim_denoised", "nested": scene["integrator"]}})
+    image = np.array(mi.render(ours, seed=3))
+    fields = [field.name for field in ours.sensors()[0].film().bitmap().struct_()]
+    planes = dict(zip(fields, np.moveaxis(image, 2, 0)))
+    scene = mi.load_dict(scene)
+    denoiser = halves.start(scene, scene.sensors()[0], scene.integrator(), 3).run().denoiser
+    wanted = denoiser.denoised()
+    expected = {"error": wanted.final_error, "error_raw": wanted.raw_error, "error_denoised": wanted.denoised_error}
+    expected = {f"{name}.Y": error for name, error in expected.items()}
+    for layer, values in ("", wanted.final), ("raw.", wanted.raw), ("denoised.", wanted.denoised):
+        letters = "RGB" if layer else names.strip("A")
+        expected |= {f"{layer}{c}": values[..., k % values.shape[2]] for k, c in enumerate(letters)}
+    assert fields[: len(names) + 1] == [*names, "samples"] and set(fields) == {*names, "samples", *expected}
+    for name, values in expected.items():
+        np.testing.assert_allclose(planes[name], values, 0 if "R" in names else 1e-5, err_msg=name)
+    assert image.shape[:2] == (9, 14) and np.all(planes["samples"] == 2) and planes.get("A", np.ones(1)).max() == 1
+    saved = {field.name for field in layers.bitmap(denoiser.halves, wanted).struct_()}
+    colours = [layer + c for layer in ("", "raw.", "denoised.") for c in names.strip("A")]
+    assert saved == {*names, "samples", *colours, "error.Y", "error_raw.Y", "error_denoised.Y"}
 
 
-def test_the_integrator_denoises_a_luminance_film_and_refuses_others(variant_rgb, denoiser):
+def test_the_integrator_refuses_other_films(variant_rgb):
     scene = penumbra(type="prosim_denoised", nested={"type": "path"})
-    scene["sensor"]["film"]["pixel_format"] = "luminance"
-    image = np.array(mi.render(mi.load_dict(scene), spp=4))
-    plain = denoising.render(mi.load_dict({**scene, "integrator": {"type": "path"}}), spp=4)
-    np.testing.assert_allclose(image[..., 0], plain.final[..., 0], rtol=1e-5)
     scene["sensor"]["film"]["pixel_format"] = "xyz"
     scene = mi.load_dict(scene)
     with pytest.raises(ValueError, match="its colours are X, Y, Z"):

@@ -260,13 +260,8 @@ def test_error_of_neighbours_is_that_of_the_pixels_around(variant_rgb, shape):
         around = samples[(apart > 0) & (apart <= Neighbours.reach)]
         if around.size:
             expected[y, x] = np.sqrt(around.var() / n) / (2 * np.sqrt(around.mean() + 0.01))
-    error = error_of_neighbours(
-        mi.Float(samples.sum(2).ravel()),
-        mi.Float((samples**2).sum(2).ravel()),
-        mi.Float(n),
-        dr.opaque(mi.UInt32, width),
-        dr.opaque(mi.UInt32, height),
-    )
+    sums = [mi.Float(values.sum(2).ravel()) for values in (samples, samples**2)]
+    error = error_of_neighbours(*sums, mi.Float(n), dr.opaque(mi.UInt32, width), dr.opaque(mi.UInt32, height))
     assert np.allclose(np.array(error), expected.ravel(), rtol=1e-4)
 
 

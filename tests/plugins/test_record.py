@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 from mitsuba_prosim.engine.checkpoint import CheckpointError, put_together
 from mitsuba_prosim.engine.tiles import Part, part_numbers
-from scenes import COPPER, in_threads, penumbra
+from scenes import COPPER, in_threads, loaded, penumbra
 
 CROP = {"width": 96, "height": 90, "crop_offset_x": 17, "crop_offset_y": 11, "crop_width": 50, "crop_height": 40}
 
 
-def loaded(size=40, rfilter="gaussian", film=None, **settings):
-    scene = penumbra(COPPER, size=size, rfilter=rfilter, type="prosim", **{"aovs": "samples,error", **settings})
-    scene["sensor"]["film"] |= film or {}
-    return mi.load_dict(scene)
+def copper(size=40, rfilter="gaussian", **settings):
+    return loaded(COPPER, size, rfilter=rfilter, **{"aovs": "samples,error", **settings})
 
 
 def finished(scene, **how):
@@ -46,7 +44,7 @@ LONG = {"noise": 0.002, "max_samples": 300}
 
 def test_a_resumed_render_has_the_same_bits(variant_rgb):
     """Within the first wave, within a later one, and while its noise is measured."""
-    assert_resumed_alike(loaded(size=24, band=250, **LONG), (0.1, 0.6, 0.9))
+    assert_resumed_alike(copper(size=24, band=250, **LONG), (0.1, 0.6, 0.9))
 
 
 @pytest.mark.slow
@@ -61,23 +59,23 @@ def test_a_resumed_render_has_the_same_bits(variant_rgb):
     ids=str,
 )
 def test_a_render_resumed_anywhere_has_the_same_bits(variant_rgb, settings):
-    assert_resumed_alike(loaded(band=700, **settings), (0, 0.4, 0.8, 1))
+    assert_resumed_alike(copper(band=700, **settings), (0, 0.4, 0.8, 1))
 
 
 @pytest.mark.slow
 def test_a_checkpoint_is_resumed_with_another_limit(variant_rgb):
     """More samples of every pixel: the image is that of one run. Less noise: it is reached, by adding samples alone."""
-    half = checkpoints(loaded(size=24, adaptive="none", max_samples=10))[-1]
-    more = loaded(size=24, adaptive="none", max_samples=20)
+    half = checkpoints(copper(size=24, adaptive="none", max_samples=10))[-1]
+    more = copper(size=24, adaptive="none", max_samples=20)
     assert np.array_equal(finished(more, begin=half)[0], finished(more)[0])
-    quick = checkpoints(loaded(size=24, adaptive="neighbours"))[-1]
-    image, (samples, noise) = finished(loaded(size=24, noise=0.0015, adaptive="graded"), begin=quick)
+    quick = checkpoints(copper(size=24, adaptive="neighbours"))[-1]
+    image, (samples, noise) = finished(copper(size=24, noise=0.0015, adaptive="graded"), begin=quick)
     assert float(noise) <= 0.0015 and samples > np.mean(quick.pixels["count"])
     assert np.all(np.rint(image[..., -2]).ravel() >= quick.pixels["count"])
 
 
 def test_checkpoints_of_another_image_are_refused(variant_rgb):
-    (*_, last) = checkpoints(loaded(size=8))
+    (*_, last) = checkpoints(copper(size=8))
     for settings, says in [
         ({"samples": 4}, "samples of a pass: 5 there, 4 here"),
         ({"size": 10}, "window"),
@@ -86,7 +84,7 @@ def test_checkpoints_of_another_image_are_refused(variant_rgb):
         ({"max_samples": 60}, "continue with adaptive = graded"),
     ]:
         with pytest.raises(ValueError, match=says):
-            finished(loaded(**{"size": 8, **settings}), begin=last)
+            finished(copper(**{"size": 8, **settings}), begin=last)
 
 
 # ------------------------------------------------------------------ parts
@@ -110,7 +108,7 @@ def in_parts(scene, of):
 
 
 def test_parts_make_the_image(variant_rgb):
-    scene = loaded(adaptive="neighbours")
+    scene = copper(adaptive="neighbours")
     assert np.array_equal(in_parts(scene, 3), finished(scene)[0])
 
 
@@ -121,19 +119,19 @@ def test_parts_make_the_image(variant_rgb):
 def test_any_number_of_parts_makes_the_image(variant_rgb, adaptive, rfilter):
     """Also with a crop window, and with a sampled border."""
     for film, of in [({}, 7), (CROP, 4), ({"sample_border": True}, 2)]:
-        scene = loaded(28, rfilter=rfilter, adaptive=adaptive, film=film, max_level=1)
+        scene = copper(28, rfilter=rfilter, adaptive=adaptive, film=film, max_level=1)
         assert np.array_equal(in_parts(scene, of), finished(scene)[0]), of
 
 
 def test_parts_with_different_arrays_are_refused(variant_rgb):
-    first, second = (checkpoints(loaded(size=8), part=Part(number, 2))[-1] for number in (1, 2))
+    first, second = (checkpoints(copper(size=8), part=Part(number, 2))[-1] for number in (1, 2))
     other = replace(second, pixels=dict(second.pixels, wanted=second.pixels["count"]))
     with pytest.raises(CheckpointError, match=r"part 2-of-2 has other arrays than the parts before \(wanted\)"):
         put_together([first, other])
 
 
 def test_a_stopped_part_is_resumed(variant_rgb):
-    scene = loaded(size=24, band=100)
+    scene = copper(size=24, band=100)
     stopped, *_, last = checkpoints(scene, part=Part(2, 3))[2:]
     on = checkpoints(scene, begin=stopped)
     assert on[-1].part == Part(2, 3) and on[-1].finished and not stopped.finished
@@ -142,7 +140,7 @@ def test_a_stopped_part_is_resumed(variant_rgb):
 
 def test_parts_refuse_noise_and_wrong_numbers(variant_rgb):
     with pytest.raises(ValueError, match="limits noise and time"):
-        finished(loaded(noise=0.01), part=Part(1, 2))
+        finished(copper(noise=0.01), part=Part(1, 2))
     with pytest.raises(ValueError, match="part 3 of 2"):
         Part(3, 2)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from mitsuba_prosim.alone import alone
 from mitsuba_prosim.parallel import worker
-from test_record import CROP, loaded
+from test_record import CROP, copper
 
 
 class Elsewhere:
@@ -44,7 +44,7 @@ def image(scene, executor=None):
 
 
 def taken_alike(settings, **how):
-    here, there = loaded(**settings), loaded(**settings)
+    here, there = copper(**settings), copper(**settings)
     expected, reached = image(here)
     found, as_far = image(here, Elsewhere(there, **how))
     assert np.array_equal(found, expected) and as_far == reached
@@ -84,7 +84,7 @@ def test_samples_of_all_policies_and_filters(variant_rgb, settings):
 @pytest.mark.slow
 def test_a_crop_is_a_matter_of_who_asks(variant_rgb):
     film = {"film": CROP, "adaptive": "graded", "samples": 2}
-    here, there = loaded(**film), loaded(film={**CROP, "crop_offset_x": 0, "crop_width": 96})
+    here, there = copper(**film), copper(film={**CROP, "crop_offset_x": 0, "crop_width": 96})
     sensor = there.sensors()[0]
     params = mi.traverse(sensor)
     params["film.crop_offset"], params["film.crop_size"] = mi.ScalarPoint2u(0), mi.ScalarVector2u(96, 90)

@@ -4,7 +4,6 @@ import gc
 import itertools
 import subprocess
 import sys
-import textwrap
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -15,15 +14,9 @@ import numpy as np
 import pytest
 from image_statistics import renderings
 from mitsuba_prosim.engine.work import Executor
-from scenes import COPPER, CROP, alone, penumbra
+from scenes import COPPER, CROP, alone, loaded, penumbra
 
 LUMINANCE = [0.2126, 0.7152, 0.0722]
-
-
-def loaded(ball=None, size=32, rfilter="box", film=None, **settings):
-    scene = penumbra(ball, size=size, rfilter=rfilter, **{"type": "prosim", **settings})
-    scene["sensor"]["film"] |= film or {}
-    return mi.load_dict(scene)
 
 
 def render(*arguments, seed=0, **settings):
@@ -217,7 +210,7 @@ def test_scalar_variants_cannot_render_progressively(variant_scalar):
 
 def test_ctrl_c_is_pythons_again_after_a_scalar_image():
     """In a process of its own, which Mitsuba's handler would end."""
-    script = """
+    code = """if True:
         import os, signal
         import mitsuba as mi
         mi.set_variant("scalar_rgb")
@@ -230,7 +223,6 @@ def test_ctrl_c_is_pythons_again_after_a_scalar_image():
         except KeyboardInterrupt:
             print("interrupted")
     """
-    code = textwrap.dedent(script)
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert "interrupted\n" in run.stdout, run.stdout + run.stderr
 

@@ -7,8 +7,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings, same_expectation
-from mitsuba_prosim.sampling.hash import combine, hash32
-from mitsuba_prosim.sampling.nrook import NRook, Permutations, epoch_key, pixel_key
+from mitsuba_prosim.sampling.hash import hash32
+from mitsuba_prosim.sampling.nrook import NRook, Permutations, pixel_key
 from mitsuba_prosim.sampling.sobol import Sobol
 from scenes import T, area, film, load_scene, rectangle
 from scipy import stats
@@ -100,26 +100,6 @@ def test_scalar_samples_are_those_of_the_vectorised_variants():
         assert np.allclose(np.array(point), expected[pixel, r, i], atol=1e-7)
 
 
-@pytest.mark.parametrize("jitter", ["multi", "uniform"])
-@pytest.mark.parametrize("n", [2, 5])
-def test_beyond_all_cells_a_new_pattern_begins(variant_rgb, n, jitter):
-    """Each epoch is a whole pattern of its own: the cells of the first two, in their order, are independent (chi², at
-    significance 0.001, of the first sample's cell in each).
-    """
-    lane, size = dr.arange(mi.UInt32, 4000 * 3 * n * n), n * n
-    key = pixel_key(7, lane // (3 * size))
-    points = np.array(NRook.at(Permutations(n), key, lane % (3 * size), jitter)(3)).T.reshape(4000, 3, size, 2)
-    assert np.array_equal(points[:, 0], pattern(n, 4000, jitter=jitter).reshape(4000, size, 2))
-    cells = np.floor(points * n).astype(int) @ [n, 1]
-    assert np.all(np.sort(cells, axis=2) == np.arange(size))
-    first, second = cells[:, 0, 0], cells[:, 1, 0]
-    assert not np.array_equal(first, second)
-    table = stats.contingency.crosstab(first // n, second // n).count
-    assert stats.chi2_contingency(table).pvalue > 0.001
-    for axis in (0, 1):
-        assert stats.pearsonr(points[:, 0, 0, axis], points[:, 1, 0, axis]).pvalue > 0.001
-
-
 def test_keys_of_two_seeds_are_no_stream_shifted(variant_rgb):
     """Wherever a key of one seed is one of another's too, the next pixels' are not; under one seed all differ."""
     pixel = np.arange(1 << 18, dtype=np.uint64)
@@ -133,21 +113,6 @@ def test_keys_of_two_seeds_are_no_stream_shifted(variant_rgb):
     assert stats.poisson.sf(len(i) - 1, len(pixel) ** 2 / 2.0**32) > 1e-3  # as many as chance has it
     apart = np.unique((j.astype(np.int64) - i), return_counts=True)[1]
     assert apart.max() <= 2  # nor in the same order
-
-
-def test_no_epochs_key_is_that_of_a_space_or_of_another_pixel(variant_rgb):
-    """Of one pixel all differ; those of another seed are met as often as chance has it (significance 0.001)."""
-    pixel = mi.UInt32(np.arange(1 << 14))
-    key, other = pixel_key(7, pixel), pixel_key(8, pixel)
-    assert np.array_equal(np.array(epoch_key(key, mi.UInt32(0))), np.array(key))
-    epochs = np.array([np.array(epoch_key(key, mi.UInt32(k))) for k in range(1, 9)])
-    spaces = np.array([np.array(combine(key, mi.UInt32(k))) for k in range(64)])
-    own = np.sort(np.concatenate([epochs, spaces, np.array(key)[None]]), axis=0)
-    pairs = own.shape[0] * (own.shape[0] - 1) / 2 * own.shape[1]
-    assert stats.poisson.sf(np.sum(own[1:] == own[:-1]) - 1, pairs / 2.0**32) > 1e-3
-    others = np.array([np.array(epoch_key(other, mi.UInt32(k))) for k in range(9)]).ravel()
-    met = len(np.intersect1d(epochs, others))
-    assert stats.poisson.sf(met - 1, epochs.size * others.size / 2.0**32) > 1e-3
 
 
 # ------------------------------------------------------------------ points without end

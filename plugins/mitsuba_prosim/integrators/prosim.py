@@ -206,12 +206,8 @@ class Prosim(ProgressiveIntegrator):
         self.max_level = whole(props, "max_level", 4, -1)
         self.diffuse_bounces = whole(props, "diffuse_bounces", 0, -1)
         if self.diffuse_bounces == 0 and not 0 <= self.max_level <= DEEPEST_TREE:
-            raise reject(
-                props,
-                "max_level",
-                self.max_level,
-                f"0 to {DEEPEST_TREE} for a ray tree (-1, any level, goes with diffuse_bounces)",
-            )
+            allowed = f"0 to {DEEPEST_TREE} for a ray tree (-1, any level, goes with diffuse_bounces)"
+            raise reject(props, "max_level", self.max_level, allowed)
         self.shadows = props.get("shadows", True)
         self.ambient = read_emission(props, "ambient")
         self.background = read_emission(props, "background")
@@ -220,19 +216,14 @@ class Prosim(ProgressiveIntegrator):
         self.caustics = props.get("caustics", False)
         self.rr_throughput = number(props, "rr_throughput", 0.01 if self.caustics else 0.0, 0)
         self.caustic_photons = whole(props, "caustic_photons", 1 << 20, 1)
-        if self.caustics and not dr.is_jit_v(mi.Float):
-            raise reject(
-                props,
-                "caustics",
-                True,
-                f"false in the variant {mi.variant()}; llvm_ad_rgb, llvm_ad_spectral and the like know photons, "
-                "and prosim render --no-caustics leaves them out",
-            )
         self.layers = choice(props, "layers", KINDS)
-        if self.layers != "none" and not dr.is_jit_v(mi.Float):
-            raise reject(
-                props, "layers", self.layers, f'"none" in the variant {mi.variant()}; llvm_ad_rgb knows layers'
-            )
+        if not dr.is_jit_v(mi.Float):
+            here = f"in the variant {mi.variant()}; llvm_ad_rgb, llvm_ad_spectral and the like know"
+            if self.caustics:
+                allowed = f"false {here} photons, and prosim render --no-caustics leaves them out"
+                raise reject(props, "caustics", True, allowed)
+            if self.layers != "none":
+                raise reject(props, "layers", self.layers, f'"none" {here} layers')
         if reason := layers_conflict(self.layers, self._settings(), self.caustics):
             raise reject(props, "layers", self.layers, reason)
         self._layer_channels: list[str] = []  # of the last scene
@@ -259,11 +250,7 @@ class Prosim(ProgressiveIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        if self.layers != "none" or self.caustics:
-            raise RuntimeError(
-                "prosim: its own render() alone knows layers and caustics; leave them out of a prosim within another "
-                "integrator."
-            )
+        self._refuse_layers_and_caustics("are for its own render() alone, not within another integrator")
         transport = self._scalar or Transport(self._settings(), scene, camera_medium=medium)
         L, hit, _ = transport(ray, SamplerPoints(sampler), active)
         aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
@@ -279,11 +266,12 @@ class Prosim(ProgressiveIntegrator):
         return transport
 
     def _derivatives(self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int) -> Derivatives:
-        if self.layers != "none" or self.caustics:
-            raise RuntimeError(
-                "prosim: layers and caustics have no derivatives; leave them out where derivatives are wanted."
-            )
+        self._refuse_layers_and_caustics("have no derivatives")
         return super()._derivatives(scene, sensor, seed, spp)
+
+    def _refuse_layers_and_caustics(self, why: str) -> None:
+        if self.layers != "none" or self.caustics:
+            raise RuntimeError(f"prosim: layers and caustics {why}; leave them out there.")
 
     def _caustics(self, scene: mi.Scene, sensor: mi.Sensor) -> Caustics | None:
         """The photons; None where nothing is specular, or nothing shines."""

@@ -35,8 +35,8 @@ class NRookSampler(PureSampler):
 
     Takes the samples of every pixel and dimension in :math:`N` passes of :math:`N` samples. Each pass is an N-rook
     pattern: one sample in each of :math:`N` rows and columns. From pass to pass the columns rotate by one, so that each
-    of the :math:`N^2` cells has exactly one sample. A sample is a pure function of seed, pixel, dimension and sample
-    index; there is no state of a random generator.
+    of the :math:`N^2` cells has exactly one sample. Further samples repeat these. A sample is a pure function of seed,
+    pixel, dimension and sample index; there is no state of a random generator.
 
     .. tabs::
         .. code-tab:: xml
@@ -58,11 +58,10 @@ class NRookSampler(PureSampler):
     def set_sample_count(self, spp: int) -> None:
         """Sets the number of samples per pixel, rounded up to a square."""
         n = grid_size(spp)
-        mi.Sampler.set_sample_count(self, n * n)
+        super().set_sample_count(n * n)
         if n * n != spp:
             mi.Log(mi.LogLevel.Warn, f"nrook: sample count rounded up from {spp} to {n * n}.")
         self.permutations = Permutations(n)
-        self.samples_per_wavefront = None  # until it is set
 
     def fork(self) -> NRookSampler:
         copy = super().fork()
@@ -70,7 +69,7 @@ class NRookSampler(PureSampler):
         return copy
 
     def points(self) -> NRook:
-        return NRook.at(self.permutations, self.pixel, self.index, self.jitter)
+        return NRook.at(self.permutations, self.pixel, self.index % self.permutations.n**2, self.jitter)
 
     def to_string(self) -> str:
         return describe(self, sample_count=self.sample_count(), jitter=self.jitter)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import mitsuba as mi
-
 from ..parameters import describe
 from ..registry import plugin
 from ..sampling.sampler import PureSampler
@@ -45,11 +43,6 @@ class OwenSampler(PureSampler):
             'type': 'owen',
             'sample_count': 24
     """
-
-    def set_sample_count(self, spp: int) -> None:
-        """Sets the number of samples per pixel, any."""
-        mi.Sampler.set_sample_count(self, spp)
-        self.samples_per_wavefront = None  # until it is set
 
     def points(self) -> Sobol:
         return Sobol(self.pixel, self.index)

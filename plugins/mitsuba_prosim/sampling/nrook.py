@@ -36,16 +36,6 @@ def pixel_key(seed: UInt, pixel: UInt) -> UInt:
     return combine(hash32(pixel), hash32(seed))
 
 
-def epoch_key(key: UInt, epoch: UInt) -> UInt:
-    """Hash key of an epoch: N passes fill the N² cells, the next N are a pattern of their own.
-
-    ``key``: :func:`pixel_key`, which is that of epoch 0; ``epoch``: 0 .. 2^32 - 1. Hashed once more than the keys of
-    spaces, so that no epoch's key is a space's.
-    """
-    later = hash32(combine(key, epoch))
-    return dr.select(epoch == 0, key, later)
-
-
 class Permutations:
     """Random permutations of 0 .. n-1, as a table.
 
@@ -114,11 +104,9 @@ class NRook:
 
     @classmethod
     def at(cls, permutations: Permutations, key: UInt, t: UInt, jitter: str = "multi") -> NRook:
-        """The ``t``-th samples of all (from 0): N samples a pass, N passes an epoch, as many epochs as are wanted."""
-        n = permutations.n
-        r = t // n
-        epoch = r // n
-        points = cls(permutations, epoch_key(key, epoch), r - epoch * n, t - r * n, jitter)
+        """The ``t``-th samples of all, 0 .. N² - 1."""
+        r = t // permutations.n
+        points = cls(permutations, key, r, t - r * permutations.n, jitter)
         points.t = t
         return points
 

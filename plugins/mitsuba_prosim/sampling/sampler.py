@@ -11,21 +11,23 @@ from .sobol import Sobol
 
 
 class PureSampler(mi.Sampler):
-    """A sampler without the state of a random generator. A subclass gives :meth:`points`, ``set_sample_count()`` and
-    :meth:`fork`.
-    """
+    """A sampler without the state of a random generator. A subclass gives :meth:`points`."""
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         self.base_seed = whole(props, "seed", 0, 0, 2**32 - 1)
         self.pixel, self.index, self.dimension = mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)
-        self.samples_per_wavefront: int | None = None  # until it is set
         self.set_sample_count(whole(props, "sample_count", 4, 1))
 
     def points(self) -> NRook | Sobol:
         """The sample at hand, in every space."""
         # A subclass defines it. Mitsuba's classes cannot be abstract by abc: their metaclass is another.
         raise NotImplementedError
+
+    def set_sample_count(self, spp: int) -> None:
+        """Sets the number of samples per pixel."""
+        super().set_sample_count(spp)
+        self.samples_per_wavefront: int | None = None  # until it is set
 
     def set_samples_per_wavefront(self, samples_per_wavefront: int) -> None:
         """Sets how many samples of a pixel lie side by side in a wavefront."""

@@ -16,9 +16,8 @@ from mitsuba_prosim.light.table import Lights
 from mitsuba_prosim.photons import grid
 from mitsuba_prosim.photons.caustics import Caustics
 from mitsuba_prosim.photons.emission import Sources, start_points
-from mitsuba_prosim.photons.footprint import RADII, Footprint
 from mitsuba_prosim.photons.gathering import Gathering
-from mitsuba_prosim.photons.grid import Landed, Photons
+from mitsuba_prosim.photons.grid import RADII, Footprint, Landed, Photons
 from mitsuba_prosim.photons.mis import Hit, etendue_of, ideal_throughput, kept_by, ray_weight, shared
 from mitsuba_prosim.photons.targets import Targets, merged
 from mitsuba_prosim.transport import lobes
@@ -117,7 +116,9 @@ def test_all_photons_within_reach_are_found(variant_rgb, monkeypatch, enough, ti
     spread = pixel if times else 1e-9  # else rounding may change a radius
     footprint = Footprint(mi.Point3f(0.4, 3, 0.1), mi.Float(pixel), mi.Float(spread))
     place = mi.Point3f(*p.T)
-    landed = Landed(place, mi.Vector3f(*d.T), mi.Color3f(*flux.T), dr.full(mi.Bool, True, count))
+    landed = Landed(
+        place, mi.Vector3f(*d.T), mi.Color3f(*flux.T), dr.full(mi.Bool, True, count), mi.Float(0), mi.UInt32(0)
+    )
     photons = Photons.of(landed, mi.UInt32(map_of), maps, footprint)
     si = dr.zeros(mi.SurfaceInteraction3f, size)
     si.p, si.n = mi.Point3f(*points.T), mi.Normal3f(*normal.T)

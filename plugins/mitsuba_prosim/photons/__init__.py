@@ -5,7 +5,7 @@ light, after Arvo's illumination maps (1986), which the thesis names, in Jensen'
 
 - :mod:`.targets`, :mod:`.emission`: the sources emit photons towards spheres around the specular surfaces;
 - :mod:`.tracing`: specular surfaces reflect or refract them, until they land on a diffuse or glossy surface;
-- :mod:`.grid`: landed photons get a radius, a pixel's width (:mod:`.footprint`) or more where they are sparse, and are
+- :mod:`.grid`: landed photons get a radius, a pixel's width or more where they are sparse, and are
   sorted into cells of about this size;
 - :mod:`.gathering`: a diffuse surface that the eye sees collects the photons within their radius;
 - :mod:`.mis`: so does a glossy one, which shares that light with the rays that its lobes draw;

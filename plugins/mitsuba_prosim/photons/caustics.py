@@ -11,9 +11,8 @@ from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
 from ..transport.ray import Vertex
 from .emission import Sources, start_points
-from .footprint import Footprint
 from .gathering import Gathering
-from .grid import Photons
+from .grid import Footprint, Photons
 from .mis import PhotonMIS
 from .targets import Targets, warn_of_light_missed_by_trees
 from .tracing import PhotonTracer

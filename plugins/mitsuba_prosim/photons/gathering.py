@@ -38,8 +38,8 @@ class Gathering:
         active = vertex.active & (lobes.has_any(bsdf.flags(), *lobes.DIFFUSE) | inseparable)
 
         def light(i: mi.UInt32, in_reach: mi.Bool) -> mi.Spectrum:
-            wo = -dr.gather(mi.Vector3f, photons.directions, i, in_reach)
-            flux = dr.gather(mi.Spectrum, photons.flux, i, in_reach)
+            wo = -dr.gather(mi.Vector3f, photons.landed.d, i, in_reach)
+            flux = dr.gather(mi.Spectrum, photons.landed.flux, i, in_reach)
             cos = dr.dot(si.sh_frame.n, wo)
             if self.lambertian:
                 in_reach = in_reach & (cos * si.wi.z > 0)

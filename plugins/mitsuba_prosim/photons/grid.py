@@ -11,9 +11,23 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..compat import world_transform
+from ..engine.camera import without_crop_window
 from ..masks import fold
 from ..sampling.hash import combine
-from .footprint import OCTAVES, Footprint
+
+#: Least width of a pixel, for sensors without pixels (a meter of one ray): this part of the scene's radius.
+MIN_PIXEL_WIDTH = 1e-5
+
+#: Radii of the kernels of photons, in pixel widths, and the logarithm to base 2 of the ratio of one to the next.
+OCTAVES = 2
+RADII = tuple(2 ** (OCTAVES * k) for k in range(3))
+
+#: Greatest radius but that of a pixel, as a part of the image.
+WIDEST = 1 / 25
+
+#: Area on which photons have equal weights, over the area of an Epanechnikov kernel of the same noise.
+UNIFORM_AREA = 0.75
 
 #: Cell sizes per octave. Each size has a grid. A photon is in the grid that fits the pixel footprint at its place, so
 #: that a search meets about as many photons near the eye as far away.
@@ -23,7 +37,7 @@ SIZES = 4
 #: another wall.
 MAX_PLANE_DISTANCE = 0.25
 
-#: A photon has the first of the radii (:data:`.footprint.RADII`) within which about this number of photons lie, of all
+#: A photon has the first of the radii (:data:`RADII`) within which about this number of photons lie, of all
 #: maps together.
 MIN_NEIGHBOURS = 100
 
@@ -32,6 +46,43 @@ COUNTERS = 1 << 18
 
 #: Radiance of the photon of an index, in the lanes of a mask.
 LightOf = Callable[[Any, Any], Any]
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """A pixel is ``size + spread * |p - eye|`` wide at the point p."""
+
+    eye: mi.Point3f
+    size: mi.Float
+    spread: mi.Float
+    #: Those of :data:`RADII` that fit the image.
+    radii: tuple[int, ...] = RADII
+
+    @classmethod
+    def of(cls, scene: mi.Scene, sensor: mi.Sensor) -> Footprint:
+        """The footprint of the pixels in the middle of the whole film of ``sensor``."""
+        with without_crop_window(sensor):
+            ray, _ = sensor.sample_ray_differential(sensor.shutter_open(), 0.5, mi.Point2f(0.5), mi.Point2f(0.5))
+        offset = spread = 0.0
+        if ray.has_differentials:
+            offset = min(float(dr.norm(o - ray.o)[0]) for o in (ray.o_x, ray.o_y))
+            spread = min(float(dr.norm(d - ray.d)[0]) for d in (ray.d_x, ray.d_y))
+        least = MIN_PIXEL_WIDTH * float(scene.bbox().bounding_sphere().radius)
+        # Rays start at the near plane, where those of a perspective camera already have a distance.
+        eye = world_transform(sensor, sensor.shutter_open()).translation()
+        near = float(dr.norm(ray.o - eye)[0])
+        radii = tuple(radius for radius in RADII if radius == 1 or radius <= WIDEST * max(sensor.film().size()))
+        result = cls(mi.Point3f(eye), mi.Float(max(offset - near * spread, least)), mi.Float(spread), radii)
+        dr.make_opaque(result.eye, result.size, result.spread)
+        return result
+
+    def width(self, p: mi.Point3f) -> mi.Float:
+        """Width of a pixel at ``p``."""
+        return self.size + self.spread * dr.norm(p - self.eye)
+
+    def area(self, p: mi.Point3f) -> mi.Float:
+        """Area around ``p`` on which photons with equal weights have the same noise as with those of the kernel."""
+        return UNIFORM_AREA * dr.pi * dr.square(self.width(p))
 
 
 @dataclass
@@ -46,14 +97,14 @@ class Landed:
     #: Whether it has landed, after at least one specular surface.
     valid: mi.Bool
     #: On glossy surfaces: density of photons there (:attr:`.Start.density`) ...
-    density: mi.Float | None = None
-    #: ... and number of surfaces on their way.
-    level: mi.UInt32 | None = None
+    density: mi.Float
+    #: ... and number of surfaces on their way. 0 on diffuse surfaces.
+    level: mi.UInt32
 
     @classmethod
     def nowhere(cls) -> Landed:
         """Photons that have not landed."""
-        return cls(mi.Point3f(0), mi.Vector3f(0, 0, 1), mi.Spectrum(0), mi.Bool(False))
+        return dr.zeros(cls)
 
 
 @dataclass(frozen=True)
@@ -65,11 +116,8 @@ class Photons:
     maps: int
     #: x, y, z and, bit by bit, the key of its row of cells, photon by photon.
     places: mi.Float
-    directions: mi.Vector3f
-    flux: mi.Spectrum
-    #: On glossy surfaces, as :class:`.Landed` has them.
-    density: mi.Float | None
-    level: mi.UInt32 | None
+    #: All else of them, without places.
+    landed: Landed
     #: First photon of each bucket, for each map one bucket after the other, and the number of all.
     begins: mi.UInt32
     #: Buckets of a map, a power of two, less one.
@@ -86,22 +134,19 @@ class Photons:
         there = dr.compress(landed.valid)
         if dr.width(there) == 0:
             there = mi.UInt32(0)  # a photon without flux
-        of_each = [landed.p, landed.d, landed.flux]
-        if landed.density is not None:
-            of_each += [landed.density, landed.level]
-        p, d, flux, *others = (dr.gather(type(v), v, there) for v in of_each)
-        level = level_of(kernel_radii(p, footprint))
-        x, y, z = cell(p, level)
+        landed = dr.gather(Landed, landed, there)
+        level = level_of(kernel_radii(landed.p, footprint))
+        x, y, z = cell(landed.p, level)
         rows = row_hash(level, y, z)
         at = bucket_of(dr.gather(mi.UInt32, map_of, there), rows, x, mask)
-        dr.eval(p, d, flux, rows, at, others)
+        dr.eval(landed, rows, at)
         order = dr.argsort(at)
-        p, d, flux, rows, at, *others = (dr.gather(type(v), v, order) for v in (p, d, flux, rows, at, *others))
+        landed, (rows, at) = dr.gather(Landed, landed, order), dr.gather(tuple, (rows, at), order)
         begins = first_of_each(at, maps * buckets)
-        places = dr.ravel(mi.Vector4f(p.x, p.y, p.z, dr.reinterpret_array(mi.Float, rows)))
-        dr.make_opaque(places, d, flux, begins, others)
-        density, levels = others or (None, None)
-        return cls(maps, places, d, flux, density, levels, begins, mask, footprint)
+        places = dr.ravel(mi.Vector4f(*landed.p, dr.reinterpret_array(mi.Float, rows)))
+        dr.eval(places, landed, begins)
+        landed.p = mi.Point3f(0)
+        return cls(maps, places, landed, begins, mask, footprint)
 
     def map_range(self, number: mi.UInt32, active: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
         """First photon of the map ``number``, and the number of its photons."""
@@ -184,7 +229,7 @@ def gather(
     2 (1 - d² / r²) / (π r²).
     """
     footprint = photons.footprint
-    distance, n2 = footprint.distance(si.p), dr.square(si.n)
+    width, n2 = footprint.width(si.p), dr.square(si.n)
     # They are between two planes parallel to the surface: along its normal mostly in one cell, not in two.
     off_axis = dr.minimum(dr.safe_sqrt(1 - n2) + MAX_PLANE_DISTANCE * dr.sqrt(n2), 1) * (1 + 1e-3)
     of_map, size = photons.map_range(number, active)
@@ -192,10 +237,11 @@ def gather(
     def of_reach(k: mi.UInt32, L: mi.Spectrum) -> mi.Spectrum:
         """Adds the photons whose radius is the ``k``-th of the footprint's."""
         times = mi.Float(1 << (OCTAVES * k))
-        reach = times * footprint.width_at(distance)
-        # Photons within reach have about the same distance from the eye: mostly one grid has them, seldom two.
-        first = level_of(times * footprint.width_at(dr.maximum(distance - reach, 0)))
-        last = level_of(times * footprint.width_at(distance + reach))
+        reach = times * width
+        # Photons within reach have about the same width of a pixel: mostly one grid has them, seldom two.
+        change = footprint.spread * reach
+        first = level_of(times * dr.maximum(width - change, footprint.size))
+        last = level_of(times * (width + change))
         inv_reach2 = dr.rcp(dr.square(reach))
         low_corner, high_corner = si.p - off_axis * reach, si.p + off_axis * reach
 

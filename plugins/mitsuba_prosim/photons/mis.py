@@ -31,8 +31,7 @@ from ..transport import lobes
 from ..transport.ray import Ray, Surface, Vertex, viewer_side
 from ..transport.scattering import Scattering
 from .emission import MAX_DENSITY, Sources
-from .footprint import Footprint
-from .grid import Landed, Photons, gather
+from .grid import Footprint, Landed, Photons, gather
 from .near_specular import LANDING, near_specular_bsdfs
 
 
@@ -168,17 +167,17 @@ class PhotonMIS:
         area, etendue = self.footprint.area(si.p), dr.select(self.near_specular(bsdf, active), etendue_of(ray), 0)
 
         def light(i: mi.UInt32, in_reach: mi.Bool) -> mi.Spectrum:
-            in_reach = in_reach & (ray.level + dr.gather(mi.UInt32, photons.level, i, in_reach) < self.deepest)
-            d = -dr.gather(mi.Vector3f, photons.directions, i, in_reach)
+            in_reach = in_reach & (ray.level + dr.gather(mi.UInt32, photons.landed.level, i, in_reach) < self.deepest)
+            d = -dr.gather(mi.Vector3f, photons.landed.d, i, in_reach)
             wo = si.to_local(d)
             cos = dr.abs(mi.Frame3f.cos_theta(wo))
             in_reach = in_reach & (cos > 1e-6)
-            density, f = dr.gather(mi.Float, photons.density, i, in_reach), mi.Spectrum(0)
+            density, f = dr.gather(mi.Float, photons.landed.density, i, in_reach), mi.Spectrum(0)
             for lobe in self.lobes:
                 f_lobe, pdf = self.scattering.eval_pdf(lobe, vertex, wo, in_reach)
                 here = quotient(area * dr.abs(dr.dot(si.n, d)), pdf) * density
                 f += f_lobe * (1 - ray_weight(shared(here, etendue * kept_by(f_lobe, pdf) * density)))
-            flux = dr.gather(mi.Spectrum, photons.flux, i, in_reach)
+            flux = dr.gather(mi.Spectrum, photons.landed.flux, i, in_reach)
             return dr.select(in_reach, f * flux / dr.select(in_reach, cos, 1), 0)
 
         return gather(photons, number, si, light, active)
@@ -187,8 +186,7 @@ class PhotonMIS:
 
     def start(self, density: mi.Float) -> GlossyPhotons:
         """Photons of this ``density`` at their sources."""
-        landed = replace(Landed.nowhere(), density=mi.Float(0), level=mi.UInt32(0))
-        return GlossyPhotons(density, landed, mi.Float(1) if self.near_specular_bsdfs else None)
+        return GlossyPhotons(density, Landed.nowhere(), mi.Float(1) if self.near_specular_bsdfs else None)
 
     def scatter(
         self,

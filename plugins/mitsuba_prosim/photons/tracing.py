@@ -99,7 +99,7 @@ class PhotonTracer:
         goes &= number(key, first + ROULETTE) < p
         lands = but_not(lands, goes) & (hit.cos > 0)
         here = hit.flux * (hit.shading_ratio / dr.maximum(1 - p, 1e-6))
-        landed = dr.select(lands, Landed(hit.si.p, hit.d, here, mi.Bool(True)), state.landed)
+        landed = dr.select(lands, Landed(hit.si.p, hit.d, here, mi.Bool(True), mi.Float(0), mi.UInt32(0)), state.landed)
         flux = dr.select(goes, flux / dr.select(goes, p, 1), state.flux)
         medium = medium_beyond(hit.si, medium, d, goes) if self.absorbs else None
         from_inseparable = None if state.from_inseparable is None else state.from_inseparable | by_all_lobes

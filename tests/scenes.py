@@ -7,6 +7,7 @@ from pathlib import Path
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+import pytest
 
 COPPER = {"type": "roughconductor", "material": "Cu", "alpha": 0.15}
 #: A crop window of a film that is 40 pixels wide.
@@ -144,6 +145,11 @@ def grid(n):
     """The midpoints of n² cells of the unit square."""
     i = dr.arange(mi.UInt32, n * n)
     return (mi.Point2f(i % n, i // n) + 0.5) / n
+
+
+def slow(*values):
+    """Values of a parameter with which a test is slow."""
+    return [pytest.param(value, marks=pytest.mark.slow) for value in values]
 
 
 def in_threads(count, function, *arguments, **named):

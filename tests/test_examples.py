@@ -6,8 +6,9 @@ import figures
 import mitsuba as mi
 import numpy as np
 import pytest
-from drawing import scenes
+from drawing import scenes as drawn
 from drawing.patterns import SPACING, jittered, nrook, poisson_disk, regular, uncorrelated_jittered
+from scenes import slow
 from scipy import ndimage
 
 ROOT = Path(__file__).parents[1]
@@ -15,19 +16,14 @@ ROOT = Path(__file__).parents[1]
 QUICK = ("2.4-dieletrico", "3.3-beckmann", "4.3-disco-de-poisson", "5.10-associacao")
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        *QUICK,
-        *[pytest.param(name, marks=pytest.mark.slow) for name in figures.DRAWN if name not in QUICK],
-        pytest.param("5.14-samples", marks=pytest.mark.slow),
-        pytest.param("5.18-path", marks=pytest.mark.slow),
-    ],
-)
+SLOW = "5.14-samples", "5.18-path", *(name for name in figures.DRAWN if name not in QUICK)
+
+
+@pytest.mark.parametrize("name", [*QUICK, *slow(*SLOW)])
 def test_figure_is_drawn(variant_rgb, tmp_path, name):
     path = tmp_path / f"{name}.png"
     if name == "5.18-path":  # 16 samples instead of its many
-        image = scenes.render_path("caustica", 0.1, 16)
+        image = drawn.render_path("caustica", 0.1, 16)
     else:
         figures.draw(name, path, 0.1)
         image = np.array(mi.Bitmap(str(path)))
@@ -44,7 +40,7 @@ def test_gallery_shows_every_figure():
 
 def luminance(name, samples, **integrator):
     """Luminance of a scene of the pole, (108, 144), and the further channels."""
-    image = np.array(mi.render(mi.load_dict(scenes.load(name, 0.3, samples, **integrator))))
+    image = np.array(mi.render(mi.load_dict(drawn.load(name, 0.3, samples, **integrator))))
     return (image[..., :3] @ [0.2126, 0.7152, 0.0722], *np.moveaxis(image[..., 3:], 2, 0))
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from drawing.curves import interaction
 from mitsuba.chi2 import ChiSquareTest, PlanarDomain, SphericalDomain
+from scenes import slow
 
 ALPHAS = (0.02, 0.2, 1.0)
 INCIDENCES = (0, 30, 60, 85)
@@ -82,9 +83,8 @@ def check_facets(bsdf, angle, alpha, ctx=None, eta=IOR):
     assert_accepted(ChiSquareTest(domain, sample, pdf, 3, sample_count=100000, res=15, ires=12))
 
 
-def check_sphere(bsdf, angle, ctx=None):
+def check_sphere(bsdf, angle, ctx):
     """Chi² over the sphere of directions, for lobes that are not narrow."""
-    ctx = ctx or mi.BSDFContext()
     wi = incident(angle)
 
     def sample(u):
@@ -124,41 +124,34 @@ def test_one_component_of_a_dielectric_is_drawn_with_its_density(variant_rgb, fl
         check_facets(bsdf, angle, 0.3, only(flags))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "bsdf",
-    (
-        {"type": "prosim_lambertian"},
-        {"type": "prosim_composite"},
-        {"type": "prosim_composite", "alpha": 0.4},
-        {"type": "prosim_composite", "exponent": 20.0},
-        {"type": "prosim_phong"},
-        {"type": "prosim_phong", "exponent": 0.0},
-        {"type": "prosim_phong", "exponent": 20.0},
-        {"type": "prosim_phong", "exponent": 200.0, "specular_reflectance": 0.5},
+#: An index that differs much, so that the lobes of r, g and b lie apart.
+DISPERSIVE = {"type": "prosim_dielectric", "int_cauchy": "1.2, 0.08", "ext_ior": 1.0, "alpha": 0.25}
+PHONG = {"type": "prosim_phong", "exponent": 20.0}
+ALL, DIFFUSE = mi.BSDFFlags.All, mi.BSDFFlags.DiffuseReflection
+#: BSDFs, the components that are drawn, and angles of incidence.
+WIDE = [
+    (PHONG, SPECULAR, (30, 85)),
+    (PHONG, DIFFUSE, (30, 85)),
+    *slow(
+        ({"type": "prosim_lambertian"}, ALL, INCIDENCES),
+        ({"type": "prosim_composite"}, DIFFUSE, INCIDENCES),  # beside an ideal lobe
+        ({"type": "prosim_composite", "alpha": 0.4}, ALL, INCIDENCES),
+        ({"type": "prosim_composite", "exponent": 20.0}, ALL, INCIDENCES),
+        ({"type": "prosim_phong"}, DIFFUSE, INCIDENCES),
+        (PHONG, ALL, INCIDENCES),
+        (PHONG | {"exponent": 0.0}, ALL, INCIDENCES),
+        (PHONG | {"exponent": 200.0, "specular_reflectance": 0.5}, ALL, INCIDENCES),
+        (DISPERSIVE, ALL, (50, 130)),
+        (DISPERSIVE, mi.BSDFFlags.GlossyTransmission, (50, 130)),
     ),
-)
-def test_wide_lobes_are_drawn_with_their_density(variant_rgb, bsdf):
-    loaded = mi.load_dict(bsdf)
-    mirror = mi.has_flag(loaded.flags(), mi.BSDFFlags.Delta)
-    for angle in INCIDENCES:
-        check_sphere(loaded, angle, only(mi.BSDFFlags.DiffuseReflection) if mirror else None)
+]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("flags", (mi.BSDFFlags.All, mi.BSDFFlags.GlossyTransmission))
-def test_rough_glass_that_disperses_is_drawn_with_its_density(variant_rgb, flags):
-    """With an index that differs much, so that the lobes of r, g and b lie apart."""
-    bsdf = mi.load_dict({"type": "prosim_dielectric", "int_cauchy": "1.2, 0.08", "ext_ior": 1.0, "alpha": 0.25})
-    for angle in (50, 130):
-        check_sphere(bsdf, angle, only(flags))
-
-
-@pytest.mark.parametrize("flags", (SPECULAR, mi.BSDFFlags.DiffuseReflection))
-def test_one_component_of_phong_is_drawn_with_its_density(variant_rgb, flags):
-    bsdf = mi.load_dict({"type": "prosim_phong", "exponent": 20.0})
-    for angle in (30, 85):
-        check_sphere(bsdf, angle, only(flags))
+@pytest.mark.parametrize("case", WIDE)
+def test_wide_lobes_are_drawn_with_their_density(variant_rgb, case):
+    bsdf, flags, angles = case
+    for angle in angles:
+        check_sphere(mi.load_dict(bsdf), angle, only(flags))
 
 
 def test_numbers_side_by_side_give_directions_side_by_side(variant_rgb):

@@ -22,7 +22,7 @@ from mitsuba_prosim.photons.mis import Hit, etendue_of, ideal_throughput, kept_b
 from mitsuba_prosim.photons.targets import Targets, merged
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.ray import Ray, Vertex, mis, viewer_side
-from scenes import T, area, bitmap, camera, film, ground, in_threads, load_scene, rectangle
+from scenes import T, area, bitmap, camera, film, ground, in_threads, load_scene, rectangle, slow
 from test_taking import Elsewhere, image
 
 
@@ -354,9 +354,11 @@ BALLS = {
     "ball in a cone": {"distribution": "cone", "angle": 3.0},
     "ball as a spot": {"distribution": "spot", "exponent": 600.0},
 }
+#: Lamps that are tested together.
+KINDS = [("point", "directional"), *slow(("prosim_point", "spot", "projector"), tuple(BALLS))]
 
 
-@pytest.mark.parametrize("tree", (True, pytest.param(False, marks=pytest.mark.slow)))
+@pytest.mark.parametrize("tree", (True, *slow(False)))
 @alone()
 def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
     """From rough metal into nearly smooth glass, out of it and to a lamp: by rays alone, by a point of the lamp that is
@@ -453,15 +455,7 @@ def mirrored(kind, channel):
     return {"type": kind, "intensity": power} | where
 
 
-@pytest.mark.parametrize(
-    "kinds",
-    [
-        ("point", "directional"),
-        pytest.param(("prosim_point", "spot", "projector"), marks=pytest.mark.slow),
-        pytest.param(tuple(BALLS), marks=pytest.mark.slow),
-    ],
-    ids="+".join,
-)
+@pytest.mark.parametrize("kinds", KINDS, ids="+".join)
 def test_a_mirror_lights_a_floor_as_the_image_of_the_lamp_would(variant_rgb, kinds):
     """What paths find seldom or never: light of sources of little or no extent by way of a mirror. It comes to the
     floor as it would come to the floor's mirror image without the mirror, each source in a colour of its own.

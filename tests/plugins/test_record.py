@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mitsuba_prosim.engine.checkpoint import CheckpointError, put_together
 from mitsuba_prosim.engine.tiles import Part, part_numbers
-from scenes import COPPER, in_threads, loaded, penumbra
+from scenes import COPPER, in_threads, loaded, penumbra, slow
 
 CROP = {"width": 96, "height": 90, "crop_offset_x": 17, "crop_offset_y": 11, "crop_width": 50, "crop_height": 40}
 
@@ -29,37 +29,27 @@ def checkpoints(scene, **how):
     return [*(render.checkpoint() for _ in render), render.checkpoint()]
 
 
-def assert_resumed_alike(scene, some):
-    expected = finished(scene)
-    found = checkpoints(scene)
-    for i in sorted({round(share * (len(found) - 1)) for share in some}):
-        image, reached = finished(scene, begin=found[i])
-        assert np.array_equal(image, expected[0]) and reached == expected[1], f"checkpoint {i} of {len(found)}"
-
-
 # ------------------------------------------------------------------ going on
 
-LONG = {"noise": 0.002, "max_samples": 300}
+QUICK = {"noise": 0.002, "max_samples": 300, "size": 24, "band": 250}
+SLOW = [
+    *({"adaptive": name} for name in ("none", "thesis", "neighbours")),
+    {"noise": 0.004, "noise_99": 0.01, "noise_999": 0.02, "max_samples": 100, "rfilter": "box"},
+    {"noise": 0.003, "adaptive": "neighbours", "max_samples": 100, "rfilter": "box"},
+    {"film": CROP, "adaptive": "graded"},
+]
 
 
-def test_a_resumed_render_has_the_same_bits(variant_rgb):
-    """Within the first wave, within a later one, and while its noise is measured."""
-    assert_resumed_alike(copper(size=24, band=250, **LONG), (0.1, 0.6, 0.9))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "settings",
-    [
-        *({"adaptive": name} for name in ("none", "thesis", "neighbours")),
-        {"noise": 0.004, "noise_99": 0.01, "noise_999": 0.02, "max_samples": 100, "rfilter": "box"},
-        {"noise": 0.003, "adaptive": "neighbours", "max_samples": 100, "rfilter": "box"},
-        {"film": CROP, "adaptive": "graded"},
-    ],
-    ids=str,
-)
-def test_a_render_resumed_anywhere_has_the_same_bits(variant_rgb, settings):
-    assert_resumed_alike(copper(band=700, **settings), (0, 0.4, 0.8, 1))
+@pytest.mark.parametrize("settings", [QUICK, *slow(*SLOW)], ids=str)
+def test_a_resumed_render_has_the_same_bits(variant_rgb, settings):
+    """Within the first wave, within a later one, while its noise is measured, and at the ends."""
+    scene = copper(**{"band": 700, **settings})
+    expected = finished(scene)
+    found = checkpoints(scene)
+    for share in (0.1, 0.6, 0.9) if settings is QUICK else (0, 0.4, 0.8, 1):
+        begin = found[round(share * (len(found) - 1))]
+        image, reached = finished(scene, begin=begin)
+        assert np.array_equal(image, expected[0]) and reached == expected[1], share
 
 
 @pytest.mark.slow
@@ -107,18 +97,10 @@ def in_parts(scene, of):
     return finished(scene, begin=put_together(parts))[0]
 
 
-def test_parts_make_the_image(variant_rgb):
-    scene = copper(adaptive="neighbours")
-    assert np.array_equal(in_parts(scene, 3), finished(scene)[0])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "adaptive, rfilter", [("none", "box"), ("thesis", "gaussian"), ("neighbours", "box"), ("graded", "gaussian")]
-)
-def test_any_number_of_parts_makes_the_image(variant_rgb, adaptive, rfilter):
+@pytest.mark.parametrize("adaptive", ["neighbours", *slow("none", "thesis", "graded")])
+def test_any_number_of_parts_makes_the_image(variant_rgb, adaptive):
     """Also with a crop window, and with a sampled border."""
-    for film, of in [({}, 7), (CROP, 4), ({"sample_border": True}, 2)]:
+    for film, of, rfilter in [({}, 7, "box"), (CROP, 4, "gaussian"), ({"sample_border": True}, 2, "gaussian")]:
         scene = copper(28, rfilter=rfilter, adaptive=adaptive, film=film, max_level=1)
         assert np.array_equal(in_parts(scene, of), finished(scene)[0]), of
 

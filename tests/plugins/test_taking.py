@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from mitsuba_prosim.alone import alone
 from mitsuba_prosim.parallel import worker
+from scenes import slow
 from test_record import CROP, copper
 
 
@@ -43,18 +44,6 @@ def image(scene, executor=None):
     return np.array(render.image()), (render.reached.samples, str(render.reached.noise))
 
 
-def taken_alike(settings, **how):
-    here, there = copper(**settings), copper(**settings)
-    expected, reached = image(here)
-    found, as_far = image(here, Elsewhere(there, **how))
-    assert np.array_equal(found, expected) and as_far == reached
-
-
-def test_samples_that_were_taken_elsewhere(variant_rgb):
-    """With noise, larger patterns, a second image, and a filter that reaches other pixels."""
-    taken_alike({"size": 24, "noise": 0.004, "max_samples": 200}, most=20000)
-
-
 def test_a_scene_that_is_read_meanwhile_does_not_let_the_collector_run():
     """Another thread that reads one disables the collector for its own reasons, and enables it in between."""
     gc.disable()
@@ -64,21 +53,22 @@ def test_a_scene_that_is_read_meanwhile_does_not_let_the_collector_run():
     assert gc.isenabled() and gc.get_threshold()[0] > 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [
-        {"adaptive": "none", "rfilter": "box"},
-        {"adaptive": "neighbours", "rfilter": "box"},
-        {"adaptive": "thesis"},
-        {"adaptive": "graded"},
-        {"noise": 0.006, "max_samples": 60},
-        {"size": 10, "noise": 0.01, "max_samples": 60},
+        {"noise": 0.004, "max_samples": 200},
+        *slow({"adaptive": "none", "rfilter": "box"}, {"adaptive": "neighbours", "rfilter": "box"}),
+        *slow({"adaptive": "thesis"}, {"adaptive": "graded"}),
+        *slow({"noise": 0.006, "max_samples": 60}, {"size": 10, "noise": 0.01, "max_samples": 60}),
     ],
     ids=str,
 )
-def test_samples_of_all_policies_and_filters(variant_rgb, settings):
-    taken_alike({"size": 24, **settings}, most=10000)
+def test_samples_that_were_taken_elsewhere(variant_rgb, settings):
+    """With all policies; with noise and a second image, larger patterns, and a filter that reaches other pixels."""
+    here, there = (copper(**{"size": 24, **settings}) for _ in "ab")
+    expected, reached = image(here)
+    found, as_far = image(here, Elsewhere(there, most=10000))
+    assert np.array_equal(found, expected) and as_far == reached
 
 
 @pytest.mark.slow

@@ -72,3 +72,4 @@ def prosim() -> None:
             tqdm.write(f"warning: {message}", file=sys.stderr)
 
     warnings.showwarning = show
+    warnings.simplefilter("always", UserWarning, append=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from ..scene import scene_file
 from .interrupts import interruptible
 from .job import Job
 from .option_types import input_errors
-from .progress import Progress, warn
+from .progress import Progress
 from .render_task import RenderTask, Resources, render_image
 
 #: The metadata of a frame's EXR that has its :func:`digest`.
@@ -77,7 +78,7 @@ class Film:
         self.rendered += 1
         self.bar.finish()
         if image.black and self.black == 0:
-            warn(f"frame {number}: {image.black}")
+            warnings.warn(f"frame {number}: {image.black}", stacklevel=2)
         self.black += bool(image.black)
         self.bar.write(image.report, file=sys.stderr)
         return None

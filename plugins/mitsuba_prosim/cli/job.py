@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import partial
@@ -11,7 +10,6 @@ from typing import Any
 
 import click
 import mitsuba as mi
-import prosim_scene
 
 from ..engine.checkpoint import Checkpoint
 from ..engine.policies import POLICIES
@@ -251,7 +249,6 @@ def make_job(asked: dict[str, Any]) -> Job:
     if (snapshots := asked.get("snapshots")) and not given & set(TARGETS):
         seconds = [float(text[:-1]) for text in snapshots if text.endswith("s")]
         asked.update({"time": max(seconds)} if seconds else {"noise": min(map(float, snapshots))})
-    warnings.simplefilter("always", prosim_scene.SceneWarning)
     asked["definitions"] = dict(asked.get("definitions", ()))
     if "variant" in asked:
         asked["variant"] = choose_variant(asked["variant"])

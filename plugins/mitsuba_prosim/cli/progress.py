@@ -11,11 +11,6 @@ from tqdm import tqdm
 SHORTEST, LONGEST, SHARE = 10.0, 300.0, 0.25
 
 
-def warn(text: str) -> None:
-    """Prints a warning above the bar."""
-    tqdm.write(f"warning: {text}", file=sys.stderr)
-
-
 class Progress(tqdm):
     """The progress of one step after the other, or of a film's frames, on standard error.
 

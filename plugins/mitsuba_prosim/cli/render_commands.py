@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -114,9 +113,7 @@ def checkpoint_and_job(
     """
     try:
         choose_variant(checkpoint.read(state, arrays=False).environment["variant"])
-        with warnings.catch_warnings():
-            warnings.simplefilter("always")
-            record = load(state)
+        record = load(state)
         job = Job.of(record)
         scene = Path(job.scene)
         for path in filter(None, (moved, scene, state.parent / scene.name)):

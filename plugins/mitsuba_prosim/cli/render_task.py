@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -26,7 +27,7 @@ from .interrupts import interruptible
 from .job import TARGETS, Job, refuse_scalar
 from .log import log
 from .option_types import InputError, input_errors, require_extra
-from .progress import Progress, warn
+from .progress import Progress
 from .tev import TevClient
 
 if TYPE_CHECKING:
@@ -151,7 +152,7 @@ class Resources(ExitStack):
             return self.dask
         there = cluster.scheduler(job.cluster) if job.cluster else cluster.workers(job.workers or 1, job.threads)
         try:
-            self.dask = DaskExecutor(self.enter_context(there), bundle, warn)
+            self.dask = DaskExecutor(self.enter_context(there), bundle)
         except RuntimeError as error:
             message = str(error) if job.cluster else f"the workers can't be started here ({error})"
             raise click.ClickException(message) from None
@@ -186,7 +187,7 @@ def render_image(
     job, is_frame, film = task.job, bool(task.facts), task.sensor.film()
     task.check_place()
     state = Path(f"{task.stem}{task.state_suffix}")
-    consumers: list[Any] = [CheckpointWriter(state, task.about, warn)] if task.state_suffix else []
+    consumers: list[Any] = [CheckpointWriter(state, task.about)] if task.state_suffix else []
     snapshots = Snapshots(task)
     with TevClient(job, film) as shown, interruptible(task.integrator.cancel, received_signals) as signals:
         consumers += [snapshots, shown.update]
@@ -253,7 +254,7 @@ def write_image(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
         with Progress("compiling kernels" if progressive else "rendering", timed=progressive) as bar:
             image = render_image(task, bar, resources)
         if image.black:
-            warn(image.black)
+            warnings.warn(image.black, stacklevel=2)
     click.echo(image.report)
     if image.interruption:
         sys.exit(1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import warnings
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,6 @@ from ..live.publisher import Throttle
 from ..scene import images
 from .job import Job
 from .option_types import require_extra
-from .progress import warn
 
 #: Seconds after which a tev that reads nothing counts as gone: it reads whenever it draws, many times a second.
 SOCKET_TIMEOUT = 10.0
@@ -71,4 +71,4 @@ class TevClient(ExitStack):
         except OSError as error:
             self.close()
             self._tev = None
-            warn(f"tev has gone ({error.strerror or error}); the render continues")
+            warnings.warn(f"tev has gone ({error.strerror or error}); the render continues", stacklevel=2)

@@ -10,7 +10,7 @@ import json
 import time
 import warnings
 import zipfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -242,16 +242,16 @@ def check_environments(checkpoints: Mapping[Path, Checkpoint]) -> None:
 
 
 class CheckpointWriter:
-    """Writes the checkpoint of a render to ``path`` from time to time.
+    """Writes the checkpoint of a render to ``path`` from time to time. Warns the first time that it fails.
 
-    ``about``: that of :class:`Checkpoint`; ``warn``: receives a message the first time that writing fails.
+    ``about``: that of :class:`Checkpoint`.
     """
 
     #: Least seconds between two checkpoints, and the part of the time that writing may take.
     SHORTEST, SHARE = 4.0, 0.02
 
-    def __init__(self, path: Path, about: Mapping[str, Any], warn: Callable[[str], None] = warnings.warn) -> None:
-        self.path, self.about, self.warn = path, about, warn
+    def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
+        self.path, self.about = path, about
         self.next, self.failed = time.perf_counter() + self.SHORTEST, False
 
     def __call__(self, render: Any) -> None:
@@ -263,9 +263,8 @@ class CheckpointWriter:
             save(replace(render.checkpoint(), about=self.about), self.path)
         except OSError as error:
             if not self.failed:
-                self.warn(
-                    f"{self.path}: the checkpoint can't be written: {error.strerror or error}; the render continues"
-                )
+                why = f"{self.path}: the checkpoint can't be written: {error.strerror or error}; the render continues"
+                warnings.warn(why, stacklevel=2)
             self.failed = True
         end = time.perf_counter()
         self.next = end + max(self.SHORTEST, (end - started) / self.SHARE)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import functools
 import pickle
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -56,18 +55,13 @@ class Task:
 
 
 class DaskExecutor(Executor):
-    """Takes samples of the scene in ``bundle`` by the workers of ``client``, which may come and go. ``say`` receives
-    warnings about them.
-    """
+    """Takes samples of the scene in ``bundle`` by the workers of ``client``, which may come and go."""
 
     photon_passes = None
 
-    def __init__(
-        self, client: distributed.Client, bundle: SceneBundle, say: Callable[[str], None] = lambda _: None
-    ) -> None:
+    def __init__(self, client: distributed.Client, bundle: SceneBundle) -> None:
         super().__init__(SECONDS)
-        #: ``warn`` shows equal warnings once.
-        self.client, self.warn = client, functools.cache(say)
+        self.client = client
         #: Why the cluster has gone away.
         self.loss_reason: str | None = None
         self.address = getattr(client.scheduler, "address", "of the cluster")
@@ -175,11 +169,13 @@ class DaskExecutor(Executor):
         self._refusals = {address: why for address, why in (self._refusals | found).items() if address in present}
         if before - present:
             left = len(before & present) or "none"
-            self.warn(f"a worker was lost, {left} left; others do its work, and the image stays the same")
+            warnings.warn(
+                f"a worker was lost, {left} left; others do its work, and the image stays the same", stacklevel=2
+            )
         if not self._workers and self._refusals:
             raise ClusterError("no worker of the cluster can take part: " + "; ".join(self._refusals.values()))
         if not self._workers and now - self._begun > WARNING_DELAY:
-            self.warn("the cluster has no workers yet; the render begins when there are some")
+            warnings.warn("the cluster has no workers yet; the render begins when there are some", stacklevel=2)
         return False
 
     def _refusal(self, address: str, found: Mapping[str, str] | Exception) -> str:
@@ -188,12 +184,13 @@ class DaskExecutor(Executor):
             why = f"it can't run this version of mitsuba-prosim ({str(found) or type(found).__name__})"
         elif not (why := environment.differences(found, environment.MUST_AGREE)):
             if other := environment.differences(found, environment.MAY_DIFFER):
-                self.warn(
+                warnings.warn(
                     f"the worker {address} is of another kind ({other}): its samples are as good, but may differ in "
-                    "their last bits"
+                    "their last bits",
+                    stacklevel=2,
                 )
             return ""
-        self.warn(f"a worker cannot take part, {address}: {why}")
+        warnings.warn(f"a worker cannot take part, {address}: {why}", stacklevel=2)
         return f"{address}: {why}"
 
 
@@ -220,7 +217,7 @@ def render(
         bundle = SceneBundle.of(file, sensor)
     integrator: Any = loaded.integrator()
     rendering.require_progressive(integrator, "a cluster")
-    executor = DaskExecutor(client or distributed.default_client(), bundle, warnings.warn)
+    executor = DaskExecutor(client or distributed.default_client(), bundle)
     chosen = scene_file.pick_sensor(loaded, sensor)
     progress = integrator.progressive(loaded, chosen, seed, spp, executor=executor).run()
     if executor.loss_reason:

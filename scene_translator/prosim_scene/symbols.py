@@ -152,7 +152,7 @@ class Symbols:
             return [*self._name_completions(start), *functions]
         start = offset - len((WORD.search(line) or [""])[0])
         before = Reader(self.text[:start])
-        last, expected = before.scanner.last, before.expected
+        last, expected = before.last, before.expected
         unclosed = any(one.code == "unclosed" for one in before.errors[-1:]) and "RPAR" not in expected
         comment = before.tokens and before.tokens[-1].text.startswith("#") and before.tokens[-1].end == start
         if unclosed or comment or last.role == "END":

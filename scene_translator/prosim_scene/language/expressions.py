@@ -95,7 +95,7 @@ class Definitions:
         text = self.value_text(name, span)
         if text is None:
             return math.nan
-        if not re.fullmatch(NUMBER, text, re.IGNORECASE) or not math.isfinite(float(text)):
+        if not re.fullmatch(NUMBER, text) or not math.isfinite(float(text)):
             value = self.source.names.get(name, quote(text))
             reason = f"${name} stands for {value}; expected a finite number in arithmetic"
             raise self.source.error(span, reason, "expression")

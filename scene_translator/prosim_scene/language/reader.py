@@ -60,30 +60,26 @@ def _or_number(roles: frozenset[str]) -> frozenset[str]:
     return roles | {"NUMBER"}
 
 
-class Reader:
+class Reader(Scanner):
     """Reads the text of a scene.
 
     ``fields``: its values, by the fields of a Scene, and ``solids``; ``spans``: the spans of the values, by path;
-    ``errors`` and ``warnings`` within its statements; ``tokens``: all tokens up to END, comments included, and the text
-    after END as one REST; ``skipped``: the offset from which statements are missing because of errors.
+    ``errors`` and ``warnings`` within its statements; ``skipped``: the offset from which statements are missing because
+    of errors. The ``tokens`` end with END and comments, or the other text after it as one REST.
 
     ``define``: values of names from the caller.
     """
 
     def __init__(self, text: str, filename: str = "<string>", define: Mapping[str, object] | None = None) -> None:
-        self.source = Source(text, filename)
-        self.definitions = Definitions(self.source, define)
-        self.scanner = Scanner(self.source, self.definitions)
-        self.tokens = self.scanner.tokens
+        source = Source(text, filename)
+        super().__init__(source, Definitions(source, define))
         self.fields: dict[str, Any] = {"solids": {}, "surfaces": {}, "transforms": {}, "patterns": {}}
         self.spans: dict[Path, Span] = {}
         self.errors: list[SceneError] = []
         self.warnings: list[SceneWarning] = []
         self.skipped = math.inf
-        #: The last token, and the roles that were expected there.
-        self.token, self.expected = START, NEXT
-        #: The keyword of the present statement, and the path of its value.
-        self.keyword, self.path = START, Path()
+        #: The path of the present statement's value.
+        self.path = Path()
         #: While numbers are read: their keyword, and which ones are allowed.
         self.wanted: tuple[str, Numbers] | None = None
         #: The last numbers so far; the parenthesis around them.
@@ -109,14 +105,14 @@ class Reader:
                 self.errors[before:] = [error]
                 at_end = not self.skip_statement(error)
         if not at_end:
-            self.skipped = min(self.skipped, self.scanner.position)
+            self.skipped = min(self.skipped, self.position)
 
     def read_end(self) -> None:
         """Reads END and the text after it, or the end of the text."""
         if not self.keyword.role:
             reason = "the file ends here and END is missing; expected END as the last statement"
-            self.add_error(self.scanner.last.span, reason, "no-end")
-        elif rest := self.scanner.read_rest():
+            self.add_error(self.last.separated()[-1].span, reason, "no-end")
+        elif rest := self.read_rest():
             reason = "the text after END is ignored; delete it"
             self.warnings.append(self.source.warning(rest.span, reason, "after-end"))
 
@@ -132,23 +128,20 @@ class Reader:
         """Continues at the next line that begins with the keyword of a statement; returns whether there is one."""
         start = max(error.span.start if error.span else 0, self.keyword.start)
         after = STATEMENT_LINE.search(self.source.text, start + 1)
-        self.scanner.position = after.start() if after else len(self.source.text)
-        while self.tokens and self.tokens[-1].end > self.scanner.position:
-            self.tokens.pop()
+        self.position = after.start() if after else len(self.source.text)
+        while self.pieces and self.pieces[-1].end > self.position:
+            self.pieces.pop()
         self.skipped, self.token = min(self.skipped, start), START
         return after is not None
 
     # ---- Tokens
 
-    def read_token(self, expected: frozenset[str]) -> Token:
-        """Reads the next token, whose role is one of the expected ones; otherwise raises SceneError."""
-        self.expected = expected
-        self.token = token = self.scanner.read_token(expected, self.keyword.role)
-        if token.role not in expected:
-            if "USE" not in expected or normalise(token.text) not in self.fields["solids"]:
-                raise self.unexpected_token(token)
-            self.token = self.tokens[-1] = self.scanner.last = token._replace(role="USE")
-        return self.token
+    def expected_token(self, token: Token) -> Token:
+        """The token as the name of a solid; raises SceneError if it is not one, or none is expected here."""
+        if "USE" not in self.expected or normalise(token.text) not in self.fields["solids"]:
+            raise self.unexpected_token(token)
+        self.pieces[-1] = self.last = token._replace(role="USE")
+        return self.last
 
     def add_error(self, span: Span, reason: str, code: str) -> None:
         """Adds an error about the text at ``span``."""
@@ -189,7 +182,7 @@ class Reader:
         allowed = words.INDEX if keyword.role == "USE" else find_word(keyword.role, keyword.text).numbers
         self.wanted, self.number_tokens = (keyword.text, allowed), [first] if first and first.role == "NUMBER" else []
         if self.number_tokens or not first:
-            self.number_tokens += self.scanner.read_plain_numbers()
+            self.number_tokens += self.read_plain_numbers()
             expected = _or_number(follow)
             while self.read_token(expected).role in ("NUMBER", "BOOL"):
                 self.number_tokens.append(self.token)
@@ -201,9 +194,10 @@ class Reader:
         tokens = self.number_tokens
         if self.definitions.undefined and any(self.source.text[token.start] in "${" for token in tokens):
             return None  # the error is that about the name
-        value = allowed.value([token.text for token in tokens])
+        value = allowed.value([text for token in tokens for text in token.text.split()])
         if value is not None:
             return value
+        tokens = [number for token in tokens for number in token.separated()]
         first, last = (tokens[0], tokens[-1]) if tokens else (keyword, keyword)
         wrong = next((token for token in tokens if not allowed.allows(allowed.parse(token.text))), None)
         if not allowed.allows_count(len(tokens)):
@@ -385,7 +379,7 @@ class Reader:
 
     def read_tree(self) -> Tree:
         """Reads operators and primitives in prefix order; the nodes of a named solid replace its name."""
-        before, first = len(self.errors), len(self.tokens)
+        before, first = len(self.errors), len(self.pieces)
         nodes: list[model.Operator | model.Leaf] = []
         self.read_token(TREE)
         while (token := self.token).role not in NEXT:
@@ -397,7 +391,7 @@ class Reader:
                 self.store_span(token.span, len(nodes))
                 nodes.append(OPERATORS[token.text])
                 self.read_token(TREE)
-        for token in self.tokens[first:] if not nodes else ():
+        for token in self.pieces[first:] if not nodes else ():
             if token.role == "COMMENT" and token.text[0] == "(" and PRIMITIVE.search(token.text):
                 raise self.source.error(token.span, f"this tree is a comment; {PREFIX}", "tree-in-comment")
         if nodes and len(self.errors) == before:
@@ -469,7 +463,9 @@ class Reader:
         """The error about a token whose role does not fit: what was found, what was expected, and a suggestion."""
         roles, text, span = self.expected, token.text, token.span
         keyword, wanted = self.wanted or ("", words.NO_NUMBERS)
-        lacks_numbers = bool(self.wanted) and not wanted.allows_count(len(self.number_tokens))
+        lacks_numbers = bool(self.wanted) and not wanted.allows_count(
+            sum(len(token.text.split()) for token in self.number_tokens)
+        )
         if lacks_numbers:
             expected, reason, code = wanted.count_in_words(), f" after {keyword}", "count"
         else:
@@ -480,7 +476,7 @@ class Reader:
             return self.source.error(self.parenthesis, "this '(' is not closed; expected ')'", "unclosed")
         if not token.role:
             reason = f"the file ends after this; expected {expected}"
-            return self.source.error(self.scanner.last.span, reason, "unexpected-end")
+            return self.source.error(self.last.separated()[-1].span, reason, "unexpected-end")
         if mark := mark_hint(self.source.text, token.start):
             reason, code = mark, "foreign"
         elif "NUMBER" in self.expected and token.role in LIKE_NUMBERS and LIKE_NUMBER.search(text):

@@ -8,7 +8,7 @@ from .diagnostics import MAX_QUOTE, listing, quote
 from .words import ALIASES, NAMED, ROLES, SUGGESTIONS, canonical_spelling, normalise, spellings_of
 
 #: Each digit matches in one way only, so that the time is linear in the length.
-NUMBER = r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:e[+-]?[0-9]+)?"
+NUMBER = r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 BRACES = "braces hold arithmetic, as in {360 * $frame / 48}; vectors and blocks have none"
 #: Marks of other languages: patterns of the text where one begins -> what this language has instead.
 MARK_HINTS = {

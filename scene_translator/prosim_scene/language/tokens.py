@@ -16,13 +16,12 @@ from .words import MARKS, ROLES, STATEMENT_OF, WORDS_BY_SPELLING, canonical_spel
 
 #: The next piece of the text, after white space. The most frequent kind comes first.
 PIECE = re.compile(
-    rf'\s*(?:(?P<number>{NUMBER})(?![^\s()#":=])|(?P<mark>[()]|[*+-](?![\d.]|inf|nan))'
+    rf'\s*(?:(?P<number>{NUMBER})(?![^\s()#":=])|(?P<mark>[()]|[*+-](?!(?i:[\d.]|inf|nan)))'
     r'|(?P<word>[^\s()#":={$][^\s()#":=]*)|(?P<equals>[:=])|(?P<comment>\#[^\n]*)'
-    r'|(?P<expression>\{[^{}\n]*\}?)|(?P<name>\$[^\s()#":=]*)|(?P<string>"[^"\n]*"?))',
-    re.IGNORECASE,
+    r'|(?P<expression>\{[^{}\n]*\}?)|(?P<name>\$[^\s()#":=]*)|(?P<string>"[^"\n]*"?))'
 )
-#: Matches the next number of a list of numbers, if it is a plain number and not part of a word.
-NEXT_NUMBER = re.compile(rf'\s*({NUMBER})(?![^\s()#":=])', re.IGNORECASE)
+#: The next plain numbers, up to as many as a word has; none of them is a part of a word.
+NUMBERS = re.compile(rf'\s*({NUMBER}(?:\s+{NUMBER}){{0,3}})(?![^\s()#":=])')
 EQUALS = re.compile(r"\s*[:=]")
 PARENTHESIS = re.compile(r"[()]")
 #: The roles of tokens that a name may represent: values, which begin no statement.
@@ -35,7 +34,8 @@ class Token(NamedTuple):
     """A piece of the text from ``start`` to ``end``.
 
     ``role``: its role in the grammar, COMMENT, REST (the text after END), EQUALS (a misplaced mark), or ``""`` at the
-    end of the text. ``text``: its content: the value of a name or an expression, a string without its quotes.
+    end of the text. ``text``: its content: the value of a name or an expression, a string without its quotes. Plain
+    numbers may be one token, NUMBERS.
     """
 
     role: str
@@ -48,6 +48,13 @@ class Token(NamedTuple):
         """The span of the token in the text."""
         return Span(self.start, self.end)
 
+    def separated(self) -> list["Token"]:
+        """This token, or those of its NUMBERS."""
+        if self.role != "NUMBERS":
+            return [self]
+        found = ((number[0], *number.span()) for number in re.finditer(r"\S+", self.text))
+        return [Token("NUMBER", text, self.start + start, self.start + end) for text, start, end in found]
+
 
 #: The token before the first one.
 START = Token("", "", 0, 0)
@@ -56,29 +63,35 @@ START = Token("", "", 0, 0)
 class Scanner:
     """Reads the tokens of a text, in order.
 
-    ``tokens`` are all tokens so far, with comments; ``last`` is the last one that is not a comment. A name without a
-    value is read as any value that fits.
+    ``pieces`` are all tokens so far, with comments; ``last`` is the last one that is not a comment. ``token`` is the
+    present one, ``expected`` the roles that were expected there, and ``keyword`` that of the statement around it. A
+    name without a value is read as any value that fits.
     """
 
     def __init__(self, source: Source, definitions: Definitions) -> None:
         self.source, self.definitions = source, definitions
-        self.tokens: list[Token] = []
+        self.pieces: list[Token] = []
         self.position = 0
-        self.last = START
+        self.last = self.token = self.keyword = START
+        self.expected = frozenset[str]()
 
-    def read_token(self, expected: frozenset[str], statement: str) -> Token:
-        """The next token that is not a comment; its role is one of the ``expected`` ones if possible.
+    @property
+    def tokens(self) -> list[Token]:
+        """All tokens so far, with comments, and with a token for each number."""
+        return [token for piece in self.pieces for token in piece.separated()]
 
-        ``statement``: the role of the statement around it. Raises SceneError for unclosed marks and for wrong
-        expressions.
+    def read_token(self, expected: frozenset[str]) -> Token:
+        """Reads the next token that is not a comment.
+
+        Raises SceneError if its role is not one of the ``expected`` ones, for unclosed marks and for wrong expressions.
         """
-        text, match = self.source.text, PIECE.match
+        text, match, self.expected = self.source.text, PIECE.match, expected
         while found := match(text, self.position):
             kind, group = found.lastgroup or "", found.lastindex or 0
             start, self.position = found.span(group)
             piece = found[group]
             if kind == "word":
-                token = Token(role_of(piece, expected, statement), piece, start, self.position)
+                token = Token(role_of(piece, expected, self.keyword.role), piece, start, self.position)
             elif kind == "equals" and (self.last.role in ROLES or self.last.role == "VARIABLE"):
                 continue
             elif kind == "comment" or (piece == "(" and "LPAR" not in expected):
@@ -87,24 +100,30 @@ class Scanner:
             elif kind == "mark" and (piece != ")" or "RPAR" in expected):
                 token = Token(MARKS[piece], piece, start, self.position)
             else:
-                token = self.rare_token(kind, piece, Span(start, self.position), expected, statement)
-            self.tokens.append(token)
+                token = self.rare_token(kind, piece, Span(start, self.position))
+            self.pieces.append(token)
             self.last = token
-            return token
-        return Token("", "", len(text), len(text))
+            break
+        else:
+            token = Token("", "", len(text), len(text))
+        self.token = token if token.role in expected else self.expected_token(token)
+        return self.token
+
+    def expected_token(self, token: Token) -> Token:
+        """The token with an expected role in place of its own; raises SceneError if none fits."""
+        raise NotImplementedError
 
     def read_plain_numbers(self) -> list[Token]:
-        """The plain numbers that follow, or an empty list; other values, such as expressions, may follow them."""
-        text, match, tokens = self.source.text, NEXT_NUMBER.match, list[Token]()
+        """The plain numbers that follow as one token, or an empty list; other values, such as names, may follow."""
+        text = self.source.text
         if self.last.role in ROLES and (mark := EQUALS.match(text, self.position)):
             self.position = mark.end()
-        while found := match(text, self.position):
-            start, self.position = found.span(1)
-            tokens.append(Token("NUMBER", found[1], start, self.position))
-        if tokens:
-            self.tokens += tokens
-            self.last = tokens[-1]
-        return tokens
+        if (found := NUMBERS.match(text, self.position)) is None:
+            return []
+        start, self.position = found.span(1)
+        self.last = Token("NUMBERS", found[1], start, self.position)
+        self.pieces.append(self.last)
+        return [self.last]
 
     def read_comment(self, kind: str, start: int) -> None:
         """Reads the comment that begins at ``start``; parentheses may be nested."""
@@ -118,9 +137,9 @@ class Scanner:
             else:
                 reason = "this comment is not closed; expected ')'"
                 raise self.source.error(Span(start, start + 1), reason, "unclosed")
-        self.tokens.append(Token("COMMENT", self.source.text[start : self.position], start, self.position))
+        self.pieces.append(Token("COMMENT", self.source.text[start : self.position], start, self.position))
 
-    def rare_token(self, kind: str, piece: str, span: Span, expected: frozenset[str], statement: str) -> Token:
+    def rare_token(self, kind: str, piece: str, span: Span) -> Token:
         """The token of a less frequent kind; ``kind``: the group of :data:`PIECE` that matched."""
         if kind == "number":
             return Token("NUMBER", piece, *span)
@@ -135,15 +154,16 @@ class Scanner:
         if kind == "expression":
             value = evaluate(self.source, span, self.definitions)
             return Token("NUMBER", "1" if math.isnan(value) else number_text(value), *span)
-        return self.name_token(piece, span, expected, statement)
+        return self.name_token(piece, span)
 
-    def name_token(self, name: str, span: Span, expected: frozenset[str], statement: str) -> Token:
+    def name_token(self, name: str, span: Span) -> Token:
         """The token of a ``$name``: a VARIABLE after DEFAULT, elsewhere the token of its value. A name without a value
         gets a placeholder that fits the grammar.
         """
         if not NAME.fullmatch(name, 1):
             reason = "expected letters, digits and _ after $, and arithmetic in braces: {$x - 1}"
             raise self.source.error(span, f"found {quote(name)}; {reason}", "name")
+        expected = self.expected
         if "VARIABLE" in expected:
             return Token("VARIABLE", name, *span)
         text = self.definitions.value_text(name[1:], span)
@@ -153,7 +173,7 @@ class Scanner:
         piece = PIECE.fullmatch(text)
         if piece is None or piece.lastgroup not in ("word", "number") or piece.start(piece.lastgroup) > 0:
             return Token("STRING", text, *span)
-        role = "NUMBER" if piece.lastgroup == "number" else role_of(text, expected, statement)
+        role = "NUMBER" if piece.lastgroup == "number" else role_of(text, expected, self.keyword.role)
         if role not in VALUES:
             value = self.source.names.get(name[1:], quote(text))
             reason = f"{name} stands for {value}, a keyword; expected a number, or a word that is a value"
@@ -170,7 +190,7 @@ class Scanner:
                 with suppress(SceneError):  # an unclosed parenthesis
                     self.read_comment(kind, start)
                     continue
-            self.tokens.append(Token("REST", text[start:], start, len(text)))
+            self.pieces.append(Token("REST", text[start:], start, len(text)))
             return Token("REST", found[kind], start, self.position)
         return None
 

@@ -49,22 +49,24 @@ class Numbers:
         """Whether this count of numbers is allowed."""
         return count == self.count or (self.channels and count == 1)
 
-    def parse(self, text: str) -> float:
-        """The number that a text represents; NaN for another text."""
+    @staticmethod
+    def parse(text: str) -> float:
+        """The number that a text represents."""
         return float(text)
 
-    def allows(self, number: float) -> bool:
-        """Whether one number is allowed."""
+    def allows(self, *numbers: float) -> bool:
+        """Whether all these numbers are allowed."""
         return (
-            self.low <= number <= self.high
-            and (abs(number) >= self.least or (number == 0 and not self.nonzero))
-            and (not self.whole or number == int(number))
+            self.low <= min(numbers)
+            and max(numbers) <= self.high
+            and (not self.least or all(abs(n) >= self.least or (n == 0 and not self.nonzero) for n in numbers))
+            and (not self.whole or all(n == int(n) for n in numbers))
         )
 
     def value(self, texts: Sequence[str]) -> Any:
         """The value of the texts: one number, or a tuple; None if their count is wrong, or one is not allowed."""
         numbers = tuple(map(self.parse, texts))
-        if not self.allows_count(len(numbers)) or not all(map(self.allows, numbers)):
+        if not self.allows_count(len(numbers)) or not self.allows(*numbers):
             return None
         if self.direction and math.hypot(*numbers) < 1 / LARGE:
             return None
@@ -86,9 +88,10 @@ class Flags(Numbers):
         """The allowed values, for messages."""
         return "TRUE or FALSE"
 
-    def parse(self, text: str) -> float:
-        """1 for TRUE, 0 for FALSE; NaN for another text."""
-        return FLAGS.get(normalise(text), math.nan)
+    @staticmethod
+    def parse(text: str) -> float:
+        """1 for TRUE, 0 for FALSE; -1 for another text."""
+        return FLAGS.get(normalise(text), -1)
 
 
 NO_NUMBERS = Numbers(0)

@@ -41,7 +41,8 @@ def test_wheel(tmp_path):
 def test_the_start_up_file_names_the_llvm_that_is_required(tmp_path, monkeypatch):
     """Where that is there, and DRJIT_LIBLLVM_PATH is unset; Python runs each of its lines alone."""
     (line,) = STARTUP.read_text(encoding="utf-8").splitlines()
-    library = tmp_path / "lib" / llvm.packaged()
+    assert f'"{llvm.REQUIREMENT}; ' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    library = tmp_path / "lib" / f"libLLVM-{llvm.REQUIREMENT.partition('==')[2].partition('.')[0]}.so"
     monkeypatch.setattr(sys, "prefix", str(tmp_path))
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setattr("site.getuserbase", lambda: str(tmp_path / "nowhere"))

@@ -2,8 +2,8 @@
 
 When Dr.Jit is imported, it loads the LLVM that ``DRJIT_LIBLLVM_PATH`` names, else the newest one in the system's
 library folders. The installation adds the start-up file ``mitsuba_prosim_llvm.pth``, which sets that variable to the
-library that this package requires, if it is unset. ``pyproject.toml`` and the start-up file name the same version; a
-test compares them.
+library that this package requires, if it is unset. ``pyproject.toml``, the start-up file and this module name the same
+version; a test compares them.
 """
 
 from __future__ import annotations
@@ -16,10 +16,8 @@ import drjit as dr
 #: Dr.Jit 1.5 emits ``llvm.minimum`` and ``llvm.maximum``, which LLVM's x86 back end can compile since version 17.
 OLDEST_ON_X86 = 17
 
-
-def packaged() -> str:
-    """File name of the library that this package requires on x86-64 Linux."""
-    return f"libLLVM-{requirement().partition('==')[2].partition('.')[0]}.so"
+#: The library that this package requires on x86-64 Linux.
+REQUIREMENT = "karellen-llvm-core==23.1.*"
 
 
 def version() -> tuple[int, ...] | None:
@@ -36,25 +34,13 @@ def library() -> str | None:
         return os.environ.get("DRJIT_LIBLLVM_PATH")
 
 
-def requirement() -> str:
-    """The requirement of LLVM in ``pyproject.toml``: a name and a version."""
-    from importlib.metadata import PackageNotFoundError, requires  # slow to import, and seldom needed
-
-    try:
-        wanted = requires("mitsuba-prosim") or []
-    except PackageNotFoundError:  # run from its sources alone
-        wanted = []
-    stated = (line.partition(";")[0].strip() for line in wanted if line.startswith("karellen-llvm-core"))
-    return next(stated, "karellen-llvm-core")
-
-
 def problem() -> str | None:
     """The reason why LLVM variants would abort the process or are missing, and what to do; None if they work."""
     found = version()
     if found is not None and (found[0] >= OLDEST_ON_X86 or platform.machine() not in ("x86_64", "AMD64")):
         return None
     advice = (
-        f"Install LLVM {OLDEST_ON_X86} or later (on x86-64 Linux: pip install '{requirement()}'; elsewhere: "
+        f"Install LLVM {OLDEST_ON_X86} or later (on x86-64 Linux: pip install '{REQUIREMENT}'; elsewhere: "
         "apt install libllvm19, brew install llvm or the like), see that DRJIT_LIBLLVM_PATH is unset or names "
         "its libLLVM, and start again. The variant scalar_rgb needs none."
     )

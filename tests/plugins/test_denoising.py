@@ -239,7 +239,7 @@ def test_halves_are_two_renders(variant_rgb, integrator):
     sensor, own = scene.sensors()[0], scene.integrator()
     before = str(own)
     render = halves.start(scene, sensor, own, 5)
-    told, both = [step.done for step in render], render.denoiser.halves
+    told, both = [step.done for step in render], render.denoiser
     assert str(own) == before and told == sorted(told) and told[-1] == 1
     one, other = both.images
     assert both.names == ["R", "G", "B", "samples"][: len(both.names)]
@@ -269,7 +269,7 @@ def test_a_stop_leaves_the_first_half(variant_rgb):
     render = halves.start(scene, scene.sensors()[0], scene.integrator())
     next(render)
     render.close()
-    both = render.denoiser.halves
+    both = render.denoiser
     assert both.names == ["R", "G", "B"] and len(both.images) == 1
     with pytest.raises(RuntimeError, match="stopped before its second half"):
         render.denoiser.denoised()
@@ -312,7 +312,7 @@ def test_the_integrator_is_the_denoised_image_of_the_nested_one(variant_rgb, den
     for name, values in expected.items():
         np.testing.assert_allclose(planes[name], values, 0 if "R" in names else 1e-5, err_msg=name)
     assert image.shape[:2] == (9, 14) and np.all(planes["samples"] == 2) and planes.get("A", np.ones(1)).max() == 1
-    saved = {field.name for field in layers.bitmap(denoiser.halves, wanted).struct_()}
+    saved = {field.name for field in layers.bitmap(denoiser).struct_()}
     colours = [layer + c for layer in ("", "raw.", "denoised.") for c in names.strip("A")]
     assert saved == {*names, "samples", *colours, "error.Y", "error_raw.Y", "error_denoised.Y"}
 
@@ -378,7 +378,7 @@ def test_where_the_denoiser_does_not_pay_the_result_is_the_image_without_it(vari
     assert render.denoiser.networks == "none" and not render.state.estimates
     assert np.array_equal(result.final, result.raw) and np.array_equal(result.final, alone[..., :3])
     assert result.noise == result.raw_noise == pytest.approx(render.reached.noise) and result.noise <= 0.006
-    both = render.denoiser.halves
+    both = render.denoiser
     assert all(np.array_equal(both.others()[name], alone[..., k]) for name, k in (("samples", 3), ("error", 4)))
 
 

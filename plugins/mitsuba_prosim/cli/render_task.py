@@ -295,10 +295,10 @@ def finish(task: RenderTask, steps: Any, seconds: float, interrupted: bool) -> I
     bitmap = film.bitmap()
     if job.denoise:
         final = steps.denoiser
-        if interrupted and len(final.halves.images) == 1:
+        if interrupted and len(final.images) == 1:
             own, line = {"prosim.denoised": "no, interrupted"}, "not denoised: interrupted"
         else:
-            bitmap = layers.bitmap(final.halves, final.denoised())
+            bitmap = layers.bitmap(final)
             own, line = report.denoised_report(final, film)
         lines.append(line)
     exposure = job.exposure or 0.0

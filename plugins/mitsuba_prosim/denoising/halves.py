@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -35,30 +34,6 @@ TOLERANCE = 1.1
 
 #: RMS error of the displayed image (white = 1), and the bounds of 99 and of 99.9 % of its pixels.
 Noise = tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Halves:
-    """The developed ``images`` with all of their channels, shape (height, width, channels): two halves, or one image
-    alone. ``names``: of the channels, the film's own first.
-    """
-
-    names: list[str]
-    images: Sequence[np.ndarray]
-
-    @property
-    def colours(self) -> list[np.ndarray]:
-        """The colours of each image, shape (height, width, 1 or 3)."""
-        return [image[..., : 1 if self.names[0] == "Y" else 3] for image in self.images]
-
-    def others(self) -> dict[str, np.ndarray]:
-        """Alpha and the integrator's own channels, of both halves together, by name."""
-        number, result = len(self.images), {}
-        for k in range(self.colours[0].shape[2], len(self.names)):
-            planes, name = [image[..., k] for image in self.images], self.names[k]
-            total = np.hypot.reduce(planes) if name == "error" else np.add.reduce(planes)
-            result[name] = total if name == "samples" else total / number
-        return result
 
 
 def render(
@@ -122,11 +97,31 @@ class FinalImage:
         self._denoiser = cache(lambda networks: Denoiser(*self.features, fast=networks == "fast"))
         self._latest = lru_cache(maxsize=1)(self._denoise)
 
+    @cached_property
+    def names(self) -> list[str]:
+        """Names of the channels of :attr:`images`, the film's own first; read before the features change the film."""
+        return [field.name for field in self.sensor.film().bitmap().struct_()]
+
     @property
-    def halves(self) -> Halves:
-        """The two halves so far, or one image if the second half has no samples, or lacks pixels."""
-        images = self.render.half_images()
-        return Halves([field.name for field in self.sensor.film().bitmap().struct_()], images)
+    def images(self) -> list[np.ndarray]:
+        """The developed halves so far with all of their channels, shape (height, width, channels), or one image if the
+        second half has no samples, or lacks pixels.
+        """
+        return self.render.half_images()
+
+    @property
+    def colours(self) -> list[np.ndarray]:
+        """The colours of :attr:`images`, shape (height, width, 1 or 3)."""
+        return [image[..., : 1 if self.names[0] == "Y" else 3] for image in self.images]
+
+    def others(self) -> dict[str, np.ndarray]:
+        """Alpha and the integrator's own channels, of both halves together, by name."""
+        images, names, result = self.images, self.names, {}
+        for k in range(1 if names[0] == "Y" else 3, len(names)):
+            planes, name = [image[..., k] for image in images], names[k]
+            total = np.hypot.reduce(planes) if name == "error" else np.add.reduce(planes)
+            result[name] = total if name == "samples" else total / len(images)
+        return result
 
     @cached_property
     def features(self) -> tuple[np.ndarray, np.ndarray]:
@@ -152,14 +147,13 @@ class FinalImage:
         return self._latest(self.networks, self._samples)
 
     def _denoise(self, networks: str, _: float) -> Denoised:
-        halves = self.halves
+        colours = self.colours
         if networks == "none":
-            raw = np.add.reduce(halves.colours) / len(halves.images)
+            raw = np.add.reduce(colours) / len(colours)
             return unmixed(raw, self.render.error(), self.render.second.noise(self.render.state)[0])
-        if len(halves.images) < 2:
+        if len(colours) < 2:
             raise RuntimeError("the render was stopped before its second half; there is nothing to denoise")
-        first, second = halves.colours
-        return denoise_halves(first, second, self._denoiser(networks))
+        return denoise_halves(colours[0], colours[1], self._denoiser(networks))
 
     @property
     def _samples(self) -> float:
@@ -211,7 +205,7 @@ class FinalImage:
 
     def _probed(self) -> float:
         """The final error over the raw one, by the smallest networks without features in the middle of the image."""
-        both = self.halves.colours
+        both = self.colours
         sides = [(n, max(n // 3, min(n, LEAST_SIDE))) for n in both[0].shape[:2]]
         part = tuple(slice((n - side) // 2, (n + side) // 2) for n, side in sides)
         result = denoise_halves(both[0][part], both[1][part], Denoiser(fast=True))

@@ -7,16 +7,15 @@ from collections.abc import Iterable, Mapping, Sequence
 import mitsuba as mi
 import numpy as np
 
-from .halves import Halves
-from .mixing import Denoised
+from .halves import FinalImage
 
 
-def bitmap(halves: Halves, denoised: Denoised) -> mi.Bitmap:
+def bitmap(final: FinalImage) -> mi.Bitmap:
     """A bitmap of the :func:`channels`."""
-    return of_channels(channels(halves, denoised, halves.names[: denoised.final.shape[2]]))
+    return of_channels(channels(final, final.names[: final.denoised().final.shape[2]]))
 
 
-def channels(halves: Halves, denoised: Denoised, colours: Sequence[str]) -> dict[str, np.ndarray]:
+def channels(final: FinalImage, colours: Sequence[str]) -> dict[str, np.ndarray]:
     """The final image, the integrator's own channels, the layers ``raw`` and ``denoised``, and the errors of the three
     images: ``error``, ``error_raw`` and ``error_denoised``, with one channel, ``Y``; each of shape (height, width).
     """
@@ -25,22 +24,25 @@ def channels(halves: Halves, denoised: Denoised, colours: Sequence[str]) -> dict
         # Films store three colours, even if they develop one.
         return {layer + name: image[..., k % image.shape[2]] for k, name in enumerate(colours)}
 
+    denoised = final.denoised()
     errors = {"": denoised.final_error, "_raw": denoised.raw_error, "_denoised": denoised.denoised_error}
-    result = planes("", denoised.final) | halves.others()
+    result = planes("", denoised.final) | final.others()
     result |= planes("raw.", denoised.raw) | planes("denoised.", denoised.denoised)
     return result | {f"error{name}.Y": error for name, error in errors.items()}
 
 
-def update_film(halves: Halves, denoised: Denoised, film: mi.Film, names: Sequence[str]) -> None:
-    """Puts the final image into ``film``, with the channels ``names``, some of :func:`channels`. Raises ValueError if
+def update_film(final: FinalImage, names: Sequence[str]) -> None:
+    """Puts the final image into the film, with the channels ``names``, some of :func:`channels`. Raises ValueError if
     the film's colours are not R, G, B or Y.
     """
-    if halves.names[0] not in ("R", "Y"):
+    film = final.sensor.film()
+    if final.names[0] not in ("R", "Y"):
         raise ValueError(
-            f"{film.class_name()}: its colours are {', '.join(halves.names[:3])}; take pixel_format rgb, rgba, "
+            f"{film.class_name()}: its colours are {', '.join(final.names[:3])}; take pixel_format rgb, rgba, "
             "luminance or luminance_alpha to denoise"
         )
-    planes = channels(halves, denoised, "RGB") | {"W": np.ones(denoised.raw_error.shape)}
+    planes = channels(final, "RGB")
+    planes["W"] = np.ones(planes["R"].shape)
     alpha = ["A"] * bool(mi.has_flag(film.flags(), mi.FilmFlags.Alpha))
     values = np.stack([planes[name] for name in (*"RGB", *alpha, "W", *names)], axis=2, dtype=np.float32)
     film.prepare(names)

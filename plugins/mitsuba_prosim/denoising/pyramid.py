@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 
@@ -35,24 +37,22 @@ def blur(image: np.ndarray, levels: int, times: int) -> np.ndarray:
     return result
 
 
-def halved(image: np.ndarray, count: int) -> list[np.ndarray]:
-    """``count`` images: ``image``, and repeatedly the result of :func:`reduce`."""
+def halved(image: np.ndarray, count: int, least_side: int = 0) -> list[np.ndarray]:
+    """At most ``count`` images: ``image``, and repeatedly the result of :func:`reduce`. Sides below ``least_side`` are
+    not halved.
+    """
     result = [image]
-    while len(result) < count:
+    while len(result) < count and min(result[-1].shape[:2]) >= least_side:
         result.append(reduce(result[-1]))
     return result
 
 
 def bands(image: np.ndarray, most: int, least_side: int) -> list[np.ndarray]:
-    """The bands of ``image``, finest first: each is the difference to the next coarser scale. Sides below
-    ``least_side`` are not halved. :func:`whole` is the opposite.
+    """The bands of ``image``, finest first: each scale of :func:`halved` less the next coarser one. :func:`whole` is
+    the opposite.
     """
-    result: list[np.ndarray] = []
-    while len(result) < most - 1 and min(image.shape[:2]) >= least_side:
-        smaller = reduce(image)
-        result.append(image - expand(smaller, *image.shape[:2]))
-        image = smaller
-    return [*result, image]
+    scales = halved(image, most, least_side)
+    return [fine - expand(coarse, *fine.shape[:2]) for fine, coarse in itertools.pairwise(scales)] + scales[-1:]
 
 
 def whole(bands: list[np.ndarray]) -> np.ndarray:

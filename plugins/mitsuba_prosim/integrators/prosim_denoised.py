@@ -97,8 +97,8 @@ class ProsimDenoised(mi.SamplingIntegrator):
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         seed = seed if isinstance(seed, int) else int(dr.slice(seed, 0))
-        result = halves.start(scene, sensor, self.nested, seed, spp, self.fast).run().denoiser
-        layers.update_film(result.halves, result.denoised(), sensor.film(), self.aov_names())
+        final = halves.start(scene, sensor, self.nested, seed, spp, self.fast).run().denoiser
+        layers.update_film(final, self.aov_names())
         return sensor.film().develop() if develop else mi.TensorXf()
 
     def sample(self, *_: Any, **__: Any) -> NoReturn:

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -39,9 +40,8 @@ def scene_text(integrator=PATH, content=CONSTANT, width=12, height=8, sampler="n
 """
 
 
+PIPES = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
 XML = scene_text()
-#: A lamp over a floor: an image with noise.
-NOISY = scene_text(content=LIT_FLOOR)
 LAMP = scene_text(ADAPTIVE_PATH, LIT_FLOOR, 32, 24)
 
 

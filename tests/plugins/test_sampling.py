@@ -1,7 +1,5 @@
 """N-rook sampling (thesis, sections 4.2.1.2 and 5.3.2): exact properties of the patterns, and their statistics."""
 
-import itertools
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -77,29 +75,6 @@ def test_permutations_are_equally_likely(variant_rgb):
         assert stats.chisquare(np.bincount(np.array(nine(h, mi.UInt32(i))))).pvalue > 0.001
 
 
-def test_samples_are_uniform_and_spaces_independent(variant_rgb):
-    """Kolmogorov-Smirnov, correlation and chi² of the cells at significance 0.001; the samples of one pass and index
-    over many pixels.
-    """
-    a, b = (pattern(4, 20000, space=space)[:, 1, 2] for space in (3, 4))
-    for values in (a[:, 0], a[:, 1], b[:, 0]):
-        assert stats.kstest(values, "uniform").pvalue > 0.001
-    for u, v in ((a[:, 0], a[:, 1]), (a[:, 0], b[:, 0]), (a[:, 1], b[:, 0])):
-        assert stats.pearsonr(u, v).pvalue > 0.001
-    cells = [np.floor(points * 4).astype(int) @ [4, 1] for points in (a, b)]
-    assert stats.chi2_contingency(stats.contingency.crosstab(*cells).count).pvalue > 0.001
-
-
-def test_scalar_samples_are_those_of_the_vectorised_variants():
-    mi.set_variant("llvm_ad_rgb")
-    expected = pattern(5, 3)
-    mi.set_variant("scalar_rgb")
-    permutations = Permutations(5)
-    for pixel, r, i in ((0, 0, 0), (1, 3, 2), (2, 4, 4)):
-        point = NRook(permutations, pixel_key(7, pixel), r, i)(3)
-        assert np.allclose(np.array(point), expected[pixel, r, i], atol=1e-7)
-
-
 def test_keys_of_two_seeds_are_no_stream_shifted(variant_rgb):
     """Wherever a key of one seed is one of another's too, the next pixels' are not; under one seed all differ."""
     pixel = np.arange(1 << 18, dtype=np.uint64)
@@ -135,23 +110,35 @@ def test_two_to_the_k_endless_points_have_one_in_each_of_as_many_rectangles(vari
             assert np.all(np.sort(cells, axis=1) == np.arange(2**k))
 
 
-def test_endless_points_are_uniform_and_spaces_and_pixels_independent(variant_rgb):
-    """Kolmogorov's test of the first and of the eighth point of each pixel, and Pearson's correlation between spaces,
-    pixels and seeds, each at significance 0.001.
+@pytest.mark.parametrize("sequence, t", [("nrook", 6), ("sobol", 0), ("sobol", 7)])
+def test_samples_are_uniform_and_spaces_pixels_and_seeds_independent(variant_rgb, sequence, t):
+    """Of the ``t``-th samples of many pixels: Kolmogorov's test, Pearson's correlations, and chi² of the cells in two
+    spaces, each at significance 0.001.
     """
-    one, other, seed = endless(8, 4000), endless(8, 4000, space=4), endless(8, 4000, seed=8)
-    for t, axis in ((0, 0), (0, 1), (7, 0), (7, 1)):
-        values = one[:, t, axis]
-        assert stats.kstest(values, "uniform").pvalue > 0.001
-        for others in (other[:, t, axis], seed[:, t, axis], np.roll(values, 1)):
-            assert stats.pearsonr(values, others).pvalue > 0.001
-    assert stats.pearsonr(one[:, 0, 0], one[:, 0, 1]).pvalue > 0.001
+
+    def samples(**how):
+        points = pattern(4, 20000, **how) if sequence == "nrook" else endless(16, 20000, **how)
+        return points.reshape(20000, 16, 2)[:, t]
+
+    one, other, seed = samples(), samples(space=4), samples(seed=8)
+    for axis in (0, 1):
+        assert stats.kstest(one[:, axis], "uniform").pvalue > 0.001
+        for others in (other, seed, np.roll(one, 1, axis=0)):
+            assert stats.pearsonr(one[:, axis], others[:, axis]).pvalue > 0.001
+    assert stats.pearsonr(*one.T).pvalue > 0.001
+    cells = [np.floor(points * 4).astype(int) @ [4, 1] for points in (one, other)]
+    assert stats.chi2_contingency(stats.contingency.crosstab(*cells).count).pvalue > 0.001
 
 
-def test_endless_points_are_those_of_scalar_variants(variant_rgb):
-    points = endless(4, 3)
-    for pixel, t in itertools.product(range(3), range(4)):
-        assert np.array_equal(np.ravel(Sobol(pixel_key(7, pixel), t)(3)), points[pixel, t])
+def test_scalar_samples_are_those_of_the_vectorised_variants():
+    mi.set_variant("llvm_ad_rgb")
+    nrook, sobol = pattern(5, 3).reshape(3, 25, 2), endless(25, 3)
+    mi.set_variant("scalar_rgb")
+    permutations = Permutations(5)
+    for pixel, t in ((0, 0), (1, 17), (2, 24)):
+        key = pixel_key(7, pixel)
+        for points, expected in ((NRook(permutations, key, t // 5, t % 5), nrook), (Sobol(key, t), sobol)):
+            assert np.allclose(np.array(points(3)), expected[pixel, t], atol=1e-7)
 
 
 # ------------------------------------------------------------------ the sampler plugins

@@ -23,7 +23,7 @@ from mitsuba_prosim.photons.targets import Targets, merged
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.ray import Ray, Vertex, mis, viewer_side
 from scenes import T, area, bitmap, camera, film, ground, in_threads, load_scene, rectangle, slow
-from test_taking import Elsewhere, image
+from test_record import Elsewhere, finished
 
 
 def view(size, origin=(0, 4, 6), target=(0, 0, 0), fov=35):
@@ -202,8 +202,8 @@ def test_each_sample_has_photons_of_its_own(variant_rgb):
 def test_an_image_by_another_process_in_small_work_items_has_the_same_photons(variant_rgb, more):
     """Also that of the second image of a few pixels, which has several copies of them with a seed each."""
     world = small(6, integrator={"type": "prosim", "samples": 2, "caustics": True, "caustic_photons": 1 << 10} | more)
-    expected = image(world)
-    assert image(world, Elsewhere(world, most=500))[1] == expected[1]
+    expected = finished(world)
+    assert finished(world, executor=Elsewhere(world, most=500))[1] == expected[1]
 
 
 def test_no_photons_are_emitted_for_no_samples(variant_rgb):

@@ -14,7 +14,7 @@ from mitsuba_prosim.denoising.mixing import LIGHT, in_display, inputs, mix, with
 from mitsuba_prosim.denoising.pyramid import average, blur
 from mitsuba_prosim.sampling.hash import combine, hash32
 from scenes import T, area, diffuse, film, load_scene, penumbra, rectangle, rgb
-from test_taking import Elsewhere
+from test_record import Elsewhere
 
 SIZES = [(1, 1), (3, 17), (64, 48)]
 

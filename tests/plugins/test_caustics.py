@@ -14,9 +14,8 @@ from mitsuba_prosim.engine.work import WorkItem, photon_batches
 from mitsuba_prosim.light.strategy import Receiver
 from mitsuba_prosim.light.table import Lights
 from mitsuba_prosim.photons import grid
-from mitsuba_prosim.photons.caustics import Caustics
+from mitsuba_prosim.photons.caustics import Caustics, Gathering
 from mitsuba_prosim.photons.emission import Sources, start_points
-from mitsuba_prosim.photons.gathering import Gathering
 from mitsuba_prosim.photons.grid import RADII, Footprint, Landed, Photons
 from mitsuba_prosim.photons.mis import Hit, etendue_of, ideal_throughput, kept_by, ray_weight, shared
 from mitsuba_prosim.photons.targets import Targets, merged
@@ -400,7 +399,7 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
             shares.append(1 - ray_weight(shared(here, etendue * kept_by(f, pdf) * density)))
         back = mi.SurfaceInteraction3f(si)
         back.wi = wo
-        hit = Hit(back, bsdf, met, mi.Bool(False), -si.to_world(wo), mi.UInt32(level), None, None, cos, None)
+        hit = Hit(back, bsdf, met, mi.Bool(False), -si.to_world(wo), mi.UInt32(level), None, cos, None)
         density = photons.density_after(density, hit, si.wi, met)
     dr.eval(shares, met)
     shares = np.array(shares)[:, np.array(met)]

@@ -61,9 +61,9 @@ class Estimator:
         photons of the map; otherwise each pixel has its own. It follows the order of the samples, which is harmless:
         each pass draws new strata in every space.
         """
-        if self.transport.caustics is not None:
-            return self.transport.caustics.wavelength(points.t)
-        return wavelengths.shared(combine(points.key, TIME_AND_WAVELENGTH), *points.division)
+        caustics = self.transport.caustics
+        key = combine(points.key, TIME_AND_WAVELENGTH) if caustics is None else caustics.key
+        return wavelengths.shared(key, *points.division)
 
     def sample(self, plan: Plan, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> tuple[list[mi.Float], mi.Float, mi.Point2f]:
         """The ``t``-th sample of the pixels (x, y): ``(values, luminance, position)``; ``values``: what the film stores

@@ -7,12 +7,15 @@ from collections import OrderedDict
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import BLEND, DIFFUSE, MASK, TWO_SIDED
+from ..optics.nested import all_bsdfs, all_within
 from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
+from ..transport import lobes
 from ..transport.ray import Vertex
+from ..transport.scattering import Scattering
 from .emission import Sources, start_points
-from .gathering import Gathering
-from .grid import Footprint, Photons
+from .grid import Footprint, Photons, gather
 from .mis import PhotonMIS
 from .targets import Targets, warn_of_light_missed_by_trees
 from .tracing import PhotonTracer
@@ -24,6 +27,11 @@ MAPS = 64
 #: may land too); at least two photon passes.
 CAPACITY = 1 << 22
 
+#: Class names of BSDFs whose diffuse lobe is Lambert's, ours and Mitsuba's, and of those around others that change
+#: nothing in it.
+LAMBERTIAN = ("Lambertian", "Phong", "Composite", *DIFFUSE)
+AROUND = (TWO_SIDED, MASK, BLEND)
+
 #: Identifies a photon pass: its seed, its number, and the samples that divide the spectrum.
 Which = tuple[int, int, int]
 
@@ -33,7 +41,7 @@ class Caustics:
 
     A photon pass has several maps (:meth:`maps`), and each sample of a pixel gathers from its own: the ``t``-th from
     map ``t % maps`` of pass ``t // maps``, which must have been emitted (:meth:`draw`). In spectral variants all
-    photons of a map have the same wavelengths as its samples (:meth:`wavelength`).
+    photons of a map have the same wavelengths as its samples (:attr:`key`, :meth:`division`).
     """
 
     def __init__(
@@ -50,7 +58,8 @@ class Caustics:
         #: Photon passes, the most recently used one last.
         self._passes: OrderedDict[Which, tuple[Photons, Photons | None]] = OrderedDict()
         self._current: tuple[Photons, Photons | None] | None = None
-        self._key, self._n = mi.UInt32(0), mi.UInt32(1)
+        #: The hash key by which all pixels and photons share wavelengths.
+        self.key, self._n = mi.UInt32(0), mi.UInt32(1)
 
     @classmethod
     def of(cls, scene: mi.Scene, sensor: mi.Sensor, count: int, deepest: int, tree: bool) -> Caustics | None:
@@ -80,7 +89,7 @@ class Caustics:
         self._current = self.photons((seed, number, n))
         if self.mis is not None:
             self.mis.per_pair = dr.opaque(mi.Float, self.per_pair(n))
-        self._key, self._n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, n)
+        self.key, self._n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, n)
 
     def photons(self, which: Which) -> tuple[Photons, Photons | None]:
         """A photon pass, from the cache or emitted now: on diffuse surfaces, and on glossy ones if these gather any."""
@@ -98,12 +107,6 @@ class Caustics:
     def has(self, which: Which) -> bool:
         """Whether the cache has a photon pass."""
         return which in self._passes
-
-    def wavelength(self, t: mi.UInt32) -> mi.Float:
-        """The number in [0, 1) by which a sensor samples the wavelengths of the ``t``-th samples. All pixels and the
-        photons of that map share it.
-        """
-        return wavelengths.shared(self._key, *self.division(t))
 
     def division(self, t: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
         """The divisor of the spectrum for the ``t``-th samples, see :attr:`.NRook.division`."""
@@ -147,3 +150,48 @@ class Caustics:
         key, middle = dr.opaque(mi.UInt32, hash32(seed)), mi.Point2f(0.5)
         sample = wavelengths.shared(key, t, dr.opaque(mi.UInt32, n))
         return self.sensor.sample_ray_differential(self.sensor.shutter_open(), sample, middle, middle)[0].wavelengths
+
+
+class Gathering:
+    """The diffuse lobes of the surfaces of ``scene``, lit by photons."""
+
+    def __init__(self, scene: mi.Scene) -> None:
+        self.scattering = Scattering.of(scene)
+        #: Whether all diffuse lobes are Lambert's.
+        self.lambertian = not self.scattering.any_inseparable and all(map(is_lambertian, all_bsdfs(scene)))
+
+    def __call__(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
+        """Radiance of the photons of the map ``number`` by the diffuse lobes at ``vertex``; by all lobes if they are
+        inseparable.
+        """
+        si, bsdf, inseparable = vertex.si, vertex.bsdf, vertex.inseparable
+        active = vertex.active & (lobes.has_any(bsdf.flags(), *lobes.DIFFUSE) | inseparable)
+
+        def light(i: mi.UInt32, in_reach: mi.Bool) -> mi.Spectrum:
+            wo = -dr.gather(mi.Vector3f, photons.landed.d, i, in_reach)
+            flux = dr.gather(mi.Spectrum, photons.landed.flux, i, in_reach)
+            cos = dr.dot(si.sh_frame.n, wo)
+            if self.lambertian:
+                in_reach = in_reach & (cos * si.wi.z > 0)
+                return dr.select(in_reach, flux, 0)
+            in_reach = in_reach & (dr.abs(cos) > 1e-6)
+            wo = si.to_local(wo)
+            f = bsdf.eval(lobes.diffuse(), si, wo, in_reach)
+            f = self.scattering.or_all_lobes(f, vertex, wo, in_reach)
+            return dr.select(in_reach, f * flux / dr.select(in_reach, dr.abs(cos), 1), 0)
+
+        L = gather(photons, number, si, light, active)
+        if self.lambertian:
+            lit = active & (dr.max(L) > 0)
+            L *= bsdf.eval(lobes.diffuse(), si, mi.Vector3f(0, 0, dr.sign(si.wi.z)), lit)
+        return L
+
+
+def is_lambertian(bsdf: mi.BSDF) -> bool:
+    """Whether all diffuse lobes of ``bsdf`` reflect alike in every direction."""
+    return all(
+        one.class_name() in AROUND
+        or {one.class_name(), type(one).__name__} & set(LAMBERTIAN)
+        or not lobes.has_any(int(one.flags()), *lobes.DIFFUSE)
+        for one in all_within(bsdf)
+    )

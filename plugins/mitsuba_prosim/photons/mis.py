@@ -6,14 +6,15 @@ that both could have found counts by the power heuristic (Veach 1997). It needs 
 within a pixel of G for each ray that is sampled.
 
 R is the density of photons times an étendue. The density is their number per area at right angles to the ray and per
-solid angle. It is known at the source. Along a chain of specular surfaces it falls only by absorption and by the choice
-of a lobe, and scales with the square of the index of refraction as radiance does: neither mirrors nor lenses change the
-product of area and solid angle of a beam. The étendue belongs to the camera ray (:class:`RayWithEtendue`): the area
+solid angle. It is known at the source. Along a chain of specular surfaces it falls only by the choice of a lobe and its
+reflectance, and scales with the square of the index of refraction as radiance does: neither mirrors nor lenses change
+the product of area and solid angle of a beam. The étendue belongs to the camera ray (:class:`RayWithEtendue`): the area
 on which photons count at G, perpendicular to the ray, over the density with which the lobe samples the ray.
 
-A near-specular surface (:mod:`.near_specular`) may be part of such a chain. There each end multiplies by the value of
-the lobe over the density of the camera ray's sample. Light sampling there, and photons at several glossy surfaces, are
-further strategies, whose weights add up to 1. That only a part of the photons lands there does not enter the weights.
+A near-specular surface may be part of such a chain: a glossy one whose lobe is much narrower than the roughest. There
+each end multiplies by the value of the lobe over the density of the camera ray's sample. Light sampling there, and
+photons at several glossy surfaces, are further strategies, whose weights add up to 1. That only a part of the photons
+lands there does not enter the weights.
 """
 
 from __future__ import annotations
@@ -22,17 +23,30 @@ from dataclasses import dataclass, field, replace
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from ..light.strategy import Receiver
 from ..light.table import Lights
 from ..masks import but_not, dispatch
-from ..optics.nested import all_flags
+from ..optics.nested import all_bsdfs, all_flags
+from ..sampling.hash import combine, hash32
+from ..sampling.nrook import to_unit
 from ..transport import lobes
 from ..transport.ray import Ray, Surface, Vertex, viewer_side
 from ..transport.scattering import Scattering
+from ..transport.workarounds import is_inseparable
 from .emission import MAX_DENSITY, Sources
 from .grid import Footprint, Landed, Photons, gather
-from .near_specular import LANDING, near_specular_bsdfs
+
+#: A surface is near-specular if nine in ten rays of its lobe have a density per solid angle above both limits: this
+#: multiple of the roughest surface's, and this density, which a metal of m = 0.11 has, or glass of 0.25.
+MIN_DENSITY_RATIO, MIN_DENSITY = 3.0, 1.0
+
+#: Fraction of the photons that land on a near-specular surface; the others go on, for rougher surfaces beyond it.
+LANDING = 0.5
+
+#: Rays that are sampled from each lobe to measure its density.
+RAYS = 256
 
 
 @dataclass
@@ -44,12 +58,6 @@ class RayWithEtendue(Ray):
     #: At the glossy surfaces before, if the ray has met only specular and near-specular ones since; else 0.
     earlier_etendue: mi.Float = field(default_factory=lambda: mi.Float(0))
 
-    def attenuated(self, transmitted: mi.Spectrum) -> RayWithEtendue:
-        """This ray where a medium has ``transmitted`` this part of its light."""
-        left = dr.max(transmitted)
-        last, earlier = self.last_etendue * left, self.earlier_etendue * left
-        return replace(self, throughput=self.throughput * transmitted, last_etendue=last, earlier_etendue=earlier)
-
 
 @dataclass
 class Hit(Surface):
@@ -58,9 +66,8 @@ class Hit(Surface):
     #: Direction of flight, and the number of surfaces before.
     d: mi.Vector3f
     level: mi.UInt32
-    #: The flux that arrives, and the part that the medium on the way has transmitted.
+    #: The flux that arrives.
     flux: mi.Spectrum
-    transmitted: mi.Spectrum
     #: Cosine between the direction and the geometric normal.
     cos: mi.Float
     #: The cosine with the shading normal over ``cos``, bounded.
@@ -203,7 +210,7 @@ class PhotonMIS:
         [0, 1) for the choice to land.
         """
         bsdf, flags, landing_weight = hit.bsdf, hit.bsdf.flags(), photons.landing_weight
-        density = photons.density * dr.max(hit.transmitted)
+        density = photons.density
         lands = but_not(hit.active & (hit.level > 0) & (density > 0) & (hit.cos > 0), hit.inseparable)
         lands &= lobes.has_any(flags, *lobes.GLOSSY)
         share = hit.shading_ratio
@@ -282,3 +289,35 @@ def kept_by(f: mi.Spectrum, pdf: mi.Float) -> mi.Float:
 def quotient(value: mi.Float, pdf: mi.Float) -> mi.Float:
     """``value`` over ``pdf``, 0 where that is 0."""
     return dr.select(pdf > 0, value / dr.select(pdf > 0, pdf, 1), 0)
+
+
+def near_specular_bsdfs(scene: mi.Scene) -> frozenset[mi.BSDF]:
+    """The near-specular BSDFs of ``scene``, instances included. None of them disperses or has inseparable lobes."""
+    glossy = [b for b in all_bsdfs(scene) if lobes.has_any(int(b.flags()), *lobes.GLOSSY) and not is_inseparable(b)]
+    if len(glossy) < 2:
+        return frozenset()
+    densities = density_of_rays(Scattering.of(scene, separate=False), glossy)
+    limit = max(MIN_DENSITY_RATIO * densities.min(), MIN_DENSITY)
+    return frozenset(b for b, v in zip(glossy, densities) if v > limit and not getattr(b, "disperses", False))
+
+
+def density_of_rays(scattering: Scattering, bsdfs: list[mi.BSDF]) -> np.ndarray:
+    """Density per solid angle that nine in ten sampled rays of each BSDF's glossy lobes exceed; 0 without such rays.
+
+    The surfaces are evaluated at 45°, anywhere on their textures.
+    """
+    count = len(bsdfs)
+    i = dr.arange(mi.UInt32, RAYS * count)
+    bsdf = dr.concat([dr.repeat(mi.BSDFPtr(one), RAYS) for one in bsdfs])
+    key = combine(hash32(dr.opaque(mi.UInt32, 0)), i)
+    numbers = [to_unit(combine(key, k)) for k in range(5)]
+    si = dr.zeros(mi.SurfaceInteraction3f, RAYS * count)
+    si.n, si.uv = mi.Normal3f(0, 0, 1), mi.Point2f(*numbers[3:])
+    si.sh_frame, si.wi = mi.Frame3f(si.n), mi.Vector3f(0.5**0.5, 0, 0.5**0.5)
+    if mi.is_spectral:
+        si.wavelengths = mi.UnpolarizedSpectrum(550)
+    surface, u = Surface(si, bsdf, mi.Bool(True), mi.Bool(False)), (numbers[0], mi.Point2f(*numbers[1:3]))
+    bs, _, _ = scattering.sample(lobes.specular(), surface, u, mi.Bool(True))
+    drawn = (bs.pdf > 0) & lobes.has_any(bs.sampled_type, *lobes.GLOSSY)
+    pdf = np.array(dr.select(drawn, bs.pdf, 0)).reshape(count, RAYS)
+    return np.array([np.percentile(row[row > 0], 10) if row.any() else 0.0 for row in pdf])

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..compat import INSTANCE, SPHERE, mesh_positions, shapes_in_order
 from ..light.beam import sample_falloff, total
@@ -84,15 +85,14 @@ def bounding_sphere(shape: mi.Shape) -> tuple[float, float, float, float]:
     return (*center.tolist(), MARGIN * radius)
 
 
-def merged(spheres: Sequence[tuple[float, ...]], max_count: int = MAX_TARGETS) -> list[tuple[float, ...]]:
+def merged(spheres: ArrayLike, max_count: int = MAX_TARGETS) -> list[tuple[float, ...]]:
     """At most ``max_count`` spheres around all of ``spheres``: groups are halved along their widest axis."""
-    groups = [np.array(spheres, dtype=np.float64)]
-    while len(groups) < min(max_count, len(spheres)):
-        groups.sort(key=lambda group: (len(group) > 1, float(np.ptp(group[:, :3], axis=0).max())))
-        group = groups.pop()
-        order = np.argsort(group[:, int(np.argmax(np.ptp(group[:, :3], axis=0)))], kind="stable")
-        groups += [group[order[: len(group) // 2]], group[order[len(group) // 2 :]]]
-    return [sphere_around(group) for group in groups]
+    group = np.array(spheres, dtype=np.float64)
+    if min(max_count, len(group)) == 1:
+        return [sphere_around(group)]
+    group = group[np.argsort(group[:, np.argmax(np.ptp(group[:, :3], axis=0))], kind="stable")]
+    half, half_count = len(group) // 2, max_count // 2
+    return merged(group[:half], half_count) + merged(group[half:], max_count - half_count)
 
 
 def sphere_around(spheres: np.ndarray) -> tuple[float, ...]:

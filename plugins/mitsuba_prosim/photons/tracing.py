@@ -108,17 +108,17 @@ class PhotonTracer:
     def _intersect(self, state: State) -> tuple[Hit, mi.MediumPtr | None]:
         """Where photons meet a surface, and the medium before it."""
         si, d = self.scene.ray_intersect(state.ray, state.active), state.ray.d
-        surface, medium, transmitted = state.active & si.is_valid(), state.medium, mi.Spectrum(1)
+        surface, medium, flux = state.active & si.is_valid(), state.medium, state.flux
         if self.absorbs:
             medium = medium_before(si, medium, d, surface & (state.level == 0))
-            transmitted = mi.Spectrum(transmittance(medium, si.wavelengths, si.t, surface))
-            surface &= dr.max(state.flux * transmitted) > 0
-        bsdf, flux = si.bsdf(), state.flux * transmitted
+            flux = flux * transmittance(medium, si.wavelengths, si.t, surface)
+            surface &= dr.max(flux) > 0
+        bsdf = si.bsdf()
         # Per area as shaded: facets that light grazes would else be brighter or darker than their neighbours.
         cos = dr.abs(dr.dot(si.n, d))
         shading = bounded(dr.abs(mi.Frame3f.cos_theta(si.wi)), cos)
         inseparable = self.scattering.inseparable(bsdf, surface)
-        return Hit(si, bsdf, surface, inseparable, d, state.level, flux, transmitted, cos, shading), medium
+        return Hit(si, bsdf, surface, inseparable, d, state.level, flux, cos, shading), medium
 
     def _scatter(
         self, hit: Hit, key: mi.UInt32, active: mi.Bool

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import drjit as dr
 import mitsuba as mi
@@ -47,10 +47,6 @@ class Ray:
     importance: mi.Float | None = None
     #: Where layers depend on it: the layer of all light that comes by the lobe that left the first vertex.
     branch: mi.UInt32 | None = None
-
-    def attenuated(self, transmitted: mi.Spectrum) -> Ray:
-        """This ray where a medium has ``transmitted`` this part of its light."""
-        return replace(self, throughput=self.throughput * transmitted)
 
     @classmethod
     def first(cls, camera: mi.Ray3f) -> Ray:

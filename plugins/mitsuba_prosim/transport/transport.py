@@ -96,17 +96,8 @@ class InnerIntegrator:
             L, hit, aovs = self.integrator.sample(self.scene, sampler, ray, medium, active)
             return L, hit, list(aovs)
         # Mitsuba's integrators for derivatives, such as prb, have a method of their own.
-        L, hit, aovs, _ = self.integrator.sample(
-            mode=dr.ADMode.Primal,
-            scene=self.scene,
-            sampler=sampler,
-            ray=ray,
-            depth=mi.UInt32(0),
-            δL=None,
-            δaovs=None,
-            state_in=None,
-            active=mi.Bool(active),
-        )
+        rest = {"depth": mi.UInt32(0), "δL": None, "δaovs": None, "state_in": None, "active": mi.Bool(active)}
+        L, hit, aovs, _ = self.integrator.sample(dr.ADMode.Primal, self.scene, sampler, ray, **rest)
         return L, hit, list(aovs)
 
 

@@ -84,7 +84,7 @@ def attenuated_at(context: Context, ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInte
     medium = medium_before(si, ray.medium, ray.d, met & (ray.level == 0))
     t = ray.offset + dr.dot(si.p - ray.o, ray.d)  # not si.t, which begins at the last hidden source
     transmitted = transmittance(medium, ray3.wavelengths, dr.select(met, t, UNBOUNDED), active)
-    return replace(ray.attenuated(transmitted), medium=medium)
+    return replace(ray, throughput=ray.throughput * transmitted, medium=medium)
 
 
 def last_emission(context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> Radiance:

@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..optics import dispersion, facets, fresnel
-from ..optics.facets import GRAZING
+from ..optics.facets import GRAZING, Facet
 from ..optics.material import Material
 from ..optics.reading import reflectance, roughness
 from ..parameters import reject
@@ -198,7 +198,8 @@ class Dielectric(Material):
         if self.roughness is None:
             reflectances, ratios = (dispersion.spectrum([face[j] for face in faces]) for j in (0, 2))
             kept = [dr.select(reflected | undispersed | (k == j), 1.0, 0.0) for j in range(len(faces))]
-            value = self.energy(ctx, si, reflected, reflectances, ratios, active) * mi.UnpolarizedSpectrum(*kept)
+            energy = self.energy(ctx, si, reflected, reflectances, ratios, active)
+            value = mi.depolarizer(energy * mi.UnpolarizedSpectrum(*kept))
             mean = sum((p[j] * face[0] for j, face in enumerate(faces)), mi.Float(0))
             chosen = dispersion.pick(k, p)
             both = reflection and transmission
@@ -207,41 +208,34 @@ class Dielectric(Material):
         else:
             active = active & (i_m * si.wi.z > 0) & (bs.wo.z != 0) & (((si.wi.z > 0) == (bs.wo.z > 0)) == reflected)
             if self.disperses:  # where this wavelength is wholly reflected, others may not be
-                value, pdf = self._eval_pdf(ctx, si, bs.wo, active & (reflected | (cos_t != 0)))
+                value, pdf = self.eval_pdf(ctx, si, bs.wo, active & (reflected | (cos_t != 0)))
                 divisor = dr.detach(pdf)
             else:
                 divisor = dr.detach(self.share(ctx, reflected, f))
-                o_m = dr.select(reflected, i_m, cos_t)
-                lit, density = self.facets(si, bs.wo, m, i_m, o_m, reflected, width, etas[0])
+                facet = Facet(m, i_m, dr.select(reflected, i_m, cos_t))
+                lit, density = self.facets(si.wi, bs.wo, facet, reflected, width, etas[0])
                 pdf = density * divisor
-                value = self.energy(ctx, si, reflected, f, eta_it, active) * (lit / dr.select(density > 0, density, 1))
+                energy = self.energy(ctx, si, reflected, f, eta_it, active)
+                value = mi.depolarizer(energy * (lit / dr.select(density > 0, density, 1)))
         active = active & (pdf > 0)
         bs.pdf = dr.select(active, pdf, 0)
-        return bs, mi.depolarizer(value / dr.select(active, divisor, 1)) & active
+        return bs, value / dr.select(active, divisor, 1) & active
 
     def facets(
-        self,
-        si: mi.SurfaceInteraction3f,
-        wo: mi.Vector3f,
-        m: mi.Vector3f,
-        i_m: mi.Float,
-        o_m: mi.Float,
-        reflected: mi.Bool,
-        width: mi.Float,
-        eta: mi.Float,
+        self, wi: mi.Vector3f, wo: mi.Vector3f, facet: Facet, reflected: mi.Bool, width: mi.Float, eta: mi.Float
     ) -> tuple[mi.Float, mi.Float]:
-        """``(value, pdf)`` of the facets ``m`` that send light from ``wo`` to ``wi``, without Fresnel's share.
+        """``(value, pdf)`` of the facets like ``facet`` that send light from ``wo`` to ``wi``, without Fresnel's share.
 
         Both are D(m) <wi, m> / cos_i, times the solid angle of m over that of wo (Walter et al. 2007, equations 14 and
-        17), the one times G, the other times G1 of wi. ``i_m`` and ``o_m`` are the facet's cosines; by Snell's law
+        17), the one times G, the other times G1 of wi. By Snell's law
         (i_m + eta o_m) (i_m - eta o_m) is 1 - eta², eta the index on wo's side over that on wi's. ``eta``: the index
         inside over that outside.
         """
-        cos_i, cos_o = dr.abs(si.wi.z), dr.abs(wo.z)
-        a, b = dr.abs(i_m), dr.maximum(dr.abs(o_m), 1e-30)
+        cos_i, cos_o, m = dr.abs(wi.z), dr.abs(wo.z), facet.m
+        a, b = dr.abs(facet.i_m), dr.maximum(dr.abs(facet.o_m), 1e-30)
         visible = dr.minimum(a / cos_i, 2 * m.z)  # G1 <wi, m> / cos_i
-        eta_it = dr.select(si.wi.z > 0, eta, dr.rcp(eta))
-        spread = (a + eta_it * b) / dr.maximum(dr.abs(fresnel.contrast(si.wi.z, eta)), 1e-7)
+        eta_it = dr.select(wi.z > 0, eta, dr.rcp(eta))
+        spread = (a + eta_it * b) / dr.maximum(dr.abs(fresnel.contrast(wi.z, eta)), 1e-7)
         jacobian = dr.select(reflected, 0.25 / dr.maximum(a, 1e-30), dr.square(eta_it * spread) * b)
         density = self.distribution.D(m, width) * jacobian
         lit = dr.select(reflected, dr.minimum(visible, 2 * m.z * cos_o / cos_i), visible * facets.g1(cos_o, m.z, b))
@@ -250,33 +244,27 @@ class Dielectric(Material):
     def eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
     ) -> tuple[mi.Spectrum, mi.Float]:
-        value, pdf = self._eval_pdf(ctx, si, wo, active)
-        return mi.depolarizer(value), pdf
-
-    def _eval_pdf(
-        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
-    ) -> tuple[mi.UnpolarizedSpectrum, mi.Float]:
-        """A value for each wavelength, each by its own facet, and the mean of their densities."""
+        # A value for each wavelength, each by its own facet, and the mean of their densities.
         reflected = (si.wi.z > 0) == (wo.z > 0)
         reflection, transmission = self.enabled(ctx)
         active = active & (dr.abs(si.wi.z) > GRAZING) & (wo.z != 0) & dr.select(reflected, reflection, transmission)
         if active is False or self.roughness is None or not (reflection or transmission):
-            return mi.UnpolarizedSpectrum(0), mi.Float(0)
+            return mi.Spectrum(0), mi.Float(0)
         width, etas = self.roughness.eval_1(si, active), self.indices.etas(si)
         values, reflectances, ratios, pdf = [], [], [], mi.Float(0)
         for eta in etas:
-            m, i_m, o_m = facets.between(si.wi, wo, eta)
+            facet = facets.between(si.wi, wo, eta)
             # A facet's front is visible from the front of the surface, its back from the back.
-            facing = active & (i_m * si.wi.z > 0) & (o_m * wo.z > 0)
-            lit, density = self.facets(si, wo, m, i_m, o_m, reflected, width, eta)
-            f, _, eta_it, _ = fresnel.interface(i_m, eta)
+            facing = active & (facet.i_m * si.wi.z > 0) & (facet.o_m * wo.z > 0)
+            lit, density = self.facets(si.wi, wo, facet, reflected, width, eta)
+            f, _, eta_it, _ = fresnel.interface(facet.i_m, eta)
             values.append(dr.select(facing, lit, 0))
             reflectances.append(f)
             ratios.append(eta_it)
             pdf += dr.select(facing, density * self.share(ctx, reflected, f), 0) / len(etas)
         spectra = dispersion.spectrum(reflectances), dispersion.spectrum(ratios)
         value = self.energy(ctx, si, reflected, *spectra, active) * dispersion.spectrum(values)
-        return value & active, pdf
+        return mi.depolarizer(value) & active, pdf
 
     def parameters(self) -> dict[str, Any]:
         return {**self.indices.parameters(), **super().parameters()}

@@ -157,8 +157,16 @@ def reflecting(wi: mi.Vector3f, wo: mi.Vector3f) -> tuple[mi.Vector3f, mi.Float]
     return h * inverse, 0.5 * square * inverse
 
 
-def between(wi: mi.Vector3f, wo: mi.Vector3f, eta: mi.Float) -> tuple[mi.Vector3f, mi.Float, mi.Float]:
-    """``(m, i_m, o_m)``: the facet, turned upwards, that reflects or refracts ``wi`` to ``wo``, and its cosines.
+class Facet(NamedTuple):
+    """A facet: its normal, and the cosines between that and two directions."""
+
+    m: mi.Vector3f
+    i_m: mi.Float
+    o_m: mi.Float
+
+
+def between(wi: mi.Vector3f, wo: mi.Vector3f, eta: mi.Float) -> Facet:
+    """The facet, turned upwards, that reflects or refracts ``wi`` to ``wo``.
 
     Directions on the same side of the surface are by reflection. ``eta``: index inside over that outside.
     """
@@ -170,7 +178,7 @@ def between(wi: mi.Vector3f, wo: mi.Vector3f, eta: mi.Float) -> tuple[mi.Vector3
     inverse = dr.rsqrt(square)
     m = dr.mulsign(h * inverse, h.z)
     half = dr.mulsign(0.5 * square * inverse, wi.z)
-    return m, dr.select(reflected, half, dr.dot(wi, m)), dr.select(reflected, half, dr.dot(wo, m))
+    return Facet(m, dr.select(reflected, half, dr.dot(wi, m)), dr.select(reflected, half, dr.dot(wo, m)))
 
 
 # ---------------------------------------------------------------- masking and shadowing (section 3.1.1.2)

@@ -8,16 +8,14 @@ from typing import Any
 import click
 import mitsuba as mi
 
-from .. import atomic
 from ..compat import PLACE
 from ..scene import session
 from . import files
 from .files import SCENE_FILE
 from .job import Command, Job, job_options
-from .log import log
 from .option_types import ROOTS, InputError, Integer, Number, input_errors, option, require_extra
 from .progress import Progress
-from .render_task import check_denoising
+from .render_task import Resources, check_denoising
 
 SUFFIXES = (".html", ".json")
 
@@ -55,7 +53,7 @@ def compare(
 
     from ..compare import comparison, comparison_page, contestants, runs
 
-    with atomic.scratch() as folder, log(0):
+    with Resources(job) as resources:
         with input_errors():
             specs = contestants.Spec(a), contestants.Spec(b)
             if job.noise:
@@ -63,7 +61,7 @@ def compare(
                     raise ValueError(f"--noise is for prosim, which neither {a} nor {b} is")
                 specs = specs[0].until(job.noise), specs[1].until(job.noise)
             mi.set_log_level(mi.LogLevel.Error)  # samplers that round their counts would warn: real counts are measured
-            compared_scene = contestants.ComparedScene(replace(job, noise=None).read_scene(folder))
+            compared_scene = contestants.ComparedScene(replace(job, noise=None).read_scene(resources.folder))
             if job.denoise:
                 check_denoising(compared_scene.sensor().film())
             for spec in specs:  # errors of the contestants come before the long work

@@ -24,8 +24,8 @@ from .environment import MAY_DIFFER, MUST_AGREE, differences, this_environment
 from .plan import index_within
 from .tiles import Part
 
-#: The version of the format, and the first bytes of a file.
-FORMAT, MAGIC = 9, b"PK\x03\x04"
+#: The version of the format.
+FORMAT = 9
 
 #: Parameters of sampling that end a render, and those that decide how many samples a pixel gets. A checkpoint may
 #: continue with others than its own.
@@ -187,22 +187,19 @@ def read(path: str | Path, arrays: bool = True) -> Checkpoint:
     Raises NotACheckpointError for a file of another kind; CheckpointError for one of another version of the format,
     or a damaged or incomplete one; OSError.
     """
-    with open(path, "rb") as file:
-        begin = file.read(1 << 10)
-        if not begin.startswith(MAGIC) or b"facts.npy" not in begin:
-            raise NotACheckpointError(f"{path} is no checkpoint; --checkpoint and --part write some")
-        file.seek(0)
-        groups: dict[str, dict[str, np.ndarray]] = {"pixels": {}, "second": {}}
-        try:
-            with np.load(file) as archive:
-                header = json.loads(str(archive["facts"]))
-                version = header["format"]
-                for name in archive.files if arrays and version == FORMAT else ():
-                    group, dot, own = name.partition(".")
-                    if dot:
-                        groups[group][own] = archive[name]
-        except (zipfile.BadZipFile, ValueError, KeyError, EOFError, NotImplementedError):
-            raise CheckpointError(f"{path} is damaged or not complete; render again") from None
+    groups: dict[str, dict[str, np.ndarray]] = {"pixels": {}, "second": {}}
+    try:
+        with np.load(path) as archive:
+            header = json.loads(str(archive["facts"]))
+            version = header["format"]
+            for name in archive.files if arrays and version == FORMAT else ():
+                group, dot, own = name.partition(".")
+                if dot:
+                    groups[group][own] = archive[name]
+    except (zipfile.BadZipFile, EOFError, NotImplementedError):
+        raise CheckpointError(f"{path} is damaged or not complete; render again") from None
+    except (ValueError, KeyError, TypeError):
+        raise NotACheckpointError(f"{path} is no checkpoint; --checkpoint and --part write some") from None
     if version != FORMAT:
         raise CheckpointError(
             f"{path} has format {version}, and this version reads format {FORMAT}; finish it with the version "

@@ -59,11 +59,11 @@ class Channels:
         """The values of a sample of weight 1: the radiance ``L`` along the camera ray ``ray``, which ``hit`` a
         surface, and the ``integrator_values``.
         """
-        return (
-            self._own_values(L, ray.wavelengths, hit)
-            + list(integrator_values)
-            + aov_values(self.aovs, scene, sampler, ray, True)
-        )
+        if self.special:
+            values = self.film.prepare_sample(L, ray.wavelengths, self.film.base_channels_count() + 1, 1.0, hit)
+        else:
+            values = self.rgb(L, ray.wavelengths) + [hit] * self.alpha + [mi.Float(1)]
+        return [*values, *integrator_values, *aov_values(self.aovs, scene, sampler, ray, True)]
 
     def rgb(self, L: mi.Spectrum, wavelengths: mi.Color0f) -> list[mi.Float]:
         """Red, green and blue of the radiance ``L``; 0 for those that are not stored."""
@@ -72,11 +72,6 @@ class Channels:
         else:
             rgb = mi.Color3f(L.x) if mi.is_monochromatic else mi.Color3f(L)
         return [v if name in self.stored else mi.Float(0) for name, v in zip("rgb", rgb)]
-
-    def _own_values(self, L: mi.Spectrum, wavelengths: mi.Color0f, alpha: mi.Float) -> list[mi.Float]:
-        if self.special:
-            return list(self.film.prepare_sample(L, wavelengths, self.film.base_channels_count() + 1, 1.0, alpha))
-        return self.rgb(L, wavelengths) + [alpha] * self.alpha + [mi.Float(1)]
 
 
 def luminance(L: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Float:

@@ -211,9 +211,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         storage, gradient = mi.TensorXf(derivatives.storage), derivatives.forward()
         dr.enable_grad(storage)
         dr.set_grad(storage, gradient)
-        image = derivatives.develop(storage)
-        dr.forward_to(image)
-        gradient = dr.grad(image)
+        gradient = dr.forward_to(derivatives.develop(storage))
         return append_channels(gradient, len(self.own_aovs))  # the integrator's own channels have no derivatives
 
     @alone()

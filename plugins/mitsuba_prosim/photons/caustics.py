@@ -94,19 +94,11 @@ class Caustics:
     def photons(self, which: Which) -> tuple[Photons, Photons | None]:
         """A photon pass, from the cache or emitted now: on diffuse surfaces, and on glossy ones if these gather any."""
         if which not in self._passes:
-            self.add(which, self._emit(*which))
+            while len(self._passes) >= self.capacity:
+                self._passes.popitem(last=False)
+            self._passes[which] = self._emit(*which)
         self._passes.move_to_end(which)
         return self._passes[which]
-
-    def add(self, which: Which, photons: tuple[Photons, Photons | None]) -> None:
-        """Adds a photon pass to the cache; another process may have emitted it."""
-        while len(self._passes) >= self.capacity:
-            self._passes.popitem(last=False)
-        self._passes[which] = photons
-
-    def has(self, which: Which) -> bool:
-        """Whether the cache has a photon pass."""
-        return which in self._passes
 
     def division(self, t: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
         """The divisor of the spectrum for the ``t``-th samples, see :attr:`.NRook.division`."""

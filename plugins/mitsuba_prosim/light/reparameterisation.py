@@ -10,16 +10,14 @@ can be differentiated along it.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
 from ..compat import eval_direction
-
-if TYPE_CHECKING:
-    from .strategy import Receiver
-    from .table import Lamp, Lights
+from .strategy import Receiver
+from .table import Lamp, Lights
 
 
 def reparameterised_ray(
@@ -69,45 +67,3 @@ def meet(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> mi.SurfaceInteracti
 def with_derivatives(value: Any, same: Any, active: mi.Bool) -> Any:
     """``value``, with the derivatives of ``same`` where ``active``, else its own."""
     return dr.select(active, dr.replace_grad(value, same), value)
-
-
-def with_sphere(
-    receiver: Receiver, center: mi.Point3f, radius: mi.Float, d: mi.Vector3f
-) -> tuple[mi.Vector3f, mi.Float]:
-    """``(d, jacobian)``, both with derivatives: the direction ``d`` from ``receiver``, which moves with a sphere that
-    it meets.
-
-    The direction is that of a point of the disk within the sphere's outline for the receiver, lifted to
-    the unit sphere: along the normal where the whole sphere is above the horizon, so that a diffuse surface gains and
-    loses no light between the parts of the sphere (the map of :mod:`.spherical_cap`), else along the sphere's axis. A
-    point of the sphere itself would be right too, except near its outline, where the Jacobian varies without bound.
-    """
-    n = receiver.n
-    to_center = center - receiver.si.p
-    inv_d2 = dr.rcp(dr.squared_norm(to_center))
-    axis = to_center * dr.sqrt(inv_d2)
-    s2 = dr.minimum(dr.square(radius) * inv_d2, 1 - 1e-6)
-    s, cos_max = dr.sqrt(s2), dr.sqrt(1 - s2)
-    cos_n = dr.dot(axis, n)
-    lift = dr.select((cos_n > 0) & (dr.square(cos_n) > s2), mi.Vector3f(n), axis)
-    with dr.suspend_grad():
-        height = (dr.dot(axis, d) - cos_max) / dr.dot(axis, lift)
-        in_disk = (d - height * lift - cos_max * axis) / s
-    in_disk -= axis * dr.dot(axis, in_disk)
-    foot = cos_max * axis + s * in_disk
-    b = dr.dot(foot, lift)
-    height = dr.sqrt(dr.square(b) + s2 * dr.maximum(1 - dr.squared_norm(in_disk), 0)) - b
-    moved = dr.replace_grad(d, foot + height * lift)
-    return moved, s2 * dr.dot(axis, lift) / dr.dot(moved, lift)
-
-
-def with_surface(o: mi.Point3f, met: mi.SurfaceInteraction3f) -> tuple[mi.Vector3f, mi.Float]:
-    """``(d, jacobian)``, both with derivatives: the direction from ``o`` to the point ``met``, which moves with its
-    surface.
-
-    ``met`` is a ``mi.SurfaceInteraction3f`` that was made with ``mi.RayFlags.FollowShape``.
-    """
-    to_point = met.p - o
-    d2 = dr.squared_norm(to_point)
-    d = to_point * dr.rsqrt(d2)
-    return d, dr.abs_dot(met.n, d) / d2 * dr.norm(dr.cross(met.dp_du, met.dp_dv))

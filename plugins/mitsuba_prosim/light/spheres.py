@@ -12,9 +12,8 @@ import drjit as dr
 import mitsuba as mi
 
 from ..compat import SPHERE, shape_transform
-from .reparameterisation import with_sphere
 from .spherical_cap import pdf_projected_cap, sample_projected_cap
-from .strategy import Emitter, Index, OtherLights, Receiver, direction_sample, weighted
+from .strategy import Emitter, Index, LightSample, OtherLights, Receiver, direction_sample, weighted
 
 
 class SphereLights(OtherLights):
@@ -45,7 +44,7 @@ class SphereLights(OtherLights):
 
     def sample(
         self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
-    ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+    ) -> LightSample:
         """``(ds, weight)``: a point of the source above the horizon of ``receiver``."""
         return weighted(emitter, receiver, direction_to_sphere(receiver, *self.sphere(number), sample), active)
 
@@ -60,11 +59,33 @@ class SphereLights(OtherLights):
     def reparameterised(
         self, number: Index, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f | None, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Float]:
-        """``(ds, jacobian)``, both with derivatives: the direction ``d``, which moves with the source ``number``."""
-        d, jacobian = with_sphere(receiver, *self.sphere(number, active), d)
-        ds = direction_sample(receiver, d)
-        ds.n = -d
-        return ds, jacobian
+        """``(ds, jacobian)``, both with derivatives: the direction ``d``, which moves with the source ``number``.
+
+        The direction is that of a point of the disk within the sphere's outline for the receiver, lifted to
+        the unit sphere: along the normal where the whole sphere is above the horizon, so that a diffuse surface gains
+        and loses no light between the parts of the sphere (the map of :mod:`.spherical_cap`), else along the sphere's
+        axis. A point of the sphere itself would be right too, except near its outline, where the Jacobian varies
+        without bound.
+        """
+        center, radius = self.sphere(number, active)
+        to_center = center - receiver.si.p
+        inv_d2 = dr.rcp(dr.squared_norm(to_center))
+        axis = to_center * dr.sqrt(inv_d2)
+        s2 = dr.minimum(dr.square(radius) * inv_d2, 1 - 1e-6)
+        s, cos_max = dr.sqrt(s2), dr.sqrt(1 - s2)
+        cos_n = dr.dot(axis, receiver.n)
+        lift = dr.select((cos_n > 0) & (dr.square(cos_n) > s2), mi.Vector3f(receiver.n), axis)
+        with dr.suspend_grad():
+            height = (dr.dot(axis, d) - cos_max) / dr.dot(axis, lift)
+            in_disk = (d - height * lift - cos_max * axis) / s
+        in_disk -= axis * dr.dot(axis, in_disk)
+        foot = cos_max * axis + s * in_disk
+        b = dr.dot(foot, lift)
+        height = dr.sqrt(dr.square(b) + s2 * dr.maximum(1 - dr.squared_norm(in_disk), 0)) - b
+        moved = dr.replace_grad(d, foot + height * lift)
+        ds = direction_sample(receiver, moved)
+        ds.n = -moved
+        return ds, s2 * dr.dot(axis, lift) / dr.dot(moved, lift)
 
 
 def sphere_of(emitter: Emitter) -> tuple[mi.Point3f, mi.Float]:

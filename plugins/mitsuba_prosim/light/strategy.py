@@ -10,7 +10,6 @@ import drjit as dr
 import mitsuba as mi
 
 from ..compat import CONSTANT, eval_direction
-from .reparameterisation import with_surface
 
 #: One emitter, or a Dr.Jit array of them.
 Emitter: TypeAlias = "mi.Emitter | mi.EmitterPtr"
@@ -33,9 +32,7 @@ class Receiver:
     importance: mi.Float | None = None
 
 
-def weighted(
-    emitter: Emitter, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool
-) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+def weighted(emitter: Emitter, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> LightSample:
     """``(ds, weight)``: the sample ``ds`` of ``emitter``, which was drawn with the density ``ds.pdf`` per solid angle,
     and radiance over density. Both ``ds.pdf`` and ``weight`` are 0 where there is nothing to sample.
     """
@@ -73,7 +70,7 @@ class OtherLights:
 
     def sample(
         self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
-    ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+    ) -> LightSample:
         """``(ds, weight)``: a point of the source ``number``, which is ``emitter``, for ``receiver``, with the
         density ``ds.pdf`` per solid angle; and radiance over density. ``sample``: a point in [0, 1)².
         """
@@ -89,12 +86,15 @@ class OtherLights:
         self, number: Index, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f | None, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Float]:
         """``(ds, jacobian)``, both with derivatives: the direction ``d`` to the point ``met`` of the source ``number``,
-        which moves with that source; see :mod:`.reparameterisation`.
+        which moves with that source; see :mod:`.reparameterisation`. ``met`` is of ``mi.RayFlags.FollowShape``.
         """
         assert met is not None
-        moved, jacobian = with_surface(receiver.si.p, met)
+        to_point = met.p - receiver.si.p
+        d2 = dr.squared_norm(to_point)
+        moved = to_point * dr.rsqrt(d2)
+        jacobian = dr.abs_dot(met.n, moved) / d2 * dr.norm(dr.cross(met.dp_du, met.dp_dv))
         ds = direction_sample(receiver, dr.replace_grad(d, moved))
-        ds.p, ds.n, ds.uv, ds.dist = met.p, met.n, met.uv, dr.norm(met.p - receiver.si.p)
+        ds.p, ds.n, ds.uv, ds.dist = met.p, met.n, met.uv, dr.norm(to_point)
         return ds, jacobian
 
 
@@ -113,7 +113,7 @@ class ConstantSky(OtherLights):
 
     def sample(
         self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
-    ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+    ) -> LightSample:
         """``(ds, weight)``: a sample of the sky above the horizon of ``receiver``, cosine-weighted."""
         local = mi.warp.square_to_cosine_hemisphere(sample)
         ds = direction_sample(receiver, mi.Frame3f(receiver.n).to_world(local))

@@ -14,7 +14,7 @@ import mitsuba as mi
 from ..compat import emitter_pointers, emitters_in_order
 from ..masks import but_not, fold, idle
 from .spheres import SphereLights
-from .strategy import ConstantSky, Emitter, Index, OtherLights, Receiver
+from .strategy import ConstantSky, Emitter, Index, LightSample, OtherLights, Receiver
 
 #: Strategies for lamps, which are all sources but a constant sky: an emitter belongs to the first one that takes it.
 STRATEGIES = (SphereLights, OtherLights)
@@ -45,9 +45,7 @@ class Lamp:
             return self.groups[0][0].follows_shape
         return self._by_strategy(mi.Bool(True), lambda strategy, *_: mi.Bool(strategy.follows_shape))
 
-    def sample(
-        self, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
-    ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+    def sample(self, receiver: Receiver, sample: mi.Point2f, active: mi.Bool) -> LightSample:
         """``(ds, weight)``: a point of the source, see :meth:`.OtherLights.sample`. ``sample``: a point in [0, 1)²."""
         return self._by_side(receiver, active, lambda s, k, mine: s.sample(k, self.emitter, receiver, sample, mine))
 

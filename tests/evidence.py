@@ -11,20 +11,13 @@ FOLDER = Path(__file__).parents[1] / "build" / "failed-images"
 
 
 def leave(note, **images):
-    """Writes images (height, width, channels) as EXR and as PNG, and a note; the folder, named after the test.
-
-    In the PNG a difference is grey where there is none, and as strong as its 99th percentile asks for.
-    """
+    """Writes images (height, width, channels) as EXR, and a note; the folder, named after the test."""
     test = os.environ.get("PYTEST_CURRENT_TEST", "a test (call)").rpartition(" ")[0]
     folder = FOLDER / re.sub(r"[^\w.-]+", "-", test.rpartition("/")[2]).strip("-")
     folder.mkdir(parents=True, exist_ok=True)
     for name, image in images.items():
         image = np.asarray(image, np.float32)
         image = image[..., :3] if image.shape[2] >= 3 else image[..., :1]
-        mi.Bitmap(image).write(str(folder / f"{name}.exr"))
-        if name == "difference":
-            image = np.clip(0.5 + image / (2 * max(np.quantile(np.abs(image), 0.99), 1e-30)), 0, 1)
-        shown = mi.Bitmap(np.ascontiguousarray(image))
-        shown.convert(component_format=mi.Struct.Type.UInt8, srgb_gamma=True).write(str(folder / f"{name}.png"))
+        mi.Bitmap(np.ascontiguousarray(image)).write(str(folder / f"{name}.exr"))
     (folder / "note.txt").write_text(note + "\n", encoding="utf-8")
     return folder

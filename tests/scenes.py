@@ -147,6 +147,13 @@ def grid(n):
     return (mi.Point2f(i % n, i // n) + 0.5) / n
 
 
+def only(flags):
+    """The context in which only components of these types are enabled."""
+    context = mi.BSDFContext()
+    context.type_mask = +flags
+    return context
+
+
 def slow(*values):
     """Values of a parameter with which a test is slow."""
     return [pytest.param(value, marks=pytest.mark.slow) for value in values]
@@ -171,18 +178,12 @@ def kernels(act):
         return {kernel["hash"] for kernel in dr.kernel_history([dr.KernelType.JIT])}
 
 
-def mesh(positions, faces, normals=None, **within):
-    """A mesh with what is ``within`` it (its BSDF, its emitter), as a dictionary or loaded; by a file, as the
-    constructor of ``mi.Mesh`` is another one in Mitsuba 3.10.
+def mesh(positions, faces, **within):
+    """A mesh with what is ``within`` it (its BSDF, its emitter); by a file, as the constructor of ``mi.Mesh`` is
+    another one in Mitsuba 3.10.
     """
-    vertices = positions if normals is None else np.hstack([positions, normals])
-    names = ("x", "y", "z", "nx", "ny", "nz")[: np.shape(vertices)[1]]
-    lines = ["ply", "format ascii 1.0", f"element vertex {len(vertices)}"]
-    lines += [f"property float {name}" for name in names]
-    lines += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]
-    lines += [" ".join(f"{value:.9g}" for value in vertex) for vertex in vertices]
-    lines += [" ".join(map(str, (3, *face))) for face in faces]
+    rows = [("v", *vertex) for vertex in positions] + [("f", *(k + 1 for k in face)) for face in faces]
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "mesh.ply")
-        path.write_text("\n".join(lines) + "\n")
-        return mi.load_dict({"type": "ply", "filename": str(path), "face_normals": False, **within})
+        path = Path(folder, "mesh.obj")
+        path.write_text("\n".join(" ".join(map(str, row)) for row in rows))
+        return mi.load_dict({"type": "obj", "filename": str(path), "face_normals": False, **within})

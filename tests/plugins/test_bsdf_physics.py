@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from drawing import curves
 from mitsuba_prosim.optics import fresnel
+from scenes import only
 
 COPPER = {"eta": {"type": "rgb", "value": [0.2, 0.92, 1.1]}, "k": {"type": "rgb", "value": [3.9, 2.45, 2.14]}}
 GAUSSIAN = {"alpha": 0.3, "distribution": "gaussian"}
@@ -43,12 +44,6 @@ def directions(n, seed, sides=False):
     if not sides:
         v[2] = np.abs(v[2])
     return mi.Vector3f(v)
-
-
-def only(flags):
-    context = mi.BSDFContext()
-    context.type_mask = +flags
-    return context
 
 
 def spectrum(value):

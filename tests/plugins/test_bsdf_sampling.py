@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from drawing.curves import interaction
 from mitsuba.chi2 import ChiSquareTest, PlanarDomain, SphericalDomain
-from scenes import slow
+from scenes import only, slow
 
 ALPHAS = (0.02, 0.2, 1.0)
 INCIDENCES = (0, 30, 60, 85)
@@ -95,13 +95,6 @@ def check_sphere(bsdf, angle, ctx):
         return bsdf.pdf(ctx, interaction(wi + dr.zeros(mi.Vector3f, dr.width(wo))), wo)
 
     assert_accepted(ChiSquareTest(SphericalDomain(), sample, pdf, 3, sample_count=100000, res=101, ires=8))
-
-
-def only(flags):
-    """A context in which only components of the given type are enabled."""
-    ctx = mi.BSDFContext()
-    ctx.type_mask = +flags
-    return ctx
 
 
 SPECULAR = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.DeltaReflection

@@ -24,5 +24,5 @@ def test_a_difference_is_named_and_shown(variant_rgb, monkeypatch, tmp_path):
     assert str(folder) in str(raised.value)
     difference = np.array(mi.Bitmap(str(folder / "difference.exr")))
     assert difference[8:, 16:].mean() == pytest.approx(0.05, abs=0.005)
-    assert (folder / "image.png").exists() and (folder / "reference.exr").exists()
+    assert (folder / "image.exr").exists() and (folder / "reference.exr").exists()
     assert "block by block" in (folder / "note.txt").read_text()

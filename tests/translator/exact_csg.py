@@ -71,10 +71,8 @@ def interval(shape, o, d):
     return np.maximum(near, low), np.minimum(far, high)
 
 
-def surfaces(scene, origins, directions):
-    """What rays meet one after the other: distances, whether they enter the result there, and the number of the leaf
-    that owns the surface, in the order of the tree; -1 where there is none.
-    """
+def intervals(scene, origins, directions):
+    """Entries and exits of rays (n, 3) for each leaf of the tree, equal where they miss it."""
     ends = []
     for leaf in scene.csg:
         if isinstance(leaf, Leaf):
@@ -82,6 +80,14 @@ def surfaces(scene, origins, directions):
             inverse = np.linalg.inv(linear)
             near, far = interval(leaf.shape, (origins - offset) @ inverse.T, directions @ inverse.T)
             ends.append((near, np.where(near < far, far, near)))
+    return ends
+
+
+def surfaces(scene, origins, directions):
+    """What rays meet one after the other: distances, whether they enter the result there, and the number of the leaf
+    that owns the surface, in the order of the tree; -1 where there is none.
+    """
+    ends = intervals(scene, origins, directions)
     times = np.sort(np.concatenate(list(zip(*ends))), axis=0)  # (2 leaves, rays)
     for t in times:
         # The middle of the stretches before and after the ends that coincide with this one.

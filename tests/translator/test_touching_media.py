@@ -50,12 +50,7 @@ def media_of_the_tree(text, origin, direction):
     """The same by the tree's definition: the first of the media in the tree that is there."""
     read = document_of(text, "test.scn").scene
     leaves = [node for node in read.csg if isinstance(node, Leaf)]
-    ends = []
-    for leaf in leaves:
-        linear, offset = exact_csg.placed(read.transforms[leaf.index])
-        inverse = np.linalg.inv(linear)
-        near, far = exact_csg.interval(leaf.shape, (origin - offset) @ inverse.T[None], direction @ inverse.T[None])
-        ends.append((near[0], far[0]))
+    ends = [(near[0], far[0]) for near, far in exact_csg.intervals(read, origin[None], direction[None])]
     times = np.unique([t for near, far in ends if near < far for t in (near, far)])
     result, now = [], None
     media = sorted({medium_of(read, leaf): 0 for leaf in leaves}, key=lambda medium: medium != METAL)  # which is first

@@ -106,9 +106,8 @@ def digest(job: Job, file: scene_file.SceneFile) -> str:
     """
     here = environment.this_environment()
     versions = [here[name] for name in environment.MUST_AGREE]
-    parts = job.image() | {"scene": "", "digest": file.digest(), "environment": versions}
-    if file.document is not None:
-        parts["definitions"] = {}  # the translation has them
+    # The content has the definitions.
+    parts = job.image() | {"scene": "", "definitions": {}, "digest": file.digest(), "environment": versions}
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 

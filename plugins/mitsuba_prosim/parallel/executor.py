@@ -78,8 +78,8 @@ class DaskExecutor(Executor):
 
     def limit(self, left: int, seconds: float = np.inf) -> int:
         """Samples of the next work item: some seconds of a worker, less towards the end."""
-        size = super().limit(left, seconds)
-        return min(size, max(left // (WINDOW * max(len(self._workers), 1)), size // FEWER, 1))
+        least = max(int(self.speed * min(self.seconds, seconds)) // FEWER, self.SMALLEST)
+        return min(super().limit(left, seconds), max(left // (WINDOW * max(len(self._workers), 1)), least))
 
     def __call__(self, items: Iterator[WorkItem]) -> Results:
         """Yields each work item with its sums, and None while there is nothing new, so that the caller can stop at

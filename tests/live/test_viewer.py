@@ -67,7 +67,9 @@ def test_the_coarse_picture_has_the_colours_of_glass_that_disperses(variant_rgb,
     """And not one of them in each pixel."""
     path.write_text(RED.replace("kd = 0.6 0.2 0.1 ks = .3 .3 .3 n = 20", "material dieletrico bk7"))
     scene = SceneFile(path, tmp_path / "again").load()
-    coarse = ProgressiveImage(scene.integrator(), scene, scene.sensors()[0], 0, 0).coarse()["final"]
+    image = ProgressiveImage(scene.integrator(), scene, scene.sensors()[0], 0, 0)
+    image.begin_coarse()
+    coarse = image.layers()["final"]
     assert np.mean(coarse.min(axis=2) < 0.2 * coarse.max(axis=2)) < 0.1  # by one sample of each pixel 0.2
 
 

@@ -196,7 +196,7 @@ def render_image(
         start = halves.start if job.denoise else rendering.progressive
         how: dict[str, Any] = {"begin": task.begin, "part": job.part, "executor": executor}
         try:
-            steps = start(task.scene, task.sensor, seed=job.seed, spp=job.spp or 0, integrator=task.integrator, **how)
+            steps = start(task.scene, task.sensor, task.integrator, job.seed, job.spp or 0, **how)
             while not (signals or resources.loss_reason) and (step := next(steps, None)) is not None:
                 bar.show(step.done)
                 for consume in consumers:

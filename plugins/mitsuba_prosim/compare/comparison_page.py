@@ -89,7 +89,6 @@ def encode(facts: Facts, images: Mapping[str, np.ndarray]) -> dict[str, str]:
 
 def chart(section: Facts) -> str:
     """Curves of a section, as an SVG data URI."""
-    import matplotlib
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.5, 6.6), layout="constrained")
@@ -109,8 +108,7 @@ def chart(section: Facts) -> str:
         axis.set_xlabel(label)
     axes[0, 0].legend()
     file = io.BytesIO()
-    with matplotlib.rc_context({"svg.fonttype": "path"}):
-        figure.savefig(file, format="svg")
+    figure.savefig(file, format="svg")
     return data_uri(file, "svg+xml")
 
 

@@ -80,7 +80,7 @@ class Contestant:
         """
         begin = halves.start if self.denoised else rendering.progressive
         start, start_cpu = time.perf_counter(), time.process_time()
-        render = begin(self.scene, self.sensor, seed=seed, spp=self.spp, integrator=self.integrator).run()
+        render = begin(self.scene, self.sensor, self.integrator, seed, self.spp).run()
         image = render.denoiser.denoised().final if self.denoised else render.half_images()[0]
         seconds, cpu = time.perf_counter() - start, time.process_time() - start_cpu
         return image[..., :3], render.counts(), seconds, cpu / max(dr.thread_count(), 1)

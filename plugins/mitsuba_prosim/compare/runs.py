@@ -105,14 +105,14 @@ class Reference:
     def _evaluate(self) -> None:
         mean = self._sums / self.passes
         variance = (np.maximum(self._squares / self.passes - mean**2, 0) / (self.passes - 1)).mean(axis=(1, 2, 3))
-        exact = variance == 0  # an image without noise
-        weights = exact / exact.sum() if exact.any() else 1 / variance / np.sum(1 / variance)
+        weights = 1 / np.maximum(variance, 1e-60)  # an image without noise has no variance
+        weights /= weights.sum()
         self.image = np.tensordot(weights, mean, 1)
         #: RMS standard error of a pixel's channel.
         self.error = float(np.sqrt(np.sum(weights**2 * variance)))
         #: RMS difference of the two estimators over the expected noise (1: they agree); None with one or no noise.
         self.disagreement: float | None = None
-        if len(mean) > 1 and not exact.any():
+        if len(mean) > 1 and variance.all():
             self.disagreement = float(np.sqrt(np.mean((mean[0] - mean[1]) ** 2) / variance.sum()))
 
 

@@ -68,7 +68,7 @@ def start(
     """
     check(sensor.film())
     denoiser = FinalImage(scene, sensor, integrator, seed, fast)
-    denoiser.render = rendering.progressive(scene, sensor, seed, spp, integrator, denoiser=denoiser, **how)
+    denoiser.render = rendering.progressive(scene, sensor, integrator, seed, spp, denoiser=denoiser, **how)
     return denoiser.render
 
 

@@ -19,15 +19,10 @@ def channels(final: FinalImage, colours: Sequence[str]) -> dict[str, np.ndarray]
     """The final image, the integrator's own channels, the layers ``raw`` and ``denoised``, and the errors of the three
     images: ``error``, ``error_raw`` and ``error_denoised``, with one channel, ``Y``; each of shape (height, width).
     """
-
-    def planes(layer: str, image: np.ndarray) -> dict[str, np.ndarray]:
-        # Films store three colours, even if they develop one.
-        return {layer + name: image[..., k % image.shape[2]] for k, name in enumerate(colours)}
-
     denoised = final.denoised()
     errors = {"": denoised.final_error, "_raw": denoised.raw_error, "_denoised": denoised.denoised_error}
-    result = planes("", denoised.final) | final.others()
-    result |= planes("raw.", denoised.raw) | planes("denoised.", denoised.denoised)
+    result = planes("", denoised.final, colours) | final.others()
+    result |= planes("raw.", denoised.raw, colours) | planes("denoised.", denoised.denoised, colours)
     return result | {f"error{name}.Y": error for name, error in errors.items()}
 
 
@@ -60,6 +55,13 @@ def mixed(
     for name, factor in factors:
         result[name] = result[name] * factor
     return np.sum(list(result.values()), axis=0), result
+
+
+def planes(prefix: str, image: np.ndarray, colours: Sequence[str] = "RGB") -> dict[str, np.ndarray]:
+    """The channels of ``image``, shape (height, width, 1 or 3), by name: ``prefix`` and that of the colour. Films store
+    three colours, even if they develop one.
+    """
+    return {prefix + name: image[..., k % image.shape[2]] for k, name in enumerate(colours)}
 
 
 def of_channels(planes: dict[str, np.ndarray]) -> mi.Bitmap:

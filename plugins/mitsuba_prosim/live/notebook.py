@@ -21,8 +21,7 @@ from prosim_scene import extras
 from ..scene import session
 from ..scene.images import compress, png
 from .picture import LAYERS, finite
-from .progressive_image import ProgressiveImage, progressive
-from .publisher import Throttle
+from .progressive_image import ProgressiveImage
 
 #: Seconds that other tasks of the notebook get after each work item.
 PAUSE = 0.005
@@ -70,8 +69,7 @@ def show(
         scene = mi.load_file(str(scene)) if xml else mi.load_dict(prosim_scene.load(scene))
     if isinstance(sensor, int):
         sensor = scene.sensors()[sensor]
-    chosen, spp = progressive(integrator or scene.integrator(), sensor, spp)
-    view = View(ProgressiveImage(chosen, scene, sensor, spp, seed), exposure)
+    view = View(ProgressiveImage(integrator or scene.integrator(), scene, sensor, spp, seed), exposure)
     stop_earlier(view)
     try:
         loop = asyncio.get_running_loop()
@@ -108,7 +106,7 @@ class View:
         self.task: asyncio.Task[None] | None = None
         self._image, self._factor = image, np.float32(2**exposure)
         self._layers: Mapping[str, np.ndarray] = {}
-        self._stopped, self._throttle, self._started = False, Throttle(), time.perf_counter()
+        self._stopped, self._started = False, time.perf_counter()
         self._steps = self._render()
         self._shown = widgets.Image(format="png", layout=widgets.Layout(max_width="100%"))
         self._layer = widgets.ToggleButtons(options=[(name.capitalize(), name) for name in LAYERS], value="final")
@@ -171,10 +169,10 @@ class View:
         try:
             while not self._image.done and not self._stopped:
                 with interrupting(self.stop):
-                    complete = self._image.step()
+                    due = self._image.step()
                     self._progress.value = self._image.progress
-                    if self._stopped or (self._image.new and (complete or self._throttle.due)):
-                        with self._throttle.drawing():
+                    if self._stopped or due:
+                        with self._image.throttle.drawing():
                             self._layers = self._image.layers()
                             self._draw()
                 yield

@@ -17,51 +17,50 @@ from ..registry import create
 from ..scene import rendering
 from ..transport.scattering import disperses
 from .picture import Picture, fill_unknown, layers_of_render
+from .publisher import Throttle
 
 #: Approximate number of seconds of a work item. The viewer reads new requests between work items.
 SECONDS = 0.4
 
 
 class ProgressiveImage:
-    """A progressive image. ``spp``: samples per pixel, 0 for those of the integrator; ``denoise``: at the end."""
+    """A progressive image by ``integrator``, nested in ``prosim_adaptive`` if it is not progressive. ``spp``: samples
+    per pixel, 0 for those of the integrator; ``denoise``: at the end.
+    """
 
     def __init__(
         self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, spp: int, seed: int, denoise: bool = False
     ) -> None:
+        if not rendering.is_progressive(integrator):
+            integrator = create("prosim_adaptive", nested=integrator, adaptive="none")
+            spp = spp or sensor.sampler().sample_count()
         self.integrator, self.scene, self.sensor, self.spp, self.seed = integrator, scene, sensor, spp, seed
         self.denoise, self.done = denoise, False
-        #: Whether there are samples that :meth:`layers` has not returned.
-        self.new = False
+        #: Whether there are samples that :meth:`layers` has not returned; whether a pass over the image is complete.
+        self.new = self.complete = False
         #: Progress, 0 to 1, which never falls, although its estimate may.
         self.progress = 0.0
-        #: The picture that was published last.
+        #: The picture that was published last, and the rate of drawing.
         self.picture: Picture | None = None
+        self.throttle = Throttle()
         self.render: Any = None
         self._steps = self._run()
         self._coarse: dict[str, np.ndarray] = {}
         self._denoised: dict[str, np.ndarray] = {}
 
     def step(self) -> bool:
-        """Renders a work item; returns whether a pass over the image is complete."""
+        """Renders a work item; returns whether the image should be drawn."""
         step = next(self._steps, None)
-        self.done = step is None
         if step is None:
-            self.progress = 1.0
+            self.done, self.progress, self.complete = True, 1.0, False
             return False
-        self.progress = max(self.progress, step.done)
+        self.progress, self.complete = max(self.progress, step.done), step.complete
         self.new |= not step.complete  # a complete pass takes no more samples
-        return step.complete
+        return self.new and (step.complete or self.throttle.due)
 
     def _run(self) -> Iterator[Step]:
         begin = halves.start if self.denoise else rendering.progressive
-        self.render = begin(
-            self.scene,
-            self.sensor,
-            seed=self.seed,
-            spp=self.spp,
-            integrator=self.integrator,
-            executor=Executor(SECONDS),
-        )
+        self.render = begin(self.scene, self.sensor, self.integrator, self.seed, self.spp, executor=Executor(SECONDS))
         for step in self.render:
             yield Step(0.96 * step.done, step.complete) if self.denoise else step
         if self.denoise:
@@ -77,11 +76,13 @@ class ProgressiveImage:
             yield Step(1.0, True)
 
     def layers(self) -> Mapping[str, np.ndarray]:
-        """The layers of a :class:`.Picture` of the image so far; call it after a step. A denoised image has ``raw`` and
-        ``denoised`` too, which it is a mixture of; before it is the image without a denoiser.
+        """The layers of a :class:`.Picture` of the image so far. A denoised image has ``raw`` and ``denoised`` too, of
+        which it is a mixture; before it is the image without a denoiser.
 
-        During the first pass it lacks the maps, and pixels without a sample are those of :meth:`coarse`, or black.
+        During the first pass it lacks the maps, and pixels without a sample are those of the coarse image, or black.
         """
+        if self.render is None:
+            return self._coarse
         latest, self.new = self._denoised or self._of(self.render), False
         known = latest["samples"] > 0
         if known.all():
@@ -91,28 +92,19 @@ class ProgressiveImage:
     def _of(self, render: Any) -> dict[str, np.ndarray]:
         return layers_of_render(render, getattr(self.integrator, "layers", "none"))
 
-    def coarse(self) -> dict[str, np.ndarray]:
-        """The layers of a first image, without the maps, by one sample per pixel; call it while the film has few
-        pixels. With dispersion a pixel gets a sample per wavelength of the spectrum.
+    def begin_coarse(self) -> None:
+        """Begins with an image by one sample per pixel; call it while the film has few pixels. With dispersion a pixel
+        gets a sample per wavelength of the spectrum.
         """
         each = dr.size_v(mi.Spectrum) if disperses(self.scene) else 1
         render = self.integrator.progressive(self.scene, self.sensor, self.seed, each**2)
         next(step for step in render if step.complete)
         self._coarse = without_maps(self._of(render))
-        return self._coarse
 
 
 def without_maps(layers: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """The ``layers`` that have colours."""
     return {name: values for name, values in layers.items() if values.ndim == 3}
-
-
-def progressive(integrator: Any, sensor: mi.Sensor, spp: int) -> tuple[Any, int]:
-    """``integrator``, nested in ``prosim_adaptive`` if it is not progressive, and its samples per pixel."""
-    if rendering.is_progressive(integrator):
-        return integrator, spp
-    outer = create("prosim_adaptive", nested=integrator, adaptive="none")
-    return outer, spp or sensor.sampler().sample_count()
 
 
 def name(integrator: Any) -> str:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import gc
+import itertools
 import time
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -24,8 +25,8 @@ from ..scene.errors import with_line, with_suggestion
 from .loaded_scene import LoadedScene
 from .orbit_camera import Camera
 from .picture import Factors, Picture
-from .progressive_image import ProgressiveImage, by_path, name, not_compared, progressive
-from .publisher import Publisher, State, Throttle
+from .progressive_image import ProgressiveImage, by_path, name, not_compared
+from .publisher import Publisher, State
 from .scene_watcher import INTERVAL, SceneWatcher
 
 #: How to make a black picture brighter on the page.
@@ -69,8 +70,7 @@ class Viewer:
         self._integrator: Any = None
         self._not_compared: str | None = None
         self._reached: Any = None
-        self._throttle = Throttle()
-        self._pictures, self._seconds = 0, 0.0
+        self._numbers, self._seconds = itertools.count(1), 0.0
 
     # ---------------------------------------------------------------- requests
 
@@ -98,11 +98,11 @@ class Viewer:
         its samples, noise and time; for :meth:`call`.
         """
         picture = self.publisher.pictures["own"].mixed(factors)
-        planes = {name: picture.layers["final"][..., k] for k, name in enumerate("RGB")}
-        planes |= {f"{name}.Y": values for name, values in picture.layers.items() if values.ndim == 2}
-        for part in filter(lambda layer: "." in layer, picture.layers):
-            planes |= {f"{part.partition('.')[2]}.{c}": picture.layers[part][..., k] for k, c in enumerate("RGB")}
-        return self.publisher.state, layers.of_channels(planes), self._integrator, self._reached
+        channels = dict[str, np.ndarray]()
+        for layer, values in picture.layers.items():
+            prefix = "" if layer == "final" else layer.rpartition(".")[2] + "."
+            channels |= layers.planes(prefix, values) if values.ndim == 3 else {prefix + "Y": values}
+        return self.publisher.state, layers.of_channels(channels), self._integrator, self._reached
 
     def run_calls(self, patience: float = 0.0) -> None:
         """Runs the work of all calls; waits for the first at most ``patience`` seconds."""
@@ -183,10 +183,10 @@ class Viewer:
         """Begins the image of the scene."""
         self._shown = replace(self._request, compared=False, paused=False)
         self._reached, self._seconds = None, 0.0
-        self._integrator, spp = progressive(scene.scene.integrator(), scene.sensor, self._spp)
+        own = scene.scene.integrator()
+        image = ProgressiveImage(own, scene.scene, scene.sensor, self._spp, self._seed, self._denoise)
+        self._images, self._integrator = {"own": image}, image.integrator
         self._not_compared = not_compared(self._integrator)
-        image = ProgressiveImage(self._integrator, scene.scene, scene.sensor, spp, self._seed, self._denoise)
-        self._images = {"own": image}
         self._publish(
             error=None,
             black=None,
@@ -195,8 +195,9 @@ class Viewer:
             not_compared=self._not_compared,
         )
         if scene.whole:
-            with scene.coarse(), self._throttle.drawing():
-                self._show(image, image.coarse())
+            with scene.coarse():
+                image.begin_coarse()
+            self._draw(image)
             self._publish()
 
     def _pause_or_compare(self) -> None:
@@ -218,11 +219,10 @@ class Viewer:
         """Renders a work item of the image that has waited longest."""
         started, changes = time.perf_counter(), dict[str, Any]()
         which, image = next((name, image) for name, image in self._images.items() if not image.done)
-        complete = image.step()
-        self._images[which] = self._images.pop(which)  # the last from now on
-        if image.new and (complete or self._throttle.due):
+        if image.step():
             self._draw(image)
-        if complete and which == "own" and image.picture is not None:
+        self._images[which] = self._images.pop(which)  # the last from now on
+        if image.complete and which == "own" and image.picture is not None:
             final = image.picture.layers["final"]
             changes["black"] = black.reason(scene.scene, scene.sensor, final, ON_THE_PAGE)
         self._seconds += time.perf_counter() - started
@@ -230,15 +230,10 @@ class Viewer:
 
     def _draw(self, image: ProgressiveImage) -> None:
         """Makes a picture of the image so far."""
-        with self._throttle.drawing():
-            self._show(image, image.layers())
-            if image is self._images["own"]:
+        with image.throttle.drawing():
+            image.picture = Picture(next(self._numbers), image.layers())
+            if image is self._images["own"] and image.render is not None:
                 self._reached = image.render.reached
-
-    def _show(self, image: ProgressiveImage, layers: Mapping[str, np.ndarray]) -> None:
-        """Makes ``layers`` the picture of the image."""
-        self._pictures += 1
-        image.picture = Picture(self._pictures, layers)
 
     def _publish(self, **changes: Any) -> None:
         """Publishes the pictures, the progress, and changes of the state."""

@@ -28,14 +28,11 @@ def require_progressive(integrator: mi.Integrator, what: str) -> None:
         )
 
 
-def progressive(
-    scene: mi.Scene, sensor: mi.Sensor, seed: int = 0, spp: int = 0, integrator: Any = None, **how: Any
-) -> Any:
-    """A :class:`.Render` of the scene's integrator, or of another; a :class:`Blocking` where that is not progressive.
+def progressive(scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int = 0, spp: int = 0, **how: Any) -> Any:
+    """A :class:`.Render` of an integrator; a :class:`Blocking` where that is not progressive.
 
     ``spp``: samples per pixel, 0 for those of the scene; ``how``: for the method ``progressive``.
     """
-    integrator = integrator or scene.integrator()
     if not is_progressive(integrator):
         return Blocking(integrator, scene, sensor, seed, spp, how.get("denoiser"))
     return integrator.progressive(scene, sensor, seed, spp, **how)

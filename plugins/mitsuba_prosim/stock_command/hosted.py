@@ -17,22 +17,13 @@ import mitsuba as mi
 
 from ..scene import scene_file, session
 
-#: The flags that -O0 to -O5 switch on, one more with each step.
-OPTIMIZATIONS = (
-    dr.JitFlag.MergeFunctions,
-    dr.JitFlag.ConstantPropagation,
-    dr.JitFlag.ValueNumbering,
-    dr.JitFlag.OptimizeCalls,
-    dr.JitFlag.OptimizeLoops,
-)
-
 #: Log levels of Mitsuba and of Dr.Jit, one more with each -v.
 MITSUBA_LEVELS = (mi.LogLevel.Info, mi.LogLevel.Debug, mi.LogLevel.Trace)
 DRJIT_LEVELS = tuple(getattr(dr.LogLevel, name) for name in ("Error", "Warn", "Info", "InfoSym", "Debug", "Trace"))
 
 
 def parse_arguments(words: Sequence[str]) -> argparse.Namespace:
-    """The options of the native command, except for ``-V``, its vector width."""
+    """The options of the native command, except for those of Dr.Jit's compiler: ``-V``, ``-O``, ``-W`` and ``-S``."""
     parser = argparse.ArgumentParser("mitsuba", add_help=False, allow_abbrev=False)
     parser.add_argument("-t", "--threads", type=int)
     parser.add_argument("-v", "--verbose", action="count", default=0)
@@ -41,33 +32,18 @@ def parse_arguments(words: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("-o", "--output")
     parser.add_argument("-m", "--mode")
     parser.add_argument("-a", "--append", default="")
-    parser.add_argument("-O", dest="optimizations", type=int, default=len(OPTIMIZATIONS))
-    parser.add_argument("-W", dest="wavefront", action="count", default=0)
-    parser.add_argument("-S", dest="print_ir", action="store_true")
     parser.add_argument("scenes", nargs="*")
     return parser.parse_intermixed_args(words)
-
-
-def set_up(options: argparse.Namespace) -> None:
-    """Sets the variant, the number of threads, log levels and Dr.Jit's flags."""
-    mi.set_log_level(MITSUBA_LEVELS[min(options.verbose, len(MITSUBA_LEVELS) - 1)])
-    dr.set_log_level(DRJIT_LEVELS[min(options.verbose, len(DRJIT_LEVELS) - 1)])
-    if options.threads:
-        dr.set_thread_count(options.threads)
-    session.set_variant(options.mode)
-    for flag in OPTIMIZATIONS[options.optimizations :]:
-        dr.set_flag(flag, False)
-    if options.wavefront:
-        dr.set_flag(dr.JitFlag.SymbolicLoops, False)
-        dr.set_flag(dr.JitFlag.SymbolicCalls, options.wavefront == 1)
-    if options.print_ir:
-        dr.set_flag(dr.JitFlag.PrintIR, True)
 
 
 def run(plugin: str, words: Sequence[str]) -> None:
     """Renders the scenes from the first that names ``plugin``."""
     options = parse_arguments(words)
-    set_up(options)
+    mi.set_log_level(MITSUBA_LEVELS[min(options.verbose, len(MITSUBA_LEVELS) - 1)])
+    dr.set_log_level(DRJIT_LEVELS[min(options.verbose, len(DRJIT_LEVELS) - 1)])
+    if options.threads:
+        dr.set_thread_count(options.threads)
+    session.set_variant(options.mode)
     parameters = dict(definition.split("=", 1) for definition in options.define)
     started = False
     for path in options.scenes:

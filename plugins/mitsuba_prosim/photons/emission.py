@@ -8,15 +8,14 @@ and no photon is brighter than the best of its pairs would make it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
 from ..compat import DIRECTIONAL, emitter_pointers, emitters_in_order, eval_direction
-from ..masks import but_not, fold
+from ..masks import but_not
 from ..sampling import sobol
 from ..sampling.hash import combine
 from . import targets as aim
@@ -27,10 +26,6 @@ DELTA_DENSITY = 1e30
 
 #: Greatest density of other photons.
 MAX_DENSITY = 1e20
-
-#: A function of the center and the radius of a target: whether a ray meets that target, and the density with which
-#: photons that are aimed at it take the ray.
-DensityOf = Callable[[Any, Any], tuple[Any, Any]]
 
 
 @dataclass
@@ -133,7 +128,7 @@ class Sources:
         center, radius = self.targets.at(draw.target)
         x = emitter.sample_direction(draw.receiver(center), draw.position, active)[0].p
         ray = mi.Ray3f(x, aim.direction(x, center, radius, draw.aimed))
-        density = draw.per_pair * self._density(_from_point(x, ray.d), active, draw.target)
+        density = draw.per_pair * self.targets.density(x, ray.d, False, active, draw.target)
         met, lit = self._first_hit(draw, ray, active)
         weight = emitter.sample_direction(met, draw.position, lit)[1]
         flux = dr.select(lit, weight * (dr.squared_norm(met.p - x) / density), 0)
@@ -144,7 +139,7 @@ class Sources:
         ps, _ = emitter.sample_position(0.0, draw.position, active)
         x, per_area = ps.p, mi.Float(ps.pdf)
         d = aim.direction(x, center, radius, draw.aimed)
-        density = per_area * draw.per_pair * self._density(_from_point(x, d), active, draw.target)
+        density = per_area * draw.per_pair * self.targets.density(x, d, False, active, draw.target)
         cos = dr.dot(ps.n, d)
         active = active & (cos > 0) & (density > 0)
         ray = mi.SurfaceInteraction3f(ps, draw.wavelengths).spawn_ray(d)
@@ -161,7 +156,7 @@ class Sources:
         d = -ds.d
         disk = mi.warp.square_to_uniform_disk_concentric(draw.aimed) * radius
         x = center + mi.Frame3f(d).to_world(mi.Vector3f(disk.x, disk.y, 0))
-        density = draw.per_pair * self._density(_from_afar(x, d), active, draw.target)
+        density = draw.per_pair * self.targets.density(x, d, True, active, draw.target)
         back = dr.dot(x - self.middle, d) + self.far
         flux = dr.select(active, weight / density, 0)
         density = dr.select(ds.delta, DELTA_DENSITY, density * ds.pdf)
@@ -182,26 +177,13 @@ class Sources:
                 ds.emitter.pdf_direction(it, ds, lit & varies) * cos / dr.square(ds.dist),
                 ds.emitter.get_shape().pdf_position(ds, but_not(lit, varies)),
             )
-            density = per_area * self._density(_from_point(ds.p, d), lit)
+            density = per_area * self.targets.density(ds.p, d, False, lit)
             result = dr.select(lit, density / dr.select(lit, cos, 1), result)
         if "far" in self.kinds:
             lit = active & mi.has_flag(flags, mi.EmitterFlags.Infinite)
             pdf = ds.emitter.pdf_direction(it, ds, lit)
-            result = dr.select(lit, pdf * self._density(_from_afar(it.p, d), lit), result)
+            result = dr.select(lit, pdf * self.targets.density(it.p, d, True, lit), result)
         return per_pair * result
-
-    def _density(self, density_of: DensityOf, active: mi.Bool, own: mi.UInt32 | None = None) -> mi.Float:
-        """Density of a ray among one photon of each pair of a source. ``own``: the target of its photon, which counts
-        as met, also where rounding contradicts.
-        """
-
-        def add(k: mi.UInt32, total: mi.Float) -> mi.Float:
-            met, density = density_of(*self.targets.at(k))
-            if own is not None:
-                met |= k == own
-            return total + dr.select(met, density, 0)
-
-        return fold(0, self.targets.count, add, mi.Float(0), active, unrolled=False)
 
     def _first_hit(self, draw: Draw, ray: mi.Ray3f, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
         """The receiver where ``ray`` ends, and whether it ends. The sources of 1992 look the same from any distance:
@@ -210,16 +192,6 @@ class Sources:
         pi = self.scene.ray_intersect_preliminary(ray, active=active)
         lit = active & pi.is_valid()
         return draw.receiver(ray(dr.select(lit, pi.t, 1))), lit
-
-
-def _from_point(x: mi.Point3f, d: mi.Vector3f) -> DensityOf:
-    """For the ray (x, d) from a point."""
-    return lambda c, r: (aim.meets(x, d, c, r), dr.rcp(aim.solid_angle(x, c, r)))
-
-
-def _from_afar(x: mi.Point3f, d: mi.Vector3f) -> DensityOf:
-    """For the ray through ``x`` from far away, without the density of its direction ``d``."""
-    return lambda c, r: (aim.line_meets(x, d, c, r), dr.rcp(dr.pi * dr.square(r)))
 
 
 def start_points(key: mi.UInt32, i: mi.UInt32) -> tuple[mi.Point2f, mi.Point2f]:

@@ -104,7 +104,12 @@ class Landed:
     @classmethod
     def nowhere(cls) -> Landed:
         """Photons that have not landed."""
-        return dr.zeros(cls)
+        return cls(mi.Point3f(0), mi.Vector3f(0), mi.Spectrum(0), mi.Bool(False), mi.Float(0), mi.UInt32(0))
+
+    def at(self, i: mi.UInt32) -> Landed:
+        """The photons of the indices ``i``."""
+        # Dr.Jit resolves the types of fields once, and they differ between variants.
+        return Landed(*dr.gather(tuple, tuple(vars(self).values()), i))
 
 
 @dataclass(frozen=True)
@@ -134,14 +139,14 @@ class Photons:
         there = dr.compress(landed.valid)
         if dr.width(there) == 0:
             there = mi.UInt32(0)  # a photon without flux
-        landed = dr.gather(Landed, landed, there)
+        landed = landed.at(there)
         level = level_of(kernel_radii(landed.p, footprint))
         x, y, z = cell(landed.p, level)
         rows = row_hash(level, y, z)
         at = bucket_of(dr.gather(mi.UInt32, map_of, there), rows, x, mask)
         dr.eval(landed, rows, at)
         order = dr.argsort(at)
-        landed, (rows, at) = dr.gather(Landed, landed, order), dr.gather(tuple, (rows, at), order)
+        landed, (rows, at) = landed.at(order), dr.gather(tuple, (rows, at), order)
         begins = first_of_each(at, maps * buckets)
         places = dr.ravel(mi.Vector4f(*landed.p, dr.reinterpret_array(mi.Float, rows)))
         dr.eval(places, landed, begins)
@@ -245,14 +250,9 @@ def gather(
         inv_reach2 = dr.rcp(dr.square(reach))
         low_corner, high_corner = si.p - off_axis * reach, si.p + off_axis * reach
 
-        def second(axis: int) -> mi.UInt32:
-            """1 where they lie in two cells along ``axis``, else 0."""
-            two = mi.Bool(False)
-            for level in (first, last):
-                two |= cell(low_corner, level)[axis] != cell(high_corner, level)[axis]
-            return dr.select(two, mi.UInt32(1), 0)
-
-        more_y, more_z = second(1), second(2)
+        # 1 where they may lie in two cells along y and along z, else 0.
+        cells = zip(cell(low_corner, first)[1:], cell(high_corner, first)[1:])
+        more_y, more_z = (dr.select((low != high) | (first < last), mi.UInt32(1), 0) for low, high in cells)
         rows = dr.select(active, mi.UInt32(last - first + 1) << (more_y + more_z), 0)
 
         def photon(i: mi.UInt32, end: mi.UInt32, row_key: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:

@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..compat import INSTANCE, SPHERE, mesh_positions, shapes_in_order
-from ..light.beam import sample_falloff, total
+from ..light.beam import sample_falloff
+from ..light.beam import total as total_falloff
+from ..masks import fold
 from ..transport import lobes
 from ..transport.workarounds import is_inseparable
 
@@ -45,6 +47,26 @@ class Targets:
     def at(self, k: mi.UInt32) -> tuple[mi.Point3f, mi.Float]:
         """Center and radius of the sphere ``k``."""
         return dr.gather(mi.Point3f, self.centers, k), dr.gather(mi.Float, self.radii, k)
+
+    def density(
+        self, x: mi.Point3f, d: mi.Vector3f, far: bool, active: mi.Bool, own: mi.UInt32 | None = None
+    ) -> mi.Float:
+        """Density of the ray (x, d) among one photon for each sphere: per solid angle from the point ``x``; or ``far``,
+        per area of parallel rays. ``own``: the sphere that the ray is aimed at, met also where rounding contradicts.
+        """
+
+        def add(k: mi.UInt32, total: mi.Float) -> mi.Float:
+            center, radius = self.at(k)
+            to_center, r2 = center - x, dr.square(radius)
+            met = dr.squared_norm(dr.cross(to_center, d)) <= r2
+            if not far:
+                met = (met & (dr.dot(to_center, d) > 0)) | (dr.squared_norm(to_center) <= r2)
+            if own is not None:
+                met |= k == own
+            size = dr.pi * r2 if far else total_falloff(versine(x, center, radius), None)
+            return total + dr.select(met, dr.rcp(size), 0)
+
+        return fold(0, self.count, add, mi.Float(0), active, unrolled=False)
 
 
 def is_specular(shape: mi.Shape, tree: bool) -> bool:
@@ -106,11 +128,6 @@ def sphere_around(spheres: np.ndarray) -> tuple[float, ...]:
 # ---------------------------------------------------------------- from a point
 
 
-def solid_angle(x: mi.Point3f, center: mi.Point3f, radius: mi.Float) -> mi.Float:
-    """Solid angle of a sphere at the point ``x``; all directions from within it."""
-    return total(versine(x, center, radius), None)
-
-
 def versine(x: mi.Point3f, center: mi.Point3f, radius: mi.Float) -> mi.Float:
     """1 - cos of the angle that the radius of a sphere subtends; 2 from within it."""
     sin2 = dr.square(radius) / dr.maximum(dr.squared_norm(center - x), 1e-30)
@@ -121,15 +138,3 @@ def direction(x: mi.Point3f, center: mi.Point3f, radius: mi.Float, sample: mi.Po
     """A direction from ``x`` to a sphere, uniform over its solid angle."""
     axis = dr.select(dr.squared_norm(center - x) > 1e-30, dr.normalize(center - x), mi.Vector3f(0, 0, 1))
     return mi.Frame3f(axis).to_world(sample_falloff(sample, versine(x, center, radius)))
-
-
-def meets(x: mi.Point3f, d: mi.Vector3f, center: mi.Point3f, radius: mi.Float) -> mi.Bool:
-    """Whether the ray (x, d) meets a sphere."""
-    to_center = center - x
-    inside = dr.squared_norm(to_center) <= dr.square(radius)
-    return inside | (line_meets(x, d, center, radius) & (dr.dot(to_center, d) > 0))
-
-
-def line_meets(x: mi.Point3f, d: mi.Vector3f, center: mi.Point3f, radius: mi.Float) -> mi.Bool:
-    """Whether the line through ``x`` along ``d`` meets a sphere."""
-    return dr.squared_norm(dr.cross(center - x, d)) <= dr.square(radius)

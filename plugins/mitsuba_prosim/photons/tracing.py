@@ -17,15 +17,9 @@ from .emission import Start
 from .grid import Landed
 from .mis import GlossyPhotons, Hit, PhotonMIS
 
-#: Indices of a photon's random numbers at a surface, and how many each surface has.
-CHOICE, DIRECTION, ROULETTE, NUMBERS = 0, 1, 3, 4
-
-#: Index of the first random number, one for each surface, that decides whether it lands on a near-specular one.
-LANDS = 1 << 16
-
-#: Photons for glossy surfaces play no Russian roulette at the first surface if it leaves them less than this part of
-#: their flux: it dims all of them alike.
-FAINT = 0.5
+#: Indices of a photon's random numbers at a surface, and how many each surface has. The last one decides whether it
+#: lands on a near-specular surface.
+CHOICE, DIRECTION, ROULETTE, LANDS, NUMBERS = 0, 1, 3, 4, 5
 
 #: Bound on the ratio of cosines at shading normals. Without it single photons at grazing incidence would be as bright
 #: as hundreds. It loses about a thousandth of the light that a ball of facets gathers.
@@ -88,14 +82,11 @@ class PhotonTracer:
         glossy = state.glossy
         if self.mis is not None:
             assert glossy is not None
-            sample = number(key, LANDS + hit.level)
-            glossy = self.mis.scatter(glossy, hit, bs, weight, sample, goes)
+            glossy = self.mis.scatter(glossy, hit, bs, weight, number(key, first + LANDS), goes)
         # A photon either lands or continues, with about the same flux.
         flux = hit.flux * (weight * adjoint_correction(hit.si, bs.wo, d))
         kept = dr.select(goes, dr.max(flux) / dr.max(state.flux), 0)
         p = dr.select(lands, kept / (1 + kept), dr.minimum(kept, dr.select(hit.level < 4, 1, 0.95)))
-        if self.mis is not None:  # Too few would come back from a varnish for glossy surfaces, which have rays as well.
-            p = dr.select((hit.level == 0) & (kept > 0) & (kept < FAINT), 1, p)
         goes &= number(key, first + ROULETTE) < p
         lands = but_not(lands, goes) & (hit.cos > 0)
         here = hit.flux * (hit.shading_ratio / dr.maximum(1 - p, 1e-6))

@@ -99,22 +99,9 @@ class Planes:
     """
 
     def __init__(
-        self, planes: np.ndarray, surface: np.ndarray, of_facet: np.ndarray, side: np.ndarray, step: float
+        self, triangles: np.ndarray, facets: np.ndarray, surface: np.ndarray, rank: np.ndarray, step: float
     ) -> None:
-        self.planes, self.surface, self.of_facet, self.side, self.step = planes, surface, of_facet, side, step
-        self.grain = step * GRAIN / STEP
-
-    @classmethod
-    def from_mesh(
-        cls,
-        vertices: np.ndarray,
-        triangles: np.ndarray,
-        facets: np.ndarray,
-        surface: np.ndarray,
-        rank: np.ndarray,
-        step: float,
-    ) -> Planes:
-        """The planes of the ``facets`` (m,) of ``triangles`` (m, 3) with these ``vertices``.
+        """The planes of the ``facets`` (m,) of ``triangles`` (m, 3, 3).
 
         ``surface`` (n,) and ``rank`` (n,) have the surface of each facet, and the rank of its face. Faces on one
         surface have the same planes, facet by facet: those of the face with the lowest rank.
@@ -127,11 +114,11 @@ class Planes:
         _, first, plane = np.unique(keys, return_index=True, return_inverse=True)
         at = np.empty(len(surface), int)
         at[some] = np.arange(len(some))
-        own = _planes(vertices[triangles], at[facets])
-        of_facet, side = np.full(len(surface), -1), np.ones(len(surface))
-        of_facet[some] = plane
-        side[some] = np.sign(np.einsum("ij,ij->i", own[:, :3], own[first[plane], :3]))
-        return cls(own[first], surface[some[first]], of_facet, side, step)
+        own = _planes(triangles, at[facets])
+        self.planes, self.surface, self.step, self.grain = own[first], surface[some[first]], step, step * GRAIN / STEP
+        self.of_facet, self.side = np.full(len(surface), -1), np.ones(len(surface))
+        self.of_facet[some] = plane
+        self.side[some] = np.sign(np.einsum("ij,ij->i", own[:, :3], own[first[plane], :3]))
 
     def perturb(self, solid: Manifold, surfaces: Collection[int], outwards: int) -> Manifold:
         """A solid with its facets on ``surfaces`` moved by one step, outwards (1) or inwards (-1)."""

@@ -127,7 +127,7 @@ class Leaves:
         on = surface[facets] >= 0
         rank = np.argsort(np.argsort(-_sizes(self.solids), kind="stable"))
         owner = np.repeat(rank, np.diff(self.first)) * (self.faces.max() + 1) + self.faces
-        self.planes = Planes.from_mesh(vertices, triangles[on], facets[on], surface, owner, self.step)
+        self.planes = Planes(vertices[triangles[on]], facets[on], surface, owner, self.step)
         vertices = self.planes.snap_vertices(vertices, triangles[on], facets[on])
         for i in sharing:
             meshes[i] = replace(meshes[i], vertices=vertices[ends[i] : ends[i + 1]])

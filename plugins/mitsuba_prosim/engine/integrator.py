@@ -18,7 +18,6 @@ from .plan import SAMPLING, Plan, Sampling
 from .policies import POLICIES
 
 if TYPE_CHECKING:
-    from ..denoising.halves import FinalImage
     from .checkpoint import Checkpoint
     from .derivatives import Derivatives
     from .estimator import Estimator
@@ -129,7 +128,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         executor: Executor | None = None,
         begin: Checkpoint | None = None,
         part: Part | None = None,
-        denoiser: FinalImage | None = None,
+        denoiser: Any = None,
     ) -> Render:
         """Renders step by step: returns an iterator that yields a :class:`.Step` after each work item,
         and whose methods show the image so far.

@@ -6,7 +6,7 @@ import time
 from collections.abc import Generator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
@@ -24,7 +24,6 @@ from .tiles import Part
 from .work import Executor, Step, Steps, photon_batches, work_items
 
 if TYPE_CHECKING:
-    from ..denoising.halves import FinalImage
     from .work import Pixels
 
 #: Maximum ratio of the samples of a pixel after a pass and before it; the last pass may take more.
@@ -73,9 +72,10 @@ class Render(Steps):
     Its methods may be called between two steps. When it ends or is closed, the film holds the image so far. To cancel
     it, leave the loop and call :meth:`close`, which completes the first sample of every pixel, if the render has
     started. ``estimator`` takes the samples; ``own_aovs``: names of the channels of statistics; ``executor``: of this
-    process by default; ``begin``: continues from there. ``denoiser``: estimates the error of the denoised image. It
-    needs a complete second image, which begins when the denoiser asks for it, or at the end if the limits are not
-    reached. It begins at once if there is a time limit, or if the second image has all pixels anyway.
+    process by default; ``begin``: continues from there. ``denoiser``: a ``FinalImage``, which estimates the error of
+    the denoised image. It needs a complete second image, which begins when the denoiser asks for it, or at the end if
+    the limits are not reached. It begins at once if there is a time limit, or if the second image has all pixels
+    anyway.
 
     Raises ValueError if ``begin`` belongs to another image.
     """
@@ -88,7 +88,7 @@ class Render(Steps):
         executor: Executor | None = None,
         begin: Checkpoint | None = None,
         part: Part | None = None,
-        denoiser: FinalImage | None = None,
+        denoiser: Any = None,
     ) -> None:
         self.state = FilmState(plan, estimator, part if begin is None else begin.part)
         self.film, self.own_aovs, self.executor = estimator.sensor.film(), own_aovs, executor or Executor()

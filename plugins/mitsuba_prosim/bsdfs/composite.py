@@ -6,8 +6,8 @@ import drjit as dr
 import mitsuba as mi
 
 from ..optics import facets, fresnel
-from ..optics.material import Pigmented
-from ..optics.reading import index, reflectance
+from ..optics.dispersion import index
+from ..optics.material import Pigmented, reflectance
 from ..parameters import constant, reject, shown
 from ..registry import plugin
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from math import inf
+from pathlib import Path
+
 import drjit as dr
 import mitsuba as mi
 
 from ..optics import facets, fresnel
+from ..optics.dispersion import index
 from ..optics.facets import GRAZING
-from ..optics.material import Material
-from ..optics.reading import index, metal, reflectance, roughness
-from ..parameters import choice
-from ..registry import plugin
+from ..optics.material import Material, reflectance, roughness
+from ..optics.nested import parts
+from ..parameters import choice, constant, reject, shown
+from ..registry import create, plugin
 
 #: Values of the parameter ``fresnel``.
 FRESNEL = {"exact": fresnel.conductor, "thesis": fresnel.conductor_thesis}
@@ -150,3 +154,32 @@ class Conductor(Material):
         width = self.roughness.eval_1(si, active)
         i_m, value, pdf = facets.torrance_sparrow(si.wi, wo, self.distribution, width)
         return mi.depolarizer(self.reflected(si, i_m, active) * value) & active, dr.select(active, pdf, 0)
+
+
+def metals() -> list[str]:
+    """Names of the metals of which Mitsuba has tables, as far as it finds them."""
+    folder = Path(str(mi.file_resolver().resolve("data/ior/Cu.k.spd"))).parent
+    return sorted(p.name.removesuffix(".k.spd") for p in folder.glob("*.k.spd"))
+
+
+def metal(props: mi.Properties) -> tuple[mi.Texture, mi.Texture]:
+    """The textures (eta, k): given, or measured ones of ``material``, or those of a perfect mirror."""
+    material = props.get("material", "none")
+    if material == "none":
+        for name in ("eta", "k"):
+            values = constant(props, name)
+            if not all(0 <= v < inf for v in values):
+                raise reject(props, name, shown(values), "finite numbers >= 0")
+        return props.get_unbounded_texture("eta", 0.0), props.get_unbounded_texture("k", 1.0)
+    for name in ("eta", "k"):
+        if name in props:
+            raise reject(props, name, props[name], f'no "{name}" together with "material", which is {material!r}')
+    try:
+        conductor = create("conductor", material=material)
+    except RuntimeError:
+        names = metals()
+        if not names or material in names:  # a table cannot be read
+            raise
+        raise reject(props, "material", material, "none, " + ", ".join(names)) from None
+    found = parts(conductor)
+    return found["eta"], found["k"]

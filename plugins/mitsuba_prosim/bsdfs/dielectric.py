@@ -10,8 +10,7 @@ import mitsuba as mi
 
 from ..optics import dispersion, facets, fresnel
 from ..optics.facets import GRAZING, Facet
-from ..optics.material import Material
-from ..optics.reading import reflectance, roughness
+from ..optics.material import Material, reflectance, roughness
 from ..parameters import reject
 from ..registry import plugin
 
@@ -198,8 +197,7 @@ class Dielectric(Material):
         if self.roughness is None:
             reflectances, ratios = (dispersion.spectrum([face[j] for face in faces]) for j in (0, 2))
             kept = [dr.select(reflected | undispersed | (k == j), 1.0, 0.0) for j in range(len(faces))]
-            energy = self.energy(ctx, si, reflected, reflectances, ratios, active)
-            value = mi.depolarizer(energy * mi.UnpolarizedSpectrum(*kept))
+            value = self.energy(ctx, si, reflected, reflectances, ratios, active) * mi.UnpolarizedSpectrum(*kept)
             mean = sum((p[j] * face[0] for j, face in enumerate(faces)), mi.Float(0))
             chosen = dispersion.pick(k, p)
             both = reflection and transmission
@@ -209,17 +207,16 @@ class Dielectric(Material):
             active = active & (i_m * si.wi.z > 0) & (bs.wo.z != 0) & (((si.wi.z > 0) == (bs.wo.z > 0)) == reflected)
             if self.disperses:  # where this wavelength is wholly reflected, others may not be
                 value, pdf = self.eval_pdf(ctx, si, bs.wo, active & (reflected | (cos_t != 0)))
-                divisor = dr.detach(pdf)
+                value, divisor = mi.unpolarized_spectrum(value), dr.detach(pdf)
             else:
                 divisor = dr.detach(self.share(ctx, reflected, f))
                 facet = Facet(m, i_m, dr.select(reflected, i_m, cos_t))
                 lit, density = self.facets(si.wi, bs.wo, facet, reflected, width, etas[0])
                 pdf = density * divisor
-                energy = self.energy(ctx, si, reflected, f, eta_it, active)
-                value = mi.depolarizer(energy * (lit / dr.select(density > 0, density, 1)))
+                value = self.energy(ctx, si, reflected, f, eta_it, active) * (lit / dr.select(density > 0, density, 1))
         active = active & (pdf > 0)
         bs.pdf = dr.select(active, pdf, 0)
-        return bs, value / dr.select(active, divisor, 1) & active
+        return bs, mi.depolarizer(value / dr.select(active, divisor, 1)) & active
 
     def facets(
         self, wi: mi.Vector3f, wo: mi.Vector3f, facet: Facet, reflected: mi.Bool, width: mi.Float, eta: mi.Float

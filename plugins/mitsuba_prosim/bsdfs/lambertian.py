@@ -5,8 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from ..optics.material import Material
-from ..optics.reading import reflectance
+from ..optics.material import Material, reflectance
 from ..registry import plugin
 
 

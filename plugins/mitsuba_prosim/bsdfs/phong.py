@@ -6,8 +6,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..optics import cosine
-from ..optics.material import Pigmented
-from ..optics.reading import reflectance
+from ..optics.material import Pigmented, reflectance
 from ..registry import plugin
 
 

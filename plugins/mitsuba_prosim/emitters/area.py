@@ -109,7 +109,7 @@ class Area(Source):
         self, si: mi.SurfaceInteraction3f, d: mi.Vector3f, receiver: mi.Point3f, active: mi.Bool
     ) -> mi.Spectrum:
         """Radiance in the direction ``d``, as ``receiver`` sees it."""
-        value = self.emission.eval(si, active) * self.beam.towards(d)
+        value = self.emission.eval(si, active) * self.towards(d)
         if self.unattenuated and (shape := self.get_shape()) is not None:
             value *= 4 * dr.squared_norm(receiver - shape.bbox().center()) / shape.surface_area()
         return dr.select(active, mi.depolarizer(value), mi.Spectrum(0))
@@ -208,11 +208,11 @@ class Area(Source):
         ps, weight = self.sample_position(time, sample2, active)
         si = mi.SurfaceInteraction3f(ps, dr.zeros(mi.Interaction3f).wavelengths)
         si.time = time
-        if self.beam.uniform:
+        if self.uniform:
             d = si.to_world(mi.warp.square_to_cosine_hemisphere(sample3))
             weight *= dr.pi
         else:  # the beam may be much narrower than the hemisphere
-            d, total = self.beam.sample(sample3)
+            d, total = self.sample_beam(sample3)
             weight *= total * dr.maximum(dr.dot(d, ps.n), 0)
         si.wavelengths, spectrum = self.sample_spectrum(si, sample1, active)
         return si.spawn_ray(d), mi.depolarizer(spectrum * weight)
@@ -222,7 +222,7 @@ class Area(Source):
     ) -> tuple[mi.Color0f, mi.Spectrum]:
         wavelengths, weight = self.sample_spectrum(si, sample, active)
         # Only the particle tracer calls this; its si.wi is the direction to the camera, in world coordinates.
-        return wavelengths, weight * self.beam.towards(si.wi)
+        return wavelengths, weight * self.towards(si.wi)
 
     def bbox(self) -> mi.ScalarBoundingBox3f:
         return self.get_shape().bbox()

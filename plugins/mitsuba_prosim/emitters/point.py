@@ -133,7 +133,7 @@ class Point(Source):
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
         if self.unattenuated:
             raise RuntimeError(f"{self.id()} (prosim_point): an unattenuated source has no rays of definite power.")
-        d, total = self.beam.sample(sample3)
+        d, total = self.sample_beam(sample3)
         wavelengths, weight = self.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), sample1, active)
         return mi.Ray3f(self.position, d, time, wavelengths), mi.depolarizer(weight * total)
 
@@ -153,7 +153,7 @@ class Point(Source):
     def eval_direction(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool = True) -> mi.Spectrum:
         si = dr.zeros(mi.SurfaceInteraction3f)
         si.wavelengths = it.wavelengths
-        value = self.emission.eval(si, active) * (self.beam.towards(-ds.d) * self.scale)
+        value = self.emission.eval(si, active) * (self.towards(-ds.d) * self.scale)
         if not self.unattenuated:
             value /= dr.maximum(dr.squared_norm(ds.p - it.p), 1e-30)
         return mi.depolarizer(value)

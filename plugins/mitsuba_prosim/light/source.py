@@ -11,15 +11,24 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..parameters import constant, describe, expose, reject, shown
+from ..optics import cosine
+from ..parameters import choice, constant, describe, expose, number, reject, shown
 from ..registry import create
-from .beam import read_beam
+from . import beam
+
+#: Values of the parameter ``distribution``, and the further parameters of each.
+DISTRIBUTIONS = {"uniform": (), "cone": ("direction", "angle"), "spot": ("direction", "angle", "exponent")}
 
 
 class Source(mi.Emitter):
-    """A source with the parameters of :class:`.Beam`, ``unattenuated``, and its emission, the parameter ``quantity``.
+    """A source with an emission, the parameter ``quantity``, and a distribution about an axis (:mod:`.beam`).
     ``place``: the parameters that it has instead of ``to_world``.
     """
+
+    #: The axis in world coordinates, of any length; the angle in degrees; None where it has no such parameter.
+    direction: mi.Vector3f | None = None
+    angle: mi.Float | None = None
+    exponent: mi.Float | None = None
 
     def __init__(self, props: mi.Properties, quantity: str, place: str) -> None:
         super().__init__(props)
@@ -27,16 +36,53 @@ class Source(mi.Emitter):
             raise reject(props, "to_world", "a transform", place)
         self.quantity, self.emission = quantity, read_emission(props, quantity, 1.0)
         self.unattenuated = props.get("unattenuated", False)
-        self.beam = read_beam(props)
+        self.distribution = choice(props, "distribution", tuple(DISTRIBUTIONS))
+        for name in DISTRIBUTIONS["spot"]:
+            if name in props and name not in DISTRIBUTIONS[self.distribution]:
+                raise reject(props, name, props[name], f'no "{name}" with distribution {self.distribution}')
+        if self.uniform:
+            return
+        direction = mi.ScalarVector3f(props.get("direction", mi.ScalarVector3f(0, -1, 0)))
+        if not 0 < dr.norm(direction) < math.inf:
+            raise reject(props, "direction", list(direction), "a vector of finite length > 0")
+        default, widest = (90.0, 90) if self.distribution == "spot" else (None, 180)
+        self.direction = mi.Vector3f(direction)
+        self.angle = mi.Float(number(props, "angle", default, 0, widest, open_below=True))
+        if self.distribution == "spot":
+            self.exponent = mi.Float(number(props, "exponent", None, 0))
+        dr.make_opaque(self.direction, self.angle, self.exponent)
+
+    @property
+    def uniform(self) -> bool:
+        """Whether the source sends the same in every direction."""
+        return self.distribution == "uniform"
+
+    def limit(self) -> mi.Float:
+        """Versine of the angle beyond which there is no light."""
+        return 2 * dr.square(dr.sin(0.5 * dr.deg2rad(self.angle)))
+
+    def towards(self, d: mi.Vector3f) -> mi.Float:
+        """Intensity in the unit direction ``d``, over that on the axis."""
+        if self.uniform:
+            return mi.Float(1)
+        return beam.falloff(cosine.versine(d, dr.normalize(self.direction)), self.limit(), self.exponent)
+
+    def sample_beam(self, sample2: mi.Point2f) -> tuple[mi.Vector3f, mi.Float]:
+        """Draws a direction of light in proportion to the intensity: ``(d, total)``, see :func:`.beam.total`."""
+        if self.uniform:
+            return mi.warp.square_to_uniform_sphere(sample2), mi.Float(4 * dr.pi)
+        local = beam.sample_falloff(sample2, self.limit(), self.exponent)
+        d = mi.Frame3f(dr.normalize(self.direction)).to_world(local)
+        return d, beam.total(self.limit(), self.exponent)
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
         super().traverse(callback)
         edge = mi.ParamFlags.Differentiable | mi.ParamFlags.Discontinuous
-        expose(callback, **{self.quantity: self.emission}, exponent=self.beam.exponent)
-        expose(callback, edge, direction=self.beam.direction, angle=self.beam.angle)
+        expose(callback, **{self.quantity: self.emission}, exponent=self.exponent)
+        expose(callback, edge, direction=self.direction, angle=self.angle)
 
     def parameters_changed(self, keys: list[str]) -> None:
-        self.beam.make_opaque()
+        dr.make_opaque(self.direction, self.angle, self.exponent)
         super().parameters_changed(keys)
 
     def sample_spectrum(
@@ -50,7 +96,8 @@ class Source(mi.Emitter):
 
     def parameters(self) -> dict[str, Any]:
         """The values that ``to_string`` shows, by name."""
-        return {self.quantity: self.emission, **vars(self.beam), "unattenuated": self.unattenuated}
+        own = {name: getattr(self, name) for name in ("distribution", *DISTRIBUTIONS["spot"], "unattenuated")}
+        return {self.quantity: self.emission, **own}
 
     def to_string(self) -> str:
         return describe(self, **self.parameters())

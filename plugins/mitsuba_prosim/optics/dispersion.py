@@ -14,7 +14,6 @@ import drjit as dr
 import mitsuba as mi
 
 from ..parameters import number, reject
-from .reading import index
 
 #: Fraunhofer's lines d, F and C (nm), which classify glasses: V = (n_d - 1) / (n_F - n_C).
 D, F, C = 587.5618, 486.1327, 656.2725
@@ -123,6 +122,20 @@ class Indices:
 
 def _at(ior: float | Dispersion, wavelength: mi.Float | float) -> mi.Float | float:
     return ior.index(wavelength) if isinstance(ior, Dispersion) else ior
+
+
+def index(props: mi.Properties, name: str, default: float | str) -> float:
+    """An index of refraction: a number > 0, or a name from Mitsuba's table."""
+    value = props.get(name, default)
+    try:
+        number = mi.lookup_ior(props, name, default) if isinstance(value, str) else float(value)
+    except RuntimeError as error:
+        raise reject(props, name, value, "a number > 0 or" + str(error).split("Valid choices are:")[-1]) from None
+    except TypeError:
+        number = 0
+    if not 0 < number < inf:
+        raise reject(props, name, value, "a number > 0 or a name from Mitsuba's table of indices")
+    return number
 
 
 def read_index(props: mi.Properties, side: str, default: str) -> float | Dispersion:

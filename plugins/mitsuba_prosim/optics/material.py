@@ -1,4 +1,5 @@
-"""The base classes of materials: of all, and of those with a specular lobe over a pigment.
+"""The base classes of materials, of all and of those with a specular lobe over a pigment; and the parameters that they
+share: reflectances and roughness.
 
 Like the plugins, this module runs again when the variant changes (see ``registry``).
 """
@@ -12,9 +13,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..parameters import describe, expose
-from .facets import DISTRIBUTIONS, GRAZING
-from .reading import reflectance, roughness
+from ..parameters import choice, constant, describe, expose, reject, shown
+from .facets import DISTRIBUTIONS, GRAZING, Distribution
 
 #: A sample that weighs less than this, without the cosine, is negligible relative to 1 in single precision.
 LEAST_WEIGHT = 2**-24
@@ -177,3 +177,39 @@ class Pigmented(Material):
 
     def eval_diffuse_reflectance(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
         return mi.depolarizer(self.diffuse_reflectance.eval(si, active))
+
+
+# ---------------------------------------------------------------- parameters
+# Each function reads from the plugin's ``props`` and raises ValueError for wrong values.
+
+
+def reflectance(props: mi.Properties, name: str, default: float | None = None) -> Any:
+    """The texture of a reflectance, checked to lie in [0, 1] where it is constant; None if absent without default."""
+    values = constant(props, name)
+    if not all(0 <= v <= 1 for v in values):
+        raise reject(props, name, shown(values), "reflectances between 0 and 1")
+    if name in props:
+        return props.get_texture(name)
+    return None if default is None else props.get_texture(name, default)
+
+
+def roughness(props: mi.Properties, allowed: tuple[str, ...] = tuple(DISTRIBUTIONS)) -> tuple[Distribution, Any]:
+    """Reads ``distribution`` and the roughness that it calls for: (distribution, texture).
+
+    The texture is None for an ideally smooth surface, i.e. if the roughness is absent or ``alpha`` is 0. An
+    ``exponent`` alone means Phong's distribution, else Beckmann's is the default.
+    """
+    name = choice(props, "distribution", allowed, "phong" if "exponent" in props else None)
+    distribution = DISTRIBUTIONS[name]
+    parameter = distribution.parameter
+    for other in ("alpha", "exponent"):
+        if other != parameter and other in props:
+            raise reject(props, other, props[other], f'"{parameter}" with distribution {name}')
+    if parameter not in props:
+        return distribution, None
+    values = constant(props, parameter)
+    low, high, within = distribution.range
+    if not all(low <= v <= high for v in values):
+        raise reject(props, parameter, shown(values), within)
+    texture = props.get_unbounded_texture(parameter)
+    return distribution, None if parameter == "alpha" and values == [0] else texture

@@ -31,7 +31,7 @@ def input_errors() -> Iterator[None]:
         yield
     except prosim_scene.SceneError as error:
         raise InputError(str(error)) from None
-    except (RuntimeError, TypeError, ValueError, OSError) as error:
+    except (ImportError, RuntimeError, TypeError, ValueError, OSError) as error:
         raise InputError(with_line(with_suggestion(session.message(error)))) from None
 
 

@@ -11,11 +11,10 @@ import click
 
 from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint
-from ..scene import session
 from . import files, frames
 from .files import PART_FILE, SCENE_FILE, STATE_FILE, image_stem, quoted_path
 from .job import OPTIONS, RUNNING, TARGETS, Command, Job, choose_variant, job_options
-from .option_types import InputError, option
+from .option_types import input_errors, option
 from .render_task import STATE, SUFFIXES, write_image
 
 #: Policies that decide by the first samples alone; ``graded`` takes their place where the target changes.
@@ -111,7 +110,7 @@ def checkpoint_and_job(
     """The checkpoint in a file and its job, whose variant is set; ``moved``: path of the job's scene, if that was
     moved; ``load``: reads the checkpoint. Raises InputError.
     """
-    try:
+    with input_errors():
         choose_variant(checkpoint.read(state, arrays=False).environment["variant"])
         record = load(state)
         job = Job.of(record)
@@ -120,7 +119,3 @@ def checkpoint_and_job(
             if path.is_file():
                 return record, replace(job, scene=str(path))
         raise ValueError(f"{scene} does not exist, nor does the folder of {state} have it; give its path by --scene")
-    except OSError as error:
-        raise InputError(f"{state}: {files.reason(error)}") from None
-    except (ImportError, ValueError) as error:
-        raise InputError(session.message(error)) from None

@@ -36,20 +36,17 @@ class SceneBundle:
     @classmethod
     def of(cls, file: scene_file.SceneFile, sensor: int = 0) -> SceneBundle:
         """The bundle of ``file``. Raises OSError, and ValueError if a file outside the scene's folder is named."""
-        home = Path(os.path.abspath(file.xml.parent))
-        folders = [folder.resolve() for folder in (home, file.path.parent)]
-        texts, named, contents = [Path(str(path)) for path in file.state.files], file.named_files(), {}
-        for name, path in [*((str(path), path) for path in texts), *named]:
-            is_inside = any(path.resolve().is_relative_to(folder) for folder in folders)
-            if not is_inside or (path not in texts and os.path.isabs(name)):
+        folders, contents = [Path(os.path.abspath(folder)) for folder in (file.xml.parent, file.path.parent)], {}
+        texts = [Path(str(path)) for path in file.state.files]
+        for name, path in [*((path.name, path) for path in texts), *file.named_files()]:
+            place = Path(os.path.abspath(path))
+            folder = next((folder for folder in folders if place.is_relative_to(folder)), None)
+            if folder is None or os.path.isabs(name):
                 raise ValueError(
                     f"{file.path}: the scene names {name}, and a cluster needs all files in the scene's folder; copy "
                     "the file there, and name it relative to that folder"
                 )
-            place = Path(os.path.abspath(path))
-            if not place.is_relative_to(home):  # it is beside the text of the language, and `home` has the translation
-                place = Path(os.path.abspath(home / name))
-            contents[place.relative_to(home).as_posix()] = path.read_bytes()
+            contents[place.relative_to(folder).as_posix()] = path.read_bytes()
         return cls(file.xml.name, file.changes, sensor, mi.variant() or "", contents)
 
     def load(self) -> tuple[mi.Scene, mi.Sensor]:

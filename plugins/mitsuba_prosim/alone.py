@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 _lock = threading.RLock()
-_depth, _thresholds = 0, gc.get_threshold()
 
 
 @contextmanager
@@ -24,15 +23,10 @@ def alone() -> Iterator[None]:
     before and after differ in the number of instances; Dr.Jit 1.5 then writes a function twice, and LLVM aborts the
     process. The pause uses the collector's threshold, as :mod:`prosim_scene` may enable it in another thread.
     """
-    global _depth, _thresholds
     with _lock:
-        if not _depth:
-            _thresholds = gc.get_threshold()
-            gc.set_threshold(0)
-        _depth += 1
+        thresholds = gc.get_threshold()
+        gc.set_threshold(0)
         try:
             yield
         finally:
-            _depth -= 1
-            if not _depth:
-                gc.set_threshold(*_thresholds)
+            gc.set_threshold(*thresholds)

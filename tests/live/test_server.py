@@ -42,13 +42,13 @@ def test_nothing_but_what_is_its_own(address, scene):
     state_when(address, "done")
     (scene.parent / "secret.html").write_text("secret")
     files = "../secret.html secret.html ..%2fsecret.html %2e%2e/%2e%2e/etc/passwd little.scn server.py save/scn save/.."
-    for path in (*files.split(), "layer/own/secret", "layer/other/final", "pixel/-1/0", "do/pause", "move/orbit"):
+    for path in (*files.split(), "layer/own/secret", "layer/other/final", "pixel/-1/0", "do/pause", "do/orbit"):
         answer, content = ask(address, path)
         assert answer.status in (404, 405) and b"secret" not in content, path
     assert ask(address, "pixel/64/0")[1] == b"{}"
-    for path in ("do/everything", "move/jump"):
+    for path in ("do/everything", "do/jump"):
         assert ask(address, path, "POST")[0].status == 404
-    for path in ("move/orbit?x=nan", "move/dolly?x=0", "move/pan?x=one"):
+    for path in ("do/orbit?x=nan", "do/dolly?x=0", "do/pan?x=one"):
         assert ask(address, path, "POST")[0].status == 400
     assert ask(address, "save/exr?exposure=bright")[0].status == 400
 

@@ -233,8 +233,6 @@ def difference(
         ambient = (bright - dark) * scale  # of the same samples, almost without noise
     left_out = paths - (own - ambient)
     numbers = {
-        "paths_mean": paths.mean(),
-        "own_mean": own.mean(),
         "left_out_mean": left_out.mean(),
         "ambient_mean": ambient.mean(),
         "difference_rms": np.sqrt(np.mean(np.square(paths - own))),

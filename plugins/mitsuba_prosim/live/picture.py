@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
+import mitsuba as mi
 import numpy as np
 
 from ..denoising.layers import mixed
@@ -28,12 +29,6 @@ class Picture:
 
     number: int
     layers: Mapping[str, np.ndarray] = field(default_factory=dict)
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height in pixels."""
-        height, width = self.layers["final"].shape[:2]
-        return width, height
 
     def mixed(self, factors: Factors) -> Picture:
         """This picture with layers of the integrator multiplied, and their sum. Raises KeyError for other names."""
@@ -57,16 +52,17 @@ class Picture:
         """The values by layer at pixel (x, y) of an image of ``size``; this picture may be coarser. Values that are not
         finite are None.
         """
-        x, y = x * self.size[0] // size[0], y * self.size[1] // size[1]
+        height, width = self.layers["final"].shape[:2]
+        x, y = x * width // size[0], y * height // size[1]
         return {
             name: [finite(v) for v in values[y, x]] if values.ndim == 3 else finite(values[y, x])
             for name, values in self.layers.items()
         }
 
 
-def layers_of_render(render: Render, kind: str = "none") -> dict[str, np.ndarray]:
-    """The :data:`LAYERS` of a render, and those of the integrator's parameter ``layers``, which is ``kind``."""
-    image = np.array(render.image())
+def layers_of_render(render: Render, integrator: mi.Integrator) -> dict[str, np.ndarray]:
+    """The :data:`LAYERS` of a render by ``integrator``, and those of the integrator's parameter ``layers``."""
+    kind, image = getattr(integrator, "layers", "none"), np.array(render.image())
     layers = {"final": colours(image), "error": render.error(), "samples": render.counts().astype(np.float32)}
     if kind != "none":
         names = [*render.state.estimator.channels.aov_names, *render.own_aovs]

@@ -83,14 +83,11 @@ class ProgressiveImage:
         """
         if self.render is None:
             return self._coarse
-        latest, self.new = self._denoised or self._of(self.render), False
+        latest, self.new = self._denoised or layers_of_render(self.render, self.integrator), False
         known = latest["samples"] > 0
         if known.all():
             return latest
         return {name: fill_unknown(known, latest[name], self._coarse.get(name)) for name in without_maps(latest)}
-
-    def _of(self, render: Any) -> dict[str, np.ndarray]:
-        return layers_of_render(render, getattr(self.integrator, "layers", "none"))
 
     def begin_coarse(self) -> None:
         """Begins with an image by one sample per pixel; call it while the film has few pixels. With dispersion a pixel
@@ -99,7 +96,7 @@ class ProgressiveImage:
         each = dr.size_v(mi.Spectrum) if disperses(self.scene) else 1
         render = self.integrator.progressive(self.scene, self.sensor, self.seed, each**2)
         next(step for step in render if step.complete)
-        self._coarse = without_maps(self._of(render))
+        self._coarse = without_maps(layers_of_render(render, self.integrator))
 
 
 def without_maps(layers: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

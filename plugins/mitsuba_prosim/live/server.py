@@ -25,7 +25,6 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response, Strea
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from .orbit_camera import Camera
 from .picture import Factors, Picture
 from .viewer import Viewer
 
@@ -36,20 +35,16 @@ PATIENCE = 60.0
 #: thread that renders.
 Encoder = Callable[[float, Factors], dict[str, bytes]]
 
-#: The changes of the view request, by name.
-ACTIONS: dict[str, dict[str, Any]] = {
-    "pause": {"paused": True},
-    "resume": {"paused": False},
-    "compare": {"compared": True},
-    "alone": {"compared": False},
-    "home": {"camera": None, "paused": False},
-}
-
-#: The motions of the camera, by name; their arguments are two numbers.
-GESTURES: dict[str, Callable[[Camera, float, float], Camera]] = {
-    "orbit": Camera.orbited,
-    "pan": Camera.panned,
-    "dolly": lambda camera, x, _: camera.dollied(x),
+#: The changes of the view request, by name. Their arguments are two numbers, for the motions of the camera.
+ACTIONS: dict[str, Callable[[Viewer, float, float], None]] = {
+    "pause": lambda viewer, *_: viewer.change(paused=True),
+    "resume": lambda viewer, *_: viewer.change(paused=False),
+    "compare": lambda viewer, *_: viewer.change(compared=True),
+    "alone": lambda viewer, *_: viewer.change(compared=False),
+    "home": lambda viewer, *_: viewer.change(camera=None, paused=False),
+    "orbit": lambda viewer, x, y: viewer.move(lambda camera: camera.orbited(x, y)),
+    "pan": lambda viewer, x, y: viewer.move(lambda camera: camera.panned(x, y)),
+    "dolly": lambda viewer, x, _: viewer.move(lambda camera: camera.dollied(x)),
 }
 
 #: Names of this machine in a browser here or at the other end of a tunnel. Other names are refused, because another
@@ -74,7 +69,6 @@ def served(viewer: Viewer, encode: Encoder, sock: socket.socket) -> Iterator[str
         Starlette(routes=routes, middleware=[Middleware(BaseHTTPMiddleware, dispatch=guard(token))]),
         log_config=None,
         log_level="critical",
-        access_log=False,
         lifespan="off",
         ws="none",
         server_header=False,
@@ -123,7 +117,6 @@ class Pages:
             Route("/pixel/{x:int}/{y:int}", self.pixel),
             Route("/save/{suffix}", self.save),
             Route("/do/{action}", self.act, methods=["POST"]),
-            Route("/move/{gesture}", self.move, methods=["POST"]),
             Mount("/", StaticFiles(packages=[(__package__, "page")], html=True)),
         ]
 
@@ -166,21 +159,13 @@ class Pages:
 
     async def act(self, request: Request) -> Response:
         """Changes the view request; see :data:`ACTIONS`."""
-        changes = ACTIONS.get(request.path_params["action"])
-        if changes is None:
+        name = request.path_params["action"]
+        if name not in ACTIONS:
             raise HTTPException(404)
-        self._viewer.call(lambda viewer: viewer.change(**changes))
-        return Response(status_code=204)
-
-    async def move(self, request: Request) -> Response:
-        """Moves the camera; see :data:`GESTURES`."""
-        gesture = GESTURES.get(request.path_params["gesture"])
-        if gesture is None:
-            raise HTTPException(404)
-        x, y = (number(request, name, 360.0) for name in "xy")
-        if gesture is GESTURES["dolly"] and not x > 0:
+        x, y = (number(request, axis, 360.0) for axis in "xy")
+        if name == "dolly" and not x > 0:
             raise HTTPException(400)
-        self._viewer.call(lambda viewer: viewer.move(lambda camera: gesture(camera, x, y)))
+        self._viewer.call(lambda viewer: ACTIONS[name](viewer, x, y))
         return Response(status_code=204)
 
     async def _call(self, work: Callable[[Viewer], Any]) -> Any:

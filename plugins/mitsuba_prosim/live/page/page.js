@@ -219,7 +219,7 @@ async function gesture(kind, x, y) {
     while (gestures.size) {
         const [[kind, [x, y]]] = gestures;
         gestures.delete(kind);
-        await post(`move/${kind}?x=${x}&y=${y}`);
+        await post(`do/${kind}?x=${x}&y=${y}`);
     }
     sending = false;
 }

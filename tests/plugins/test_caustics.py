@@ -399,7 +399,7 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
             shares.append(1 - ray_weight(shared(here, etendue * kept_by(f, pdf) * density)))
         back = mi.SurfaceInteraction3f(si)
         back.wi = wo
-        hit = Hit(back, bsdf, met, mi.Bool(False), -si.to_world(wo), mi.UInt32(level), None, cos, None)
+        hit = Hit(back, bsdf, met, mi.Bool(False), -si.to_world(wo), mi.UInt32(level), None, cos, None, None)
         density = photons.density_after(density, hit, si.wi, met)
     dr.eval(shares, met)
     shares = np.array(shares)[:, np.array(met)]

@@ -42,9 +42,6 @@ from .grid import Footprint, Landed, Photons, gather
 #: multiple of the roughest surface's, and this density, which a metal of m = 0.11 has, or glass of 0.25.
 MIN_DENSITY_RATIO, MIN_DENSITY = 3.0, 1.0
 
-#: Fraction of the photons that land on a near-specular surface; the others go on, for rougher surfaces beyond it.
-LANDING = 0.5
-
 #: Rays that are sampled from each lobe to measure its density.
 RAYS = 256
 
@@ -72,19 +69,13 @@ class Hit(Surface):
     cos: mi.Float
     #: The cosine with the shading normal over ``cos``, bounded.
     shading_ratio: mi.Float
+    near_specular: mi.Bool
 
-
-@dataclass
-class GlossyPhotons:
-    """Photons for glossy surfaces, on their way."""
-
-    #: Density of photons (:attr:`.Start.density`); 0 beyond a glossy surface that is not near-specular.
-    density: mi.Float
-    #: Where they have landed.
-    landed: Landed
-    #: Weight of a photon where it lands: one over its probability to land at the near-specular surfaces so far; None if
-    #: no surface is near-specular.
-    landing_weight: mi.Float | None
+    def landed(self, share: mi.Float, density: mi.Float) -> Landed:
+        """The photons where they land. ``share``: one over the probability to land; ``density``: see
+        :class:`.Landed`.
+        """
+        return Landed(self.si.p, self.d, self.flux * (self.shading_ratio * share), mi.Bool(True), density, self.level)
 
 
 class PhotonMIS:
@@ -191,41 +182,30 @@ class PhotonMIS:
 
     # ------------------------------------------------------------ photons
 
-    def start(self, density: mi.Float) -> GlossyPhotons:
-        """Photons of this ``density`` at their sources."""
-        return GlossyPhotons(density, Landed.nowhere(), mi.Float(1) if self.near_specular_bsdfs else None)
-
     def scatter(
         self,
-        photons: GlossyPhotons,
+        density: mi.Float,
+        landed: Landed,
         hit: Hit,
         bs: mi.BSDFSample3f,
         weight: mi.Spectrum,
-        sample: mi.Float,
+        share: mi.Float,
         active: mi.Bool,
-    ) -> GlossyPhotons:
-        """The photons after ``hit``: those that land are in ``landed``; ``density`` is that after the surface.
+    ) -> tuple[mi.Float, Landed]:
+        """``(density, landed)`` of the photons after ``hit``, given those before it.
 
-        ``bs``, ``weight``: sample of the lobe that scatters those in the lanes ``active``; ``sample``: a number in
-        [0, 1) for the choice to land.
+        ``bs``, ``weight``: sample of the lobe that scatters those in the lanes ``active``. ``share``: one over the
+        probability of the others to stay, which those on a near-specular surface do to land.
         """
-        bsdf, flags, landing_weight = hit.bsdf, hit.bsdf.flags(), photons.landing_weight
-        density = photons.density
+        flags = hit.bsdf.flags()
         lands = but_not(hit.active & (hit.level > 0) & (density > 0) & (hit.cos > 0), hit.inseparable)
-        lands &= lobes.has_any(flags, *lobes.GLOSSY)
-        share = hit.shading_ratio
-        if landing_weight is not None:
-            near = but_not(hit.active & self.near_specular(bsdf, hit.active), hit.level == 0)
-            landing_weight = dr.select(near, landing_weight / LANDING, landing_weight)
-            lands = but_not(lands, near & (sample >= LANDING))
-            share = share * landing_weight
-        here = Landed(hit.si.p, hit.d, hit.flux * share, mi.Bool(True), density, hit.level)
+        lands &= but_not(lobes.has_any(flags, *lobes.GLOSSY), hit.near_specular & active)
+        here = hit.landed(dr.select(hit.near_specular, share, 1), density)
         beyond = density * dr.select(hit.inseparable, 0, ideal_throughput(bs, weight, flags) * dr.square(bs.eta))
         if self.near_specular_bsdfs:
-            glossy = active & lobes.has_any(bs.sampled_type, *lobes.GLOSSY)
-            glossy = but_not(glossy & self.near_specular(bsdf, glossy), lands)
+            glossy = active & hit.near_specular & lobes.has_any(bs.sampled_type, *lobes.GLOSSY)
             beyond = dr.select(glossy, self.density_after(density, hit, bs.wo, glossy), beyond)
-        return GlossyPhotons(beyond, dr.select(lands, here, photons.landed), landing_weight)
+        return beyond, dr.select(lands, here, landed)
 
     def density_after(self, density: mi.Float, hit: Hit, wo: mi.Vector3f, active: mi.Bool) -> mi.Float:
         """Density of photons along ``wo`` after a near-specular surface, which they reach with ``density``."""

@@ -15,11 +15,10 @@ from ..transport.absorption import media_of, medium_before, medium_beyond, only_
 from ..transport.scattering import Scattering
 from .emission import Start
 from .grid import Landed
-from .mis import GlossyPhotons, Hit, PhotonMIS
+from .mis import Hit, PhotonMIS
 
-#: Indices of a photon's random numbers at a surface, and how many each surface has. The last one decides whether it
-#: lands on a near-specular surface.
-CHOICE, DIRECTION, ROULETTE, LANDS, NUMBERS = 0, 1, 3, 4, 5
+#: Indices of a photon's random numbers at a surface, and how many each surface has.
+CHOICE, DIRECTION, ROULETTE, NUMBERS = 0, 1, 3, 4
 
 #: Bound on the ratio of cosines at shading normals. Without it single photons at grazing incidence would be as bright
 #: as hundreds. It loses about a thousandth of the light that a ball of facets gathers.
@@ -37,8 +36,10 @@ class State:
     medium: mi.MediumPtr | None
     #: Whether a smooth lobe of a BSDF without separable lobes has scattered it; None where no BSDF is like that.
     from_inseparable: mi.Bool | None
-    #: Photons for glossy surfaces, with MIS; else None.
-    glossy: GlossyPhotons | None
+    #: With MIS: density of photons (:attr:`.Start.density`), 0 beyond a glossy surface if it is not near-specular ...
+    density: mi.Float | None
+    #: ... and where they have landed on glossy surfaces; else None.
+    glossy: Landed | None
     level: mi.UInt32 = field(default_factory=lambda: mi.UInt32(0))
     landed: Landed = field(default_factory=Landed.nowhere)
 
@@ -64,10 +65,10 @@ class PhotonTracer:
         """
         medium = mi.MediumPtr(None) if self.absorbs else None
         from_inseparable = mi.Bool(False) if self.scattering.any_inseparable else None
-        glossy = None if self.mis is None else self.mis.start(start.density)
-        state = State(start.ray, start.flux, dr.max(start.flux) > 0, medium, from_inseparable, glossy)
+        density, glossy = (None, None) if self.mis is None else (start.density, Landed.nowhere())
+        state = State(start.ray, start.flux, dr.max(start.flux) > 0, medium, from_inseparable, density, glossy)
         (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (self._step(state, key),))
-        return state.landed, None if state.glossy is None else state.glossy.landed
+        return state.landed, state.glossy
 
     def _step(self, state: State, key: mi.UInt32) -> State:
         hit, medium = self._intersect(state)
@@ -79,22 +80,23 @@ class PhotonTracer:
         goes = hit.active & (hit.level < self.deepest) & lobes.has_any(flags, *lobes.REFLECTED, *lobes.REFRACTED)
         bs, weight, goes, by_all_lobes = self._scatter(hit, key, goes)
         d = hit.si.to_world(bs.wo)
-        glossy = state.glossy
-        if self.mis is not None:
-            assert glossy is not None
-            glossy = self.mis.scatter(glossy, hit, bs, weight, number(key, first + LANDS), goes)
         # A photon either lands or continues, with about the same flux.
         flux = hit.flux * (weight * adjoint_correction(hit.si, bs.wo, d))
         kept = dr.select(goes, dr.max(flux) / dr.max(state.flux), 0)
-        p = dr.select(lands, kept / (1 + kept), dr.minimum(kept, dr.select(hit.level < 4, 1, 0.95)))
+        stays = lands | (hit.near_specular & (hit.level > 0))
+        p = dr.select(stays, kept / (1 + kept), dr.minimum(kept, dr.select(hit.level < 4, 1, 0.95)))
         goes &= number(key, first + ROULETTE) < p
         lands = but_not(lands, goes) & (hit.cos > 0)
-        here = hit.flux * (hit.shading_ratio / dr.maximum(1 - p, 1e-6))
-        landed = dr.select(lands, Landed(hit.si.p, hit.d, here, mi.Bool(True), mi.Float(0), mi.UInt32(0)), state.landed)
+        density, glossy, share = state.density, state.glossy, dr.rcp(dr.maximum(1 - p, 1e-6))
+        if self.mis is not None:
+            assert density is not None and glossy is not None
+            density, glossy = self.mis.scatter(density, glossy, hit, bs, weight, share, goes)
+        landed = dr.select(lands, hit.landed(share, mi.Float(0)), state.landed)
         flux = dr.select(goes, flux / dr.select(goes, p, 1), state.flux)
         medium = medium_beyond(hit.si, medium, d, goes) if self.absorbs else None
         from_inseparable = None if state.from_inseparable is None else state.from_inseparable | by_all_lobes
-        return State(hit.si.spawn_ray(d), flux, goes, medium, from_inseparable, glossy, hit.level + 1, landed)
+        ray, level = hit.si.spawn_ray(d), hit.level + 1
+        return State(ray, flux, goes, medium, from_inseparable, density, glossy, level, landed)
 
     def _intersect(self, state: State) -> tuple[Hit, mi.MediumPtr | None]:
         """Where photons meet a surface, and the medium before it."""
@@ -109,7 +111,8 @@ class PhotonTracer:
         cos = dr.abs(dr.dot(si.n, d))
         shading = bounded(dr.abs(mi.Frame3f.cos_theta(si.wi)), cos)
         inseparable = self.scattering.inseparable(bsdf, surface)
-        return Hit(si, bsdf, surface, inseparable, d, state.level, flux, cos, shading), medium
+        near = mi.Bool(False) if self.mis is None else self.mis.near_specular(bsdf, surface)
+        return Hit(si, bsdf, surface, inseparable, d, state.level, flux, cos, shading, near), medium
 
     def _scatter(
         self, hit: Hit, key: mi.UInt32, active: mi.Bool

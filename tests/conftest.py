@@ -64,6 +64,14 @@ def write_scene(tmp_path):
     return write
 
 
+@pytest.fixture
+def logged(monkeypatch):
+    """What is logged during the test by Python: pairs ``(level, text)``."""
+    entries = []
+    monkeypatch.setattr(mi, "Log", lambda *entry: entries.append(entry))
+    return entries
+
+
 #: Files whose tests share what takes seconds to make: with -n one process runs them.
 SHARING = "cluster compare mitsuba_command docs lamps language_server page server"
 

@@ -1,10 +1,10 @@
 """The examples look as they did: each beside a reference picture, with a tolerance for rounding alone."""
 
-import evidence
 import mitsuba as mi
 import numpy as np
 import pytest
 import reference_pictures as references
+from image_statistics import leave
 
 #: The scenes of a quick run: the thesis's own, and one with glass.
 QUICK = ("caustica", "palito")
@@ -25,7 +25,7 @@ def test_example_is_its_reference(variant_rgb, name):
     if not references.same(image, reference):
         pixels, mean, largest = references.changes(image, reference)
         note = f"{pixels:.1%} of the pixels have changed, the mean by {mean:.2%}, one by {largest:.1%}"
-        folder = evidence.leave(note, image=image, reference=reference, difference=image - reference)
+        folder = leave(note, image=image, reference=reference, difference=image - reference)
         pytest.fail(
             f"{note}. See {folder}. If that is as it should be: python tests/reference_pictures.py --keep {name}"
         )

@@ -5,6 +5,7 @@ import base64
 import re
 import signal
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import mitsuba as mi
 import mitsuba_prosim
@@ -36,25 +37,19 @@ def test_an_interrupt_lets_the_work_item_come_to_its_end(monkeypatch):
 
 
 def test_a_cell_that_is_run_again_stops_what_it_has_made(monkeypatch):
-    class View:
-        stopped = False
-
-        def stop(self):
-            self.stopped = True
-
     def made(cell, run):
         request = {"header": {"msg_id": run}, "metadata": {"cellId": cell}}
         monkeypatch.setattr("IPython.get_ipython", lambda: SimpleNamespace(get_parent=lambda: request))
-        view = View()
+        view = Mock()
         notebook.stop_earlier(view)
         return view
 
     one, other, elsewhere = made("a", "1"), made("a", "1"), made("b", "2")
-    assert not (one.stopped or other.stopped)
+    assert not (one.stop.called or other.stop.called)
     again = made("a", "3")
-    assert one.stopped and other.stopped and not (again.stopped or elsewhere.stopped)
+    assert one.stop.called and other.stop.called and not (again.stop.called or elsewhere.stop.called)
     monkeypatch.setattr("IPython.get_ipython", lambda: None)
-    notebook.stop_earlier(View())
+    notebook.stop_earlier(Mock())
 
 
 @pytest.mark.slow

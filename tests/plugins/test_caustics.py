@@ -255,11 +255,6 @@ def test_refusals_say_what_to_do(variant_rgb):
     assert "its own render() alone" in str(refused.value.__cause__)
 
 
-def test_variants_that_know_no_photons_say_so(variant_scalar):
-    with pytest.raises(RuntimeError, match=f'"caustics" is True; allowed: false in the variant {variant_scalar}'):
-        mi.load_dict({"type": "prosim", "caustics": True})
-
-
 def test_a_warning_names_materials_without_separate_lobes_that_cast_light_on_one_another(variant_rgb, logged):
     """In a tree this light is left out."""
     glass = {"type": "principled", "roughness": 0.3, "spec_trans": 1.0, "eta": 1.5}

@@ -1,6 +1,6 @@
 """A failed test of images says why, and leaves the images."""
 
-import evidence
+import image_statistics
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ def noise(mean, seed):
 
 
 def test_a_difference_is_named_and_shown(variant_rgb, monkeypatch, tmp_path):
-    monkeypatch.setattr(evidence, "FOLDER", tmp_path)
+    monkeypatch.setattr(image_statistics, "FOLDER", tmp_path)
     assert same_expectation(noise(0, 1), noise(0, 2)) and not any(tmp_path.iterdir())
     with pytest.raises(AssertionError, match=r"pixels 16\.\.23, 8\.\.15, channel") as raised:
         same_expectation(noise(0, 1), noise(0.05, 2))

@@ -140,11 +140,6 @@ def test_many_layers_derivatives_and_nesting_are_refused(variant_rgb):
         loaded.integrator().sample(loaded, None, None)
 
 
-def test_no_layers_in_scalar_variants(variant_scalar):
-    with pytest.raises((ValueError, RuntimeError), match="llvm_ad_rgb"):
-        mi.load_dict({"type": "prosim", "layers": "levels"})
-
-
 def test_lamps_without_names_are_numbered(variant_rgb):
     plain = mi.load_string('<scene version="3.0.0"><emitter type="point"/><emitter type="point" id="a.b"/></scene>')
     assert layers.light_names(plain.emitters()) == ["lamp1", "a_b"]

@@ -114,3 +114,9 @@ def test_wrong_parameters_are_named(variant_rgb, plugin, parameters, words):
 
 def test_a_whole_number_may_be_written_as_a_float(variant_rgb):
     assert type(mi.load_dict({"type": "prosim_fractal", "octaves": 3.0}).octaves) is int
+
+
+@pytest.mark.parametrize("parameters", [{"layers": "levels"}, {"caustics": True}])
+def test_what_scalar_variants_lack_is_refused(variant_scalar, parameters):
+    with pytest.raises(RuntimeError, match=f'parameter "{min(parameters)}" is .*; allowed: .*scalar_rgb'):
+        mi.load_dict({"type": "prosim", **parameters})

@@ -4,10 +4,12 @@ from pathlib import Path
 
 import figures
 import mitsuba as mi
+import nbformat
 import numpy as np
 import pytest
 from drawing import scenes as drawn
 from drawing.patterns import SPACING, jittered, nrook, poisson_disk, regular, uncorrelated_jittered
+from nbclient import NotebookClient
 from scenes import slow
 from scipy import ndimage
 
@@ -107,3 +109,26 @@ def test_uncorrelated_jittering_associates_spaces_at_random():
     pairs = [(f(100, rng)[:, 0], f(100, rng)[:, 0]) for f in (jittered, uncorrelated_jittered)]
     same, mixed = (np.corrcoef(a, b)[0, 1] for a, b in pairs)
     assert same > 0.95 and abs(mixed) < 0.33  # 3.3 standard deviations of 1/sqrt(99)
+
+
+# Notebooks: each runs from its first cell to its last, at small size, and holds no outputs
+
+NOTEBOOKS = sorted((ROOT / "examples").glob("*.ipynb"))
+
+
+@pytest.mark.notebook
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_runs(path, monkeypatch):
+    monkeypatch.setenv("PROSIM_SMALL", "1")
+    notebook = nbformat.read(path, as_version=4)
+    NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(path.parent)}}).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    assert not [output for output in outputs if output.get("name") == "stderr"]
+
+
+def test_notebooks_are_committed_without_outputs():
+    assert NOTEBOOKS
+    for path in NOTEBOOKS:
+        notebook = nbformat.read(path, as_version=4)
+        nbformat.validate(notebook)
+        assert not any(cell.get("outputs") or cell.get("execution_count") for cell in notebook.cells)

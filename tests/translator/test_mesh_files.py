@@ -5,7 +5,7 @@ from contextlib import suppress
 import numpy as np
 import prosim_scene
 import pytest
-from meshes import VIEW
+from meshes import scene
 from prosim_scene import SceneError
 from prosim_scene.geometry.mesh_files import MeshFile
 from prosim_scene.geometry.primitives import PRIMITIVES
@@ -51,13 +51,6 @@ KINDS = {
 }
 
 
-def scene(tree, *transforms, first=""):
-    lines = [
-        f"SURFACE {i} {first if i == 0 else ''}\nTRANSFORM {i} {transform}\n" for i, transform in enumerate(transforms)
-    ]
-    return f"{VIEW}\nCSG-TREE {tree}\n{''.join(lines)}END\n"
-
-
 def meshes(path, text, **options):
     """The meshes of a translation."""
     path.write_text(text)
@@ -88,8 +81,8 @@ def test_a_cube_from_a_file_is_as_large_as_the_languages_own(tmp_path, name, tre
     files = tree.replace("{} 0", f'MESH 0 "parts/{name}"').replace("{} 2", f'MESH 2 "parts/{name}"')
     for scale in 2, -2:
         steps = f"SCALE ({scale} 1 1) ROTATE-X (20)", "SCALE (.3 .3 5) TRANSLATE (.1 .5 -2)", "TRANSLATE (-.6 .4 .3)"
-        found = measured(tmp_path / "s.scn", scene(files, *steps))
-        expected = measured(tmp_path / "s.scn", scene(tree.format("CUBE", "CUBE"), *steps))
+        found = measured(tmp_path / "s.scn", scene(files, steps, 3 * [""]))
+        expected = measured(tmp_path / "s.scn", scene(tree.format("CUBE", "CUBE"), steps, 3 * [""]))
         assert found[0] > 0 and found == pytest.approx(expected, rel=1e-5)
 
 
@@ -154,10 +147,10 @@ def test_what_is_no_solid_is_an_error_at_the_files_name(tmp_path, name):
     if content is not None:
         (tmp_path / name).write_bytes(content)
     path = tmp_path / "s.scn"
-    path.write_text(scene(f"MESH 0 {name}", ""))
+    path.write_text(scene(f"MESH 0 {name}", [""]))
     with pytest.raises(SceneError, match=words) as error:
         prosim_scene.check(path)
-    assert (error.value.line, error.value.column) == (2, 17)
+    assert (error.value.line, error.value.column) == (3, 8)
 
 
 def test_bytes_that_are_lost_or_changed_raise_nothing_else():
@@ -190,7 +183,7 @@ def test_a_file_outside_if_that_is_allowed_and_in_a_named_solid(tmp_path):
     (tmp_path / "cube.obj").write_bytes(obj())
     (tmp_path / "scene").mkdir()
     path = tmp_path / "scene" / "s.scn"
-    text = scene("+ part 0 part 1", "", "TRANSLATE (3 0 0)", "SCALE (2 1 1)")
+    text = scene("+ part 0 part 1", ["", "TRANSLATE (3 0 0)", "SCALE (2 1 1)"], 3 * [""])
     text = text.replace("CSG-TREE", "SOLID part MESH 2 ../cube.obj CSG-TREE")
     (mesh,) = meshes(path, text, allow_outside=True)
     assert mesh.count(0) == 24
@@ -199,7 +192,7 @@ def test_a_file_outside_if_that_is_allowed_and_in_a_named_solid(tmp_path):
 
 def test_a_mesh_that_has_changed_is_read_again(tmp_path):
     cache, path = prosim_scene.TranslationCache(), tmp_path / "s.scn"
-    path.write_text(scene("MESH 0 $file", "").replace("VIEW", "DEFAULT $file = a.obj VIEW", 1))
+    path.write_text(scene("MESH 0 $file", [""]).replace("VIEW", "DEFAULT $file = a.obj VIEW", 1))
     for content, define, made in (
         (obj(), {}, 1),
         (obj(), {}, 1),

@@ -1,4 +1,4 @@
-"""The figures are drawn, and show what the thesis says of them, in numbers: 5.12 to 5.15, and its patterns."""
+"""The figures are drawn, and show what the thesis says of them, in numbers; the notebooks run."""
 
 from pathlib import Path
 

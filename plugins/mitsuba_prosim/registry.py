@@ -31,17 +31,15 @@ PLUGINS: dict[str, type] = {}
 _registered_for: str | None = None
 
 
-def plugin(kind: str, name: str) -> Callable[[Any], Any]:
+def plugin(kind: str, name: str) -> Callable[[type], type]:
     """Class decorator: registers the class as Mitsuba plugin ``name`` of the given ``kind`` ("bsdf", "emitter", ...).
-    It gives it the attribute ``plugin_name``.
 
     Mitsuba 3.9 asks for the type of a plugin in ``scalar_rgb``, whatever variant is active. (If the name were unknown
     there, ``load_dict`` would merge equal emitters, and writing XML would fail.) So the class is registered for that
     variant too, until the plugins of ``scalar_rgb`` replace it.
     """
 
-    def register(cls: Any) -> Any:
-        cls.plugin_name = name
+    def register(cls: type) -> type:
         for variant in {mi.variant(), "scalar_rgb"}:
             getattr(getattr(mi, variant), "register_" + kind)(name, cls)
         PLUGINS[name] = cls

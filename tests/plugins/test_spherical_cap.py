@@ -4,7 +4,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.light.spherical_cap import pdf_projected_cap, projected_cap_area, sample_projected_cap
+from mitsuba_prosim.light.spherical_cap import pdf_projected_cap, sample_projected_cap
 from scipy import integrate, stats
 
 SIGNIFICANCE = 0.01
@@ -52,33 +52,38 @@ def quadrature(c, s):
     return sum(integrate.quad(ring, low, high, epsabs=0, epsrel=1e-10)[0] for low, high in itertools.pairwise(points))
 
 
+def grid(n):
+    """The centres of n x n cells of the unit square."""
+    return mi.Point2f(*(mi.Float((x.ravel() + 0.5) / n) for x in np.meshgrid(np.arange(n), np.arange(n))))
+
+
 @pytest.mark.parametrize("s", SINES)
-def test_the_projected_area_is_that_of_quadrature(variant, s):
+def test_the_projected_area_is_that_of_quadrature(variant_rgb, s):
+    """The mean of cos(theta) / pdf is the projected solid angle; it varies little, not at all for a whole sphere."""
     for c in heights(s):
-        expected = quadrature(c, s)
-        area = np.array(projected_cap_area(*cap(c, s))).item()
+        d, pdf = draw(*cap(c, s, 640_000), grid(800))
+        dr.eval(d, pdf)
+        z, pdf, expected = np.array(d.z, np.float64), np.array(pdf, np.float64), quadrature(c, s)
+        assert dr.all(dr.isfinite(d.x + d.y + d.z)), (c, s)
+        weight = np.where(pdf > 0, z / np.maximum(pdf, 1e-300), 0)
         # A sphere of which the last tenth has not set is held to the relative error, the rest to one of the whole.
-        assert area == pytest.approx(expected, rel=1e-4, abs=1e-9 * s**3), (c, s)
+        # Close to the lamp the weights grow towards the tips, where the grid is coarse.
+        relative = 1e-3 if s < 0.99 else 3e-3
+        assert weight.mean() == pytest.approx(expected, rel=relative, abs=1e-9 * s**3), (c, s)
+        if expected > 1e-9 * s**3:
+            greatest = 1e-10 if c >= s else 0.05 if s < 0.6 else 0.3
+            assert np.var(weight) <= greatest * expected**2, (c, s)
 
 
-@pytest.mark.slow
-def test_no_variance_on_a_diffuse_surface(variant_rgb):
-    """cos(theta) / pdf is the same for every direction: the projected solid angle."""
-    sample = mi.PCG32(10_000)
-    sample = mi.Point2f(sample.next_float32(), sample.next_float32())
+def test_the_density_is_that_of_the_samples(variant_rgb):
+    """But for rounding at the seam of ellipse and crescent."""
     for s in SINES:
         for c in heights(s):
-            d, pdf = draw(*cap(c, s, 10_000), sample)
-            dr.eval(d, pdf)
-            area = projected_cap_area(*cap(c, s))
-            dr.eval(area)
-            seen = pdf > 0
-            assert dr.all(dr.isfinite(d.x + d.y + d.z)), (c, s)
-            if area[0] > 1e-9 * s**3:
-                assert dr.all(dr.abs(d.z - pdf * area) <= 1e-5 * d.z), (c, s)
-                assert dr.count(seen)[0] > 9990, (c, s)
-            expected = pdf_projected_cap(*cap(c, s, 10_000), d.z)
-            assert dr.allclose(pdf, expected, rtol=1e-5, atol=0), (c, s)
+            d, pdf = draw(*cap(c, s, 10_000), grid(100))
+            expected = pdf_projected_cap(*cap(c, s, 10_000), d.y, d.z)
+            dr.eval(d, pdf, expected)
+            wrong = ~np.isclose(pdf, expected, rtol=1e-3, atol=0)
+            assert np.mean(wrong) < 0.002, (c, s)
 
 
 def parameters_of_area(x, y, c, s):
@@ -107,15 +112,18 @@ def parameters_of_area(x, y, c, s):
 @pytest.mark.parametrize("s", (0.05, 0.5, 0.9, 0.9999))
 @pytest.mark.parametrize("height", (-0.8, -0.3, 0.0, 0.02, 0.3, 0.8, 1.0))
 def test_uniform_over_the_projected_region(variant_rgb, s, height):
-    """chi² of a 20 x 20 histogram, over coordinates found without the functions under test."""
+    """chi² of a 20 x 20 histogram, over coordinates found without the functions under test. Samples have weights."""
     c, n = height * s, 400_000
-    rng = mi.PCG32(n)
-    d, _ = draw(*cap(c, s, n), mi.Point2f(rng.next_float32(), rng.next_float32()))
-    x, y, _ = np.array(d, dtype=np.float64)
+    rng = mi.PCG32(n, initstate=1)
+    d, pdf = draw(*cap(c, s, n), mi.Point2f(rng.next_float32(), rng.next_float32()))
+    x, y, z = np.array(d, dtype=np.float64)
+    weight = z / np.maximum(np.array(pdf, dtype=np.float64), 1e-300) / quadrature(c, s)
     a, b = parameters_of_area(x, y, c, s)
-    counts, _, _ = np.histogram2d(a, np.clip(b, 0, 1), bins=20, range=((0, 1), (0, 1)))
-    _, p_value = stats.chisquare(counts.ravel(), np.full(400, n / 400))
-    assert p_value > SIGNIFICANCE / 28, (p_value, counts)  # 28 cases (Sidak, to first order)
+    sums, squares = (
+        np.histogram2d(a, np.clip(b, 0, 1), bins=20, range=((0, 1), (0, 1)), weights=weight**k)[0] / n for k in (1, 2)
+    )
+    statistic = np.sum((sums - 1 / 400) ** 2 / ((squares - sums**2) / n))
+    assert stats.chi2.sf(statistic, 400) > SIGNIFICANCE / 28, statistic  # 28 cases (Sidak, to first order)
 
 
 def test_tiny_caps_fill_their_ellipse(variant_rgb):
@@ -132,7 +140,6 @@ def test_tiny_caps_fill_their_ellipse(variant_rgb):
 
 def test_receiver_inside_the_sphere_is_flagged(variant):
     for sin2 in (1.0, 1.5):
-        assert np.all(np.array(projected_cap_area(mi.Float(0.5), mi.Float(sin2))) == 0)
         d, pdf = draw(mi.Float(0.5), mi.Float(sin2), mi.Point2f(0.3, 0.6))
         assert np.all(np.array(pdf) == 0) and np.all(np.isfinite(np.array(d)))
 

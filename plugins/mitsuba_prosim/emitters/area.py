@@ -204,9 +204,7 @@ class Area(Source):
         self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
         if self.unattenuated:
-            raise RuntimeError(
-                f"{self.id()} ({self.plugin_name}): an unattenuated source has no rays of definite power."
-            )
+            raise RuntimeError(f"{self.id()} (prosim_area): an unattenuated source has no rays of definite power.")
         ps, weight = self.sample_position(time, sample2, active)
         si = mi.SurfaceInteraction3f(ps, dr.zeros(mi.Interaction3f).wavelengths)
         si.time = time

@@ -132,9 +132,7 @@ class Point(Source):
         self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
         if self.unattenuated:
-            raise RuntimeError(
-                f"{self.id()} ({self.plugin_name}): an unattenuated source has no rays of definite power."
-            )
+            raise RuntimeError(f"{self.id()} (prosim_point): an unattenuated source has no rays of definite power.")
         d, total = self.sample_beam(sample3)
         wavelengths, weight = self.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), sample1, active)
         return mi.Ray3f(self.position, d, time, wavelengths), mi.depolarizer(weight * total)

@@ -231,6 +231,9 @@ class Prosim(ProgressiveIntegrator):
     def traverse(self, callback: mi.TraversalCallback) -> None:
         expose(callback, ambient=self.ambient, background=self.background)
 
+    def name(self) -> str:
+        return "prosim"
+
     def aov_names(self) -> list[str]:
         """Those of layers are known once a scene is rendered."""
         return self._layer_channels + super().aov_names()

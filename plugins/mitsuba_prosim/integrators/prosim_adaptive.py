@@ -65,6 +65,9 @@ class ProsimAdaptive(ProgressiveIntegrator):
     def traverse(self, callback: mi.TraversalCallback) -> None:
         callback.put("nested", self.nested, mi.ParamFlags.Differentiable)
 
+    def name(self) -> str:
+        return "prosim_adaptive"
+
     def parameter_names(self) -> list[str]:
         return ["nested", *super().parameter_names()]
 

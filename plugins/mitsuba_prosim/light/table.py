@@ -164,7 +164,10 @@ class Lights:
         active = active & (k < self.lamps)
         if idle(active) or not self.lamps:
             return mi.Float(0)
-        pdf = Lamp(k, ds.emitter, self.groups).pdf(receiver, ds, active)
-        if self.sampler is not None:
-            pdf *= self.sampler.probability(k, receiver, active)
-        return dr.select(active, pdf, 0)
+
+        def met(k: Index, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
+            pdf = Lamp(k, ds.emitter, self.groups).pdf(receiver, ds, active)
+            return pdf if self.sampler is None else pdf * self.sampler.probability(k, receiver, active)
+
+        # Few rays meet a lamp; the branch spares the others its density.
+        return dr.if_stmt((k, receiver, ds, active), active, met, lambda *_: mi.Float(0), label="pdf")

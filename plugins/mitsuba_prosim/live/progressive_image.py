@@ -107,7 +107,9 @@ def without_maps(layers: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 def name(integrator: Any) -> str:
     """The name of an integrator, or of its nested one."""
     integrator = getattr(integrator, "nested", integrator)
-    return getattr(integrator, "plugin_name", str(integrator.class_name()).removesuffix("Integrator").lower())
+    if hasattr(integrator, "parameter_names"):  # one of ours
+        return str(integrator.name())
+    return str(integrator.class_name()).removesuffix("Integrator").lower()
 
 
 def not_compared(integrator: Any) -> str | None:

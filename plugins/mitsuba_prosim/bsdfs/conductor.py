@@ -127,7 +127,6 @@ class Conductor(Material):
             return bs, mi.Spectrum(0)
         bs.eta = 1
         bs.sampled_type = mi.UInt32(+self.types[0])
-        bs.sampled_component = 0
         if self.roughness is None:
             bs.wo = mi.reflect(si.wi)
             bs.pdf = dr.select(active, mi.Float(1), 0)

@@ -10,6 +10,7 @@ import mitsuba as mi
 
 from ..optics import dispersion, facets, fresnel
 from ..optics.facets import GRAZING, Facet
+from ..optics.fresnel import Interface
 from ..optics.material import Material, reflectance, roughness
 from ..parameters import reject
 from ..registry import plugin
@@ -134,26 +135,20 @@ class Dielectric(Material):
         return dr.select(reflected, f, 1 - f) if all(self.enabled(ctx)) else mi.Float(1)
 
     def energy(
-        self,
-        ctx: mi.BSDFContext,
-        si: mi.SurfaceInteraction3f,
-        reflected: mi.Bool,
-        f: mi.Float,
-        eta: mi.Float,
-        active: mi.Bool,
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, reflected: mi.Bool, face: Interface, active: mi.Bool
     ) -> mi.UnpolarizedSpectrum:
         """Share of the light that a facet reflects or transmits, as a spectrum.
 
-        ``eta`` is the index on wo's side over that on wi's: radiance that crosses is divided by its square, for it
-        fills another solid angle; importance is not. It and Fresnel's reflectance ``f`` may be spectra.
+        Radiance that crosses is divided by the square of ``face.eta_it``, for it fills another solid angle; importance
+        is not.
         """
         r, t = (
             1 if texture is None else texture.eval(si, active)
             for texture in (self.specular_reflectance, self.specular_transmittance)
         )
         if ctx.mode == mi.TransportMode.Radiance:
-            t = t * dr.square(dr.rcp(eta))
-        return mi.UnpolarizedSpectrum(dr.select(reflected, f * r, (1 - f) * t))
+            t = t * dr.square(dr.rcp(face.eta_it))
+        return mi.UnpolarizedSpectrum(dr.select(reflected, face.f * r, (1 - face.f) * t))
 
     def sample(
         self,
@@ -188,32 +183,32 @@ class Dielectric(Material):
         if undispersed:
             p = [float(k == len(etas) // 2) for k in range(len(etas))]
         k, rest = dispersion.choose(p, sample1)
-        f, cos_t, eta_it, eta_ti = (dispersion.pick(k, values) for values in zip(*faces, strict=True))
-        reflected = rest <= f if reflection and transmission else mi.Mask(reflection)
-        bs.wo = dr.select(reflected, mi.reflect(si.wi, m), mi.refract(si.wi, m, cos_t, eta_ti))
-        bs.eta = dr.select(reflected, 1, eta_it)
+        face = Interface(*(dispersion.pick(k, values) for values in zip(*faces)))
+        reflected = rest <= face.f if reflection and transmission else mi.Mask(reflection)
+        bs.wo = dr.select(reflected, mi.reflect(si.wi, m), mi.refract(si.wi, m, face.cos_t, face.eta_ti))
+        bs.eta = dr.select(reflected, 1, face.eta_it)
         bs.sampled_component = dr.select(reflected, mi.UInt32(0), mi.UInt32(1))
         bs.sampled_type = dr.select(reflected, mi.UInt32(+self.types[0]), mi.UInt32(+self.types[1]))
         if self.roughness is None:
-            reflectances, ratios = (dispersion.spectrum([face[j] for face in faces]) for j in (0, 2))
+            spectra = Interface(*map(dispersion.spectrum, zip(*faces)))
             kept = [dr.select(reflected | undispersed | (k == j), 1.0, 0.0) for j in range(len(faces))]
-            value = self.energy(ctx, si, reflected, reflectances, ratios, active) * mi.UnpolarizedSpectrum(*kept)
-            mean = sum((p[j] * face[0] for j, face in enumerate(faces)), mi.Float(0))
+            value = self.energy(ctx, si, reflected, spectra, active) * mi.UnpolarizedSpectrum(*kept)
+            mean = sum((p[j] * each.f for j, each in enumerate(faces)), mi.Float(0))
             chosen = dispersion.pick(k, p)
             both = reflection and transmission
-            pdf = dr.select(reflected, mean, chosen * (1 - f)) if both else dr.select(reflected, 1, chosen)
+            pdf = dr.select(reflected, mean, chosen * (1 - face.f)) if both else dr.select(reflected, 1, chosen)
             pdf = divisor = dr.detach(mi.Float(pdf))
         else:
             active = active & (i_m * si.wi.z > 0) & (bs.wo.z != 0) & (((si.wi.z > 0) == (bs.wo.z > 0)) == reflected)
             if self.disperses:  # where this wavelength is wholly reflected, others may not be
-                value, pdf = self.eval_pdf(ctx, si, bs.wo, active & (reflected | (cos_t != 0)))
+                value, pdf = self.eval_pdf(ctx, si, bs.wo, active & (reflected | (face.cos_t != 0)))
                 value, divisor = mi.unpolarized_spectrum(value), dr.detach(pdf)
             else:
-                divisor = dr.detach(self.share(ctx, reflected, f))
-                facet = Facet(m, i_m, dr.select(reflected, i_m, cos_t))
+                divisor = dr.detach(self.share(ctx, reflected, face.f))
+                facet = Facet(m, i_m, dr.select(reflected, i_m, face.cos_t))
                 lit, density = self.facets(si.wi, bs.wo, facet, reflected, width, etas[0])
                 pdf = density * divisor
-                value = self.energy(ctx, si, reflected, f, eta_it, active) * (lit / dr.select(density > 0, density, 1))
+                value = self.energy(ctx, si, reflected, face, active) * (lit / dr.select(density > 0, density, 1))
         active = active & (pdf > 0)
         bs.pdf = dr.select(active, pdf, 0)
         return bs, mi.depolarizer(value / dr.select(active, divisor, 1)) & active
@@ -248,19 +243,17 @@ class Dielectric(Material):
         if active is False or self.roughness is None or not (reflection or transmission):
             return mi.Spectrum(0), mi.Float(0)
         width, etas = self.roughness.eval_1(si, active), self.indices.etas(si)
-        values, reflectances, ratios, pdf = [], [], [], mi.Float(0)
+        values, faces, pdf = [], [], mi.Float(0)
         for eta in etas:
             facet = facets.between(si.wi, wo, eta)
             # A facet's front is visible from the front of the surface, its back from the back.
             facing = active & (facet.i_m * si.wi.z > 0) & (facet.o_m * wo.z > 0)
             lit, density = self.facets(si.wi, wo, facet, reflected, width, eta)
-            f, _, eta_it, _ = fresnel.interface(facet.i_m, eta)
+            faces.append(fresnel.interface(facet.i_m, eta))
             values.append(dr.select(facing, lit, 0))
-            reflectances.append(f)
-            ratios.append(eta_it)
-            pdf += dr.select(facing, density * self.share(ctx, reflected, f), 0) / len(etas)
-        spectra = dispersion.spectrum(reflectances), dispersion.spectrum(ratios)
-        value = self.energy(ctx, si, reflected, *spectra, active) * dispersion.spectrum(values)
+            pdf += dr.select(facing, density * self.share(ctx, reflected, faces[-1].f), 0) / len(etas)
+        spectra = Interface(*map(dispersion.spectrum, zip(*faces)))
+        value = self.energy(ctx, si, reflected, spectra, active) * dispersion.spectrum(values)
         return mi.depolarizer(value) & active, pdf
 
     def parameters(self) -> dict[str, Any]:

@@ -73,7 +73,6 @@ class Lambertian(Material):
         pdf = mi.warp.square_to_cosine_hemisphere_pdf(bs.wo)
         bs.eta = 1
         bs.sampled_type = mi.UInt32(+mi.BSDFFlags.DiffuseReflection)
-        bs.sampled_component = 0
         active = active & (si.wi.z > 0) & (pdf > 0)
         bs.pdf = dr.select(active, pdf, 0)
         return bs, mi.depolarizer(self.reflectance.eval(si, active)) & active

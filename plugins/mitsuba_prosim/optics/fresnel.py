@@ -2,8 +2,21 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import drjit as dr
 import mitsuba as mi
+
+
+class Interface(NamedTuple):
+    """How the interface between two dielectrics divides a ray: numbers, or spectra."""
+
+    #: Fresnel's reflectance of unpolarised light, and the cosine of the refracted ray, as ``mi.fresnel`` returns it.
+    f: mi.Float
+    cos_t: mi.Float
+    #: The index beyond the interface over that on the incident side, and its reciprocal.
+    eta_it: mi.Float
+    eta_ti: mi.Float
 
 
 def contrast(cos_i: mi.Float, eta: mi.Float) -> mi.Float:
@@ -12,8 +25,8 @@ def contrast(cos_i: mi.Float, eta: mi.Float) -> mi.Float:
     return dr.select(cos_i >= 0, difference, -difference * dr.square(dr.rcp(eta)))
 
 
-def interface(cos_i: mi.Float, eta: mi.Float) -> tuple[mi.Float, mi.Float, mi.Float, mi.Float]:
-    """``(reflectance, cos_t, eta_it, eta_ti)`` of the interface between two dielectrics, as ``mi.fresnel`` has them.
+def interface(cos_i: mi.Float, eta: mi.Float) -> Interface:
+    """The interface between two dielectrics.
 
     ``cos_i`` is the cosine on the incident side, > 0 outside and < 0 inside; ``eta`` = interior / exterior index. The
     reflectance is that of unpolarised light (equation 2.2), total reflection included. Mitsuba's loses its digits if
@@ -25,12 +38,12 @@ def interface(cos_i: mi.Float, eta: mi.Float) -> tuple[mi.Float, mi.Float, mi.Fl
     difference = contrast(cos_i, eta)
     s = difference / dr.maximum(dr.square(c + eta_it * t), 1e-30)
     p = difference * (c * c * (eta2 + 1) - 1) / dr.maximum(eta2 * dr.square(eta_it * c + t), 1e-30)
-    return dr.select(t > 0, 0.5 * (s * s + p * p), 1), cos_t, eta_it, eta_ti
+    return Interface(dr.select(t > 0, 0.5 * (s * s + p * p), 1), cos_t, eta_it, eta_ti)
 
 
 def dielectric(cos_i: mi.Float, eta: mi.Float) -> mi.Float:
-    """Unpolarised reflectance of the interface between two dielectrics: the first result of `interface`."""
-    return interface(cos_i, eta)[0]
+    """Unpolarised reflectance of the interface between two dielectrics, see `interface`."""
+    return interface(cos_i, eta).f
 
 
 def conductor(cos_i: mi.Float, eta: mi.UnpolarizedSpectrum, k: mi.UnpolarizedSpectrum) -> mi.UnpolarizedSpectrum:

@@ -7,7 +7,7 @@ import mitsuba as mi
 
 from ..optics import facets, fresnel
 from ..optics.dispersion import index
-from ..optics.material import Pigmented, reflectance
+from ..optics.material import Evaluated, Pigmented, reflectance
 from ..parameters import constant, reject, shown
 from ..registry import plugin
 
@@ -121,9 +121,7 @@ class Composite(Pigmented):
         m = facets.sample_visible(si.wi, sample2, self.distribution, self.roughness.eval_1(si, active))
         return mi.reflect(si.wi, m)
 
-    def specular_eval_pdf(
-        self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
-    ) -> tuple[mi.UnpolarizedSpectrum, mi.Float]:
+    def specular_eval_pdf(self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
         width = self.roughness.eval_1(si, active)
         i_m, value, pdf = facets.torrance_sparrow(si.wi, wo, self.distribution, width)
         return self.reflected(si, i_m, active) * value, pdf

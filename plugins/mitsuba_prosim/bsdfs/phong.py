@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..optics import cosine
-from ..optics.material import Pigmented, reflectance
+from ..optics.material import Evaluated, Pigmented, reflectance
 from ..registry import plugin
 
 
@@ -85,9 +85,7 @@ class Phong(Pigmented):
         sin_phi, cos_phi = dr.sincos(2 * dr.pi * sample2.y)
         return mi.Frame3f(mi.reflect(si.wi)).to_world(mi.Vector3f(sin * cos_phi, sin * sin_phi, cos))
 
-    def specular_eval_pdf(
-        self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
-    ) -> tuple[mi.UnpolarizedSpectrum, mi.Float]:
+    def specular_eval_pdf(self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
         n = self.roughness.eval_1(si, active)
         lobe = cosine.power(cosine.versine(mi.reflect(si.wi), wo), n) * dr.inv_two_pi
         return self.specular_reflectance.eval(si, active) * ((n + 2) * lobe * wo.z), (n + 1) * lobe

@@ -26,27 +26,23 @@ RGB = (635.0, 544.0, 437.0)
 #: Range of the formulas (nm); wavelengths beyond it count as the nearer end.
 SHORTEST, LONGEST = 300.0, 1000.0
 
-#: B1, C1, B2, C2, ... of Sellmeier's formula. bk7 (N-BK7), f2, sf10, sf11 and lasf9 (N-LASF9): Schott, Optical Glass,
+#: B and C of each term of Sellmeier's formula. bk7 (N-BK7), f2, sf10, sf11 and lasf9 (N-LASF9): Schott, Optical Glass,
 #: data sheets. silica: Malitson 1965. diamond: Peter 1923. zirconia, cubic, with yttria: Wood and Nassau 1982. water at
 #: 20 °C: Daimon and Masumura 2007. All as collected by refractiveindex.info (Polyanskiy 2024).
-MATERIALS: dict[str, tuple[float, ...]] = {
-    "bk7": (1.03961212, 0.00600069867, 0.231792344, 0.0200179144, 1.01046945, 103.560653),
-    "f2": (1.34533359, 0.00997743871, 0.209073176, 0.0470450767, 0.937357162, 111.886764),
-    "sf10": (1.61625977, 0.0127534559, 0.259229334, 0.0581983954, 1.07762317, 116.60768),
-    "sf11": (1.73848403, 0.0136068604, 0.311168974, 0.0615960463, 1.17490871, 121.922711),
-    "lasf9": (2.00029547, 0.0121426017, 0.298926886, 0.0538736236, 1.80691843, 156.530829),
-    "silica": (0.6961663, 0.0684043**2, 0.4079426, 0.1162414**2, 0.8974794, 9.896161**2),
-    "diamond": (0.3306, 0.1750**2, 4.3356, 0.1060**2),
-    "zirconia": (1.347091, 0.062543**2, 2.117788, 0.166739**2, 9.452943, 24.320570**2),
+MATERIALS: dict[str, tuple[tuple[float, float], ...]] = {
+    "bk7": ((1.03961212, 0.00600069867), (0.231792344, 0.0200179144), (1.01046945, 103.560653)),
+    "f2": ((1.34533359, 0.00997743871), (0.209073176, 0.0470450767), (0.937357162, 111.886764)),
+    "sf10": ((1.61625977, 0.0127534559), (0.259229334, 0.0581983954), (1.07762317, 116.60768)),
+    "sf11": ((1.73848403, 0.0136068604), (0.311168974, 0.0615960463), (1.17490871, 121.922711)),
+    "lasf9": ((2.00029547, 0.0121426017), (0.298926886, 0.0538736236), (1.80691843, 156.530829)),
+    "silica": ((0.6961663, 0.0684043**2), (0.4079426, 0.1162414**2), (0.8974794, 9.896161**2)),
+    "diamond": ((0.3306, 0.1750**2), (4.3356, 0.1060**2)),
+    "zirconia": ((1.347091, 0.062543**2), (2.117788, 0.166739**2), (9.452943, 24.320570**2)),
     "water": (
-        5.684027565e-1,
-        5.101829712e-3,
-        1.726177391e-1,
-        1.821153936e-2,
-        2.086189578e-2,
-        2.620722293e-2,
-        1.130748688e-1,
-        1.069792721e1,
+        (5.684027565e-1, 5.101829712e-3),
+        (1.726177391e-1, 1.821153936e-2),
+        (2.086189578e-2, 2.620722293e-2),
+        (1.130748688e-1, 1.069792721e1),
     ),
 }
 
@@ -160,7 +156,7 @@ def read_index(props: mi.Properties, side: str, default: str) -> float | Dispers
     elif name.endswith("material"):
         if (chosen := str(value).lower()) not in MATERIALS:
             raise reject(props, name, value, ", ".join(MATERIALS))
-        return Dispersion.of(False, MATERIALS[chosen])
+        return Dispersion.of(False, sum(MATERIALS[chosen], ()))
     else:
         try:
             values = [float(word) for word in str(value).replace(",", " ").split()]

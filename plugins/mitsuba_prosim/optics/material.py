@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import operator
-from typing import Any
+from typing import Any, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -18,6 +18,9 @@ from .facets import DISTRIBUTIONS, GRAZING, Distribution
 
 #: A sample that weighs less than this, without the cosine, is negligible relative to 1 in single precision.
 LEAST_WEIGHT = 2**-24
+
+#: Value of a lobe times the cosine of the direction, and its density per solid angle.
+Evaluated: TypeAlias = "tuple[mi.UnpolarizedSpectrum, mi.Float]"
 
 
 class Material(mi.BSDF):
@@ -102,9 +105,7 @@ class Pigmented(Material):
         """A sampled direction of the specular lobe."""
         raise NotImplementedError
 
-    def specular_eval_pdf(
-        self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
-    ) -> tuple[mi.UnpolarizedSpectrum, mi.Float]:
+    def specular_eval_pdf(self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
         """The specular lobe times the cosine of ``wo``, and its density."""
         raise NotImplementedError
 

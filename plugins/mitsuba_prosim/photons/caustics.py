@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
-
 import drjit as dr
 import mitsuba as mi
 
@@ -15,7 +13,7 @@ from ..transport import lobes
 from ..transport.ray import Vertex
 from ..transport.scattering import Scattering
 from .emission import Sources, start_points
-from .grid import Footprint, Photons, gather
+from .grid import MIN_COSINE, Footprint, Photons, gather
 from .mis import PhotonMIS
 from .targets import Targets, warn_of_light_missed_by_trees
 from .tracing import PhotonTracer
@@ -31,9 +29,6 @@ CAPACITY = 1 << 22
 #: nothing in it.
 LAMBERTIAN = ("Lambertian", "Phong", "Composite", *DIFFUSE)
 AROUND = (TWO_SIDED, MASK, BLEND)
-
-#: Identifies a photon pass: its seed, its number, and the samples that divide the spectrum.
-Which = tuple[int, int, int]
 
 
 class Caustics:
@@ -55,8 +50,9 @@ class Caustics:
         self.mis = mis if mis.needed else None
         self.tracer = PhotonTracer(scene, limit, tree, self.mis)
         self.gathering = Gathering(scene)
-        #: Photon passes, the most recently used one last.
-        self._passes: OrderedDict[Which, tuple[Photons, Photons | None]] = OrderedDict()
+        #: Photon passes, the oldest first: on diffuse surfaces, and on glossy ones if these gather any. Their keys are
+        #: the arguments of :meth:`draw`.
+        self._passes: dict[tuple[int, int, int], tuple[Photons, Photons | None]] = {}
         self._current: tuple[Photons, Photons | None] | None = None
         #: The hash key by which all pixels and photons share wavelengths.
         self.key, self._n = mi.UInt32(0), mi.UInt32(1)
@@ -86,19 +82,15 @@ class Caustics:
 
     def draw(self, seed: int, number: int, n: int) -> None:
         """Lets samples gather from the photon pass ``number`` under ``seed``; ``n`` samples divide the spectrum."""
-        self._current = self.photons((seed, number, n))
+        which = seed, number, n
+        if which not in self._passes:
+            if len(self._passes) >= self.capacity:
+                del self._passes[next(iter(self._passes))]
+            self._passes[which] = self._emit(*which)
+        self._current = self._passes[which]
         if self.mis is not None:
             self.mis.per_pair = dr.opaque(mi.Float, self.per_pair(n))
         self.key, self._n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, n)
-
-    def photons(self, which: Which) -> tuple[Photons, Photons | None]:
-        """A photon pass, from the cache or emitted now: on diffuse surfaces, and on glossy ones if these gather any."""
-        if which not in self._passes:
-            while len(self._passes) >= self.capacity:
-                self._passes.popitem(last=False)
-            self._passes[which] = self._emit(*which)
-        self._passes.move_to_end(which)
-        return self._passes[which]
 
     def division(self, t: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
         """The divisor of the spectrum for the ``t``-th samples, see :attr:`.NRook.division`."""
@@ -159,20 +151,14 @@ class Gathering:
         si, bsdf, inseparable = vertex.si, vertex.bsdf, vertex.inseparable
         active = vertex.active & (lobes.has_any(bsdf.flags(), *lobes.DIFFUSE) | inseparable)
 
-        def light(i: mi.UInt32, in_reach: mi.Bool) -> mi.Spectrum:
-            wo = -dr.gather(mi.Vector3f, photons.landed.d, i, in_reach)
-            flux = dr.gather(mi.Spectrum, photons.landed.flux, i, in_reach)
-            cos = dr.dot(si.sh_frame.n, wo)
+        def value(i: mi.UInt32, d: mi.Vector3f, in_reach: mi.Bool) -> mi.Spectrum:
             if self.lambertian:
-                in_reach = in_reach & (cos * si.wi.z > 0)
-                return dr.select(in_reach, flux, 0)
-            in_reach = in_reach & (dr.abs(cos) > 1e-6)
-            wo = si.to_local(wo)
+                return dr.select(dr.dot(si.sh_frame.n, d) * si.wi.z > 0, mi.Float(1), 0)
+            wo = si.to_local(d)
             f = bsdf.eval(lobes.diffuse(), si, wo, in_reach)
-            f = self.scattering.or_all_lobes(f, vertex, wo, in_reach)
-            return dr.select(in_reach, f * flux / dr.select(in_reach, dr.abs(cos), 1), 0)
+            return self.scattering.or_all_lobes(f, vertex, wo, in_reach) / dr.maximum(dr.abs(wo.z), MIN_COSINE)
 
-        L = gather(photons, number, si, light, active)
+        L = gather(photons, number, si, value, active)
         if self.lambertian:
             lit = active & (dr.max(L) > 0)
             L *= bsdf.eval(lobes.diffuse(), si, mi.Vector3f(0, 0, dr.sign(si.wi.z)), lit)

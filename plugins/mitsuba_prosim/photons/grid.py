@@ -37,6 +37,9 @@ SIZES = 4
 #: another wall.
 MAX_PLANE_DISTANCE = 0.25
 
+#: Least cosine that a BSDF's value is divided by.
+MIN_COSINE = 1e-6
+
 #: A photon has the first of the radii (:data:`RADII`) within which about this number of photons lie, of all
 #: maps together.
 MIN_NEIGHBOURS = 100
@@ -44,8 +47,9 @@ MIN_NEIGHBOURS = 100
 #: Entries of the hash table that photons are counted in.
 COUNTERS = 1 << 18
 
-#: Radiance of the photon of an index, in the lanes of a mask.
-LightOf = Callable[[Any, Any], Any]
+#: Value of a BSDF, without the cosine, for the photon of an index and the direction that it comes from, in the lanes of
+#: a mask.
+ValueOf = Callable[[Any, Any, Any], Any]
 
 
 @dataclass(frozen=True)
@@ -227,11 +231,10 @@ def bucket_of(number: mi.UInt32, row: mi.UInt32, x: mi.Int32, mask: mi.UInt32) -
 
 
 def gather(
-    photons: Photons, number: mi.UInt32, si: mi.SurfaceInteraction3f, light: LightOf, active: mi.Bool
+    photons: Photons, number: mi.UInt32, si: mi.SurfaceInteraction3f, value: ValueOf, active: mi.Bool
 ) -> mi.Spectrum:
-    """Sum of ``light(i, in_reach)`` times the kernel over the photons i of the map ``number`` near ``si``;
-    ``in_reach``: the lanes with such a photon. The kernel for the radius r of a photon is Epanechnikov's,
-    2 (1 - d² / r²) / (π r²).
+    """Radiance by the photons of the map ``number`` near ``si``: the sum of the BSDF's ``value`` times flux and kernel.
+    The kernel for the radius r of a photon is Epanechnikov's, 2 (1 - d² / r²) / (π r²).
     """
     footprint = photons.footprint
     width, n2 = footprint.width(si.p), dr.square(si.n)
@@ -264,7 +267,9 @@ def gather(
             # Rows that share a bucket are met in turn: the photons of each, with it alone.
             in_reach = there & (d2 < 1) & (dr.reinterpret_array(mi.UInt32, place.w) == row_key)
             in_reach &= dr.square(dr.dot(off, si.n)) * inv_reach2 < MAX_PLANE_DISTANCE**2
-            return i + 1, L + light(k, in_reach) * (2 * dr.inv_pi * inv_reach2 * (1 - d2))
+            d, flux = (dr.gather(type(v), v, k, in_reach) for v in (photons.landed.d, photons.landed.flux))
+            light = dr.select(in_reach, value(k, -d, in_reach) * flux, 0)
+            return i + 1, L + light * (2 * dr.inv_pi * inv_reach2 * (1 - d2))
 
         def row(k: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
             level = first + mi.Int32(k >> (more_y + more_z))

@@ -36,7 +36,7 @@ from ..transport.ray import Ray, Surface, Vertex, viewer_side
 from ..transport.scattering import Scattering
 from ..transport.workarounds import is_inseparable
 from .emission import MAX_DENSITY, Sources
-from .grid import Footprint, Landed, Photons, gather
+from .grid import MIN_COSINE, Footprint, Landed, Photons, gather
 
 #: A surface is near-specular if nine in ten rays of its lobe have a density per solid angle above both limits: this
 #: multiple of the roughest surface's, and this density, which a metal of m = 0.11 has, or glass of 0.25.
@@ -164,21 +164,17 @@ class PhotonMIS:
         active = but_not(active & (ray.level < self.deepest), vertex.inseparable)
         area, etendue = self.footprint.area(si.p), dr.select(self.near_specular(bsdf, active), etendue_of(ray), 0)
 
-        def light(i: mi.UInt32, in_reach: mi.Bool) -> mi.Spectrum:
+        def value(i: mi.UInt32, d: mi.Vector3f, in_reach: mi.Bool) -> mi.Spectrum:
             in_reach = in_reach & (ray.level + dr.gather(mi.UInt32, photons.landed.level, i, in_reach) < self.deepest)
-            d = -dr.gather(mi.Vector3f, photons.landed.d, i, in_reach)
             wo = si.to_local(d)
-            cos = dr.abs(mi.Frame3f.cos_theta(wo))
-            in_reach = in_reach & (cos > 1e-6)
             density, f = dr.gather(mi.Float, photons.landed.density, i, in_reach), mi.Spectrum(0)
             for lobe in self.lobes:
                 f_lobe, pdf = self.scattering.eval_pdf(lobe, vertex, wo, in_reach)
                 here = quotient(area * dr.abs(dr.dot(si.n, d)), pdf) * density
                 f += f_lobe * (1 - ray_weight(shared(here, etendue * kept_by(f_lobe, pdf) * density)))
-            flux = dr.gather(mi.Spectrum, photons.landed.flux, i, in_reach)
-            return dr.select(in_reach, f * flux / dr.select(in_reach, cos, 1), 0)
+            return dr.select(in_reach, f / dr.maximum(dr.abs(wo.z), MIN_COSINE), 0)
 
-        return gather(photons, number, si, light, active)
+        return gather(photons, number, si, value, active)
 
     # ------------------------------------------------------------ photons
 

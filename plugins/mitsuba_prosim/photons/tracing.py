@@ -20,6 +20,10 @@ from .mis import Hit, PhotonMIS
 #: Indices of a photon's random numbers at a surface, and how many each surface has.
 CHOICE, DIRECTION, ROULETTE, NUMBERS = 0, 1, 3, 4
 
+#: Photons for glossy surfaces play no Russian roulette at the first surface if it leaves them less than this part of
+#: their flux: it dims all of them alike.
+FAINT = 0.5
+
 #: Bound on the ratio of cosines at shading normals. Without it single photons at grazing incidence would be as bright
 #: as hundreds. It loses about a thousandth of the light that a ball of facets gathers.
 MAX_COSINE_RATIO = 8
@@ -85,6 +89,8 @@ class PhotonTracer:
         kept = dr.select(goes, dr.max(flux) / dr.max(state.flux), 0)
         stays = lands | (hit.near_specular & (hit.level > 0))
         p = dr.select(stays, kept / (1 + kept), dr.minimum(kept, dr.select(hit.level < 4, 1, 0.95)))
+        if self.mis is not None:  # Too few would come back from a varnish for glossy surfaces, which have rays as well.
+            p = dr.select((hit.level == 0) & (kept > 0) & (kept < FAINT), 1, p)
         goes &= number(key, first + ROULETTE) < p
         lands = but_not(lands, goes) & (hit.cos > 0)
         density, glossy, share = state.density, state.glossy, dr.rcp(dr.maximum(1 - p, 1e-6))

@@ -62,11 +62,10 @@ def compile_stand_in(path: Path) -> None:
     command = [*compiler(), "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-s", f'-DPYTHON="{sys.executable}"']
     try:
         subprocess.run([*command, "-o", str(path), str(SOURCE)], check=True, capture_output=True, text=True)
-    except OSError as error:
+    except (OSError, subprocess.CalledProcessError) as error:
+        why = getattr(error, "stderr", None) or error
         advice = "install one (on Debian and Ubuntu: apt install gcc libc6-dev), or name it by the variable CC"
-        raise RuntimeError(f"the C compiler failed: {error}; {advice}") from None
-    except subprocess.CalledProcessError as error:
-        raise RuntimeError(f"the C compiler failed: {error.stderr or error}") from None
+        raise RuntimeError(f"the C compiler failed: {why}; {advice}") from None
 
 
 def install(names: Iterable[str], folder: Path) -> list[Path]:

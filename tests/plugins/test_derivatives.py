@@ -1,5 +1,7 @@
 """Derivatives of images by the parameters of scenes: what they are, and of which samples."""
 
+import gc
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -70,7 +72,6 @@ def test_time_is_refused(variant_rgb):
         dr.backward(dr.mean(image, axis=None))
 
 
-@pytest.mark.slow
 def test_a_render_by_the_integrator_itself_is_not_recorded(variant_rgb):
     """As with Mitsuba's ``prb``. Dr.Jit 1.5 crashes at exit while the film holds the recorded loops."""
     scene = mi.load_dict(penumbra(None, 8, type="prosim", samples=2))
@@ -80,12 +81,14 @@ def test_a_render_by_the_integrator_itself_is_not_recorded(variant_rgb):
     assert not dr.grad_enabled(scene.integrator().render(scene)) and dr.grad_enabled(mi.render(scene, params))
 
 
+@pytest.mark.slow
 def test_iterations_share_their_kernels(variant_rgb):
     """However long the paths are, and whatever the parameters: a step after the first compiles nothing."""
     bsdf = {"type": "prosim_conductor", "eta": 0.3, "k": 3.0, "alpha": 0.3}
     scene = mi.load_dict(penumbra(bsdf, 16, type="prosim", diffuse_bounces=-1, max_level=-1, adaptive="none"))
     params, key = mi.traverse(scene), "ball.bsdf.alpha.value"
     kernels = []
+    gc.collect()  # kernels know of all scenes in memory
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
         for seed in range(3):
             params[key] = dr.opaque(mi.Float, 0.3 + 0.01 * seed)

@@ -96,8 +96,6 @@ class Render(Steps):
         self.target = ErrorTarget(plan.sampling.noises, plan.sampling.time, time.perf_counter() - elapsed)
         #: Whether the image has all requested samples.
         self.finished = False
-        #: The developed image of a render that has ended, not evaluated: it costs nothing where nobody needs it.
-        self.final_image: mi.TensorXf | None = None
         self._stopped, self._done = False, 0.0
         self._finished_before = begin is not None and begin.restore(self.state)
         self.denoiser = denoiser
@@ -158,7 +156,7 @@ class Render(Steps):
             with suppress(Exception):  # the first error is the cause
                 self.update_film()
             raise
-        self.final_image = self.image()
+        self.update_film()
 
     def _must_end(self, current: Pass) -> bool:
         return (current.stoppable and self._stopped) or (current.timed and self.target.time_is_up)

@@ -138,10 +138,9 @@ def known_to_conserve(props: mi.Properties) -> bool:
     if names[1] not in props:
         return True
     kd, ks = constant(props, names[0]) if names[0] in props else [0.5], constant(props, names[1])
-    if any(len(values) > 1 and hasattr(props.get(name), "values") for name, values in zip(names, (kd, ks))):
-        return False  # of a spectrum
-    if not kd or not ks:
-        return False  # of a texture
+    # Of textures and spectra it is not known.
+    if any(not v or (len(v) > 1 and hasattr(props.get(name), "values")) for name, v in zip(names, (kd, ks))):
+        return False
     channels = max(len(kd), len(ks))
     sums = [kd[i % len(kd)] + ks[i % len(ks)] for i in range(channels)]
     if max(sums) > 1 + 1e-6:

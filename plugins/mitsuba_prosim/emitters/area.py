@@ -185,20 +185,20 @@ class Area(Source):
     def sample_texture(self, time: mi.Float, sample: mi.Point2f, active: mi.Bool) -> mi.PositionSample3f:
         """A point sampled in proportion to the texture, and its density per area."""
         uv, pdf = self.emission.sample_position(sample, active)
-        si = self.get_shape().eval_parameterization(uv, mi.RayFlags.All, active & (pdf > 0))
+        si, density = self.at_texture(uv, pdf, active & (pdf > 0))
         ps = mi.PositionSample3f(si)
-        ps.time = time
-        ps.delta = mi.Bool(False)
-        stretch = dr.norm(dr.cross(si.dp_du, si.dp_dv))
-        ps.pdf = dr.select(si.is_valid() & (pdf > 0), pdf / dr.maximum(stretch, 1e-30), mi.Float(0))
+        ps.time, ps.delta, ps.pdf = time, mi.Bool(False), density
         return ps
 
     def pdf_texture(self, uv: mi.Point2f, active: mi.Bool) -> mi.Float:
         """Density per area with which `sample_texture` samples the point at ``uv``."""
+        return self.at_texture(uv, self.emission.pdf_position(uv, active), active)[1]
+
+    def at_texture(self, uv: mi.Point2f, pdf: mi.Float, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Float]:
+        """The point of the shape at ``uv``, and the density per area there of the density ``pdf`` of ``uv``."""
         si = self.get_shape().eval_parameterization(uv, mi.RayFlags.All, active)
         stretch = dr.norm(dr.cross(si.dp_du, si.dp_dv))
-        pdf = self.emission.pdf_position(uv, active) / dr.maximum(stretch, 1e-30)
-        return dr.select(si.is_valid(), pdf, mi.Float(0))
+        return si, dr.select(si.is_valid(), pdf / dr.maximum(stretch, 1e-30), mi.Float(0))
 
     def sample_ray(
         self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True

@@ -25,11 +25,6 @@ class Source(mi.Emitter):
     ``place``: the parameters that it has instead of ``to_world``.
     """
 
-    #: The axis in world coordinates, of any length; the angle in degrees; None where it has no such parameter.
-    direction: mi.Vector3f | None = None
-    angle: mi.Float | None = None
-    exponent: mi.Float | None = None
-
     def __init__(self, props: mi.Properties, quantity: str, place: str) -> None:
         super().__init__(props)
         if "to_world" in props:
@@ -40,6 +35,8 @@ class Source(mi.Emitter):
         for name in DISTRIBUTIONS["spot"]:
             if name in props and name not in DISTRIBUTIONS[self.distribution]:
                 raise reject(props, name, props[name], f'no "{name}" with distribution {self.distribution}')
+        #: The axis in world coordinates, of any length; the angle in degrees; None where it has no such parameter.
+        self.direction = self.angle = self.exponent = None
         if self.uniform:
             return
         direction = mi.ScalarVector3f(props.get("direction", mi.ScalarVector3f(0, -1, 0)))

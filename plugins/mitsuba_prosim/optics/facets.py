@@ -124,14 +124,10 @@ def gaussian_polar(u: mi.Float, alpha: mi.Float) -> tuple[mi.Float, mi.Float]:
     return dr.sqrt(y), dr.sqrt(1 - y)
 
 
-DISTRIBUTIONS = {
-    d.name: d
-    for d in (
-        Distribution("beckmann", "alpha", (0, 1e3, "a number >= 0"), beckmann, beckmann_polar),
-        Distribution("gaussian", "alpha", (0, 2, "a number between 0 and 2"), gaussian, gaussian_polar),
-        Distribution("phong", "exponent", (0, 1e6, "a number between 0 and 1e6"), phong, phong_polar),
-    )
-}
+BECKMANN = Distribution("beckmann", "alpha", (0, 1e3, "a number >= 0"), beckmann, beckmann_polar)
+GAUSSIAN = Distribution("gaussian", "alpha", (0, 2, "a number between 0 and 2"), gaussian, gaussian_polar)
+PHONG = Distribution("phong", "exponent", (0, 1e6, "a number between 0 and 1e6"), phong, phong_polar)
+DISTRIBUTIONS = {d.name: d for d in (BECKMANN, GAUSSIAN, PHONG)}
 
 
 # ---------------------------------------------------------------- the facet that reflects or refracts

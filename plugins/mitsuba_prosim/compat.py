@@ -72,6 +72,15 @@ def _at(transform: Any, time: float | mi.Float) -> mi.AffineTransform4f:
     return transform.eval(time) if hasattr(transform, "eval") else transform
 
 
+# ---------------------------------------------------------------- boxes
+# Scalar variants have no name `ScalarBoundingBox3f` (3.9): there it is `BoundingBox3f`.
+
+
+def box_of_point(p: mi.ScalarPoint3f) -> mi.ScalarBoundingBox3f:
+    """The box that holds the point ``p`` alone."""
+    return getattr(mi, "ScalarBoundingBox3f", mi.BoundingBox3f)(p)
+
+
 # ---------------------------------------------------------------- meshes
 # Up to 3.9 the vertices of a mesh are the flat parameter `vertex_positions`, from 3.10 on the tensor `positions`
 # (release notes of 3.10, "Redesigned mesh representation").

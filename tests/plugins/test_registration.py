@@ -49,6 +49,13 @@ def test_any_order_of_imports_renders(code):
     assert done.returncode == 0 and done.stdout.strip() == "True", done.stderr
 
 
+def test_boxes_of_points_in_a_scalar_variant_alone():
+    """Once another variant was set, `mi` keeps names that a scalar variant lacks."""
+    boxes = "print(*(mi.load_dict({'type': name}).bbox() for name in ('prosim_point', 'prosim_window')))"
+    done = python(f"import mitsuba_prosim; import mitsuba as mi; mi.set_variant('scalar_rgb'); {boxes}")
+    assert done.returncode == 0 and done.stdout.count("min = [0, 0, 0]") == 2, done.stderr
+
+
 def test_every_plugin_follows_the_variant():
     """Each class derives from the active variant's base class, also after a return to an earlier variant."""
     for variant in ("llvm_ad_rgb", "scalar_rgb", "llvm_ad_rgb"):

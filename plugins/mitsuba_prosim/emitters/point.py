@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import box_of_point
 from ..light.source import Source
 from ..parameters import expose, number, reject
 from ..registry import plugin
@@ -181,8 +182,7 @@ class Point(Source):
         return mi.Spectrum(0)
 
     def bbox(self) -> mi.ScalarBoundingBox3f:
-        p = mi.ScalarPoint3f(*(dr.slice(self.position[i], 0) for i in range(3)))
-        return mi.ScalarBoundingBox3f(p)
+        return box_of_point(mi.ScalarPoint3f(*(dr.slice(self.position[i], 0) for i in range(3))))
 
     def parameters(self) -> dict[str, Any]:
         return {"position": self.position, **super().parameters(), "radius": self.radius or None}

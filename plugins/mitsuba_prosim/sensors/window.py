@@ -7,7 +7,7 @@ from math import inf
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import world_matrix, world_transform
+from ..compat import box_of_point, world_matrix, world_transform
 from ..parameters import describe, number, reject
 from ..registry import plugin
 
@@ -96,7 +96,7 @@ class Window(mi.Sensor):
         return ray, weight
 
     def bbox(self) -> mi.ScalarBoundingBox3f:
-        return mi.ScalarBoundingBox3f(mi.ScalarPoint3f(*world_matrix(self)[:3, 3]))
+        return box_of_point(mi.ScalarPoint3f(*world_matrix(self)[:3, 3]))
 
     def to_string(self) -> str:
         return describe(self, left=self.left, right=self.right, bottom=self.bottom, top=self.top, film=self.film())

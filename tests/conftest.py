@@ -109,10 +109,8 @@ def pytest_configure(config):
 
 def pytest_report_header(config):
     width = config.getoption("--vector-width")
-    absent = [device for device in DEVICES if device not in HERE]
-    nothing = f"; there is nothing for {' and '.join(absent)} here" if absent else ""
     vectors = f"; vectors of {width}" if width else ""
-    return f"Mitsuba {mi.__version__} in {', '.join(VARIANTS if HERE else SCALAR)}{nothing}{vectors}"
+    return f"Mitsuba {mi.__version__} in {', '.join(VARIANTS if HERE else SCALAR)}{vectors}"
 
 
 def pytest_collection_modifyitems(items):

@@ -13,6 +13,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings
+from mitsuba_prosim.compat import take_back_interrupts
 from mitsuba_prosim.engine.work import Executor
 from scenes import COPPER, CROP, alone, loaded, penumbra
 
@@ -198,6 +199,7 @@ def test_derivatives_and_features_in_two_threads_are_those_of_one(variant_rgb):
             found = list(pool.map(thrice, (gradient, feature)))
     finally:
         sys.setswitchinterval(before)
+        take_back_interrupts()  # Mitsuba's handler stays after its loop in another thread
     assert np.allclose(found[0], expected[0], rtol=1e-4, atol=1e-7) and np.min(expected[0], axis=0)[:3].max() > 0
     assert np.array_equal(found[1], expected[1]) and found[1][0].shape[:2] == (9, 20)
 
@@ -208,16 +210,17 @@ def test_scalar_variants_cannot_render_progressively(variant_scalar):
         scene.integrator().progressive(scene)
 
 
-def test_ctrl_c_is_pythons_again_after_a_scalar_image():
+@pytest.mark.parametrize("variant, integrator", [("scalar_rgb", "prosim"), ("llvm_ad_rgb", "prosim_features")])
+def test_ctrl_c_is_pythons_again_after_an_image_by_mitsubas_loop(variant, integrator):
     """In a process of its own, which Mitsuba's handler would end."""
-    code = """if True:
+    code = f"""if True:
         import os, signal
         import mitsuba as mi
-        mi.set_variant("scalar_rgb")
+        mi.set_variant("{variant}")
         import mitsuba_prosim
-        film = {"type": "hdrfilm", "width": 2, "height": 2}
-        scene = {"type": "scene", "light": {"type": "constant"}, "sensor": {"type": "perspective", "film": film}}
-        mi.render(mi.load_dict({**scene, "integrator": {"type": "prosim"}}), spp=1)
+        film = dict(type="hdrfilm", width=2, height=2)
+        scene = dict(type="scene", light=dict(type="constant"), sensor=dict(type="perspective", film=film))
+        mi.render(mi.load_dict(scene | dict(integrator=dict(type="{integrator}"))), spp=1)
         try:
             os.kill(os.getpid(), signal.SIGINT)
         except KeyboardInterrupt:

@@ -9,6 +9,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..alone import alone
+from ..compat import take_back_interrupts
 from ..parameters import describe
 from ..registry import plugin
 from ..transport import features
@@ -55,7 +56,10 @@ class ProsimFeatures(mi.SamplingIntegrator):
     def render(self, *arguments: Any, **more: Any) -> mi.TensorXf:
         # The film is that of all renders. In scalar variants the samples are taken by other threads, which lock.
         with alone() if dr.is_jit_v(mi.Float) else nullcontext():
-            return super().render(*arguments, **more)
+            try:
+                return super().render(*arguments, **more)
+            finally:
+                take_back_interrupts()
 
     @alone()
     def sample(

@@ -40,11 +40,6 @@ def parts(of=3, **attributes):
     ]
 
 
-def utf_32(text):
-    """``text`` as a file of NumPy has it."""
-    return text.encode("utf-32-le")
-
-
 def test_a_checkpoint_is_read_as_it_was_written(variant_rgb, tmp_path):
     before, path = made(), tmp_path / "a.state.npz"
     checkpoint.save(before, path)
@@ -65,7 +60,8 @@ def test_what_is_no_complete_checkpoint_is_refused(variant_rgb, tmp_path):
         path.write_bytes(content[:size])
         with pytest.raises(CheckpointError, match=r"is no checkpoint|is damaged or not complete"):
             checkpoint.load(path)
-    for old, new in ((np.uint32(0x7FC12345).tobytes(), bytes(4)), (utf_32('"seed"'), utf_32('"sead"'))):
+    seed, sead = (f'"{name}"'.encode("utf-32-le") for name in ("seed", "sead"))  # as a file of NumPy has texts
+    for old, new in ((np.uint32(0x7FC12345).tobytes(), bytes(4)), (seed, sead)):
         assert old in content
         path.write_bytes(content.replace(old, new))
         with pytest.raises(CheckpointError, match="is damaged"):

@@ -75,7 +75,7 @@ class TranslationCache:
 
 #: A comment in each XML file that a translation writes.
 MARK = "A translation from the scene language; the next one takes its place"
-WAIT = 10.0  # seconds, for another translation to the same folder
+LOCK_TIMEOUT = 10.0  # seconds, for another translation to the same folder
 MESH = re.compile(r"surface_\d+_*-([0-9a-f]{16})\.ply")
 
 
@@ -138,17 +138,17 @@ def _check_replaceable(xml: Path, folder_of_meshes: Path) -> None:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[bool]:
-    """Locks a folder against other translations, which could remove meshes before their XML is written.
+    """Locks a folder: another translation could remove the meshes of this one before its XML is written.
 
-    Yields whether the lock is held: there is none on Windows, on some network file systems, and if the user may not
-    read the folder. The system removes the lock of a killed process. Raises TimeoutError after WAIT seconds.
+    Yields whether the lock is held. It is not on Windows, on some network file systems, and if the user may not read
+    the folder. The system removes the lock of a killed process. Raises TimeoutError after LOCK_TIMEOUT seconds.
     """
     try:
         descriptor = os.open(folder, os.O_RDONLY)
     except PermissionError:  # on Windows for every folder
         yield False
         return
-    end = time.monotonic() + WAIT
+    end = time.monotonic() + LOCK_TIMEOUT
     try:
         while (locked := _lock(descriptor)) is None:
             if time.monotonic() > end:

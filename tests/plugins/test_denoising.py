@@ -238,7 +238,7 @@ def test_halves_are_two_renders(variant_rgb, integrator):
     scene = mi.load_dict(penumbra(size=16, type=integrator, **nested, **ours))
     sensor, own = scene.sensors()[0], scene.integrator()
     before = str(own)
-    render = halves.start(scene, sensor, own, 5)
+    render = halves.denoised_progressive(scene, sensor, own, 5)
     told, both = [step.done for step in render], render.denoiser
     assert str(own) == before and told == sorted(told) and told[-1] == 1
     one, other = both.images
@@ -266,7 +266,7 @@ def test_features_have_other_samples_than_the_halves(variant_rgb):
 
 def test_a_stop_leaves_the_first_half(variant_rgb):
     scene = mi.load_dict(penumbra(size=8))
-    render = halves.start(scene, scene.sensors()[0], scene.integrator())
+    render = halves.denoised_progressive(scene, scene.sensors()[0], scene.integrator())
     next(render)
     render.close()
     both = render.denoiser
@@ -301,7 +301,7 @@ def test_the_integrator_is_the_denoised_image_of_the_nested_one(variant_rgb, den
     fields = [field.name for field in ours.sensors()[0].film().bitmap().struct_()]
     planes = dict(zip(fields, np.moveaxis(image, 2, 0)))
     scene = mi.load_dict(scene)
-    denoiser = halves.start(scene, scene.sensors()[0], scene.integrator(), 3).run().denoiser
+    denoiser = halves.denoised_progressive(scene, scene.sensors()[0], scene.integrator(), 3).run().denoiser
     wanted = denoiser.denoised()
     expected = {"error": wanted.final_error, "error_raw": wanted.raw_error, "error_denoised": wanted.denoised_error}
     expected = {f"{name}.Y": error for name, error in expected.items()}
@@ -339,7 +339,7 @@ def test_the_integrator_has_no_derivatives_and_is_not_nested(variant_rgb, denois
 
 def begun(scene, seed=3, **how):
     """A render to an error of the final image."""
-    return halves.start(scene, scene.sensors()[0], scene.integrator(), seed, **how)
+    return halves.denoised_progressive(scene, scene.sensors()[0], scene.integrator(), seed, **how)
 
 
 def cornell(size, **settings):

@@ -131,7 +131,7 @@ def test_an_error_of_the_film_does_not_hide_the_error_of_a_render(variant_rgb, m
         raise RuntimeError("of the samples")
 
     scene, executor = loaded(size=4), Executor()
-    monkeypatch.setattr(executor, "learn", fails)
+    monkeypatch.setattr(executor, "update_speed", fails)
     monkeypatch.setattr("mitsuba_prosim.engine.render.film_values", lambda *_: 1 / 0)
     with pytest.raises(RuntimeError, match="of the samples"):
         scene.integrator().progressive(scene, executor=executor).run()
@@ -340,7 +340,7 @@ def test_work_items_do_not_shrink_to_single_samples(variant_rgb):
     executor = Executor()
     for _ in range(10):
         samples = executor.limit(10**7, 0.01)
-        executor.learn(samples, 0.02 + 1e-7 * samples)  # the launch takes longer than a work item should
+        executor.update_speed(samples, 0.02 + 1e-7 * samples)  # the launch takes longer than a work item should
     assert samples > 1000
 
 

@@ -165,7 +165,7 @@ def test_a_translation_waits_for_another_one_but_not_for_ever(scene, monkeypatch
 
     xml = prosim_scene.translate(scene, tolerance=1)
     before = everything(scene.parent)
-    monkeypatch.setattr(writer, "WAIT", 0.1)
+    monkeypatch.setattr(writer, "LOCK_TIMEOUT", 0.1)
     lock = os.open(scene.parent, os.O_RDONLY)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX)

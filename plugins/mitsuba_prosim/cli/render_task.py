@@ -193,7 +193,7 @@ def render_image(
         consumers += [snapshots, shown.update]
         executor = resources.executor(task.file)
         started = perf_counter()
-        start = halves.start if job.denoise else rendering.progressive
+        start = halves.denoised_progressive if job.denoise else rendering.progressive
         how: dict[str, Any] = {"begin": task.begin, "part": job.part, "executor": executor}
         try:
             steps = start(task.scene, task.sensor, task.integrator, job.seed, job.spp or 0, **how)

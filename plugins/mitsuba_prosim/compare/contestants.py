@@ -78,7 +78,7 @@ class Contestant:
         """Image (height, width, 3), sample counts (height, width), seconds by the clock, and processor seconds per
         thread.
         """
-        begin = halves.start if self.denoised else rendering.progressive
+        begin = halves.denoised_progressive if self.denoised else rendering.progressive
         start, start_cpu = time.perf_counter(), time.process_time()
         render = begin(self.scene, self.sensor, self.integrator, seed, self.spp).run()
         image = render.denoiser.denoised().final if self.denoised else render.half_images()[0]

@@ -55,20 +55,21 @@ def render(
     """
     if isinstance(sensor, int):
         sensor = scene.sensors()[sensor]
-    return start(scene, sensor, integrator or scene.integrator(), seed, spp, fast).run().denoiser.denoised()
+    integrator = integrator or scene.integrator()
+    return denoised_progressive(scene, sensor, integrator, seed, spp, fast).run().denoiser.denoised()
 
 
-def start(
-    scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int = 0, spp: int = 0, fast: bool = False, **how: Any
+def denoised_progressive(
+    scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int = 0, spp: int = 0, fast: bool = False, **options: Any
 ) -> Any:
-    """The render of an image that will be denoised, see :func:`.rendering.progressive`; ``render.denoiser`` is its
-    :class:`FinalImage`. ``how``: for the method ``progressive``.
+    """A progressive render whose image is denoised at its end; ``render.denoiser`` is its :class:`FinalImage`.
+    ``options``: others of :func:`.rendering.progressive`.
 
     Raises ValueError for films that store no colours.
     """
     check(sensor.film())
     denoiser = FinalImage(scene, sensor, integrator, seed, fast)
-    denoiser.render = rendering.progressive(scene, sensor, integrator, seed, spp, denoiser=denoiser, **how)
+    denoiser.render = rendering.progressive(scene, sensor, integrator, seed, spp, denoiser=denoiser, **options)
     return denoiser.render
 
 

@@ -27,8 +27,8 @@ def channels(final: FinalImage, colours: Sequence[str]) -> dict[str, np.ndarray]
 
 
 def update_film(final: FinalImage, names: Sequence[str]) -> None:
-    """Puts the final image into the film, with the channels ``names``, some of :func:`channels`. Raises ValueError if
-    the film's colours are not R, G, B or Y.
+    """Writes the final image to the film. ``names``: the channels to store after the colours, from
+    :func:`channels`. Raises ValueError if the film's colours are not R, G, B or Y.
     """
     film = final.sensor.film()
     if final.names[0] not in ("R", "Y"):

@@ -191,7 +191,7 @@ class Area(Source):
         return ps
 
     def pdf_texture(self, uv: mi.Point2f, active: mi.Bool) -> mi.Float:
-        """Density per area with which `sample_texture` samples the point at ``uv``."""
+        """Density per surface area with which `sample_texture` samples the point at ``uv``."""
         return self.at_texture(uv, self.emission.pdf_position(uv, active), active)[1]
 
     def at_texture(self, uv: mi.Point2f, pdf: mi.Float, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Float]:

@@ -209,7 +209,7 @@ def read(path: str | Path, arrays: bool = True) -> Checkpoint:
 
 
 def load(path: str | Path) -> Checkpoint:
-    """Reads a checkpoint to continue it here. Warns if it comes from another kind of processor.
+    """Reads a checkpoint that this process can continue. Warns if it comes from another processor or LLVM.
 
     Raises as :func:`read`, and CheckpointError if it was made by other versions or in another variant.
     """
@@ -220,7 +220,7 @@ def load(path: str | Path) -> Checkpoint:
 
 def check_environments(checkpoints: Mapping[Path, Checkpoint]) -> None:
     """Raises CheckpointError if a checkpoint was made by other versions or in another variant; warns, once, if some
-    come from other kinds of processors.
+    come from another processor or LLVM.
     """
     elsewhere = []
     for path, checkpoint in checkpoints.items():

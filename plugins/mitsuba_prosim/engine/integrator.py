@@ -177,7 +177,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
 
     @alone()
     def estimator(self, scene: mi.Scene, sensor: mi.Sensor) -> Estimator:
-        """The estimator of the image of ``scene`` by ``sensor``, whose film is prepared."""
+        """Creates the estimator of an image, and prepares the film of ``sensor``."""
         from .estimator import Estimator
 
         transport = self.transport(scene, sensor)

@@ -263,7 +263,7 @@ class Render(Steps):
 
     @alone()
     def update_film(self, second: bool = False) -> None:
-        """Puts the image so far into the film; ``second``: the second image, which is complete."""
+        """Writes the image so far to the film. ``second``: the second image instead, which must be complete."""
         state = self.state
         sums = self.second.accumulators if second and self.second else None
         names = [*state.estimator.channels.aov_names, *self.own_aovs]

@@ -133,19 +133,19 @@ class Executor:
         #: Samples in a second; at first, those of a usual scene.
         cpu = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
         self.speed: float = 2**20 * dr.thread_count() if cpu else 2**24
-        self.measured = False  # a first work item is not: it compiles
+        self.measured = False
 
     def limit(self, left: int, seconds: float = np.inf) -> int:
         """Samples of the next work item, of those that are ``left``, if it should not take more than ``seconds``."""
         size = self.speed * min(self.seconds, seconds)
         return left if left < self.LAST * size else max(int(size), self.SMALLEST)
 
-    def learn(self, samples: int, seconds: float) -> None:
-        """Adapts the speed to the time of a work item of ``samples`` samples."""
+    def update_speed(self, samples: int, seconds: float) -> None:
+        """Updates the speed from the time of a work item."""
         speed = samples / max(seconds, 1e-6)
         if speed > self.speed:
             self.speed = min(speed, self.SPEED_GROWTH * self.speed)
-        elif self.measured:
+        elif self.measured:  # the first work item compiles: it must not lower the speed
             self.speed = speed
         self.measured = True
 
@@ -155,7 +155,7 @@ class Executor:
             started = time.perf_counter()
             sums = item.compute()
             dr.sync_thread()
-            self.learn(item.samples, time.perf_counter() - started)
+            self.update_speed(item.samples, time.perf_counter() - started)
             yield item, sums
 
 

@@ -97,7 +97,7 @@ class ProsimDenoised(mi.SamplingIntegrator):
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         seed = seed if isinstance(seed, int) else int(dr.slice(seed, 0))
-        final = halves.start(scene, sensor, self.nested, seed, spp, self.fast).run().denoiser
+        final = halves.denoised_progressive(scene, sensor, self.nested, seed, spp, self.fast).run().denoiser
         layers.update_film(final, self.aov_names())
         return sensor.film().develop() if develop else mi.TensorXf()
 

@@ -1,6 +1,6 @@
 """Spheres that emit: sampled over the projected solid angle of their part above the horizon (section 4.2.2.1).
 
-A diffuse surface that sees the whole of a uniform sphere so has no variance (Ureña and Georgiev 2018; Peters and
+So a diffuse surface that sees a whole uniform sphere has no variance (Ureña and Georgiev 2018; Peters and
 Dachsbacher 2019).
 """
 
@@ -30,8 +30,8 @@ class SphereLights(OtherLights):
             dr.make_opaque(self.table)
 
     @staticmethod
-    def takes(emitter: Emitter) -> bool:
-        """Whether ``emitter`` is a sphere that emits outwards, the same everywhere."""
+    def can_sample(emitter: Emitter) -> bool:
+        """Whether ``emitter`` is a sphere that emits outwards with uniform radiance."""
         shape = emitter.get_shape()
         if shape is None or shape.class_name() != SPHERE or shape.has_flipped_normals():
             return False

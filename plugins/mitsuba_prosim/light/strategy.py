@@ -51,8 +51,8 @@ def direction_sample(receiver: Receiver, d: mi.Vector3f) -> mi.DirectionSample3f
 
 
 class OtherLights:
-    """Emitters that are sampled by their own ``sample_direction``: all that no other strategy takes. Base class of the
-    other strategies. ``emitters``: those of this strategy, in the order of their numbers.
+    """Emitters that are sampled by their own ``sample_direction``: all that no other strategy can sample. Base class of
+    the other strategies. ``emitters``: those of this strategy, in the order of their numbers.
     """
 
     #: Whether the whole source is sampled, the part below the horizon included.
@@ -64,7 +64,7 @@ class OtherLights:
         pass
 
     @staticmethod
-    def takes(emitter: Emitter) -> bool:
+    def can_sample(emitter: Emitter) -> bool:
         """Whether this strategy can sample ``emitter``."""
         return True
 
@@ -107,7 +107,7 @@ class ConstantSky(OtherLights):
         self.distance = distance
 
     @staticmethod
-    def takes(emitter: Emitter) -> bool:
+    def can_sample(emitter: Emitter) -> bool:
         """Whether ``emitter`` is a constant sky."""
         return emitter.class_name() == CONSTANT
 

@@ -16,7 +16,7 @@ from ..masks import but_not, fold, idle
 from .spheres import SphereLights
 from .strategy import ConstantSky, Emitter, Index, LightSample, OtherLights, Receiver
 
-#: Strategies for lamps, which are all sources but a constant sky: an emitter belongs to the first one that takes it.
+#: Strategies for lamps, which are all sources but a constant sky: an emitter belongs to the first that can sample it.
 STRATEGIES = (SphereLights, OtherLights)
 
 #: Samples any source from a surface that light reaches from both sides.
@@ -100,7 +100,9 @@ class Lights:
 
     def __init__(self, scene: mi.Scene, choose: bool = False) -> None:
         self.scene = scene
-        strategies = {e: next(s for s in (ConstantSky, *STRATEGIES) if s.takes(e)) for e in emitters_in_order(scene)}
+        strategies = {
+            e: next(s for s in (ConstantSky, *STRATEGIES) if s.can_sample(e)) for e in emitters_in_order(scene)
+        }
         skies = [e for e, s in strategies.items() if s is ConstantSky]
         self.groups: list[Group] = []
         self.emitters: list[mi.Emitter] = []

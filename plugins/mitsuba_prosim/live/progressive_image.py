@@ -59,7 +59,7 @@ class ProgressiveImage:
         return self.new and (step.complete or self.throttle.due)
 
     def _run(self) -> Iterator[Step]:
-        begin = halves.start if self.denoise else rendering.progressive
+        begin = halves.denoised_progressive if self.denoise else rendering.progressive
         self.render = begin(self.scene, self.sensor, self.integrator, self.seed, self.spp, executor=Executor(SECONDS))
         for step in self.render:
             yield Step(0.96 * step.done, step.complete) if self.denoise else step

@@ -135,7 +135,7 @@ class DaskExecutor(Executor):
             return None
         except Exception as error:
             raise ClusterError(f"samples: {RETRIES + 1} attempts failed, the last one with: {error}") from error
-        self.learn(task.item.samples, seconds)
+        self.update_speed(task.item.samples, seconds)
         with alone():
             sums: Accumulators = pickle.loads(content)
             dr.eval(sums)

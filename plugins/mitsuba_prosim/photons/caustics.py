@@ -137,7 +137,7 @@ class Caustics:
 
 
 class Gathering:
-    """The diffuse lobes of the surfaces of ``scene``, lit by photons."""
+    """Computes the radiance that diffuse lobes in ``scene`` reflect from photons."""
 
     def __init__(self, scene: mi.Scene) -> None:
         self.scattering = Scattering.of(scene)
@@ -145,8 +145,8 @@ class Gathering:
         self.lambertian = not self.scattering.any_inseparable and all(map(is_lambertian, all_bsdfs(scene)))
 
     def __call__(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
-        """Radiance of the photons of the map ``number`` by the diffuse lobes at ``vertex``; by all lobes if they are
-        inseparable.
+        """The radiance that the diffuse lobes at ``vertex`` reflect from the photon map ``number``. Where lobes are
+        inseparable, all of them reflect.
         """
         si, bsdf, inseparable = vertex.si, vertex.bsdf, vertex.inseparable
         active = vertex.active & (lobes.has_any(bsdf.flags(), *lobes.DIFFUSE) | inseparable)
@@ -156,10 +156,10 @@ class Gathering:
                 return dr.select(dr.dot(si.sh_frame.n, d) * si.wi.z > 0, mi.Float(1), 0)
             wo = si.to_local(d)
             f = bsdf.eval(lobes.diffuse(), si, wo, in_reach)
-            return self.scattering.or_all_lobes(f, vertex, wo, in_reach) / dr.maximum(dr.abs(wo.z), MIN_COSINE)
+            return self.scattering.replace_inseparable(f, vertex, wo, in_reach) / dr.maximum(dr.abs(wo.z), MIN_COSINE)
 
         L = gather(photons, number, si, value, active)
-        if self.lambertian:
+        if self.lambertian:  # constant: evaluated once, after the gathering
             lit = active & (dr.max(L) > 0)
             L *= bsdf.eval(lobes.diffuse(), si, mi.Vector3f(0, 0, dr.sign(si.wi.z)), lit)
         return L

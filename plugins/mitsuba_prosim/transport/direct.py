@@ -73,7 +73,7 @@ def lamp_light(context: Context, vertex: Vertex, points: Points, k: Index, sampl
         if context.photon_mis is not None:
             weight_lobe *= context.photon_mis.light_weight(vertex, ds, f_lobe, pdf_lobe, mis_active)
         f = f + f_lobe * weight_lobe
-    f = context.scattering.or_all_lobes(f, vertex, wo, lit)
+    f = context.scattering.replace_inseparable(f, vertex, wo, lit)
     glossy = layers.of(ray, "glossy", k)
     if not layers.splits_lobes:
         (value,) = with_visibility(context, vertex, ds.p, [f * weight], lit)
@@ -113,7 +113,7 @@ def sky_light(context: Context, vertex: Vertex, points: Points, space: mi.UInt32
     receiver = Receiver(si, vertex.receiver.n, vertex.receiver.both_sides & both_sides)
     ds, weight = context.lights.sky.sample(receiver, points(space, active), active)
     lit, wo = active & (ds.pdf > 0), si.to_local(ds.d)
-    f = context.scattering.or_all_lobes(bsdf.eval(context.light_lobes, si, wo, lit), vertex, wo, lit)
+    f = context.scattering.replace_inseparable(bsdf.eval(context.light_lobes, si, wo, lit), vertex, wo, lit)
     return with_visibility(context, vertex, ds.p, [f * weight], lit)[0]
 
 

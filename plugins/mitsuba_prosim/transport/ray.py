@@ -63,7 +63,7 @@ class Surface:
     bsdf: mi.BSDFPtr
     #: The lanes that met a surface; those of the eye's rays, at the deepest level at most.
     active: mi.Bool
-    #: Those of them whose BSDF has no separable lobes.
+    #: The active lanes whose BSDF cannot evaluate its lobes separately.
     inseparable: mi.Bool
 
 

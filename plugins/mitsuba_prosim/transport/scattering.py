@@ -97,8 +97,8 @@ class Scattering:
             return dispatch(at.bsdf, lambda one, *args: workarounds.eval_pdf(lobe, one, *args), at.si, wo, active)
         return at.bsdf.eval_pdf(lobe, at.si, wo, active)
 
-    def or_all_lobes(self, f: mi.Spectrum, at: Surface, wo: mi.Vector3f, active: mi.Bool) -> mi.Spectrum:
-        """``f``, but the value of all lobes for ``wo`` in the lanes ``at.inseparable``."""
+    def replace_inseparable(self, f: mi.Spectrum, at: Surface, wo: mi.Vector3f, active: mi.Bool) -> mi.Spectrum:
+        """``f``; where lobes are inseparable, the value of all of them for ``wo``."""
         if not self.any_inseparable:
             return f
         return dr.select(at.inseparable, at.bsdf.eval(lobes.all_lobes(), at.si, wo, active & at.inseparable), f)

@@ -48,8 +48,10 @@ def fold(tree: Tree, leaf: Callable[[int], T], combine: Callable[[str, T, T], T]
     return stack.pop()
 
 
-def cut_media(tree: Tree, media_of: Sequence[int]) -> np.ndarray:
-    """For each leaf the largest number of media that one - or * cuts with it: the media of its first operand."""
+def count_cut_media(tree: Tree, media_of: Sequence[int]) -> np.ndarray:
+    """For each leaf, how many media it can cut: the greatest number of media in the first operand of a - or * in
+    whose second operand it is.
+    """
     result = np.zeros(len(media_of), int)
 
     def combine(symbol: str, first: _Operand, second: _Operand) -> _Operand:
@@ -57,7 +59,8 @@ def cut_media(tree: Tree, media_of: Sequence[int]) -> np.ndarray:
         if symbol == "+":
             media = media | second[0]
         else:
-            np.maximum(cut := result[second[1] : second[2]], len(media), out=cut)
+            cut = result[second[1] : second[2]]
+            np.maximum(cut, len(media), out=cut)
         return media, begin, second[2]
 
     fold(tree, lambda number: (frozenset([media_of[number]]), number, number + 1), combine)

@@ -51,7 +51,7 @@ def touching(boxes: np.ndarray, box: np.ndarray) -> np.ndarray:
 
 
 def components(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The connected component of each of n boxes under touching: the least number of a box in it."""
+    """Labels the connected components of n boxes that touch: for each box, the smallest number in its component."""
     label = np.arange(len(low))
     for first, second in sweep(low, high):
         while True:

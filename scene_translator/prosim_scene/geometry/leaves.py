@@ -30,9 +30,14 @@ class Leaves:
     """
 
     def __init__(
-        self, document: Document, camera: Camera, tolerance: float, cutters: np.ndarray, meshes: Mapping[str, Primitive]
+        self,
+        document: Document,
+        camera: Camera,
+        tolerance: float,
+        cuts_several_media: np.ndarray,
+        meshes: Mapping[str, Primitive],
     ) -> None:
-        """``cutters`` marks leaves whose faces may coincide with themselves; ``meshes`` are the solids of mesh files.
+        """``cuts_several_media`` marks leaves whose faces may coincide with themselves; ``meshes``: those of files.
 
         Raises :class:`SceneError` for a singular transform, and for too many triangles.
         """
@@ -54,7 +59,7 @@ class Leaves:
         self.origin = middle if np.abs(middle).max() > FAR * (high - low).max() else np.zeros(3)
         size = float(np.abs(np.stack([low, high]) - self.origin).max())
         self.step = STEP * 2.0 ** (math.frexp(size)[1] - 1)
-        self._find_shared_surfaces(cutters)
+        self._find_shared_surfaces(cuts_several_media)
         bounds = active_zones(document.scene.csg, self.solids, self.of_leaf.tolist())
         choose_segments(document, self.solids, bounds, camera, tolerance)
         shrink_inscribed(self.solids)
@@ -64,9 +69,9 @@ class Leaves:
         self.to_local = np.linalg.inv([s.to_world for s in self.solids])[:, :3]
         self.of_primitive = group_equal(s.primitive for s in self.solids)
 
-    def _find_shared_surfaces(self, cutters: np.ndarray) -> None:
+    def _find_shared_surfaces(self, cuts_several_media: np.ndarray) -> None:
         """Finds surfaces that several leaves share, and merges equal solids."""
-        uses = np.bincount(self.of_leaf) + np.bincount(self.of_leaf, cutters)
+        uses = np.bincount(self.of_leaf) + np.bincount(self.of_leaf, cuts_several_media)
         counts = [len(s.primitive.quadrics) for s in self.solids]
         if not any(counts):
             return

@@ -113,7 +113,7 @@ def tessellate(
     names = [None, *map(medium, leaves)]
     numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
     media_of = [numbers[name] for name in names[1:]]
-    cut_media = csg.cut_media(tree, media_of)
+    cut_media = csg.count_cut_media(tree, media_of)
     table = Leaves(document, camera, tolerance, cut_media > 1, meshes or {})
     reflects = tuple(number == OPAQUE and fresnel(leaf) for number, leaf in zip(media_of, leaves))
     faces = cached(

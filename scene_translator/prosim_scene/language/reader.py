@@ -27,19 +27,19 @@ STATEMENT_LINE = re.compile(
     rf"^[ \t]*(?:{'|'.join(sorted(map(re.escape, words.spellings_of(*STATEMENTS)), key=len, reverse=True))})(?![\w.-])",
     re.IGNORECASE | re.MULTILINE,
 )
-#: The roles of the tokens that may follow in a statement; NEXT: the next statement, or the end of the text.
-NEXT = STATEMENTS | {""}
+#: The roles of the tokens that may follow in a statement; STATEMENT_END: the next statement, or the end of the text.
+STATEMENT_END = STATEMENTS | {""}
 FILE = frozenset(("FILE", "STRING"))
-IMAGE = NEXT | FILE | {"NULL"}
-LIGHTS = NEXT | {"LIGHT"}
+IMAGE = STATEMENT_END | FILE | {"NULL"}
+LIGHTS = STATEMENT_END | {"LIGHT"}
 LIGHT = LIGHTS | {"LIGHT_PARAMETER", "DISTRIBUTION"}
-VIEW = NEXT | {"VIEW_PARAMETER"}
-TREE = NEXT | {"PLUS", "MINUS", "TIMES", "PRIMITIVE", "USE"}  # USE: the name of a solid
+VIEW = STATEMENT_END | {"VIEW_PARAMETER"}
+TREE = STATEMENT_END | {"PLUS", "MINUS", "TIMES", "PRIMITIVE", "USE"}  # USE: the name of a solid
 SLOTS = TREE | FILE | {"TEXTURE_NAME", "NULL"}
-SURFACE = NEXT | {"MATERIAL", "METAL", "OPTIC"}
-TRANSFORM = NEXT | {"STEP"}
+SURFACE = STATEMENT_END | {"MATERIAL", "METAL", "OPTIC"}
+TRANSFORM = STATEMENT_END | {"STEP"}
 STEP_VALUES, CLOSING = TRANSFORM | {"NUMBER", "LPAR"}, frozenset(("RPAR",))
-TEXTURE = NEXT | {"PARAMETER"}
+TEXTURE = STATEMENT_END | {"PARAMETER"}
 
 #: A comment in the place of the values of a keyword.
 COMMENT = re.compile(r"[\s:=]*(\([^()\n]*\)|#\w+)")
@@ -95,7 +95,7 @@ class Reader(Scanner):
             before, self.keyword = len(self.errors), self.token
             try:
                 if self.keyword is START:
-                    self.keyword = self.read_token(NEXT)
+                    self.keyword = self.read_token(STATEMENT_END)
                 at_end = self.keyword.role in ("END", "")
                 if at_end:
                     self.read_end()
@@ -247,21 +247,23 @@ class Reader(Scanner):
         name = self.read_token(frozenset(("VARIABLE",)))
         value = self.read_token(frozenset(("NUMBER", "WORD", "STRING")))
         self.begin_value("defaults", name.text[1:], at=name)
-        self.read_token(NEXT)
+        self.read_token(STATEMENT_END)
         self.definitions.set_default(name.text[1:], value.text)
 
     def read_setting(self) -> Any:
         """Reads a statement of one keyword and its numbers, or TRUE and FALSE."""
         word = find_word(self.keyword.role, self.keyword.text)
         self.begin_value(word.name)
-        return self.read_numbers(self.keyword, NEXT | {"BOOL"} if isinstance(word.numbers, Flags) else NEXT)
+        return self.read_numbers(
+            self.keyword, STATEMENT_END | {"BOOL"} if isinstance(word.numbers, Flags) else STATEMENT_END
+        )
 
     def read_name(self) -> str:
         """Reads NAME."""
         self.begin_value("name")
         token = self.read_token(FILE | {"WORD", "TEXTURE_NAME", "NUMBER"})
         self.store_span(token.span, "text")
-        self.read_token(NEXT)
+        self.read_token(STATEMENT_END)
         return token.text
 
     def read_background(self) -> model.Background:
@@ -271,8 +273,8 @@ class Reader(Scanner):
         if self.token.role in FILE:
             image = self.token.text
             self.store_span(self.token.span, "image")
-        if self.token.role not in NEXT:
-            self.read_token(NEXT)
+        if self.token.role not in STATEMENT_END:
+            self.read_token(STATEMENT_END)
         return model.Background(color, image)
 
     def read_lights(self) -> tuple[model.Light, ...]:
@@ -379,10 +381,10 @@ class Reader(Scanner):
 
     def read_tree(self) -> Tree:
         """Reads operators and primitives in prefix order; the nodes of a named solid replace its name."""
-        before, first = len(self.errors), len(self.pieces)
+        error_count, first_token = len(self.errors), len(self.pieces)
         nodes: list[model.Operator | model.Leaf] = []
         self.read_token(TREE)
-        while (token := self.token).role not in NEXT:
+        while (token := self.token).role not in STATEMENT_END:
             if token.role == "PRIMITIVE":
                 nodes.append(self.read_leaf(len(nodes)))
             elif token.role == "USE":
@@ -391,12 +393,13 @@ class Reader(Scanner):
                 self.store_span(token.span, len(nodes))
                 nodes.append(OPERATORS[token.text])
                 self.read_token(TREE)
-        for token in self.pieces[first:] if not nodes else ():
+        # Parentheses are comments: a tree within them reads as empty.
+        for token in self.pieces[first_token:] if not nodes else ():
             if token.role == "COMMENT" and token.text[0] == "(" and PRIMITIVE.search(token.text):
                 raise self.source.error(token.span, f"this tree is a comment; {PREFIX}", "tree-in-comment")
-        if nodes and len(self.errors) == before:
+        if nodes and len(self.errors) == error_count:
             self.check_tree(nodes)
-        return tuple(nodes) if len(self.errors) == before else ()
+        return tuple(nodes) if len(self.errors) == error_count else ()
 
     def check_tree(self, nodes: list[model.Operator | model.Leaf]) -> None:
         """Reports the first node after the tree is complete, or the last operator that lacks operands."""
@@ -496,7 +499,7 @@ class Reader(Scanner):
             code = "unclosed"
         elif not lacks_numbers:
             owner = words.STATEMENT_OF.get(token.role, self.keyword.role)
-            if owner != self.keyword.role and roles & STATEMENTS and roles - NEXT:
+            if owner != self.keyword.role and roles & STATEMENTS and roles - STATEMENT_END:
                 found += f", a word of {words.canonical_spelling(owner)}"
                 reason = f"; expected it after {words.canonical_spelling(owner)}, before the next statement"
             reason += (nearest(text, words.ALIASES) if "TEXTURE_NAME" in roles else "") or word_hint(text)

@@ -18,7 +18,7 @@ MIN_ABSORPTION = 1e-7
 class MediumInterface:
     """The media on both sides of a face, as indices of SURFACEs.
 
-    ``outside`` is None for air; ``inside`` is the face's own SURFACE if that is opaque.
+    ``inside``: the face's own SURFACE if that is opaque, else that of the inner medium. ``outside``: None for air.
     """
 
     inside: int

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mitsuba_prosim.cli import progress
 from mitsuba_prosim.compare import measures, runs
-from mitsuba_prosim.compare.contestants import ComparedScene, Spec
+from mitsuba_prosim.compare.methods import ComparedScene, Spec
 from mitsuba_prosim.scene.scene_file import SceneFile
 from running import LIT_FLOOR, done, refused, scene_text
 
@@ -84,7 +84,7 @@ def converged(folder, key, estimators, seconds=0.0):
     return reference
 
 
-def test_contestants_in_words():
+def test_methods_in_words():
     spec = Spec("path:ldsampler,max_depth=5,hide_emitters=true,name=x")
     assert (spec.integrator, spec.sampler) == ("path", "ldsampler")
     assert spec.parameters == {"max_depth": 5, "hide_emitters": True, "name": "x"}
@@ -100,15 +100,15 @@ def test_real_sample_counts_and_the_same_expected_image(tmp_path, variant_rgb):
     path.write_text(SCENE)
     scene = ComparedScene(SceneFile(path, tmp_path))
     mi.set_log_level(mi.LogLevel.Error)
-    assert scene.contestant(Spec("path:ldsampler"), "paths", spp=25).render(0)[1].mean() == 64
-    assert scene.contestant(Spec("path:orthogonal"), "paths", spp=64).render(0)[1].mean() == 121
-    counts = scene.contestant(Spec("prosim"), "scene").render(0)[1]
+    assert scene.method(Spec("path:ldsampler"), "paths", spp=25).render(0)[1].mean() == 64
+    assert scene.method(Spec("path:orthogonal"), "paths", spp=64).render(0)[1].mean() == 121
+    counts = scene.method(Spec("prosim"), "scene").render(0)[1]
     assert counts.shape == (12, 16)
     assert set(np.unique(counts)) == {3, 9}
     for transport, integrator in ("paths", "path"), ("direct", "direct"):
         pair = [
-            scene.contestant(Spec("prosim,adaptive=none,samples=10"), transport),
-            scene.contestant(Spec(integrator + ":multijitter"), transport, spp=100),
+            scene.method(Spec("prosim,adaptive=none,samples=10"), transport),
+            scene.method(Spec(integrator + ":multijitter"), transport, spp=100),
         ]
         reference = converged(tmp_path, transport, pair)
         assert 0.6 < reference.disagreement < 1.5

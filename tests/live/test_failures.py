@@ -2,7 +2,7 @@
 
 import pytest
 from little import change, move, running, save, surface_at, until
-from mitsuba_prosim.compare.contestants import lit
+from mitsuba_prosim.compare.methods import lit
 from mitsuba_prosim.live.progressive_image import ProgressiveImage
 
 pytestmark = pytest.mark.slow

@@ -51,24 +51,24 @@ def compare(
     if job.variant.startswith("scalar_") or not job.variant.endswith("_rgb"):
         raise click.ClickException(f"prosim compare can't use {job.variant}; give an rgb variant that is not scalar.")
 
-    from ..compare import comparison, comparison_page, contestants, runs
+    from ..compare import comparison, comparison_page, methods, runs
 
     with Resources(job) as resources:
         with input_errors():
-            specs = contestants.Spec(a), contestants.Spec(b)
+            specs = methods.Spec(a), methods.Spec(b)
             if job.noise:
                 if not any(spec.is_adaptive for spec in specs):
                     raise ValueError(f"--noise is for prosim, which neither {a} nor {b} is")
                 specs = specs[0].until(job.noise), specs[1].until(job.noise)
             mi.set_log_level(mi.LogLevel.Error)  # samplers that round their counts would warn: real counts are measured
-            compared_scene = contestants.ComparedScene(replace(job, noise=None).read_scene(resources.folder))
+            compared_scene = methods.ComparedScene(replace(job, noise=None).read_scene(resources.folder))
             if job.denoise:
                 check_denoising(compared_scene.sensor().film())
-            for spec in specs:  # errors of the contestants come before the long work
+            for spec in specs:  # errors of the methods come before the long work
                 try:
-                    compared_scene.contestant(spec, spec.transport or "scene", spp=4)
+                    compared_scene.method(spec, spec.transport or "scene", spp=4)
                 except RuntimeError as error:
-                    # The place is one of the scene, in which the contestant was put.
+                    # The place is one of the scene, in which the method was put.
                     raise ValueError(
                         f"'{spec.text}': {PLACE.sub('', session.message(error)).removeprefix(': ')}"
                     ) from None

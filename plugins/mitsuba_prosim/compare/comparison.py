@@ -1,4 +1,4 @@
-"""The comparison of two contestants: its runs, interleaved, and their results as numbers and images for the page."""
+"""The comparison of two methods: its runs, interleaved, and their results as numbers and images for the page."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from . import measures, runs
-from .contestants import ComparedScene, Contestant, Spec
+from .methods import ComparedScene, Method, Spec
 from .runs import Reference, Runs
 
 #: Transport of light -> its name.
@@ -39,7 +39,7 @@ class Effort:
 
 
 class Comparison:
-    """Compares two contestants on a scene called ``name``, at ``exposure`` in stops."""
+    """Compares two methods on a scene called ``name``, at ``exposure`` in stops."""
 
     def __init__(self, scene: ComparedScene, name: str, a: Spec, b: Spec, effort: Effort, exposure: float) -> None:
         self.scene, self.a, self.b, self.effort, self.scale = scene, a, b, effort, 2.0**exposure
@@ -79,7 +79,7 @@ class Comparison:
 
 
 class Section:
-    """The contestants of one transport of light, by ``specs`` for "a" and perhaps "b": the runs of the table's rows by
+    """The methods of one transport of light, by ``specs`` for "a" and perhaps "b": the runs of the table's rows by
     role, and those of the curves by role and level. All images are multiplied by ``scale``.
 
     Roles are "a", "b", "b at equal samples" and "b at equal time" for rows, "a" and "b" for curves. A level is the
@@ -95,16 +95,16 @@ class Section:
         self.reference = Reference(effort.cache, key, estimators)
 
     def prepare(self) -> Iterator[tuple[str, float]]:
-        """Renders the reference and makes the contestants; yields the progress."""
+        """Renders the reference and makes the methods; yields the progress."""
         scene, transport, effort = self.scene, self.transport, self.effort
         for done in self.reference.converge(effort.seconds):
             yield f"reference of {LIGHT[transport]}", done
         self.image = self.reference.image * self.scale
         b = self.specs.get("b")
-        rows = {"a": scene.contestant(self.specs["a"], transport)}
+        rows = {"a": scene.method(self.specs["a"], transport)}
         sqrt_spp = dict.fromkeys(self.specs, effort.sqrt_spp)
         if b and b.is_adaptive:
-            rows["b"] = scene.contestant(b, transport)
+            rows["b"] = scene.method(b, transport)
         elif b:
             # B may need more samples for the error of A.
             sqrt_spp["b"] = (*effort.sqrt_spp, round(1.6 * effort.sqrt_spp[-1]), round(2.5 * effort.sqrt_spp[-1]))
@@ -119,12 +119,12 @@ class Section:
         }
 
     def runs(self) -> list[Runs]:
-        """The runs of all contestants, rows first."""
+        """The runs of all methods, rows first."""
         return [*self.rows.values(), *(point for curve in self.curves.values() for point in curve.values())]
 
     def facts(self) -> dict[str, Any]:
         """Rows, curves and reference, as numbers."""
-        rows = [{"role": role, "name": run.contestant.name} | run.facts() for role, run in self.rows.items()]
+        rows = [{"role": role, "name": run.method.name} | run.facts() for role, run in self.rows.items()]
         curves: list[dict[str, Any]] = []
         for role, curve in self.curves.items():
             points = [{"level": level} | run.facts() for level, run in curve.items()]
@@ -161,40 +161,40 @@ def median(facts: Mapping[str, Any], name: str) -> float:
     return max(float(value if name == "samples" else value["median"]), 1e-7)
 
 
-def at_level(scene: ComparedScene, spec: Spec, transport: str, n: int) -> Contestant:
-    """The contestant with n * n samples per pixel, or at most as many if it is adaptive."""
+def at_level(scene: ComparedScene, spec: Spec, transport: str, n: int) -> Method:
+    """The method with n * n samples per pixel, or at most as many if it is adaptive."""
     if not spec.is_adaptive:
-        return scene.contestant(spec, transport, spp=n * n)
-    own: Any = scene.contestant(spec, transport).integrator
+        return scene.method(spec, transport, spp=n * n)
+    own: Any = scene.method(spec, transport).integrator
     # With a fixed threshold all pixels would converge, and the curve would end.
     changes = {"samples": n, "threshold": own.threshold * own.samples / n} | UNTARGETED
-    return scene.contestant(spec.but(**changes), transport)
+    return scene.method(spec.but(**changes), transport)
 
 
-def reference_estimator(scene: ComparedScene, spec: Spec, transport: str) -> Contestant:
-    """The contestant with 64 samples for every pixel: the mean of many such images is the reference."""
+def reference_estimator(scene: ComparedScene, spec: Spec, transport: str) -> Method:
+    """The method with 64 samples for every pixel: the mean of many such images is the reference."""
     if spec.is_adaptive:
-        return scene.contestant(spec.but(adaptive="none", samples=8, **UNTARGETED), transport)
-    return scene.contestant(spec, transport, spp=64)
+        return scene.method(spec.but(adaptive="none", samples=8, **UNTARGETED), transport)
+    return scene.method(spec, transport, spp=64)
 
 
-def equals(scene: ComparedScene, a: Contestant, b: Spec, transport: str) -> tuple[Contestant, Contestant]:
-    """Contestants of ``b`` with as many samples as ``a`` takes, and with as many as take the same time."""
+def equals(scene: ComparedScene, a: Method, b: Spec, transport: str) -> tuple[Method, Method]:
+    """Methods of ``b`` with as many samples as ``a`` takes, and with as many as take the same time."""
     samples = max(round(float(np.mean(a.render(0)[1]))), 1)
 
-    def processor_seconds(contestant: Contestant) -> float:
-        contestant.render(0)  # compiles
-        return float(np.median([contestant.render(0)[3] for _ in range(3)]))
+    def processor_seconds(method: Method) -> float:
+        method.render(0)  # compiles
+        return float(np.median([method.render(0)[3] for _ in range(3)]))
 
     wanted = processor_seconds(a)
-    spp, equal = samples, scene.contestant(b, transport, spp=samples)
+    spp, equal = samples, scene.method(b, transport, spp=samples)
     for _ in range(4):  # a render has costs that do not grow with the samples, so the first guess is not the last
         ratio = wanted / processor_seconds(equal)
         if 0.9 < ratio < 1.1:
             break
         spp = min(max(round(spp * ratio), 1), 4096)
-        equal = scene.contestant(b, transport, spp=spp)
-    return scene.contestant(b, transport, spp=samples), equal
+        equal = scene.method(b, transport, spp=spp)
+    return scene.method(b, transport, spp=samples), equal
 
 
 def equal_error(points: list[dict[str, Any]], cost: str, measure: str, row: dict[str, Any]) -> dict[str, Any]:
@@ -228,7 +228,7 @@ def difference(
     ambient = np.zeros_like(own)
     if scene.ambient is not None:
         bright, dark = (
-            scene.contestant(spec, "scene", adaptive="none", **more).render(0)[0] for more in ({}, {"ambient": 0.0})
+            scene.method(spec, "scene", adaptive="none", **more).render(0)[0] for more in ({}, {"ambient": 0.0})
         )
         ambient = (bright - dark) * scale  # of the same samples, almost without noise
     left_out = paths - (own - ambient)

@@ -25,7 +25,7 @@ MEASURES = {
     "flip": ("ꟻLIP", "difference that a viewer sees when flipping between the two; 0 is none"),
 }
 
-#: Colours of the contestants.
+#: Colours of the methods.
 COLOURS = {"a": "#c2410c", "b": "#1d4ed8"}
 
 

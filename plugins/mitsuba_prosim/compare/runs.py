@@ -18,7 +18,7 @@ import numpy as np
 from .. import atomic
 from ..engine import environment
 from . import measures
-from .contestants import Contestant
+from .methods import Method
 
 #: The first seed of references: measured images have other samples.
 REFERENCE_SEEDS = 1 << 20
@@ -26,11 +26,11 @@ REFERENCE_SEEDS = 1 << 20
 
 @dataclass
 class Runs:
-    """The runs of one contestant: values of each round, by name ("seconds", "cpu" and the measures of error against
+    """The runs of one method: values of each round, by name ("seconds", "cpu" and the measures of error against
     ``reference``), the last image times ``scale``, and the number of samples of each pixel.
     """
 
-    contestant: Contestant
+    method: Method
     reference: np.ndarray
     scale: float = 1.0
     values: dict[str, list[float]] = field(default_factory=dict)
@@ -39,7 +39,7 @@ class Runs:
 
     def measure(self, turn: int) -> None:
         """Renders and measures an image; turn 0 warms up."""
-        image, self.counts, seconds, cpu = self.contestant.render(turn)
+        image, self.counts, seconds, cpu = self.method.render(turn)
         self.image = image * self.scale
         if turn > 0:
             errors = {name: measure(self.image, self.reference) for name, measure in measures.ALL.items()}
@@ -66,13 +66,13 @@ def interleaved(runs: Sequence[Runs], rounds: int) -> Iterator[float]:
 
 
 class Reference:
-    """A converged image: the mean of the means of ``estimators``, contestants of the same expected image, weighted by
+    """A converged image: the mean of the means of ``estimators``, methods of the same expected image, weighted by
     the inverse of their variances.
 
     Sums are cached in ``folder`` under ``key``, any text that identifies the image; a later reference continues them.
     """
 
-    def __init__(self, folder: Path, key: str, estimators: Sequence[Contestant]) -> None:
+    def __init__(self, folder: Path, key: str, estimators: Sequence[Method]) -> None:
         self._estimators = estimators
         self._path = folder / f"{hashlib.sha256(key.encode()).hexdigest()[:20]}.npz"
         #: Time, and number of images of each estimator.

@@ -46,9 +46,9 @@ def render(
 ) -> Denoised:
     """Renders ``scene`` by its integrator, or another, and denoises the image.
 
-    The samples, those of the integrator or ``spp``, are divided into two halves of other seeds; its ``noise`` is the
-    limit of the final image's error. The sensor's film is used for that, and does not hold the result. ``fast``: see
-    :func:`.denoise`.
+    Half of the samples (``spp``, or those of the integrator) use one seed, the other half another. The integrator's
+    parameter ``noise`` is the error target of the final image. The render overwrites the sensor's film, which does not
+    hold the denoised image afterwards. ``fast``: see :func:`.denoise`.
 
     Raises ValueError for films that store no colours, and :class:`.oidn.MissingError` if the package mitsuba-oidn is
     not installed.
@@ -112,7 +112,7 @@ class FinalImage:
 
     @property
     def colours(self) -> list[np.ndarray]:
-        """The colours of :attr:`images`, shape (height, width, 1 or 3)."""
+        """The colours of each of :attr:`images`, shape (height, width, 1 or 3)."""
         return [image[..., : 1 if self.names[0] == "Y" else 3] for image in self.images]
 
     def others(self) -> dict[str, np.ndarray]:

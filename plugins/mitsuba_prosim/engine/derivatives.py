@@ -21,14 +21,14 @@ LANES = 1 << 18
 class Derivatives:
     """The samples of an image that was rendered without derivatives, so that the counts of its pixels are known.
 
-    ``state``: that image, whose transport is attached now.
+    ``state``: that image; its transport has derivatives now.
     """
 
     def __init__(self, state: FilmState) -> None:
         self.plan, self.estimator, self.sensor = state.plan, state.estimator, state.estimator.sensor
         self.film = self.sensor.film()
         self.counts = state.counts.ravel()
-        #: The film's values of that image.
+        #: The film's values of the rendered image.
         self.storage = film_values(state, [])
 
     def develop(self, storage: mi.TensorXf) -> mi.TensorXf:

@@ -36,8 +36,9 @@ class Policy:
         self.threshold = dr.opaque(mi.Float, plan.sampling.threshold)
 
     def request(self, accumulators: Accumulators, width: mi.UInt32, height: mi.UInt32) -> mi.Float:
-        """The samples that each pixel of a rectangle should have in the end, from its accumulators after a pass, row by
-        row; the plan rounds them up to a power of two and limits them. ``width``, ``height``: opaque integers.
+        """The requested total samples of each pixel of a rectangle, row by row. ``accumulators``: those of the
+        rectangle after a pass; ``width``, ``height``: opaque integers. The plan rounds the result up to a power of two
+        and limits it.
         """
         return dr.full(mi.Float, self.noisy_samples, dr.width(accumulators.count))
 

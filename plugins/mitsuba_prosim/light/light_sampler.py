@@ -167,8 +167,8 @@ def nearby_lamp_model(power: np.ndarray, origins: np.ndarray, directions: np.nda
 
 
 def sample_lamps(scene: mi.Scene, emitters: Sequence[mi.Emitter], sample: Callable[..., Any]) -> list[np.ndarray]:
-    """Power, origin and direction of :data:`RAYS` samples of each of the ``emitters``, the same each time: arrays
-    (emitters, rays), (emitters, rays, 3) twice.
+    """Power, origin and direction of :data:`RAYS` samples of each of the ``emitters``, with a fixed seed. The shapes
+    are (emitters, rays), (emitters, rays, 3) and (emitters, rays, 3).
     """
     count = len(emitters) * RAYS
     if not emitters:

@@ -59,10 +59,10 @@ class LoadedScene:
             return None
         matrix = compat.world_matrix(sensor)
         matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)
-        return Camera(matrix, self._distance(matrix), nearest_axis(matrix[:3, 1]), across)
+        return Camera(matrix, self._pivot_distance(matrix), nearest_axis(matrix[:3, 1]), across)
 
-    def _distance(self, matrix: np.ndarray) -> float:
-        """The distance from the eye to the view plane, or to the middle of the scene."""
+    def _pivot_distance(self, matrix: np.ndarray) -> float:
+        """The distance from the eye to the pivot: a point of the view plane, or the centre of the scene's box."""
         if self.file.document is not None:
             view = self.file.document.scene.view
             depth = abs((np.array(view.vrp) - view.eye) @ matrix[:3, 2])

@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compare.contestants import can_light, lit
+from ..compare.methods import can_light, lit
 from ..denoising import halves
 from ..engine.work import Executor, Step
 from ..registry import create

@@ -149,7 +149,7 @@ class Pages:
         return JSONResponse({**values, "surface": surface})
 
     async def save(self, request: Request) -> Response:
-        """A file of the image, after factors and exposure are applied."""
+        """The image of the scene's integrator as an EXR or PNG file, with factors and exposure applied."""
         picture, suffix = self._publisher.pictures.get("own"), f".{request.path_params['suffix']}"
         if picture is None or suffix not in (".exr", ".png"):
             raise HTTPException(404)

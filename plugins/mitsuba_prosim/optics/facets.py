@@ -143,9 +143,9 @@ SHORTEST = 1e-36
 
 
 def reflecting(wi: mi.Vector3f, wo: mi.Vector3f) -> tuple[mi.Vector3f, mi.Float]:
-    """``(m, i_m)``: the facet that reflects ``wi`` to ``wo``, and the cosine between it and either of them.
+    """``(m, i_m)``: the normal of the facet that reflects ``wi`` to ``wo``, and the cosine of its angle to both.
 
-    The cosine is half the length of wi + wo, which no rounding makes negative.
+    The cosine is half the length of wi + wo. Rounding cannot make it negative.
     """
     h = wi + wo
     square = dr.maximum(dr.squared_norm(h), SHORTEST)

@@ -72,7 +72,7 @@ class OriginalIds:
         return self.base + medium * self.leaves + leaf
 
     def boundary(self, body: Body) -> Boundary:
-        """The triangles of a body, with the medium of their id inside and air outside."""
+        """The boundary of a body, snapped onto the shared planes. A triangle's id gives its leaf and medium."""
         mesh = checked(body.planes.snap(checked(body.manifold()), body.surfaces)).to_mesh64()
         ids = per_triangle(mesh, np.asarray(mesh.run_original_id, dtype=np.int64))
         medium, leaf = np.divmod(ids - self.base, self.leaves)

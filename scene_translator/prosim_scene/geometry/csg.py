@@ -236,9 +236,9 @@ def remainder(first: Body, second: Body) -> Body:
 
 
 def _operation(first: Body, second: Body, operation: OpType | None, outwards: int, boxes: np.ndarray) -> Body:
-    """The result of an operation on two bodies; None is the second body minus the first one.
+    """The result of a Boolean operation on two bodies, with these ``boxes``; None: the second body minus the first.
 
-    The first one is perturbed on common surfaces: outwards (1) or inwards (-1).
+    The first body's common surfaces are perturbed before the operation, outwards (1) or inwards (-1).
     """
     planes = first.planes
     common = first.surfaces & second.surfaces if first.touches(second) else frozenset()

@@ -1,4 +1,4 @@
-"""The leaves of the tree: their solids, the surfaces that these share, normals and uv."""
+"""The leaves of the CSG tree: their solids, the surfaces that several leaves share, normals and uv."""
 
 import math
 from collections.abc import Hashable, Mapping, Sequence
@@ -140,8 +140,8 @@ class Leaves:
         self.boxes = np.stack([f.reduceat(vertices, ends[:-1]) for f in (np.minimum, np.maximum)], axis=1)
 
     def corner_attributes(self, positions: np.ndarray, leaf: np.ndarray, face: np.ndarray) -> CornerAttributes:
-        """Outward unit normals in the world, and surface parameters, of triangles (n, 3, 3) on the faces ``face`` (n,)
-        of the leaves ``leaf`` (n,).
+        """Corner attributes of n triangles: the normals are outward unit vectors in the world. ``positions`` (n, 3, 3),
+        and the ``leaf`` and the ``face`` of each, (n,).
         """
         solid = self.of_leaf[leaf]
         inverse = self.to_local[solid]

@@ -1,4 +1,4 @@
-"""The contestants of a comparison: integrators and samplers in one scene."""
+"""The methods of a comparison: integrators and samplers in one scene."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from ..denoising import halves
 from ..engine import environment
 from ..scene import rendering, scene_file
 
-#: The text of a contestant.
+#: The text of a method.
 FORM = "INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...]"
 
 
 class Spec:
-    """The text of a contestant, such as ``path:multijitter,max_depth=5``, and its parts; ``changes``: of parameters."""
+    """The text of a method, such as ``path:multijitter,max_depth=5``, and its parts; ``changes``: of parameters."""
 
     def __init__(self, text: str, **changes: Any) -> None:
         head, *parameters = text.split(",")
@@ -63,7 +63,7 @@ class Spec:
 
 
 @dataclass(eq=False)
-class Contestant:
+class Method:
     """An integrator with a scene, a sensor (and its sampler) and a sample count, 0 for that of the integrator."""
 
     name: str
@@ -87,7 +87,7 @@ class Contestant:
 
 
 class ComparedScene:
-    """The scene of a file, from which contestants are made."""
+    """The scene of a file, from which methods are made."""
 
     def __init__(self, file: scene_file.SceneFile) -> None:
         self.file, self.scene = file, file.load()
@@ -116,11 +116,11 @@ class ComparedScene:
         """The scene with the integrator's background as an emitter, which other integrators need."""
         return self.scene if self.background is None else lit(self.scene, self.background)
 
-    def contestant(self, spec: Spec, transport: str, **overrides: Any) -> Contestant:
-        """The :class:`Contestant` of ``spec`` for a ``transport``: "scene" (that of the scene file), "paths" or
-        "direct".
+    def method(self, spec: Spec, transport: str, **overrides: Any) -> Method:
+        """The :class:`Method` of ``spec``. ``transport`` selects the light paths: "scene" (as the scene file says),
+        "paths" (all) or "direct" (direct light only).
 
-        ``overrides``: parameters of the integrator, before those of the spec; ``spp`` for the sample count.
+        ``overrides``: parameters of the integrator, which those of the spec replace; ``spp`` for the sample count.
         """
         spp, settings = overrides.pop("spp", 0), dict[str, Any](type=spec.integrator)
         if spec.integrator == self.integrator:
@@ -137,7 +137,7 @@ class ComparedScene:
         if not spec.is_adaptive and not spp:
             spp = sensor.sampler().sample_count()
         scene = self.scene if transport == "scene" else self.lit
-        return Contestant(spec.text, scene, sensor, mi.load_dict(settings), spp)
+        return Method(spec.text, scene, sensor, mi.load_dict(settings), spp)
 
 
 def can_light(background: Any) -> bool:

@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 
 import pytest
+from mitsuba_prosim.cli import render_task
 from mitsuba_prosim.engine import checkpoint, environment
 from mitsuba_prosim.engine.checkpoint import CheckpointWriter
 from running import LAMP, alike, done, names, prosim, refused
@@ -42,6 +43,14 @@ def test_a_render_that_has_died_is_continued(lamp, tmp_path, monkeypatch, option
     done("resume", state, "-o", tmp_path / "again", "--exposure", 0)
     assert alike(tmp_path / "whole", tmp_path / "a", tmp_path / "again")
     assert names(tmp_path)[-1] == "whole.png" and (tmp_path / "again.state.npz").exists()
+
+
+def test_the_state_of_a_finished_render_is_there_before_its_image(lamp, tmp_path, monkeypatch):
+    """The denoiser may fail, or the user ends the process while it works."""
+    with monkeypatch.context() as patch:
+        patch.setattr(render_task, "finish", lambda *_: 1 / 0)
+        assert prosim("render", lamp, "-o", tmp_path / "a", "--checkpoint").exit_code != 0
+    assert "It was finished before." in done("resume", tmp_path / "a.state.npz").stdout
 
 
 @pytest.mark.slow

@@ -216,14 +216,18 @@ def render_image(
                 raise click.ClickException(f"{lost} {nothing}")
             click.echo(f"Interrupted {nothing}", err=True)
             sys.exit(128 + signals[0])
-        image = Image()
+        image, saved, unsaved = Image(), list[Path](), {}
+        if task.state_suffix:  # first: the denoiser may fail, or the user may not wait for it
+            content = replace(steps.checkpoint(), about=task.about).write
+            try:
+                saved = atomic.write({state: content})
+            except OSError:
+                unsaved = {task.state_suffix: content}
         if job.part is None and not (is_frame and interruption):
             image = finish(task, steps, seconds, interruption is not None)
         partial = image.contents and reached is not None and reached.min_samples == 0
-        if task.state_suffix:
-            image.contents[task.state_suffix] = replace(steps.checkpoint(), about=task.about).write
         shown.show()
-        written = files.save(task.stem, image.contents)
+        written = [*files.save(task.stem, image.contents | unsaved), *saved]
     width, height = film.crop_size()
     first = (
         f"{' and '.join(map(str, written))}: "

@@ -159,7 +159,7 @@ def read_index(props: mi.Properties, side: str, default: str) -> float | Dispers
         return Dispersion.of(False, sum(MATERIALS[chosen], ()))
     else:
         try:
-            values = [float(word) for word in str(value).replace(",", " ").split()]
+            values = [float(word) for word in str(value).strip("[]").replace(",", " ").split()]
         except ValueError:
             raise reject(props, name, value, "numbers with commas between them") from None
         of_cauchy = name.endswith("cauchy")

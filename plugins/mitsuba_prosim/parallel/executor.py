@@ -216,7 +216,7 @@ def render(
         loaded = file.load()
         bundle = SceneBundle.of(file, sensor)
     integrator: Any = loaded.integrator()
-    rendering.require_progressive(integrator, "a cluster")
+    rendering.require_progressive(integrator, f"{scene}: a cluster")
     executor = DaskExecutor(client or distributed.default_client(), bundle)
     chosen = scene_file.pick_sensor(loaded, sensor)
     progress = integrator.progressive(loaded, chosen, seed, spp, executor=executor).run()

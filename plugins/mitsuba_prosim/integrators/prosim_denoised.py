@@ -7,6 +7,7 @@ from typing import Any, NoReturn
 import drjit as dr
 import mitsuba as mi
 
+from ..alone import alone
 from ..parameters import describe, nested_integrator, reject
 from ..registry import plugin
 
@@ -98,8 +99,9 @@ class ProsimDenoised(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         seed = seed if isinstance(seed, int) else int(dr.slice(seed, 0))
         final = halves.denoised_progressive(scene, sensor, self.nested, seed, spp, self.fast).run().denoiser
-        layers.update_film(final, self.aov_names())
-        return sensor.film().develop() if develop else mi.TensorXf()
+        with alone():  # the film is that of all renders
+            layers.update_film(final, self.aov_names())
+            return sensor.film().develop() if develop else mi.TensorXf()
 
     def sample(self, *_: Any, **__: Any) -> NoReturn:
         raise RuntimeError(

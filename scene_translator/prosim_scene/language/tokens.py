@@ -5,6 +5,7 @@ Keywords depend on the context, so the reader passes the roles that it expects n
 
 import math
 import re
+from abc import ABC, abstractmethod
 from contextlib import suppress
 from functools import lru_cache
 from typing import NamedTuple
@@ -60,7 +61,7 @@ class Token(NamedTuple):
 START = Token("", "", 0, 0)
 
 
-class Scanner:
+class Scanner(ABC):
     """Reads the tokens of a text, in order.
 
     ``pieces`` are all tokens so far, with comments; ``last`` is the last one that is not a comment. ``token`` is the
@@ -109,9 +110,9 @@ class Scanner:
         self.token = token if token.role in expected else self.expected_token(token)
         return self.token
 
+    @abstractmethod
     def expected_token(self, token: Token) -> Token:
         """The token with an expected role in place of its own; raises SceneError if none fits."""
-        raise NotImplementedError
 
     def read_plain_numbers(self) -> list[Token]:
         """The plain numbers that follow as one token, or an empty list; other values, such as names, may follow."""

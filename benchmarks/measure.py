@@ -20,7 +20,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from mitsuba_prosim.compare import measures, runs
+from mitsuba_prosim.compare import measures
 from subjects import NAMES, Subject
 
 #: Seeds of references begin here.
@@ -150,7 +150,7 @@ def arguments(description: str | None, rounds: int = 10) -> argparse.ArgumentPar
     parser.add_argument("--rounds", type=int, default=rounds, help="images of each, with seeds of their own")
     parser.add_argument("--reference-seconds", type=float, default=120)
     parser.add_argument("--variant", default="llvm_ad_rgb")
-    parser.add_argument("--cache", type=Path, default=runs.cache_folder())
+    parser.add_argument("--cache", type=Path, default=Path.home() / ".cache" / "mitsuba-prosim" / "references")
     return parser
 
 

@@ -22,8 +22,6 @@ SUFFIXES = (".html", ".json")
 #: SSIM compares windows of this many pixels per side. A smaller image has none.
 SSIM_WINDOW = 7
 
-CACHE = click.Path(file_okay=False, path_type=Path)
-
 
 @click.command(cls=Command)
 @click.argument("scene", type=SCENE_FILE)
@@ -34,11 +32,8 @@ CACHE = click.Path(file_okay=False, path_type=Path)
 @option("Comparison", "--rounds", type=Integer(min=1), default=5, help="Measured runs of each; medians are shown.")
 @option("Comparison", "--sqrt-spp", type=ROOTS, default="2,3,4,6,9", help="Square roots of the curves' sample counts.")
 @option("Comparison", "--reference-seconds", type=Number(0), default=60, help="Time for each reference, or more of it.")
-@option("Comparison", "--cache", type=CACHE, help="Folder of references.", show_default="in the user's cache folder")
-def compare(
-    job: Job, a: str, b: str, rounds: int, sqrt_spp: tuple[int, ...], reference_seconds: float, cache: Path | None
-) -> None:
-    """Compare A and B on SCENE, in the thesis's language or XML: error, time, samples, and missing light.
+def compare(job: Job, a: str, b: str, rounds: int, sqrt_spp: tuple[int, ...], reference_seconds: float) -> None:
+    """Compare A and B on SCENE, in the thesis's language or XML: error, time and samples.
 
     A and B are each INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...], such as prosim,adaptive=none or
     path:multijitter,max_depth=5; the default sampler is the scene's. B also renders with as many samples, and in as
@@ -51,7 +46,7 @@ def compare(
     if job.variant.startswith("scalar_") or not job.variant.endswith("_rgb"):
         raise click.ClickException(f"prosim compare can't use {job.variant}; give an rgb variant that is not scalar.")
 
-    from ..compare import comparison, comparison_page, methods, runs
+    from ..compare import comparison, comparison_page, methods
 
     with Resources(job) as resources:
         with input_errors():
@@ -77,9 +72,7 @@ def compare(
             smallest = f"{SSIM_WINDOW} x {SSIM_WINDOW}"
             raise InputError(f"{scene}: SSIM needs {smallest} pixels; the image has {width} x {height}.")
         files.check(stem, SUFFIXES, 2**23, [scene])
-        cache = cache or runs.cache_folder()
-        files.check(cache / "reference", [""], 2**4 * 3 * width * height, [], "--cache")
-        effort = comparison.Effort(sqrt_spp, rounds, reference_seconds, cache, job.denoise)
+        effort = comparison.Effort(sqrt_spp, rounds, reference_seconds, job.denoise)
         compared = comparison.Comparison(compared_scene, scene.name, *specs, effort, job.exposure or 0.0)
         with Progress("comparing") as bar:
             for step, done in compared.run():

@@ -155,18 +155,18 @@ def with_suffixes(stem: Path, suffixes: Iterable[str]) -> list[Path]:
     return [stem.with_name(stem.name + suffix) for suffix in suffixes]
 
 
-def check(stem: Path, suffixes: Collection[str], size: int, sources: Iterable[Path], flag: str = "-o") -> None:
+def check(stem: Path, suffixes: Collection[str], size: int, sources: Iterable[Path]) -> None:
     """Raises InputError if files of ``size`` bytes in all could not be written, or one of the ``sources`` would be
-    overwritten. ``flag``: the option that names another place.
+    overwritten.
     """
     try:
         atomic.check(with_suffixes(stem, suffixes), size)
     except OSError as error:
-        raise InputError(f"the result can't be written: {reason(error)}. Choose another place with {flag}.") from None
+        raise InputError(f"the result can't be written: {reason(error)}. Choose another place with -o.") from None
     existing = [path for path in sources if path.exists()]
     for path in with_suffixes(stem, suffixes):
         if path.exists() and any(path.samefile(source) for source in existing):
-            raise InputError(f"{path} is an input of this command; choose another name with {flag}.")
+            raise InputError(f"{path} is an input of this command; choose another name with -o.")
 
 
 def save(stem: Path, contents: Mapping[str, atomic.Content]) -> list[Path]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,13 +27,12 @@ class Effort:
     """The amount of work.
 
     ``sqrt_spp``: square roots of the sample counts of the curves; ``seconds``: for the reference of each transport;
-    ``cache``: folder of references; ``denoise``: whether each image is also denoised.
+    ``denoise``: whether each image is also denoised.
     """
 
     sqrt_spp: tuple[int, ...]
     rounds: int
     seconds: float
-    cache: Path
     denoise: bool
 
 
@@ -71,10 +69,6 @@ class Comparison:
         self.facts["sections"] = [section.facts() for section in sections]
         for k, section in enumerate(sections):
             self.images |= {f"{k}/{name}": image for name, image in section.images().items()}
-        if free and len(sections) > 1:
-            paths, own = (section.image for section in sections)
-            self.facts["difference"], more = difference(self.scene, free, paths, own, self.scale)
-            self.images |= more
         self.facts["scales"] = scales(self.images)
 
 
@@ -90,9 +84,7 @@ class Section:
         self, scene: ComparedScene, transport: str, specs: dict[str, Spec], effort: Effort, scale: float
     ) -> None:
         self.scene, self.transport, self.specs, self.effort, self.scale = scene, transport, specs, effort, scale
-        key = f"{scene.key} {transport} {[spec.text for spec in specs.values()]}"
-        estimators = [reference_estimator(scene, spec, transport) for spec in specs.values()]
-        self.reference = Reference(effort.cache, key, estimators)
+        self.reference = Reference([reference_estimator(scene, spec, transport) for spec in specs.values()])
 
     def prepare(self) -> Iterator[tuple[str, float]]:
         """Renders the reference and makes the methods; yields the progress."""
@@ -216,28 +208,3 @@ def scales(images: Mapping[str, np.ndarray]) -> dict[str, float]:
         maps = [image for name, image in images.items() if name.endswith("/" + kind)]
         result[kind] = float(max((m.max() if kind == "counts" else np.percentile(m, 99.5)) for m in maps)) or 1.0
     return result
-
-
-def difference(
-    scene: ComparedScene, spec: Spec, paths: np.ndarray, own: np.ndarray, scale: float
-) -> tuple[dict[str, float], dict[str, np.ndarray]]:
-    """The light that the thesis's transport leaves out, and its ambient term: ``(facts, images)``.
-
-    ``paths``, ``own``: converged images with all paths and in the scene's own light, times ``scale``.
-    """
-    ambient = np.zeros_like(own)
-    if scene.ambient is not None:
-        bright, dark = (
-            scene.method(spec, "scene", adaptive="none", **more).render(0)[0] for more in ({}, {"ambient": 0.0})
-        )
-        ambient = (bright - dark) * scale  # of the same samples, almost without noise
-    left_out = paths - (own - ambient)
-    numbers = {
-        "left_out_mean": left_out.mean(),
-        "ambient_mean": ambient.mean(),
-        "difference_rms": np.sqrt(np.mean(np.square(paths - own))),
-        "left_out_share": left_out.mean() / max(paths.mean(), 1e-30),
-    }
-    images = {"left_out": left_out, "ambient": ambient, "signed": paths - own}
-    facts = {name: float(value) for name, value in numbers.items()}
-    return facts, {f"difference/{name}": image for name, image in images.items()}

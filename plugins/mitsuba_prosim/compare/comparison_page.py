@@ -76,9 +76,6 @@ def encode(facts: Facts, images: Mapping[str, np.ndarray]) -> dict[str, str]:
         kind, colours = name.rpartition("/")[2], dict[str, Any]()
         if kind in COLOUR_MAPS:
             colours = {"cmap": COLOUR_MAPS[kind], "vmin": 0, "vmax": facts["scales"][kind]}
-        elif kind == "signed":
-            image = np.mean(np.sign(image) * display(np.abs(image)), axis=2)
-            colours = {"cmap": "RdBu_r", "vmin": -1, "vmax": 1}
         else:
             image = display(image)
         file = io.BytesIO()

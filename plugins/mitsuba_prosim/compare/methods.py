@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import gc
-import json
 import time
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +14,6 @@ import mitsuba as mi
 import numpy as np
 
 from ..denoising import halves
-from ..engine import environment
 from ..scene import rendering, scene_file
 
 #: The text of a method.
@@ -99,10 +97,6 @@ class ComparedScene:
         #: Name and plain parameters of the scene's integrator.
         self.integrator = props.plugin_name()
         self.settings = {name: value for name, value in props.items() if isinstance(value, (bool, int, float, str))}
-        here = environment.this_environment()
-        #: Identifies the image, for cached references.
-        versions = [here[name] for name in environment.MUST_AGREE]
-        self.key = json.dumps([file.digest(), file.changes, versions], sort_keys=True)
 
     def sensor(self, sampler: str | None = None) -> mi.Sensor:
         """The first sensor, with another sampler if one is named."""

@@ -1,21 +1,17 @@
-"""Converged references on disk, and timed, interleaved runs."""
+"""Converged references, and timed, interleaved runs."""
 
 from __future__ import annotations
 
-import hashlib
-import io
 import os
 import platform
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from .. import atomic
 from ..engine import environment
 from . import measures
 from .methods import Method
@@ -67,44 +63,28 @@ def interleaved(runs: Sequence[Runs], rounds: int) -> Iterator[float]:
 
 class Reference:
     """A converged image: the mean of the means of ``estimators``, methods of the same expected image, weighted by
-    the inverse of their variances.
-
-    Sums are cached in ``folder`` under ``key``, any text that identifies the image; a later reference continues them.
+    the inverse of their variances. Complete after :meth:`converge`.
     """
 
-    def __init__(self, folder: Path, key: str, estimators: Sequence[Method]) -> None:
+    def __init__(self, estimators: Sequence[Method]) -> None:
         self._estimators = estimators
-        self._path = folder / f"{hashlib.sha256(key.encode()).hexdigest()[:20]}.npz"
         #: Time, and number of images of each estimator.
         self.seconds, self.passes = 0.0, 0
-        self._sums, self._squares = np.zeros(1), np.zeros(1)
-        if self._path.exists():
-            with np.load(self._path) as cached:
-                self.seconds, self.passes = float(cached["spent"]), int(cached["count"])
-                self._sums, self._squares = cached["sums"], cached["squares"]
 
     def converge(self, seconds: float) -> Iterator[float]:
         """Renders the estimators in turn for ``seconds`` seconds, and at least three times each. Yields the progress,
         0 to 1.
         """
-        started = self.passes
+        sums, squares, begin = np.zeros(1), np.zeros(1), time.perf_counter()
         while self.passes < 3 or self.seconds < seconds:
-            start = time.perf_counter()
             images = [estimator.render(REFERENCE_SEEDS + self.passes)[0] for estimator in self._estimators]
-            self._sums = self._sums + np.array(images, dtype=np.float64)
-            self._squares = self._squares + np.square(images, dtype=np.float64)
+            sums = sums + np.array(images, dtype=np.float64)
+            squares = squares + np.square(images, dtype=np.float64)
             self.passes += 1
-            self.seconds += time.perf_counter() - start
+            self.seconds = time.perf_counter() - begin
             yield min(self.seconds / seconds, 1.0) if seconds else 1.0
-        if self.passes > started:
-            content = io.BytesIO()
-            np.savez(content, spent=self.seconds, count=self.passes, sums=self._sums, squares=self._squares)
-            atomic.write({self._path: content.getvalue()})
-        self._evaluate()
-
-    def _evaluate(self) -> None:
-        mean = self._sums / self.passes
-        variance = (np.maximum(self._squares / self.passes - mean**2, 0) / (self.passes - 1)).mean(axis=(1, 2, 3))
+        mean = sums / self.passes
+        variance = (np.maximum(squares / self.passes - mean**2, 0) / (self.passes - 1)).mean(axis=(1, 2, 3))
         weights = 1 / np.maximum(variance, 1e-60)  # an image without noise has no variance
         weights /= weights.sum()
         self.image = np.tensordot(weights, mean, 1)
@@ -114,11 +94,6 @@ class Reference:
         self.disagreement: float | None = None
         if len(mean) > 1 and variance.all():
             self.disagreement = float(np.sqrt(np.mean((mean[0] - mean[1]) ** 2) / variance.sum()))
-
-
-def cache_folder() -> Path:
-    """The default folder of references."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "mitsuba-prosim" / "references"
 
 
 def machine() -> dict[str, str | int | float | None]:

@@ -13,13 +13,14 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import dask
+import distributed
 import numpy as np
 import OpenEXR
 import pytest
 from mitsuba_prosim.cli import files
 from mitsuba_prosim.engine import environment
 from mitsuba_prosim.engine.checkpoint import CheckpointWriter
-from mitsuba_prosim.parallel import cluster
+from mitsuba_prosim.parallel import cluster, worker
 from mitsuba_prosim.parallel.bundle import SceneBundle
 from mitsuba_prosim.parallel.executor import CHECK_INTERVAL, ClusterError, DaskExecutor, render
 from mitsuba_prosim.scene import scene_file
@@ -138,6 +139,17 @@ def test_work_items_become_smaller_towards_the_end_but_not_tiny(variant_rgb):
 # ------------------------------------------------------------------ the same bytes
 
 
+def test_by_threads_of_this_process(lamp, monkeypatch):
+    """A work item that fails three times ends the render with its error."""
+    with distributed.Client(processes=False, n_workers=2, threads_per_worker=1, dashboard_address=None) as client:
+        for changes in {"integrator": NOISE}, {"crop": (9, 5, 32, 24)}:
+            image = render(lamp, client=client, seed=2, **changes)
+            assert np.array_equal(np.array(image), here(lamp, **changes))
+        monkeypatch.setattr(worker, "timed_sums", lambda *_: 1 / 0)
+        with pytest.raises(ClusterError, match="3 attempts failed, the last one with: division by zero"):
+            render(lamp, client=client)
+
+
 #: Lets a worker forget its scenes.
 FORGET = "from mitsuba_prosim.parallel import worker; worker.scenes.clear()"
 
@@ -208,7 +220,7 @@ def test_workers_of_another_kind(client, lamp, monkeypatch):
         image = there(client, lamp)
     assert np.array_equal(image, here(lamp))
     monkeypatch.setattr(environment, "this_environment", lambda: ours | {"mitsuba": "3.0"})
-    with pytest.raises(ClusterError, match=r"no worker of the cluster can take part: .*mitsuba 3\.9.* 3\.0 here"):
+    with pytest.raises(ClusterError, match=r"a worker of the cluster can.t take part: mitsuba 3\.9.* 3\.0 here"):
         there(client, lamp)
 
 

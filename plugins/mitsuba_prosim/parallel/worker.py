@@ -5,14 +5,13 @@ It runs in one thread of the worker, which uses all threads of Dr.Jit; two rende
 
 from __future__ import annotations
 
-import asyncio
 import functools
 import gc
 import io
 import pickle
 import time
 import warnings
-from collections import OrderedDict
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -28,7 +27,6 @@ from ..engine import environment
 from ..engine.estimator import Estimator
 from ..engine.work import WorkItem
 from ..scene import session
-from .bundle import SceneBundle
 
 #: Clients of which a worker keeps the last scene.
 SCENES = 4
@@ -40,55 +38,27 @@ def render_thread() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(1, "prosim")
 
 
-class WorkerScene:
-    """The scene of a pickled :class:`.SceneBundle`, ready to be sampled in its variant."""
-
-    def __init__(self, content: bytes) -> None:
-        bundle: SceneBundle = pickle.loads(content)
-        self.content, self.variant = content, session.set_variant(bundle.variant)
-        scene, sensor = bundle.load()
-        integrator: Any = scene.integrator()
-        self.estimator: Estimator = integrator.estimator(scene, sensor)
+#: The last scene of each client, pickled, and ready to be sampled.
+scenes = dict[str, tuple[bytes, Estimator]]()
 
 
-#: The last scene of each client.
-scenes: OrderedDict[str, WorkerScene] = OrderedDict()
-
-
-async def check(variant: str, dask_worker: distributed.Worker) -> dict[str, str]:
-    """Sets the variant and the number of threads; returns the environment.
-
-    A worker renders with as many threads as Dask gives to it, or with those of its client where it shares the client's
-    process. Raises ImportError or RuntimeError where it lacks the variant.
-    """
-
-    def prepare() -> dict[str, str]:
-        if not dask_worker.address.startswith("inproc:"):
-            dr.set_thread_count(dask_worker.state.nthreads)
-            warnings.simplefilter("ignore", prosim_scene.SceneWarning)  # the client shows them
-        session.set_variant(variant)
-        return environment.this_environment()
-
-    return await asyncio.wrap_future(render_thread().submit(prepare))
-
-
-def load(client: str, content: bytes) -> WorkerScene:
-    """The scene of a ``client``, in its variant.
+def load(client: str, content: bytes) -> Estimator:
+    """The estimator of a pickled :class:`.SceneBundle` of a ``client``.
 
     Another scene of the same client is deleted first, so that the new one takes its places in Dr.Jit's tables, and
     kernels are found in the cache.
     """
-    scene = scenes.pop(client, None)
-    if scene is None or scene.content != content:
-        scene = None
+    known, estimator = scenes.pop(client, (b"", None))
+    if estimator is None or known != content:
+        estimator = None
         while len(scenes) >= SCENES:
-            scenes.popitem(last=False)
+            del scenes[next(iter(scenes))]
         gc.collect()  # scenes are in reference cycles
-        scene = WorkerScene(content)
-    elif mi.variant() != scene.variant:
-        session.set_variant(scene.variant)
-    scenes[client] = scene
-    return scene
+        scene, sensor = pickle.loads(content).load()
+        integrator: Any = scene.integrator()
+        estimator = integrator.estimator(scene, sensor)
+    scenes[client] = content, estimator
+    return estimator
 
 
 class _Pickler(pickle.Pickler):
@@ -113,9 +83,29 @@ def packed(item: WorkItem) -> bytes:
     return pickled((item.plan, item.x, item.y, item.start, item.end))
 
 
-def sample(client: str, scene: bytes, item: bytes) -> tuple[float, bytes]:
-    """``(seconds, sums)`` of a :func:`packed` work item by a pickled :class:`.SceneBundle`."""
-    return render_thread().submit(lambda: timed_sums(load(client, scene).estimator, item)).result()
+def sample(
+    client: str, expected: Mapping[str, str], scene: bytes, item: bytes
+) -> tuple[float, bytes, Mapping[str, str]]:
+    """``(seconds, sums, environment)``: a :func:`packed` work item by a pickled :class:`.SceneBundle`, and the
+    environment of this worker. No sums if that must agree with the ``expected`` one and does not.
+
+    A worker renders with as many threads as Dask gives to it, or with those of its client where it shares the client's
+    process. Raises ImportError or RuntimeError where it lacks the variant.
+    """
+    dask_worker = distributed.get_worker()
+
+    def compute() -> tuple[float, bytes, Mapping[str, str]]:
+        if not dask_worker.address.startswith("inproc:"):
+            dr.set_thread_count(dask_worker.state.nthreads)
+            warnings.simplefilter("ignore", prosim_scene.SceneWarning)  # the client shows them
+        if mi.variant() != expected["variant"]:
+            session.set_variant(expected["variant"])
+        found = environment.this_environment()
+        if environment.differences(expected, environment.MUST_AGREE):
+            return 0.0, b"", found
+        return *timed_sums(load(client, scene), item), found
+
+    return render_thread().submit(compute).result()
 
 
 def timed_sums(estimator: Estimator, item: bytes) -> tuple[float, bytes]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +12,6 @@ import mitsuba as mi
 
 from .. import atomic
 from ..scene import scene_file
-
-#: Identifies this process: a worker keeps the last scene of each client.
-SESSION = uuid.uuid4().hex
 
 
 @dataclass(frozen=True)

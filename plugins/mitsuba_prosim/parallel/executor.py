@@ -22,7 +22,7 @@ from ..engine.accumulators import Accumulators
 from ..engine.work import Executor, Results, WorkItem
 from ..scene import rendering, scene_file
 from . import worker
-from .bundle import SESSION, SceneBundle
+from .bundle import SceneBundle
 
 #: Seconds between two checks of the workers, and without workers until a warning.
 CHECK_INTERVAL, WARNING_DELAY = 0.5, 10.0
@@ -49,8 +49,8 @@ class DaskExecutor(Executor):
         #: Why the cluster has gone away.
         self.loss_reason: str | None = None
         self.address = getattr(client.scheduler, "address", "of the cluster")
-        #: The addresses of the workers, and how those of another kind differ.
-        self._workers, self._kinds = frozenset[str](), set[str]()
+        #: The addresses of the workers.
+        self._workers = frozenset[str]()
         self._next_check, self._begun = 0.0, time.perf_counter()
         self.change_scene(bundle)
 
@@ -75,10 +75,8 @@ class DaskExecutor(Executor):
         running = dict[distributed.Future, WorkItem]()
         try:
             while not self._check_workers():
-                busy = sum(not future.done() for future in running)
-                while busy < WINDOW * len(self._workers) and (item := next(items, None)) is not None:
+                while len(running) < WINDOW * len(self._workers) and (item := next(items, None)) is not None:
                     running[self._submit(item, done)] = item
-                    busy += 1
                 if self._workers and not running:
                     return
                 finished = done.next_batch(block=False)
@@ -100,7 +98,7 @@ class DaskExecutor(Executor):
         """Begins a work item, whose sums ``done`` will have. Dask repeats it if its worker is lost."""
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
             self._shared = self._shared or self.client.submit(bytes, self._scene)
-            call = worker.sample, SESSION, self._environment, self._shared, worker.packed(item)
+            call = worker.sample, self.client.id, self._environment, self._shared, worker.packed(item)
             future = self.client.submit(*call, retries=RETRIES, pure=False)
         done.add(future)
         return future
@@ -113,8 +111,7 @@ class DaskExecutor(Executor):
         seconds, content, found = result
         if wrong := environment.differences(found, environment.MUST_AGREE):
             raise ClusterError(f"a worker of the cluster can't take part: {wrong}")
-        if (other := environment.differences(found, environment.MAY_DIFFER)) and other not in self._kinds:
-            self._kinds.add(other)
+        if other := environment.differences(found, environment.MAY_DIFFER):
             warnings.warn(
                 f"a worker is of another kind ({other}): its samples are as good, but may differ in their last bits",
                 stacklevel=2,

@@ -61,20 +61,16 @@ def load(client: str, content: bytes) -> Estimator:
     return estimator
 
 
-class _Pickler(pickle.Pickler):
-    """Pickles Dr.Jit arrays so that they keep the alignment of Dr.Jit's memory, see :func:`..compat.dr_array`."""
-
-    def reducer_override(self, value: Any) -> Any:
-        if type(value) in (mi.Float, mi.UInt32, mi.Int32):
-            return dr_array, (np.array(value),)
-        return NotImplemented
-
-
 def pickled(value: Any) -> bytes:
-    """``value``, which may hold Dr.Jit arrays, for ``pickle.loads``."""
+    """``value`` for ``pickle.loads``. Dr.Jit arrays keep the alignment of Dr.Jit's memory, see
+    :func:`..compat.dr_array`.
+    """
     content = io.BytesIO()
+    pickler = pickle.Pickler(content)
+    kinds = mi.Float, mi.UInt32, mi.Int32
+    pickler.dispatch_table = dict.fromkeys(kinds, lambda array: (dr_array, (np.array(array),)))
     with alone():
-        _Pickler(content).dump(value)
+        pickler.dump(value)
     return content.getvalue()
 
 

@@ -14,6 +14,7 @@ from manifold3d import Manifold
 from meshes import area, assert_closed, scene, solids, volume
 from prosim_scene import SceneWarning
 from prosim_scene.geometry import csg
+from prosim_scene.geometry.coincidence import same_surfaces
 from prosim_scene.language import document_of
 from prosim_scene.view import camera_of
 
@@ -101,6 +102,21 @@ def test_a_face_that_was_covered_and_is_laid_bare_again_is_the_cutters():
     # CUBE 1 covers the top of CUBE 0; CUBE 2 takes it away down to just there.
     text = scene("- + CUBE 0 CUBE 1 CUBE 2", ["", "TRANSLATE (0 0 .5)", "SCALE (3 3 3) TRANSLATE (-1 -1 1)"])
     assert solids(text).keys() == {0, 2}
+
+
+def test_a_filled_hole_that_is_cut_again_belongs_to_the_second_cutter():
+    """CUBE 1 cuts a hole 3 wide; CUBE 2 fills 2 of its bottom, of which CUBE 3 lays bare 1."""
+    holes = [f"SCALE ({w} {w} {h}) TRANSLATE ({-w / 2} {-w / 2} 0)" for w, h in [(3, 2), (2, 0.5), (1, 2)]]
+    meshes = solids(scene("- + - CUBE 0 CUBE 1 CUBE 2 CUBE 3", ["TRANSLATE (-.5 -.5 -.5) SCALE (4 4 2)", *holes]))
+    assert [area(meshes[i]) for i in (1, 3)] == pytest.approx([3**2 - 2**2 + 4 * 3, 1 + 4 * 0.5])
+
+
+def test_many_parallel_faces_are_told_apart_in_few_rounds(monkeypatch):
+    calls, inv, places = [], np.linalg.inv, np.tile(np.eye(4), (300, 1, 1))
+    monkeypatch.setattr(np.linalg, "inv", lambda matrices: calls.append(matrices) or inv(matrices))
+    places[:, 2, 3] = 3e-7 * np.arange(300)
+    assert same_surfaces(np.tile(np.diag([0.0, 0, 1, 0]), (300, 1, 1)), places).tolist() == list(range(300))
+    assert len(calls) < 30
 
 
 def test_few_operations_have_the_whole_row_as_an_operand(monkeypatch):

@@ -26,7 +26,7 @@ import numpy as np
 from manifold3d import Manifold, Mesh64
 
 SAME = 1e-7  # tolerance of a quadric's coefficients in a primitive's own space
-NEAR = 1e-6  # tolerance of its coefficients in the scene's space; only surfaces within it are compared
+NEAR = 1e-6  # tolerance of its coefficients in the scene's space, at first; only surfaces within it are compared
 
 
 def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
@@ -36,12 +36,13 @@ def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     to the world. A representative represents itself.
     """
     sizes = np.linalg.norm(matrices[:, :3, :3], axis=(1, 2))
-    group = _clusters(_features(quadrics, matrices))
+    features, near = _features(quadrics, matrices), NEAR
     order = np.argsort(-sizes, kind="stable")
     result = np.full(len(quadrics), -1)
     canonical = quadrics / np.linalg.norm(quadrics, axis=(1, 2), keepdims=True)
-    while len(order):
-        _, first, cluster = np.unique(group[order], return_index=True, return_inverse=True)
+    while len(order):  # each round finds the surface of the largest primitive of each cluster
+        _, first, cluster = np.unique(_clusters(features[order], near), return_index=True, return_inverse=True)
+        near /= 2  # splits clusters of many different surfaces
         representative = order[first][cluster]
         inverse = np.linalg.inv(matrices[order[first], :3, :3])[cluster]
         relative = np.zeros((len(order), 4, 4))  # from the primitive's own space to the representative's
@@ -70,15 +71,15 @@ def _features(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     return np.asarray(world[:, row, column])
 
 
-def _clusters(rows: np.ndarray) -> np.ndarray:
-    """Labels of the rows of an array: rows that differ by less than NEAR in every column have the same label."""
+def _clusters(rows: np.ndarray, near: float) -> np.ndarray:
+    """Labels of the rows of an array: rows that differ by less than ``near`` in every column have the same label."""
     label = np.zeros(len(rows), int)
     count = 0
     while count < label.max() + 1:
         count = label.max() + 1
         for column in rows.T:
             order = np.lexsort([column, label])
-            new = (np.diff(label[order]) != 0) | (np.diff(column[order]) > NEAR)
+            new = (np.diff(label[order]) != 0) | (np.diff(column[order]) > near)
             label[order] = np.concatenate([[0], np.cumsum(new)])
     return label
 
@@ -153,13 +154,12 @@ class Planes:
         return self.move_points(vertices, *np.divmod(pairs, len(self.planes)), 0.0)
 
     def one_sided(self, surfaces: Collection[int], boxes: np.ndarray) -> bool:
-        """Whether all ``boxes`` (n, 2, 3) are certainly on one side of each of the ``surfaces``."""
+        """Whether all ``boxes``, see :class:`.Body`, are certainly on one side of each of the ``surfaces``."""
         planes = self.planes[np.isin(self.surface, list(surfaces))]
         if len(planes) > len(surfaces):  # a curved surface
             return False
-        middle = boxes.mean(axis=1) @ planes[:, :3].T + planes[:, 3]
-        half = (boxes[:, 1] - boxes[:, 0]) @ np.abs(planes[:, :3]).T / 2 - 8 * self.step
-        return bool(((middle <= -half).all(axis=0) | (middle >= half).all(axis=0)).all())
+        height = boxes[:, 2:].reshape(-1, 3) @ planes[:, :3].T + planes[:, 3]
+        return bool(((height <= 8 * self.step).all(axis=0) | (height >= -8 * self.step).all(axis=0)).all())
 
     def _moved(self, solid: Manifold, surfaces: Collection[int], target: Target) -> Manifold:
         """A solid with its facets on ``surfaces`` moved to new heights over their planes.
@@ -171,8 +171,7 @@ class Planes:
         mesh = solid.to_mesh64()
         facets = np.asarray(mesh.face_id, dtype=np.int64)
         plane, side = self.of_facet[facets], self.side[facets] * signs(mesh)
-        selected = np.isin(self.surface, list(surfaces))
-        selected_facets = (plane >= 0) & selected[plane]
+        selected_facets = (plane >= 0) & np.isin(self.surface[plane], list(surfaces))
         if not selected_facets.any():
             return solid
         triangles = np.asarray(mesh.tri_verts, dtype=np.int64)

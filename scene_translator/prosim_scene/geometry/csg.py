@@ -69,8 +69,9 @@ def count_cut_media(tree: Tree, media_of: Sequence[int]) -> np.ndarray:
 
 @dataclass(eq=False)
 class Body:
-    """A solid of one medium: ``manifold()`` is its lazy mesh, ``boxes`` (n, 2, 3) are those of its leaves (min and max
-    corner), and ``surfaces`` the shared ones that its faces may lie on. Equal leaves have the same ``solid``.
+    """A solid of one medium: ``manifold()`` is its lazy mesh, ``boxes`` (n, 10, 3) are those of its leaves (min and max
+    corner, then the corners of the turned box), and ``surfaces`` the shared ones that its faces may lie on. Equal leaves
+    have the same ``solid``.
     """
 
     manifold: Callable[[], Manifold]
@@ -184,16 +185,21 @@ def apply_steps(before: Body | None, steps: list[Step]) -> Step:
 def _mergeable(before: Body, steps: list[Step]) -> bool:
     """Whether each face has the same owner if the steps are merged as if they are applied one after the other.
 
-    One step may cover a face of ``before``, and a later step may subtract a solid with a face on the same surface and
-    uncover it. Step by step, the later solid owns the face; after merging, ``before`` owns it. No face is covered if
-    there is material on one side of the surface only.
+    One step may cover a face of ``before`` or of a subtracted solid, and a later step may subtract a solid with a face
+    on the same surface and uncover it. Step by step, the later solid owns the face; after merging, the earlier one.
+    No face is covered if there is material on one side of the surface only.
     """
-    boxes = np.concatenate([before.boxes, *(added.boxes for _, added in steps[:-1] if added)])
-    return all(
-        before.planes.one_sided(before.surfaces & subtracted.surfaces, boxes[touching(boxes, subtracted.box)])
-        for subtracted, _ in steps[1:]
-        if subtracted
-    )
+    surfaces, boxes = before.surfaces, before.boxes  # of the steps so far: of faces, and of what is filled
+    for subtracted, added in steps:
+        if subtracted:
+            near = touching(boxes, subtracted.box)
+            may_uncover = (near >= len(before.boxes)).any()
+            if may_uncover and not before.planes.one_sided(surfaces & subtracted.surfaces, boxes[near]):
+                return False
+            surfaces = surfaces | subtracted.surfaces
+        if added:
+            boxes = np.concatenate([boxes, added.boxes])
+    return True
 
 
 MAX_BATCH = 500  # the largest number of bodies in one union; of more, each half is computed first, to save memory

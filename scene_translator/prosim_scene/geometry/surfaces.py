@@ -18,6 +18,7 @@ from .detail import warn_of_rounding
 from .grouping import components
 from .leaves import Leaves
 from .primitives import CornerAttributes, Mesh, Primitive
+from .solids import world_box_corners
 
 
 class MeshKey(NamedTuple):
@@ -151,7 +152,8 @@ def _boundary(
     """
     table.make_meshes()
     ids = OriginalIds(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
-    boxes = table.boxes[table.of_leaf] + table.step * np.array([[-1.0], [1.0]])
+    boxes = table.boxes + table.step * np.array([[-1.0], [1.0]])
+    boxes = np.append(boxes, world_box_corners(table.solids), axis=1)[table.of_leaf]
     fresnel = np.flatnonzero(reflects).tolist()
     groups = components(boxes[:, 0], boxes[:, 1])
     alone = np.bincount(groups, minlength=len(groups)) == 1

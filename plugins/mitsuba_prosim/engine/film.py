@@ -10,7 +10,7 @@ import mitsuba as mi
 
 from ..parameters import reject
 from ..registry import create
-from .plan import area, index_within, pixels
+from .plan import index_within, pixels
 
 if TYPE_CHECKING:
     from .accumulators import Accumulators, FilmState
@@ -142,9 +142,6 @@ def film_values(state: FilmState, own_aovs: Sequence[str], second: Accumulators 
             for c, sums in enumerate(accumulators.sums[place : place + len(names)]):
                 totals[c] = totals[c] + weight * dr.gather(mi.Float, sums, source, there)
     totals += [totals[names.index("W")] * dr.gather(mi.Float, values, mi.UInt32(own_index)) for values in own]
-    values = dr.empty(mi.Float, area(plan.window) * len(totals))
-    index = dr.arange(mi.UInt32, area(plan.window)) * len(totals)
-    for c, total in enumerate(totals):
-        dr.scatter(values, total, index + c)
+    values = dr.ravel(mi.ArrayXf(totals))
     dr.eval(values)
     return mi.TensorXf(values, (bottom - top, right - left, len(totals)))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 class Policy:
     """Every pixel gets all samples: the policy ``none``, and the base class of the others.
 
-    A subclass overrides the differences. ``threshold`` is the integrator's parameter.
+    A subclass overrides the differences.
     """
 
     #: How many pixels around a pixel the policy looks at.
@@ -33,7 +33,12 @@ class Policy:
             self.first_samples = plan.max_samples
         if self.first_samples >= plan.max_samples:
             self.reach = 0
-        self.threshold = dr.opaque(mi.Float, plan.sampling.threshold)
+        self.plan = plan
+
+    @property
+    def threshold(self) -> mi.Float:
+        """The integrator's parameter; opaque, so that one kernel serves all values."""
+        return dr.opaque(mi.Float, self.plan.sampling.threshold)
 
     def request(self, accumulators: Accumulators, width: mi.UInt32, height: mi.UInt32) -> mi.Float:
         """The requested total samples of each pixel of a rectangle, row by row. ``accumulators``: those of the
@@ -88,17 +93,14 @@ class Graded(Policy):
     reach = 3
     rounds = 2
 
-    def __init__(self, plan: Plan) -> None:
-        super().__init__(plan)
-        self.scale = dr.opaque(mi.Float, plan.n / max(plan.sampling.threshold, 1e-9))
-
     def request(self, accumulators: Accumulators, width: mi.UInt32, height: mi.UInt32) -> mi.Float:
         """In proportion to the standard deviation."""
         # The mean variance within the pixels: differences between them may be an edge or a texture, which is no noise.
         count = mi.Float(accumulators.count)
         own = [variance(accumulators.total, accumulators.squares, count), accumulators.total / count]
         within, mean = around(own, width, height, Graded.reach)
-        return self.scale * dr.select(dr.isfinite(within), in_display_units(dr.sqrt(within), mean), dr.inf)
+        scale = dr.opaque(mi.Float, self.plan.n / max(self.plan.sampling.threshold, 1e-9))
+        return scale * dr.select(dr.isfinite(within), in_display_units(dr.sqrt(within), mean), dr.inf)
 
 
 def error_of_neighbours(

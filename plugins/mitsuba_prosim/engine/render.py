@@ -97,6 +97,8 @@ class Render(Steps):
         #: Whether the image has all requested samples.
         self.finished = False
         self._stopped, self._done = False, 0.0
+        #: The film's values, when it has ended.
+        self._values: mi.TensorXf | None = None
         self._finished_before = begin is not None and begin.restore(self.state)
         self.denoiser = denoiser
         #: The next pass aims at an error of this many times the limits, which the denoiser may set.
@@ -156,6 +158,8 @@ class Render(Steps):
             with suppress(Exception):  # the first error is the cause
                 self.update_film()
             raise
+        with alone():
+            self._values = film_values(self.state, self.own_aovs)
         self.update_film()
 
     def _must_end(self, current: Pass) -> bool:
@@ -264,10 +268,10 @@ class Render(Steps):
     @alone()
     def update_film(self, second: bool = False) -> None:
         """Writes the image so far to the film. ``second``: the second image instead, which must be complete."""
-        state = self.state
         sums = self.second.accumulators if second and self.second else None
-        names = [*state.estimator.channels.aov_names, *self.own_aovs]
-        put(self.film, film_values(state, self.own_aovs, sums), names)
+        values = self._values if sums is None else None
+        names = [*self.state.estimator.channels.aov_names, *self.own_aovs]
+        put(self.film, film_values(self.state, self.own_aovs, sums) if values is None else values, names)
         self.film.schedule_storage()
         dr.eval()  # pending work of one thread would break dr.freeze in another
 

@@ -49,8 +49,8 @@ class Steps:
     def __init__(self, steps: Generator[Step, None, None]) -> None:
         self._steps = steps
 
-    def __iter__(self) -> Self:
-        return self
+    def __iter__(self) -> Generator[Step, None, None]:
+        return self._steps
 
     def __next__(self) -> Step:
         return next(self._steps)

@@ -271,6 +271,12 @@ SOURCE_LINE = re.compile(r"\[\w+\.(?:cpp|h):\d+\] ")
 #: "FILE" failed: ... (...)`.
 PLACE = re.compile(r'(?:[Ll]oading|XML file|At) "?([^"\n]+?)"?(?: failed: [^\n]*?)? \(line (\d+), col (\d+)\)')
 
+#: There is no such plugin: the tag in XML, and the name.
+NOT_FOUND = re.compile(r'failed to instantiate (\w+) plugin of type "([^"\n]+)": [^\n]*not found!')
+
+#: Tag in XML -> name of the kind of plugin, where they differ.
+TAGS = {"rfilter": "reconstructionfilter", "phase": "phasefunction"}
+
 
 # ---------------------------------------------------------------- arrays
 # Dr.Jit 1.5 assumes an alignment of arrays that it got from NumPy by their address, and makes it part of a kernel: the

@@ -12,6 +12,7 @@ from prosim_scene import extras
 
 from ..engine.tiles import Part
 from ..scene import overrides, session
+from ..scene.errors import with_line, with_suggestion
 
 #: Where the viewer tev listens by default.
 TEV_HOST, TEV_PORT = "127.0.0.1", 14158
@@ -31,7 +32,7 @@ def input_errors() -> Iterator[None]:
     except prosim_scene.SceneError as error:
         raise InputError(str(error)) from None
     except (ImportError, RuntimeError, TypeError, ValueError, OSError) as error:
-        raise InputError(session.message(error)) from None
+        raise InputError(with_line(with_suggestion(session.message(error)))) from None
 
 
 def require_extra(extra: str, what: str) -> None:

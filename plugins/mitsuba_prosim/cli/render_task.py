@@ -308,7 +308,7 @@ def finish(task: RenderTask, steps: Any, seconds: float, interrupted: bool) -> I
     exposure = job.exposure or 0.0
     colours = images.colours(bitmap)
     shown = None if colours is None else colours * 2.0**exposure
-    why = None if shown is None else black.reason(task.scene, shown, exposure=exposure)
+    why = None if shown is None else black.reason(task.scene, task.sensor, shown, exposure=exposure)
     return Image({**images.encode(bitmap, header | own | dict(task.facts), exposure, own)}, lines, why)
 
 

@@ -21,6 +21,7 @@ import prosim_scene
 
 from ..denoising import layers
 from ..scene import black, session
+from ..scene.errors import with_line, with_suggestion
 from .loaded_scene import LoadedScene
 from .orbit_camera import Camera
 from .picture import Factors, Picture
@@ -223,7 +224,7 @@ class Viewer:
         self._images[which] = self._images.pop(which)  # the last from now on
         if image.complete and which == "own" and image.picture is not None:
             final = image.picture.layers["final"]
-            changes["black"] = black.reason(scene.scene, final, ON_THE_PAGE)
+            changes["black"] = black.reason(scene.scene, scene.sensor, final, ON_THE_PAGE)
         self._seconds += time.perf_counter() - started
         self._publish(**changes)
 
@@ -253,8 +254,10 @@ class Viewer:
         """Publishes the error; the next change of the scene or the view begins again."""
         self._images, self._shown = {}, self._request
         expected = isinstance(error, (RuntimeError, TypeError, ValueError, OSError, MemoryError))
-        words = session.message(error) if expected else f"{type(error).__name__}: {error}"
+        words = with_suggestion(session.message(error)) if expected else f"{type(error).__name__}: {error}"
         missing = not self._path.exists()
         if self.scene is None:
             self.watcher.failed()
-        self.publisher.publish(status="missing" if missing else "failed", error=None if missing else words)
+        self.publisher.publish(
+            status="missing" if missing else "failed", error=None if missing else with_line(words, self._path)
+        )

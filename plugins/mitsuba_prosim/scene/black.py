@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import math
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 #: Half of the darkest grey of a PNG, in linear light.
 BLACK = 0.5 / 255 / 12.92
 
+#: Camera rays per side of the image.
+SIDE = 64
+
 #: How to make an image brighter; ``{}``: the exposure in stops.
 IN_THE_PNG = "The EXR has it all; --exposure {} makes it bright in the PNG"
 
 
-def reason(scene: mi.Scene, colours: np.ndarray, brighter: str = IN_THE_PNG, exposure: float = 0.0) -> str | None:
-    """The reason why an image is black, or what to look for; None for any other image.
+def reason(
+    scene: mi.Scene, sensor: mi.Sensor, colours: np.ndarray, brighter: str = IN_THE_PNG, exposure: float = 0.0
+) -> str | None:
+    """The reason why an image is black, and a remedy; None for any other image.
 
     ``colours``: linear, as they are displayed with ``exposure``; ``brighter``: as :data:`IN_THE_PNG`.
     """
@@ -27,9 +33,36 @@ def reason(scene: mi.Scene, colours: np.ndarray, brighter: str = IN_THE_PNG, exp
         text = f"its brightest value is {brightest:.2g}, white being 1. {enough}, and so do brighter lights."
     elif not scene.emitters():
         text = "the scene has no lights."
+    elif not dr.is_jit_v(mi.Float):
+        text = "no light arrives at the visible surfaces, or nothing is in view."
     else:
-        text = (
-            "nothing is in view, no light arrives there, or none is reflected to the eye. Does the camera look at the "
-            "scene, from outside of its solids? Are the lights dark, enclosed, or turned away?"
-        )
+        text = _reason_by_rays(scene, sensor)
     return "the picture is black: " + text
+
+
+def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
+    """The result of a grid of camera rays, of which each samples one point of a light.
+
+    The points are those of Roberts (2018), "The Unreasonable Effectiveness of Quasirandom Sequences".
+    """
+    k = dr.arange(mi.Float, SIDE * SIDE)
+    x, y = dr.meshgrid(*[dr.arange(mi.Float, SIDE) + 0.5] * 2)
+    ray, _ = sensor.sample_ray_differential(0.0, 0.5, mi.Point2f(x, y) / SIDE, mi.Point2f(0.5))
+    si = scene.ray_intersect(ray)
+    visible = si.is_valid()
+    if not dr.any(visible):
+        return "nothing is in view. Does the camera look at the scene, and between its clipping planes?"
+    if dr.all(~visible | (dr.dot(si.n, ray.d) > 0)):
+        return "all visible surfaces show their inner side: the eye is within a solid, or a mesh is turned inside out."
+    on_light = mi.Point2f(k * 0.7548776662466927, k * 0.5698402909980532)
+    ds, light = scene.sample_emitter_direction(si, on_light - dr.floor(on_light), False, visible)
+    lit = visible & (dr.max(mi.unpolarized_spectrum(light)) > 0)
+    if not dr.any(lit):
+        return "no light arrives at the visible surfaces: the lights shine elsewhere, or are dark."
+    lit &= dr.dot(si.n, ds.d) > 0
+    if dr.any(lit & ~scene.ray_test(si.spawn_ray_to(ds.p), lit)):
+        return (
+            "light arrives at the visible surfaces, and none is reflected to the eye. Are they black, or mirrors or "
+            "glass that show something black?"
+        )
+    return "no light arrives at the visible surfaces: they lie in shadow. Are the lights enclosed, or behind a wall?"

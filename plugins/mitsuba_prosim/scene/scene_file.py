@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import html
+import os
 import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
@@ -16,6 +18,7 @@ from prosim_scene import Document, located, meshes
 from .. import compat, registry
 from . import overrides, session
 from .confinement import ATTRIBUTE, ELEMENT, Confinement
+from .errors import check_images
 
 #: Arguments of :func:`prosim_scene.translate`: those that scenes in XML do not have, and all.
 LANGUAGE = ("light_units", "tolerance")
@@ -84,6 +87,7 @@ class SceneFile:
         folders = [self.xml.parent, self.path.parent]
         confinement = Confinement(reversed(folders)) if confined else None
         resolver = confinement.search_path() if confinement else session.resolver(folders)
+        self._folders = [str(folder) for folder in resolver]  # <path> elements extend the search path
         with session.resolving(resolver):
             if confinement and self.xml is self.path:
                 confinement.check_text(self.xml)
@@ -112,23 +116,34 @@ class SceneFile:
     def named_files(self) -> list[tuple[str, Path]]:
         """``(name, path)`` of each file that the scene names, without XML files."""
         files = [(props[name], path) for props, name, path in self._strings(self.state)]
-        return files + sorted(set(self._spectra()))
+        return files + sorted(set(self._spectra(self.xml, self._folders, dict(self.changes["definitions"]))))
 
-    def _spectra(self) -> Iterator[tuple[str, Path]]:
-        """``(name, path)`` of each file that may hold a spectrum of the XML texts, which the parser has replaced by its
-        content: all files of its name in the search path and beside the texts.
+    def _spectra(
+        self, text: Path, folders: list[str], values: dict[str, str], within: tuple[str, ...] = ()
+    ) -> Iterator[tuple[str, Path]]:
+        """``(name, path)`` of each spectrum in an XML text, which the parser has replaced by its content.
+
+        Follows the parser: a file is the first of its name, a parameter has its first value, and what a text includes
+        is found and read with that text's folder first in the search path.
         """
-        texts, values = [Path(str(file)) for file in self.state.files], dict(self.changes["definitions"])
-        folders = [*(Path(str(folder)) for folder in self._resolver), *(text.parent for text in texts)]
-        for text in texts:
-            for found in ELEMENT.finditer(COMMENT.sub("", text.read_text(encoding="utf-8", errors="replace"))):
-                said = {key: value[1:-1] for key, value in ATTRIBUTE.findall(found[2])}
-                if found[1] == "default":
-                    values.setdefault(said.get("name", ""), said.get("value", ""))
-                elif found[1] == "spectrum" and (name := said.get("filename")):
-                    for key in sorted(values, key=len, reverse=True):
-                        name = name.replace(f"${key}", values[key])
-                    yield from ((name, place) for folder in folders if (place := folder / name).is_file())
+        folders, within = [*folders], (*within, os.path.realpath(text))
+        for found in ELEMENT.finditer(COMMENT.sub("", text.read_text(encoding="utf-8", errors="replace"))):
+            said = {key: html.unescape(value[1:-1]) for key, value in ATTRIBUTE.findall(found[2])}
+            for key in sorted(values, key=len, reverse=True):
+                said = {attribute: value.replace(f"${key}", values[key]) for attribute, value in said.items()}
+            if found[1] == "default":
+                values.setdefault(said.get("name", ""), said.get("value", ""))
+                continue
+            name = said.get("value" if found[1] == "path" else "filename", "")
+            search = [str(text.parent), *folders] if found[1] == "include" else folders
+            places = (os.path.join(folder, name) for folder in (*search, ""))
+            place = next(filter(os.path.exists, places), "")
+            if found[1] == "path" and place:
+                folders.insert(0, place)
+            elif found[1] == "spectrum" and os.path.isfile(place):
+                yield name, Path(place)
+            elif found[1] == "include" and os.path.isfile(place) and os.path.realpath(place) not in within:
+                yield from self._spectra(Path(place), search, values, within)
 
     def sources(self) -> list[Path]:
         """The files that the scene names, and the meshes that a translation has read."""
@@ -146,7 +161,7 @@ class SceneFile:
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene; ``sampler``: the plugin that takes the place of its sampler, with as many samples.
 
-        Raises Mitsuba's errors.
+        Raises Mitsuba's errors, and :class:`prosim_scene.SceneError` for a damaged image, at its place in the text.
         """
         state = mi.parser.ParserState(self.state)
         for node in state.nodes:
@@ -154,8 +169,13 @@ class SceneFile:
                 props = mi.Properties(sampler)
                 props["sample_count"] = node.props.get("sample_count", 4)
                 node.props = props
-        with session.resolving(self._resolver), session.enough_threads():
-            return instantiate(state)
+        try:
+            with session.resolving(self._resolver), session.enough_threads():
+                return instantiate(state)
+        except RuntimeError:
+            if self.document is not None:
+                check_images(self.document)
+            raise
 
 
 def parse(

@@ -1,0 +1,66 @@
+"""Better messages for Mitsuba's errors: the line of an XML file, a similar plugin, the damaged image."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+
+import mitsuba as mi
+from prosim_scene import Document, Source, Span, images, located
+
+from .. import registry
+from ..compat import LIBRARIES, NOT_FOUND, PLACE, TAGS
+from .session import message
+
+
+def with_line(words: str, scene: Path | None = None) -> str:
+    """``words``, and the line that they name with a caret below it. Of several places it is the last, as an included
+    file is named after the one that includes it.
+
+    ``scene``: show only lines of this file and of files in its folder, as ``words`` may be the scene's own.
+    """
+    for place in reversed(list(PLACE.finditer(words))):
+        path = Path(place[1])
+        known = scene is None or path == scene or path.resolve().is_relative_to(scene.parent.resolve())
+        if known and (line := _line(path, int(place[2]), int(place[3]))):
+            return f"{words.rstrip()}\n{line}"
+    return words.rstrip()
+
+
+def _line(path: Path, line: int, column: int) -> str:
+    """A line of an XML file and the caret below it; empty where it can't be read."""
+    if path.suffix != ".xml":
+        return ""
+    try:
+        source = Source(path.read_text(encoding="utf-8"), str(path))
+        start = source.line_starts[line - 1] + max(column - 1, 0)
+    except (OSError, ValueError, IndexError):
+        return ""
+    return source.message(Span(start, start + 1), "").partition("\n")[2]
+
+
+def with_suggestion(words: str) -> str:
+    """``words``, with the name of a similar plugin of the same kind where they say that a plugin does not exist."""
+    found = NOT_FOUND.search(words)
+    if found is None:
+        return words
+    native = [path.stem for path in Path(mi.__file__).parent.glob("plugins/*") if path.suffix in LIBRARIES]
+    kind_of, kind = mi.PluginManager.instance().plugin_type, TAGS.get(found[1], found[1])
+    for near in difflib.get_close_matches(found[2], {*native, *registry.PLUGINS}, n=9):
+        if kind in ("unknown", kind_of(near).name.lower()):
+            return f"{words[: found.end()]} Did you mean {near}?{words[found.end() :]}"
+    return words
+
+
+def check_images(document: Document) -> None:
+    """Raises the :class:`prosim_scene.SceneError` of the first image that Mitsuba can't read, at its place in the text.
+
+    The translator checks only the first bytes of an image.
+    """
+    folder = Path(document.source.filename).parent
+    for name, way in images(document):
+        try:
+            mi.Bitmap(str(located(folder, name)))
+        except RuntimeError as error:
+            why = f"the image {name!r} is incomplete or damaged: {message(error)}; save it again"
+            raise document.error(why, *way) from None

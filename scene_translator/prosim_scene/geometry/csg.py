@@ -70,8 +70,8 @@ def count_cut_media(tree: Tree, media_of: Sequence[int]) -> np.ndarray:
 @dataclass(eq=False)
 class Body:
     """A solid of one medium: ``manifold()`` is its lazy mesh, ``boxes`` (n, 10, 3) are those of its leaves (min and max
-    corner, then the corners of the turned box), and ``surfaces`` the shared ones that its faces may lie on. Equal leaves
-    have the same ``solid``.
+    corner, then the corners of the turned box), ``surfaces`` are the shared ones that its faces may lie on. Equal
+    leaves have the same ``solid``.
     """
 
     manifold: Callable[[], Manifold]

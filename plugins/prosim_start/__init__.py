@@ -29,7 +29,8 @@ def main() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
     finally:  # the work is done, and Python needs a moment to end
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for name in {"SIGINT", "SIGTERM", "SIGHUP"} & set(dir(signal)):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
 
 
 def open_if_closed(file: int, name: str) -> None:

@@ -15,6 +15,7 @@ import pytest
 from mitsuba_prosim import atomic
 from mitsuba_prosim.cli import files
 from mitsuba_prosim.cli.interrupts import interruptible
+from mitsuba_prosim.cli.render_task import Resources
 from mitsuba_prosim.engine.plan import Plan
 from mitsuba_prosim.scene import rendering
 from running import ADAPTIVE_PATH, LIT_FLOOR, PIPES, at_step, done, metadata, names, pixels, prosim, refused, scene_text
@@ -133,6 +134,12 @@ def test_a_signal_before_the_first_sample_writes_nothing(scene, monkeypatch):
     monkeypatch.setattr(Plan, "of", interrupted)
     scene.write_text(BANDS)
     refused("Interrupted before the first sample", "render", scene, code=130)
+
+
+def test_a_signal_while_the_workers_end_comes_too_late(scene, monkeypatch):
+    interrupt = os.kill, os.getpid(), signal.SIGINT
+    monkeypatch.setattr(Resources, "executor", lambda self, _: self.callback(*interrupt) and None)
+    done("render", scene)
 
 
 def test_stop_is_called_again_until_the_end(monkeypatch, capfd):

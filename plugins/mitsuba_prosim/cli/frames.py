@@ -44,7 +44,8 @@ class Film:
 
     def render(self) -> str | None:
         """Renders the missing frames; returns the cause of an interruption, in words. Raises ClickException."""
-        with Resources(self.job) as resources, interruptible(lambda: None) as signals, self.bar:
+        with Resources(self.job) as resources, self.bar:
+            signals = resources.enter_context(interruptible(lambda: None))  # until the workers have ended
             for number in self.frames:
                 if signals:
                     return "interrupted"

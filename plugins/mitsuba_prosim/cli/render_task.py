@@ -249,17 +249,20 @@ def write_image(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
     ``begin``: continues from there. Raises InputError, where nothing has been written, and ClickException; ends the
     process where it was interrupted.
     """
-    with Resources(job) as resources:
-        with input_errors():
-            task = RenderTask(job, job.read_scene(resources.folder), stem, begin)
-            task.check()
-        progressive = rendering.is_progressive(task.integrator)
-        # The first step ends when the kernels are compiled and one work item is rendered.
-        with Progress("compiling kernels" if progressive else "rendering", timed=progressive) as bar:
-            image = render_image(task, bar, resources)
-        if image.black:
-            warnings.warn(image.black, stacklevel=2)
-    click.echo(image.report)
+    with ExitStack() as until_reported:
+        with Resources(job) as resources:
+            with input_errors():
+                task = RenderTask(job, job.read_scene(resources.folder), stem, begin)
+                task.check()
+            progressive = rendering.is_progressive(task.integrator)
+            # Workers need a second to end, when the image is written.
+            signals = until_reported.enter_context(interruptible(lambda: None))
+            # The first step ends when the kernels are compiled and one work item is rendered.
+            with Progress("compiling kernels" if progressive else "rendering", timed=progressive) as bar:
+                image = render_image(task, bar, resources, signals)
+            if image.black:
+                warnings.warn(image.black, stacklevel=2)
+        click.echo(image.report)
     if image.interruption:
         sys.exit(1)
 

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 #: A sample counts as no brighter than this in the estimated error: the squares of N² samples stay finite.
 BRIGHTEST = 1e16
 
-#: A darker sample counts as black there: its square would be a denormal number, which Dr.Jit's threads round to zero
-#: and the main thread does not.
-DARKEST = 1e-16
+#: A darker sample counts as black, there and in the image: its square, or its sum, would be a denormal number, which
+#: Dr.Jit's threads round to zero and the main thread does not.
+DARKEST, DARKEST_SUM = 1e-16, 1e-30
 
 
 @dataclass

@@ -13,7 +13,7 @@ from ..sampling.hash import combine
 from ..sampling.nrook import NRook
 from ..sampling.sobol import Sobol
 from ..transport.transport_context import LENS, PIXEL, TIME_AND_WAVELENGTH
-from .accumulators import BRIGHTEST, DARKEST, Accumulators
+from .accumulators import BRIGHTEST, DARKEST, DARKEST_SUM, Accumulators
 from .camera import ray_sampler
 from .film import Channels, luminance
 from .plan import Plan
@@ -37,12 +37,13 @@ class Estimator:
         return len(self.channels.names) * (2 * self.reach + 1) ** 2
 
     @property
-    def smoothing(self) -> float:
-        """The part of the standard error that the filter leaves, of pixels that differ by their noise alone."""
-        r = self.reach + 0.5
-        x = np.linspace(-r, r, 2001)
+    def filter_weights(self) -> np.ndarray:
+        """The fractions of a sample's value that the filter gives to pixels in each of four directions. The sum of
+        their squares is the fraction of the variance that remains.
+        """
+        x = np.arange(0.25, self.reach + 0.5, 0.5)  # twice a pixel
         f = np.array(self.rfilter.eval(mi.Float(x)), dtype=np.float64)
-        return 1.0 if self.rfilter.is_box_filter() else float(np.mean(f**2) / np.mean(f) ** 2 / (2 * r))
+        return np.outer(f, f).ravel() / np.sum(f) ** 2
 
     def camera_ray(self, x: mi.Int32, y: mi.Int32, points: NRook | Sobol) -> tuple[mi.Ray3f, mi.Spectrum, mi.Point2f]:
         """Camera ray through pixel (x, y): ``(ray, weight, position)``; ``position`` is relative to the pixel."""
@@ -83,6 +84,7 @@ class Estimator:
             others = [value for layer in layers for value in self.channels.rgb(layer, ray.wavelengths)]
         alpha = dr.select(hit, mi.Float(1), 0)
         values = self.channels.values(self.scene, self.sensor.sampler(), ray, L, alpha, others)
+        values = [dr.select(dr.abs(v) < DARKEST_SUM, 0, v) for v in values]
         return values, luminance(L, ray.wavelengths), position
 
     def splats(self, values: list[mi.Float], position: mi.Point2f) -> list[tuple[mi.Float, mi.Float]]:

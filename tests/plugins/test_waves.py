@@ -347,3 +347,15 @@ def test_work_items_do_not_shrink_to_single_samples(variant_rgb):
 def test_the_shortest_time_gives_every_pixel_one_sample(variant_rgb):
     image = render(COPPER, time=1e-6, aovs="samples,error")
     assert np.all(image[..., -2] == 1)
+
+
+@pytest.mark.parametrize("rfilter", ["gaussian", "mitchell"])
+def test_the_noise_of_rare_bright_samples_is_measured_behind_a_filter(variant_rgb, rfilter):
+    """It spreads them over darker pixels, where they are seen more."""
+    nested = {"type": "direct", "emitter_samples": 0, "bsdf_samples": 1}
+    settings = {"type": "prosim_adaptive", "nested": nested, "adaptive": "none", "max_samples": 5, "noise": 0.001}
+    scene = mi.load_dict(penumbra(None, 64, rfilter, **settings))
+    renders = [scene.integrator().progressive(scene, seed=seed).run() for seed in (5, 6)]
+    first, second = (displayed_luminance(render.image()) for render in renders)
+    noise = np.sqrt(np.mean(np.square(first - second)) / 2)
+    assert [render.reached.noise for render in renders] == pytest.approx([noise, noise], rel=0.08)

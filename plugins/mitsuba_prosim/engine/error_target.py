@@ -122,12 +122,24 @@ class SecondImage:
         """The RMS error of the displayed image of ``state``, or of the mean of both (white = 1), and the bounds of 99
         and of 99.9 % of its pixels.
 
-        The displayed values are compared: errors by the slope of the tone curve would be those of bright spots.
+        Each pixel of the first image is replaced by that of the second: what changes in the displayed values of the
+        pixels to which the filter spreads it. (Errors by the slope of the tone curve would be those of bright spots.)
         """
-        values = [displayed(sums.total / mi.Float(sums.count)) for sums in (state.accumulators, self.accumulators)]
-        first, second = (np.array(v) for v in values)
-        share = 0.5 if self.complete else 0.5**0.5
-        errors = np.abs(np.float64(first[self.index] - second)) * share * state.estimator.smoothing
+        both = (state.accumulators, self.accumulators)
+        first, second = (np.array(sums.total / mi.Float(sums.count), dtype=np.float64) for sums in both)
+        weights, plane = state.estimator.filter_weights, np.nan_to_num(state.crop(first, state.outer))
+        reach, (height, width) = len(weights) // 2, plane.shape
+
+        def shifted(values: np.ndarray, y: int, x: int) -> np.ndarray:
+            return np.pad(values, reach, "edge")[y : y + height, x : x + width]
+
+        filtered = sum(w * shifted(plane, 2 * reach - y, 2 * reach - x) for (y, x), w in np.ndenumerate(weights))
+        squares, difference = np.zeros(len(self.index)), first[self.index] - second
+        for (y, x), weight in np.ndenumerate(weights):
+            before = shifted(filtered, y, x).ravel()[self.index]
+            shown = [displayed(dr_array(np.float32(v))) for v in (before, before - weight * difference)]
+            squares += np.square(np.array(shown[0] - shown[1], dtype=np.float64))
+        errors = np.sqrt(squares) * (0.5 if self.complete else 0.5**0.5)
         tails = np.percentile(errors, [99, 99.9])
         return float(np.sqrt(np.mean(errors**2))), float(tails[0]), float(tails[1])
 

@@ -38,12 +38,11 @@ class Estimator:
 
     @property
     def filter_weights(self) -> np.ndarray:
-        """The fractions of a sample's value that the filter gives to pixels in each of four directions. The sum of
-        their squares is the fraction of the variance that remains.
+        """The fractions of a sample, a quarter of a pixel from the centre, that the filter gives to the pixels around.
+        The sum of their squares is the fraction of the variance that the filter leaves.
         """
-        x = np.arange(0.25, self.reach + 0.5, 0.5)  # twice a pixel
-        f = np.array(self.rfilter.eval(mi.Float(x)), dtype=np.float64)
-        return np.outer(f, f).ravel() / np.sum(f) ** 2
+        f = np.array(self.rfilter.eval(mi.Float(np.arange(-self.reach, self.reach + 1) + 0.25)), dtype=np.float64)
+        return np.outer(f, f) / np.sum(f) ** 2
 
     def camera_ray(self, x: mi.Int32, y: mi.Int32, points: NRook | Sobol) -> tuple[mi.Ray3f, mi.Spectrum, mi.Point2f]:
         """Camera ray through pixel (x, y): ``(ray, weight, position)``; ``position`` is relative to the pixel."""

@@ -200,7 +200,7 @@ class Render(Steps):
             complete = yield Pass(state, first, most, timed=True)
             if not complete and dr.any(state.accumulators.count > 0):
                 yield Pass(state, np.minimum(first, 1), shown=False, stoppable=False)
-            if not complete or policy.first_samples == plan.max_samples:
+            if not complete or (policy.first_samples == plan.max_samples and not any(self.target.limits)):
                 return
         if plan.sampling.has_target:
             state.rounds = 1
@@ -319,7 +319,7 @@ class Render(Steps):
         state, sums = self.state, self.state.accumulators
         error = in_display_units(sums.error(state.plan.n), sums.total / mi.Float(sums.count))
         values = np.float64(state.crop(error, state.plan.region))
-        result = float(np.sqrt(np.mean(values**2))) * state.estimator.smoothing
+        result = float(np.sqrt(np.mean(values**2))) * float(np.linalg.norm(state.estimator.filter_weights))
         return result if state.counts.min() > 1 and np.isfinite(result) else float("nan")
 
     @alone()

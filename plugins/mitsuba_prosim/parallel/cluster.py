@@ -45,7 +45,6 @@ def workers(number: int, threads: int | None = None) -> Iterator[distributed.Cli
         cluster = distributed.LocalCluster(
             n_workers=number,
             threads_per_worker=max(1, (threads or os.cpu_count() or 1) // number),
-            processes=True,
             host="127.0.0.1",
             dashboard_address="127.0.0.1:0",
             memory_limit=0,  # none

@@ -57,7 +57,7 @@ def to_world_name(parameters: MutableMapping[str, Any], prefix: str = "") -> str
 def set_world_transform(sensor: mi.Sensor, parameters: MutableMapping[str, Any], matrix: np.ndarray) -> None:
     """Moves ``sensor``. ``parameters``: those of ``mi.traverse(sensor)``; call their ``update`` afterwards.
 
-    A sensor in Python without such a parameter has its transform as an attribute.
+    A sensor in Python that does not expose its transform to ``mi.traverse`` has it as an attribute.
     """
     name = to_world_name(parameters)
     if name in parameters:

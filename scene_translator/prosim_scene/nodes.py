@@ -117,7 +117,7 @@ def _defaults(node: Node) -> Iterator[Default]:
 
 
 def _append(parent: ElementTree.Element, name: str, value: Any, depth: int) -> None:
-    """Adds a parameter, a plugin or a comment to ``parent``, whose children are indented ``depth`` times."""
+    """Adds a parameter, a plugin or a comment to ``parent``; ``depth``: the indentation level of its children."""
     if isinstance(value, Comment):
         text = escape(INVALID_IN_XML.sub("?", value), quote=False).replace("--", "- -")
         parent.append(ElementTree.Comment(f" {text} "))
@@ -125,7 +125,7 @@ def _append(parent: ElementTree.Element, name: str, value: Any, depth: int) -> N
         ElementTree.SubElement(parent, "rgb", name=name, value=", ".join(map(xml_number, value["value"])))
     elif isinstance(value, dict):
         element = ElementTree.SubElement(parent, TAGS[value["type"]], type=value["type"])
-        # An object in the scene has an id, a nested texture the name of a parameter.
+        # An object in the scene has an id; a nested texture, BSDF or medium has the name of a parameter.
         if parent.tag == "scene":
             element.set("id", name)
         elif element.tag in ("texture", "bsdf", "medium"):

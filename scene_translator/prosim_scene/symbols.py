@@ -177,7 +177,7 @@ class Symbols:
         return [Completion(f"${name}", "Variable", start, value, rank=1) for name, value in self._names.items()]
 
     def _index_completions(self, role: str, start: int) -> list[Completion]:
-        """The completions for an index: without this statement yet, or after a primitive with some statement."""
+        """Completions for an index: those without this statement or, after a primitive, with one; else the next."""
         indices = {symbol.key: places for symbol, places in self.table.items() if symbol.kind == "index"}
         roles = {int(key): {place.role_before for place in places} for key, places in indices.items()}
         if role in STATEMENTS:

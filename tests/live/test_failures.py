@@ -2,7 +2,7 @@
 
 import pytest
 from little import change, move, running, save, surface_at, until
-from mitsuba_prosim.compare.methods import lit
+from mitsuba_prosim.compare.methods import with_background_emitter
 from mitsuba_prosim.live.progressive_image import ProgressiveImage
 
 pytestmark = pytest.mark.slow
@@ -55,7 +55,7 @@ def test_a_background_that_path_cannot_be_lit_by(variant_rgb, write_scene):
         assert set(viewer.publisher.pictures) == {"own"} and viewer.publisher.state.error is None
         scene = viewer.call(lambda viewer: viewer.scene.scene).result(20)
         with pytest.raises(ValueError, match="Checkerboard can't light the scene"):
-            lit(scene, scene.integrator().background)  # as prosim compare has it
+            with_background_emitter(scene, scene.integrator().background)  # as prosim compare has it
 
 
 def test_the_path_of_another_scene_is_not_compared(variant_rgb, write_scene):

@@ -58,7 +58,7 @@ class InputFile(click.Path):
         return path
 
     def suggestion(self, path: Path) -> str:
-        """A question for the file of this kind in the same folder whose name begins like that of ``path``."""
+        """A question for the file of this kind in the same folder whose name is most like that of ``path``."""
         found = chain.from_iterable(map(path.parent.glob, self.patterns))
         files = {file.name.partition(".")[0]: file for file in found if file != path}
         near = difflib.get_close_matches(path.name.partition(".")[0], files, n=1)

@@ -236,13 +236,13 @@ CONFLICTS = (
 
 
 def make_job(asked: dict[str, Any]) -> Job:
-    """The job that options ask for, whose variant is set. Raises UsageError where they contradict each other."""
+    """The job for these options; also sets its variant. Raises UsageError where options contradict each other."""
     given = {name for name, value in asked.items() if value}
     for one, others, message in CONFLICTS:
         if one in given and given & set(others.split()):
             raise click.UsageError(message)
-    if "frames" not in given and (film := given & {"fps", "overwrite"}):
-        raise click.UsageError(f"--{min(film)} is for films; add --frames.")
+    if "frames" not in given and (of_films := given & {"fps", "overwrite"}):
+        raise click.UsageError(f"--{min(of_films)} is for films; add --frames.")
     if asked.get("adaptive") == "thesis" and given & set(TARGETS):
         raise click.UsageError("--adaptive thesis does not measure the noise; leave it out with --noise and --time.")
     asked["scene"] = str(asked.get("scene") or "")
@@ -258,7 +258,7 @@ def make_job(asked: dict[str, Any]) -> Job:
 
 
 def choose_variant(name: str | None) -> str:
-    """Sets a variant, or the default one, and loads all plugins; returns its name. Raises ImportError."""
+    """Sets a variant, or the default one; loads all plugins; returns its name. Raises ImportError, ClickException."""
     try:
         variant = session.set_variant(name)
     except RuntimeError as error:

@@ -107,7 +107,7 @@ def continued(before: Job, asked: Job, **changes: Any) -> Job:
 def checkpoint_and_job(
     state: Path, moved: Path | None, load: Callable[[Path], Checkpoint] = checkpoint.load
 ) -> tuple[Checkpoint, Job]:
-    """The checkpoint in a file and its job, whose variant is set; ``moved``: path of the job's scene, if that was
+    """The checkpoint in a file and its job; also sets its variant. ``moved``: path of the job's scene, if that was
     moved; ``load``: reads the checkpoint. Raises InputError.
     """
     with input_errors():

@@ -41,8 +41,8 @@ SUFFIXES, STATE = (".exr", ".png"), ".state.npz"
 class RenderTask:
     """An image that is to be rendered and written to ``stem``, a path without suffix.
 
-    ``begin``: continues from there. ``facts``: further metadata, of a frame of a film, which is written only when it is
-    finished.
+    ``begin``: the checkpoint to continue. ``facts``: further metadata of the image, which frames of a film alone have;
+    an interrupted frame is not written.
     """
 
     job: Job

@@ -43,7 +43,7 @@ def translate(job: Job, target: str, check: bool) -> None:
 @click.argument("scenes", type=LANGUAGE_FILE, nargs=-1, required=True)
 @click.option("--check", is_flag=True, help="Write nothing; exit with 1 if a file is not tidy.")
 def format_scene(scenes: tuple[Path, ...], check: bool) -> None:
-    """Rewrite SCENES, in the thesis's scene language, in tidy form; their meaning stays the same."""
+    """Rewrite SCENES, in the thesis's scene language, in canonical layout; their meaning stays the same."""
     untidy = {}
     for scene in scenes:
         with input_errors():

@@ -73,9 +73,7 @@ class Method:
     denoised: bool = False
 
     def render(self, seed: int) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """Image (height, width, 3), sample counts (height, width), seconds by the clock, and processor seconds per
-        thread.
-        """
+        """Image (height, width, 3), sample counts (height, width), wall-clock seconds, and CPU seconds per thread."""
         begin = halves.denoised_progressive if self.denoised else rendering.progressive
         start, start_cpu = time.perf_counter(), time.process_time()
         render = begin(self.scene, self.sensor, self.integrator, seed, self.spp).run()
@@ -108,7 +106,7 @@ class ComparedScene:
     @cached_property
     def lit(self) -> mi.Scene:
         """The scene with the integrator's background as an emitter, which other integrators need."""
-        return self.scene if self.background is None else lit(self.scene, self.background)
+        return self.scene if self.background is None else with_background_emitter(self.scene, self.background)
 
     def method(self, spec: Spec, transport: str, **overrides: Any) -> Method:
         """The :class:`Method` of ``spec``. ``transport`` selects the light paths: "scene" (as the scene file says),
@@ -139,8 +137,8 @@ def can_light(background: Any) -> bool:
     return background is None or not background.is_spatially_varying() or "data" in mi.traverse(background)
 
 
-def lit(scene: mi.Scene, background: mi.Texture) -> mi.Scene:
-    """A scene of the same objects and of an emitter that corresponds to ``background``, without a sensor.
+def with_background_emitter(scene: mi.Scene, background: mi.Texture) -> mi.Scene:
+    """A scene of the same shapes and emitters, and an emitter that corresponds to ``background``; without a sensor.
 
     The objects are shared, as Dr.Jit traces all BSDFs and emitters that exist. Raises ValueError for a texture that is
     not a bitmap.

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .pyramid import average, bands, blur, halved, whole
+from .pyramid import average, bands, blur, gaussian_pyramid, whole
 
 #: Number of scales, each twice as coarse as the one before; smallest side of an image with a coarser one.
 SCALES, LEAST_SIDE = 4, 8
@@ -138,7 +138,7 @@ def combined(
     response of the denoiser.
     """
     scales = [bands(image, SCALES, LEAST_SIDE) for image in (raw - denoised, noise, noise - followed)]
-    parts = [part(r, d, d - t, s)[..., None] for r, d, t, s in zip(*scales, halved(slope, len(scales[0])))]
+    parts = [part(r, d, d - t, s)[..., None] for r, d, t, s in zip(*scales, gaussian_pyramid(slope, len(scales[0])))]
     image = denoised + whole([share * r for share, r in zip(parts, scales[0])])
     # Near much brighter pixels the scales may not cancel out. The result is never darker than all of its inputs.
     image = np.maximum(image, np.minimum(np.minimum(raw, denoised), average(raw)))

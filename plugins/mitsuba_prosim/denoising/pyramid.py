@@ -30,17 +30,15 @@ def blur(image: np.ndarray, levels: int, times: int) -> np.ndarray:
     """A wide, cheap mean around each pixel: halved ``levels`` times, averaged ``times`` times, expanded.
     About a Gaussian of the variance (2 (4^levels - 1) / 3 + 4^levels times) pixels².
     """
-    smaller = halved(image, levels + 1)
+    smaller = gaussian_pyramid(image, levels + 1)
     result = average(smaller[-1], times)
     for target in reversed(smaller[:-1]):
         result = expand(result, *target.shape[:2])
     return result
 
 
-def halved(image: np.ndarray, count: int, least_side: int = 0) -> list[np.ndarray]:
-    """At most ``count`` images: ``image``, and repeatedly the result of :func:`reduce`. Sides below ``least_side`` are
-    not halved.
-    """
+def gaussian_pyramid(image: np.ndarray, count: int, least_side: int = 0) -> list[np.ndarray]:
+    """Levels of the Gaussian pyramid, ``image`` first: at most ``count``. It ends below ``least_side`` pixels."""
     result = [image]
     while len(result) < count and min(result[-1].shape[:2]) >= least_side:
         result.append(reduce(result[-1]))
@@ -48,10 +46,10 @@ def halved(image: np.ndarray, count: int, least_side: int = 0) -> list[np.ndarra
 
 
 def bands(image: np.ndarray, most: int, least_side: int) -> list[np.ndarray]:
-    """The bands of ``image``, finest first: each scale of :func:`halved` less the next coarser one. :func:`whole` is
-    the opposite.
+    """The Laplacian pyramid of ``image``, finest first: each level of :func:`gaussian_pyramid` less the next coarser
+    one. :func:`whole` is the opposite.
     """
-    scales = halved(image, most, least_side)
+    scales = gaussian_pyramid(image, most, least_side)
     return [fine - expand(coarse, *fine.shape[:2]) for fine, coarse in itertools.pairwise(scales)] + scales[-1:]
 
 

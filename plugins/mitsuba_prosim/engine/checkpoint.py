@@ -182,7 +182,7 @@ def save(checkpoint: Checkpoint, path: str | Path) -> None:
 
 
 def read(path: str | Path, arrays: bool = True) -> Checkpoint:
-    """Reads a checkpoint, wherever it was made; without its ``arrays`` that is quick.
+    """Reads a checkpoint from any environment, which it does not check; quick without its ``arrays``.
 
     Raises NotACheckpointError for a file of another kind; CheckpointError for one of another version of the format,
     or a damaged or incomplete one; OSError.

@@ -29,7 +29,7 @@ def this_environment() -> dict[str, str]:
 
 
 def differences(theirs: Mapping[str, str], names: tuple[str, ...]) -> str:
-    """The differences of another environment from that of this process in ``names``, in words; empty without any."""
+    """How the environment ``theirs`` differs from that of this process in ``names``, in words; empty if it does not."""
     ours = this_environment()
     return ", ".join(
         f"{name} {theirs.get(name) or 'unknown'} there, {ours[name] or 'none'} here"

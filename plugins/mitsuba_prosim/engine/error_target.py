@@ -90,22 +90,23 @@ class SecondImage:
     FEW, MAX_COPIES = 512, 64
 
     def __init__(self, state: FilmState, complete: bool = False) -> None:
+        """The second image of ``state``, whose stored accumulators it continues if their number fits."""
         self.state, self.complete = state, complete
         index, seed = state.crop(np.arange(area(state.outer)), state.plan.region).ravel(), state.plan.seed + 1
-        every = 1 if complete else max(1, min(self.ONE_IN, len(index) // self.MIN_PIXELS))
-        index = index[hash32(hash32(index.astype(np.uint64)) + 1) % every == 0]
+        one_in = 1 if complete else max(1, min(self.ONE_IN, len(index) // self.MIN_PIXELS))
+        index = index[hash32(hash32(index.astype(np.uint64)) + 1) % one_in == 0]
         copies = 1 if complete else min(-(-self.FEW // len(index)), self.MAX_COPIES)
         if copies > 1:
             seed = seed + dr.arange(mi.UInt32, len(index) * copies) // len(index)
             index = np.tile(index, copies)
         self.index, seed = index, hash32(seed)
-        some = dr_array(index.astype(np.uint32))
-        self.x, self.y = (dr.gather(mi.Int32, v, some) for v in (state.x, state.y))
+        chosen = dr_array(index.astype(np.uint32))
+        self.x, self.y = (dr.gather(mi.Int32, v, chosen) for v in (state.x, state.y))
         dr.make_opaque(seed, self.x, self.y)
-        sampling = replace(state.plan.sampling, adaptive="none")  # its counts are those of the image
+        sampling = replace(state.plan.sampling, adaptive="none")  # it takes as many samples as the image
         self.plan = replace(state.plan, seed=seed, own_photon_seed=int(seed[0]), sampling=sampling)
         self.estimator = copy.copy(state.estimator)
-        if state.second is None or dr.width(state.second.count) != len(index):  # of other pixels
+        if state.second is None or dr.width(state.second.count) != len(index):  # none, or those of other pixels
             self.accumulators = Accumulators.empty(self.estimator.sums_per_pixel, len(index))
 
     @property

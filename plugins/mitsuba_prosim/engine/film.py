@@ -22,15 +22,14 @@ OWN_AOVS = ("samples", "error")
 class Channels:
     """The channels that every sample of an image has: the film's own and those of Mitsuba's ``aov`` integrator.
 
-    ``stored``: the stored colours, "rgb" or some of them; ``integrator_aovs``: names of the further values that the
-    integrator returns, such as layers;
-    ``aovs``: Mitsuba's ``aov`` integrator, or None.
+    ``stored_colours``: the letters of "rgb" that the film stores; ``integrator_aovs``: names of the further values that
+    the integrator returns, such as layers; ``aovs``: Mitsuba's ``aov`` integrator, or None.
     """
 
     def __init__(
-        self, film: mi.Film, stored: str, integrator_aovs: Sequence[str] = (), aovs: mi.Integrator | None = None
+        self, film: mi.Film, stored_colours: str, integrator_aovs: Sequence[str] = (), aovs: mi.Integrator | None = None
     ) -> None:
-        self.film, self.stored, self.aovs = film, stored, aovs
+        self.film, self.stored_colours, self.aovs = film, stored_colours, aovs
         self.special = mi.has_flag(film.flags(), mi.FilmFlags.Special)
         self.alpha = bool(mi.has_flag(film.flags(), mi.FilmFlags.Alpha))
         mitsuba_aovs = list(aovs.aov_names()) if aovs is not None else []
@@ -71,7 +70,7 @@ class Channels:
             rgb = mi.spectrum_to_srgb(L, wavelengths)
         else:
             rgb = mi.Color3f(L.x) if mi.is_monochromatic else mi.Color3f(L)
-        return [v if name in self.stored else mi.Float(0) for name, v in zip("rgb", rgb)]
+        return [v if name in self.stored_colours else mi.Float(0) for name, v in zip("rgb", rgb)]
 
 
 def luminance(L: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Float:

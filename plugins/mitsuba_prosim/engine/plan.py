@@ -47,7 +47,7 @@ class Sampling:
         return any(self.noises) or self.time > 0
 
     def halved(self, spp: int) -> tuple[Sampling, int]:
-        """The parameters and ``spp`` of each of two half images, with about half the samples; ``spp`` 0 stays 0.
+        """``(sampling, spp)`` for two images, each with about half the samples; ``spp`` 0 stays 0.
 
         The threshold grows by the root of 2, as the mean of both images has half the variance of one. With a limit of
         noise or time only ``max_samples`` is halved: the first image may be enough.

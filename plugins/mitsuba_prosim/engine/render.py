@@ -177,13 +177,13 @@ class Render(Steps):
     # ---------------------------------------------------------------- the passes
 
     def _passes(self) -> Passes:
-        """The passes over the image, decided one after the other, and over a complete second image."""
+        """The passes over the image; if it is not within the target, those over a second image for the denoiser."""
         if not self._finished_before:
             yield from self._image_passes()
         within = self.target.excess(self.state.noise) <= ENOUGH
         if self.denoiser is not None and not within and not self._stopped:
             self.begin_complete_second()
-            yield self._second_pass(1)
+            yield self._second_pass(1)  # the time limit cannot end it: each pixel has at least one sample
             yield self._second_pass()
             if any(self.target.limits) and self.second and not self._stopped:
                 self.state.noise = self.second.noise(self.state)
@@ -221,8 +221,8 @@ class Render(Steps):
             state.wanted = None
 
     def _refine(self) -> Passes:
-        """The passes that reach the error target, each followed by one that measures the error. Each pixel gets samples
-        in proportion to those that the policy requests.
+        """The passes that reach the error target, each followed by one that measures the error. In each, the samples of
+        a pixel are those that the policy requests, times a factor by the error target and the time limit.
         """
         state, started = self.state, time.perf_counter()
         have = mean(state.counts)

@@ -60,7 +60,7 @@ def reparameterised_sample(
 
 
 def meet(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> mi.SurfaceInteraction3f:
-    """The point that ``ray`` meets, which moves with its surface."""
+    """The surface point that ``ray`` hits. Its derivatives follow the surface; those of ``ray`` are dropped."""
     return scene.ray_intersect(dr.detach(ray), int(mi.RayFlags.All) | int(mi.RayFlags.FollowShape), False, active)
 
 

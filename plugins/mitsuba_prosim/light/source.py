@@ -104,8 +104,7 @@ def read_emission(props: mi.Properties, name: str, default: float | None = None)
     """The texture of the emission; None if the parameter is absent and has no ``default``.
 
     Raises ValueError unless all its numbers, those of the texels of an image included, are finite and not negative. In
-    spectral variants Mitsuba turns texels into the coefficients of spectra, of any sign; only NaN among those has a
-    warning.
+    spectral variants Mitsuba turns texels into coefficients, which may be negative: of those only NaN is an error.
     """
     allowed = "finite numbers >= 0"
     values = constant(props, name)

@@ -126,8 +126,8 @@ class View:
     @property
     def layers(self) -> dict[str, np.ndarray]:
         """The latest image: ``final`` (height, width, 3), linear, and the maps ``error``, the standard error of its
-        luminance, and ``samples`` (height, width). During the first pass it lacks the maps, and pixels without a sample
-        are black. Empty before that.
+        luminance, and ``samples`` (height, width); also those of the integrator's parameter ``layers``. In the first
+        pass it lacks the maps, and pixels without a sample are black. Empty before that and after an error.
         """
         return dict(self._layers)
 
@@ -156,13 +156,13 @@ class View:
         return self
 
     async def converge(self) -> None:
-        """Renders work item by work item; cancelling the task stops the image."""
+        """Renders work item by work item; cancelling the task stops the render and keeps the image so far."""
         try:
             for _ in self._steps:
                 await asyncio.sleep(PAUSE)
         except (KeyboardInterrupt, asyncio.CancelledError):
             self.stop()
-            self.wait()
+            self.wait()  # takes the last step, which replaces the widgets by the image
 
     def _render(self) -> Iterator[None]:
         """Renders a work item in each iteration; at the end it replaces the widgets."""

@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compare.methods import can_light, lit
+from ..compare.methods import can_light, with_background_emitter
 from ..denoising import halves
 from ..engine.work import Executor, Step
 from ..registry import create
@@ -25,7 +25,7 @@ SECONDS = 0.4
 
 class ProgressiveImage:
     """A progressive image by ``integrator``, nested in ``prosim_adaptive`` if it is not progressive. ``spp``: samples
-    per pixel, 0 for those of the integrator; ``denoise``: at the end.
+    per pixel, 0 for those of the scene; ``denoise``: whether the final image is denoised.
     """
 
     def __init__(
@@ -127,5 +127,5 @@ def by_path(own: ProgressiveImage) -> ProgressiveImage:
     path = create("prosim_adaptive", nested=create("path"), channels=own.integrator.channels, **sampling)
     scene, background = own.scene, getattr(own.integrator, "background", None)
     if background is not None:
-        scene = lit(scene, background)
+        scene = with_background_emitter(scene, background)
     return ProgressiveImage(path, scene, own.sensor, own.spp, own.seed)

@@ -94,8 +94,8 @@ class Viewer:
             self.change(camera=by(self._request.camera or self._home), paused=False)
 
     def result(self, factors: Factors = ()) -> tuple[State, mi.Bitmap, Any, Any]:
-        """The state, the image of the scene's integrator as it is shown, mixed with ``factors``, that integrator, and
-        its samples, noise and time; for :meth:`call`.
+        """``(state, bitmap, integrator, reached)`` of the image that the page shows, with weights ``factors`` for its
+        layers; ``reached``: samples, error and time. Only within :meth:`call`.
         """
         picture = self.publisher.pictures["own"].mixed(factors)
         channels = dict[str, np.ndarray]()

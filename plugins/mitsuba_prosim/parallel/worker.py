@@ -82,8 +82,9 @@ def packed(item: WorkItem) -> bytes:
 def sample(
     client: str, expected: Mapping[str, str], scene: bytes, item: bytes
 ) -> tuple[float, bytes, Mapping[str, str]]:
-    """``(seconds, sums, environment)``: a :func:`packed` work item by a pickled :class:`.SceneBundle`, and the
-    environment of this worker. No sums if that must agree with the ``expected`` one and does not.
+    """``(seconds, sums, environment)``: the time and the sums of ``item``, a :func:`packed` work item, rendered with
+    ``scene``, a pickled :class:`.SceneBundle`; and the environment of this worker. No sums if that must agree with the
+    ``expected`` one and does not.
 
     A worker renders with as many threads as Dask gives to it, or with those of its client where it shares the client's
     process. Raises ImportError or RuntimeError where it lacks the variant.

@@ -165,8 +165,8 @@ class Photons:
     def row_range(
         self, number: mi.UInt32, row: mi.UInt32, low: mi.Int32, high: mi.Int32, size: mi.UInt32, active: mi.Bool
     ) -> tuple[mi.UInt32, mi.UInt32]:
-        """The first of the photons in the cells ``low`` to ``high`` of a row in the map ``number``, among others, and
-        the first after them. The ``size`` photons of a map are a ring: after the last one comes its first again.
+        """``(begin, end)`` of the photons in the cells ``low`` to ``high`` of a row, in the ``number``-th photon map.
+        Photons of other rows may be among them. The ``size`` photons of a map are a ring: the first follows the last.
         """
         first, last = (bucket_of(number, row, x, self.mask) for x in (low, high))
         begin, end = (dr.gather(mi.UInt32, self.begins, at, active) for at in (first, last + 1))
@@ -253,10 +253,10 @@ def gather(
         inv_reach2 = dr.rcp(dr.square(reach))
         low_corner, high_corner = si.p - off_axis * reach, si.p + off_axis * reach
 
-        # 1 where they may lie in two cells along y and along z, else 0.
+        # The number of cells along y and along z, less one: 0 or 1, which is a mask of one bit of a row's number.
         cells = zip(cell(low_corner, first)[1:], cell(high_corner, first)[1:])
-        more_y, more_z = (dr.select((low != high) | (first < last), mi.UInt32(1), 0) for low, high in cells)
-        rows = dr.select(active, mi.UInt32(last - first + 1) << (more_y + more_z), 0)
+        bits_y, bits_z = (dr.select((low != high) | (first < last), mi.UInt32(1), 0) for low, high in cells)
+        rows = dr.select(active, mi.UInt32(last - first + 1) << (bits_y + bits_z), 0)
 
         def photon(i: mi.UInt32, end: mi.UInt32, row_key: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
             there = i < end
@@ -272,9 +272,10 @@ def gather(
             return i + 1, L + light * (2 * dr.inv_pi * inv_reach2 * (1 - d2))
 
         def row(k: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
-            level = first + mi.Int32(k >> (more_y + more_z))
+            # The bits of k, the lowest first: y and z, each only if there are two cells; and the level.
+            level = first + mi.Int32(k >> (bits_y + bits_z))
             x, y, z = cell(low_corner, level)
-            row_key = row_hash(level, y + mi.Int32(k & more_y), z + mi.Int32((k >> more_y) & more_z))
+            row_key = row_hash(level, y + mi.Int32(k & bits_y), z + mi.Int32((k >> bits_y) & bits_z))
             i, end = photons.row_range(number, row_key, x, cell(high_corner, level)[0], size, k < rows)
             _, L = dr.while_loop((i, L), lambda i, L: i < end, lambda i, L: photon(i, end, row_key, L))
             return k + 1, L

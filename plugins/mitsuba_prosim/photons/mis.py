@@ -248,8 +248,8 @@ def ray_weight(photons: mi.Float) -> mi.Float:
 
 
 def ideal_throughput(bs: mi.BSDFSample3f, weight: mi.Spectrum, flags: mi.UInt32) -> mi.Float:
-    """Fraction of a beam that the sampled ideal lobe keeps: its probability times its reflectance or transmittance; 0
-    where the surface has a glossy lobe (``flags``). ``bs``, ``weight``: the sample.
+    """Fraction of a beam that the sampled ideal lobe keeps, its reflectance or transmittance: the weight of the sample
+    ``(bs, weight)`` times its probability; 0 where the surface has a glossy lobe (``flags``).
 
     It is the same from either end of the beam, except for the squares of the indices that radiance is scaled by.
     """

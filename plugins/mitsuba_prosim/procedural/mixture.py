@@ -48,7 +48,7 @@ class Mixture(mi.Texture):
         raise NotImplementedError
 
     def lookup(self, si: mi.SurfaceInteraction3f) -> tuple[mi.Point3f, mi.Vector3f]:
-        """Point of the pattern's space at ``si``, and the widths of the box over which it is to be averaged."""
+        """The uv (or the position, if ``solid``) in the pattern's space, and the widths of the box to average over."""
         if self.solid:
             p = si.p
             dx = si.dp_du * si.duv_dx.x + si.dp_dv * si.duv_dx.y

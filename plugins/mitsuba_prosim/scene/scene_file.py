@@ -95,7 +95,7 @@ class SceneFile:
             self._resolver = mi.file_resolver()
             if confinement:
                 confinement.check_state(self.state, self._resolver)
-            self._digest = mi.parser.ParserState(self.state)
+            self._unchanged = mi.parser.ParserState(self.state)  # for digest()
         try:
             #: Name of the integrator that was put inside ``prosim_adaptive``, or None.
             self.wrapped = overrides.apply(self.state, resolution, crop, parameters)
@@ -103,11 +103,11 @@ class SceneFile:
             raise ValueError(f"{self.path}: {error}") from None
 
     def digest(self) -> str:
-        """SHA-256 of the content of the scene and of the files that it names, without :attr:`changes`.
+        """SHA-256 of the scene, with its definitions, and of the files that it names, before the other changes.
 
         Comments, names of files and formats of numbers do not matter.
         """
-        state = mi.parser.ParserState(self._digest)
+        state = mi.parser.ParserState(self._unchanged)
         for props, name, path in self._strings(state):
             props[name] = hashlib.sha256(path.read_bytes()).hexdigest()
         versions = " ".join(map(str, state.versions))
@@ -161,7 +161,8 @@ class SceneFile:
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene; ``sampler``: the plugin that takes the place of its sampler, with as many samples.
 
-        Raises Mitsuba's errors, and :class:`prosim_scene.SceneError` for a damaged image, at its place in the text.
+        Raises Mitsuba's errors. In the thesis's language, a damaged image raises :class:`prosim_scene.SceneError` at
+        its place in the text.
         """
         state = mi.parser.ParserState(self.state)
         for node in state.nodes:

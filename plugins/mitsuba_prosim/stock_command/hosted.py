@@ -23,7 +23,7 @@ DRJIT_LEVELS = tuple(getattr(dr.LogLevel, name) for name in ("Error", "Warn", "I
 
 
 def parse_arguments(words: Sequence[str]) -> argparse.Namespace:
-    """The options of the native command, except for those of Dr.Jit's compiler: ``-V``, ``-O``, ``-W`` and ``-S``."""
+    """The options of the native command; those of Dr.Jit's compiler, ``-V``, ``-O``, ``-W`` and ``-S``, are refused."""
     parser = argparse.ArgumentParser("mitsuba", add_help=False, allow_abbrev=False)
     parser.add_argument("-t", "--threads", type=int)
     parser.add_argument("-v", "--verbose", action="count", default=0)

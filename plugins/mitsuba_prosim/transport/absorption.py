@@ -44,7 +44,7 @@ def media_of(scene: mi.Scene) -> Iterator[mi.Medium]:
 
 
 def only_absorbs(medium: mi.Medium) -> bool:
-    """Whether ``medium`` is everywhere the same and scatters nothing."""
+    """Whether ``medium`` is homogeneous and does not scatter."""
     if not medium.is_homogeneous():
         return False
     for i in range(0, len(TESTED), 4):

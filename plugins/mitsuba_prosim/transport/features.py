@@ -1,4 +1,4 @@
-"""Features of a view for denoising: the albedo and the normal of the visible surface, through glass and mirrors."""
+"""Features of a view for denoising: the normal of the first surface, and its albedo, also through glass and mirrors."""
 
 from __future__ import annotations
 

@@ -109,6 +109,7 @@ def evaluate(tree: Tree, groups: Sequence[int], body: Callable[[int], Body | Non
         return {groups[number]: _Chain(value)} if value else {}
 
     def combine(symbol: str, left: dict[int, _Chain], right: dict[int, _Chain]) -> dict[int, _Chain]:
+        # A group that one operand lacks: + keeps it, - keeps it if it is the left one's, * drops it.
         small, large = sorted((left, right), key=len)
         common = {group: left[group].combined(symbol, right[group]) for group in small if group in large}
         if symbol == "*":
@@ -237,7 +238,7 @@ def combined(symbol: str, first: Body, second: Body) -> Body:
 
 
 def remainder(first: Body, second: Body) -> Body:
-    """The second body minus the first one; the first one owns a common face."""
+    """The second body minus the first one. On common surfaces, the faces of the result are the first body's."""
     return _operation(first, second, None, 1, second.boxes)
 
 

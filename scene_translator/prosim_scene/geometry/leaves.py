@@ -93,7 +93,7 @@ class Leaves:
 
     def _split_flat_surfaces(self, surface: np.ndarray, solid: np.ndarray) -> np.ndarray:
         """The ``surface`` (n,) of faces of the solids ``solid`` (n,), with flat surfaces split into components of
-        touching boxes. A surface is numbered by its largest face.
+        touching boxes. The number of a surface is that of its face on the largest solid.
         """
         boxes = world_box_corners(self.solids)[solid]
         low, high = boxes.min(axis=1) - self.step, boxes.max(axis=1) + self.step

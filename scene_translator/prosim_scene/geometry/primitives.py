@@ -169,7 +169,7 @@ def azimuth(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Cube(Primitive):
-    """Faces 0 to 2 are those at 0 of the x, y and z axes, 3 to 5 those at 1."""
+    """Face 0, 1 or 2 is the side x = 0, y = 0 or z = 0; face 3, 4 or 5 is x = 1, y = 1 or z = 1."""
 
     name = "cube"
     quadrics = np.array([plane(*n, d) for d in (0, -1) for n in np.eye(3)])

@@ -102,7 +102,7 @@ class Definitions:
         return float(text)
 
     def check_uses(self) -> None:
-        """Raises SceneError if the text does not use a value of the caller; call it after reading."""
+        """Raises SceneError if the caller defines a name that the scene does not use; call it after reading."""
         for name, text in self.caller_values.items():
             if name not in self.uses | self.defaults.keys() | {FRAME, TIME}:
                 used = [f"${other}" for other in sorted(self.uses | self.defaults.keys())]

@@ -11,7 +11,7 @@
 ``light(context, number, light)``
     An emitter, or a shape with an emitter.
 ``surface(context, number, leaf, sides)``
-    The entries of a shape for the SURFACE of a leaf, node ``number`` of the tree, with the media ``sides``.
+    The entries of a shape for the SURFACE of a leaf, node ``number`` of the CSG tree, with the media ``sides``.
 
 Both use ``lights``, ``materials``, ``textures`` and ``sensor``, and the state of a translation in
 ``translation_context``; ``assemble`` makes the whole scene.

@@ -90,17 +90,17 @@ def view_sensor(document: Document, options: Options, cache: TranslationCache | 
 def _shapes(
     context: Context, target: ModuleType, triangles: dict[MeshKey, Triangles], store: Callable[[str, bytes], str]
 ) -> Node:
-    """The shapes of a scene, in the order of the tree: one for each :class:`MeshKey`."""
+    """The shapes of a scene, in the order of the tree: one per :class:`MeshKey`, but for those that are too small."""
     document, scene = context.document, context.scene
     faces, faces_of = list(triangles.items()), group_equal(key.material for key in triangles)
     groups = group_equal(appearance_key(scene, leaf) for _, leaf in scene.leaves)
     first_leaves = [scene.leaves[positions[0]][1] for positions in groups.values()]
-    media: dict[Hashable, int] = {medium_key(scene, leaf): leaf.index for leaf in reversed(first_leaves)}
+    surface_of_medium: dict[Hashable, int] = {medium_key(scene, leaf): leaf.index for leaf in reversed(first_leaves)}
     result: Node = {}
     for appearance, positions in groups.items():
         leaves = [scene.leaves[i] for i in positions]
         number, leaf = leaves[0]
-        path = "surfaces", leaf.index
+        place = "surfaces", leaf.index
         with_uv = materials.effective_textures(leaf, scene.surfaces[leaf.index])[0] is not None
         leaf_names = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + ", ..." * (len(leaves) > 3)
         for key, mesh in (faces[i] for i in faces_of.get(appearance, [])):
@@ -113,13 +113,13 @@ def _shapes(
                 document.warn(f"nothing is visible of {leaf_names}: {reason}", "transforms", leaf.index)
                 continue
             sides = MediumInterface(
-                leaf.index if key.inside == medium_key(scene, leaf) else media[key.inside],
-                None if key.outside is None else media[key.outside],
+                leaf.index if key.inside == medium_key(scene, leaf) else surface_of_medium[key.inside],
+                None if key.outside is None else surface_of_medium[key.outside],
             )
             towards = "" if sides.outside is None else f" towards SURFACE {sides.outside}"
             text = f"SURFACE {leaf.index} of {leaf_names}{towards}"
-            result[name + "_comment"] = _comment_with_line(document, text, *path)
-            optics = check_single_precision(document, target.surface(context, number, leaf, sides), *path)
+            result[name + "_comment"] = _comment_with_line(document, text, *place)
+            optics = check_single_precision(document, target.surface(context, number, leaf, sides), *place)
             result[name] = {"type": "ply", "filename": store(name, content), **optics}
     return result
 

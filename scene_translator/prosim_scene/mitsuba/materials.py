@@ -86,7 +86,7 @@ def has_equal_indices(indices: Node) -> bool:
 
 
 def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> Node:
-    """The BSDF of this project's plugins for a leaf, node ``number`` of the tree."""
+    """The BSDF (this project's plugins) of a primitive: ``leaf``, node ``number`` of the CSG tree."""
     surface = context.scene.surfaces[leaf.index]
     (kd, ks, ka), rough = reflectances(surface), roughness_parameters(surface)
 

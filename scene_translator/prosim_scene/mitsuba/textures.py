@@ -55,7 +55,7 @@ def parameters(scene: Scene, name: str, solid: bool) -> tuple[str, dict[str, Any
 def reflectance(
     context: Context, number: int, leaf: Leaf, slots: Sequence[Texture | None], color: Sequence[float]
 ) -> Node:
-    """A colour of a leaf, node ``number`` of the tree, with its two texture slots: an rgb or a (nested) texture."""
+    """A colour of a leaf, node ``number`` of the CSG tree, with its two texture slots: an rgb or a (nested) texture."""
     first, second = slots
     scene = context.scene
 

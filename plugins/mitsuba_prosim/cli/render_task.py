@@ -21,6 +21,7 @@ from .. import atomic
 from ..denoising import halves, layers
 from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint, CheckpointWriter
+from ..engine.error_target import SHARE
 from ..scene import black, images, rendering, scene_file, session
 from . import files, report
 from .interrupts import interruptible
@@ -281,7 +282,11 @@ class Snapshots:
         if reached is None or not reached.min_samples:
             return
         for text in list(self.left):
-            due = reached.seconds >= float(text[:-1]) if text.endswith("s") else reached.noise <= float(text)
+            due = (
+                reached.seconds >= (1 - SHARE) * float(text[:-1])
+                if text.endswith("s")
+                else reached.noise <= float(text)
+            )
             if due:
                 self.left.remove(text)
                 steps.update_film()

@@ -239,7 +239,7 @@ class Render(Steps):
                         continue
                 if (more := mean(state.counts) - have) > 0:
                     speed = more / max(time.perf_counter() - started, 1e-9)
-                    yield Pass(state, count)  # without samples: shows the image
+                yield Pass(state, count)  # without samples: shows the image with its error
             target = self.target
             if target.time_is_up or target.excess(state.noise) <= ENOUGH:
                 return

@@ -23,9 +23,9 @@ from .strategy import Index, Receiver
 #: Number of rays that are sampled from each lamp to measure its power, place and directions.
 RAYS = 256
 
-#: Bounds of the errors of an importance: the least cosine at the receiver, the least share of a lamp's power that goes
-#: evenly in all directions, and the least power of a lamp, over the mean of all.
-LEAST_COSINE, LEAST_EVEN, LEAST_POWER = 0.02, 0.1, 0.01
+#: Bounds of the errors of an importance, which knows nothing of shadows: the least cosine at the receiver, the least
+#: share of a lamp's power that goes evenly in all directions, and the least power of a lamp, over the mean of all.
+LEAST_COSINE, LEAST_EVEN, LEAST_POWER = 0.02, 0.1, 0.2
 
 #: Radius of a lamp that is equally bright everywhere (the sky, the sun), over that of the scene.
 FAR = 1e3

@@ -41,13 +41,15 @@ def derivatives(scene, change, seed=1, spp=16):
 # ------------------------------------------------------------------ of which samples
 
 
-def test_the_derivative_of_what_is_linear_is_the_image(variant_rgb):
-    """By the radiance of the only source, with adaptive counts and a crop window of several bands in a corner of the
-    film, where its filter reaches pixels within the film and beyond it.
+def test_the_derivative_of_what_is_linear_is_the_image(variant_rgb, capfd):
+    """By the radiance of the only source that is not black, with adaptive counts and a crop window of several bands in
+    a corner of the film, where its filter reaches pixels within the film and beyond it. Dr.Jit says nothing.
 
     What the integrator says of itself has no derivatives, and does not disturb those of the image.
     """
     dictionary = penumbra(None, 24, "gaussian", type="prosim", max_level=0, samples=3, band=100, aovs="samples,error")
+    dictionary["dark"] = {"type": "envmap", "bitmap": mi.Bitmap(np.zeros((4, 8, 3), np.float32))}
+    dictionary["black"] = ground(1, {"type": "roughconductor"}, emitter={"type": "area", "radiance": 0.0})
     window = {"crop_offset_x": 12, "crop_offset_y": 12, "crop_width": 12, "crop_height": 12}
     dictionary["sensor"]["film"] |= window | {"sample_border": True}
     scene = mi.load_dict(dictionary)
@@ -58,7 +60,7 @@ def test_the_derivative_of_what_is_linear_is_the_image(variant_rgb):
 
     forward, backward = derivatives(scene, change, seed=1, spp=0)
     assert forward[..., :3] == pytest.approx(image[..., :3], rel=1e-4, abs=1e-6) and image[..., 3].max() == 9
-    assert np.all(forward[..., 3:] == 0)
+    assert np.all(forward[..., 3:] == 0) and capfd.readouterr().err == ""
     assert backward == pytest.approx(weighted_mean(image).array[0], rel=1e-4)
 
 

@@ -88,8 +88,9 @@ class Derivatives:
         total = dr.zeros(mi.Float, len(self.storage.array))
         channels = self.storage.shape[2]
         # Not by symbolic calls: from a variable that one of them reads (a blend's weight), Dr.Jit 1.5 also propagates
-        # derivatives into variables that other calls have left behind.
-        with dr.scoped_set_flag(dr.JitFlag.SymbolicCalls, False):
+        # derivatives into variables that other calls have left behind. Within a symbolic branch every call is symbolic.
+        calls, branches = dr.JitFlag.SymbolicCalls, dr.JitFlag.SymbolicConditionals
+        with dr.scoped_set_flag(calls, False), dr.scoped_set_flag(branches, False):
             for values, splats in self.samples():
                 values = [(c, value) for c, value in enumerate(values) if dr.grad_enabled(value)]
                 if values:

@@ -161,6 +161,14 @@ class Planes:
         height = boxes[:, 2:].reshape(-1, 3) @ planes[:, :3].T + planes[:, 3]
         return bool(((height <= 8 * self.step).all(axis=0) | (height >= -8 * self.step).all(axis=0)).all())
 
+    def hold(self, solid: Manifold) -> bool:
+        """Whether each facet of a solid on a shared plane is parallel to it."""
+        mesh = solid.to_mesh64()
+        plane = self.of_facet[np.asarray(mesh.face_id, dtype=np.int64)]
+        corners = np.array(mesh.vert_properties)[np.asarray(mesh.tri_verts, dtype=np.int64)[plane >= 0], :3]
+        heights = np.einsum("tij,tj->ti", corners, self.planes[plane[plane >= 0], :3])
+        return bool((np.ptp(heights, axis=1) < 8 * self.step).all())
+
     def _moved(self, solid: Manifold, surfaces: Collection[int], target: Target) -> Manifold:
         """A solid with its facets on ``surfaces`` moved to new heights over their planes.
 

@@ -245,14 +245,20 @@ def remainder(first: Body, second: Body) -> Body:
 def _operation(first: Body, second: Body, operation: OpType | None, outwards: int, boxes: np.ndarray) -> Body:
     """The result of a Boolean operation on two bodies, with these ``boxes``; None: the second body minus the first.
 
-    The first body's common surfaces are perturbed before the operation, outwards (1) or inwards (-1).
+    The first body's common surfaces are perturbed before the operation, outwards (1) or inwards (-1). manifold3d may
+    move a vertex far away when it removes edges; it seldom does so again if all surfaces are perturbed.
     """
     planes = first.planes
     common = first.surfaces & second.surfaces if first.touches(second) else frozenset()
-    pair = [planes.perturb(first.manifold(), common, outwards), second.manifold()]
-    result = Manifold.batch_boolean(pair if operation else pair[::-1], operation or OpType.Subtract)
-    if common and not checked(result).is_empty():
-        result = planes.relax(result, common)
+    manifold, surfaces = first.manifold(), common
+    for _ in range(2):
+        pair = [planes.perturb(manifold, surfaces, outwards), second.manifold()]
+        result = Manifold.batch_boolean(pair if operation else pair[::-1], operation or OpType.Subtract)
+        if not common or planes.hold(checked(result)):
+            break
+        manifold, surfaces = planes.snap(manifold, first.surfaces), first.surfaces
+    if common and not result.is_empty():
+        result = planes.relax(result, surfaces)
     return Body(lambda: result, boxes, first.surfaces | second.surfaces, planes)
 
 

@@ -112,32 +112,19 @@ def test_a_filled_hole_that_is_cut_again_belongs_to_the_second_cutter():
 
 
 #: Operator, size and place of each box; the volume of their chain is 45.
-CHAIN = """
-+ 4 4 4 -2 -2 -2
-- 3 3 3 1 -.5 -1
-- 2 2 .5 -1 -.5 .5
-+ 1 2 .5 0 0 .5
-- 3 3 2 0 -2 .5
-+ .5 1 .5 1 -1 .5
-+ .5 1 3 -1 -.5 -1.5
-- .5 1 3 -.5 1 0
-- 3 1 2 -.5 -.5 -1.5
-- 2 2 .5 -1 1 1
-+ 2 .5 2 1 1 -1.5
-+ 3 1 .5 -1.5 1 .5
-- 3 .5 1 -2 1 -1
-+ 1 .5 2 -1.5 0 0
-"""
+CHAIN = """+ 4 4 4 -2 -2 -2, - 3 3 3 1 -.5 -1, - 2 2 .5 -1 -.5 .5, + 1 2 .5 0 0 .5, - 3 3 2 0 -2 .5, + .5 1 .5 1 -1 .5,
++ .5 1 3 -1 -.5 -1.5, - .5 1 3 -.5 1 0, - 3 1 2 -.5 -.5 -1.5, - 2 2 .5 -1 1 1, + 2 .5 2 1 1 -1.5,
++ 3 1 .5 -1.5 1 .5, - 3 .5 1 -2 1 -1, + 1 .5 2 -1.5 0 0"""
 
 
 def test_vertices_of_a_long_chain_stay_in_their_faces():
     """manifold3d moves a vertex of this chain by half a unit, along an edge that ends at coincident faces."""
-    boxes = [row.split() for row in CHAIN.strip().splitlines()]
+    signs, *sizes_and_places = zip(*(box.split() for box in CHAIN.split(",")))
     turn = "ROTATE-X (-74.33027177856547) ROTATE-Y (68.49411710912906)"
     turn += " TRANSLATE (-0.4605487080838051 -0.11911548662637295 -0.2847503018605654)"
-    places = [f"SCALE ({' '.join(box[1:4])}) TRANSLATE ({' '.join(box[4:])}) {turn}" for box in boxes]
-    tree = " ".join([*(box[0] for box in boxes[:0:-1]), *(f"CUBE {i}" for i in range(len(boxes)))])
-    assert volume(solids(scene(tree, places)).values()) == pytest.approx(45, rel=1e-6)
+    steps = [f"SCALE ({x} {y} {z}) TRANSLATE ({a} {b} {c}) {turn}" for x, y, z, a, b, c in zip(*sizes_and_places)]
+    tree = " ".join([*signs[:0:-1], *(f"CUBE {i}" for i in range(len(steps)))])
+    assert volume(solids(scene(tree, steps)).values()) == pytest.approx(45, rel=1e-6)
 
 
 def test_many_parallel_faces_are_told_apart_in_few_rounds(monkeypatch):

@@ -45,7 +45,6 @@ def test_names_of_images(tmp_path, monkeypatch, given, stem):
     "command, given, says",
     [
         ("render", "", "expected a name or a folder"),
-        ("translate", "", "expected a name or a folder"),
         ("render", "{}/x.jpg", ".exr and .png"),
         *[("render", "{}/other" + suffix, ".exr and .png") for suffix in (".scn", ".npz")],
         ("render", "{}/pipe", ".exr and .png"),

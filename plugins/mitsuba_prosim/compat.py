@@ -271,6 +271,12 @@ SOURCE_LINE = re.compile(r"\[\w+\.(?:cpp|h):\d+\] ")
 #: "FILE" failed: ... (...)`.
 PLACE = re.compile(r'(?:[Ll]oading|XML file|At) "?([^"\n]+?)"?(?: failed: [^\n]*?)? \(line (\d+), col (\d+)\)')
 
+#: A plugin has no such parameters: its name, and a line for each of them.
+NO_PARAMETER = re.compile(
+    r'(?:While loading dictionary node "root": )?Found \d+ unreferenced \w+ in \w+ plugin of type "([^"\n]+)":'
+    r'((?:\s+- \w+ "[^"\n]+": [^\n]*)+)'
+)
+
 #: There is no such plugin: the tag in XML, and the name.
 NOT_FOUND = re.compile(r'failed to instantiate (\w+) plugin of type "([^"\n]+)": [^\n]*not found!')
 

@@ -162,7 +162,7 @@ def test_every_number_on_the_page_is_in_the_json_and_nothing_in_the_network(repo
     [
         (["nosuchintegrator"], '"nosuchintegrator" not found!'),
         (["prosim", "path:multijiter"], "'path:multijiter': failed to instantiate"),
-        (["prosim", "path,max_dept=4"], '"max_dept"'),
+        (["prosim", "path,max_dept=4,nom=1"], "path has no parameter max_dept, nom\n"),
         (["prosim,samples=-1"], "samples"),
         (["prosim,samples"], "PARAMETER=VALUE"),
         (["prosim", "path", "--resolution", "5x5"], "SSIM needs 7 x 7"),

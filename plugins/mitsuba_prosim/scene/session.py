@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..alone import alone
-from ..compat import EXR_THREADS, SOURCE_LINE, TRACEBACK
+from ..compat import EXR_THREADS, NO_PARAMETER, SOURCE_LINE, TRACEBACK
 
 #: Beginning of a variant's name -> (its backend, the requirement of that).
 BACKENDS = {
@@ -67,7 +67,8 @@ def load_plugins() -> None:
 def message(error: BaseException) -> str:
     """The words of an error and of its cause, without Python's traceback and the lines of Mitsuba's source."""
     cause = f" {message(error.__cause__)}" if error.__cause__ else ""
-    return SOURCE_LINE.sub("", TRACEBACK.sub("", str(error)) + cause)
+    words = SOURCE_LINE.sub("", TRACEBACK.sub("", str(error)) + cause)
+    return NO_PARAMETER.sub(lambda found: f"{found[1]} has no parameter " + ", ".join(found[2].split('"')[1::2]), words)
 
 
 def resolver(first: Sequence[str | Path] = (), last: Sequence[str | Path] = ()) -> mi.FileResolver:

@@ -3,7 +3,6 @@
 import sys
 from importlib.metadata import distribution
 
-import click
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -98,8 +97,6 @@ def test_unknown_commands(palito):
     ]:
         refused(f"No such command '{word}'. {hint}".rstrip() + "\n", word, palito)
     assert "No such option" in prosim("--rneder").stderr
-    completing = click.Context(group.prosim, resilient_parsing=True)
-    assert group.prosim.resolve_command(completing, ["rneder"])[1] is None
 
 
 def test_the_help_has_groups_and_no_old_names():

@@ -126,21 +126,6 @@ def test_vertices_of_a_long_chain_stay_in_their_faces():
     assert volume(solids(scene(tree, steps)).values()) == pytest.approx(45, rel=1e-6)
 
 
-def test_few_operations_have_the_whole_row_as_an_operand(monkeypatch):
-    """Blocks are added to a long block and cut out of it, in turn, all flush with its top."""
-    sizes, combined, count = [], csg.combined, 120
-
-    def counted(symbol, first, second):
-        sizes.append(len(first.boxes) + len(second.boxes))
-        return combined(symbol, first, second)
-
-    monkeypatch.setattr(csg, "combined", counted)
-    places = [f"SCALE (.7 .7 {z}) TRANSLATE ({0.3 * i} {z} {1 - z})" for i in range(count) for z in [0.3 + 0.001 * i]]
-    tree = " ".join(["- +"] * (count // 2)) + " CUBE 0 " + " ".join(f"CUBE {i + 1}" for i in range(count))
-    solids(scene(tree, [f"TRANSLATE (0 -.5 0) SCALE ({0.3 * count} 4 1)", *places]))
-    assert sum(sizes) < 12 * count
-
-
 @pytest.mark.parametrize(
     "sign, material, result",
     [("-", "", 64 * 0.75), ("+", "", 64 + 64 * 0.5), ("+", "material dieletrico n-refr = 1.5", None)],

@@ -17,7 +17,7 @@ from measure import Run, arguments, begin, by_turns, interval, reference
 from mitsuba_prosim.compare import measures
 from subjects import BUILT, Subject
 
-COUNTS = (2, 4, 8, 16)
+COUNTS = (2, 3, 5, 9)
 SAMPLERS = ("independent", "multijitter", "owen")
 
 

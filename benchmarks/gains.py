@@ -71,9 +71,9 @@ def paths(subject: Subject, n: int = 8) -> Entries:
         ours, theirs = subject.tree, {"type": "direct"}
     name, nested = theirs["type"], {"type": "prosim_adaptive", "nested": theirs}
     entries = [
-        Run("prosim", scene, ours | {"adaptive": "none", "samples": n}),
+        Run("prosim", scene, ours | {"adaptive": "none"}, n * n),
         with_samples(Run("prosim, graded", scene, ours | {"adaptive": "graded", "samples": n}), n * n),
-        Run("prosim_adaptive", scene, nested | {"adaptive": "none", "samples": n}),
+        Run("prosim_adaptive", scene, nested | {"adaptive": "none"}, n * n),
         with_samples(Run("prosim_adaptive, graded", scene, nested | {"adaptive": "graded", "samples": n}), n * n),
         Run(f"{name}, owen", subject.load("owen"), theirs, n * n),
         Run(f"{name}, multijitter", subject.load("multijitter"), theirs, n * n),

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes one table and one figure of docs/benchmarks.md and checks their numbers: about ten minutes on two cores.
+# Makes six rows of a table of docs/benchmarks.md, and a figure, and checks the numbers: about ten minutes on two cores.
 #
 #     benchmarks/replicate.sh
 #

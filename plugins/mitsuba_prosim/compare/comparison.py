@@ -115,7 +115,7 @@ class Section:
         return [*self.rows.values(), *(point for curve in self.curves.values() for point in curve.values())]
 
     def facts(self) -> dict[str, Any]:
-        """Rows, curves and reference, as numbers."""
+        """Results for JSON: the rows of the table, curves with slopes, the reference, and equal errors."""
         rows = [{"role": role, "name": run.method.name} | run.facts() for role, run in self.rows.items()]
         curves: list[dict[str, Any]] = []
         for role, curve in self.curves.items():

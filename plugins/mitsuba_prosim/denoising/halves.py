@@ -164,8 +164,8 @@ class FinalImage:
 
     def estimate(self, render: Render) -> Noise:
         """The error of the final image, by which ``render`` continues. Where the denoiser is not called, it is the one
-        that the last call promises, or that of the raw image. If the second image begins here, ``render`` asks again
-        when that has its samples.
+        that the last call promises, or that of the raw image. It may begin a complete second image; ``render`` calls
+        it again when that has its samples.
         """
         second, state, target, samples = render.second, render.state, render.target, self._samples
         assert second is not None

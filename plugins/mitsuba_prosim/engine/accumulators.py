@@ -54,7 +54,9 @@ class Accumulators:
         return result
 
     def error(self, n: int) -> mi.Float:
-        """Standard error of the mean luminance; between passes of ``n`` samples after two or more complete ones."""
+        """Standard error of the mean luminance: from the means of the passes of ``n`` samples if there are two or more
+        and none is incomplete, else from single samples.
+        """
         count = mi.Float(self.count)
         between = standard_error(self.total / n, self.pass_squares, count / n)
         complete = (self.count > n) & (self.count % n == 0)

@@ -197,9 +197,11 @@ def remaining_factor(state: FilmState, target: ErrorTarget) -> float:
 
 
 def limit_by_photons(count: np.ndarray, wanted: np.ndarray, max_samples: int, maps: int, photons: int) -> int:
-    """The maximum samples of a pixel in a pass: less than the largest of the counts ``wanted``, if its last photon
-    passes, for ``maps`` samples of each pixel, would serve few samples. A photon pass costs as much as for many: other
-    pixels should use it too. ``count``: samples so far; ``max_samples``: those that a pixel may get.
+    """The maximum samples of a pixel in a pass: that of the counts ``wanted``, without the last photon passes if too
+    few samples would use them; 0 if no photon pass is worth its cost.
+
+    A photon pass has a fixed cost, so it waits until more pixels need it. It serves ``maps`` samples of each pixel.
+    ``count``: samples so far; ``max_samples``: those that a pixel may get.
     """
     last, lacking = int(wanted.max()), wanted > count
     if last == max_samples or not lacking.any():

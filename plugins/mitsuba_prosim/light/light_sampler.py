@@ -188,7 +188,7 @@ def sample_lamps(scene: mi.Scene, emitters: Sequence[mi.Emitter], sample: Callab
 
 
 def emitted_ray(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
-    """Power, origin and direction of a ray of ``emitter``; an origin of NaN if it emits no rays. ``key``: a hash."""
+    """Power, origin and direction of a random ray of ``emitter``; the origin is NaN if there is none. ``key``: hash."""
 
     def sample(one: mi.Emitter, *u: mi.Float) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
         try:

@@ -85,7 +85,7 @@ class Source(mi.Emitter):
     def sample_spectrum(
         self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool
     ) -> tuple[mi.Color0f, mi.UnpolarizedSpectrum]:
-        """``(wavelengths, weight)``: sampled from the emission, stratified; in colour, its value."""
+        """``(wavelengths, weight)``: stratified samples of the emission spectrum; in RGB the weight is the emission."""
         wavelengths = dr.zeros(type(si.wavelengths))
         if len(wavelengths):
             wavelengths = mi.sample_shifted(sample)

@@ -74,7 +74,7 @@ def kind(emitter: mi.Emitter) -> str | None:
     return "surface" if mi.has_flag(flags, mi.EmitterFlags.Surface) and not directed else None
 
 
-def located(emitters: Sequence[mi.Emitter]) -> dict[mi.Emitter, str]:
+def kinds_of(emitters: Sequence[mi.Emitter]) -> dict[mi.Emitter, str]:
     """The :func:`kind` of each emitter that has one. Warns of the others."""
     kinds = {emitter: kind(emitter) for emitter in emitters}
     if names := ", ".join(repr(emitter.id()) for emitter, found in kinds.items() if found is None):
@@ -93,7 +93,7 @@ class Sources:
 
     def __init__(self, scene: mi.Scene, targets: Targets) -> None:
         self.scene, self.targets = scene, targets
-        kinds = located(emitters_in_order(scene))
+        kinds = kinds_of(emitters_in_order(scene))
         self.emitters, self.count, self.kinds = list(kinds), len(kinds), set(kinds.values())
         #: Number of pairs.
         self.pairs = self.count * targets.count
@@ -102,8 +102,8 @@ class Sources:
         self.pointers = emitter_pointers(scene, self.emitters)
         self.kind = mi.UInt32([KINDS.index(name) for name in kinds.values()])
         sphere = scene.bbox().bounding_sphere()
-        self.middle, self.far = mi.Point3f(sphere.center), mi.Float(2 * max(float(sphere.radius), 1e-3))
-        dr.make_opaque(self.pointers, self.kind, self.middle, self.far)
+        self.middle, self.far_distance = mi.Point3f(sphere.center), mi.Float(2 * max(float(sphere.radius), 1e-3))
+        dr.make_opaque(self.pointers, self.kind, self.middle, self.far_distance)
 
     def start(
         self, pair: mi.UInt32, per_pair: mi.Float, position: mi.Point2f, aimed: mi.Point2f, wavelengths: mi.Color0f
@@ -157,7 +157,7 @@ class Sources:
         disk = mi.warp.square_to_uniform_disk_concentric(draw.aimed) * radius
         x = center + mi.Frame3f(d).to_world(mi.Vector3f(disk.x, disk.y, 0))
         density = draw.per_pair * self.targets.density(x, d, True, active, draw.target)
-        back = dr.dot(x - self.middle, d) + self.far
+        back = dr.dot(x - self.middle, d) + self.far_distance
         flux = dr.select(active, weight / density, 0)
         density = dr.select(ds.delta, DELTA_DENSITY, density * ds.pdf)
         return Start(mi.Ray3f(x - d * back, d), flux, density)

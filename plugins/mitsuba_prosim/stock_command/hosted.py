@@ -1,7 +1,7 @@
 """The Python side of the ``mitsuba`` command: the same options and the same order of steps.
 
-A stand-in (``stand_in.c``) starts it when a scene names a plugin in Python. By then the native command has checked the
-options and rendered the scenes before that one.
+When a scene names a plugin in Python, its stand-in (``stand_in.c``) replaces the native process by this program. By
+then the native command has checked the options and rendered the scenes before that one.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@
     :func:`belongs_to` sorts their samples by lobe; where it need not, :meth:`.Scattering.sample` drops those of other
     lobes. This can go when their methods follow the type mask.
 ``Scene.ray_intersect(skip_area_emitters)``
-    measures distances from the last emitter and ignores ``maxt``. :func:`past_emitters` can go when both are right.
+    measures distances from the last emitter and ignores ``maxt``. :func:`past_emitters` can go when Mitsuba mends both.
 """
 
 from __future__ import annotations

@@ -269,7 +269,9 @@ MIN_TRIANGLES = 4  # of a closed mesh
 
 
 def count_small_neighbours(boxes: np.ndarray) -> np.ndarray:
-    """For each of the boxes (n, 2, 3) the number of small ones that touch it."""
+    """For each of the ``boxes``, see :class:`Body`, the number of small ones that touch it; 0 if there are too few for
+    a mesh to be refined.
+    """
     result = np.zeros(len(boxes), int)
     if len(boxes) > MIN_TRIANGLES * MAX_NEIGHBOURS:
         size = (boxes[:, 1] - boxes[:, 0]).prod(axis=1)

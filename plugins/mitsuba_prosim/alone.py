@@ -15,9 +15,9 @@ def alone() -> Iterator[None]:
     """Locks, and pauses Python's garbage collector. Do not hold it while control is with the user, nor across a
     ``yield``.
 
-    Mitsuba 3.9 has one search path per process, which loading a scene replaces, and one number of threads. All kernels
-    know its objects as soon as they are created: a kernel that another thread traces at that moment calls functions of
-    incomplete objects.
+    Mitsuba 3.9 has one search path per process, which loading a scene replaces, and one number of threads. Kernels call
+    the objects of all scenes, also of one that is being loaded: a kernel that another thread traces then calls
+    functions of incomplete objects.
 
     The collector frees scenes in reference cycles. If it does so while a kernel is traced, the virtual function calls
     before and after differ in the number of instances; Dr.Jit 1.5 then writes a function twice, and LLVM aborts the

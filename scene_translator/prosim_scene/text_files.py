@@ -51,8 +51,8 @@ def replace(path: Path, content: bytes | memoryview | Callable[[Path], None], fo
     """Replaces the content of the file ``path``, or of a link's target, atomically; it keeps its permissions.
 
     ``content``: bytes, or a function that writes them to a path.
-    The new file is written to ``folder`` first; by default, for a link, and if ``folder`` is on another disk, to the
-    folder of ``path``. Raises OSError; then nothing has changed.
+    The new file is written to ``folder`` first; to the folder of ``path`` if ``folder`` is None or on another disk, or
+    if ``path`` is a link. Raises OSError; then nothing has changed.
     """
     if path.is_symlink():
         path, folder = Path(os.path.realpath(path)), None

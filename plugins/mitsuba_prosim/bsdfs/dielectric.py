@@ -220,15 +220,15 @@ class Dielectric(Material):
 
         Both are D(m) <wi, m> / cos_i, times the solid angle of m over that of wo (Walter et al. 2007, equations 14 and
         17), the one times G, the other times G1 of wi. By Snell's law
-        (i_m + eta o_m) (i_m - eta o_m) is 1 - eta², eta the index on wo's side over that on wi's. ``eta``: the index
-        inside over that outside.
+        (i_m + eta_it o_m) (i_m - eta_it o_m) = 1 - eta_it², which is exact also for indices near 1. eta_it: the index
+        on wo's side over that on wi's; ``eta``: the index inside over that outside.
         """
         cos_i, cos_o, m = dr.abs(wi.z), dr.abs(wo.z), facet.m
         a, b = dr.abs(facet.i_m), dr.maximum(dr.abs(facet.o_m), 1e-30)
         visible = dr.minimum(a / cos_i, 2 * m.z)  # G1 <wi, m> / cos_i
         eta_it = dr.select(wi.z > 0, eta, dr.rcp(eta))
-        spread = (a + eta_it * b) / dr.maximum(dr.abs(fresnel.contrast(wi.z, eta)), 1e-7)
-        jacobian = dr.select(reflected, 0.25 / dr.maximum(a, 1e-30), dr.square(eta_it * spread) * b)
+        inverse_length = (a + eta_it * b) / dr.maximum(dr.abs(fresnel.contrast(wi.z, eta)), 1e-7)
+        jacobian = dr.select(reflected, 0.25 / dr.maximum(a, 1e-30), dr.square(eta_it * inverse_length) * b)
         density = self.distribution.D(m, width) * jacobian
         lit = dr.select(reflected, dr.minimum(visible, 2 * m.z * cos_o / cos_i), visible * facets.g1(cos_o, m.z, b))
         return density * lit, density * visible

@@ -174,7 +174,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
 
     @property
     def sampling(self) -> Sampling:
-        """How the image is sampled, by the parameters."""
+        """The parameters of sampling, as one object."""
         return Sampling(**{name: getattr(self, name) for name in SAMPLING})
 
     @alone()

@@ -69,6 +69,7 @@ class Viewer:
         self._images: dict[str, ProgressiveImage] = {}
         self._integrator: Any = None
         self._not_compared: str | None = None
+        #: Samples and noise of the last picture by the scene's integrator.
         self._reached: Any = None
         self._numbers, self._seconds = itertools.count(1), 0.0
 
@@ -229,7 +230,7 @@ class Viewer:
         self._publish(**changes)
 
     def _draw(self, image: ProgressiveImage) -> None:
-        """Makes a picture of the image so far."""
+        """Makes a picture of the image so far; for the scene's integrator, also keeps what its render has reached."""
         with image.throttle.drawing():
             image.picture = Picture(next(self._numbers), image.layers())
             if image is self._images["own"] and image.render is not None:

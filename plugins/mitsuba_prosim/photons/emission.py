@@ -125,13 +125,14 @@ class Sources:
         return start
 
     def _point(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
+        # Sources without falloff have a flux that depends on the distance of the first hit.
         center, radius = self.targets.at(draw.target)
         x = emitter.sample_direction(draw.receiver(center), draw.position, active)[0].p
         ray = mi.Ray3f(x, aim.direction(x, center, radius, draw.aimed))
         density = draw.per_pair * self.targets.density(x, ray.d, False, active, draw.target)
-        met, lit = self._first_hit(draw, ray, active)
-        weight = emitter.sample_direction(met, draw.position, lit)[1]
-        flux = dr.select(lit, weight * (dr.squared_norm(met.p - x) / density), 0)
+        hit, lit = self._first_hit(draw, ray, active)
+        weight = emitter.sample_direction(hit, draw.position, lit)[1]
+        flux = dr.select(lit, weight * (dr.squared_norm(hit.p - x) / density), 0)
         return Start(ray, flux, mi.Float(DELTA_DENSITY))
 
     def _surface(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:

@@ -51,7 +51,7 @@ class Targets:
     def density(
         self, x: mi.Point3f, d: mi.Vector3f, far: bool, active: mi.Bool, own: mi.UInt32 | None = None
     ) -> mi.Float:
-        """Density of the ray (x, d) among one photon for each sphere: per solid angle from the point ``x``; or ``far``,
+        """Density of the ray (x, d) if one photon is aimed at each sphere: per solid angle from ``x``; or if ``far``,
         per area of parallel rays. ``own``: the sphere that the ray is aimed at, met also where rounding contradicts.
         """
 

@@ -123,8 +123,8 @@ class PhotonTracer:
     def _scatter(
         self, hit: Hit, key: mi.UInt32, active: mi.Bool
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Bool, mi.Bool]:
-        """``(bs, weight, active, by_all_lobes)``: a sample of a specular lobe, its lanes, and whether it is a smooth
-        lobe of a BSDF without separable lobes.
+        """``(bs, weight, active, by_all_lobes)``: a sample of the lobes that are not diffuse, its lanes, and whether it
+        is one of a glossy lobe of a BSDF without separable lobes.
         """
         si, first = hit.si, hit.level * NUMBERS
         u = number(key, first + CHOICE), point(key, first + DIRECTION)

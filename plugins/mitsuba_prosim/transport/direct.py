@@ -90,8 +90,8 @@ def eval_lobe(
 ) -> tuple[mi.Spectrum, mi.Float]:
     """Value of ``lobe`` times the cosine for ``wo``, and its density.
 
-    If ``context.samples_with_light``, it also samples the next ray of the lobe and keeps it in ``vertex.drawn``, except
-    with SamplerPoints.
+    If ``context.samples_with_light``, the same call samples the next ray of the lobe into ``vertex.drawn``, so that
+    textures are evaluated once; not with SamplerPoints.
     """
     if not context.samples_with_light or isinstance(points, SamplerPoints):  # that draws its numbers in a fixed order
         return context.scattering.eval_pdf(lobe, vertex, wo, active)

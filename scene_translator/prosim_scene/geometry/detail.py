@@ -226,8 +226,8 @@ def choose_segments(
 ) -> None:
     """Sets ``segments`` of all solids, so that the chord error stays below ``tolerance`` pixels.
 
-    ``bounds`` are their active zones; where one is a cap of a ball, this sets the ball's ``facet_map`` too. Solids with
-    a common curved face get the same number. Above MAX_TRIANGLES all solids become coarser, with a
+    ``bounds`` are their active zones; where one leaves only a cap of a ball, this sets the ball's ``facet_map`` too.
+    Solids with a common curved face get the same number. Above MAX_TRIANGLES all solids become coarser, with a
     :class:`SceneWarning`; if the coarsest are too many, this raises :class:`SceneError`.
     """
     wanted = tolerance

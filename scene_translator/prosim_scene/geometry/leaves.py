@@ -39,7 +39,8 @@ class Leaves:
     ) -> None:
         """``cuts_several_media`` marks leaves whose faces may coincide with themselves; ``meshes``: those of files.
 
-        Raises :class:`SceneError` for a singular transform, and for too many triangles.
+        Raises :class:`SceneError` for a transform that is singular or beyond single precision, and for too many
+        triangles.
         """
         keys = [(leaf.shape, leaf.file, leaf.index) for _, leaf in document.scene.leaves]
         numbers_of_keys = {key: i for i, key in enumerate(dict.fromkeys(keys))}

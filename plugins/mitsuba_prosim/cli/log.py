@@ -26,7 +26,7 @@ DECORATION = re.compile(r"\x1b\[[0-9;]*m|\r[^\n]*")
 def log(verbose: int) -> Iterator[None]:
     """Sends Mitsuba's log to standard error, above the progress bar: warnings, or more if ``verbose``.
 
-    Mitsuba writes to standard output, which is a file meanwhile, and a thread prints the new text in it. Its logger
+    Mitsuba writes to standard output. It is redirected to a file, whose new text a thread prints. Mitsuba's logger
     must never have an appender that Python knows, not even Mitsuba's own: to use one it waits for the interpreter,
     while it holds its lock and often that of the plugin manager. A thread that makes one of our plugins has the
     interpreter and needs these locks, and both would wait for ever.

@@ -9,7 +9,7 @@ That region is composed here of two pieces, each sampled without rejection:
 
 - for a centre above the horizon, the ellipse that the whole cap projects to;
 - where the horizon cuts the cap, the crescent between that ellipse and the unit circle, to which both are tangent.
-  A centre at height -c leaves the crescent alone, the mirror image of the one for c.
+  A centre at height -c leaves the crescent alone, the same one as for c: mirrored caps project alike.
 
 The ellipse is sampled uniformly. The crescent's ordinate has a triangular density, which is close to that of its width:
 the variance that this leaves is at most 0.05 of the squared mean for spheres that subtend up to 37 degrees. So the

@@ -133,7 +133,7 @@ class View:
 
     @property
     def image(self) -> np.ndarray:
-        """The latest linear image, shape (height, width, 3). Raises ValueError before there is one."""
+        """The layer ``final`` of :attr:`layers`, linear, (height, width, 3). Raises ValueError before there is one."""
         if not self._layers:
             raise ValueError("show: there is no image yet; wait for it with view.wait()")
         return self._layers["final"]

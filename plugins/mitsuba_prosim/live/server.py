@@ -153,16 +153,16 @@ class Pages:
         picture, suffix = self._publisher.pictures.get("own"), f".{request.path_params['suffix']}"
         if picture is None or suffix not in (".exr", ".png"):
             raise HTTPException(404)
-        exposure, mix = number(request, "exposure", 64.0), factors(request, picture)
+        exposure, mix = clamped_number(request, "exposure", 64.0), factors(request, picture)
         files = await self._call(lambda _: self._encode(exposure, mix))
         return Response(files[suffix], media_type="application/octet-stream")
 
     async def act(self, request: Request) -> Response:
-        """Changes the view request; see :data:`ACTIONS`."""
+        """Applies one of the :data:`ACTIONS` to the viewer."""
         name = request.path_params["action"]
         if name not in ACTIONS:
             raise HTTPException(404)
-        x, y = (number(request, axis, 360.0) for axis in "xy")
+        x, y = (clamped_number(request, axis, 360.0) for axis in "xy")
         if name == "dolly" and not x > 0:
             raise HTTPException(400)
         self._viewer.call(lambda viewer: ACTIONS[name](viewer, x, y))
@@ -191,7 +191,7 @@ def factors(request: Request, picture: Picture) -> Factors:
     return list(found.items())
 
 
-def number(request: Request, name: str, limit: float) -> float:
+def clamped_number(request: Request, name: str, limit: float) -> float:
     """A query parameter, clamped to [-limit, limit], or 0 if it is absent. Raises HTTPException."""
     try:
         value = float(request.query_params.get(name, "0"))

@@ -97,8 +97,8 @@ class Caustics:
         return t, self._n
 
     def add_to(self, L: mi.Spectrum, vertex: Vertex, t: mi.UInt32) -> mi.Spectrum:
-        """``L`` plus the radiance of the photons at ``vertex``, for the ``t``-th sample of a pixel. After a diffuse
-        reflection glossy lobes gather none.
+        """``L`` plus the radiance of the photons at ``vertex``, from the map of the ``t``-th sample of a pixel. After a
+        diffuse reflection glossy lobes gather none.
         """
         assert self._current is not None, "no photons have been emitted"
         diffuse, glossy = self._current

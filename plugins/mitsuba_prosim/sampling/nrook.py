@@ -111,11 +111,12 @@ class NRook:
         return points
 
     def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:
-        """The ``mi.Point2f`` in [0, 1)² for ``space`` (an integer: 0 is the pixel; see ``transport_context.py``)."""
+        """The ``mi.Point2f`` in [0, 1)² for ``space`` (an integer; see ``transport_context.py``)."""
         permute, n = self.permutations, self.permutations.n
         h_space = combine(self.key, space)
         h_pass = combine(h_space, self.r + 1)
-        # Every pass associates the rows again (figure 5.10); the columns belong to the rows, and turn (figure 5.11).
+        # Each pass permutes the rows anew (figure 5.10). A row's column is that of a permutation common to all passes,
+        # and moves on by one from pass to pass (figure 5.11).
         row = permute(h_pass, self.i)
         col = permute(h_space, row) + self.r
         col = dr.select(col >= n, col - n, col)

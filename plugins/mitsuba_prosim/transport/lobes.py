@@ -62,7 +62,7 @@ def glossy(flags: int, tree: bool) -> tuple[mi.BSDFContext, ...]:
 
 
 def only(context: mi.BSDFContext, *names: str) -> mi.BSDFContext:
-    """``context`` for no other lobes than the named ones."""
+    """``context`` restricted to the named lobes."""
     return _context(context.type_mask & mask(*names), context.mode)
 
 

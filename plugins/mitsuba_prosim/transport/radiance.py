@@ -9,7 +9,7 @@
     the terms of the thesis's equation (section 4.1) at the first visible surface.
 
 Light that a ray of a glossy lobe finds at a source has an MIS partner, the light sampling at the vertex that the ray
-leaves. So it belongs to the layer of that vertex.
+leaves. So that light belongs to the layer of the vertex that the ray leaves, not of the source.
 """
 
 from __future__ import annotations

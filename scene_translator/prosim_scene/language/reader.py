@@ -314,7 +314,7 @@ class Reader(Scanner):
         return model.Surface(**self.read_parameters(SURFACE))
 
     def read_material(self, parameters: dict[str, Any]) -> None:
-        """Reads ``material`` and its kind, or ``metal``, and the name of a metal or a glass; adds the parameters."""
+        """Reads ``material KIND [NAME]`` or ``metal NAME``, NAME of a metal or a glass, into ``parameters``."""
         kind = self.token
         if kind.role == "MATERIAL":
             self.store_span_once(kind, "the material", "material")

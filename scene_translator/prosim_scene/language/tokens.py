@@ -115,7 +115,7 @@ class Scanner(ABC):
         """The token with an expected role in place of its own; raises SceneError if none fits."""
 
     def read_plain_numbers(self) -> list[Token]:
-        """The plain numbers that follow as one token, or an empty list; other values, such as names, may follow."""
+        """Reads the plain numbers that follow as one token, in a list, or an empty list; names may follow."""
         text = self.source.text
         if self.last.role in ROLES and (mark := EQUALS.match(text, self.position)):
             self.position = mark.end()

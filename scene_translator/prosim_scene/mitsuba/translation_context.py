@@ -135,7 +135,7 @@ TGA_FOOTER = b"TRUEVISION-XFILE.\0"
 
 
 def is_image(path: Path) -> bool:
-    """Whether ``path`` is an image that Mitsuba reads. Raises OSError if it is unreadable."""
+    """Whether ``path`` has the signature of an image that Mitsuba reads. Raises OSError if it is unreadable."""
     with path.open("rb") as file:
         head = file.read(8)
         file.seek(max(path.stat().st_size - len(TGA_FOOTER), 0))

@@ -282,11 +282,8 @@ class Snapshots:
         if reached is None or not reached.min_samples:
             return
         for text in list(self.left):
-            due = (
-                reached.seconds >= (1 - SHARE) * float(text[:-1])
-                if text.endswith("s")
-                else reached.noise <= float(text)
-            )
+            amount = float(text.removesuffix("s"))
+            due = reached.seconds >= (1 - SHARE) * amount if text.endswith("s") else reached.noise <= amount
             if due:
                 self.left.remove(text)
                 steps.update_film()

@@ -196,7 +196,7 @@ def read(path: str | Path, arrays: bool = True) -> Checkpoint:
                 group, dot, own = name.partition(".")
                 if dot:
                     groups[group][own] = archive[name]
-    except (zipfile.BadZipFile, EOFError, NotImplementedError):
+    except (zipfile.BadZipFile, EOFError, NotImplementedError):  # the last: a damaged kind of compression
         raise CheckpointError(f"{path} is damaged or not complete; render again") from None
     except (ValueError, KeyError, TypeError, AttributeError):  # the last in Python 3.10: an array has no __enter__
         raise NotACheckpointError(f"{path} is no checkpoint; --checkpoint and --part write some") from None

@@ -129,15 +129,12 @@ class SecondImage:
         both = (state.accumulators, self.accumulators)
         first, second = (np.array(sums.total / mi.Float(sums.count), dtype=np.float64) for sums in both)
         weights, plane = state.estimator.filter_weights, np.nan_to_num(state.crop(first, state.outer))
-        reach, (height, width) = len(weights) // 2, plane.shape
-
-        def shifted(values: np.ndarray, y: int, x: int) -> np.ndarray:
-            return np.pad(values, reach, "edge")[y : y + height, x : x + width]
-
-        filtered = sum(w * shifted(plane, 2 * reach - y, 2 * reach - x) for (y, x), w in np.ndenumerate(weights))
+        reach, (row, column) = len(weights) // 2, np.divmod(self.index, plane.shape[1])
+        windows = np.lib.stride_tricks.sliding_window_view(np.pad(plane, reach, "edge"), weights.shape)
+        filtered = np.pad(np.einsum("yxij,ij->yx", windows, weights[::-1, ::-1]), reach, "edge")
         squares, difference = np.zeros(len(self.index)), first[self.index] - second
         for (y, x), weight in np.ndenumerate(weights):
-            before = shifted(filtered, y, x).ravel()[self.index]
+            before = filtered[row + y, column + x]
             shown = [displayed(dr_array(np.float32(v))) for v in (before, before - weight * difference)]
             squares += np.square(np.array(shown[0] - shown[1], dtype=np.float64))
         errors = np.sqrt(squares) * (0.5 if self.complete else 0.5**0.5)

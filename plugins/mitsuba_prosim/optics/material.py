@@ -66,7 +66,7 @@ class Material(mi.BSDF):
     def eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
     ) -> tuple[mi.Spectrum, mi.Float]:
-        raise NotImplementedError
+        raise NotImplementedError  # a subclass defines it; Mitsuba's own would call eval and pdf, and these call it
 
     def eval(self, *args: Any, **kwargs: Any) -> mi.Spectrum:
         """The first result of :meth:`eval_pdf`, with its arguments."""
@@ -87,6 +87,7 @@ class Pigmented(Material):
     """A one-sided BSDF with the components [specular, diffuse].
 
     A subclass defines the three methods ``specular_...``, of which the last two are for lobes that are no Dirac peak.
+    (Mitsuba's classes cannot be abstract by ``abc``: their metaclass is another.)
     """
 
     def __init__(self, props: mi.Properties, distributions: tuple[str, ...] = tuple(DISTRIBUTIONS)) -> None:

@@ -38,9 +38,10 @@ class Mixture(mi.Texture):
         self.to_local = mi.AffineTransform4f(props.get("to_local", mi.ScalarTransform4f()).matrix)
         self.smoothing = mi.Float(number(props, "smoothing", 0.0, 0))
 
+    # A subclass defines the next two. Mitsuba's classes cannot be abstract by abc: their metaclass is another.
+
     def value(self, si: mi.SurfaceInteraction3f) -> mi.Float:
         """The pattern at ``si``, in [0, 1]."""
-        # A subclass defines it. Mitsuba's classes cannot be abstract by abc: their metaclass is another.
         raise NotImplementedError
 
     def average(self) -> mi.Float:

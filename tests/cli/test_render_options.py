@@ -146,7 +146,7 @@ def folder(tmp_path, monkeypatch):
     """Current folder, with a scene and images, no state and no part."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scenes").mkdir()
-    contents = {"mug.scn": b"SCENE", "mug.png": PNG, "mug.0007.exr": EXR, "night.exr": EXR}
+    contents = {"mug.scn": b"SCENE", "mug.png": PNG, "mug.0007.exr": EXR, "night.exr": EXR, "empty.npz": b""}
     for name, content in (contents | {"scenes/jug.xml": b"<scene/>", "scenes/pole.scn": b"SCENE"}).items():
         (tmp_path / name).write_bytes(content)
     return tmp_path
@@ -164,7 +164,7 @@ def folder(tmp_path, monkeypatch):
         ("translate", "scenes/jug.xml", "is a Mitsuba scene, not"),
         ("format", "scenes/jug.xml", "prosim render scenes/jug.xml\n"),
         ("resume", "mug.scn", "a text file, not the state of a render. prosim render --checkpoint"),
-        ("merge", "mug.scn", "a text file, not a part of an image. prosim render --part 1/4"),
+        ("merge", "empty.npz", "an empty file, not a part of an image. prosim render --part 1/4"),
         ("merge", "night.*-of-4.npz", "File 'night.*-of-4.npz' does not exist.\n"),
     ],
 )

@@ -53,7 +53,7 @@ def test_lamps_are_mixed_as_by_the_command(lamps, variant_rgb, tmp_path):
 
 
 def test_wrong_factors(lamps):
-    values = "", "x", "nan", "1,2", "-1", "1e99"
+    values = "", "x", "nan", "1,2", "-1", "1e17"
     for text in ("lights.lamp7=1", "final=1", *(f"lights.ambient={value}" for value in values)):
         for path in ("layer/own/final", "save/exr"):
             assert ask(lamps[0], f"{path}?mix={text.replace('=', '%3D')}")[0].status == 400, text

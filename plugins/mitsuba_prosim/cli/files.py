@@ -89,6 +89,8 @@ def kind(path: Path) -> str:
     if path.is_file():  # a pipe could not be read again
         with open(path, "rb") as file:
             begin = file.read(1 << 10)
+        if not begin:
+            return "an empty file"
     what = next((what for known, what in MAGIC.items() if begin.startswith(known)), None)
     if what == ARCHIVE:
         try:

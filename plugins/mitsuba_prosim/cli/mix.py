@@ -20,7 +20,7 @@ from .render_task import SUFFIXES
 #: Difference of an image and the sum of its layers, over the brightest value: that of half precision.
 ROUNDING = 0.01
 
-NUMBER = r"(\d+\.?\d*|\.\d+)"
+NUMBER = r"(\d{1,16}\.?\d*|\.\d+)"
 FACTOR = PatternType(
     "LAYER=FACTOR",
     "light_0=0.5, or light_0=1,0.8,0.6 for red, green and blue; factors are 0 or more",

@@ -25,6 +25,7 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response, Strea
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 
+from ..engine.accumulators import BRIGHTEST
 from .picture import Factors, Picture
 from .viewer import Viewer
 
@@ -181,13 +182,13 @@ def factors(request: Request, picture: Picture) -> Factors:
     for text in request.query_params.getlist("mix"):
         name, _, values = text.partition("=")
         try:
-            factor = np.array(values.split(","), dtype=np.float32)
+            factor = np.array(values.split(","), dtype=np.float64)
         except ValueError:
             raise HTTPException(400) from None
-        valid = len(factor) in (1, 3) and (np.isfinite(factor) & (factor >= 0)).all()
+        valid = len(factor) in (1, 3) and ((factor >= 0) & (factor <= BRIGHTEST)).all()
         if not valid or name in found or "." not in name or name not in picture.layers:
             raise HTTPException(400)
-        found[name] = factor
+        found[name] = factor.astype(np.float32)
     return list(found.items())
 
 

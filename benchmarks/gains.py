@@ -2,7 +2,7 @@
 
     python benchmarks/gains.py policies [--scene palito ...] [--size 256] [--rounds 10]
     python benchmarks/gains.py paths --scene "Cornell box" staircase2 --folder SCENES
-    python benchmarks/gains.py denoised | ablations | cycles
+    python benchmarks/gains.py denoised | ablations
 
 ``policies``
     The thesis's tree with ``graded`` and with ``neighbours`` over ``none``, N = 8, at the same mean number of samples.
@@ -15,9 +15,6 @@
 ``ablations``
     ``graded`` without one of its parts over the whole: without adaptive sampling, without the second judgement (the
     refinement ends after one more pass), and with the light sampling of Mitsuba's own emitters.
-``cycles``
-    The stopping rule of Mitsuba's pull request 1731, which is that of Blender's Cycles, simulated on samples of the
-    same integrator, over ``none``: in samples alone.
 
 A cell is a gain in processor time with its 95 % interval. The column ``samples`` is the gain in samples, tone-mapped.
 """
@@ -29,9 +26,8 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
-from measure import MEASURES, Run, arguments, begin, by_turns, gain, interval, reference, shown
+from measure import MEASURES, Run, arguments, begin, by_turns, gain, reference, shown
 from mitsuba_prosim.light import table as lights
-from scipy.ndimage import maximum_filter
 from subjects import Subject
 
 DEPTH = 8
@@ -122,57 +118,15 @@ def rows(subject: Subject, table: str, options: argparse.Namespace) -> None:
         print(f"| {subject.name} | {entry.name} | " + " | ".join(cells) + " |", flush=True)
 
 
-def cycles(subject: Subject, options: argparse.Namespace, passes: int = 16, n: int = 4) -> None:
-    """Prints the gain in samples of the rule of Cycles over ``none``.
-
-    A pixel stops when ``|I - E| / sqrt(I)``, summed over the colours, is below a threshold, I being its mean and E that
-    of every other pass; it goes on while a neighbour does.
-    """
-    tree = (subject.tree or NESTED) | {"adaptive": "none", "samples": n}
-    truth = reference(subject, tree, 0, options.reference_seconds, options.cache)
-    run, scale, found = Run("", subject.load(), tree), 0.25 / truth.mean(), []
-    for seed in range(options.rounds):
-        images = np.array([run.render(seed * passes + k)[0] for k in range(passes)]) * scale
-        counts = np.arange(1, passes + 1)[:, None, None]
-        means = np.cumsum(images, axis=0) / counts[..., None]
-        even = np.cumsum(images[::2], axis=0) / np.arange(1, passes // 2 + 1)[:, None, None, None]
-        full = means[1::2]
-        noise = np.abs(full - even).sum(axis=-1) / (1e-4 + np.sqrt(full.sum(axis=-1)))
-
-        def stopped(threshold: float, noise: np.ndarray = noise) -> np.ndarray:
-            active = np.ones(noise.shape[1:], bool)
-            last = np.zeros(active.shape, int)
-            for k in range(len(noise)):
-                last[active] = k
-                active &= maximum_filter(noise[k] > threshold, 3)
-            return last
-
-        # The threshold by which half of the passes are made.
-        grid = np.geomspace(1e-4, 1, 60)
-        last = min((stopped(t) for t in grid), key=lambda last: abs(last.mean() + 1 - passes / 4))
-        rows, columns = np.indices(last.shape)
-        image, mean = full[last, rows, columns], 2 * (last.mean() + 1)
-        uniform = means[round(mean) - 1]
-        error = [MEASURES["tone-mapped"](x, truth * scale) for x in (image, uniform)]
-        found.append([error[0] * mean, error[1] * round(mean)])
-    table = np.array(found)
-    value = interval(lambda k: np.array(table[k, 1].mean() / table[k, 0].mean()), options.rounds)
-    print(f"| {subject.name} | {shown(value)} |", flush=True)
-
-
 def main() -> None:
     parser = arguments(__doc__)
-    parser.add_argument("table", choices=[*TABLES, "cycles"])
+    parser.add_argument("table", choices=TABLES)
     options = parser.parse_args()
     begin(options)
-    if options.table == "cycles":
-        print("| | samples: tone-mapped |\n|---|---:|")
-    else:
-        print("| | | samples | time | samples: tone-mapped | " + " | ".join(MEASURES) + " |")
-        print("|---|---|---:|---:|" + "---:|" * (len(MEASURES) + 1))
+    print("| | | samples | time | samples: tone-mapped | " + " | ".join(MEASURES) + " |")
+    print("|---|---|---:|---:|" + "---:|" * (len(MEASURES) + 1))
     for name in options.scene:
-        subject = Subject(name, options.size, options.folder)
-        cycles(subject, options) if options.table == "cycles" else rows(subject, options.table, options)
+        rows(Subject(name, options.size, options.folder), options.table, options)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,223 @@
+"""What did not work: how much other rules of sampling could gain, simulated with the same integrator.
+
+    python benchmarks/negative_results.py cycles oracle [--scene palito ...]
+
+``thesis``
+    The thesis's own criterion, by which the samples of a pixel decide when it has enough, over uniform sampling with
+    N = 8, at the same mean number of samples: the gain in processor time.
+``photons``
+    The same for ``graded``, where photons bring the caustics: new ones cost as much for one pixel as for all.
+``cycles``
+    The stopping rule of Mitsuba's pull request 1731, which is that of Blender's Cycles, over uniform sampling.
+``oracle``
+    Samples in proportion to the true standard deviation of each pixel, which other seeds tell, over uniform sampling.
+``frozen``
+    The variance that remains when all samples of a pixel share one direction of the first surface's lobe, or one point
+    of its lamps, over the whole variance.
+``gradients``
+    Differences of adjacent pixels are rendered with the same random numbers; the image is their Poisson solution
+    (Kettunen et al. 2015, with replayed random numbers for shifts). The gain is over uniform sampling, and counts its
+    three renders.
+
+A cell is a gain in samples (``thesis``, ``photons``: in time; ``frozen``: a ratio of variances), tone-mapped, with its
+95 % interval over the seeds.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from functools import partial
+from typing import Any
+from unittest import mock
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from gains import NESTED, PATHS, with_samples
+from measure import MEASURES, Run, arguments, begin, by_turns, gain, interval, reference, shown
+from mitsuba_prosim.engine.plan import Plan
+from mitsuba_prosim.light.table import Lights
+from mitsuba_prosim.sampling.sobol import Sobol
+from mitsuba_prosim.transport.transport_context import CAMERA_SPACES, DIFFUSE, NODE_SPACES, REFLECTED
+from scipy.fft import dctn, idctn
+from scipy.ndimage import maximum_filter
+from subjects import Subject
+
+#: Passes of a pixel at most; the mean is a quarter of them.
+PASSES = 16
+
+
+def tone_mapped(image: np.ndarray, truth: np.ndarray) -> float:
+    """Squared error after a square root."""
+    return MEASURES["tone-mapped"](image, truth)
+
+
+def over_uniform(
+    name: str, adaptive: dict[str, Any], subject: Subject, options: argparse.Namespace, n: int = 8
+) -> dict[str, np.ndarray]:
+    """The gain in time of an ``adaptive`` policy, the parameters of an integrator: value and interval, shape (3,)."""
+    scene, tree = subject.load(), (subject.tree or NESTED) | adaptive
+    uniform = Run("none", scene, tree | {"adaptive": "none", "samples": n})
+    found = with_samples(Run(name, scene, tree | {"max_samples": 4 * n * n}), n * n)
+    truth = reference(subject, uniform.integrator, 0, options.reference_seconds, options.cache)
+    by_turns([found, uniform], truth, options.rounds, ["tone-mapped"])
+    return {name: gain(found, uniform)[:, 0]}
+
+
+def cycles(means: np.ndarray, images: np.ndarray, deviation: np.ndarray) -> np.ndarray:
+    """The passes of each pixel by the rule of Cycles. A pixel stops when ``|I - E| / sqrt(I)``, summed over the
+    colours, is below a threshold, I being its mean and E that of every other pass; it goes on while a neighbour does.
+    """
+    even = np.cumsum(images[::2], axis=0) / np.arange(1, PASSES // 2 + 1)[:, None, None, None]
+    noise = np.abs(means[1::2] - even).sum(axis=-1) / (1e-4 + np.sqrt(means[1::2].sum(axis=-1)))
+
+    def stopped(threshold: float) -> np.ndarray:
+        active = np.ones(noise.shape[1:], bool)
+        last = np.zeros(active.shape, int)
+        for k in range(len(noise)):
+            last[active] = k
+            active &= maximum_filter(noise[k] > threshold, 3)
+        return 2 * (last + 1)
+
+    return min((stopped(t) for t in np.geomspace(1e-4, 1, 60)), key=lambda passes: abs(passes.mean() - PASSES / 4))
+
+
+def oracle(means: np.ndarray, images: np.ndarray, deviation: np.ndarray) -> np.ndarray:
+    """The passes of each pixel in proportion to its true standard deviation."""
+    candidates = [np.clip(np.rint(deviation * scale), 1, PASSES).astype(int) for scale in np.geomspace(1, 1e5, 300)]
+    return min(candidates, key=lambda passes: abs(passes.mean() - PASSES / 4))
+
+
+def allocated(
+    name: str, rule: Callable, subject: Subject, options: argparse.Namespace, n: int = 4
+) -> dict[str, np.ndarray]:
+    """The gain of a ``rule`` that gives each pixel its number of passes: value and interval, shape (3,)."""
+    tree = (subject.tree or NESTED) | {"adaptive": "none", "samples": n}
+    truth = reference(subject, tree, 0, options.reference_seconds, options.cache)
+    run, scale = Run("", subject.load(), tree), 0.25 / truth.mean()
+    images = np.array([run.render(k)[0] for k in range(options.rounds * PASSES)]) * scale
+    images = images.reshape(options.rounds, PASSES, *images.shape[1:])
+    errors = []
+    for seed, of_seed in enumerate(images):
+        means = np.cumsum(of_seed, axis=0) / np.arange(1, PASSES + 1)[:, None, None, None]
+        others = np.delete(images, seed, axis=0)
+        variance = others.var(axis=(0, 1)) / (4 * np.maximum(others.mean(axis=(0, 1)), 1e-3))
+        passes = rule(means, of_seed, np.sqrt(variance.sum(axis=-1)))
+        rows, columns = np.indices(passes.shape)
+        uniform = round(passes.mean())
+        ours, theirs = means[passes - 1, rows, columns], means[uniform - 1]
+        errors.append([tone_mapped(ours, truth * scale) * passes.mean(), tone_mapped(theirs, truth * scale) * uniform])
+    return {name: ratio(np.array(errors))}
+
+
+def ratio(errors: np.ndarray) -> np.ndarray:
+    """The mean of the second column over that of the first one: value and interval over the rows, shape (3,)."""
+    return interval(lambda k: np.array(errors[k, 1].mean() / errors[k, 0].mean()), len(errors))
+
+
+class Frozen(Sobol):
+    """Sobol' points that are the same for all samples in some ``spaces``."""
+
+    spaces: list[int]
+    value: mi.Point2f
+
+    def __call__(self, space: int | mi.UInt32, active: mi.Bool = True) -> mi.Point2f:
+        point = super().__call__(space, active)
+        for frozen in self.spaces:
+            point = dr.select(mi.UInt32(space) == frozen, self.value, point)
+        return point
+
+
+def points_of(change: Callable) -> AbstractContextManager:
+    """While it is open, ``change(points, plan, x, y, t)`` gives the samples; ``points`` is the method of the plan."""
+    points = Plan.points
+    return mock.patch.object(Plan, "points", lambda plan, x, y, t: change(points, plan, x, y, t))
+
+
+def frozen(subject: Subject, options: argparse.Namespace, samples: int = 64) -> dict[str, np.ndarray]:
+    """The fractions of the variance that remain: value and interval, shape (3,)."""
+    scene, tree = subject.load(), (subject.tree or PATHS) | {"adaptive": "none"}
+    count, rng = Lights(scene, choose=subject.tree is None).count, np.random.default_rng(1)
+    first = CAMERA_SPACES + NODE_SPACES + count
+    run, found = Run("", scene, tree, samples), {}
+
+    def variance(spaces: list[int], value: list[float]) -> float:
+        point = mi.Point2f(*(dr.opaque(mi.Float, v) for v in value))
+
+        def change(points: Callable, plan: Plan, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> Sobol:
+            result = points(plan, x, y, t)
+            result.__class__, result.spaces, result.value = Frozen, spaces, point
+            return result
+
+        with points_of(change):
+            images = [np.sqrt(np.maximum(run.render(seed)[0], 0)) for seed in rng.integers(0, 1 << 30, 2)]
+        return float(np.mean(np.square(images[0] - images[1])))
+
+    lobes, lamps = range(REFLECTED, DIFFUSE + 1), range(NODE_SPACES, NODE_SPACES + count)
+    for name, spaces in (("lobe", lobes), ("lamp", lamps)):
+        values = rng.random((options.rounds, 2)).tolist()
+        pairs = [[variance([], value), variance([first + k for k in spaces], value)] for value in values]
+        found[f"{name} frozen"] = ratio(np.array(pairs))
+    return found
+
+
+def gradients(subject: Subject, options: argparse.Namespace, samples: int = 64) -> dict[str, np.ndarray]:
+    """The gain of gradient-domain rendering: value and interval, shape (3,)."""
+    integrator = (subject.tree or PATHS) | {"adaptive": "none"}
+    truth = reference(subject, integrator, 256, options.reference_seconds, options.cache)
+    run, scale = Run("", subject.load(), integrator, samples), 0.25 / truth.mean()
+    errors = []
+    for seed in range(options.rounds):
+        images = []
+        for dx, dy in ((0, 0), (1, 0), (0, 1)):
+            # The pixel (x, y) takes the random numbers of (x - dx, y - dy).
+            with points_of(lambda points, plan, x, y, t, dx=dx, dy=dy: points(plan, x - dx, y - dy, t)):
+                images.append(run.render(seed)[0] * scale)
+        base, right, below = images
+        solution = poisson(sum(images) / 3, right[:, 1:] - base[:, :-1], below[1:] - base[:-1])
+        errors.append([3 * tone_mapped(np.maximum(solution, 0), truth * scale), tone_mapped(base, truth * scale)])
+    return {"gradients": ratio(np.array(errors))}
+
+
+def poisson(image: np.ndarray, dx: np.ndarray, dy: np.ndarray, weight: float = 0.2) -> np.ndarray:
+    """The image nearest to ``image``, of shape (height, width, 3), with the differences ``dx`` and ``dy``, by least
+    squares; ``weight`` is that of the image.
+    """
+    height, width = image.shape[:2]
+    right = weight**2 * image
+    right[:, 1:] += dx
+    right[:, :-1] -= dx
+    right[1:] += dy
+    right[:-1] -= dy
+    waves = [2 - 2 * np.cos(np.pi * np.arange(size) / size) for size in (height, width)]
+    operator = weight**2 + waves[0][:, None, None] + waves[1][None, :, None]
+    return idctn(dctn(right, axes=(0, 1), norm="ortho") / operator, axes=(0, 1), norm="ortho")
+
+
+TABLES: dict[str, Callable[..., dict[str, np.ndarray]]] = {
+    "thesis": partial(over_uniform, "thesis", {"adaptive": "thesis", "samples": 13}),
+    "photons": partial(over_uniform, "photons", {"adaptive": "graded", "caustics": True, "samples": 8}),
+    "cycles": partial(allocated, "cycles", cycles),
+    "oracle": partial(allocated, "oracle", oracle),
+    "frozen": frozen,
+    "gradients": gradients,
+}
+
+
+def main() -> None:
+    parser = arguments(__doc__)
+    parser.add_argument("table", nargs="+", choices=TABLES)
+    options = parser.parse_args()
+    begin(options)
+    print("| | | (95 %) |\n|---|---|---:|")
+    for name in options.scene:
+        subject = Subject(name, options.size, options.folder)
+        for table in options.table:
+            for row, value in TABLES[table](subject, options).items():
+                print(f"| {name} | {row} | {shown(value)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

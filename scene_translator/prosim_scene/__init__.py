@@ -1,10 +1,11 @@
-"""The thesis's scene language, translated to Mitsuba XML and PLY meshes. Never imports Mitsuba.
+"""Translates scenes from the thesis's scene language to Mitsuba XML files and PLY meshes. Never imports Mitsuba.
 
     >>> import prosim_scene
     >>> prosim_scene.translate("examples/palito.scn", "build")
 
-Wrong input raises :class:`SceneError`, whose message shows the place; doubtful or approximated input is a
-:class:`SceneWarning`, emitted through :mod:`warnings`. The language is described in ``docs/language.md``.
+Wrong input raises :class:`SceneError`, whose message shows the wrong part of the text. A :class:`SceneWarning`, which
+is emitted through :mod:`warnings`, reports a probable mistake or an approximation. ``docs/language.md`` describes the
+language.
 """
 
 from .language import document_of, parse

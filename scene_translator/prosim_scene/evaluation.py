@@ -1,4 +1,4 @@
-"""Evaluates the tree of a scene in a separate process, for an editor: its errors and warnings."""
+"""Evaluates the CSG tree of a scene in a separate process, and returns the errors and warnings, for an editor."""
 
 import asyncio
 import faulthandler
@@ -13,14 +13,14 @@ from .language import document_of
 from .language.diagnostics import Problem, SceneError, SceneWarning
 from .translator import check
 
-#: The largest time of an evaluation in seconds.
+#: The time limit of an evaluation in seconds.
 TIME_LIMIT = 60.0
-#: The folder of the package, from which the process imports; never the folder of a scene.
+#: The folder that contains this package. The process starts here, so it never imports modules from a scene's folder.
 PACKAGES = Path(__file__).parents[1]
 
 
 def evaluate(text: str, filename: str) -> list[Problem]:
-    """The errors and warnings of :func:`prosim_scene.check` for the text of a scene."""
+    """Returns the errors and warnings that :func:`prosim_scene.check` finds in the text of a scene."""
     found: list[Problem] = []
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always", SceneWarning)
@@ -32,7 +32,10 @@ def evaluate(text: str, filename: str) -> list[Problem]:
 
 
 async def evaluate_in_process(text: str, filename: str) -> list[Problem] | None:
-    """The result of :func:`evaluate`; None if it takes longer than :data:`TIME_LIMIT`. Cancelling ends the process."""
+    """Runs :func:`evaluate` in a new process; returns its result, or None after :data:`TIME_LIMIT` or a failure.
+
+    If this coroutine is cancelled, it ends the process.
+    """
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-c", "from prosim_scene.evaluation import main; main()"),
         stdin=subprocess.PIPE,
@@ -50,13 +53,13 @@ async def evaluate_in_process(text: str, filename: str) -> list[Problem] | None:
 
 
 def main() -> None:
-    """Evaluates the scene on standard input, and writes the result to standard output, both pickled.
+    """Reads a pickled scene from standard input, evaluates the scene, and writes the pickled result to standard output.
 
-    Ends the process with exit code 1 after the time limit in the input.
+    The input contains a time limit in seconds. After this time the process ends with exit code 1.
     """
     text, filename, seconds = pickle.load(sys.stdin.buffer)
     with open(os.devnull, "w") as nowhere:
-        # A signal or a thread of Python would wait for the operation on solids; this timer does not.
+        # This timer works during an operation on solids; a Python signal handler or thread would wait for its end.
         faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
         found = evaluate(text, filename)
         faulthandler.cancel_dump_traceback_later()

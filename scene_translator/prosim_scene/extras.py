@@ -1,8 +1,8 @@
-"""The optional dependencies (extras) of this project, and the message if they are missing."""
+"""The optional dependencies (extras) of this project, and the message about a missing one."""
 
 from importlib.util import find_spec
 
-#: Extra -> its modules, and the packages that bring them.
+#: Extra -> the modules that it needs, each with the name of the package that contains the module.
 EXTRAS = {
     "cluster": {"distributed": "distributed"},
     "compare": {
@@ -20,11 +20,13 @@ EXTRAS = {
 
 
 def missing(extra: str) -> list[str]:
-    """The packages of an extra that are not installed."""
+    """Lists the packages of an extra that are not installed."""
     return [package for module, package in EXTRAS[extra].items() if find_spec(module) is None]
 
 
 def needs(feature: str, extra: str) -> str:
-    """The message that a feature needs an extra: the missing packages, and how to install it."""
+    """Returns the message that a feature needs an extra: the missing packages, and the command that installs the
+    extra.
+    """
     packages = ", ".join(missing(extra)) or "a package that can be imported"
     return f"{feature} needs {packages}; to get it: pip install 'mitsuba-prosim[{extra}]'"

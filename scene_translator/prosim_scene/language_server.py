@@ -1,4 +1,4 @@
-"""``prosim language-server``: the Language Server Protocol over ``symbols``."""
+"""``prosim language-server``: connects ``symbols`` to an editor by the Language Server Protocol."""
 
 import asyncio
 import gc
@@ -25,52 +25,55 @@ from .language.diagnostics import Problem, SceneError
 from .language.formatter import format
 from .symbols import Completion, Symbols
 
-#: The largest tree that the server evaluates; ``prosim translate --check`` has no limit.
+#: The largest number of nodes of a CSG tree that the server evaluates; ``prosim translate --check`` has no limit.
 LARGEST = 1000
-#: Seconds after a keystroke until the text is read again.
+#: The delay in seconds between the last keystroke and the next analysis of the text.
 DELAY = 0.03
-#: Between lines of the protocol; Python's ``splitlines`` has more line ends, such as the form feed.
+#: Matches between two lines, as the protocol defines lines; Python's ``splitlines`` also splits at other characters.
 LINE = re.compile(r"(?<=\n)|(?<=\r)(?!\n)")
 
 
 class OpenDocument:
-    """A version of a document that is open in an editor, and the ``pending`` work for it."""
+    """One version of a document that is open in an editor, and the ``pending`` task or timer for this version."""
 
     def __init__(self, document: TextDocument) -> None:
         self.uri, self.version, self.text = document.uri, document.version, document.source
         self.filename = to_fs_path(document.uri) or document.uri
         self.codec, self.lines = document.position_codec, LINE.split(self.text)
         self.starts = [0, *accumulate(map(len, self.lines))][:-1]
-        self.lines[-1] += "\n"  # the codec clamps a position to the end of a line, which it expects
-        # As from a file, with the same offsets: a lone CR becomes LF.
+        self.lines[-1] += "\n"  # the codec clamps a position to the line end, which the last line lacks
+        # The same line ends as in a text that is read from a file, with unchanged offsets: a lone CR becomes LF.
         self.scene = re.sub(r"\r(?!\n)", "\n", re.sub("^\ufeff", " ", self.text))
         self.pending: asyncio.Task[None] | asyncio.TimerHandle | None = None
 
     @cached_property
     def symbols(self) -> Symbols:
-        """The symbols of the text, which is read at the first use."""
+        """The symbols of the document. The text is analysed at the first use of this property."""
         return Symbols(self.scene, self.filename)
 
     def offset(self, position: lsp.Position) -> int:
-        """The offset of a position, clamped to the end of its line and of the text."""
+        """Converts a position of the protocol to a text offset, clamped to the end of the line and of the text."""
         place = self.codec.position_from_client_units(self.lines, position)
         return min(self.starts[place.line] + place.character, len(self.text))
 
     def range(self, start: int, end: int) -> lsp.Range:
-        """The protocol's range from one offset to another."""
+        """Converts two text offsets to a range of the protocol."""
         lines = [bisect_right(self.starts, offset) - 1 for offset in (start, end)]
         places = [lsp.Position(line, offset - self.starts[line]) for line, offset in zip(lines, (start, end))]
         return lsp.Range(*(self.codec.position_to_client_units(self.lines, place) for place in places))
 
     def locations(self, position: lsp.Position, only_definitions: bool) -> list[lsp.Location]:
-        """The protocol's locations of the symbol at a position: all, or those that define it."""
+        """Returns the protocol's locations of the symbol at a position: all occurrences, or only its definitions."""
         here = self.symbols.occurrence_at(self.offset(position))
         found = self.symbols.table[here.symbol] if here else []
         found = [one for one in found if one.defines] if only_definitions else found
         return [lsp.Location(self.uri, self.range(one.start, one.end)) for one in found]
 
     def diagnostic(self, one: Problem) -> lsp.Diagnostic:
-        """The protocol's diagnostic of an error or a warning; without a span it is at the beginning of the text."""
+        """Converts an error or a warning to a diagnostic of the protocol.
+
+        A problem without a span is shown at the beginning of the text.
+        """
         severity = lsp.DiagnosticSeverity.Error if isinstance(one, SceneError) else lsp.DiagnosticSeverity.Warning
         start, end = one.span or (0, 1)
         place = self.range(start, max(end, start + 1))
@@ -78,27 +81,27 @@ class OpenDocument:
 
 
 class SceneServer(LanguageServer):
-    """The language server, and the documents that are open in the editor."""
+    """The language server, which stores the documents that are open in the editor."""
 
     def __init__(self) -> None:
-        # An editor sends the whole text, because the reader needs all of it.
+        # The editor sends the whole text after each change, because the reader needs the whole text.
         super().__init__("prosim", version("mitsuba-prosim"), text_document_sync_kind=lsp.TextDocumentSyncKind.Full)
         self.documents: dict[str, OpenDocument] = {}
 
     def update(self, uri: str) -> OpenDocument:
-        """Replaces a document by its present version."""
+        """Replaces a document by its current version, and returns the new version."""
         self.close(uri)
         self.documents[uri] = OpenDocument(self.workspace.get_text_document(uri))
         return self.documents[uri]
 
     def close(self, uri: str) -> None:
-        """Removes a document, and cancels pending work for it."""
+        """Removes a document, and cancels the pending work for it."""
         document = self.documents.pop(uri, None)
         if document and document.pending:
             document.pending.cancel()
 
     async def evaluate(self, document: OpenDocument) -> None:
-        """Evaluates the tree of a document in a process, and publishes all diagnostics."""
+        """Evaluates the CSG tree of a document in a separate process, and publishes the errors and warnings."""
         found = await evaluate_in_process(document.scene, document.filename)
         if found is not None:
             self.publish(document, found)
@@ -118,16 +121,19 @@ server = SceneServer()
 def language_server() -> None:
     """Help an editor with scenes: errors while you write, completion, meanings, layout.
 
-    An editor starts it, and communicates with it by standard input and output.
+    An editor starts this command, and communicates with it through standard input and output.
     """
     server.start_io()
-    gc.freeze()  # skips a garbage collection at exit, which takes seconds after a long scene
+    gc.freeze()  # avoids the garbage collection at exit, which takes seconds after a large scene
 
 
 @server.feature(lsp.TEXT_DOCUMENT_DID_OPEN)
 @server.feature(lsp.TEXT_DOCUMENT_DID_SAVE)
 def opened(ls: SceneServer, params: lsp.DidOpenTextDocumentParams | lsp.DidSaveTextDocumentParams) -> None:
-    """Handles an opened or saved document: publishes its diagnostics, and later those of its evaluated tree."""
+    """Handles an opened or saved document.
+
+    Publishes the diagnostics of the text at once, and the diagnostics of the evaluated CSG tree later.
+    """
     document = ls.update(params.text_document.uri)
     ls.publish(document, document.symbols.diagnostics)
     if document.symbols.document is not None and len(document.symbols.document.scene.csg) <= LARGEST:
@@ -136,7 +142,9 @@ def opened(ls: SceneServer, params: lsp.DidOpenTextDocumentParams | lsp.DidSaveT
 
 @server.feature(lsp.TEXT_DOCUMENT_DID_CHANGE)
 def changed(ls: SceneServer, params: lsp.DidChangeTextDocumentParams) -> None:
-    """Handles a changed document: publishes its diagnostics after a delay without a keystroke."""
+    """Handles a changed document: publishes its diagnostics when the user has stopped typing for :data:`DELAY`
+    seconds.
+    """
     document = ls.update(params.text_document.uri)
     document.pending = asyncio.get_running_loop().call_later(
         DELAY, lambda: ls.publish(document, document.symbols.diagnostics)
@@ -145,21 +153,21 @@ def changed(ls: SceneServer, params: lsp.DidChangeTextDocumentParams) -> None:
 
 @server.feature(lsp.TEXT_DOCUMENT_DID_CLOSE)
 def closed(ls: SceneServer, params: lsp.DidCloseTextDocumentParams) -> None:
-    """Handles a closed document: removes it and its diagnostics."""
+    """Handles a closed document: removes the document, and its diagnostics in the editor."""
     ls.close(params.text_document.uri)
     ls.text_document_publish_diagnostics(lsp.PublishDiagnosticsParams(params.text_document.uri, []))
 
 
 @server.feature(lsp.TEXT_DOCUMENT_COMPLETION, lsp.CompletionOptions(trigger_characters=["$", "-"]))
 def complete(ls: SceneServer, params: lsp.CompletionParams) -> list[lsp.CompletionItem]:
-    """The words that fit at a position."""
+    """Returns the completions at a position: the words that fit there."""
     document = ls.documents[params.text_document.uri]
     offset = document.offset(params.position)
     return [_completion_item(one, document.range(one.start, offset)) for one in document.symbols.completions(offset)]
 
 
 def _completion_item(one: Completion, replaced: lsp.Range) -> lsp.CompletionItem:
-    """The protocol's item of a completion. Indices are sorted as numbers."""
+    """Converts a completion to an item of the protocol. Indices are sorted by number, other words by alphabet."""
     return lsp.CompletionItem(
         label=one.label,
         kind=lsp.CompletionItemKind[one.kind],
@@ -172,7 +180,7 @@ def _completion_item(one: Completion, replaced: lsp.Range) -> lsp.CompletionItem
 
 @server.feature(lsp.TEXT_DOCUMENT_HOVER)
 def hover(ls: SceneServer, params: lsp.HoverParams) -> lsp.Hover | None:
-    """The meaning of the word at a position; None if it has none."""
+    """Returns the meaning of the word at a position, or None if nothing is known about the word."""
     document = ls.documents[params.text_document.uri]
     if (found := document.symbols.hover(document.offset(params.position))) is None:
         return None
@@ -182,19 +190,21 @@ def hover(ls: SceneServer, params: lsp.HoverParams) -> lsp.Hover | None:
 
 @server.feature(lsp.TEXT_DOCUMENT_DEFINITION)
 def definition(ls: SceneServer, params: lsp.DefinitionParams) -> list[lsp.Location]:
-    """The definitions of a symbol: SURFACE and TRANSFORM of an index, TEXTURE, SOLID, or DEFAULT of a name."""
+    """Returns the locations that define a symbol: SURFACE or TRANSFORM of an index, TEXTURE, SOLID, or DEFAULT of a
+    name.
+    """
     return ls.documents[params.text_document.uri].locations(params.position, only_definitions=True)
 
 
 @server.feature(lsp.TEXT_DOCUMENT_REFERENCES)
 def references(ls: SceneServer, params: lsp.ReferenceParams) -> list[lsp.Location]:
-    """All occurrences of the symbol at a position."""
+    """Returns the locations of all occurrences of the symbol at a position."""
     return ls.documents[params.text_document.uri].locations(params.position, only_definitions=False)
 
 
 @server.feature(lsp.TEXT_DOCUMENT_FORMATTING)
 def formatting(ls: SceneServer, params: lsp.DocumentFormattingParams) -> list[lsp.TextEdit] | None:
-    """The edit that brings a document into canonical layout; None if it has errors."""
+    """Returns the edit that changes a document to the canonical layout, or None if the document has errors."""
     document = ls.documents[params.text_document.uri]
     lines = document.scene.replace("\r\n", "\n")
     try:

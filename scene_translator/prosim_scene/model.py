@@ -1,4 +1,6 @@
-"""The scene as typed, immutable values. ``language.document`` has their spans in the text."""
+"""The classes of a scene's values, which are immutable. ``language.document`` stores the position of each value in the
+text.
+"""
 
 import html
 from dataclasses import dataclass, field
@@ -6,28 +8,28 @@ from functools import cached_property
 
 Vector = tuple[float, float, float]
 
-#: The default of kd.
+#: The default diffuse reflectance kd.
 GREY: Vector = (0.5, 0.5, 0.5)
 
 
 @dataclass(frozen=True)
 class Light:
-    """A light source (section 5.2 of the thesis): a sphere, or a point whose ``radius`` is virtual."""
+    """A light source (section 5.2 of the thesis): a sphere, a point (whose ``radius`` is virtual), or a sky."""
 
-    kind: str  # "area" or "point"; or "sky": an environment image; of the other values only ``image`` is used
+    kind: str  # "area", "point", or "sky": an environment image, for which only ``image`` has a meaning
     position: Vector = (0.0, 0.0, 0.0)
-    intensity: Vector = (65535.0, 65535.0, 65535.0)  # 65535 is 1.0
+    intensity: Vector = (65535.0, 65535.0, 65535.0)  # r, g, b; 65535 is 1.0
     radius: float = 1.0
     distribution: str = "uniform"  # or "cone", "spot"
     direction: Vector = (0.0, -1.0, 0.0)
-    angle: float | None = None  # degrees: half-opening of a cone, cut-off of a spot
-    exponent: float = 1.0  # of a spot
-    image: str | None = None  # of a sky, latitude by longitude
+    angle: float | None = None  # the largest angle from the axis in degrees, of a cone or a spot
+    exponent: float = 1.0  # n of a spot, whose intensity is proportional to cos^n
+    image: str | None = None  # the file of a sky's latitude-longitude image
 
 
 @dataclass(frozen=True)
 class Background:
-    """Radiance of a ray that leaves the scene: 65535 is 1.0; or an image, latitude by longitude."""
+    """The radiance of rays that leave the scene (65535 is 1.0), or the file of a latitude-longitude image."""
 
     color: Vector = (0.0, 0.0, 0.0)
     image: str | None = None
@@ -35,7 +37,10 @@ class Background:
 
 @dataclass(frozen=True)
 class View:
-    """The camera. ``vpn`` 0 0 0 means eye - vrp; ``window`` is umin, vmin, umax, vmax on the plane, relative to vrp."""
+    """The camera.
+
+    A ``vpn`` of 0 0 0 means eye - vrp. ``window`` is umin, vmin, umax, vmax on the view plane, relative to ``vrp``.
+    """
 
     resolution: tuple[int, int] = (500, 500)
     window: tuple[float, float, float, float] = (-10.0, -10.0, 10.0, 10.0)
@@ -47,14 +52,14 @@ class View:
 
 @dataclass(frozen=True)
 class Operator:
-    """``+``, ``-`` or ``*``, before its two operands."""
+    """An operator of the CSG tree: ``+``, ``-`` or ``*``. It stands before its two operands."""
 
     symbol: str
 
 
 @dataclass(frozen=True)
 class Texture:
-    """The texture in one of a primitive's two slots: a name (t-...) or an image file."""
+    """The texture in one of the two slots of a primitive: the name of a texture (t-...) or an image file."""
 
     name: str | None = None
     image: str | None = None
@@ -62,9 +67,11 @@ class Texture:
 
 @dataclass(frozen=True)
 class Leaf:
-    """A primitive in the tree: its shape, its index, its textures (surface, solid), and a mesh's file.
+    """A primitive, which is a leaf of the CSG tree: its shape, index, textures (surface, solid), and the file of a
+    mesh.
 
-    ``within``: while the text is read, the indices of the named solids that it is a part of, the innermost first.
+    ``within`` is used only while the text is read: the indices of the named solids that contain the primitive, the
+    innermost first.
     """
 
     shape: str  # "cube", "sphere", "cylinder", "cone" or "mesh"
@@ -76,26 +83,26 @@ class Leaf:
 
 @dataclass(frozen=True)
 class Surface:
-    """The optics of a primitive. Missing values are None; their defaults depend on the material."""
+    """The optical properties of a primitive. A missing value is None; its default depends on the material."""
 
     material: str | None = None  # "conductor", "dielectric", "lambertian", "composite"; None: the classic Phong surface
-    metal: str | None = None  # one of Mitsuba's tables
-    glass: str | None = None  # one of prosim_dielectric's materials
+    metal: str | None = None  # the name of one of Mitsuba's tables
+    glass: str | None = None  # a value of the parameter material of prosim_dielectric
     ka: Vector | None = None
     kd: Vector | None = None
     ks: Vector | None = None
     eta: Vector | None = None
     k: Vector | None = None
-    abbe: float | None = None  # Abbe number, beside eta
-    transmittance: Vector | None = None  # of the inside, over the distance ``thickness``
+    abbe: float | None = None  # Abbe number; used together with eta
+    transmittance: Vector | None = None  # inside the solid, over the distance ``thickness``
     thickness: float = 1.0
-    exponent: float | None = None  # roughness as a Phong exponent ...
-    slope: float | None = None  # ... or as the RMS slope of Beckmann's distribution; neither: ideally smooth
+    exponent: float | None = None  # roughness as a Phong exponent
+    slope: float | None = None  # roughness as the RMS slope of Beckmann's distribution
 
 
 @dataclass(frozen=True)
 class Step:
-    """One step of a transform: "scale", "translate" (three values) or "rotate-x|y|z" (degrees)."""
+    """One step of a transform: "scale" or "translate" (three values), or "rotate-x|y|z" (one value, in degrees)."""
 
     kind: str
     values: tuple[float, ...]
@@ -103,7 +110,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Transform:
-    """The place of a primitive: steps, in the order in which they are applied."""
+    """The transform of a primitive: steps, in the order in which they are applied."""
 
     steps: tuple[Step, ...] = ()
 
@@ -120,9 +127,9 @@ class Pattern:
 class Scene:
     """A whole scene.
 
-    ``csg`` is the tree in prefix order, so that no depth of nesting needs recursion; the keys of ``surfaces`` and
-    ``transforms`` are the indices of the leaves, those of ``patterns`` the names of textures. Each use of a part of a
-    named solid has a separate index. ``text`` is the text of the scene.
+    ``csg`` is the CSG tree in prefix order, so a deeply nested tree needs no recursion. The keys of ``surfaces`` and
+    ``transforms`` are the indices of the leaves. The keys of ``patterns`` are the names of textures. Each use of a part
+    of a named solid has a separate index. ``text`` is the text of the scene.
     """
 
     name: str
@@ -144,9 +151,9 @@ class Scene:
 
     @cached_property
     def leaves(self) -> list[tuple[int, Leaf]]:
-        """The primitives of the tree, each with its number in ``csg``."""
+        """The primitives of the CSG tree, each with its position in ``csg``."""
         return [(number, node) for number, node in enumerate(self.csg) if isinstance(node, Leaf)]
 
     def _repr_html_(self) -> str:
-        """The text of the scene, for notebooks."""
+        """Returns the text of the scene as HTML, for notebooks."""
         return f"<pre>{html.escape(self.text or repr(self))}</pre>"

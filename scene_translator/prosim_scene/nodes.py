@@ -1,4 +1,4 @@
-"""A Mitsuba scene as nested dictionaries, those of ``mi.load_dict``, and its XML text."""
+"""A Mitsuba scene as nested dictionaries, as ``mi.load_dict`` expects them, and as XML text."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator
@@ -12,7 +12,7 @@ import numpy as np
 INDENT = "    "
 INVALID_IN_XML = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
 
-#: The element of each plugin that the translator uses.
+#: Plugin that the translator uses -> the name of its XML element.
 TAGS = {
     plugin: tag
     for tag, plugins in {
@@ -31,41 +31,44 @@ TAGS = {
     for plugin in plugins.split()
 }
 
-#: A plugin: its "type", its parameters, and the plugins in it.
+#: The dictionary of a plugin: its "type", its parameters, and its nested plugins.
 Node = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Default:
-    """The default of a value that Mitsuba's command line sets: ``-D name=value``."""
+    """The default of a value that Mitsuba's command line can set by ``-D name=value``."""
 
     name: str
     value: int | float
 
 
 class Comment(str):
-    """A comment before the next element; its key is ignored."""
+    """A comment before the next XML element; the key of the comment in its dictionary is ignored."""
 
 
 class Point(list[float]):
-    """Three coordinates that XML writes as a point; a plain list is a vector."""
+    """Three coordinates that XML writes as a point; a plain list of three numbers is a vector."""
 
 
 def rgb(color: Iterable[float]) -> Node:
-    """The dictionary of a colour."""
+    """Returns the dictionary of a colour."""
     return {"type": "rgb", "value": [float(c) for c in color]}
 
 
 def rgb_clipped(color: Iterable[float]) -> Node:
-    """The dictionary of a reflectance: a colour of at most 1."""
+    """Returns the dictionary of a reflectance: a colour whose channels are clipped to at most 1."""
     return rgb(min(c, 1.0) for c in color)
 
 
 def plain(node: Node, transform: Callable[[np.ndarray], Any]) -> Node:
-    """The dictionary for ``mi.load_dict``: without comments, with values of defaults, and matrices by ``transform``."""
+    """Returns a copy of a plugin's dictionary for ``mi.load_dict``.
+
+    The copy has no comments. Defaults are replaced by their values, and matrices by the results of ``transform``.
+    """
 
     def plain_value(value: Any) -> Any:
-        """One value of the dictionary."""
+        """Converts one value of the dictionary."""
         if isinstance(value, dict):
             return plain(value, transform)
         return (
@@ -76,39 +79,39 @@ def plain(node: Node, transform: Callable[[np.ndarray], Any]) -> Node:
 
 
 def xml(scene: Node) -> str:
-    """The XML text of a scene."""
+    """Returns the XML text of a scene."""
     root = ElementTree.Element("scene", version="3.0.0")
     for default in {d.name: d for d in _defaults(scene)}.values():
         ElementTree.SubElement(root, "default", name=default.name, value=xml_number(default.value))
-    statements = []  # positions of the comments that begin them
+    statements = []  # position in ``root`` of the comment before each statement
     for key, value in scene.items():
         if isinstance(value, Comment):
             statements.append(len(root))
         if key != "type":
             _append(root, key, value, 1)
     ElementTree.indent(root, INDENT)
-    for i in statements:  # a blank line before each
+    for i in statements:  # adds a blank line before each statement
         if i:
             root[i - 1].tail = f"\n{root[i - 1].tail}"
         else:
             root.text = f"\n{root.text}"
-    # ElementTree writes "<a />", and character references for line ends in a matrix.
+    # ElementTree writes "<a />" instead of "<a/>", and "&#10;" for a line end in a matrix.
     text = ElementTree.tostring(root, encoding="unicode").replace(" />", "/>").replace("&#10;", "\n")
     return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'
 
 
 def is_valid_in_xml(text: str) -> bool:
-    """Whether a name is valid in XML: it has no control characters, and no bytes that are not UTF-8."""
+    """Whether a name is valid in XML: it contains no control characters and no invalid Unicode."""
     return not INVALID_IN_XML.search(text)
 
 
 def xml_number(value: float) -> str:
-    """The text of a number in XML: ten digits, more than Mitsuba's single precision keeps."""
+    """Formats a number for XML with ten significant digits; Mitsuba's single precision has fewer."""
     return format(value, ".10g")
 
 
 def _defaults(node: Node) -> Iterator[Default]:
-    """All defaults in a scene's dictionary."""
+    """Yields all defaults in a scene's dictionary."""
     for value in node.values():
         if isinstance(value, Default):
             yield value
@@ -117,7 +120,10 @@ def _defaults(node: Node) -> Iterator[Default]:
 
 
 def _append(parent: ElementTree.Element, name: str, value: Any, depth: int) -> None:
-    """Adds a parameter, a plugin or a comment to ``parent``; ``depth``: the indentation level of its children."""
+    """Adds a parameter, a plugin or a comment to the XML element ``parent``.
+
+    ``depth`` is the indentation level of the parent's children.
+    """
     if isinstance(value, Comment):
         text = escape(INVALID_IN_XML.sub("?", value), quote=False).replace("--", "- -")
         parent.append(ElementTree.Comment(f" {text} "))
@@ -147,7 +153,7 @@ def _append(parent: ElementTree.Element, name: str, value: Any, depth: int) -> N
 
 
 def _scalar(value: Any) -> tuple[str, str]:
-    """The tag and the text of a number, a boolean, a string, or a default."""
+    """Returns the XML tag and the text of a number, a boolean, a string, or a default."""
     if isinstance(value, Default):
         return _scalar(value.value)[0], f"${value.name}"
     if isinstance(value, bool):

@@ -1,4 +1,4 @@
-"""The symbols of a text for an editor (indices, textures, solids, names), completion, and meanings of words."""
+"""The symbols of a scene's text for an editor: indices, textures, solids and names; completion; meanings of words."""
 
 import re
 from bisect import bisect_right
@@ -15,27 +15,31 @@ from .language.reader import Reader
 from .language.tokens import Token
 from .language.words import NAMED, NO_NUMBERS, ROLES, STATEMENTS, Flags, Word, find_word
 
-#: The keywords that an index follows.
+#: The grammar roles of keywords before an index.
 INDEXED = ("SURFACE", "TRANSFORM", "PRIMITIVE", "USE")
-#: The word before the cursor, and the arithmetic around the cursor.
+#: Matches the word before the cursor.
 WORD = re.compile(r'[^\s()#":=]*\Z')
 OPERATORS = {
     "PLUS": "`+` A B: the union of two solids.",
     "MINUS": "`-` A B: the difference of two solids.",
     "TIMES": "`*` A B: the intersection of two solids.",
 }
+#: Matches the arithmetic in braces before the cursor.
 BRACES = re.compile(r"\{[^{}\n]*?([$\w]*)\Z")
 
 
 class Symbol(NamedTuple):
-    """A named thing: the ``kind`` is "index", "texture", "solid" or "name"."""
+    """A named item of a scene; the ``kind`` of the item is "index", "texture", "solid" or "name"."""
 
     kind: str
     key: str
 
 
 class Occurrence(NamedTuple):
-    """A use or a definition of a symbol, from ``start`` to ``end``; ``role_before``: the role of the token before."""
+    """A use or a definition of a symbol, from the text offset ``start`` to ``end``.
+
+    ``role_before`` is the grammar role of the previous token.
+    """
 
     symbol: Symbol
     start: int
@@ -45,10 +49,13 @@ class Occurrence(NamedTuple):
 
 
 class Completion(NamedTuple):
-    """A word that fits at ``start``; ``detail``: its parameters. The lowest ``rank`` is first."""
+    """A word that fits at the text offset ``start``. ``detail`` describes the word's parameters.
+
+    Completions with the lowest ``rank`` are shown first.
+    """
 
     label: str
-    kind: str  # of LSP's CompletionItemKind
+    kind: str  # a name in LSP's enumeration CompletionItemKind
     start: int
     detail: str = ""
     documentation: str = ""
@@ -56,7 +63,7 @@ class Completion(NamedTuple):
 
 
 class Symbols:
-    """A text, its diagnostics, and the table of its symbols."""
+    """The text of a scene, the errors and warnings about this text, and the table of its symbols."""
 
     def __init__(self, text: str, path: Path | str | None = None) -> None:
         self.text = text
@@ -69,7 +76,7 @@ class Symbols:
 
     @cached_property
     def table(self) -> dict[Symbol, list[Occurrence]]:
-        """The occurrences of each symbol, in order."""
+        """Symbol -> its occurrences, in the order of the text."""
         result: dict[Symbol, list[Occurrence]] = {}
         before = ""
         for token in self.tokens:
@@ -79,7 +86,7 @@ class Symbols:
         return result
 
     def _occurrences(self, token: Token, before: str) -> Iterator[Occurrence]:
-        """The symbols in a token; ``before``: the role of the token before it."""
+        """Yields the occurrences of symbols in a token; ``before`` is the grammar role of the previous token."""
         if self.text[token.start] in "${":
             for found in USE.finditer(self.text, token.start, token.end):
                 yield Occurrence(Symbol("name", found[1]), *found.span(), token.role == "VARIABLE", before)
@@ -93,18 +100,20 @@ class Symbols:
             yield Occurrence(Symbol("solid", words.normalise(token.text)), *token.span, before == "SOLID", before)
 
     def occurrences(self, symbol: Symbol) -> list[Occurrence]:
-        """The occurrences of a symbol in the text."""
+        """Lists the occurrences of a symbol in the text."""
         return self.table.get(symbol, [])
 
     def occurrence_at(self, offset: int) -> Occurrence | None:
-        """The occurrence at an offset, or one that ends there; None if there is no symbol."""
+        """Returns the occurrence of a symbol that contains an offset or ends there; None if there is no symbol."""
         everywhere = (one for found in self.table.values() for one in found)
         return min((o for o in everywhere if o.start <= offset <= o.end), key=lambda o: o.start, default=None)
 
     # ---- Meanings
 
     def hover(self, offset: int) -> tuple[int, int, str] | None:
-        """``(start, end, Markdown)``: the meaning of the word at an offset."""
+        """Returns ``(start, end, Markdown)`` for the word at an offset: its range in the text, and its meaning; or
+        None.
+        """
         if here := self.occurrence_at(offset):
             return here.start, here.end, self._symbol_markdown(here.symbol)
         i = bisect_right(self.tokens, offset, key=lambda token: token.start) - 1
@@ -120,17 +129,17 @@ class Symbols:
 
     @property
     def _names(self) -> dict[str, str]:
-        """The names that have a value in this text, with the text of the value."""
+        """The ``$names`` that have a value in this text, each with the text of its value."""
         return {FRAME: "0", TIME: f"${FRAME} / 24"} | self.reader.definitions.defaults
 
     @property
     def _textures(self) -> dict[str, str]:
-        """The textures that this text may use, with their kinds."""
+        """The names of the textures that this text may use, each with its kind."""
         patterns = self.reader.fields["patterns"].items()
         return words.BUILT_IN | {name: pattern.kind for name, pattern in patterns if pattern.kind}
 
     def _symbol_markdown(self, symbol: Symbol) -> str:
-        """The definition of a symbol, as Markdown."""
+        """Returns the definition of a symbol, as Markdown."""
         if symbol.kind == "name":
             return f"**${symbol.key}** = {self._names.get(symbol.key, '? It has no value in this text')}"
         if symbol.kind == "texture":
@@ -144,7 +153,7 @@ class Symbols:
     # ---- Completion
 
     def completions(self, offset: int) -> list[Completion]:
-        """The words that fit at an offset, in place of a partial word before it."""
+        """Lists the words that fit at an offset; they replace the partial word before this offset."""
         line = self.text[self.text.rfind("\n", 0, offset) + 1 : offset]
         if braces := BRACES.search(line):
             start = offset - len(braces[1])
@@ -173,11 +182,16 @@ class Symbols:
         return result
 
     def _name_completions(self, start: int) -> list[Completion]:
-        """The completions for ``$names``, with their values."""
+        """Lists the completions for ``$names``, with their values."""
         return [Completion(f"${name}", "Variable", start, value, rank=1) for name, value in self._names.items()]
 
     def _index_completions(self, role: str, start: int) -> list[Completion]:
-        """Completions for an index: those without this statement or, after a primitive, with one; else the next."""
+        """Lists completions for an index after a keyword with this grammar role.
+
+        After SURFACE or TRANSFORM, the completions are the indices that do not yet have this statement. After a
+        primitive, they are the indices that have a statement. If there are no such indices, the completion is the next
+        unused index.
+        """
         indices = {symbol.key: places for symbol, places in self.table.items() if symbol.kind == "index"}
         roles = {int(key): {place.role_before for place in places} for key, places in indices.items()}
         if role in STATEMENTS:
@@ -189,7 +203,10 @@ class Symbols:
 
 
 def _keyword_completions(role: str, start: int) -> Iterator[Completion]:
-    """The keywords of a role: those of the statement before statements, canonical spellings before others."""
+    """Yields completions for the keywords of a grammar role.
+
+    The parameters of the current statement come before the keywords of new statements; canonical spellings come first.
+    """
     kind, rank = ("Keyword", 2) if role in STATEMENTS else ("Property", 0)
     for word in words.words_of(role):
         for i, spelling in enumerate(word.spellings):
@@ -197,12 +214,12 @@ def _keyword_completions(role: str, start: int) -> Iterator[Completion]:
 
 
 def _numbers_in_words(word: Word) -> str:
-    """The names of the numbers after a word, such as ``x y z``; or TRUE for each flag."""
+    """Returns the names of the numbers after a word, such as ``x y z``, or TRUE for each flag."""
     return " ".join(["TRUE"] * word.numbers.count) if isinstance(word.numbers, Flags) else word.numbers.names
 
 
 def description(word: Word) -> str:
-    """A word's meaning, its values with their units and range, and its other spellings, as Markdown."""
+    """Describes a word, as Markdown: its meaning, its values with their range, and its other spellings."""
     lines = [f"**{word.canonical}** {_numbers_in_words(word)}".rstrip(), word.meaning]
     if word.numbers.count and not isinstance(word.numbers, Flags):
         each = "each " if word.numbers.count > 1 else ""
@@ -213,7 +230,7 @@ def description(word: Word) -> str:
 
 
 def _name_markdown(kind: str, names: dict[str, str], name: str) -> str:
-    """The table or the material behind the name of a metal or a glass, and its other names, as Markdown."""
+    """Describes the name of a metal or a glass, as Markdown: its table or material, and its other names."""
     if name not in names:
         return f"no {kind} has this name"
     index = f": n-refr = {words.INDICES[names[name]]} at 587.6 nm" if kind == "glass" else ""

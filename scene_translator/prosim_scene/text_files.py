@@ -12,12 +12,12 @@ from pathlib import Path
 from .language.analysis import SIZE_LIMIT, too_large
 from .language.diagnostics import AnyPath, SceneError
 
-#: The prefix of an unfinished file's name; short, so that the name is never too long.
+#: The prefix of the name of an unfinished file. It is short, so that the whole name is never too long.
 PART = ".prosim-part-"
 
 
 def read(path: AnyPath) -> str:
-    """The text of a scene file: UTF-8, UTF-16 with a byte order mark, or else Latin-1."""
+    """Reads the text of a scene file: UTF-8, UTF-16 with a byte order mark, or else Latin-1. Raises SceneError."""
     path = Path(path)
     try:
         if path.stat().st_size > SIZE_LIMIT:
@@ -37,8 +37,8 @@ def read(path: AnyPath) -> str:
 def rewrite(path: AnyPath, text: str) -> None:
     """Replaces the text of a scene file atomically.
 
-    The file keeps its permissions; a symbolic link stays, and its target is rewritten. Raises SceneError if the file
-    cannot be written; it is then unchanged.
+    The file keeps its permissions. If ``path`` is a symbolic link, its target is rewritten. Raises SceneError if the
+    file cannot be written; the file is then unchanged.
     """
     try:
         os.stat(path)  # a missing file is an error
@@ -48,11 +48,12 @@ def rewrite(path: AnyPath, text: str) -> None:
 
 
 def replace(path: Path, content: bytes | memoryview | Callable[[Path], None], folder: Path | None = None) -> None:
-    """Replaces the content of the file ``path``, or of a link's target, atomically; it keeps its permissions.
+    """Replaces the content of the file ``path``, or of the target of a link, atomically; the file keeps its
+    permissions.
 
-    ``content``: bytes, or a function that writes them to a path.
-    The new file is written to ``folder`` first; to the folder of ``path`` if ``folder`` is None or on another disk, or
-    if ``path`` is a link. Raises OSError; then nothing has changed.
+    ``content`` is the new content as bytes, or a function that writes the new content to a given path. The new file is
+    first written to ``folder``. The folder of ``path`` is used instead if ``folder`` is None or on another disk, or if
+    ``path`` is a link. Raises OSError; then nothing has changed.
     """
     if path.is_symlink():
         path, folder = Path(os.path.realpath(path)), None
@@ -74,6 +75,6 @@ def replace(path: Path, content: bytes | memoryview | Callable[[Path], None], fo
 
 
 def refuse_special(path: Path) -> None:
-    """Raises OSError for a device or a pipe, which a replacement would remove."""
+    """Raises OSError for a device or a pipe, because replacing the file would remove it."""
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise FileExistsError(errno.EEXIST, "this is a device or a pipe, not a file", str(path))

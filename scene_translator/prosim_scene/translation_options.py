@@ -1,4 +1,4 @@
-"""The options of a translation, the keywords of :func:`prosim_scene.translate`."""
+"""The options of a translation: the keyword arguments of :func:`prosim_scene.translate`."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from .mitsuba import TARGETS, lights
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """The options of a translation, see :func:`translate`. Raises SceneError for a wrong value."""
+    """The options of a translation; :func:`translate` describes them. Raises SceneError for a wrong value."""
 
     target: str = "prosim"
     light_units: str = "calibrated"
@@ -22,7 +22,7 @@ class Options:
     allow_outside: bool = False
 
     def __post_init__(self) -> None:
-        """Checks the values."""
+        """Checks the values of the options."""
         samples, pixels = numbers_of("SETTING", "samples"), numbers_of("VIEW_PARAMETER", "resolution")
         for name, allowed, expected in (
             ("target", self.target in list(TARGETS), f"one of {', '.join(TARGETS)}"),
@@ -45,7 +45,7 @@ def _is_positive(value: Any) -> bool:
 
 
 def _is_size(size: Any, pixels: Numbers) -> bool:
-    """Whether a value is an allowed width and height; ``pixels``: the range of each."""
+    """Whether a value is an allowed image size (width, height); ``pixels`` describes the range of each number."""
     try:
         width, height = size
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""Scene file -> Mitsuba scene: XML and meshes on disk, or a dictionary."""
+"""Translates a scene file to a Mitsuba scene: XML and meshes on disk, or a dictionary."""
 
 import os
 import shutil
@@ -22,16 +22,17 @@ from .writer import TranslationCache
 
 
 def document(path: AnyPath, define: Mapping[str, object] | None = None) -> Document:
-    """Reads a scene file: the scene, and the spans of its values. ``define`` is that of :func:`prosim_scene.parse`.
+    """Reads a scene file; returns the scene and the position of each value in the text.
 
-    :func:`translate`, :func:`load` and :func:`check` take it instead of the path, so that a scene is read once. Raises
-    :class:`SceneError`.
+    ``define`` sets values of ``$names``, as for :func:`prosim_scene.parse`. The functions :func:`translate`,
+    :func:`load` and :func:`check` accept the returned document instead of a path, so that a scene is read only once.
+    Raises :class:`SceneError`.
     """
     return document_of(read(path), path, define)
 
 
 def _document_and_path(source: AnyPath | Document, define: Mapping[str, object] | None) -> tuple[Document, Path]:
-    """The document of a scene file, and the path of the file; a document is returned as it is."""
+    """Returns the document and the path of a scene file; a ``source`` that is a document is not read again."""
     if isinstance(source, Document) and define:
         reason = "define has no effect on a document; pass it to prosim_scene.document"
         raise SceneError(f"{source.source.filename}: {reason}")
@@ -47,16 +48,17 @@ def translate(
     cache: TranslationCache | None = None,
     **options: Any,
 ) -> Path:
-    """Writes a scene file, or a :func:`document`, as ``<out_dir>/<stem>.xml`` with its meshes; returns that path.
+    """Translates a scene file, or a :func:`document`, to ``<out_dir>/<stem>.xml`` and meshes; returns the path of the
+    XML.
 
     ``out_dir``
-        Folder of the result, made if it does not exist; by default the scene's folder.
+        Folder of the result, which is made if it does not exist. Default: the scene's folder.
     ``define``
         Values of the ``$names`` in the scene, numbers or words.
     ``cache``
-        A translation cache, :class:`TranslationCache`: the meshes of equal solids are reused.
+        A :class:`TranslationCache`, which keeps the surface of the solids for the next translation.
 
-    The other options are those of :func:`load` and :func:`check`, too:
+    The functions :func:`load` and :func:`check` have the following options, too:
 
     ``target``
         "prosim" for this project's plugins, "stock" for Mitsuba's own plugins only (each approximation is a
@@ -66,12 +68,12 @@ def translate(
     ``tolerance``
         Largest chord error of a curved face, in pixels of the image (default 0.1).
     ``resolution``, ``samples``
-        (width, height) and N instead of the scene's.
+        (width, height) and N, which replace RESOLUTION and NSAMPLES of the scene.
     ``allow_outside``
         Whether files outside the scene's folder may be used.
 
-    Wrong input raises :class:`SceneError` and leaves no file. Only files of earlier translations are overwritten or
-    removed. Doubtful input is a :class:`SceneWarning`, through :mod:`warnings`.
+    Raises :class:`SceneError` for wrong input, and then writes no file. Emits a :class:`SceneWarning` for a probable
+    mistake. Only files of earlier translations are overwritten or removed.
     """
     checked = Options(**options)
     opened, source_path = _document_and_path(source, define)
@@ -89,7 +91,7 @@ def translate(
     meshes: dict[str, bytes] = {}
 
     def image_path(path: Path) -> str:
-        """The path of an image as the XML names it."""
+        """Returns the path of an image for the XML file, relative to its folder if possible."""
         try:
             relative = Path(os.path.relpath(path, folder.resolve())).as_posix()
         except ValueError:  # on another drive of Windows
@@ -99,7 +101,7 @@ def translate(
         return relative
 
     def store(name: str, content: bytes) -> str:
-        """Keeps a mesh until all are written; returns its path as the XML names it."""
+        """Stores a mesh in ``meshes`` until all files are written; returns the path of the mesh for the XML file."""
         meshes[file := writer.mesh_name(name, content)] = content
         return f"{writer.meshes_folder(stem)}/{file}"
 
@@ -118,11 +120,12 @@ def load(
     cache: TranslationCache | None = None,
     **options: Any,
 ) -> Node:
-    """A scene file as a dictionary for ``mi.load_dict``; the options are those of :func:`translate`.
+    """Translates a scene file to a dictionary for ``mi.load_dict``; :func:`translate` describes the options.
 
-    The meshes are written to a temporary folder, which is removed when the dictionary and its copies are deleted, or
-    the process ends. ``transform`` converts a 4x4 array to Mitsuba's type. By default it is
-    ``mitsuba.ScalarTransform4f`` of the active variant if Mitsuba is imported; otherwise arrays are not converted.
+    The meshes are written to a temporary folder. The folder is removed when the dictionary and its copies are deleted,
+    or when the process ends. ``transform`` converts a 4x4 array to Mitsuba's type for a transform. The default of
+    ``transform`` is ``mitsuba.ScalarTransform4f`` of the active variant if Mitsuba is imported; otherwise arrays are
+    not converted.
     """
     checked = Options(**options)
     opened, path = _document_and_path(source, define)
@@ -135,14 +138,14 @@ def load(
 
 
 class _TemporaryFolder:
-    """A folder that is removed when no reference to this object or to one of its file names exists."""
+    """A temporary folder. It is removed when no reference to this object or to a :class:`_FileName` in it exists."""
 
     def __init__(self) -> None:
         self.path = Path(tempfile.mkdtemp(prefix="prosim-scene-"))
         weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)  # also at the end of the process
 
     def store(self, name: str, content: bytes) -> str:
-        """Writes the PLY file of a mesh; returns its name."""
+        """Writes the PLY file of a mesh; returns the file name."""
         file = _FileName(self.path / f"{name}.ply")
         file.folder = self
         Path(file).write_bytes(content)
@@ -150,7 +153,7 @@ class _TemporaryFolder:
 
 
 class _FileName(str):
-    """The name of a file in a temporary folder; a reference to the name keeps the folder."""
+    """The name of a file in a temporary folder. The folder exists as long as a reference to the name exists."""
 
     folder: _TemporaryFolder
 
@@ -165,16 +168,17 @@ def sensor(
     transform: Callable[[Any], Any] | None = None,
     **options: Any,
 ) -> Node:
-    """The sensor of a document's VIEW as a dictionary for ``mi.load_dict``: a new view of translated solids.
+    """Returns the sensor of a document's VIEW as a dictionary for ``mi.load_dict``, without translating the solids
+    again.
 
-    The options are those of :func:`load`. No solid is evaluated or refined. ``cache`` is the cache of that translation:
-    the clipping planes enclose its faces. Raises :class:`SceneError` for a degenerate view.
+    The options are those of :func:`load`. ``cache`` is the cache of an earlier translation; the clipping planes of the
+    sensor enclose the triangles in this cache. Raises :class:`SceneError` for a degenerate view.
     """
     return _plain_dictionary(view_sensor(source, Options(**options), cache), transform)
 
 
 def _plain_dictionary(tree: Node, transform: Callable[[Any], Any] | None) -> Node:
-    """The dictionary for ``mi.load_dict``; ``transform`` is that of :func:`load`."""
+    """Returns the dictionary for ``mi.load_dict``; :func:`load` describes ``transform``."""
     mitsuba = sys.modules.get("mitsuba")
     if transform is None and mitsuba is not None and mitsuba.variant() is not None:
         transform = mitsuba.ScalarTransform4f
@@ -182,9 +186,9 @@ def _plain_dictionary(tree: Node, transform: Callable[[Any], Any] | None) -> Nod
 
 
 def check(source: AnyPath | Document, *, define: Mapping[str, object] | None = None, **options: Any) -> Scene:
-    """Analyses a scene file without writing a file; raises :class:`SceneError` as :func:`translate` does.
+    """Analyses a scene file and evaluates its CSG tree, without writing a file; returns the scene.
 
-    Returns the scene. The tree is evaluated, so that empty results are reported too.
+    Raises :class:`SceneError` and emits :class:`SceneWarning` as :func:`translate` does, for empty solids, too.
     """
     checked = Options(**options)
     opened, path = _document_and_path(source, define)

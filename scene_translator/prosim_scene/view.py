@@ -1,6 +1,7 @@
-"""VIEW -> the camera: exactly the rays of the language, for off-centre and oblique windows too.
+"""Computes the camera of a scene from its VIEW statement; off-centre windows and oblique views are exact.
 
-The ray of pixel (i, j) goes from E through VRP + u (umin + (i+1/2)(umax-umin)/w) + v (vmax - (j+1/2)(vmax-vmin)/h).
+The ray through pixel (i, j) of a w x h image starts at the eye E. It passes the point VRP + u (umin +
+(i+1/2)(umax-umin)/w) + v (vmax - (j+1/2)(vmax-vmin)/h) of the view plane.
 """
 
 from dataclasses import dataclass
@@ -10,17 +11,17 @@ import numpy as np
 
 from .language.document import Document
 
-PARALLEL = 1e-9  # sine of the angle below which two directions are parallel
-MIN_LENGTH = 1e-15  # length below which a direction is 0
-WIDEST, NARROWEST = 1e5, 1e-9  # sides of a window in units of its distance
+PARALLEL = 1e-9  # the sine of an angle; two directions with a smaller angle between them are parallel
+MIN_LENGTH = 1e-15  # a shorter direction vector counts as 0
+WIDEST, NARROWEST = 1e5, 1e-9  # largest and smallest side of a window, relative to the window's distance from the eye
 
 
 @dataclass(frozen=True)
 class Camera:
     """A camera: unit axes u (right), v (up), n (towards the eye's side), and the window relative to the eye.
 
-    ``left, bottom, right, top`` are plane coordinates relative to the foot of the eye on the plane, ``depth`` the
-    eye's distance to it.
+    ``depth`` is the distance of the eye from the view plane. ``left, bottom, right, top`` are the borders of the window
+    on this plane, relative to the orthogonal projection of the eye.
     """
 
     eye: np.ndarray
@@ -36,36 +37,42 @@ class Camera:
 
     @property
     def pixel(self) -> tuple[float, float]:
-        """Width and height of a pixel on the view plane."""
+        """The width and the height of a pixel on the view plane."""
         return (self.right - self.left) / self.resolution[0], (self.top - self.bottom) / self.resolution[1]
 
     @property
     def square_pixels(self) -> bool:
-        """Whether width and height of a pixel agree to 1e-4 of a pixel over the whole image."""
+        """Whether pixels are square: the difference of width and height, summed over the image, is below 1e-4
+        pixels.
+        """
         w, h = self.pixel
         return abs(w / h - 1) * max(self.resolution) < 1e-4
 
     def footprint(self, distance: np.ndarray | float) -> np.ndarray:
-        """Length that the smaller side of a pixel covers at a distance from the eye."""
+        """Returns the length that the smaller side of a pixel covers at a distance from the eye."""
         return np.asarray(min(self.pixel) * np.maximum(distance, 1e-3 * self.depth) / self.depth)
 
     def may_see(self, corners: np.ndarray) -> np.ndarray:
-        """Whether the convex hull of points (..., n, 3) may intersect the view frustum (conservative)."""
+        """Whether the convex hull of points (..., n, 3) may intersect the view frustum.
+
+        The test is conservative: False is certain, True is not.
+        """
         x, y, z = np.moveaxis((corners - self.eye) @ self._axes.T, -1, 0)
-        x, y = x * self.depth, y * self.depth  # against the window's borders at the depth z
+        x, y = x * self.depth, y * self.depth  # now x and y can be compared with the window's borders times z
         outside = [z <= 0, x < self.left * z, x > self.right * z, y < self.bottom * z, y > self.top * z]
         return np.asarray(~np.any([side.all(axis=-1) for side in outside], axis=0))
 
     @cached_property
     def _axes(self) -> np.ndarray:
-        """The rows right, up and forward, which turn world coordinates into the camera's."""
+        """The matrix, with the rows right, up and forward, that rotates world coordinates to camera coordinates."""
         return np.stack([self.u, self.v, -self.n])
 
 
 def distortion_message(width: int, height: int, ratio: float) -> str | None:
-    """The message that pixels of this image are not square, because its window has another aspect ``ratio``.
+    """Returns the message that an image of this size has non-square pixels, because its window has another aspect
+    ``ratio``.
 
-    None if the distortion is below 1 %, or due to rounding to whole pixels.
+    Returns None if the distortion is below 1 %, or is caused only by rounding to whole pixels.
     """
     rounding = min(abs(width - height * ratio), abs(height - width / ratio)) <= 1
     if rounding or abs(width / (height * ratio) - 1) <= 0.01:
@@ -78,7 +85,7 @@ def distortion_message(width: int, height: int, ratio: float) -> str | None:
 
 
 def warn_of_distortion(document: Document) -> None:
-    """Warns if a scene's RESOLUTION and WINDOW distort the image."""
+    """Warns if the RESOLUTION and the WINDOW of a scene have different aspect ratios."""
     given = document.scene.view
     umin, vmin, umax, vmax = given.window
     wrong = distortion_message(*given.resolution, (umax - umin) / (vmax - vmin))
@@ -88,7 +95,10 @@ def warn_of_distortion(document: Document) -> None:
 
 
 def camera_of(document: Document, resolution: tuple[int, int] | None = None) -> Camera:
-    """The :class:`Camera` of a scene; ``resolution`` replaces its own. Raises SceneError for a degenerate view."""
+    """Returns the :class:`Camera` of a scene; ``resolution`` replaces the RESOLUTION of the scene.
+
+    Raises SceneError for a degenerate view.
+    """
     view = document.scene.view
     eye, vrp, vup, normal = (np.array(x, dtype=float) for x in (view.eye, view.vrp, view.vup, view.vpn))
     if not normal.any():

@@ -1,8 +1,8 @@
-"""The files of a translation: ``STEM.xml``, and its meshes as binary PLY files in ``STEM-meshes``.
+"""Writes the files of a translation: ``STEM.xml``, and its meshes as binary PLY files in the folder ``STEM-meshes``.
 
-A mesh's name ends in the digest of its content. So a mesh never changes while an XML file names it, also if a
-translation is killed. Simultaneous translations of one scene write the same files. If the name of a file agrees with
-its content, a translation wrote it, and the next one may remove it. No other file is removed.
+The file name of a mesh ends in the digest of the file's content. So a mesh that an XML file names never changes, even
+if a translation is killed. Simultaneous translations of one scene write the same files. A translation removes a mesh of
+an earlier translation if the digest in its name agrees with its content. No other files are removed.
 """
 
 import os
@@ -21,7 +21,7 @@ from .text_files import PART, refuse_special, replace
 
 
 def ply_bytes(triangles: Triangles, with_uv: bool) -> bytes | None:
-    """The bytes of a PLY file; None if all triangles have no area in single precision.
+    """Returns the content of a binary PLY file, or None if no triangle has an area in single precision.
 
     Triangles without area are left out.
     """
@@ -48,10 +48,10 @@ def ply_bytes(triangles: Triangles, with_uv: bool) -> bytes | None:
 
 
 class TranslationCache:
-    """A translation cache: the surface of the last evaluated tree, with its cache key.
+    """A translation cache: the surface of the CSG tree that was evaluated last, with its cache key.
 
-    The key does not depend on materials. The cache takes as much memory as the evaluation. ``evaluations`` counts the
-    evaluated trees.
+    The key does not depend on materials. The cache takes as much memory as the evaluation. ``evaluations`` is the
+    number of trees that were evaluated.
     """
 
     def __init__(self) -> None:
@@ -61,11 +61,13 @@ class TranslationCache:
 
     @property
     def triangles(self) -> Triangles | None:
-        """The triangles of the last evaluated tree; None if there are none."""
+        """The triangles of the CSG tree that was evaluated last, or None if it has no triangles."""
         return self.surface.triangles if self.surface and len(self.surface.triangles.vertices) else None
 
     def faces(self, key: Hashable, evaluate: Callable[[], SurfaceMesh]) -> SurfaceMesh:
-        """The result of ``evaluate``, or the cached result if its ``key`` is equal."""
+        """Returns the cached surface if its key equals ``key``, or else the result of ``evaluate``, which is then
+        cached.
+        """
         if self.surface is None or key != self.key:
             self.surface = None  # frees memory before the evaluation
             self.key, self.surface = key, evaluate()
@@ -73,27 +75,27 @@ class TranslationCache:
         return self.surface
 
 
-#: A comment in each XML file that a translation writes.
+#: Each XML file that a translation writes contains this comment.
 MARK = "A translation from the scene language; the next one takes its place"
-LOCK_TIMEOUT = 10.0  # seconds, for another translation to the same folder
+LOCK_TIMEOUT = 10.0  # how many seconds to wait for another translation to the same folder
 MESH = re.compile(r"surface_\d+_*-([0-9a-f]{16})\.ply")
 
 
 def mesh_name(name: str, content: bytes) -> str:
-    """The file name of a mesh: ``name`` and the digest of its content."""
+    """Returns the file name of a mesh: ``name`` and the digest of the file's content."""
     return f"{name}-{_digest(content)}.ply"
 
 
 def meshes_folder(stem: str) -> str:
-    """The name of the folder of the meshes."""
+    """Returns the name of the folder of the meshes."""
     return f"{stem}-meshes"
 
 
 def write(folder: Path, stem: str, text: str, meshes: dict[str, bytes]) -> Path:
-    """Writes the XML ``text`` and the ``meshes`` by their file names; returns the path of the XML.
+    """Writes the XML ``text`` and the ``meshes``, whose keys are file names; returns the path of the XML file.
 
-    The XML is renamed into place last, so its meshes always exist. Meshes of earlier translations are removed. Raises
-    OSError (FileExistsError if a user's file has that path); then nothing has changed.
+    The XML file is replaced last, so the meshes that it names always exist. Meshes of earlier translations are removed.
+    Raises OSError, or FileExistsError if a file of the user has the path of a result; then nothing has changed.
     """
     xml, folder_of_meshes = folder / f"{stem}.xml", folder / meshes_folder(stem)
     _check_replaceable(xml, folder_of_meshes)
@@ -110,7 +112,7 @@ def write(folder: Path, stem: str, text: str, meshes: dict[str, bytes]) -> Path:
         except BaseException:
             for path in written:
                 path.unlink(missing_ok=True)
-            with suppress(OSError):  # it is not empty, or a link
+            with suppress(OSError):  # the folder is not empty, or is a link
                 folder_of_meshes.rmdir()
             raise
         if locked:
@@ -124,7 +126,7 @@ def _digest(content: bytes) -> str:
 
 
 def _check_replaceable(xml: Path, folder_of_meshes: Path) -> None:
-    """Raises OSError if an existing file or folder is not a translation's."""
+    """Raises OSError if an existing file or folder was not written by a translation."""
     if xml.is_dir():
         raise IsADirectoryError(0, "the translation would replace this folder; move it, or choose another folder", xml)
     refuse_special(xml)
@@ -138,10 +140,11 @@ def _check_replaceable(xml: Path, folder_of_meshes: Path) -> None:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[bool]:
-    """Locks a folder: another translation could remove the meshes of this one before its XML is written.
+    """Locks a folder, so that no other translation removes the new meshes before the new XML file names them.
 
-    Yields whether the lock is held. It is not on Windows, on some network file systems, and if the user may not read
-    the folder. The system removes the lock of a killed process. Raises TimeoutError after LOCK_TIMEOUT seconds.
+    Yields whether the folder is locked. Locks do not exist on Windows and on some network file systems, and need the
+    permission to read the folder. The operating system removes the lock of a killed process. Raises TimeoutError after
+    LOCK_TIMEOUT seconds.
     """
     try:
         descriptor = os.open(folder, os.O_RDONLY)
@@ -161,7 +164,7 @@ def _locked(folder: Path) -> Iterator[bool]:
 
 
 def _lock(descriptor: int) -> bool | None:
-    """Locks an open folder; returns whether the file system has locks, or None if another translation has the lock."""
+    """Locks an open folder; returns False if the system has no locks, and None if another translation has the lock."""
     if sys.platform == "win32":
         return False
     import fcntl
@@ -176,18 +179,18 @@ def _lock(descriptor: int) -> bool | None:
 
 
 def _has_content(path: Path, content: bytes) -> bool:
-    """Whether the file at a path exists and has this content."""
+    """Whether a file with this path and this content exists."""
     return path.is_file() and path.stat().st_size == len(content) and path.read_bytes() == content
 
 
 def _remove_old_meshes(folder_of_meshes: Path, meshes: dict[str, bytes]) -> None:
-    """Removes the meshes of earlier translations, and the unfinished files of killed ones."""
+    """Removes the meshes of earlier translations, and the unfinished files of translations that were killed."""
     for path in folder_of_meshes.iterdir():
         if path.name not in meshes and path.is_file() and _is_from_translation(path):
             path.unlink(missing_ok=True)
 
 
 def _is_from_translation(path: Path) -> bool:
-    """Whether a translation wrote this file: it is unfinished, or a mesh whose name agrees with its content."""
+    """Whether a translation wrote this file: it is unfinished, or its name contains the digest of its content."""
     match = MESH.fullmatch(path.name)
     return bool(path.name.startswith(PART) or (match and _digest(path.read_bytes()) == match[1]))

@@ -1,4 +1,4 @@
-"""Analyses a text: all its errors and warnings, and the document if it has no error."""
+"""Analyses the text of a scene: finds all errors and warnings, and returns the document if there is no error."""
 
 import math
 import warnings
@@ -16,35 +16,39 @@ from .reader import Reader
 from .suggestions import nearest
 from .words import ALIASES, BUILT_IN, KINDS, PIXELS, WORDS, words_of
 
-#: The largest size of a text in bytes; a scene of 10,000 primitives has about 2 MiB.
+#: The largest size of the text of a scene in bytes; a scene of 10,000 primitives has about 2 MiB.
 SIZE_LIMIT = 16 * 2**20
-#: The intensity of a light, of AMBIENT or of BACKGROUND below which a warning is emitted.
+#: A light, an AMBIENT or a BACKGROUND below this intensity causes a warning.
 DARK = 256
 #: Characters that are not allowed in the name of a scene.
 NO_NAME = frozenset('/\\:*?<>|"')
-#: (field of the model, parameter) -> the kinds of lights, materials or textures that have it; absent: all kinds.
+#: (field of the model, parameter) -> the kinds of lights, materials or textures that have this parameter.
+#: A parameter that all kinds have is not in this table.
 LIMITED = {(words_of(word.statement)[0].name, word.name): word.kinds for word in WORDS if word.kinds}
-#: Field of the model -> the field of its values that is their kind.
+#: Field of the model -> the attribute of its values that tells their kind.
 KIND_OF = {"lights": "distribution", "surfaces": "material", "patterns": "kind"}
 
 
 def document_of(text: str, filename: AnyPath = "<string>", define: Mapping[str, object] | None = None) -> Document:
-    """The scene that ``text`` describes, with the places of its values; raises and warns as :func:`parse` does."""
-    reader, found, document = analyse(text, filename, define)
-    for problem in found:
+    """Returns the scene that ``text`` describes, with the position of each value in the text.
+
+    Raises SceneError and emits SceneWarning as :func:`parse` does.
+    """
+    reader, problems, document = analyse(text, filename, define)
+    for problem in problems:
         if isinstance(problem, SceneWarning):
             warnings.warn(problem, stacklevel=2)
     if document is None:
-        raise combined_error([problem for problem in found if isinstance(problem, SceneError)])
+        raise combined_error([problem for problem in problems if isinstance(problem, SceneError)])
     reader.definitions.check_uses()
     return document
 
 
 def parse(text: str, filename: AnyPath = "<string>", define: Mapping[str, object] | None = None) -> Scene:
-    """The scene that ``text`` describes, as a :class:`~prosim_scene.model.Scene`.
+    """Returns the scene that ``text`` describes, as a :class:`~prosim_scene.model.Scene`.
 
-    ``define``: values, numbers or words, of the text's ``$names``; they have priority over DEFAULT statements.
-    Raises :class:`SceneError` for any wrong input; a probable mistake is a :class:`SceneWarning`.
+    ``define`` sets values (numbers or words) of the text's ``$names``; these values override DEFAULT statements. Raises
+    :class:`SceneError` for any wrong input; emits a :class:`SceneWarning` for a probable mistake.
     """
     return document_of(text, filename, define).scene
 
@@ -52,9 +56,9 @@ def parse(text: str, filename: AnyPath = "<string>", define: Mapping[str, object
 def analyse(
     text: str, filename: AnyPath = "<string>", define: Mapping[str, object] | None = None
 ) -> tuple[Reader, list[Problem], Document | None]:
-    """Reads a text; returns its reader, its errors and warnings in order, and the document if it has no error.
+    """Reads a text; returns its reader, its errors and warnings in the order of the text, and the document.
 
-    Raises SceneError for a text that is too large.
+    The document is None if the text has an error. Raises SceneError for a text that is too large.
     """
     if len(text) > SIZE_LIMIT:
         raise too_large(filename)
@@ -62,27 +66,27 @@ def analyse(
         reader = Reader(text, str(filename), define)
         errors = reader.definitions.undefined.values()
         undefined = [error for error in errors if error.span and error.span.start < reader.skipped]
-        found: list[Problem] = [*reader.errors, *undefined, *reader.warnings]
+        problems: list[Problem] = [*reader.errors, *undefined, *reader.warnings]
         document = _document(reader)
         if not undefined and all(error.code == "no-end" for error in reader.errors):
-            # Without END, statements may be missing.
-            found += [one for one in _scene_problems(document) if not reader.errors or isinstance(one, SceneError)]
+            # Without END, statements may be missing, so warnings about the whole scene are left out.
+            problems += [one for one in _scene_problems(document) if not reader.errors or isinstance(one, SceneError)]
         elif not undefined and reader.skipped == math.inf:
-            found += _indices_problems(document)
-        found.sort(key=lambda problem: problem.span or Span(0, 0))
-        if any(isinstance(problem, SceneError) for problem in found):
-            return reader, found, None
-        return reader, found, _with_separate_indices(document)
+            problems += _indices_problems(document)
+        problems.sort(key=lambda problem: problem.span or Span(0, 0))
+        if any(isinstance(problem, SceneError) for problem in problems):
+            return reader, problems, None
+        return reader, problems, _with_separate_indices(document)
 
 
 def too_large(path: AnyPath) -> SceneError:
-    """The error about a scene beyond :data:`SIZE_LIMIT`."""
+    """Returns the error about a scene file that is larger than :data:`SIZE_LIMIT`."""
     reason = f"the file is larger than {SIZE_LIMIT >> 20} MiB, the largest size of a scene"
     return SceneError(f"{path}: {reason}; write repeated solids by SOLID", str(path), reason=reason, code="size")
 
 
 def _document(reader: Reader) -> Document:
-    """The document of a text; if it has errors, with the valid fields only."""
+    """Makes the document of a text. If the text has errors, values in the document are missing or None."""
     fields: dict[str, Any] = {"name": PurePath(reader.source.filename).stem or "scene"} | reader.fields
     del fields["solids"]
     scene = Scene(**fields, text=reader.source.text)
@@ -94,7 +98,9 @@ def _document(reader: Reader) -> Document:
 
 
 def _with_separate_indices(document: Document) -> Document:
-    """The document with a separate index, SURFACE and TRANSFORM for each use of a part of a named solid."""
+    """Gives each use of a part of a named solid a separate index, with a SURFACE and a TRANSFORM; returns the
+    document.
+    """
     scene, spans = document.scene, dict(document.spans)
     surfaces, transforms, csg = scene.surfaces, scene.transforms, list(scene.csg)
     new_index: dict[tuple[int, ...], int] = {}
@@ -115,22 +121,22 @@ def _with_separate_indices(document: Document) -> Document:
 
 
 def _used_indices(scene: Scene) -> set[int]:
-    """The indices that the tree uses."""
+    """Returns the indices that the primitives of the CSG tree use."""
     return {index for _, leaf in scene.leaves for index in (leaf.index, *leaf.within)}
 
 
-# ---- A scene as a whole
+# ---- Checks that need the whole scene
 
 
 def _scene_problems(document: Document) -> Iterator[Problem]:
-    """The errors and warnings about a scene as a whole."""
+    """Yields the errors and warnings that only a check of the whole scene finds."""
     values = _settings_problems, _lights_problems, _materials_problems, _kinds_problems
     for problems in *values, _indices_problems, _textures_problems, _unused_warnings:
         yield from islice(problems(document), MAX_ERRORS + 1)
 
 
 def _settings_problems(document: Document) -> Iterator[SceneError]:
-    """Errors about the channels, the name and the resolution."""
+    """Yields errors about the channels, the name and the resolution of a scene."""
     scene, name = document.scene, document.scene.name
     if not any(scene.channels):
         yield document.error("found FALSE for all channels; expected TRUE for one at least", "channels", code="range")
@@ -144,7 +150,7 @@ def _settings_problems(document: Document) -> Iterator[SceneError]:
 
 
 def _lights_problems(document: Document) -> Iterator[Problem]:
-    """Errors about lights without a position, and warnings about dark ones."""
+    """Yields errors about lights without a position, and warnings about nearly dark lights."""
     scene = document.scene
     intensities: list[tuple[Vector, Path]] = [(scene.ambient, ("ambient",))]
     intensities += [(scene.background.color, ("background",))] * (scene.background.image is None)
@@ -160,7 +166,10 @@ def _lights_problems(document: Document) -> Iterator[Problem]:
 
 
 def _materials_problems(document: Document) -> Iterator[Problem]:
-    """Errors about the optics of a material, and warnings about values without effect."""
+    """Yields errors about missing or contradictory optics of a material.
+
+    Yields warnings about values without effect.
+    """
     for index, s in document.scene.surfaces.items():
         wrong = ""
         if s.material == "conductor" and (s.eta or s.k if s.metal else not (s.eta and s.k)):
@@ -172,7 +181,8 @@ def _materials_problems(document: Document) -> Iterator[Problem]:
         elif s.material == "composite" and s.ks and max(map(sum, zip(s.kd or GREY, s.ks))) > 1 + 1e-6:
             wrong = "kd + ks is above 1 in a composto; expected s + d = 1 at most"
         if wrong:
-            name = "glass" if s.glass else "metal"  # without a name the error points to the surface
+            # The error points to the name of the metal or glass, or to the SURFACE if the text has no such name.
+            name = "glass" if s.glass else "metal"
             yield document.error(wrong, "surfaces", index, name, code="optics")
         path = "surfaces", index, "thickness"
         if s.material == "dielectric" and s.transmittance is None and document.is_given(*path):
@@ -181,7 +191,10 @@ def _materials_problems(document: Document) -> Iterator[Problem]:
 
 
 def _kinds_problems(document: Document) -> Iterator[Problem]:
-    """Errors about textures without a kind, and about parameters that a kind does not have."""
+    """Yields errors about textures without a kind, and about parameters that a kind of texture does not have.
+
+    A parameter that a kind of light or material does not have causes a warning.
+    """
     for key, pattern in document.scene.patterns.items():
         if not pattern.kind:
             reason = f"the texture {quote(key)} has no kind; expected brick, stripes or fractal after its name"
@@ -200,26 +213,26 @@ def _kinds_problems(document: Document) -> Iterator[Problem]:
 
 
 def _indices_problems(document: Document) -> Iterator[SceneError]:
-    """Errors about primitives without SURFACE or TRANSFORM, one for each index."""
+    """Yields an error for each index of a primitive that has no SURFACE or no TRANSFORM."""
     statements = [path for path in document.spans if len(path) == 2]
-    surfaces, transforms = ({key for field, key in statements if field == one} for one in ("surfaces", "transforms"))
+    surfaces, transforms = ({key for field, key in statements if field == name} for name in ("surfaces", "transforms"))
     reported = set()
     for number, leaf in document.scene.leaves:
         if (leaf.index, leaf.within) in reported:
             continue
         reported.add((leaf.index, leaf.within))
         indices = leaf.index, *leaf.within
-        lack = [listing(f"SURFACE {i}" for i in indices)] * surfaces.isdisjoint(indices)
-        lack += [f"TRANSFORM {i}" for i in indices if i not in transforms]
-        if lack:
+        missing = [listing(f"SURFACE {i}" for i in indices)] * surfaces.isdisjoint(indices)
+        missing += [f"TRANSFORM {i}" for i in indices if i not in transforms]
+        if missing:
             reason = f"{leaf.shape.upper()} {leaf.index}{' in this solid' * bool(leaf.within)} has no "
             known = [f"SURFACE {i}" for i in sorted(surfaces)[:9]] + [f"TRANSFORM {i}" for i in sorted(transforms)[:9]]
-            reason += f"{' and no '.join(lack)}; expected one; there are {listing(known or ['none'], 'and')}"
+            reason += f"{' and no '.join(missing)}; expected one; there are {listing(known or ['none'], 'and')}"
             yield document.error(reason, "csg", number, code="no-index")
 
 
 def _textures_problems(document: Document) -> Iterator[SceneError]:
-    """Errors about unknown textures, and about images in the slot of a solid texture."""
+    """Yields errors about unknown textures, and about images in the slot of a solid texture."""
     names, reported = list(dict.fromkeys([*BUILT_IN, *document.scene.patterns])), set[str]()
     slots = ((number, *slot) for number, leaf in document.scene.leaves for slot in enumerate(leaf.textures))
     for number, slot, texture in slots:
@@ -235,7 +248,7 @@ def _textures_problems(document: Document) -> Iterator[SceneError]:
 
 
 def _unused_warnings(document: Document) -> Iterator[SceneWarning]:
-    """Warnings about unused values and missing statements."""
+    """Yields warnings about values that the scene does not use, and about missing statements."""
     scene, used = document.scene, _used_indices(document.scene)
     for field in "surfaces", "transforms":
         for index in getattr(scene, field):

@@ -1,4 +1,4 @@
-"""Errors and warnings that show their place in the text of a scene."""
+"""Errors and warnings that show the faulty part of a scene's text."""
 
 import re
 from bisect import bisect_right
@@ -16,7 +16,7 @@ MAX_ERRORS = 100  # the number of errors after which the reader stops
 
 
 class Span(NamedTuple):
-    """A part of the text: character offsets ``start`` and ``end``."""
+    """A part of a text, from the character offset ``start`` to the character offset ``end``."""
 
     start: int
     end: int
@@ -25,8 +25,8 @@ class Span(NamedTuple):
 class Diagnostic(Exception):  # noqa: N818 - also of warnings
     """A problem of a scene. ``str()`` is the whole message: file, line, column, the problem, and a caret.
 
-    The parts are attributes too: ``filename``, ``line``, ``column`` (both from 1; 0 where the problem has no place in
-    the text), ``reason``, ``span`` or None, and ``code``, a stable name of the problem.
+    The parts of the message are attributes: ``filename``; ``line`` and ``column`` (both from 1; 0 if the problem has no
+    position in the text); ``reason``; ``span`` or None; ``code``, a fixed name for this kind of problem.
     """
 
     line = column = 0
@@ -38,18 +38,18 @@ class Diagnostic(Exception):  # noqa: N818 - also of warnings
 
 
 class SceneWarning(Diagnostic, UserWarning):
-    """A probable mistake in a scene that has a meaning. It is emitted through ``warnings.warn``.
+    """A probable mistake in a valid scene. It is emitted through ``warnings.warn``.
 
-    The attributes are those of :class:`SceneError`.
+    A SceneWarning has the attributes of a :class:`SceneError`.
     """
 
 
 class SceneError(Diagnostic, ValueError):
     """Wrong input. ``str()`` is the whole message: file, line, column, the problem, the expected input, and a caret.
 
-    The parts are attributes too: ``filename``, ``line``, ``column`` (both from 1; 0 where the error has no place in the
-    text), ``reason``, ``span`` or None, and ``code``, a stable name of the problem. ``others`` are the further errors
-    of the text; the message shows the first of them.
+    The parts of the message are attributes: ``filename``; ``line`` and ``column`` (both from 1; 0 if the error has no
+    position in the text); ``reason``; ``span`` or None; ``code``, a fixed name for this kind of error. ``others`` are
+    the further errors of the text; the message shows the first few of them.
     """
 
     others: tuple["SceneError", ...] = ()
@@ -60,7 +60,7 @@ Kind = TypeVar("Kind", SceneError, SceneWarning)
 
 
 def combined_error(errors: Sequence[SceneError]) -> SceneError:
-    """One error for several: the first error, with the messages of the others after its own."""
+    """Combines several errors into one: a copy of the first error, with the messages of the others after its own."""
     first, *others = errors
     if not others:
         return first
@@ -73,11 +73,11 @@ def combined_error(errors: Sequence[SceneError]) -> SceneError:
 
 
 class Source:
-    """The text of a scene and its file name; turns offsets into lines, columns and messages."""
+    """The text of a scene and its file name; converts offsets to lines, columns and messages."""
 
     def __init__(self, text: str, filename: AnyPath) -> None:
         self.text, self.filename = text, str(filename)
-        #: The values of ``$names`` and their origin: ``'5', by -D x=5``. Messages about names show it.
+        #: Name -> its value and the origin of the value, such as ``'5', by -D x=5``; for messages about the name.
         self.names: dict[str, str] = {}
 
     @cached_property
@@ -86,21 +86,21 @@ class Source:
         return [0, *(newline.end() for newline in re.finditer("\n", self.text))]
 
     def line_column(self, offset: int) -> tuple[int, int]:
-        """Line and column, both from 1, of a character offset."""
+        """Returns the line and the column, both from 1, of a character offset."""
         line = bisect_right(self.line_starts, offset)
         return line, offset - self.line_starts[line - 1] + 1
 
     def line(self, span: Span) -> int:
-        """The line, from 1, on which a span begins."""
+        """Returns the number, from 1, of the line on which a span begins."""
         return self.line_column(span.start)[0]
 
     def message(self, span: Span, reason: str) -> str:
-        """``file:line:column: reason`` and the source line with a caret under the span."""
+        """Returns ``file:line:column: reason``, the source line, and a caret under the span."""
         line, column = self.line_column(span.start)
         start = self.line_starts[line - 1]
         end = self.text.find("\n", span.start)
         end = len(self.text) if end < 0 else end
-        # Quotes only a part of a long line.
+        # Only the part of a long line around the span is quoted.
         first, last = max(start, span.start - MAX_QUOTE), min(end, span.start + MAX_QUOTE)
         before, after = "…" * (first > start), "…" * (last < end)
         quoted = before + "".join(c if c.isprintable() else " " for c in self.text[first:last]) + after
@@ -109,15 +109,15 @@ class Source:
         return f"{self.filename}:{line}:{column}: {reason}\n    {quoted}\n    {caret}"
 
     def error(self, span: Span, reason: str, code: str = "") -> SceneError:
-        """The error to raise about the text at ``span``."""
+        """Returns an error about the text at ``span``."""
         return self._diagnostic(SceneError, span, reason, code)
 
     def warning(self, span: Span, reason: str, code: str = "") -> SceneWarning:
-        """The warning to emit about the text at ``span``."""
+        """Returns a warning about the text at ``span``."""
         return self._diagnostic(SceneWarning, span, reason, code)
 
     def _diagnostic(self, kind: type[Kind], span: Span, reason: str, code: str) -> Kind:
-        """An error or a warning; the reason ends with the values of the ``$names`` in the span."""
+        """Returns an error or a warning; its reason ends with the values of the ``$names`` in the span."""
         used = dict.fromkeys(USE.findall(self.text[span.start : min(span.end, span.start + MAX_QUOTE)]))
         unexplained = [name for name in used if name in self.names and f"${name}" not in reason]
         values = [f"${name} stands for {self.names[name]}" for name in unexplained]
@@ -128,12 +128,12 @@ class Source:
 
 
 def quote(text: object) -> str:
-    """``'text'``, clipped if it is longer than a message can show."""
+    """Puts a text in quotes; a text of more than MAX_QUOTE characters is shortened."""
     text = str(text)
     return repr(text if len(text) <= MAX_QUOTE else text[: MAX_QUOTE - 3] + "...")
 
 
 def listing(words: Iterable[object], last: str = "or") -> str:
-    """The words in one phrase: ``A, B or C``."""
+    """Joins words to one phrase: ``A, B or C``."""
     *texts, end = map(str, words)
     return f"{', '.join(texts)} {last} {end}" if texts else end

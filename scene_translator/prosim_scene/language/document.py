@@ -1,4 +1,4 @@
-"""A scene, and the span of each of its values in the text."""
+"""A document: a scene, and the span of each of its values in the text."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -7,13 +7,16 @@ from dataclasses import dataclass
 from ..model import Leaf, Operator, Scene
 from .diagnostics import SceneError, SceneWarning, Source, Span
 
-#: The path to a value of the model: ("view", "eye"), ("surfaces", 3), ("csg", 5, "textures", 0), ...
+#: The path of a value in the model: ("view", "eye"), ("surfaces", 3), ("csg", 5, "textures", 0), ...
 Path = tuple[str | int, ...]
 
 
 @dataclass(frozen=True)
 class Document:
-    """A scene, its ``source`` text, the ``spans`` of its values by their paths, and the ``$names`` that it ``uses``."""
+    """A scene, its ``source`` text, and the ``spans`` of its values in this text, by the paths of the values.
+
+    ``uses`` are the ``$names`` that the text uses.
+    """
 
     source: Source
     spans: Mapping[Path, Span]
@@ -21,29 +24,33 @@ class Document:
     uses: frozenset[str] = frozenset()
 
     def is_given(self, *path: str | int) -> bool:
-        """Whether the text states this value of the model; otherwise it is a default."""
+        """Whether the text states the value at this path of the model; otherwise the value is a default."""
         return path in self.spans
 
     def span(self, *path: str | int) -> Span:
-        """The span of a value in the text, or else of the value around it, or else the beginning of the text."""
+        """Returns the span of a value in the text.
+
+        If the text does not state the value, the result is the span of the enclosing value, or else the beginning of
+        the text.
+        """
         while path and path not in self.spans:
             path = path[:-1]
         return self.spans.get(path) or Span(0, 0)
 
     def text_of(self, *path: str | int) -> str:
-        """The words of the text that state a value."""
+        """Returns the part of the text that states a value."""
         return self.source.text[slice(*self.span(*path))]
 
     def line(self, *path: str | int) -> int:
-        """The line, from 1, on which the text states a value."""
+        """Returns the number, from 1, of the line on which the text states a value."""
         return self.source.line(self.span(*path))
 
     def error(self, reason: str, *path: str | int, code: str = "") -> SceneError:
-        """The error to raise about a value; its code is by default the first part of the path."""
+        """Returns an error about a value; the default of ``code`` is the first part of the value's path."""
         return self.source.error(self.span(*path), reason, code or str(path[0]))
 
     def warning(self, reason: str, *path: str | int, code: str = "") -> SceneWarning:
-        """The warning to emit about a value; its code is by default the first part of the path."""
+        """Returns a warning about a value; the default of ``code`` is the first part of the value's path."""
         return self.source.warning(self.span(*path), reason, code or str(path[0]))
 
     def warn(self, reason: str, *path: str | int) -> None:
@@ -51,9 +58,10 @@ class Document:
         warnings.warn(self.warning(reason, *path), stacklevel=2)
 
     def operands_note(self, number: int) -> str:
-        """A note with the operands of the nearest operator - or * above a node of the tree, or an empty string.
+        """Returns a note on the operands of the nearest operator - or * above node ``number`` of the CSG tree, or "".
 
-        For messages about solids that vanish, often because an operator is between its operands.
+        Messages about solids that vanish end with this note, because users often write an operator between its
+        operands.
         """
         ends = subtree_ends(self.scene.csg)
         above = [i for i in range(number) if ends[i] > number and self.text_of("csg", i) in ("-", "*")]
@@ -65,7 +73,10 @@ class Document:
 
 
 def subtree_ends(csg: Sequence[Operator | Leaf]) -> list[int]:
-    """The index after each subtree; beyond the end of ``csg`` where operands are missing."""
+    """Returns, for each node of a CSG tree in prefix order, the index after the subtree that begins at this node.
+
+    The index is beyond the end of ``csg`` if operands are missing.
+    """
     ends = list(range(1, 2 * len(csg) + 2))
     for i in reversed(range(len(csg))):
         if isinstance(csg[i], Operator):

@@ -1,7 +1,7 @@
-"""Values of ``$names`` and of arithmetic in braces.
+"""Computes the values of ``$names`` and of arithmetic in braces.
 
-The parser of arithmetic is lark's LALR with expression.lark. A loop evaluates the tree from its leaves up, so that no
-input exhausts Python's stack.
+The parser lark (LALR) reads the arithmetic by the grammar in expression.lark. A loop evaluates the syntax tree from its
+leaves up, so a deeply nested expression does not exceed Python's recursion limit.
 """
 
 import math
@@ -18,21 +18,24 @@ from lark import Lark, Token, Tree, UnexpectedInput
 from .diagnostics import MAX_ERRORS, SceneError, Source, Span, listing, quote
 from .suggestions import BRACES, NUMBER, nearest
 
-#: A name, without its ``$``.
+#: Matches a name without its ``$``.
 NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
-#: The predefined names: the number of a frame in a film, and its time in seconds.
+#: The predefined names: the number of a frame of an animation, and the time of this frame in seconds.
 FRAME, TIME = "frame", "time"
-#: Frames per second by default, as in the cinema.
+#: The default number of frames per second, as in cinema.
 FPS = 24.0
 
 
 def _in_degrees(function: Callable[[float], float], exact: tuple[float, ...]) -> Callable[[float], float]:
-    """The ``function`` of an angle in degrees instead of radians; ``exact``: at 0, 90, 180, 270 degrees."""
+    """Converts a ``function`` of an angle in radians into a function of an angle in degrees.
+
+    ``exact`` has the values of the function at 0, 90, 180 and 270 degrees, which have no rounding error.
+    """
     return lambda x: exact[int(x // 90) % 4] if x % 90 == 0 else function(math.radians(math.fmod(x, 360)))
 
 
 _sine, _cosine = _in_degrees(math.sin, (0.0, 1.0, 0.0, -1.0)), _in_degrees(math.cos, (1.0, 0.0, -1.0, 0.0))
-#: Name -> (the function, the count of its arguments; 0: two or more). Angles are in degrees.
+#: Name of a function -> (the function, the number of its arguments; 0: two or more). Angles are in degrees.
 FUNCTIONS: dict[str, tuple[Callable[..., float], int]] = {
     "sin": (_sine, 1),
     "cos": (_cosine, 1),
@@ -50,15 +53,15 @@ CONSTANTS = {"pi": math.pi}
 
 
 def number_text(value: float) -> str:
-    """The text of a number in the language, without loss of precision."""
+    """Writes a number in the syntax of the language, without loss of precision."""
     return str(int(value)) if abs(value) < 1e15 and value == int(value) else repr(value)
 
 
 class Definitions:
-    """The values of ``$names`` in one text, and the names that it ``uses``.
+    """The values of the ``$names`` in one text, and the set ``uses`` of the names that the text uses.
 
-    A name has the value that the caller gives (``-D`` of the commands, ``define`` in Python), or else that of the
-    DEFAULT statement above its use. ``$frame`` and ``$time`` are predefined.
+    A name has the value that the caller sets (``-D`` of the commands, ``define`` in Python). If the caller sets no
+    value, the name has the value of the DEFAULT statement above its use. ``$frame`` and ``$time`` are predefined.
     """
 
     def __init__(self, source: Source, given: Mapping[str, object] | None = None) -> None:
@@ -68,16 +71,18 @@ class Definitions:
         self.defaults: dict[str, str] = {}
         self.values = ChainMap(self.caller_values, self.defaults, {FRAME: "0"})
         self.uses: set[str] = set()
-        self.undefined: dict[str, SceneError] = {}  # one error for each name, up to MAX_ERRORS
+        self.undefined: dict[str, SceneError] = {}  # name -> the error about it, for at most MAX_ERRORS names
         source.names.update({name: f"{quote(text)}, by -D {name}={text}" for name, text in self.caller_values.items()})
 
     def set_default(self, name: str, text: str) -> None:
-        """Stores the value that a DEFAULT statement gives a name."""
+        """Stores the value that a DEFAULT statement sets for a name."""
         self.defaults[name] = text
         self.source.names.setdefault(name, quote(text))
 
     def value_text(self, name: str, span: Span) -> str | None:
-        """The text of a name's value; None if it has none, which is an error in ``undefined``."""
+        """Returns the value of a name as text; for a name without a value returns None and adds an error to
+        ``undefined``.
+        """
         self.uses.add(name)
         if name in self.values:
             return self.values[name]
@@ -91,7 +96,10 @@ class Definitions:
         return None
 
     def number(self, name: str, span: Span) -> float:
-        """The value of a name as a number; NaN if it has none. Raises SceneError if it is not a finite number."""
+        """Returns the value of a name as a number, or NaN if the name has no value.
+
+        Raises SceneError if the value is not a finite number.
+        """
         text = self.value_text(name, span)
         if text is None:
             return math.nan
@@ -102,7 +110,9 @@ class Definitions:
         return float(text)
 
     def check_uses(self) -> None:
-        """Raises SceneError if the caller defines a name that the scene does not use; call it after reading."""
+        """Raises SceneError if the caller defines a name that the scene does not use; call it after the whole text is
+        read.
+        """
         for name, text in self.caller_values.items():
             if name not in self.uses | self.defaults.keys() | {FRAME, TIME}:
                 used = [f"${other}" for other in sorted(self.uses | self.defaults.keys())]
@@ -113,7 +123,9 @@ class Definitions:
 
 
 def _caller_value_text(source: Source, name: str, value: object) -> str:
-    """The text of the value that the caller gives a name; raises SceneError if the language does not allow it."""
+    """Converts a value that the caller sets for a name to text; raises SceneError if the language does not allow the
+    value.
+    """
     text = value.strip() if isinstance(value, str) else ""
     if isinstance(value, bool):
         text = str(value).upper()
@@ -129,11 +141,11 @@ def _caller_value_text(source: Source, name: str, value: object) -> str:
 
 
 def evaluate(source: Source, braces: Span, definitions: Definitions) -> float:
-    """The value of an expression, or NaN if a name in it has no value.
+    """Computes an expression in braces; returns NaN if a name in the expression has no value.
 
-    ``braces`` is the span of the expression, with its braces.
+    ``braces`` is the span of the expression with its braces.
 
-    Raises SceneError, also if the result is not finite.
+    Raises SceneError for wrong syntax, and if the result is not finite.
     """
     first, inside = braces.start + 1, source.text[braces.start + 1 : braces.end - 1]
     if source.text[braces.end - 1] != "}":
@@ -152,13 +164,13 @@ def evaluate(source: Source, braces: Span, definitions: Definitions) -> float:
 
 @cache
 def _parser() -> Lark:
-    """The parser of arithmetic."""
+    """Makes the parser of arithmetic expressions."""
     grammar = Path(__file__).with_name("expression.lark").read_text(encoding="utf-8")
     return Lark(grammar, parser="lalr", start="sum", propagate_positions=True)
 
 
 def _value(source: Source, node: Tree[Token], span: Span, operands: list[float], definitions: Definitions) -> float:
-    """The value of a node of the tree, whose operands have these values; NaN if one of them is NaN."""
+    """Computes one node of an expression's syntax tree from the values of its operands; NaN if an operand is NaN."""
     word = str(node.children[0]) if isinstance(node.children[0], Token) else ""
     if node.data == "name":
         return definitions.number(word[1:], span)
@@ -187,12 +199,15 @@ def _value(source: Source, node: Tree[Token], span: Span, operands: list[float],
 
 
 def _operation(name: str) -> Callable[..., float]:
-    """The function of an operator, which the grammar names as Python's ``operator`` does; of a leaf, ``float``."""
+    """Returns the function of an operator; for a number or a constant returns ``float``.
+
+    The grammar gives operators the names that they have in Python's module ``operator``.
+    """
     return math.pow if name == "power" else getattr(operator, name, float)
 
 
 def _syntax_error(source: Source, braces: Span, error: UnexpectedInput) -> SceneError:
-    """The error about arithmetic that does not parse."""
+    """Returns the error about an arithmetic expression whose syntax is wrong."""
     expected = set(getattr(error, "accepts", None) or getattr(error, "allowed", None) or ())
     operators = "an operator (+ - * / ^)" + " or ')'" * ("RPAR" in expected)
     wanted = "a number, a $name, a function or '('" if "NUMBER" in expected else operators

@@ -1,4 +1,4 @@
-"""The canonical layout of a scene; comments stay."""
+"""Writes a scene in the canonical layout, and keeps the comments."""
 
 from dataclasses import dataclass, field
 from math import isfinite
@@ -11,23 +11,24 @@ from .tokens import Token
 from .words import OPERATORS, ROLES, STATEMENTS, find_word
 
 INDENT = "    "
-MAX_DEPTH = 12  # the largest indentation of the tree, in steps
-#: Statements with parameters on lines of their own.
+MAX_DEPTH = 12  # the largest indentation of a node of the CSG tree, in units of INDENT
+#: Statements whose parameters are on separate lines.
 HEADINGS = {"LIGHTS", "VIEW", "SOLID", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE"}
-#: Statement -> the mark before the values of its parameters.
+#: Statement -> the mark between a parameter's keyword and its values.
 VALUE_MARKS = {"SURFACE": "=", "TEXTURE": "=", "TRANSFORM": "("}
-#: Tokens on the line of the keyword before them; any other token begins a line.
+#: The roles of tokens that stay on the line of the keyword before them; any other token begins a new line.
 VALUES = tokens.VALUES - {"KIND"} | {"VARIABLE", "STRING", "LPAR", "RPAR"}
 
 
 def format(text: str, filename: AnyPath = "<string>") -> str:
-    """The text of a scene in canonical layout: one statement or parameter per line, canonical spellings; comments stay.
+    """Returns the text of a scene in the canonical layout: problem statement or parameter per line, and canonical
+    spellings.
 
-    ``parse(format(x)) == parse(x)`` and ``format(format(x)) == format(x)``; names and expressions stay as written.
-    Raises :class:`SceneError` where ``parse`` does, except for names without a value.
+    Comments, names and expressions stay as they are written. ``parse(format(x)) == parse(x)`` and ``format(format(x))
+    == format(x)``. Raises :class:`SceneError` where ``parse`` does, but not for names without a value.
     """
-    reader, found, _ = analyse(text, filename)
-    errors = [one for one in found if isinstance(one, SceneError) and one.code != "undefined"]
+    reader, problems, _ = analyse(text, filename)
+    errors = [problem for problem in problems if isinstance(problem, SceneError) and problem.code != "undefined"]
     if errors:
         raise combined_error(errors)
     layout, end = _Layout(text), 0
@@ -42,7 +43,7 @@ def format(text: str, filename: AnyPath = "<string>") -> str:
 
 @dataclass
 class _Line:
-    """A line of the formatted text: indentation in steps, words, the ``mark`` before the values, and comments."""
+    """A line of the formatted text: its indentation ``depth``, words, the ``mark`` before the values, and comments."""
 
     depth: int
     words: list[str] = field(default_factory=list)
@@ -54,26 +55,26 @@ class _Line:
         word, values = self.words[:1], self.words[1:]
         if values and self.mark:
             values = ["=", *values] if self.mark == "=" else [f"({' '.join(values)})"]
-        # A comment with # ends its line, so it comes last.
+        # A comment that begins with # extends to the end of the line, so it must be the last one.
         comments = sorted(self.comments, key=lambda comment: comment.startswith("#"))
         words = " ".join([*word, *values, *comments])
         return INDENT * min(self.depth, MAX_DEPTH) + words if words else ""
 
 
 class _Layout:
-    """The lines of the formatted text so far."""
+    """The lines of the formatted text that are complete so far."""
 
     def __init__(self, source: str) -> None:
         self.source = source
         self.lines: list[_Line] = []
         self.line = _Line(0)  # the last line with words
-        self.heading = self.previous = ""  # the statement, and the role of the token before
-        self.missing_operands: list[int] = []  # the missing operands of the runs of operators around a node of the tree
+        self.heading = self.previous = ""  # the current statement, and the role of the previous token
+        self.missing_operands: list[int] = []  # how many operands each enclosing run of operators still lacks
 
     def add_line(self, depth: int, word: str, comment_depth: int, mark: str = "") -> int:
-        """Adds a line; returns its number, or that of the first comment directly above it.
+        """Adds a line; returns its number, or the number of the first comment that stands directly above the line.
 
-        These comments get the depth ``comment_depth``.
+        The comments directly above the line get the indentation ``comment_depth``.
         """
         at = len(self.lines)
         while at and not self.lines[at - 1].words:
@@ -84,7 +85,7 @@ class _Layout:
         return at
 
     def add_comment(self, token: Token, same_line: bool) -> None:
-        """Adds a comment after the words of its line, or on a separate line."""
+        """Adds a comment after the words of the last line, or on a separate line."""
         if not (self.lines and same_line):
             self.lines.append(_Line(self.heading in HEADINGS))
         self.lines[-1].comments.append("\n".join(line.rstrip() for line in token.text.split("\n")))
@@ -105,7 +106,7 @@ class _Layout:
         elif kind in ("PRIMITIVE", "USE"):
             depth = len(self.missing_operands) + 1
             self.add_line(depth, token.text if kind == "USE" else find_word(kind, token.text).canonical, depth)
-            while self.missing_operands:  # a complete run of operators is an operand itself
+            while self.missing_operands:  # a complete run of operators is an operand of the run around it
                 self.missing_operands[-1] -= 1
                 if self.missing_operands[-1]:
                     break
@@ -113,16 +114,19 @@ class _Layout:
         elif kind == "REST":
             self.add_line(0, token.text.rstrip(), 0)
         else:
-            # A light's parameters are below its kind.
+            # The parameters of a light are below the kind of the light, one step to the right.
             depth = 2 if kind in ("LIGHT_PARAMETER", "DISTRIBUTION") else 1
             mark = "" if kind == "MATERIAL" else VALUE_MARKS.get(self.heading, "")
             self.add_line(depth, find_word(kind, token.text).canonical, 1, mark)
         self.previous = kind
 
     def add_operator(self, token: Token) -> None:
-        """Adds an operator: successive operators are on one line, their operands below, one step to the right."""
+        """Adds an operator of the CSG tree.
+
+        Successive operators stand on one line; their operands stand below this line, one step to the right.
+        """
         if self.heading == "VIEW":
-            return  # the stray dash of the listing
+            return  # the thesis's example scene has a superfluous dash here
         if self.previous not in OPERATORS.values():
             depth = len(self.missing_operands) + 1
             self.add_line(depth, token.text, depth)
@@ -131,11 +135,11 @@ class _Layout:
         self.missing_operands[-1] += 1
         if self.lines[-1] is self.line and not self.line.comments:
             self.line.words.append(token.text)
-        else:  # a comment is between them
+        else:  # a comment stands between the two operators
             self.add_line(len(self.missing_operands), token.text, 1)
 
     def add_value(self, token: Token) -> None:
-        """Adds a value after its keyword; names and expressions stay as written."""
+        """Adds a value after its keyword; names and expressions stay as they are written."""
         text = self.source[token.start : token.end]
         if token.role == "VARIABLE":
             self.line.words[0] += f" {text}"
@@ -144,5 +148,5 @@ class _Layout:
             text = number_text(float(text))
         elif token.role in ROLES and text[0] not in "${":
             text = find_word(token.role, token.text).canonical
-        if token.role not in ("LPAR", "RPAR"):  # the line adds parentheses
+        if token.role not in ("LPAR", "RPAR"):  # str(line) adds the parentheses
             self.line.words.append(text)

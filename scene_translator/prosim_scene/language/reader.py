@@ -1,7 +1,8 @@
-"""Reads the statements of a text, and the spans of their values: recursive descent over the roles of ``words``.
+"""Reads the statements of a scene and the position of each value in the text.
 
-After a wrong value the reader continues. A syntax error ends its statement; the reader continues at the next line that
-begins with the keyword of a statement.
+The reader is a recursive-descent parser over the grammar roles of ``words``. After a wrong value the reader continues
+with the same statement. After a syntax error the reader skips the rest of the statement, and continues at the next line
+that begins with the keyword of a statement.
 """
 
 import math
@@ -20,14 +21,15 @@ from .suggestions import ARITHMETIC, BRACES, NUMBER, mark_hint, nearest, suggest
 from .tokens import START, Scanner, Token
 from .words import NAMED, STATEMENTS, Flags, Numbers, find_word, normalise
 
-#: The largest number of nodes of a tree with named solids.
+#: The largest number of nodes of a CSG tree in which named solids are replaced by their own trees.
 MAX_NODES = 10**5
-#: A line that begins with the keyword of a statement.
+#: Matches the beginning of a line that starts with the keyword of a statement.
 STATEMENT_LINE = re.compile(
     rf"^[ \t]*(?:{'|'.join(sorted(map(re.escape, words.spellings_of(*STATEMENTS)), key=len, reverse=True))})(?![\w.-])",
     re.IGNORECASE | re.MULTILINE,
 )
-#: The roles of the tokens that may follow in a statement; STATEMENT_END: the next statement, or the end of the text.
+#: Sets of the grammar roles that the next token may have, at different points of the grammar.
+#: STATEMENT_END: the next token begins a new statement or is the end of the text ("").
 STATEMENT_END = STATEMENTS | {""}
 FILE = frozenset(("FILE", "STRING"))
 IMAGE = STATEMENT_END | FILE | {"NULL"}
@@ -41,12 +43,12 @@ TRANSFORM = STATEMENT_END | {"STEP"}
 STEP_VALUES, CLOSING = TRANSFORM | {"NUMBER", "LPAR"}, frozenset(("RPAR",))
 TEXTURE = STATEMENT_END | {"PARAMETER"}
 
-#: A comment in the place of the values of a keyword.
+#: Matches a comment that stands where the values of a keyword should be.
 COMMENT = re.compile(r"[\s:=]*(\([^()\n]*\)|#\w+)")
 PERCENTAGE = re.compile(rf"({NUMBER})%")
 PRIMITIVE = re.compile(rf"(?:{'|'.join(words.spellings_of('PRIMITIVE'))})\s+\d+", re.IGNORECASE)
 PREFIX = "operators come before their operands, as in - CUBE 1 SPHERE 2, and parentheses are comments"
-#: Tokens that look like numbers, or like arithmetic.
+#: The roles of a token that may look like a number or like arithmetic, and a pattern that matches such a token.
 LIKE_NUMBERS = ("WORD", *words.OPERATORS.values())
 LIKE_NUMBER = re.compile(rf"^[-+.0-9]|{ARITHMETIC.pattern}")
 OPERATORS = {symbol: model.Operator(symbol) for symbol in words.OPERATORS}
@@ -56,18 +58,19 @@ Tree = tuple[model.Operator | model.Leaf, ...]
 
 @cache
 def _or_number(roles: frozenset[str]) -> frozenset[str]:
-    """These roles and NUMBER."""
+    """Returns the set of these grammar roles and NUMBER."""
     return roles | {"NUMBER"}
 
 
 class Reader(Scanner):
     """Reads the text of a scene.
 
-    ``fields``: its values, by the fields of a Scene, and ``solids``; ``spans``: the spans of the values, by path;
-    ``errors`` and ``warnings`` within its statements; ``skipped``: the offset from which statements are missing because
-    of errors. The ``tokens`` end with END and comments, or the other text after it as one REST.
+    ``fields`` are the values of the fields of a Scene, and the named ``solids``. ``spans`` maps the path of each value
+    to its position in the text. ``errors`` and ``warnings`` are those of single statements. ``skipped`` is the offset
+    of the first part of the text that was skipped because of an error, or infinity. The list ``tokens`` ends with END
+    and the comments after END; any other text after END is one token of role REST.
 
-    ``define``: values of names from the caller.
+    ``define``: values of ``$names`` that the caller sets.
     """
 
     def __init__(self, text: str, filename: str = "<string>", define: Mapping[str, object] | None = None) -> None:
@@ -78,18 +81,18 @@ class Reader(Scanner):
         self.errors: list[SceneError] = []
         self.warnings: list[SceneWarning] = []
         self.skipped = math.inf
-        #: The path of the present statement's value.
+        #: The path of the value that the current statement sets.
         self.path = Path()
-        #: While numbers are read: their keyword, and which ones are allowed.
+        #: While the reader reads numbers: the keyword before the numbers, and the numbers that it allows.
         self.wanted: tuple[str, Numbers] | None = None
-        #: The last numbers so far; the parenthesis around them.
+        #: The tokens of the numbers that were read last, and the span of the parenthesis before them.
         self.number_tokens, self.parenthesis = list[Token](), Span(0, 0)
         self.read_text()
 
     # ---- The text, statement by statement
 
     def read_text(self) -> None:
-        """Reads all statements."""
+        """Reads all statements of the text."""
         at_end = False
         while not at_end and len(self.errors) <= MAX_ERRORS:
             before, self.keyword = len(self.errors), self.token
@@ -108,7 +111,7 @@ class Reader(Scanner):
             self.skipped = min(self.skipped, self.position)
 
     def read_end(self) -> None:
-        """Reads END and the text after it, or the end of the text."""
+        """Reads END and the text after END; a text that ends without END is an error."""
         if not self.keyword.role:
             reason = "the file ends here and END is missing; expected END as the last statement"
             self.add_error(self.last.separated()[-1].span, reason, "no-end")
@@ -117,7 +120,9 @@ class Reader(Scanner):
             self.warnings.append(self.source.warning(rest.span, reason, "after-end"))
 
     def store_value(self, value: Any) -> None:
-        """Stores the value of a statement, unless it is a duplicate, or its index is wrong."""
+        """Stores the value of a statement; a second statement of the same kind, or one with a wrong index, is
+        ignored.
+        """
         field, *key = self.path
         if key:
             self.fields.get(str(field), {})[key[0]] = value
@@ -125,7 +130,9 @@ class Reader(Scanner):
             self.fields[str(field)] = value
 
     def skip_statement(self, error: SceneError) -> bool:
-        """Continues at the next line that begins with the keyword of a statement; returns whether there is one."""
+        """Continues at the next line that begins with the keyword of a statement; returns whether such a line
+        exists.
+        """
         start = max(error.span.start if error.span else 0, self.keyword.start)
         after = STATEMENT_LINE.search(self.source.text, start + 1)
         self.position = after.start() if after else len(self.source.text)
@@ -137,7 +144,10 @@ class Reader(Scanner):
     # ---- Tokens
 
     def expected_token(self, token: Token) -> Token:
-        """The token as the name of a solid; raises SceneError if it is not one, or none is expected here."""
+        """Returns the token of the name of a solid, with the role USE.
+
+        Raises SceneError if the token is not the name of a solid, or if the grammar expects no name of a solid here.
+        """
         if "USE" not in self.expected or normalise(token.text) not in self.fields["solids"]:
             raise self.unexpected_token(token)
         self.pieces[-1] = self.last = token._replace(role="USE")
@@ -148,7 +158,10 @@ class Reader(Scanner):
         self.errors.append(self.source.error(span, reason, code))
 
     def begin_value(self, *path: str | int, at: Token | None = None) -> None:
-        """Sets the path of the statement's value, with the span of the keyword or of ``at``; reports a duplicate."""
+        """Sets the path and the span of the statement's value, and reports a second statement for the same value.
+
+        The span is that of the statement's keyword, or that of the token ``at``.
+        """
         token, self.path = at or self.keyword, path
         if path in self.spans:
             self.store_span_once(token, " ".join(map(str, [self.keyword.text, *([at.text] if at else path[1:])])))
@@ -156,12 +169,15 @@ class Reader(Scanner):
         self.store_span(token.span)
 
     def store_span(self, span: Span, *path: str | int) -> None:
-        """Stores the span of the statement's value, or of a part of it."""
+        """Stores the span of the statement's value, or of the part of this value that ``path`` names."""
         path = (*self.path, *path)
         self.spans[path] = span
 
     def store_span_once(self, token: Token, what: str, *path: str | int) -> None:
-        """Stores the span of a part of the statement's value; reports a duplicate, which the message calls ``what``."""
+        """Stores the span of a part of the statement's value; reports an error if this part has been read before.
+
+        ``what`` is the name of the part in the error message.
+        """
         if first := self.spans.get((*self.path, *path)):
             reason = f"{what} stands twice; the first is on line {self.source.line(first)}; delete one"
             self.add_error(token.span, reason, "twice")
@@ -169,7 +185,7 @@ class Reader(Scanner):
             self.store_span(token.span, *path)
 
     def span_with_numbers(self, keyword: Token) -> Span:
-        """The span of a keyword and of the numbers after it, which are the last ones."""
+        """Returns the span from the start of a keyword to the end of the numbers that were read last."""
         return Span(keyword.start, (self.number_tokens or [keyword])[-1].end)
 
     # ---- Values
@@ -177,7 +193,8 @@ class Reader(Scanner):
     def read_numbers(self, keyword: Token, follow: frozenset[str], first: Token | None = None) -> Any:
         """Reads the numbers, or TRUE and FALSE, after a keyword; returns their value, or None if it is wrong.
 
-        ``first`` is the token after the keyword if it has been read. That after the numbers has a role of ``follow``.
+        ``first`` is the token after the keyword, if this token has already been read. ``follow`` are the grammar roles
+        that the token after the numbers may have.
         """
         allowed = words.INDEX if keyword.role == "USE" else find_word(keyword.role, keyword.text).numbers
         self.wanted, self.number_tokens = (keyword.text, allowed), [first] if first and first.role == "NUMBER" else []
@@ -190,10 +207,12 @@ class Reader(Scanner):
         return self.checked_numbers(keyword, allowed)
 
     def checked_numbers(self, keyword: Token, allowed: Numbers) -> Any:
-        """The value of the numbers that were read after ``keyword``; a wrong one is an error, and None."""
+        """Returns the value of the numbers that were read after ``keyword``; adds an error and returns None if they are
+        wrong.
+        """
         tokens = self.number_tokens
         if self.definitions.undefined and any(self.source.text[token.start] in "${" for token in tokens):
-            return None  # the error is that about the name
+            return None  # the undefined name is reported as an error
         value = allowed.value([text for token in tokens for text in token.text.split()])
         if value is not None:
             return value
@@ -216,9 +235,10 @@ class Reader(Scanner):
         return None
 
     def read_parameters(self, follow: frozenset[str], *owner: str | int) -> dict[str, Any]:
-        """The values of the parameters that begin at this token, by their names in the model.
+        """Reads the parameters that begin at the current token; returns their values by their names in the model.
 
-        ``owner``: the path, in the statement's value, of the light that has them. ``follow``: the roles after each.
+        ``owner`` is, for the parameters of a light, the path of this light in the statement's value. ``follow`` are the
+        grammar roles that the token after a parameter may have.
         """
         parameters: dict[str, Any] = {}
         while (keyword := self.token).role in follow and keyword.role not in LIGHTS:
@@ -236,14 +256,15 @@ class Reader(Scanner):
                 parameters[word.name] = self.read_numbers(keyword, follow | {"MINUS"} if word.name == "vrp" else follow)
                 if keyword.role == "VIEW_PARAMETER":
                     self.store_span(self.span_with_numbers(keyword), word.name)
-                if self.token.role == "MINUS":  # the stray dash of the thesis's listing
+                if self.token.role == "MINUS":  # the thesis's example scene has a superfluous dash here
                     self.read_token(follow)
         return parameters
 
-    # ---- Statements, by the roles of their keywords. Each returns its value; ``token`` is then the next keyword.
+    # ---- One method read_ROLE for each grammar role of a statement's keyword. It returns the value of the statement;
+    # afterwards ``token`` is the keyword of the next statement.
 
     def read_default(self) -> None:
-        """Reads DEFAULT, whose value is in the ``definitions``."""
+        """Reads a DEFAULT statement, and stores the value of its name in ``definitions``."""
         name = self.read_token(frozenset(("VARIABLE",)))
         value = self.read_token(frozenset(("NUMBER", "WORD", "STRING")))
         self.begin_value("defaults", name.text[1:], at=name)
@@ -251,7 +272,7 @@ class Reader(Scanner):
         self.definitions.set_default(name.text[1:], value.text)
 
     def read_setting(self) -> Any:
-        """Reads a statement of one keyword and its numbers, or TRUE and FALSE."""
+        """Reads a statement that has one keyword and its numbers, or TRUE and FALSE."""
         word = find_word(self.keyword.role, self.keyword.text)
         self.begin_value(word.name)
         return self.read_numbers(
@@ -259,7 +280,7 @@ class Reader(Scanner):
         )
 
     def read_name(self) -> str:
-        """Reads NAME."""
+        """Reads a NAME statement."""
         self.begin_value("name")
         token = self.read_token(FILE | {"WORD", "TEXTURE_NAME", "NUMBER"})
         self.store_span(token.span, "text")
@@ -267,7 +288,7 @@ class Reader(Scanner):
         return token.text
 
     def read_background(self) -> model.Background:
-        """Reads BACKGROUND."""
+        """Reads a BACKGROUND statement."""
         self.begin_value("background")
         color, image = self.read_numbers(self.keyword, IMAGE), None
         if self.token.role in FILE:
@@ -278,7 +299,7 @@ class Reader(Scanner):
         return model.Background(color, image)
 
     def read_lights(self) -> tuple[model.Light, ...]:
-        """Reads LIGHTS."""
+        """Reads a LIGHTS statement."""
         self.begin_value("lights")
         lights: list[model.Light] = []
         self.read_token(LIGHTS)
@@ -296,25 +317,29 @@ class Reader(Scanner):
         return tuple(lights)
 
     def read_view(self) -> model.View:
-        """Reads VIEW."""
+        """Reads a VIEW statement."""
         self.begin_value("view")
         self.read_token(VIEW)
         return model.View(**self.read_parameters(VIEW))
 
     def read_index(self, field: str, follow: frozenset[str]) -> None:
-        """Reads the index after SURFACE or TRANSFORM, and begins the value of that ``field``."""
+        """Reads the index after SURFACE or TRANSFORM, and begins the value with this index in the ``field`` of the
+        model.
+        """
         index = self.read_numbers(self.keyword, follow)
         if index is None and not self.definitions.undefined:
             self.skipped = min(self.skipped, self.keyword.start)
         self.begin_value(*(("unknown", self.keyword.start) if index is None else (field, index)))
 
     def read_surface(self) -> model.Surface:
-        """Reads SURFACE."""
+        """Reads a SURFACE statement."""
         self.read_index("surfaces", SURFACE)
         return model.Surface(**self.read_parameters(SURFACE))
 
     def read_material(self, parameters: dict[str, Any]) -> None:
-        """Reads ``material KIND [NAME]`` or ``metal NAME``, NAME of a metal or a glass, into ``parameters``."""
+        """Reads ``material KIND [NAME]`` or ``metal NAME`` into ``parameters``; NAME is the name of a metal or of a
+        glass.
+        """
         kind = self.token
         if kind.role == "MATERIAL":
             self.store_span_once(kind, "the material", "material")
@@ -333,7 +358,7 @@ class Reader(Scanner):
         self.read_token(SURFACE)
 
     def read_transform(self) -> model.Transform:
-        """Reads TRANSFORM."""
+        """Reads a TRANSFORM statement."""
         self.read_index("transforms", TRANSFORM)
         steps = []
         while (keyword := self.token).role == "STEP":
@@ -348,7 +373,7 @@ class Reader(Scanner):
         return model.Transform(tuple(steps))
 
     def read_texture(self) -> model.Pattern:
-        """Reads TEXTURE."""
+        """Reads a TEXTURE statement."""
         name, parameters = words.texture_name(self.read_token(frozenset(("TEXTURE_NAME",))).text), dict[str, Any]()
         self.begin_value("patterns", name, at=self.token)
         kind = words.BUILT_IN.get(name, "")
@@ -363,12 +388,12 @@ class Reader(Scanner):
         return model.Pattern(kind, tuple(sorted(parameters.items())))
 
     def read_csg_tree(self) -> Tree:
-        """Reads CSG-TREE."""
+        """Reads a CSG-TREE statement."""
         self.begin_value("csg")
         return self.read_tree()
 
     def read_solid(self) -> Tree:
-        """Reads SOLID: a tree with a name."""
+        """Reads a SOLID statement: a named CSG tree."""
         token = self.read_token(frozenset(("WORD",)))
         self.begin_value("solids", normalise(token.text), at=token)
         if normalise(token.text) in words.WORDS_BY_SPELLING:
@@ -380,7 +405,7 @@ class Reader(Scanner):
         return nodes
 
     def read_tree(self) -> Tree:
-        """Reads operators and primitives in prefix order; the nodes of a named solid replace its name."""
+        """Reads a CSG tree: operators and primitives in prefix order. The nodes of a named solid replace its name."""
         error_count, first_token = len(self.errors), len(self.pieces)
         nodes: list[model.Operator | model.Leaf] = []
         self.read_token(TREE)
@@ -393,7 +418,7 @@ class Reader(Scanner):
                 self.store_span(token.span, len(nodes))
                 nodes.append(OPERATORS[token.text])
                 self.read_token(TREE)
-        # Parentheses are comments: a tree within them reads as empty.
+        # Parentheses are comments, so a tree that is written in parentheses was read as an empty tree.
         for token in self.pieces[first_token:] if not nodes else ():
             if token.role == "COMMENT" and token.text[0] == "(" and PRIMITIVE.search(token.text):
                 raise self.source.error(token.span, f"this tree is a comment; {PREFIX}", "tree-in-comment")
@@ -402,7 +427,7 @@ class Reader(Scanner):
         return tuple(nodes) if len(self.errors) == error_count else ()
 
     def check_tree(self, nodes: list[model.Operator | model.Leaf]) -> None:
-        """Reports the first node after the tree is complete, or the last operator that lacks operands."""
+        """Reports the first node after the end of the CSG tree, or the last operator with a missing operand."""
         ends, count = subtree_ends(nodes), len(nodes)
         if ends[0] == count:
             return
@@ -425,20 +450,25 @@ class Reader(Scanner):
         self.add_error(spans[number], reason, code)
 
     def read_use(self, number: int) -> Tree:
-        """Reads the name of a solid and its index; returns the nodes of the solid, the first being node ``number``."""
+        """Reads the name of a solid and an index; returns the nodes of this solid for the CSG tree that uses it.
+
+        ``number`` is the position of the first of these nodes in the CSG tree.
+        """
         keyword, solid = self.token, self.fields["solids"][normalise(self.token.text)]
         index = self.read_numbers(keyword, TREE)
         if number + len(solid) > MAX_NODES:
             reason = f"found a tree of more than {MAX_NODES} nodes; expected fewer uses of {keyword.text}"
             raise self.source.error(keyword.span, reason, "range")
         span = self.span_with_numbers(keyword)
-        for i in range(len(solid)):
-            self.store_span(span, number + i)
+        for position in range(len(solid)):
+            self.store_span(span, number + position)
         within = () if index is None else (index,)
         return tuple(replace(n, within=n.within + within) if isinstance(n, model.Leaf) else n for n in solid)
 
     def read_leaf(self, number: int) -> model.Leaf:
-        """Reads a primitive, node ``number`` of the tree: its index, the file of a mesh, and its textures."""
+        """Reads a primitive: its index, the file of a mesh, and its textures. ``number`` is its position in the CSG
+        tree.
+        """
         keyword = self.token
         slots: list[model.Texture | None] = []
         shape, file = find_word("PRIMITIVE", keyword.text).name, None
@@ -463,7 +493,7 @@ class Reader(Scanner):
     # ---- Syntax errors
 
     def unexpected_token(self, token: Token) -> SceneError:
-        """The error about a token whose role does not fit: what was found, what was expected, and a suggestion."""
+        """Returns the error about a token with an unexpected role: the token, the expected input, and a suggestion."""
         roles, text, span = self.expected, token.text, token.span
         keyword, wanted = self.wanted or ("", words.NO_NUMBERS)
         lacks_numbers = bool(self.wanted) and not wanted.allows_count(
@@ -506,7 +536,10 @@ class Reader(Scanner):
         return self.source.error(span, found + reason, code)
 
     def expected_words(self, roles: frozenset[str]) -> list[str]:
-        """The words that have one of these roles, and the next statement, for messages."""
+        """Lists the words that have one of the grammar ``roles``, for the part "expected ..." of an error message.
+
+        The list ends with "the next statement" if ``roles`` contains roles of statements.
+        """
         inner = [role for role in words.ORDER if role in roles - STATEMENTS]
         names = [name for role in inner for name in words.role_in_words(role)]
         names += self.fields["solids"] if "USE" in roles else ()
@@ -514,7 +547,7 @@ class Reader(Scanner):
 
 
 def _texture(token: Token) -> model.Texture | None:
-    """The texture in a slot: its name, the name of an image's file, or none."""
+    """Returns the texture that a token of a texture slot names: a texture by its name, an image file, or None."""
     if token.role == "TEXTURE_NAME":
         return model.Texture(name=words.texture_name(token.text))
     return model.Texture(image=token.text) if token.role != "NULL" else None

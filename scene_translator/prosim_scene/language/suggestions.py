@@ -1,4 +1,4 @@
-"""Suggestions at the end of messages: the nearest known word, or the equivalent of another language's syntax."""
+"""Suggestions at the end of error messages: the nearest known word, or a hint about the syntax of another language."""
 
 import difflib
 import re
@@ -7,10 +7,10 @@ from collections.abc import Collection, Iterable
 from .diagnostics import MAX_QUOTE, listing, quote
 from .words import ALIASES, NAMED, ROLES, SUGGESTIONS, canonical_spelling, normalise, spellings_of
 
-#: Each digit matches in one way only, so that the time is linear in the length.
+#: A number. Each digit can match in one way only, so the time of a match is linear in the length of the text.
 NUMBER = r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 BRACES = "braces hold arithmetic, as in {360 * $frame / 48}; vectors and blocks have none"
-#: Marks of other languages: patterns of the text where one begins -> what this language has instead.
+#: Pattern of a mark of another language, at its beginning in the text -> the equivalent in this language.
 MARK_HINTS = {
     r"<[?!/]|<[\w]*[^\W\d]": "this is XML; expected a scene in this language, or a file name that ends in .xml",
     r"--|[%!]|[^\s()]*(?://|/\*)": "expected a comment to begin with #, or to be in parentheses",
@@ -20,20 +20,20 @@ MARK_HINTS = {
     r"[-+.e\d]*[,;]": "expected numbers with nothing but spaces between them, as in 1 2 3, and a point, as in 0.5",
     r"[-+.\d]+[x×][-+.\d]+": "expected numbers with nothing but spaces between them, as in 320 240",
 }
-#: An operator, except for the sign of a number or of its exponent; or the `$` of a name.
+#: Matches an arithmetic operator, or the `$` of a name; not the sign of a number or of its exponent.
 ARITHMETIC = re.compile(r"[*/^$]|^[-+]$|(?<=[\d.])[-+]")
 
 
 def word_hint(word: str) -> str:
-    """``; `` and the equivalent of a word of another language, or an empty string."""
+    """Returns ``; `` and the equivalent of a word of another language, or an empty string if no equivalent is known."""
     text = SUGGESTIONS.get(normalise(word))
     return f"; {text}" if text else ""
 
 
 def nearest(word: str, words: Iterable[str]) -> str:
-    """``; did you mean 'X'?`` for the known word nearest to ``word``, or an empty string if none is near.
+    """Returns ``; did you mean 'X'?`` for the known word nearest to ``word``, or an empty string if no word is near.
 
-    A word is near if most letters agree, in order, or if its letters are a permutation.
+    Two words are near if most of their letters agree, in order, or if one is a permutation of the other.
     """
     given = normalise(word)[:MAX_QUOTE]
     known = {normalise(w): w for w in words}
@@ -43,7 +43,9 @@ def nearest(word: str, words: Iterable[str]) -> str:
 
 
 def suggestion_for(word: str, roles: Collection[str]) -> str:
-    """The suggestion for a word in the place of one of ``roles``: a hint, or the nearest word."""
+    """Returns a suggestion for an unknown word where a word of one of ``roles`` is expected: a hint, or the nearest
+    word.
+    """
     fitting = [*spellings_of(*roles), *(ALIASES if "TEXTURE_NAME" in roles else [])]
     for material, (_, names) in NAMED.items():
         if {material, "MATERIAL"} & {*roles} and normalise(word) in names:
@@ -52,7 +54,9 @@ def suggestion_for(word: str, roles: Collection[str]) -> str:
 
 
 def unknown_name(role: str, word: str) -> str:
-    """The reason of the error about an unknown name of a metal or of a glass after ``role``."""
+    """Returns the reason of the error about an unknown metal or glass ``word`` that follows a word with this
+    ``role``.
+    """
     what, names = NAMED[role]
     first = {table.split("_")[0]: name for name, table in reversed(names.items())}
     allowed = [name for name in names if name in first.values()]
@@ -63,7 +67,9 @@ def unknown_name(role: str, word: str) -> str:
 
 
 def mark_hint(text: str, start: int) -> str:
-    """``; `` and the equivalent of another language's mark at ``start``, or an empty string."""
+    """Returns ``; `` and the equivalent of a mark of another language at ``start``, or "" if no such mark begins
+    there.
+    """
     for pattern, instead in MARK_HINTS.items():
         if re.compile(pattern, re.IGNORECASE | re.MULTILINE).match(text, start):
             return f"; {instead}"

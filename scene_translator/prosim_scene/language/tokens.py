@@ -1,6 +1,7 @@
-"""Splits a text into tokens.
+"""Splits the text of a scene into tokens.
 
-Keywords depend on the context, so the reader passes the roles that it expects next.
+The same word may be a keyword in one statement and a name in another, so the reader tells the scanner which grammar
+roles may come next.
 """
 
 import math
@@ -15,28 +16,29 @@ from .expressions import NAME, Definitions, evaluate, number_text
 from .suggestions import NUMBER
 from .words import MARKS, ROLES, STATEMENT_OF, WORDS_BY_SPELLING, canonical_spelling, normalise
 
-#: The next piece of the text, after white space. The most frequent kind comes first.
+#: Matches the next token of the text, after white space. The most frequent kind of token comes first.
 PIECE = re.compile(
     rf'\s*(?:(?P<number>{NUMBER})(?![^\s()#":=])|(?P<mark>[()]|[*+-](?!(?i:[\d.]|inf|nan)))'
     r'|(?P<word>[^\s()#":={$][^\s()#":=]*)|(?P<equals>[:=])|(?P<comment>\#[^\n]*)'
     r'|(?P<expression>\{[^{}\n]*\}?)|(?P<name>\$[^\s()#":=]*)|(?P<string>"[^"\n]*"?))'
 )
-#: The next plain numbers, up to as many as a word has; none of them is a part of a word.
+#: Matches the next one to four plain numbers, which must end at white space or at a mark.
 NUMBERS = re.compile(rf'\s*({NUMBER}(?:\s+{NUMBER}){{0,3}})(?![^\s()#":=])')
 EQUALS = re.compile(r"\s*[:=]")
 PARENTHESIS = re.compile(r"[()]")
-#: The roles of tokens that a name may represent: values, which begin no statement.
+#: The roles of the tokens that a ``$name`` may stand for: values, and no keyword of a statement.
 VALUES = frozenset(
     ("NUMBER", "WORD", "FILE", "TEXTURE_NAME", "BOOL", "NULL", "MATERIAL_KIND", "CONDUCTOR", "DIELECTRIC", "KIND")
 )
 
 
 class Token(NamedTuple):
-    """A piece of the text from ``start`` to ``end``.
+    """A token: the piece of the text from ``start`` to ``end``.
 
-    ``role``: its role in the grammar, COMMENT, REST (the text after END), EQUALS (a misplaced mark), or ``""`` at the
-    end of the text. ``text``: its content: the value of a name or an expression, a string without its quotes. Plain
-    numbers may be one token, NUMBERS.
+    ``role`` is the grammar role of the token. Three roles are special: COMMENT, REST (the text after END) and EQUALS (a
+    misplaced ``=`` or ``:``). At the end of the text the role is ``""``. ``text`` is the content of the token: the
+    value of a name or an expression, a string without its quotes. Successive plain numbers may be one token of role
+    NUMBERS.
     """
 
     role: str
@@ -46,27 +48,28 @@ class Token(NamedTuple):
 
     @property
     def span(self) -> Span:
-        """The span of the token in the text."""
+        """The range of text offsets that the token covers."""
         return Span(self.start, self.end)
 
     def separated(self) -> list["Token"]:
-        """This token, or those of its NUMBERS."""
+        """Splits a token of role NUMBERS into one token for each number; returns any other token in a list."""
         if self.role != "NUMBERS":
             return [self]
-        found = ((number[0], *number.span()) for number in re.finditer(r"\S+", self.text))
-        return [Token("NUMBER", text, self.start + start, self.start + end) for text, start, end in found]
+        numbers = ((number[0], *number.span()) for number in re.finditer(r"\S+", self.text))
+        return [Token("NUMBER", text, self.start + start, self.start + end) for text, start, end in numbers]
 
 
-#: The token before the first one.
+#: The value of "the previous token" before the first token is read.
 START = Token("", "", 0, 0)
 
 
 class Scanner(ABC):
     """Reads the tokens of a text, in order.
 
-    ``pieces`` are all tokens so far, with comments; ``last`` is the last one that is not a comment. ``token`` is the
-    present one, ``expected`` the roles that were expected there, and ``keyword`` that of the statement around it. A
-    name without a value is read as any value that fits.
+    ``pieces`` lists the tokens that were read, with comments; ``last`` is the last token that is not a comment.
+    ``token`` is the current token, ``expected`` is the set of grammar roles that may stand at its place, and
+    ``keyword`` is the first token of the current statement. A name without a value is read as a token of an expected
+    role.
     """
 
     def __init__(self, source: Source, definitions: Definitions) -> None:
@@ -78,16 +81,17 @@ class Scanner(ABC):
 
     @property
     def tokens(self) -> list[Token]:
-        """All tokens so far, with comments, and with a token for each number."""
+        """All tokens that were read, with comments, and with a separate token for each number."""
         return [token for piece in self.pieces for token in piece.separated()]
 
     def read_token(self, expected: frozenset[str]) -> Token:
-        """Reads the next token that is not a comment.
+        """Reads and returns the next token that is not a comment.
 
-        Raises SceneError if its role is not one of the ``expected`` ones, for unclosed marks and for wrong expressions.
+        Raises SceneError if the token does not have one of the ``expected`` roles, if a quote, a comment or a brace is
+        not closed, and for a wrong expression.
         """
-        text, match, self.expected = self.source.text, PIECE.match, expected
-        while found := match(text, self.position):
+        text, match_piece, self.expected = self.source.text, PIECE.match, expected
+        while found := match_piece(text, self.position):
             kind, group = found.lastgroup or "", found.lastindex or 0
             start, self.position = found.span(group)
             piece = found[group]
@@ -112,10 +116,15 @@ class Scanner(ABC):
 
     @abstractmethod
     def expected_token(self, token: Token) -> Token:
-        """The token with an expected role in place of its own; raises SceneError if none fits."""
+        """Returns the token with an expected role instead of its own role; raises SceneError if no expected role
+        fits.
+        """
 
     def read_plain_numbers(self) -> list[Token]:
-        """Reads the plain numbers that follow as one token, in a list, or an empty list; names may follow."""
+        """Reads the plain numbers that follow, as one token; returns a list of this token, or an empty list.
+
+        A ``$name`` or an expression is not a plain number and ends the list.
+        """
         text = self.source.text
         if self.last.role in ROLES and (mark := EQUALS.match(text, self.position)):
             self.position = mark.end()
@@ -127,7 +136,7 @@ class Scanner(ABC):
         return [self.last]
 
     def read_comment(self, kind: str, start: int) -> None:
-        """Reads the comment that begins at ``start``; parentheses may be nested."""
+        """Reads the comment that begins at ``start``; a comment in parentheses may contain parentheses."""
         if kind == "mark":
             depth = 0
             for found in PARENTHESIS.finditer(self.source.text, start):
@@ -141,7 +150,9 @@ class Scanner(ABC):
         self.pieces.append(Token("COMMENT", self.source.text[start : self.position], start, self.position))
 
     def rare_token(self, kind: str, piece: str, span: Span) -> Token:
-        """The token of a less frequent kind; ``kind``: the group of :data:`PIECE` that matched."""
+        """Returns the token of a less frequent kind; ``kind`` is the name of the group of :data:`PIECE` that
+        matched.
+        """
         if kind == "number":
             return Token("NUMBER", piece, *span)
         if kind == "mark":
@@ -158,8 +169,10 @@ class Scanner(ABC):
         return self.name_token(piece, span)
 
     def name_token(self, name: str, span: Span) -> Token:
-        """The token of a ``$name``: a VARIABLE after DEFAULT, elsewhere the token of its value. A name without a value
-        gets a placeholder that fits the grammar.
+        """Returns the token of a ``$name``: after DEFAULT a token of role VARIABLE, elsewhere the token of the name's
+        value.
+
+        A name without a value gets a placeholder, a token of an expected role.
         """
         if not NAME.fullmatch(name, 1):
             reason = "expected letters, digits and _ after $, and arithmetic in braces: {$x - 1}"
@@ -182,7 +195,7 @@ class Scanner(ABC):
         return Token(role, text, *span)
 
     def read_rest(self) -> Token | None:
-        """Reads the comments after END, and any other text there as one token REST, which it returns."""
+        """Reads the comments after END; returns any other text after END as one token of role REST, or None."""
         text = self.source.text
         while found := PIECE.match(text, self.position):
             kind = str(found.lastgroup)
@@ -198,9 +211,9 @@ class Scanner(ABC):
 
 @lru_cache(maxsize=1 << 12)
 def role_of(text: str, expected: frozenset[str], statement: str) -> str:
-    """The role of a word: that of the keyword that fits here, of a name, or else the most likely one.
+    """Returns the grammar role of a word: the role of an expected keyword, else of a name, else the most likely role.
 
-    A word may have a role in the present statement and one as the next statement; the present one has priority.
+    If a word may continue the current ``statement`` or begin the next statement, it continues the current one.
     """
     spelling = normalise(text)
     roles = [word.role for word in WORDS_BY_SPELLING.get(spelling, ())]

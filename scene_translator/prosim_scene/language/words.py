@@ -1,4 +1,6 @@
-"""The words of the language, from the table ``words.txt``: keywords, and names of metals, glasses and textures."""
+"""The words of the scene language, from the file ``words.txt``: keywords, and the names of metals, glasses and
+textures.
+"""
 
 import math
 import re
@@ -9,7 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
 
-#: Lengths are between 1 / LARGE and LARGE, so that Mitsuba's single precision holds their squares.
+#: Lengths in a scene are between 1 / LARGE and LARGE, so that single precision (in Mitsuba) can hold their squares.
 LARGE = 1e15
 #: The largest number of pixels of an image.
 PIXELS = 2**28
@@ -17,27 +19,27 @@ PIXELS = 2**28
 
 @dataclass(frozen=True)
 class Numbers:
-    """The numbers that follow a word: their count, their names in messages, and their range."""
+    """Describes the numbers that follow a word: how many there are, their names in messages, and their range."""
 
     count: int = 1
-    names: str = ""  #: such as "x y z"
+    names: str = ""  #: their names in messages, such as "x y z"
     low: float = 0
     high: float = 1
     whole: bool = False
-    channels: bool = False  #: r g b, or one for all channels
-    direction: bool = False  #: a vector that may not have length 0
-    least: float = 0  #: the smallest magnitude, except 0
-    nonzero: bool = False  #: whether 0 is refused
+    channels: bool = False  #: whether the numbers are r g b, or one number for all channels
+    direction: bool = False  #: whether the numbers are a vector that may not have length 0
+    least: float = 0  #: the smallest magnitude of a number that is not 0
+    nonzero: bool = False  #: whether 0 is an error
 
     noun: ClassVar = "number"
     whole_type: ClassVar[type[int]] = int
 
     def count_in_words(self) -> str:
-        """The count and the names of the numbers, for messages."""
+        """Describes the count and the names of the numbers, for error messages."""
         return f"{self.count} number{'s' * (self.count > 1)} ({self.names})" + ", or 1 for all channels" * self.channels
 
     def range_in_words(self) -> str:
-        """The allowed values, for messages."""
+        """Describes the allowed values of the numbers, for error messages."""
         kind = "a whole number, " if self.whole else ""
         magnitude = "a magnitude of " if self.low < 0 else ""
         low = max(self.low, self.least)
@@ -46,12 +48,12 @@ class Numbers:
         return f"{zero}{kind}{magnitude}{least}{self.high:.10g} at most"
 
     def allows_count(self, count: int) -> bool:
-        """Whether this count of numbers is allowed."""
+        """Whether the word may have this count of numbers."""
         return count == self.count or (self.channels and count == 1)
 
     @staticmethod
     def parse(text: str) -> float:
-        """The number that a text represents."""
+        """Converts a text to a number."""
         return float(text)
 
     def allows(self, *numbers: float) -> bool:
@@ -64,7 +66,7 @@ class Numbers:
         )
 
     def value(self, texts: Sequence[str]) -> Any:
-        """The value of the texts: one number, or a tuple; None if their count is wrong, or one is not allowed."""
+        """Converts texts to one number or to a tuple of numbers; returns None for a wrong count or a wrong number."""
         numbers = tuple(map(self.parse, texts))
         if not self.allows_count(len(numbers)) or not self.allows(*numbers):
             return None
@@ -76,21 +78,21 @@ class Numbers:
 
 
 class Flags(Numbers):
-    """The TRUE or FALSE, or 1 or 0, that follow a word: their count, and their names in messages."""
+    """Describes the flags (TRUE or FALSE, 1 or 0) that follow a word: their count, and their names in messages."""
 
     noun, whole_type = "word", bool
 
     def count_in_words(self) -> str:
-        """The count and the names of the numbers, for messages."""
+        """Describes the count and the names of the flags, for error messages."""
         return f"{self.count} words, each TRUE or FALSE ({self.names})" if self.count > 1 else self.range_in_words()
 
     def range_in_words(self) -> str:
-        """The allowed values, for messages."""
+        """Describes the allowed values of a flag, for error messages."""
         return "TRUE or FALSE"
 
     @staticmethod
     def parse(text: str) -> float:
-        """1 for TRUE, 0 for FALSE; -1 for another text."""
+        """Returns 1 for TRUE, 0 for FALSE, and -1 for any other text."""
         return FLAGS.get(normalise(text), -1)
 
 
@@ -98,7 +100,7 @@ NO_NUMBERS = Numbers(0)
 
 
 def _numbers(cell: str) -> Numbers:
-    """The numbers of a cell of the table, such as "3 r g b: 0 to 1e6, channels" or "1: TRUE or FALSE"."""
+    """Parses a table cell that describes numbers, such as "3 r g b: 0 to 1e6, channels" or "1: TRUE or FALSE"."""
     if not cell:
         return NO_NUMBERS
     count_and_names, allowed = cell.split(": ")
@@ -113,7 +115,10 @@ def _numbers(cell: str) -> Numbers:
 
 @dataclass(frozen=True)
 class Word:
-    """A row of the table, which describes the parts; ``statement`` is the heading above the row."""
+    """A word of the language: one row of ``words.txt``, which explains the columns.
+
+    ``statement`` is the heading above the row.
+    """
 
     statement: str
     role: str
@@ -130,7 +135,10 @@ class Word:
 
 
 def _table() -> dict[str, list[list[str]]]:
-    """The table ``words.txt``: heading -> the rows below it, each with its meaning, or "", and its cells."""
+    """Reads ``words.txt``; returns a dictionary from each heading to the rows below this heading.
+
+    The first cell of a row is the meaning of the word, or "".
+    """
     table: dict[str, list[list[str]]] = {}
     for row in re.split(r"\n(?! )", Path(__file__).with_name("words.txt").read_text(encoding="utf-8")):
         if row.startswith("["):
@@ -144,52 +152,55 @@ def _table() -> dict[str, list[list[str]]]:
 def _word(
     heading: str, meaning: str, role: str, spellings: str, name: str = "", numbers: str = "", kinds: str = ""
 ) -> Word:
-    """The word that the cells of a row describe."""
+    """Makes the Word that the cells of one row of ``words.txt`` describe."""
     return Word(heading, role, tuple(spellings.split()), name, _numbers(numbers), tuple(kinds.split()), meaning)
 
 
 TABLE = _table()
-#: The words of the statements, of their parameters, and of values.
+#: The words of statements, the words of their parameters, and the words that are values.
 WORDS = [
     _word(heading, *row)
     for heading, rows in TABLE.items()
     if heading.isupper() or heading in ("statements", "values")
     for row in rows
 ]
-#: The roles of keywords that begin a statement, and the statement of the words that belong to one.
+#: The roles of the keywords that begin a statement.
 STATEMENTS = frozenset(word.role for word in WORDS if word.statement == "statements")
+#: Role of a word -> the statement to which the word belongs.
 STATEMENT_OF = {word.role: word.statement for word in WORDS if word.statement.isupper()}
 ROLES = tuple(dict.fromkeys(word.role for word in WORDS))
 
 OPERATORS = {"+": "PLUS", "-": "MINUS", "*": "TIMES"}
 MARKS = OPERATORS | {"(": "LPAR", ")": "RPAR"}
-#: The order in which a message lists what it expected.
+#: The order in which an error message lists the expected roles.
 ORDER = ("NUMBER", "VARIABLE", *OPERATORS.values(), *ROLES, "TEXTURE_NAME", "FILE", "STRING", "WORD", "LPAR", "RPAR")
 
-#: Names of metals and glasses -> Mitsuba's tables of metals, the materials of prosim_dielectric.
+#: Name of a metal -> the name of its table of optical constants in Mitsuba.
 METALS = {name: table for _, names, table in TABLE["metals"] for name in names.split()}
+#: Name of a glass -> the value of the parameter ``material`` of the plugin prosim_dielectric.
 GLASSES = {name: glass for _, names, glass, _ in TABLE["glasses"] for name in names.split()}
-#: Indices of refraction of glasses.
+#: Name of a glass -> its index of refraction.
 INDICES = {glass: float(index) for _, _, glass, index in TABLE["glasses"]}
-#: Role of a word before a name -> the field of the model, and the names.
+#: Role of a word that a name follows -> the field of the model that the name sets, and the known names.
 NAMED = {"CONDUCTOR": ("metal", METALS), "METAL": ("metal", METALS), "DIELECTRIC": ("glass", GLASSES)}
-#: The predefined textures with their kinds, and all their names.
+#: Name of a predefined texture -> its kind.
 BUILT_IN = {names.split()[0]: kind for _, names, kind in TABLE["textures"]}
+#: Each name of a predefined texture -> the first of its names.
 ALIASES = {name: names.split()[0] for _, names, _ in TABLE["textures"] for name in names.split()}
-#: The names in messages of BOOL and of tokens that are not words.
+#: Role of a token that is not a word, or BOOL -> the name of the role in messages.
 TOKEN_NAMES = {role: text for _, role, text in TABLE["tokens"]}
-#: Words of other languages, and the equivalents in this language.
+#: Word of another scene language -> a hint, the equivalent in this language.
 SUGGESTIONS = {word: text for text, words in TABLE["suggestions"] for word in words.split()}
 
 
 def normalise(word: str) -> str:
-    """The form in which words are compared: lower case without accents."""
+    """Returns the form of a word that is used for comparisons: lower case without accents."""
     if word.isascii():
         return word.lower()
     return "".join(c for c in unicodedata.normalize("NFKD", word) if not unicodedata.combining(c)).lower()
 
 
-#: The words of each normalised spelling, in the order of the table.
+#: Normalised spelling -> the words that have this spelling, in the order of ``words.txt``.
 WORDS_BY_SPELLING: dict[str, list[Word]] = {}
 for _word_of_table in WORDS:
     for _spelling in _word_of_table.spellings:
@@ -198,47 +209,47 @@ for _word_of_table in WORDS:
 
 @lru_cache(maxsize=1 << 10)
 def find_word(role: str, spelling: str) -> Word:
-    """The word of the table with this role and this spelling."""
+    """Returns the word of ``words.txt`` that has this role and this spelling."""
     return next(word for word in WORDS_BY_SPELLING[normalise(spelling)] if word.role == role)
 
 
 def words_of(*roles: str) -> list[Word]:
-    """The words that have one of these roles."""
+    """Lists the words whose grammar role is one of ``roles``."""
     return [word for word in WORDS if word.role in roles]
 
 
 def spellings_of(*roles: str) -> list[str]:
-    """All spellings of the words of some roles."""
+    """Lists all spellings of the words whose grammar role is one of ``roles``."""
     return [spelling for word in words_of(*roles) for spelling in word.spellings]
 
 
 def numbers_of(role: str, name: str) -> Numbers:
-    """The numbers that follow the word of this role for the model's field ``name``."""
+    """Describes the numbers that follow the word of this role for the model's field ``name``."""
     return next(word.numbers for word in words_of(role) if word.name == name)
 
 
 def canonical_spelling(role: str) -> str:
-    """The canonical spelling of the first word of a role."""
+    """Returns the canonical spelling of the first word that has this grammar role."""
     return words_of(role)[0].canonical
 
 
 def role_in_words(role: str) -> list[str]:
-    """What fits where the grammar expects a role, for messages."""
+    """Lists the words or tokens that have a grammar role, for the part "expected ..." of an error message."""
     return [TOKEN_NAMES[role]] if role in TOKEN_NAMES else [word.canonical for word in words_of(role)]
 
 
 def texture_name(word: str) -> str:
-    """The model's name of the texture that the text calls ``word``."""
+    """Returns the model's name of the texture that the text calls ``word``."""
     name = normalise(word)
     return ALIASES.get(name, name)
 
 
-#: The index of a SURFACE, a TRANSFORM or a primitive.
+#: Describes the index of a SURFACE, a TRANSFORM or a primitive.
 INDEX = numbers_of("SURFACE", "surfaces")
-#: TRUE and FALSE, and 1 and 0, by their normalised spellings.
+#: Normalised spelling of TRUE, FALSE, 1 or 0 -> its value.
 FLAGS = {"0": False, "1": True}
 FLAGS |= {normalise(spelling): word.name == "true" for word in words_of("BOOL") for spelling in word.spellings}
-#: The canonical spellings of kinds of lights, materials and textures; a material may also be absent.
+#: Kind of a light, a material or a texture -> its name in messages; "phong" is a surface without a material.
 KINDS = {"phong": "a surface without a material"}
 KINDS |= {
     word.name: word.canonical for word in words_of("DISTRIBUTION", "CONDUCTOR", "DIELECTRIC", "MATERIAL_KIND", "KIND")

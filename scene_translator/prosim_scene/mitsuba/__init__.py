@@ -1,20 +1,22 @@
-"""The targets of a translation.
+"""The targets of a translation: the plugins that the translated scene uses.
 
-``prosim`` uses this project's plugins, ``stock`` only Mitsuba's own. Each is a module with these names:
+The target ``prosim`` uses the plugins of this project, the target ``stock`` uses only plugins that are part of Mitsuba.
+Each target is a module that defines:
 
 ``SAMPLER``
-    The sampler for N^2 samples a pixel.
+    The name of the sampler plugin, which takes N^2 samples per pixel.
 ``settings(context)``
-    The entries of the scene's dictionary for its settings: the integrator, and others.
+    Returns the scene's settings, such as the integrator, as entries of the scene's dictionary.
 ``camera(context, camera)``
-    The nearest camera that the target has.
+    Returns the given camera, or the most similar camera that the target supports.
 ``light(context, number, light)``
-    An emitter, or a shape with an emitter.
+    Returns the dictionary of an emitter, or of a shape with an emitter.
 ``surface(context, number, leaf, sides)``
-    The entries of a shape for the SURFACE of a leaf, node ``number`` of the CSG tree, with the media ``sides``.
+    Returns the entries of a shape's dictionary for the SURFACE of a primitive: ``leaf``, node ``number`` of the CSG
+    tree. ``sides`` are the media on both sides of the surface.
 
-Both use ``lights``, ``materials``, ``textures`` and ``sensor``, and the state of a translation in
-``translation_context``; ``assemble`` makes the whole scene.
+Both targets use the modules ``lights``, ``materials``, ``textures`` and ``sensor``. ``translation_context`` has the
+state of a translation. ``assemble`` makes the dictionary of the whole scene.
 """
 
 from . import prosim_target, stock_target

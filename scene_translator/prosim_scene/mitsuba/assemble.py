@@ -1,4 +1,6 @@
-"""Scene -> dictionary of Mitsuba's plugins: the statements of a scene, and the meshes of its tree."""
+"""Translates a scene to a dictionary of Mitsuba's plugins: the statements of the scene, and the meshes of its CSG
+tree.
+"""
 
 from collections.abc import Callable, Hashable
 from pathlib import Path
@@ -19,7 +21,9 @@ from .translation_context import Context, check_single_precision, meshes
 
 
 def medium_key(scene: Scene, leaf: Leaf) -> Hashable:
-    """A key of the medium inside a dielectric, by its refraction and absorption; None for an opaque leaf."""
+    """Returns a key of the medium inside a dielectric primitive: its refraction and absorption; None for an opaque
+    one.
+    """
     surface = scene.surfaces[leaf.index]
     if surface.material != "dielectric":
         return None
@@ -27,12 +31,15 @@ def medium_key(scene: Scene, leaf: Leaf) -> Hashable:
 
 
 def has_fresnel_reflection(scene: Scene, leaf: Leaf) -> bool:
-    """Whether an opaque leaf reflects by Fresnel's equations, which depend on the medium outside."""
+    """Whether a primitive is opaque and reflects by Fresnel's equations, which depend on the medium outside."""
     return scene.surfaces[leaf.index].material in ("conductor", "composite")
 
 
 def appearance_key(scene: Scene, leaf: Leaf) -> Hashable:
-    """A key, equal for leaves that share a mesh. A solid texture belongs to the space of one leaf."""
+    """Returns a key that is equal for primitives that may share a mesh: material and textures.
+
+    The coordinates of a solid texture depend on the primitive's transform, so the key then contains the index.
+    """
     surface = scene.surfaces[leaf.index]
     textures = materials.effective_textures(leaf, surface)
     return surface, textures, leaf.index if textures[1] else None
@@ -46,10 +53,10 @@ def assemble(
     image_path: Callable[[Path], str],
     cache: TranslationCache | None = None,
 ) -> Node:
-    """The dictionary of a scene, for a target.
+    """Returns the dictionary of a scene for the target that ``options`` selects.
 
-    ``folder`` is the scene's folder; ``store(name, content)`` stores the PLY file of a mesh, ``image_path(path)`` maps
-    the path of an image, and both return the file name in the dictionary. ``cache``: the translation cache.
+    ``folder`` is the scene's folder. ``store(name, content)`` stores the PLY file of a mesh, ``image_path(path)``
+    converts the path of an image; both return the file name for the dictionary. ``cache`` is the translation cache.
     """
     scene, target = document.scene, TARGETS[options.target]
     cache = cache or TranslationCache()
@@ -57,7 +64,7 @@ def assemble(
         document, folder, options.light_units, options.samples or scene.samples, options.allow_outside, image_path
     )
     camera = camera_of(document, options.resolution)
-    if options.resolution is None and options.target == "prosim":  # stock warns of the pixels itself
+    if options.resolution is None and options.target == "prosim":  # the target stock emits its own warning
         warn_of_distortion(document)
     triangles = tessellate(
         document,
@@ -81,7 +88,7 @@ def assemble(
 
 
 def view_sensor(document: Document, options: Options, cache: TranslationCache | None) -> Node:
-    """The sensor of a document's VIEW; its clipping planes enclose the faces in ``cache``."""
+    """Returns the sensor of a document's VIEW; the clipping planes enclose the triangles in ``cache``."""
     context = Context(document, Path(), options.light_units, options.samples or document.scene.samples, False, str)
     faces, camera = cache.triangles if cache else None, camera_of(document, options.resolution)
     return check_single_precision(document, sensor(context, TARGETS[options.target], camera, faces), "view")
@@ -90,7 +97,11 @@ def view_sensor(document: Document, options: Options, cache: TranslationCache | 
 def _shapes(
     context: Context, target: ModuleType, triangles: dict[MeshKey, Triangles], store: Callable[[str, bytes], str]
 ) -> Node:
-    """The shapes of a scene, in the order of the tree: one per :class:`MeshKey`, but for those that are too small."""
+    """Returns the shapes of a scene, in the order of the CSG tree.
+
+    There is one shape for each :class:`MeshKey`. A mesh that is too small for single precision causes a warning
+    instead.
+    """
     document, scene = context.document, context.scene
     faces, faces_of = list(triangles.items()), group_equal(key.material for key in triangles)
     groups = group_equal(appearance_key(scene, leaf) for _, leaf in scene.leaves)
@@ -107,8 +118,8 @@ def _shapes(
             name = f"surface_{leaf.index}"
             while name in result:
                 name += "_"
-            content = ply_bytes(mesh, with_uv)
-            if content is None:
+            ply = ply_bytes(mesh, with_uv)
+            if ply is None:
                 reason = "it is too small for Mitsuba's single precision; enlarge it"
                 document.warn(f"nothing is visible of {leaf_names}: {reason}", "transforms", leaf.index)
                 continue
@@ -120,10 +131,10 @@ def _shapes(
             text = f"SURFACE {leaf.index} of {leaf_names}{towards}"
             result[name + "_comment"] = _comment_with_line(document, text, *place)
             optics = check_single_precision(document, target.surface(context, number, leaf, sides), *place)
-            result[name] = {"type": "ply", "filename": store(name, content), **optics}
+            result[name] = {"type": "ply", "filename": store(name, ply), **optics}
     return result
 
 
 def _comment_with_line(document: Document, text: str, *path: str | int) -> Comment:
-    """A comment with the line of a value in the text."""
+    """Returns a comment that ends with the number of the line on which the text states a value."""
     return Comment(f"{text} (line {document.line(*path)})")

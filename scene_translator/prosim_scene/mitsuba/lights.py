@@ -1,15 +1,16 @@
-"""LIGHTS, AMBIENT and BACKGROUND: 65535 is 1.0.
+"""Translates LIGHTS, AMBIENT and BACKGROUND; the value 65535 of the language is 1.0.
 
-``light_units`` defines Intensity; E is Intensity/65535, d the distance from the source to VRP, r its radius:
+``light_units`` defines the meaning of the Intensity of a light. E is Intensity/65535, d is the distance from the light
+to VRP, r is the radius of the light:
 
 ``calibrated``
-    E is the irradiance on a surface that faces the source at the distance of VRP, on the axis of a cone or a spot:
-    I = E d^2 for a point, L = E d^2/(pi r^2) for a sphere that shines uniformly. Otherwise L is E over the integral of
-    the sphere's falloff times the cosine, over the solid angle of the sphere.
+    E is the irradiance on a surface that faces the light at the distance d, on the axis of a cone or a spot. A point
+    has the intensity I = E d^2. A sphere that emits uniformly has the radiance L = E d^2/(pi r^2). For another sphere,
+    L is E divided by the integral, over the solid angle of the sphere, of the angular falloff times the cosine.
 ``radiance``
-    E is the radiance itself; I = pi r^2 E for a point, whose radius is virtual (5.2).
+    E is the radiance of the light. A point has the intensity I = pi r^2 E; its radius r is virtual (thesis 5.2).
 ``unattenuated``
-    E is the irradiance at any distance.
+    E is the irradiance at any distance from the light.
 """
 
 import math
@@ -23,12 +24,14 @@ UNITS = ("calibrated", "radiance", "unattenuated")
 
 
 def from_full_scale(color: Vector) -> tuple[float, ...]:
-    """A colour of the language divided by its full scale, 65535."""
+    """Divides a colour of the language by its full scale, 65535."""
     return tuple(c / FULL_SCALE for c in color)
 
 
 def radiance_or_intensity(context: Context, number: int, light: Light, units: str) -> tuple[float, ...]:
-    """The radiance of an area light, or the intensity of a point light, in these light units."""
+    """Returns the radiance of an area light, or the intensity of a point light, if its Intensity has the unit
+    ``units``.
+    """
     factor = 1.0
     if units == "calibrated":
         d = math.dist(light.position, context.scene.view.vrp)
@@ -43,10 +46,11 @@ def radiance_or_intensity(context: Context, number: int, light: Light, units: st
 
 
 def facing_irradiance(light: Light, distance: float) -> float:
-    """Irradiance on a surface that faces a sphere of radiance 1 at a distance from its centre, on its axis.
+    """Returns the irradiance that a spherical light of radiance 1 causes on a surface that faces the light.
 
-    A ray at the angle t to the axis has the radiance cos^n t, so the irradiance is the integral of
-    2 pi cos^(n+1) t sin t dt over the sphere, or over the cone of the light if that is narrower.
+    The surface is on the axis of the light, at ``distance`` from its centre. A ray at the angle t to the axis has the
+    radiance cos^n t, so the irradiance is the integral of 2 pi cos^(n+1) t sin t dt over the sphere. If the cone of the
+    light is narrower than the sphere, the integral is over the cone.
     """
     n = light.exponent if light.distribution == "spot" else 0.0
     sine2 = (light.radius / distance) ** 2
@@ -56,7 +60,7 @@ def facing_irradiance(light: Light, distance: float) -> float:
 
 
 def warn_of_radius(context: Context, number: int, light: Light) -> None:
-    """Warns if the virtual radius of a point has no effect."""
+    """Warns if the virtual radius of a point light has no effect."""
     path = "lights", number, "radius"
     if light.kind == "point" and context.light_units != "radiance" and context.document.is_given(*path):
         reason = "raio has an effect on a POINT light only with light units 'radiance'; delete it"
@@ -64,7 +68,7 @@ def warn_of_radius(context: Context, number: int, light: Light) -> None:
 
 
 def emitter(context: Context, number: int, light: Light, units: str) -> Node:
-    """An AREA or POINT light by this project's plugins: an emitter, or a sphere with an emitter."""
+    """Returns an AREA or POINT light for this project's plugins: an emitter, or a sphere with an emitter."""
     node: Node = {"type": "prosim_" + light.kind}
     if light.kind == "point":
         node["position"] = Point(light.position)
@@ -82,12 +86,12 @@ def emitter(context: Context, number: int, light: Light, units: str) -> Node:
 
 
 def sky_emitter(context: Context, number: int, light: Light) -> Node:
-    """The environment light of a SKY."""
+    """Returns the environment emitter of a SKY light."""
     return {"type": "envmap", "filename": context.image_filename(light.image or "", "lights", number, "image")}
 
 
 def emitting_sphere(light: Light, emitter: Node) -> Node:
-    """The sphere of an area light: it emits, and reflects nothing."""
+    """Returns the sphere of an area light, which emits light and reflects none."""
     return {
         "type": "sphere",
         "center": Point(light.position),

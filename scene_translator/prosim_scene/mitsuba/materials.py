@@ -1,4 +1,4 @@
-"""SURFACE -> BSDF of this project's plugins, and functions of a surface for both targets."""
+"""Translates a SURFACE to a BSDF of this project's plugins; computes properties of a SURFACE for both targets."""
 
 import math
 from dataclasses import dataclass
@@ -10,15 +10,16 @@ from . import textures
 from .translation_context import Context
 
 BLACK = (0.0, 0.0, 0.0)
-#: The least absorption of a channel, relative to the largest: ``volpath`` returns NaN for 0.
+#: The smallest absorption of a channel, relative to the largest. Mitsuba's ``volpath`` returns NaN for no absorption.
 MIN_ABSORPTION = 1e-7
 
 
 @dataclass(frozen=True)
 class MediumInterface:
-    """The media on both sides of a face, as indices of SURFACEs.
+    """The media on the two sides of a face; each medium is the index of a SURFACE.
 
-    ``inside``: the face's own SURFACE if that is opaque, else that of the inner medium. ``outside``: None for air.
+    ``inside`` is the index of the face's own SURFACE if this is opaque, else the index of the inner medium. ``outside``
+    is None if the outer medium is air.
     """
 
     inside: int
@@ -26,7 +27,7 @@ class MediumInterface:
 
 
 def roughness_parameters(surface: Surface) -> Node:
-    """The parameters of a BSDF for the roughness of a surface; none for a smooth one."""
+    """Returns the parameters of a BSDF for the roughness of a surface; a smooth surface has none."""
     if surface.exponent is not None:
         return {"distribution": "phong", "exponent": surface.exponent}
     if surface.slope:
@@ -35,7 +36,7 @@ def roughness_parameters(surface: Surface) -> Node:
 
 
 def reflectances(surface: Surface) -> tuple[Vector, Vector, Vector]:
-    """kd, ks and ka of a surface, with the defaults of its material."""
+    """Returns kd, ks and ka of a surface; missing values have the defaults of the material."""
     kd = surface.kd or GREY
     ks = surface.ks or ((1 - kd[0], 1 - kd[1], 1 - kd[2]) if surface.material == "composite" else BLACK)
     ka = surface.ka
@@ -45,12 +46,15 @@ def reflectances(surface: Surface) -> tuple[Vector, Vector, Vector]:
 
 
 def effective_textures(leaf: Leaf, surface: Surface) -> tuple[Texture | None, Texture | None]:
-    """The textures of a leaf, without those that its material ignores."""
+    """Returns the two textures of a primitive, or None instead of textures that its material ignores."""
     return leaf.textures if surface.material not in ("conductor", "dielectric") else (None, None)
 
 
 def mean_index(context: Context, index: int, surface: Surface) -> float:
-    """The index of refraction as one number: the mean of the channels, with a warning if they differ."""
+    """Returns the index of refraction of a surface as one number: the mean of the channels.
+
+    Warns if the channels differ.
+    """
     if surface.glass:
         return INDICES[surface.glass]
     assert surface.eta is not None
@@ -61,37 +65,42 @@ def mean_index(context: Context, index: int, surface: Surface) -> float:
 
 
 def refraction_indices(context: Context, sides: MediumInterface) -> Node:
-    """The parameters for the indices of refraction on both sides of a dielectric's face, with dispersion."""
+    """Returns a BSDF's parameters for the index of refraction and the dispersion on both sides of a dielectric's
+    face.
+    """
     inside, outside = _index_parameters(context, sides.inside, "int"), {"ext_ior": context.scene.air_index}
     return inside | (outside if sides.outside is None else _index_parameters(context, sides.outside, "ext"))
 
 
 def mean_indices(context: Context, sides: MediumInterface) -> Node:
-    """The parameters for the indices of refraction on both sides, one number each."""
+    """Returns a BSDF's parameters for the indices of refraction on both sides of a face: one number for each side."""
     inside = mean_index(context, sides.inside, context.scene.surfaces[sides.inside])
     return {"int_ior": inside, "ext_ior": outside_index(context, sides)}
 
 
 def outside_index(context: Context, sides: MediumInterface) -> float:
-    """The index of refraction outside of a face, as one number."""
+    """Returns the index of refraction outside of a face, as one number."""
     if sides.outside is None:
         return context.scene.air_index
     return mean_index(context, sides.outside, context.scene.surfaces[sides.outside])
 
 
 def has_equal_indices(indices: Node) -> bool:
-    """Whether a face has the same index on both sides; then roughness has no effect."""
+    """Whether the parameters describe a face with the same index of refraction on both sides.
+
+    The roughness of such a face has no effect.
+    """
     inside, outside = ({k[4:]: v for k, v in indices.items() if k.startswith(side)} for side in ("int", "ext"))
     return inside == outside
 
 
 def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> Node:
-    """The BSDF (this project's plugins) of a primitive: ``leaf``, node ``number`` of the CSG tree."""
+    """Returns the BSDF, for this project's plugins, of a primitive: ``leaf``, node ``number`` of the CSG tree."""
     surface = context.scene.surfaces[leaf.index]
     (kd, ks, ka), rough = reflectances(surface), roughness_parameters(surface)
 
     def textured(color: Vector) -> Node:
-        """A colour with the textures of the leaf."""
+        """Returns a colour that is multiplied by the textures of the primitive."""
         return textures.reflectance(context, number, leaf, effective_textures(leaf, surface), color)
 
     if surface.material == "conductor":
@@ -123,7 +132,10 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> N
 
 
 def _index_parameters(context: Context, index: int, side: str) -> Node:
-    """The parameters for the refraction of the medium inside SURFACE ``index``; ``side``: "int" or "ext"."""
+    """Returns a BSDF's parameters for the refraction of the medium inside SURFACE ``index``.
+
+    ``side`` is the prefix of the parameters: "int" for the inner side of a face, "ext" for the outer side.
+    """
     surface = context.scene.surfaces[index]
     if surface.glass:
         return {f"{side}_material": surface.glass}
@@ -132,12 +144,12 @@ def _index_parameters(context: Context, index: int, side: str) -> Node:
 
 
 def absorbs(surface: Surface) -> bool:
-    """Whether a surface encloses an absorbing medium."""
+    """Whether the medium inside a surface absorbs light."""
     return surface.material == "dielectric" and min(surface.transmittance or (1.0,)) < 1
 
 
 def media(context: Context, sides: MediumInterface) -> Node:
-    """The absorbing media on both sides of a face, as parameters of its shape."""
+    """Returns the absorbing media on both sides of a face, as parameters of the shape."""
     result = {"interior": _absorbing_medium(context.scene.surfaces[sides.inside])}
     if sides.outside is not None:
         result["exterior"] = _absorbing_medium(context.scene.surfaces[sides.outside])
@@ -145,24 +157,25 @@ def media(context: Context, sides: MediumInterface) -> Node:
 
 
 def _absorbing_medium(surface: Surface) -> Node:
-    """The absorbing medium inside a surface; empty for a clear one.
+    """Returns the absorbing medium inside a surface, or an empty dictionary if the medium is clear.
 
-    By Beer's law the transmittance T over the thickness d is exp(-s d). Mitsuba's colours are at most 1, hence the
-    scale.
+    By Beer's law, the transmittance T over the thickness d is exp(-s d). Mitsuba's colours are at most 1, so the
+    absorption s is divided by ``scale``.
     """
     if not absorbs(surface):
         return {}
     assert surface.transmittance is not None
     sigma = [-math.log(t) / surface.thickness for t in surface.transmittance]
     scale = max(sigma)
-    shares = rgb(max(s / scale, MIN_ABSORPTION) for s in sigma)
-    return {"type": "homogeneous", "albedo": 0.0, "sigma_t": shares, "scale": scale}
+    relative = rgb(max(channel / scale, MIN_ABSORPTION) for channel in sigma)
+    return {"type": "homogeneous", "albedo": 0.0, "sigma_t": relative, "scale": scale}
 
 
 def phong_exponent(surface: Surface) -> float | None:
-    """Exponent of the Phong lobe, None for a mirror; an RMS slope m is converted by n = 2/m^2 - 2 (Walter et al. 2007).
+    """Returns the exponent of a surface's Phong lobe, or None for a mirror.
 
-    The result is at most the largest exponent of the language.
+    An RMS slope m is converted by n = 2/m^2 - 2 (Walter et al. 2007). The result is at most the largest exponent that
+    the language allows.
     """
     if surface.exponent is None and surface.slope:
         return min(max(2 / surface.slope**2 - 2, 0.0), numbers_of("OPTIC", "exponent").high)
@@ -170,7 +183,10 @@ def phong_exponent(surface: Surface) -> float | None:
 
 
 def beckmann_slope(surface: Surface) -> float:
-    """Beckmann's RMS slope: m itself, or that of a Phong exponent n (n = 2/m^2 - 2); 0: smooth."""
+    """Returns the RMS slope m of Beckmann's distribution for a surface, or 0 if the surface is smooth.
+
+    A Phong exponent n is converted by n = 2/m^2 - 2.
+    """
     if surface.exponent is not None:
         return math.sqrt(2 / (surface.exponent + 2))
     return surface.slope or 0.0

@@ -1,4 +1,4 @@
-"""The target with this project's plugins."""
+"""The target ``prosim``, which uses this project's plugins."""
 
 from ..model import Leaf, Light
 from ..nodes import Comment, Default, Node, rgb
@@ -10,7 +10,7 @@ SAMPLER = "nrook"
 
 
 def settings(context: Context) -> Node:
-    """The integrator of a scene, with a comment."""
+    """Returns the integrator of a scene, with a comment."""
     scene = context.scene
     background = rgb(lights.from_full_scale(scene.background.color))
     if scene.background.image is not None:
@@ -37,17 +37,17 @@ def settings(context: Context) -> Node:
 
 
 def camera(context: Context, camera: Camera) -> Camera:
-    """The camera itself: this target has a plugin for every camera."""
+    """Returns the given camera: this target supports every camera."""
     return camera
 
 
 def light(context: Context, number: int, light: Light) -> Node:
-    """An emitter for a light, or a sphere with an emitter."""
+    """Returns an emitter for a light, or a sphere with an emitter."""
     if light.kind == "sky":
         return lights.sky_emitter(context, number, light)
     return lights.emitter(context, number, light, context.light_units)
 
 
 def surface(context: Context, number: int, leaf: Leaf, sides: materials.MediumInterface) -> Node:
-    """The BSDF of a leaf, and the media on its sides."""
+    """Returns the BSDF of a primitive, and the media on both sides of its surface."""
     return {"bsdf": materials.bsdf(context, number, leaf, sides), **materials.media(context, sides)}

@@ -1,5 +1,6 @@
-"""Camera -> Mitsuba's sensor: exactly the rays of the language, for off-centre and oblique windows too.
-The language has no clipping, so the clipping planes of Mitsuba's cameras enclose the whole scene.
+"""Translates a camera to Mitsuba's sensor; off-centre windows and oblique views are exact.
+
+The scene language has no clipping planes, so the clipping planes of the sensor enclose the whole scene.
 """
 
 import math
@@ -14,14 +15,14 @@ from ..nodes import Default, Node
 from ..view import Camera
 from .translation_context import Context
 
-#: By default, in units of the view plane's distance.
+#: The default depths of the clipping planes, in units of the view plane's distance from the eye.
 NEAR, FAR = 1e-3, 1e5
 
 
 def clipping_depths(camera: Camera, faces: Triangles | None, lights: Iterable[Light]) -> tuple[float, float]:
-    """Depths of a near and a far plane that clip no triangle of ``faces``, and no light.
+    """Returns the depths of a near and a far clipping plane that clip no triangle of ``faces`` and no light.
 
-    If a triangle may be near the eye, the near plane is almost at the eye, but never on it.
+    If a triangle may be near the eye, the depth of the near plane is tiny, but never 0.
     """
     near, far = NEAR * camera.depth, FAR * camera.depth
     for light in lights:
@@ -41,26 +42,26 @@ def clipping_depths(camera: Camera, faces: Triangles | None, lights: Iterable[Li
 
 
 def _depth(camera: Camera, points: np.ndarray) -> np.ndarray:
-    """The distances of points from the eye along the viewing direction."""
+    """Returns the distances of points from the eye along the viewing direction."""
     return np.asarray((camera.eye - points) @ camera.n)
 
 
 def _is_near(point: np.ndarray, mesh: Triangles, distance: float) -> bool:
-    """Whether the bounding box of a triangle is within ``distance`` of a point, per axis."""
+    """Whether the bounding box of a triangle comes within ``distance`` of a point, along each axis."""
     below, above = mesh.vertices < point + distance, mesh.vertices > point - distance
     return bool(np.all(below[mesh.index].any(axis=1) & above[mesh.index].any(axis=1), axis=1).any())
 
 
 def sensor(context: Context, target: ModuleType, camera: Camera, faces: Triangles | None) -> Node:
-    """The sensor of a camera: Mitsuba's ``perspective`` for square pixels, ``prosim_window`` for others.
+    """Returns the sensor of a camera: Mitsuba's ``perspective`` for square pixels, ``prosim_window`` for other pixels.
 
-    Its clipping planes clip no triangle of ``faces``.
+    The clipping planes of the sensor clip no triangle of ``faces``.
     """
     camera = target.camera(context, camera)
     near, far = clipping_depths(camera, faces, context.scene.lights)
     width, height = camera.right - camera.left, camera.top - camera.bottom
     to_world = np.eye(4)
-    # Mitsuba's camera looks along +z with x to the left of the image.
+    # Mitsuba's camera looks along +z; its x axis points to the left side of the image.
     to_world[:3] = np.stack([-camera.u, camera.v, -camera.n, camera.eye], axis=1)
     common = {
         "to_world": to_world,
@@ -83,7 +84,7 @@ def sensor(context: Context, target: ModuleType, camera: Camera, faces: Triangle
         "type": "perspective",
         "fov": 2 * math.degrees(math.atan2(width / 2, camera.depth)),
         "fov_axis": "x",
-        # The foot of the eye on the plane, relative to the image's centre, in units of its width and height.
+        # The orthogonal projection of the eye onto the view plane: its offset from the image's centre, in image sizes.
         "principal_point_offset_x": 0.5 + camera.left / width,
         "principal_point_offset_y": 0.5 - camera.top / height,
         **common,

@@ -1,4 +1,4 @@
-"""The target with Mitsuba's own plugins only. An approximation is a warning, once."""
+"""The target ``stock``, which uses only plugins that are part of Mitsuba. Each approximation is one warning."""
 
 import math
 from dataclasses import replace
@@ -17,18 +17,18 @@ SAMPLER = "multijitter"
 
 
 def _approximate(context: Context, reason: str, *path: str | int) -> None:
-    """Warns of an approximation of this target, once."""
+    """Warns that this target approximates the scene; each ``reason`` is reported only once."""
     context.approximate(f"stock target: {reason}", *path)
 
 
 def settings(context: Context) -> Node:
-    """The integrator and the background of a scene, with a comment."""
+    """Returns the integrator and the background of a scene, with a comment."""
     scene = context.scene
     absorbing = any(materials.absorbs(scene.surfaces[leaf.index]) for _, leaf in scene.leaves)
     integrator = "volpath" if absorbing else "path"
     result: Node = {
         "comment": Comment(f"{scene.name}, for Mitsuba's built-in plugins: MAX-LEVEL, NSAMPLES, BACKGROUND"),
-        # One camera ray, max_level reflections or refractions, and the light's ray.
+        # A path is one camera ray, max_level reflected or refracted rays, and one ray to a light.
         "integrator": {"type": integrator, "max_depth": Default("max_depth", scene.max_level + 2), "rr_depth": 1000},
     }
     differences = f"{integrator!r} also follows diffuse reflections, and samples one light at a time; "
@@ -56,7 +56,9 @@ def settings(context: Context) -> Node:
 
 
 def camera(context: Context, camera: Camera) -> Camera:
-    """A camera with square pixels: the height of the image follows from the window."""
+    """Returns the given camera with square pixels; the image gets the height that the aspect ratio of the window
+    requires.
+    """
     if camera.square_pixels:
         return camera
     width, height = camera.resolution
@@ -66,13 +68,13 @@ def camera(context: Context, camera: Camera) -> Camera:
         reason = f"stock target: pixels are square, and this window would have {width}x{new_height} of them; "
         raise context.document.error(f"{reason}expected a window with other proportions", "view", "window")
     _approximate(context, f"pixels are square, {width}x{new_height} of them instead of {width}x{height}", "view")
-    # Both sides of the window get half of the rounding.
+    # Rounding the height changes the window by the same amount at its top and at its bottom.
     middle, half = (camera.top + camera.bottom) / 2, new_height * pixel / 2
     return replace(camera, resolution=(width, new_height), bottom=middle - half, top=middle + half)
 
 
 def light(context: Context, number: int, light: Light) -> Node:
-    """An emitter for a light, or a sphere with an emitter; CONE and SPOT are Mitsuba's spot."""
+    """Returns an emitter for a light, or a sphere with an emitter; a CONE or a SPOT becomes Mitsuba's ``spot``."""
     if light.kind == "sky":
         return lights.sky_emitter(context, number, light)
     path, units = ("lights", number), context.light_units
@@ -99,17 +101,19 @@ def light(context: Context, number: int, light: Light) -> Node:
 
 
 def _spot_angles(light: Light) -> tuple[float, float]:
-    """Angles in degrees below which a stock spot light is constant, and above which it is black."""
+    """Returns two angles in degrees for Mitsuba's ``spot``: it is constant below the first, and black above the
+    second.
+    """
     limit = min(light.angle or 90.0, 90.0 if light.distribution == "spot" else 179.0)
     if light.distribution == "cone":
         return 0.999 * limit, limit
-    # A linear ramp from the axis with the flux of cos^n: the integral of (1 - t/c) t dt is c^2/6, that of
-    # cos^n t sin t dt is 1/(n+1).
+    # The intensity falls linearly from the axis to the angle c. The flux is that of cos^n: the integral of (1 - t/c) t
+    # dt is c^2/6, and the integral of cos^n t sin t dt is 1/(n+1).
     return 0.0, min(limit, math.degrees(math.sqrt(6 / (light.exponent + 1))))
 
 
 def _to_world_along(position: Vector, direction: Vector) -> np.ndarray:
-    """A transform that maps the origin to ``position`` and the z axis to ``direction``."""
+    """Returns a transform that maps the origin to ``position`` and the z axis to ``direction``."""
     z = np.array(direction) / np.linalg.norm(direction)
     x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
     x /= np.linalg.norm(x)
@@ -119,7 +123,7 @@ def _to_world_along(position: Vector, direction: Vector) -> np.ndarray:
 
 
 def surface(context: Context, number: int, leaf: Leaf, sides: materials.MediumInterface) -> Node:
-    """The BSDF of a leaf, the media on its sides, and an emitter for the ambient term."""
+    """Returns the BSDF of a primitive, the media on both sides of its surface, and an emitter for the ambient term."""
     scene = context.scene
     surface = scene.surfaces[leaf.index]
     kd, ks, ka = materials.reflectances(surface)
@@ -143,21 +147,21 @@ def surface(context: Context, number: int, leaf: Leaf, sides: materials.MediumIn
 
 
 def _mean_color(kind: str, parameters: dict[str, Any]) -> np.ndarray:
-    """The mean colour of a pattern of this kind with these parameters."""
+    """Returns the mean colour of a pattern of this kind with these parameters."""
     if kind == "brick":
         width, height, joint = parameters["brick_width"], parameters["brick_height"], parameters["mortar_width"]
-        share = width / (width + joint) * height / (height + joint)
+        fraction = width / (width + joint) * height / (height + joint)
         first, second = parameters["brick"], parameters["mortar"]
     else:
-        share = parameters.get("duty", 0.5)
+        fraction = parameters.get("duty", 0.5)
         first, second = parameters["color0"], parameters["color1"]
-    return np.asarray(share * np.array(first) + (1 - share) * np.array(second))
+    return np.asarray(fraction * np.array(first) + (1 - fraction) * np.array(second))
 
 
 def _bsdf(
     context: Context, index: int, surface: Surface, sides: materials.MediumInterface, diffuse: Node, ks: Vector
 ) -> Node:
-    """The BSDF of the SURFACE ``index``, with the texture or colour of its diffuse reflection, and its ks."""
+    """Returns the BSDF of the SURFACE ``index``; ``diffuse`` is the colour or texture of its diffuse reflection."""
     path = "surfaces", index
     alpha = materials.beckmann_slope(surface)
     if alpha:
@@ -167,7 +171,7 @@ def _bsdf(
     if surface.material == "conductor":
         optics: Node = {"material": surface.metal}
         outside = materials.outside_index(context, sides)
-        if surface.eta and surface.k:  # relative to the medium outside, for which the plugin has no parameter
+        if surface.eta and surface.k:  # the plugin has no parameter for the medium outside
             optics = {"eta": rgb([x / outside for x in surface.eta]), "k": rgb([x / outside for x in surface.k])}
         elif sides.outside is not None:
             _approximate(context, "a named metal in a dieletrico reflects as in air", *path)
@@ -195,15 +199,17 @@ def _bsdf(
 
 
 def _phong(surface: Surface, diffuse: Node, ks: Vector) -> Node:
-    """A blend of a diffuse surface and a rough mirror for a Phong surface with these reflectances."""
-    # The blend has the weights w and 1 - w; reflectances are divided by them, and may not exceed 1.
+    """Returns a blend of a diffuse BSDF and a rough mirror, which approximates a Phong surface with these
+    reflectances.
+    """
+    # The blend weights the two BSDFs by 1 - w and w. Each reflectance is divided by its weight, and may not exceed 1.
     kd = np.array(diffuse["value"]) if diffuse["type"] == "rgb" else np.full(3, 0.5)
     weight = float(np.mean(ks) / (np.mean(ks) + np.mean(kd)))
     weight = min(max(weight, max(ks) if max(ks) < 1 else 0.0), 1.0)
     base = rgb_clipped(kd / (1 - weight)) if diffuse["type"] == "rgb" and weight < 1 else diffuse
     mirror: Node = {"type": "conductor"}
     if (exponent := materials.phong_exponent(surface)) is not None:
-        # A half vector turns half as fast as the mirror ray: 4 times the exponent.
+        # A half vector turns by half the angle of the reflected ray, so its distribution has 4 times the exponent.
         mirror = {"type": "roughconductor", "distribution": "beckmann", "alpha": math.sqrt(2 / (4 * exponent + 2))}
     mirror |= {"material": "none", "specular_reflectance": rgb_clipped(np.array(ks) / weight)}
     diffuse_bsdf = {"type": "diffuse", "reflectance": base}

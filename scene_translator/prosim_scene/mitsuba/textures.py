@@ -1,7 +1,8 @@
-"""Texture slots -> Mitsuba textures.
+"""Translates the textures in the two slots of a primitive to Mitsuba's textures.
 
-Slot 1 is a pattern or an image on the surface parameters (u, v), slot 2 a pattern in the primitive's own space, a
-solid. Both modulate ka and kd: a pattern's colours are factors of these, slot 1's of slot 2's.
+Slot 1 is a pattern or an image on the surface, in its parameters (u, v). Slot 2 is a solid texture: a pattern in the
+primitive's own space. Both textures modulate ka and kd: the colours of the pattern in slot 2 are factors of ka and kd,
+and the colours of slot 1 are factors of this product.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -14,9 +15,10 @@ from ..model import Leaf, Scene, Texture
 from ..nodes import Node, rgb_clipped
 from .translation_context import Context
 
-#: Defaults of the patterns: factors of ka and kd, and lengths in (u, v) or in the primitive's own space.
+#: Kind of a pattern -> the defaults of its parameters. Colours are factors of ka and kd. Lengths are in (u, v) on a
+#: surface, and in the primitive's own space in a solid.
 DEFAULTS: dict[str, dict[str, Any]] = {
-    # 12 bricks with their joints along u, 26 rows along v: no visible seam.
+    # 12 bricks with their joints along u and 26 rows along v, so the pattern has no visible seam.
     "brick": {
         "brick": (1.0, 0.7, 0.6),
         "mortar": (1.4, 1.5, 1.8),
@@ -36,17 +38,20 @@ DEFAULTS: dict[str, dict[str, Any]] = {
         "seed": 0,
     },
 }
-#: Across the stripes: along v on a surface, along z (a cylinder's axis) in a solid.
+#: The default direction across the stripes: v on a surface (False), z (a cylinder's axis) in a solid (True).
 STRIPES_AXIS = {False: (0.0, 1.0, 0.0), True: (0.0, 0.0, 1.0)}
 
 COLORS = ("brick", "mortar", "color0", "color1")
 
-#: Maps a factor of a pattern to its colour, or to a texture inside the pattern.
+#: A function that converts a colour of a pattern, which is a factor, to a colour or to a nested texture.
 Colored = Callable[[Iterable[float]], Node]
 
 
 def parameters(scene: Scene, name: str, solid: bool) -> tuple[str, dict[str, Any]]:
-    """The kind of a texture, and all its parameters, with defaults; ``solid``: whether it is in the second slot."""
+    """Returns the kind of a texture, and the values of all its parameters, with defaults.
+
+    ``solid`` is True for a texture in the second slot.
+    """
     pattern = scene.patterns[name]
     axis = {"axis": STRIPES_AXIS[solid]} if pattern.kind == "stripes" else {}
     return pattern.kind, DEFAULTS[pattern.kind] | axis | dict(pattern.parameters)
@@ -55,16 +60,19 @@ def parameters(scene: Scene, name: str, solid: bool) -> tuple[str, dict[str, Any
 def reflectance(
     context: Context, number: int, leaf: Leaf, slots: Sequence[Texture | None], color: Sequence[float]
 ) -> Node:
-    """A colour of a leaf, node ``number`` of the CSG tree, with its two texture slots: an rgb or a (nested) texture."""
+    """Returns a colour of a primitive multiplied by its two textures: an rgb dictionary or a (nested) texture.
+
+    The primitive is ``leaf``, node ``number`` of the CSG tree.
+    """
     first, second = slots
     scene = context.scene
 
     def product(factor: Iterable[float]) -> list[float]:
-        """The colour times a factor for each channel."""
+        """Returns the colour multiplied by a factor for each channel."""
         return [a * b for a, b in zip(color, factor, strict=True)]
 
     def inner(factor: Iterable[float]) -> Node:
-        """The colour times a factor, with the solid texture of the second slot."""
+        """Returns the colour multiplied by a factor and by the solid texture of the second slot."""
         if second is None:
             return rgb_clipped(product(factor))
         node = pattern(
@@ -83,7 +91,10 @@ def reflectance(
 
 
 def pattern(scene: Scene, texture: Texture, solid: bool, colored: Colored) -> Node:
-    """The plugin of a pattern; ``colored`` maps each of its colours, which are factors, to a colour or a texture."""
+    """Returns the plugin of a pattern.
+
+    The colours of the pattern are factors; ``colored`` converts each of them to a colour or a nested texture.
+    """
     assert texture.name is not None
     kind, values = parameters(scene, texture.name, solid)
     return {"type": "prosim_" + kind} | {

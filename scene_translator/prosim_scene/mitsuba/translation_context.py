@@ -1,4 +1,4 @@
-"""The state of a translation for the functions of a target; files of the scene; limits of single precision."""
+"""The state of a translation, which a target's functions share; files that a scene uses; limits of single precision."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -20,9 +20,9 @@ from ..nodes import Default, Node
 
 @dataclass(frozen=True)
 class Context:
-    """A document, the options of its translation, and the approximations ``reported`` so far.
+    """A document, the options of its translation, and the set of approximations that have been ``reported``.
 
-    ``folder`` is the scene's folder; ``image_path`` maps the path of an image to its name in the result.
+    ``folder`` is the scene's folder. ``image_path`` converts the path of an image to its file name in the translation.
     """
 
     document: Document
@@ -39,13 +39,13 @@ class Context:
         return self.document.scene
 
     def approximate(self, reason: str, *path: str | int) -> None:
-        """Warns of an approximation, once."""
+        """Warns of an approximation; each ``reason`` is reported only once."""
         if reason not in self.reported:
             self.reported.add(reason)
             self.document.warn(reason, *path)
 
     def read_mesh(self, name: str, *path: str | int) -> Primitive:
-        """The solid of a mesh file, which must be in the scene's folder or below."""
+        """Reads a mesh file, which must be in the scene's folder or below; returns its solid. Raises SceneError."""
         full = self.file_path("mesh", name, *path)
         try:
             if full.stat().st_size > MESH_LIMIT:
@@ -58,7 +58,10 @@ class Context:
         raise self.document.error(f"the mesh {quote(name)} {what}", *path)
 
     def image_filename(self, name: str, *path: str | int) -> str:
-        """The file name of an image in the result; the image must be in the scene's folder or below."""
+        """Returns the file name of an image in the translation. Raises SceneError if the file is no image.
+
+        The image must be in the scene's folder or below.
+        """
         error, full = self.document.error, self.file_path("image", name, *path)
         try:
             valid = is_image(full)
@@ -72,14 +75,17 @@ class Context:
             raise error(str(reason), *path) from None
 
     def file_path(self, kind: str, name: str, *path: str | int) -> Path:
-        """The path of a file of this ``kind``, "image" or "mesh", which must be in the scene's folder or below."""
+        """Returns the path of a file of this ``kind``, "image" or "mesh". Raises SceneError if there is no such file.
+
+        The file must be in the scene's folder or below, if the option ``allow_outside`` is False.
+        """
         if not name:
             article = "an" if kind == "image" else "a"
             raise self.document.error(f"this file name is empty; expected {article} {kind} file", *path)
         try:
-            full = Path(os.path.realpath(located(self.folder, name)))  # links may be circular
+            full = Path(os.path.realpath(located(self.folder, name)))  # realpath also accepts circular links
             exists = full.is_file()
-        except (OSError, ValueError) as error:  # too long, or invalid characters
+        except (OSError, ValueError) as error:  # the name is too long, or has invalid characters
             wrong = f"is not a valid file name: {getattr(error, 'strerror', None) or error}"
         else:
             if not self.allow_outside and not full.is_relative_to(self.folder.resolve()):
@@ -93,12 +99,12 @@ class Context:
         raise self.document.error(f"the {kind} {quote(name)} {wrong}", *path)
 
 
-#: The largest size of a mesh file in bytes: 4,000,000 triangles have fewer.
+#: The largest size of a mesh file in bytes; a file of 4,000,000 triangles is smaller.
 MESH_LIMIT = 2**27
 
 
 def check_single_precision(document: Document, node: Node, *path: str | int) -> Node:
-    """Returns the node; raises the SceneError about ``path`` if a number is beyond single precision."""
+    """Returns ``node`` unchanged; raises a SceneError about ``path`` if a number in it exceeds single precision."""
     for number in _numbers(node):
         if not abs(number) <= LARGEST:
             reason = f"this gives {number:g}, which is beyond Mitsuba's single precision; expected less extreme numbers"
@@ -107,7 +113,7 @@ def check_single_precision(document: Document, node: Node, *path: str | int) -> 
 
 
 def _numbers(value: Any) -> Iterable[float]:
-    """The numbers in a part of a scene's dictionary."""
+    """Yields the numbers in a part of a scene's dictionary."""
     if isinstance(value, dict):
         for part in value.values():
             yield from _numbers(part)
@@ -119,7 +125,7 @@ def _numbers(value: Any) -> Iterable[float]:
         yield value
 
 
-#: The first bytes of a file, by format.
+#: Image format -> the possible first bytes of a file.
 SIGNATURES: dict[str, tuple[bytes, ...]] = {
     "PNG": (b"\x89PNG\r\n\x1a\n",),
     "JPEG": (b"\xff\xd8",),
@@ -135,7 +141,9 @@ TGA_FOOTER = b"TRUEVISION-XFILE.\0"
 
 
 def is_image(path: Path) -> bool:
-    """Whether ``path`` has the signature of an image that Mitsuba reads. Raises OSError if it is unreadable."""
+    """Whether the file begins or ends like an image of a format that Mitsuba reads. Raises OSError if it is
+    unreadable.
+    """
     with path.open("rb") as file:
         head = file.read(8)
         file.seek(max(path.stat().st_size - len(TGA_FOOTER), 0))
@@ -143,12 +151,12 @@ def is_image(path: Path) -> bool:
 
 
 def located(folder: Path, name: str) -> Path:
-    """The path of the file that a scene in ``folder`` calls ``name``."""
+    """Returns the path of the file that a scene in ``folder`` calls ``name``."""
     return folder / name.replace("\\", "/")
 
 
 def images(document: Document) -> Iterator[tuple[str, ValuePath]]:
-    """The image files that a scene names, with the path of each value in the model."""
+    """Yields the name of each image file that a scene uses, with the path of this value in the model."""
     scene = document.scene
     if scene.background.image is not None:
         yield scene.background.image, ("background", "image")
@@ -162,5 +170,5 @@ def images(document: Document) -> Iterator[tuple[str, ValuePath]]:
 
 
 def meshes(document: Document) -> dict[str, ValuePath]:
-    """The mesh files that a scene names, with the path of each value in the model."""
+    """Returns the names of the mesh files that a scene uses, each with the path of this value in the model."""
     return {leaf.file: ("csg", number, "file") for number, leaf in document.scene.leaves if leaf.file is not None}

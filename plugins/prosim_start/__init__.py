@@ -1,7 +1,7 @@
-"""Starts the ``prosim`` command: handles signals, reads the arguments, and only then imports Mitsuba.
+"""Starts the ``prosim`` command: handles signals and reads the arguments before it imports Mitsuba.
 
-Not within ``mitsuba_prosim``, because to import anything of that is to import Mitsuba: help needs none of it, and
-Ctrl-C must work from the beginning.
+This package is not a part of ``mitsuba_prosim``, because importing any module of ``mitsuba_prosim`` imports Mitsuba.
+Help does not need Mitsuba, and Ctrl-C must work from the beginning.
 """
 
 import os
@@ -15,30 +15,32 @@ def main() -> None:
     """Runs the command with the arguments of the process, and ends the process."""
     for file, name in enumerate(("stdin", "stdout", "stderr")):
         open_if_closed(file, name)
-    # Ctrl-C ends the process at any moment, also in compilers and renderers, where Python's handler waits. A render,
-    # which has a result to keep, handles the signal itself. Where it is ignored (by nohup, say), it stays so.
+    # With the system's handler, Ctrl-C ends the process at any moment. Python's handler would wait for compilers and
+    # renderers. A render keeps its result, so it installs its own handler. A signal that is ignored (after nohup, for
+    # example) stays ignored.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     from .group import prosim
 
     try:
         prosim(prog_name="prosim")
-    except OSError as error:  # the commands handle errors of their files, so this is most often standard output
+    except OSError as error:  # commands handle errors of their files; this is usually standard output
         sys.stderr.write(f"Error: {error.filename or 'standard output'}: {error.strerror or error}\n")
-        # Or else Python would try again when it ends, and complain.
+        # Otherwise Python would write to standard output again when the process ends, and report a second error.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
-    finally:  # the work is done, and Python needs a moment to end
+    finally:  # ignores signals while Python ends, because the work is done
         for name in {"SIGINT", "SIGTERM", "SIGHUP"} & set(dir(signal)):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
 
 
 def open_if_closed(file: int, name: str) -> None:
-    """Opens the null device in place of one of the three standard files that is closed: the next file that is opened,
-    an image perhaps, would take its place.
+    """Opens the null device as the standard file ``file`` (0, 1 or 2), if this file is closed.
+
+    Otherwise the next file that the process opens, perhaps an image, would become the standard file.
     """
     try:
         os.fstat(file)
     except OSError:
-        os.open(os.devnull, os.O_RDWR)  # the first that is free
+        os.open(os.devnull, os.O_RDWR)  # the system uses the first free number, which is ``file``
         setattr(sys, name, os.fdopen(file, "w" if file else "r", encoding="utf-8", closefd=False))

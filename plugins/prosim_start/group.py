@@ -1,4 +1,4 @@
-"""The commands of ``prosim`` by name; each is imported when it is called."""
+"""The commands of ``prosim`` by name; the module of a command is imported when the command is called."""
 
 import importlib
 import os
@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-#: Name -> (where the command is, what it does).
+#: Name of a command -> (its module and function, its description).
 COMMANDS = {
     "compare": ("compare_command:compare", "Compare two integrators or samplers on a scene."),
     "doctor": ("doctor:doctor", "Print versions, backends and problems."),
@@ -25,10 +25,10 @@ COMMANDS = {
 
 
 class Commands(click.Group):
-    """A group that lists its commands, and suggests them, without importing them."""
+    """A group of commands that lists and suggests commands without importing them."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command of that name, or None."""
+        """Returns the command with this name, or None."""
         if cmd_name not in COMMANDS:
             return None
         module, _, name = COMMANDS[cmd_name][0].partition(":")
@@ -39,13 +39,16 @@ class Commands(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command that the first of the words names; for the name of a file, an error says how to render it."""
+        """Returns the command that the first argument names.
+
+        If the first argument is a file, the error message tells how to render this file.
+        """
         if args[0] not in COMMANDS and os.path.isfile(args[0]) and not ctx.resilient_parsing:
             ctx.fail(f"No such command '{args[0]}'. To render that file: prosim render {args[0]}")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Writes the list of commands."""
+        """Writes the list of commands to the help."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, COMMANDS[name][1]) for name in self.list_commands(ctx)])
 
@@ -65,9 +68,9 @@ def prosim() -> None:
     shown = set()
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
-        from tqdm import tqdm  # only where something is wrong
+        from tqdm import tqdm  # imported only if there is a warning
 
-        if str(message) not in shown:  # Python itself forgets what it has shown when its filters change
+        if str(message) not in shown:  # Python would show a message again after a change of its filters
             shown.add(str(message))
             tqdm.write(f"warning: {message}", file=sys.stderr)
 

@@ -1,4 +1,4 @@
-"""``prosim compare``: a scene under two integrators or samplers, as a page with every measure."""
+"""``prosim compare``: compares two integrators or samplers on a scene, and writes a page with all measures."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -19,7 +19,7 @@ from .render_task import Resources, check_denoising
 
 SUFFIXES = (".html", ".json")
 
-#: SSIM compares windows of this many pixels per side. A smaller image has none.
+#: SSIM compares square windows with this many pixels per side, so it is not defined for a smaller image.
 SSIM_WINDOW = 7
 
 
@@ -55,15 +55,15 @@ def compare(job: Job, a: str, b: str, rounds: int, sqrt_spp: tuple[int, ...], re
                 if not any(spec.is_adaptive for spec in specs):
                     raise ValueError(f"--noise is for prosim, which neither {a} nor {b} is")
                 specs = specs[0].until(job.noise), specs[1].until(job.noise)
-            mi.set_log_level(mi.LogLevel.Error)  # samplers that round their counts would warn: real counts are measured
+            mi.set_log_level(mi.LogLevel.Error)  # hides warnings about rounded sample counts, which are measured
             compared_scene = methods.ComparedScene(replace(job, noise=None).read_scene(resources.folder))
             if job.denoise:
                 check_denoising(compared_scene.sensor().film())
-            for spec in specs:  # errors of the methods come before the long work
+            for spec in specs:  # finds errors in A and B before the long work begins
                 try:
                     compared_scene.method(spec, spec.transport or "scene", spp=4)
                 except RuntimeError as error:
-                    # The place is one of the scene, in which the method was put.
+                    # The message names a line of the scene, but the error is in A or B: removes the line.
                     raise ValueError(
                         f"'{spec.text}': {PLACE.sub('', session.message(error)).removeprefix(': ')}"
                     ) from None
@@ -84,7 +84,7 @@ def compare(job: Job, a: str, b: str, rounds: int, sqrt_spp: tuple[int, ...], re
 
 
 def summary(facts: Mapping[str, Any], light: Mapping[str, str]) -> str:
-    """The main result in a few lines; ``light``: the words for each transport."""
+    """Returns the main result in a few lines. ``light`` maps each light transport to its description."""
     section = facts["sections"][0]
     lines = [f"Light: {light[section['transport']]}. Samples and times are as near to equal as the samplers allow."]
     labels = [row["name"] + row["role"][1:] for row in section["rows"]]

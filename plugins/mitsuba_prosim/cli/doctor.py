@@ -1,4 +1,4 @@
-"""``prosim doctor``: what this machine has, and how to install the rest."""
+"""``prosim doctor``: prints what is installed on this machine, and how to install what is missing."""
 
 import os
 import platform
@@ -59,5 +59,5 @@ def doctor() -> None:
 
 
 def row(label: str, text: str) -> None:
-    """Prints a line of two columns."""
+    """Prints a line with two columns."""
     click.echo(f"{label:<16}{text}")

@@ -1,4 +1,6 @@
-"""The files of commands: scenes, states and parts that they read; places that they check before the work, and write."""
+"""Checks the input files of commands (scenes, states, parts), checks before the work that the output can be written,
+and writes the output.
+"""
 
 from __future__ import annotations
 
@@ -20,24 +22,25 @@ from .option_types import InputError
 TEXT, XML, EXR, ARCHIVE = "a text file", "a Mitsuba scene", "an EXR image", "an archive"
 STATE, PART = "the state of a render", "a part of an image"
 
-#: The first bytes of files that are no text, and their kinds.
+#: The first bytes of a binary file -> the kind of the file.
 MAGIC = {b"v/1\x01": EXR, b"\x89PNG": "a PNG image", b"\xff\xd8\xff": "a JPEG image", b"PK\x03\x04": ARCHIVE}
 
-#: Advice for a file of another kind than a command needs.
+#: Kind of a file that a command does not accept -> advice which command accepts it.
 USES = {
     XML: "To render it: prosim render {}",
     STATE: "To continue it: prosim resume {}",
     PART: "To merge all parts: prosim merge {}",
 }
 
-#: The suffixes of a state and of a part, after the name of the image.
+#: Matches the suffixes of a state or of a part, which follow the name of the image.
 STATE_SUFFIXES = re.compile(r"(\.state|\.\d+-of-(?P<of>\d+))\.npz$")
 
 
 class InputFile(click.Path):
-    """A file that exists, of one of these ``kinds``, all of which messages call ``what``.
+    """The type of an argument: an existing file of one of these ``kinds``.
 
-    ``patterns``: names of such files; ``writer``: the command that writes one.
+    ``what`` is the name of these kinds in messages. ``patterns`` match the names of such files. ``writer`` is the
+    command that writes such a file.
     """
 
     def __init__(self, what: str, kinds: Collection[str], patterns: Collection[str], writer: str = "") -> None:
@@ -46,7 +49,7 @@ class InputFile(click.Path):
         self.writes = writer and f" {writer} writes one."
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Returns the path of the file."""
+        """Returns the path of the file. Fails for a missing file, and for a file of another kind."""
         path = Path(os.fsdecode(value))
         try:
             super().convert(value, param, ctx)
@@ -58,7 +61,9 @@ class InputFile(click.Path):
         return path
 
     def suggestion(self, path: Path) -> str:
-        """A question for the file of this kind in the same folder whose name is most like that of ``path``."""
+        """Asks "Did you mean ...?" for the matching file in the same folder whose name is most similar to that of
+        ``path``.
+        """
         found = chain.from_iterable(map(path.parent.glob, self.patterns))
         files = {file.name.partition(".")[0]: file for file in found if file != path}
         near = difflib.get_close_matches(path.name.partition(".")[0], files, n=1)
@@ -72,21 +77,24 @@ PART_FILE = InputFile(PART, (PART,), ("*.*-of-*.npz",), "prosim render --part 1/
 
 
 def image_stem(path: Path) -> Path:
-    """The path of a state or a part without its suffixes, and of another file without its last one."""
+    """Returns the path of the image without suffix, for the path of a state, of a part, or of any other file."""
     name = STATE_SUFFIXES.sub("", path.name)
     return path.with_name(name if name != path.name else path.stem)
 
 
 def quoted_path(path: Path) -> str:
-    """The path as an argument of a shell; for a part, a pattern of all parts of its image: ``night.*-of-4.npz``."""
+    """Returns the path as an argument of a shell.
+
+    The path of a part becomes a pattern that matches all parts of its image, such as ``night.*-of-4.npz``.
+    """
     found = STATE_SUFFIXES.search(path.name)
     return f"{image_stem(path)}.*-of-{found['of']}.npz" if found and found["of"] else shlex.quote(str(path))
 
 
 def kind(path: Path) -> str:
-    """The kind of a file, by its first bytes and its suffix."""
+    """Returns the kind of a file, by its first bytes and its suffix."""
     begin = b""
-    if path.is_file():  # a pipe could not be read again
+    if path.is_file():  # the content of a pipe can be read only once
         with open(path, "rb") as file:
             begin = file.read(1 << 10)
         if not begin:
@@ -97,24 +105,24 @@ def kind(path: Path) -> str:
             return STATE if checkpoint.read(path, arrays=False).part is None else PART
         except checkpoint.NotACheckpointError:
             return what
-        except (checkpoint.CheckpointError, OSError):  # its command reports the error
+        except (checkpoint.CheckpointError, OSError):  # the command that reads the state reports the error
             return STATE
     return what or (XML if path.suffix.lower() == ".xml" else TEXT)
 
 
 # ---------------------------------------------------------------- output
 
-#: Suffixes of files. One that is not written is a mistake, not a part of the name.
+#: Known suffixes of files. A known suffix that the command does not write is a mistake, not a part of the file's name.
 FILE_SUFFIXES = re.compile(
     r"\.(avi|bmp|csv|exr|gif|hdr|html|jpe?g|json|mov|mp4|npz|pdf|pfm|ply|png|ppm|rgbe|scn|svg|tga|tiff?|txt|web[mp]|xml)"
 )
 
 
 def output_stem(output: str | None, default: Path, suffixes: Collection[str]) -> Path:
-    """The path, without suffix, of the files with all of ``suffixes``.
+    """Returns the path, without suffix, of the output files, which get the ``suffixes``.
 
-    ``output``: the value of ``-o``, a file with one of them or without, or a folder; None for ``default``. Raises
-    BadParameter where it is empty, another kind of file, or a device.
+    ``output`` is the value of ``-o``: a file name with or without one of the suffixes, a folder, or None for
+    ``default``. Raises BadParameter if ``output`` is empty, names a file of another kind, or names a device.
     """
     if output is None:
         return default
@@ -131,12 +139,12 @@ def output_stem(output: str | None, default: Path, suffixes: Collection[str]) ->
             param_hint="-o",
         )
     else:
-        path = path.with_name(path.name.rstrip(".") or path.name)  # a name that ends before its suffix
+        path = path.with_name(path.name.rstrip(".") or path.name)  # removes the dot at the end of the name
     return path
 
 
 def output_folder(output: str | None) -> Path | None:
-    """The folder of that name, which is the value of ``-o``. Raises BadParameter as :func:`output_stem` does."""
+    """Returns the output folder, the value of ``-o``. Raises BadParameter if it is empty or looks like a file name."""
     if output is None:
         return None
     path = _expanded(output)
@@ -146,20 +154,24 @@ def output_folder(output: str | None) -> Path | None:
 
 
 def _expanded(output: str) -> Path:
-    """The path, with the user's folder for ``~``, which the shell does not replace in quotes and after ``=``."""
+    """Returns the value of ``-o`` as a path, and replaces ``~`` by the user's home folder.
+
+    The shell does not replace ``~`` in quotes and after ``=``. Raises BadParameter for an empty value.
+    """
     if not output:
         raise click.BadParameter("expected a name or a folder, found nothing.", param_hint="-o")
     return Path(os.path.expanduser(output))
 
 
 def with_suffixes(stem: Path, suffixes: Iterable[str]) -> list[Path]:
-    """The paths that are written."""
+    """Returns the paths of the output files: ``stem`` with each suffix."""
     return [stem.with_name(stem.name + suffix) for suffix in suffixes]
 
 
 def check(stem: Path, suffixes: Collection[str], size: int, sources: Iterable[Path]) -> None:
-    """Raises InputError if files of ``size`` bytes in all could not be written, or one of the ``sources`` would be
-    overwritten.
+    """Raises InputError if the output files, which together have ``size`` bytes, cannot be written.
+
+    Raises InputError, too, if an output file would overwrite one of the ``sources``.
     """
     try:
         atomic.check(with_suffixes(stem, suffixes), size)
@@ -172,9 +184,10 @@ def check(stem: Path, suffixes: Collection[str], size: int, sources: Iterable[Pa
 
 
 def save(stem: Path, contents: Mapping[str, atomic.Content]) -> list[Path]:
-    """Writes suffix -> content; returns the paths. Files that can't be written there are written to another folder.
+    """Writes the output files, whose ``contents`` are given by suffix; returns the paths.
 
-    Raises ClickException, which says where that is.
+    If the files cannot be written there, this function writes them to another folder, and raises a ClickException that
+    names this folder.
     """
     files = dict(zip(with_suffixes(stem, contents), contents.values()))
     try:
@@ -189,5 +202,5 @@ def save(stem: Path, contents: Mapping[str, atomic.Content]) -> list[Path]:
 
 
 def reason(error: OSError) -> str:
-    """The file and the message of an error of the system."""
+    """Returns the file name and the message of an error of the operating system."""
     return ": ".join(map(str, filter(None, (error.filename, error.strerror)))) or str(error)

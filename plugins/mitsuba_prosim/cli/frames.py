@@ -1,4 +1,4 @@
-"""``prosim render --frames``: the images of a film, each of the scene with other values of $frame and $time."""
+"""``prosim render --frames``: renders an animation, in which $frame and $time have other values in each frame."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from .option_types import input_errors
 from .progress import Progress
 from .render_task import RenderTask, Resources, render_image
 
-#: The metadata of a frame's EXR that has its :func:`digest`.
+#: The key, in the metadata of a frame's EXR file, of the frame's :func:`digest`.
 DIGEST = "prosim.digest"
 
 
 class Film:
-    """The frames of one job, rendered in their order; existing ones are left."""
+    """The frames of one job, which are rendered in order. Frames that exist are not rendered again."""
 
     def __init__(self, job: Job, stem: Path) -> None:
         self.job, self.stem, self.frames = job, stem, job.frames or range(0)
@@ -43,9 +43,11 @@ class Film:
                 )
 
     def render(self) -> str | None:
-        """Renders the missing frames; returns the cause of an interruption, in words. Raises ClickException."""
+        """Renders the missing frames; returns the cause of an interruption, in words, or None. Raises
+        ClickException.
+        """
         with Resources(self.job) as resources, self.bar:
-            signals = resources.enter_context(interruptible(lambda: None))  # until the workers have ended
+            signals = resources.enter_context(interruptible(lambda: None))  # active until the workers have ended
             for number in self.frames:
                 if signals:
                     return "interrupted"
@@ -58,10 +60,10 @@ class Film:
             return "interrupted" if signals else None
 
     def render_frame(self, number: int, resources: Resources, signals: list[int]) -> str | None:
-        """Renders a frame, if it is missing; returns the cause of an interruption. Raises ClickException."""
+        """Renders a frame that is missing; returns the cause of an interruption, or None. Raises ClickException."""
         self.bar.begin(number)
-        own = {name: value for name, value in self.definitions(number).items() if name in self.names}
-        job = replace(self.job, definitions={**self.job.definitions, **own}, seed=(self.job.seed + number) % 2**32)
+        values = {name: value for name, value in self.definitions(number).items() if name in self.names}
+        job = replace(self.job, definitions={**self.job.definitions, **values}, seed=(self.job.seed + number) % 2**32)
         with input_errors():
             file = job.read_scene(resources.folder, cache=self.cache)
             facts = {DIGEST: digest(job, file), "prosim.frame": str(number)}
@@ -85,15 +87,15 @@ class Film:
         return None
 
     def definitions(self, number: int) -> dict[str, str]:
-        """The values of a frame's names."""
+        """Returns the values of $frame and $time in a frame."""
         return {FRAME: str(number), TIME: repr(number / (self.job.fps or FPS))}
 
     def path(self, number: int) -> Path:
-        """Path of a frame without its suffix: ``name.0007``."""
+        """Returns the path of a frame without its suffix, such as ``name.0007``."""
         return self.stem.with_name(f"{self.stem.name}.{number:04d}")
 
     def report(self) -> str:
-        """How many frames were rendered, and where they are."""
+        """Returns a line that says how many frames were rendered, and where their files are."""
         first, last = self.path(self.frames[0]), self.path(self.frames[-1])
         names = f"{first}.exr" if len(self.frames) == 1 else f"{first}.exr to {last.name}.exr"
         left = f", {self.left} had been rendered before" if self.left else ""
@@ -102,20 +104,22 @@ class Film:
 
 
 def digest(job: Job, file: scene_file.SceneFile) -> str:
-    """SHA-256 of all that the bytes of a frame depend on: the scene's content, its changes, and the
-    :mod:`..engine.environment`. It does not depend on the folder of the scene.
+    """Returns the SHA-256 of everything that determines the bytes of a frame.
+
+    These are the scene's content, its changes by options, and the :mod:`..engine.environment`. The digest does not
+    depend on the scene's folder.
     """
     here = environment.this_environment()
     versions = [here[name] for name in environment.MUST_AGREE]
-    # The content has the definitions.
+    # The digest of the file already contains the definitions.
     parts = job.image() | {"scene": "", "definitions": {}, "digest": file.digest(), "environment": versions}
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
 def is_rendered(task: RenderTask) -> bool:
-    """Whether the disk has the frame, finished, with the same digest."""
+    """Whether the complete EXR file of the frame exists, with the same digest as the task."""
     image = Path(f"{task.stem}.exr")
-    if not image.is_file():  # OpenEXR would print an error
+    if not image.is_file():  # OpenEXR would print an error message about a missing file
         return False
     try:
         header = OpenEXR.File(str(image), header_only=True).parts[0].header
@@ -125,9 +129,9 @@ def is_rendered(task: RenderTask) -> bool:
 
 
 def render(job: Job, stem: Path) -> None:
-    """Renders the frames of ``job`` and prints a report; ends the process where it was interrupted.
+    """Renders the frames of ``job`` and prints a report. After an interruption the process ends.
 
-    Raises UsageError, InputError and ClickException; finished frames stay.
+    Raises UsageError, InputError and ClickException; the finished frames stay on the disk.
     """
     if given := {FRAME, TIME} & set(job.definitions):
         raise click.UsageError(f"-D {min(given)}=... and --frames both define ${min(given)}; give one of them.")

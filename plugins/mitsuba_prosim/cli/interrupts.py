@@ -1,4 +1,4 @@
-"""Handles signals that end a render; the samples so far are kept."""
+"""Handles signals that end a render, such as Ctrl-C; the samples that were taken are kept."""
 
 import os
 import signal
@@ -7,27 +7,29 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-#: Ctrl-C, the polite kill, and the end of the terminal, as far as the system has them.
+#: The signals of Ctrl-C, of ``kill``, and of a closed terminal, as far as the operating system has them.
 ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)]
 
-#: Seconds from one call of ``stop`` to the next.
+#: Seconds between two calls of ``stop``.
 AGAIN = 0.1
 
 
 @contextmanager
 def interruptible(stop: Callable[[], None], received_signals: list[int] | None = None) -> Iterator[list[int]]:
-    """Calls ``stop`` at the first signal of :data:`ENDING`, and again until the context ends, because a renderer that
-    has not started yet forgets it. A second signal ends the process at once.
+    """Calls ``stop`` at the first signal of :data:`ENDING`; a second signal ends the process at once.
 
-    Yields the list of these signals that have come, ``received_signals`` if that is given. Signals that the process
-    ignores (by ``nohup``, or in the background of a script) stay ignored; handlers of other signals run as before.
+    ``stop`` is called repeatedly until the context ends, because a renderer that has not started ignores a call. Yields
+    the list of the signals that have arrived; ``received_signals`` is this list, if the caller passes one. Signals that
+    the process ignores (after ``nohup``, or in the background of a script) stay ignored. Handlers of other signals run
+    as before.
     """
     received_signals = [] if received_signals is None else received_signals
     handled = [number for number in ENDING if signal.getsignal(number) not in (signal.SIG_IGN, None)]
-    reader, writer = socket.socketpair()  # Windows can't wait for a pipe
+    reader, writer = socket.socketpair()  # on Windows, a process cannot wait for a pipe with a timeout
     writer.setblocking(False)
 
-    # In a thread, because Mitsuba's own integrators hold up Python's handlers, in the main thread, until they are done.
+    # A thread watches for signals: Python calls handlers only in the main thread, which Mitsuba's own integrators
+    # block.
     def watch() -> None:
         while True:
             try:
@@ -35,14 +37,14 @@ def interruptible(stop: Callable[[], None], received_signals: list[int] | None =
             except TimeoutError:
                 stop()
                 continue
-            if not received:  # the end
+            if not received:  # the socket was closed: the context ends
                 return
             if (number := received[0]) not in handled:
                 continue
-            if reader.gettimeout() is not None:  # the second
+            if reader.gettimeout() is not None:  # this is the second signal
                 os.write(2, b"\nEnded at once.\n" if os.isatty(2) else b"Ended at once.\n")
                 os._exit(128 + number)
-            if number == signal.SIGINT and os.isatty(2):  # below ^C
+            if number == signal.SIGINT and os.isatty(2):  # on the line below ^C
                 os.write(2, b"\nEnding; once more ends it at once.\n")
             stop()
             reader.settimeout(AGAIN)

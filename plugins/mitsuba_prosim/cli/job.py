@@ -1,4 +1,4 @@
-"""The render job: a :class:`Job`, whose fields are the options."""
+"""The class :class:`Job`: all options of a render; each field with an option also defines this option."""
 
 from __future__ import annotations
 
@@ -19,14 +19,15 @@ from ..transport.radiance import KINDS
 from . import option_types as types
 from .option_types import InputError, Integer, Number
 
-#: Fields that say when an image is good enough.
+#: Fields of a Job that set an error target or a time limit.
 TARGETS = ("noise", "noise_99", "noise_999", "time")
 
-#: Fields that become parameters of the integrator.
+#: Fields of a Job that become parameters of the integrator.
 INTEGRATOR = ("samples", "caustics", "max_level", "layers", "threshold", "max_samples", "adaptive", *TARGETS)
 
-#: Fields of films, and all that do not change the image.
+#: Fields of a Job for animations.
 FILM = ("frames", "fps", "overwrite")
+#: Fields of a Job that do not change the image.
 RUNNING = ("output", "checkpoint", "snapshots", "view", "verbose", *FILM, "threads", "workers", "cluster", "part")
 
 POSITIVE = Number(0, min_open=True)
@@ -35,7 +36,11 @@ SCENES, NOISES = "what the scene says", "with --noise, --time: "
 
 
 def _option(group: str, type_: Any, text: str, *flags: str, **settings: Any) -> Any:
-    """A field of a :class:`Job` with its option; ``type_``: None for a flag; ``flags``: besides ``--field``."""
+    """Defines a field of a :class:`Job` and the command-line option of this field.
+
+    ``group`` is the group of the option in the help. ``type_`` is None for a flag. ``flags`` are names of the option
+    besides ``--field``.
+    """
     settings = ({"is_flag": True, "default": False} if type_ is None else {"type": type_, "default": None}) | settings
     return field(default=settings["default"], metadata={"group": group, "flags": flags, "help": text} | settings)
 
@@ -46,7 +51,7 @@ _film, _distribution, _advanced = (partial(_option, group) for group in ("Film",
 
 @dataclass(frozen=True)
 class Job:
-    """A scene file, its changes, the image to render, the sampling, and the output."""
+    """All options of a render: the scene file and its changes, the image, the sampling, and the output."""
 
     scene: str = ""
 
@@ -127,7 +132,7 @@ class Job:
 
     @property
     def integrator(self) -> dict[str, Any]:
-        """Parameters of the integrator; None takes one away."""
+        """Parameters that replace those of the scene's integrator; None removes a parameter."""
         given = {name: value for name in INTEGRATOR if (value := getattr(self, name)) is not None}
         if any(name in given for name in TARGETS):
             given.setdefault("adaptive", "graded")
@@ -135,21 +140,21 @@ class Job:
 
     @property
     def language(self) -> dict[str, Any]:
-        """Options of the translator; see :data:`.scene_file.TRANSLATION`."""
+        """The options of the translator; see :data:`.scene_file.TRANSLATION`."""
         return {name: value for name in scene_file.TRANSLATION if (value := getattr(self, name, None))}
 
     @property
     def distributed(self) -> str | None:
-        """The option that lets other processes take the samples."""
+        """The option that distributes the render to other processes, or None."""
         return "--workers" if self.workers else "--cluster" if self.cluster else None
 
     def image(self) -> dict[str, Any]:
-        """The fields that say which image it is, by name."""
+        """Returns the fields that determine the image, by name."""
         return {name: getattr(self, name) for name in FIELDS if name not in RUNNING}
 
     @classmethod
     def of(cls, checkpoint: Checkpoint) -> Job:
-        """The job of a checkpoint. Raises ValueError where prosim render did not write it."""
+        """Returns the job that a checkpoint stores. Raises ValueError if prosim render did not write the checkpoint."""
         try:
             return cls(**checkpoint.about["job"])
         except (KeyError, TypeError):
@@ -159,21 +164,22 @@ class Job:
             ) from None
 
     def read_scene(self, folder: Path, **how: Any) -> scene_file.SceneFile:
-        """The scene file; ``folder``: for translations; ``how``: see :class:`.scene_file.SceneFile`, which says what is
-        raised.
+        """Reads the scene file. Translated files are written to ``folder``.
+
+        :class:`.scene_file.SceneFile` describes the options ``how`` and the exceptions.
         """
-        image = {name: getattr(self, name) for name in ("definitions", "resolution", "crop", "integrator")}
-        return scene_file.SceneFile(self.scene, folder, **image, **how, **self.language)
+        scene_changes = {name: getattr(self, name) for name in ("definitions", "resolution", "crop", "integrator")}
+        return scene_file.SceneFile(self.scene, folder, **scene_changes, **how, **self.language)
 
 
 FIELDS = tuple(one.name for one in fields(Job))
 
-#: The fields with an option.
+#: The fields of a Job that have a command-line option.
 OPTIONS = tuple(one.name for one in fields(Job) if one.metadata)
 
 
 def job_options(*names: str) -> Callable[[Callable], Callable]:
-    """Decorator: gives a command the options of these fields."""
+    """Returns a decorator that adds the options of these fields of a :class:`Job` to a command."""
 
     def decorate(command: Callable) -> Callable:
         for name in reversed(names):
@@ -187,25 +193,25 @@ def job_options(*names: str) -> Callable[[Callable], Callable]:
     return decorate
 
 
-#: The groups in the order of the help; the last has the options of no group.
+#: The groups of options, in the order of the help. The last group has the options that belong to no other group.
 GROUPS = ("Quality", "Output", "Scene", "Film", "Comparison", "Page", "Distribution", "Advanced", "Others")
 
 
 class Command(click.Command):
-    """A command that gets its scene and the options of :func:`job_options` as one :class:`Job`, its argument ``job``.
+    """A command that receives its scene and the options of :func:`job_options` as one :class:`Job`.
 
-    Its help shows the options in groups.
+    The :class:`Job` is the argument ``job`` of the command's function. The help shows the options in groups.
     """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Makes the job when all options are known."""
+        """Parses the arguments, and makes the job from the options."""
         rest = super().parse_args(ctx, args)
         if not ctx.resilient_parsing:
             ctx.params["job"] = make_job({name: ctx.params.pop(name) for name in FIELDS if name in ctx.params})
         return rest
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Writes them."""
+        """Writes the options to the help, in groups."""
         groups: dict[str, list[tuple[str, str]]] = {}
         for param in self.get_params(ctx):
             if isinstance(param, click.Option) and (record := param.get_help_record(ctx)) is not None:
@@ -215,7 +221,7 @@ class Command(click.Command):
                 formatter.write_dl(records)
 
 
-#: Options that exclude each other: one, others, and what to do.
+#: Options that exclude each other: an option, the options that cannot be combined with it, and the error message.
 CONFLICTS = (
     ("spp", "samples", "--spp and --samples both set the number of samples; give one of them."),
     ("workers", "cluster", "--workers starts a cluster here, and --cluster names a running one; give one of them."),
@@ -236,13 +242,13 @@ CONFLICTS = (
 
 
 def make_job(asked: dict[str, Any]) -> Job:
-    """The job for these options; also sets its variant. Raises UsageError where options contradict each other."""
+    """Makes the job for these options, and sets its variant. Raises UsageError if options contradict each other."""
     given = {name for name, value in asked.items() if value}
     for one, others, message in CONFLICTS:
         if one in given and given & set(others.split()):
             raise click.UsageError(message)
-    if "frames" not in given and (of_films := given & {"fps", "overwrite"}):
-        raise click.UsageError(f"--{min(of_films)} is for films; add --frames.")
+    if "frames" not in given and (film_options := given & {"fps", "overwrite"}):
+        raise click.UsageError(f"--{min(film_options)} is for films; add --frames.")
     if asked.get("adaptive") == "thesis" and given & set(TARGETS):
         raise click.UsageError("--adaptive thesis does not measure the noise; leave it out with --noise and --time.")
     asked["scene"] = str(asked.get("scene") or "")
@@ -258,7 +264,10 @@ def make_job(asked: dict[str, Any]) -> Job:
 
 
 def choose_variant(name: str | None) -> str:
-    """Sets a variant, or the default one; loads all plugins; returns its name. Raises ImportError, ClickException."""
+    """Sets this variant, or the default variant, and loads all plugins; returns the variant's name.
+
+    Raises ImportError and ClickException.
+    """
     try:
         variant = session.set_variant(name)
     except RuntimeError as error:
@@ -269,7 +278,7 @@ def choose_variant(name: str | None) -> str:
 
 
 def refuse_scalar(names: list[str], variant: str) -> None:
-    """Raises InputError for these options with a scalar variant, which renders pixel by pixel."""
+    """Raises InputError if one of the options ``names`` is used with a scalar variant, which renders pixel by pixel."""
     if variant.startswith("scalar_") and names:
         raise InputError(
             f"{', '.join(names)}: {variant} renders pixel by pixel, not progressively. Give another variant, "

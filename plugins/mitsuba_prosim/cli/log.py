@@ -1,4 +1,4 @@
-"""Mitsuba's log while a command runs."""
+"""Shows Mitsuba's log while a command runs."""
 
 import os
 import re
@@ -15,21 +15,22 @@ from tqdm import tqdm
 
 LEVELS = (mi.LogLevel.Warn, mi.LogLevel.Info, mi.LogLevel.Debug, mi.LogLevel.Trace)
 
-#: The time at which a message of Mitsuba's log begins.
+#: Matches the date and time at the beginning of each message of Mitsuba's log.
 TIME = re.compile(r"^(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d )", re.MULTILINE)
 
-#: Colours, and the progress bar that some of Mitsuba's integrators draw.
+#: Matches terminal colours, and the progress bar that some of Mitsuba's integrators draw.
 DECORATION = re.compile(r"\x1b\[[0-9;]*m|\r[^\n]*")
 
 
 @contextmanager
 def log(verbose: int) -> Iterator[None]:
-    """Sends Mitsuba's log to standard error, above the progress bar: warnings, or more if ``verbose``.
+    """Prints Mitsuba's log to standard error, above the progress bar: warnings, and more for a larger ``verbose``.
 
-    Mitsuba writes to standard output. It is redirected to a file, whose new text a thread prints. Mitsuba's logger
-    must never have an appender that Python knows, not even Mitsuba's own: to use one it waits for the interpreter,
-    while it holds its lock and often that of the plugin manager. A thread that makes one of our plugins has the
-    interpreter and needs these locks, and both would wait for ever.
+    Mitsuba writes its log to standard output. This function redirects standard output to a file, and a thread prints
+    the text that is added to this file. Mitsuba's logger must have no appender that Python knows, not even an appender
+    of Mitsuba. Such an appender waits for Python's interpreter lock, while it holds the logger's lock and often that of
+    the plugin manager. Another thread that makes a plugin in Python holds the interpreter lock and needs the other two
+    locks, so both threads would wait for ever.
     """
     level = mi.log_level()
     sys.stdout.flush()
@@ -54,7 +55,7 @@ def log(verbose: int) -> Iterator[None]:
 
 
 def _follow(file: BinaryIO, finished: threading.Event) -> None:
-    """Prints the lines that are added to ``file``, until ``finished``; equal warnings once."""
+    """Prints the lines that are added to ``file``, until ``finished`` is set; prints equal warnings only once."""
     warnings, last, rest = set[str](), False, b""
     while not last:
         last = finished.wait(0.05)

@@ -1,4 +1,4 @@
-"""``prosim mix``: the lamps of a rendered image, dimmed and coloured."""
+"""``prosim mix``: changes the brightness and the colour of the lamps of a rendered image."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from .job import Command, Job, job_options
 from .option_types import InputError, PatternType
 from .render_task import SUFFIXES
 
-#: Difference of an image and the sum of its layers, over the brightest value: that of half precision.
+#: Largest allowed difference between an image and the sum of its layers, relative to the brightest value. Rounding to
+#: half precision causes such differences.
 ROUNDING = 0.01
 
 NUMBER = r"(\d{1,16}\.?\d*|\.\d+)"
@@ -69,11 +70,11 @@ def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> N
 
 
 def described(factors: Iterable[tuple[str, np.ndarray]]) -> str:
-    """The factors, for the metadata."""
+    """Returns the factors as text, for the metadata of the image."""
     return ", ".join(f"{name} x {' '.join(map(str, factor))}" for name, factor in factors)
 
 
 def is_sum(planes: dict[str, np.ndarray], layers: list[str], letter: str) -> bool:
-    """Whether one colour of the image is the sum of the ``layers``."""
+    """Whether the channel ``letter`` (R, G or B) of the image is the sum of this channel of the ``layers``."""
     image, total = planes.get(letter, np.zeros(1)), np.sum([planes[f"{name}.{letter}"] for name in layers], axis=0)
     return bool(np.abs(total - image).max() <= ROUNDING * max(np.abs(image).max(), 1e-3))

@@ -1,4 +1,4 @@
-"""Options: the types of their values, and the help, which shows them in groups."""
+"""The types of the values of command-line options, and options that the help shows in groups."""
 
 import math
 import re
@@ -14,19 +14,19 @@ from ..engine.tiles import Part
 from ..scene import overrides, session
 from ..scene.errors import with_line, with_suggestion
 
-#: Where the viewer tev listens by default.
+#: The default address of the viewer tev.
 TEV_HOST, TEV_PORT = "127.0.0.1", 14158
 
 
 class InputError(click.ClickException):
-    """The scene is wrong; nothing has been written."""
+    """The scene or another input is wrong. Exit code 2: no file has been written."""
 
     exit_code = 2
 
 
 @contextmanager
 def input_errors() -> Iterator[None]:
-    """Turns whatever is raised where a scene is read and made into an InputError."""
+    """Converts any exception that is raised while a scene is read and loaded to an InputError."""
     try:
         yield
     except prosim_scene.SceneError as error:
@@ -36,7 +36,9 @@ def input_errors() -> Iterator[None]:
 
 
 def require_extra(extra: str, what: str) -> None:
-    """Raises ClickException if ``what`` needs an extra that is not installed."""
+    """Raises ClickException with the message that ``what`` needs the extra, if packages of the extra are not
+    installed.
+    """
     if extras.missing(extra):
         raise click.ClickException(extras.needs(what, extra))
 
@@ -45,13 +47,16 @@ def require_extra(extra: str, what: str) -> None:
 
 
 class PatternType(click.ParamType):
-    """Text of one form. ``make`` gets the groups of ``pattern`` and returns the value; its ValueErrors are shown."""
+    """The type of an option whose value is a text that matches a ``pattern``.
+
+    ``make`` converts the groups of the pattern to the value; the user sees the message of a ValueError that it raises.
+    """
 
     def __init__(self, name: str, example: str, pattern: str, make: Callable[..., Any]) -> None:
         self.name, self.example, self.pattern, self.make = name, example, pattern, make
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Returns the value."""
+        """Converts the text of the option to its value."""
         if not isinstance(value, str):
             return value
         found = re.fullmatch(self.pattern, value, re.DOTALL)
@@ -75,7 +80,7 @@ class Number(click.FloatRange):
     name = "number"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Returns the number."""
+        """Converts the text of the option to a finite number."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"'{value}' is not a finite number.", param, ctx)
@@ -96,11 +101,11 @@ def _frames(first: str, end: str | None, step: str | None) -> range:
 
 
 def _snapshots(text: str) -> tuple[str, ...]:
-    """The errors, as they were written, or the times, which end in s; all positive."""
+    """Splits a list of errors or of times (which end in s), all positive; returns them as they are written."""
     snapshots = tuple(text.split(","))
-    if len({one.endswith("s") for one in snapshots}) > 1:
+    if len({snapshot.endswith("s") for snapshot in snapshots}) > 1:
         raise ValueError("give errors or times, not both")
-    if not all(float(one.removesuffix("s")) > 0 for one in snapshots):
+    if not all(float(snapshot.removesuffix("s")) > 0 for snapshot in snapshots):
         raise ValueError("errors and times are positive")
     return snapshots
 
@@ -130,7 +135,7 @@ VIEWER = PatternType(
     r"tev(?:=(.+):(\d{1,5}))?",
     lambda host, port: (host or TEV_HOST, int(port or TEV_PORT)),
 )
-#: With a port: Dask would wait for a scheduler without one.
+#: The port is required, because Dask would wait for ever for a scheduler without a port.
 ADDRESS = PatternType(
     "ADDRESS", "tcp://machine:8786, which `dask scheduler` prints", r"((?:\w+://)?[^/]+:\d{1,5}/?)", str
 )
@@ -140,7 +145,7 @@ ADDRESS = PatternType(
 
 
 class Option(click.Option):
-    """An option in a ``group`` of the help."""
+    """An option that belongs to a ``group`` of the help."""
 
     def __init__(self, *names: Any, group: str, **settings: Any) -> None:
         super().__init__(*names, **settings)
@@ -148,5 +153,5 @@ class Option(click.Option):
 
 
 def option(group: str, *names: str, **settings: Any) -> Callable[[Callable], Callable]:
-    """Decorator: gives a command an :class:`Option`."""
+    """Returns a decorator that adds an :class:`Option` to a command."""
     return click.option(*names, cls=Option, group=group, **settings)

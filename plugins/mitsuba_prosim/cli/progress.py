@@ -1,4 +1,4 @@
-"""The progress of a command: a bar on a terminal, else a line now and then."""
+"""Shows the progress of a command: a bar on a terminal, otherwise a line of text from time to time."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from typing import Any
 
 from tqdm import tqdm
 
-#: Seconds between two lines of a log, at least and at most; and as a part of the time that has passed.
+#: Without a terminal: the shortest and the longest time in seconds between two lines, and this time as a fraction of
+#: the elapsed time.
 SHORTEST, LONGEST, SHARE = 10.0, 300.0, 0.25
 
 
 class Progress(tqdm):
-    """The progress of one step after the other, or of a film's frames, on standard error.
+    """The progress of successive steps, or of the frames of an animation, on standard error.
 
-    ``doing``: shown until the first step begins; ``frames``: of a film; ``timed``: whether a step shows progress before
-    its end.
+    ``doing`` is the text that is shown until the first step begins. ``frames`` is the number of frames. ``timed`` is
+    whether a step reports progress before its end.
     """
 
     def __init__(self, doing: str, frames: int = 1, timed: bool = True) -> None:
@@ -27,8 +28,10 @@ class Progress(tqdm):
         )
 
     def show(self, done: float, step: str = "rendering") -> None:
-        """Shows that the part ``done`` of a step, or of the frame, is done, 0 to 1; the bar never moves back. What the
-        first call says of a step was done before: the time left does not count it.
+        """Shows the progress ``done`` of a step, or of a frame, in [0, 1]; the bar never moves back.
+
+        The progress that the first call for a step reports was made by an earlier command, so the estimate of the
+        remaining time ignores it.
         """
         if step != self.step:
             if self.step:
@@ -36,10 +39,10 @@ class Progress(tqdm):
                 self.next_line = SHORTEST
             self.step, self.initial = step, done
             self.set_description_str(step, refresh=False)
-        self.update(max(self.finished + done - self.n, 0))  # an estimate may become worse
+        self.update(max(self.finished + done - self.n, 0))  # an estimated progress may decrease
 
     def display(self, msg: str | None = None, pos: int | None = None) -> bool:
-        """Draws the bar; without a terminal prints a line, if it is time for one."""
+        """Draws the bar. Without a terminal, prints a line if enough time has passed since the last line."""
         if self.on_terminal:
             return bool(super().display(msg, pos))
         shown = self.format_dict
@@ -50,12 +53,12 @@ class Progress(tqdm):
         return False
 
     def clear(self, *how: Any, **more: Any) -> None:
-        """Removes the bar, where there is one, until the next :meth:`display`."""
+        """Removes the bar from the terminal until the next :meth:`display`."""
         if self.on_terminal:
             super().clear(*how, **more)
 
     def begin(self, number: int) -> None:
-        """Shows the frame of that number from now on."""
+        """Shows that the frame with this number is being rendered."""
         self.step = "rendering"
         self.set_description_str(f"frame {number}")
 
@@ -65,6 +68,6 @@ class Progress(tqdm):
         self.finished += 1
 
     def leave_out(self) -> None:
-        """Counts a frame that exists."""
+        """Removes a frame that exists already from the number of frames to render."""
         self.total -= 1
         self.refresh()

@@ -1,4 +1,6 @@
-"""``prosim render``, ``prosim resume`` and ``prosim merge``: from a scene, a state or parts to an EXR and a PNG."""
+"""``prosim render``, ``prosim resume`` and ``prosim merge``: render a scene, continue a state, or merge parts to an
+image.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +19,14 @@ from .job import OPTIONS, RUNNING, TARGETS, Command, Job, choose_variant, job_op
 from .option_types import input_errors, option
 from .render_task import STATE, SUFFIXES, write_image
 
-#: Policies that decide by the first samples alone; ``graded`` takes their place where the target changes.
+#: Policies that use only the first samples of each pixel for their decision. If ``prosim resume`` gets a new target,
+#: ``graded`` replaces them.
 BY_FIRST = ("neighbours", "thesis")
 
-#: Options that change the target of a render.
+#: Options that change when a render stops.
 TARGET = (*TARGETS, "max_samples", "adaptive")
 
-#: Decorator: the option of commands that open a state.
+#: Decorator that adds the option --scene to a command that opens a state.
 scene_option = option("Scene", "--scene", "moved", type=SCENE_FILE, help="Path of the scene, if it was moved.")
 
 
@@ -98,7 +101,7 @@ def merge(job: Job, part_files: tuple[Path, ...], moved: Path | None) -> None:
 
 
 def continued(before: Job, asked: Job, **changes: Any) -> Job:
-    """The job ``before``, of a state, running and shown as ``asked``."""
+    """Returns the job ``before``, which a state stores, with the output and the workers of the job ``asked``."""
     running = {name: getattr(asked, name) for name in RUNNING}
     exposure = before.exposure if asked.exposure is None else asked.exposure
     return replace(before, exposure=exposure, **running | changes)
@@ -107,8 +110,10 @@ def continued(before: Job, asked: Job, **changes: Any) -> Job:
 def checkpoint_and_job(
     state: Path, moved: Path | None, load: Callable[[Path], Checkpoint] = checkpoint.load
 ) -> tuple[Checkpoint, Job]:
-    """The checkpoint in a file and its job; also sets its variant. ``moved``: path of the job's scene, if that was
-    moved; ``load``: reads the checkpoint. Raises InputError.
+    """Reads a checkpoint and its job, and sets the job's variant.
+
+    ``moved`` is the new path of the job's scene, if the scene was moved. ``load`` reads the checkpoint. Raises
+    InputError.
     """
     with input_errors():
         choose_variant(checkpoint.read(state, arrays=False).environment["variant"])

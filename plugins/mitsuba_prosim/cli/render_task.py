@@ -1,4 +1,4 @@
-"""One image: its render, step by step, and its files."""
+"""Renders one image step by step, and writes its files."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from .tev import TevClient
 if TYPE_CHECKING:
     from ..parallel.executor import DaskExecutor
 
-#: Suffixes of an image, and of its state.
+#: Suffixes of the files of an image, and of its checkpoint.
 SUFFIXES, STATE = (".exr", ".png"), ".state.npz"
 
 
@@ -42,8 +42,8 @@ SUFFIXES, STATE = (".exr", ".png"), ".state.npz"
 class RenderTask:
     """An image that is to be rendered and written to ``stem``, a path without suffix.
 
-    ``begin``: the checkpoint to continue. ``facts``: further metadata of the image, which frames of a film alone have;
-    an interrupted frame is not written.
+    ``begin`` is a checkpoint from which the render continues. ``facts`` are further metadata of a frame of an
+    animation; they are empty for a single image. An interrupted frame is not written.
     """
 
     job: Job
@@ -54,12 +54,12 @@ class RenderTask:
 
     @cached_property
     def scene(self) -> mi.Scene:
-        """The scene, loaded at the first use. Raises the errors of its plugins."""
+        """The scene, which is loaded at the first use. Raises the errors of loading its plugins."""
         return self.file.load()
 
     @cached_property
     def sensor(self) -> mi.Sensor:
-        """The sensor that the job names. Raises ValueError where the scene has no such sensor."""
+        """The sensor that the job selects. Raises ValueError if the scene has no such sensor."""
         return scene_file.pick_sensor(self.scene, self.job.sensor)
 
     @property
@@ -69,13 +69,14 @@ class RenderTask:
 
     @cached_property
     def about(self) -> dict[str, Any]:
-        """Facts that identify the checkpoints, and by which another process continues the job."""
+        """Facts that checkpoints store: they identify the image, and let another process continue its job."""
         image = self.job.image() | {"scene": os.path.abspath(self.job.scene)}
         return {"job": image, "digest": self.file.digest()}
 
     def check(self) -> None:
-        """Raises the errors of loading the scene, and ValueError where the options do not suit it, or :attr:`begin`
-        belongs to another one.
+        """Raises the errors of loading the scene, and ValueError if the options do not suit the scene.
+
+        Raises ValueError, too, if the checkpoint :attr:`begin` belongs to another scene.
         """
         job, film, integrator = self.job, self.sensor.film(), self.integrator
         refuse_scalar([name for name in TARGETS if getattr(integrator, name, 0)], job.variant)
@@ -92,19 +93,19 @@ class RenderTask:
 
     @property
     def state_suffix(self) -> str:
-        """The suffix of the checkpoints; empty without any."""
+        """The suffix of the checkpoint, or "" if the job writes no checkpoint."""
         return f".{self.job.part}.npz" if self.job.part else STATE if self.job.checkpoint else ""
 
     def check_place(self) -> None:
-        """Raises InputError where the result can't be written."""
+        """Raises InputError if the result cannot be written."""
         width, height = self.sensor.film().crop_size()
-        # Ten channels of 32 bits, the integrator's own ones, and the PNG.
+        # Bytes per pixel: ten channels of 32 bits, the PNG, and the integrator's own channels.
         size = int(width * height) * (48 + 4 * len(self.integrator.aov_names())) + 2**16
         suffixes = [*(() if self.job.part else SUFFIXES), *filter(None, [self.state_suffix])]
         files.check(self.stem, suffixes, size, [self.file.path, *self.file.sources()])
 
     def unfinished(self) -> Checkpoint | None:
-        """The checkpoint of an interrupted render of this image, if it exists."""
+        """Returns the checkpoint of an interrupted render of the same image, or None."""
         try:
             record = checkpoint.load(f"{self.stem}{STATE}")
         except (OSError, ValueError):
@@ -113,8 +114,9 @@ class RenderTask:
 
 
 class Resources(ExitStack):
-    """What the images of a job share: Mitsuba's log, the number of threads, a temporary ``folder``, and the workers,
-    from the first image that needs them.
+    """Resources that all images of a job share: Mitsuba's log, the threads, a temporary ``folder``, and the workers.
+
+    The workers start when the first image needs them.
     """
 
     def __init__(self, job: Job) -> None:
@@ -130,13 +132,13 @@ class Resources(ExitStack):
 
     @property
     def loss_reason(self) -> str | None:
-        """Why the cluster has gone away; None while it is there."""
+        """Why the connection to the cluster was lost, or None if it was not lost."""
         return self.dask.loss_reason if self.dask else None
 
     def executor(self, file: scene_file.SceneFile) -> DaskExecutor | None:
-        """The executor for the samples of an image of ``file``; None for this process.
+        """Returns the executor that renders the image of ``file`` on workers; None if this process renders it.
 
-        Raises InputError where the scene can't travel, and ClickException.
+        Raises InputError if the scene cannot be sent to workers, and ClickException.
         """
         job, option = self.job, self.job.distributed
         if option is None:
@@ -151,9 +153,9 @@ class Resources(ExitStack):
         if self.dask is not None:
             self.dask.change_scene(bundle)
             return self.dask
-        there = cluster.scheduler(job.cluster) if job.cluster else cluster.workers(job.workers or 1, job.threads)
+        context = cluster.scheduler(job.cluster) if job.cluster else cluster.workers(job.workers or 1, job.threads)
         try:
-            self.dask = DaskExecutor(self.enter_context(there), bundle)
+            self.dask = DaskExecutor(self.enter_context(context), bundle)
         except RuntimeError as error:
             message = str(error) if job.cluster else f"the workers can't be started here ({error})"
             raise click.ClickException(message) from None
@@ -162,8 +164,10 @@ class Resources(ExitStack):
 
 @dataclass
 class Image:
-    """The image of a render that has ended: the ``contents`` of its files by suffix; the ``lines`` that the command
-    prints; ``black``: why nothing is visible; ``interruption``: its cause.
+    """The image of a render that has ended.
+
+    ``contents`` maps the suffix of each file to its content. ``lines`` are the lines that the command prints. ``black``
+    tells why nothing is visible, or is None. ``interruption`` is the cause of an interruption, or None.
     """
 
     contents: dict[str, atomic.Content] = field(default_factory=dict)
@@ -180,10 +184,10 @@ class Image:
 def render_image(
     task: RenderTask, bar: Progress, resources: Resources, received_signals: list[int] | None = None
 ) -> Image:
-    """Renders an image and writes it, or its state. For ``received_signals`` see :func:`.interruptible`.
+    """Renders an image, and writes its files and its checkpoint.
 
-    Raises InputError, where nothing has been written, and ClickException; ends the process where it was interrupted
-    before the first sample, unless it is a frame of a film.
+    :func:`.interruptible` describes ``received_signals``. Raises InputError (then no file has been written) and
+    ClickException. If a single image is interrupted before its first sample, the process ends.
     """
     job, is_frame, film = task.job, bool(task.facts), task.sensor.film()
     task.check_place()
@@ -218,7 +222,7 @@ def render_image(
             click.echo(f"Interrupted {nothing}", err=True)
             sys.exit(128 + signals[0])
         image, saved, unsaved = Image(), list[Path](), {}
-        if task.state_suffix:  # first: the denoiser may fail, or the user may not wait for it
+        if task.state_suffix:  # writes the state before denoising, which may fail or be interrupted
             content = replace(steps.checkpoint(), about=task.about).write
             try:
                 saved = atomic.write({state: content})
@@ -245,10 +249,10 @@ def render_image(
 
 
 def write_image(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
-    """Renders a job, or its part alone, writes its image, and prints a report. ``stem``: the path without suffix.
+    """Renders the image of a job, or its part of the image, writes the files, and prints a report.
 
-    ``begin``: continues from there. Raises InputError, where nothing has been written, and ClickException; ends the
-    process where it was interrupted.
+    ``stem`` is the path of the files without suffix. ``begin`` is a checkpoint from which the render continues. Raises
+    InputError (then no file has been written) and ClickException. After an interruption the process ends.
     """
     with ExitStack() as until_reported:
         with Resources(job) as resources:
@@ -256,7 +260,7 @@ def write_image(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
                 task = RenderTask(job, job.read_scene(resources.folder), stem, begin)
                 task.check()
             progressive = rendering.is_progressive(task.integrator)
-            # Workers need a second to end, when the image is written.
+            # Handles signals also while the workers end, which takes a second after the image is written.
             signals = until_reported.enter_context(interruptible(lambda: None))
             # The first step ends when the kernels are compiled and one work item is rendered.
             with Progress("compiling kernels" if progressive else "rendering", timed=progressive) as bar:
@@ -269,15 +273,17 @@ def write_image(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
 
 
 class Snapshots:
-    """Writes the image of a task, without suffix ``NAME``, to ``NAME.0.04.exr`` when its error is this small, or to
-    ``NAME.4s.exr`` after 4 seconds, with its true error, counts and time.
+    """Writes intermediate images of a task whose image has the path ``NAME``.
+
+    The image is written to ``NAME.0.04.exr`` when its error is at most 0.04, or to ``NAME.4s.exr`` after 4 seconds. The
+    metadata contain the actual error, sample counts and time.
     """
 
     def __init__(self, task: RenderTask) -> None:
         self.task, self.left, self.started = task, sorted(task.job.snapshots or ()), perf_counter()
 
     def __call__(self, steps: Any) -> None:
-        """Writes those that are due."""
+        """Writes the snapshots whose error or time has been reached."""
         reached, task = steps.reached if self.left else None, self.task
         if reached is None or not reached.min_samples:
             return
@@ -295,31 +301,32 @@ class Snapshots:
 
 
 def finish(task: RenderTask, steps: Any, seconds: float, interrupted: bool) -> Image:
-    """The image of a render that has ended, denoised if the job requests it."""
+    """Returns the image of a render that has ended; the image is denoised if the job requires this."""
     job, integrator, film, reached = task.job, task.integrator, task.sensor.film(), steps.reached
     header = report.metadata(job, integrator, reached, interrupted, seconds)
     only_time = rendering.is_progressive(integrator) and integrator.time and not report.noise_goals(integrator)
     bound = steps.noise_bound() if only_time and not job.denoise else None
-    lines, own = [report.summary(integrator, reached, header.get("prosim.ended"), bound)], dict[str, str]()
+    lines, added = [report.summary(integrator, reached, header.get("prosim.ended"), bound)], dict[str, str]()
     bitmap = film.bitmap()
     if job.denoise:
         final = steps.denoiser
         if interrupted and len(final.images) == 1:
-            own, line = {"prosim.denoised": "no, interrupted"}, "not denoised: interrupted"
+            added, line = {"prosim.denoised": "no, interrupted"}, "not denoised: interrupted"
         else:
             bitmap = layers.bitmap(final)
-            own, line = report.denoised_report(final, film)
+            added, line = report.denoised_report(final, film)
         lines.append(line)
     exposure = job.exposure or 0.0
     colours = images.colours(bitmap)
     shown = None if colours is None else colours * 2.0**exposure
-    why = None if shown is None else black.reason(task.scene, task.sensor, shown, exposure=exposure)
-    return Image({**images.encode(bitmap, header | own | dict(task.facts), exposure, own)}, lines, why)
+    why_black = None if shown is None else black.reason(task.scene, task.sensor, shown, exposure=exposure)
+    return Image({**images.encode(bitmap, header | added | dict(task.facts), exposure, added)}, lines, why_black)
 
 
 def check_denoising(film: mi.Film, integrator: mi.Integrator | None = None) -> None:
-    """Raises ClickException where the package is missing, ValueError where ``film`` stores no colours, or the
-    ``integrator`` already denoises.
+    """Raises ClickException if the denoiser is not installed.
+
+    Raises ValueError if ``film`` stores no colours, or if the ``integrator`` already denoises.
     """
     require_extra("denoise", "--denoise")
     if integrator is not None and "denoised.R" in integrator.aov_names():

@@ -1,4 +1,4 @@
-"""The result of a render: the metadata of its image, and the lines that the command prints."""
+"""The report of a render: the metadata of its image, and the lines that the command prints."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ if TYPE_CHECKING:
     from ..engine.render import Reached
     from .job import Job
 
-#: Goal of an integrator, and measured value of a render -> the same in words.
+#: Noise measure, which is a parameter of an integrator and a measured value of a render -> its name in the report.
 NOISES = {"noise": "noise", "noise_99": "that of 99 pixels in 100", "noise_999": "that of 999 in 1000"}
 
 
 def metadata(
     job: Job, integrator: mi.Integrator, reached: Reached | None, interrupted: bool, seconds: float
 ) -> dict[str, str]:
-    """The metadata of an EXR image.
+    """Returns the metadata of an EXR image.
 
-    With a progressive integrator ``prosim.samples``, the mean of a pixel; ``prosim.noise``, ``prosim.noise_99`` and
-    ``prosim.noise_999``, if they were measured; with a goal ``prosim.ended``, see :func:`end_cause`.
+    For a progressive integrator, ``prosim.samples`` is the mean number of samples per pixel. ``prosim.noise``,
+    ``prosim.noise_99`` and ``prosim.noise_999`` exist if they were measured. ``prosim.ended`` is the result of
+    :func:`end_cause`, if this is not None.
     """
     result = {
         "scene": job.scene,
@@ -48,14 +49,15 @@ def metadata(
 def summary(
     integrator: mi.Integrator, reached: Reached, ended: str | None, noise_bound: float | None = None
 ) -> str | None:
-    """Noise, samples and seconds of a render, and why it ``ended`` if not by the noise; None without a goal.
+    """Returns a line with the noise, the samples and the seconds of a render, and the cause of its end.
 
-    ``ended``: see :func:`end_cause`; ``noise_bound``: an upper estimate of the noise where it was not measured.
+    ``ended`` is the result of :func:`end_cause`; if it is None, this function returns None. ``noise_bound`` is an upper
+    estimate of the noise for a render that did not measure the noise.
     """
     if ended is None:
         return None
     parts = []
-    # The last measurement is older than the image of an interrupted render.
+    # After an interruption or a time limit, the noise was measured at an earlier image, so it is now lower.
     below = "" if ended in ("noise", "samples") else "below "
     for name in noise_goals(integrator):
         measured = getattr(reached, name)
@@ -76,7 +78,7 @@ def summary(
 
 
 def denoised_report(final: FinalImage, film: mi.Film) -> tuple[dict[str, str], str]:
-    """The metadata of a denoised image, and its line."""
+    """Returns the metadata of a denoised image, and the line that the command prints about denoising."""
     result, limit = final.denoised(), getattr(final.integrator, "noise", 0.0)
     facts = {
         "prosim.denoised": f"by Open Image Denoise {oidn.load().oidn_version()}, where two halves of the samples "
@@ -98,13 +100,14 @@ def denoised_report(final: FinalImage, film: mi.Film) -> tuple[dict[str, str], s
 
 
 def noise_goals(integrator: mi.Integrator) -> list[str]:
-    """The parameters among :data:`NOISES` that an integrator has."""
+    """Returns the names among :data:`NOISES` of the error targets that an integrator has."""
     return [name for name in NOISES if getattr(integrator, name, 0)]
 
 
 def end_cause(integrator: mi.Integrator, reached: Reached, interrupted: bool) -> str | None:
-    """The cause of a render's end: ``interrupted``, ``noise``, ``time``, or ``samples`` (the maximum number); None
-    without a goal for noise or time.
+    """Returns the cause of a render's end: ``interrupted``, ``noise``, ``time``, or ``samples`` (the maximum number).
+
+    Returns None if the integrator has neither an error target nor a time limit.
     """
     noises = noise_goals(integrator)
     if not (noises or integrator.time):

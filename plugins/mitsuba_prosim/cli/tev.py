@@ -1,4 +1,4 @@
-"""``prosim render --view tev``: sends the image so far to the viewer tev during a render."""
+"""``prosim render --view tev``: sends intermediate images to the viewer tev during a render."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from ..scene import images
 from .job import Job
 from .option_types import require_extra
 
-#: Seconds after which a tev that reads nothing counts as gone: it reads whenever it draws, many times a second.
+#: Timeout in seconds for sending to tev, which normally reads its connection many times a second.
 SOCKET_TIMEOUT = 10.0
 
-#: Channels of the image.
+#: Names of the channels of the image in tev.
 CHANNELS = ["R", "G", "B"]
 
 
 class TevClient(ExitStack):
-    """Shows the image of a job in tev, if the job requests it: the content of ``film``.
+    """Shows the content of ``film`` in the viewer tev, if the job has the option ``--view``.
 
-    Raises ClickException where tev does not run, or tevclient is missing.
+    Raises ClickException if tev does not run, or if the package tevclient is missing.
     """
 
     def __init__(self, job: Job, film: mi.Film) -> None:
@@ -41,7 +41,7 @@ class TevClient(ExitStack):
         import tevclient
 
         before = socket.getdefaulttimeout()
-        socket.setdefaulttimeout(SOCKET_TIMEOUT)  # of the new connection
+        socket.setdefaulttimeout(SOCKET_TIMEOUT)  # the timeout of the new connection
         try:
             self._tev = self.push(tevclient.Ipc(host, port))
             self._tev.__enter__().create_image(self._name, *map(int, self._film.crop_size()), CHANNELS)
@@ -55,14 +55,14 @@ class TevClient(ExitStack):
             socket.setdefaulttimeout(before)
 
     def update(self, render: Any) -> None:
-        """Shows a render in progress, if it is time for that."""
+        """Shows the image of a render in progress, if enough time has passed since the last image."""
         if self._tev is not None and self._throttle.due:
             with self._throttle.drawing():
                 render.update_film()
                 self.show()
 
     def show(self) -> None:
-        """Sends the content of the film. If tev has ended, warns once and sends no more."""
+        """Sends the content of the film to tev. If tev has ended, warns once, and sends nothing more."""
         colours = None if self._tev is None else images.colours(self._film.bitmap())
         if colours is None:
             return

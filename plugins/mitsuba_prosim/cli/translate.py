@@ -1,4 +1,4 @@
-"""``prosim translate`` and ``prosim format``: translate and format the scene language."""
+"""``prosim translate`` and ``prosim format``: translate and format scenes in the scene language."""
 
 import sys
 from pathlib import Path
@@ -55,7 +55,7 @@ def format_scene(scenes: tuple[Path, ...], check: bool) -> None:
         if not check:
             try:
                 prosim_scene.rewrite(scene, tidy)
-            except prosim_scene.SceneError as error:  # of the disk
+            except prosim_scene.SceneError as error:  # the file could not be written
                 raise click.ClickException(str(error)) from None
         click.echo(f"{scene}: {'not tidy' if check else 'tidied'}")
     sys.exit(bool(check and untidy))

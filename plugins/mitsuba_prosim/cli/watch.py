@@ -21,7 +21,7 @@ from .log import log
 from .option_types import Integer, option, require_extra
 from .report import metadata
 
-#: Options of files and other processes, which it does not have, besides those of films.
+#: Options of prosim render that prosim watch does not have: options for output files, other processes, and animations.
 LEFT_OUT = ("output", "exposure", "checkpoint", "snapshots", "view", "crop", "workers", "cluster", "part", *FILM)
 
 
@@ -74,5 +74,5 @@ def watch(job: Job, port: int, browser: bool) -> None:
 
 
 def has_windows() -> bool:
-    """Whether a browser would open a window, and not start in the terminal."""
+    """Whether a browser opens a window of its own, instead of starting in the terminal."""
     return sys.platform in ("darwin", "win32") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))

@@ -1,5 +1,5 @@
-"""``prosim compare``: integrators and samplers against converged references.
+"""``prosim compare``: measures the error of integrators and samplers against converged references.
 
-``comparison``: the runs and their numbers; ``methods``: integrators and samplers in a scene; ``runs``: references
-and timed rounds; ``measures``: of error; ``comparison_page``: the page.
+``comparison`` has the runs and their results, ``methods`` the integrators and samplers in a scene, ``runs`` the
+references and timed rounds, ``measures`` the measures of error, and ``comparison_page`` the HTML page.
 """

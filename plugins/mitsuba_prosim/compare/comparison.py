@@ -1,4 +1,4 @@
-"""The comparison of two methods: its runs, interleaved, and their results as numbers and images for the page."""
+"""Compares two methods in interleaved runs; the results are numbers and images for a page."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from . import measures, runs
 from .methods import ComparedScene, Method, Spec
 from .runs import Reference, Runs
 
-#: Transport of light -> its name.
+#: Light transport, that is, the simulated light paths -> its name on the page.
 LIGHT = {"paths": "all paths", "direct": "direct light", "scene": "the scene's light"}
 
-#: Parameters that end a render by its sample counts, not by its noise.
+#: Parameters that switch off the error target and the time limit, so that the sample counts end a render.
 UNTARGETED: dict[str, Any] = {"noise": 0.0, "time": 0.0}
 
-#: Kinds of maps, whose names end in these words -> their colours. All of one kind share their scale.
+#: Kind of a map, which is the end of its name -> its colour map. All maps of one kind have the same scale.
 COLOUR_MAPS = {"error": "magma", "flip": "magma", "counts": "viridis"}
 
 
 @dataclass(frozen=True)
 class Effort:
-    """The amount of work.
+    """How much work a comparison does.
 
-    ``sqrt_spp``: square roots of the sample counts of the curves; ``seconds``: for the reference of each transport;
-    ``denoise``: whether each image is also denoised.
+    ``sqrt_spp`` are the square roots of the sample counts of the error curves. ``rounds`` is the number of measured
+    runs. ``seconds`` is the time for each reference. ``denoise`` is whether each image is also denoised.
     """
 
     sqrt_spp: tuple[int, ...]
@@ -37,11 +37,11 @@ class Effort:
 
 
 class Comparison:
-    """Compares two methods on a scene called ``name``, at ``exposure`` in stops."""
+    """Compares the methods ``a`` and ``b`` on a scene called ``name``. ``exposure`` is in stops."""
 
     def __init__(self, scene: ComparedScene, name: str, a: Spec, b: Spec, effort: Effort, exposure: float) -> None:
         self.scene, self.a, self.b, self.effort, self.scale = scene, a, b, effort, 2.0**exposure
-        #: Text and numbers, fit for JSON, and arrays by name; complete after :meth:`run`.
+        #: Results that can be written as JSON, and images by name; both are complete after :meth:`run`.
         self.facts: dict[str, Any] = {
             "scene": name,
             "a": a.text,
@@ -53,13 +53,13 @@ class Comparison:
         self.images: dict[str, np.ndarray] = {}
 
     def run(self) -> Iterator[tuple[str, float]]:
-        """Renders all; yields what is done at the moment, and the part of it that is done, 0 to 1."""
+        """Renders all images; yields the name of the current work, and its progress, 0 to 1."""
         a, b = self.a, self.b
         transport = b.transport or a.transport or "scene"
-        free = next((spec for spec in (a, b) if spec.transport is None), None)
+        any_transport = next((spec for spec in (a, b) if spec.transport is None), None)
         sections = [Section(self.scene, transport, {"a": a, "b": b}, self.effort, self.scale)]
-        if free and transport != "scene":
-            sections.append(Section(self.scene, "scene", {"a": free}, self.effort, self.scale))
+        if any_transport and transport != "scene":
+            sections.append(Section(self.scene, "scene", {"a": any_transport}, self.effort, self.scale))
         for section in sections:
             yield from section.prepare()
         for done in runs.interleaved([run for section in sections for run in section.runs()], self.effort.rounds):
@@ -73,11 +73,14 @@ class Comparison:
 
 
 class Section:
-    """The methods of one transport of light, by ``specs`` for "a" and perhaps "b": the runs of the table's rows by
-    role, and those of the curves by role and level. All images are multiplied by ``scale``.
+    """The part of a comparison that has one light transport.
 
-    Roles are "a", "b", "b at equal samples" and "b at equal time" for rows, "a" and "b" for curves. A level is the
-    square root of the sample count.
+    ``specs`` are the specifications of the methods "a" and perhaps "b". ``rows`` are the runs for the rows of the
+    table, by role. ``curves`` are the runs for the error curves, by role and level. All images are multiplied by
+    ``scale``.
+
+    The roles of rows are "a", "b", "b at equal samples" and "b at equal time"; the roles of curves are "a" and "b". A
+    level is the square root of a sample count.
     """
 
     def __init__(
@@ -87,7 +90,7 @@ class Section:
         self.reference = Reference([reference_estimator(scene, spec, transport) for spec in specs.values()])
 
     def prepare(self) -> Iterator[tuple[str, float]]:
-        """Renders the reference and makes the methods; yields the progress."""
+        """Renders the reference, and makes the methods; yields the name of the current work, and its progress."""
         scene, transport, effort = self.scene, self.transport, self.effort
         for done in self.reference.converge(effort.seconds):
             yield f"reference of {LIGHT[transport]}", done
@@ -98,7 +101,7 @@ class Section:
         if b and b.is_adaptive:
             rows["b"] = scene.method(b, transport)
         elif b:
-            # B may need more samples for the error of A.
+            # B may need more samples than A for the same error.
             sqrt_spp["b"] = (*effort.sqrt_spp, round(1.6 * effort.sqrt_spp[-1]), round(2.5 * effort.sqrt_spp[-1]))
             yield "finding equal times", 0.0
             rows["b at equal samples"], rows["b at equal time"] = equals(scene, rows["a"], b, transport)
@@ -111,11 +114,13 @@ class Section:
         }
 
     def runs(self) -> list[Runs]:
-        """The runs of all methods, rows first."""
+        """Returns the runs of all methods; the rows of the table come first."""
         return [*self.rows.values(), *(point for curve in self.curves.values() for point in curve.values())]
 
     def facts(self) -> dict[str, Any]:
-        """Results for JSON: the rows of the table, curves with slopes, the reference, and equal errors."""
+        """Returns the results for JSON: rows of the table, error curves with slopes, the reference, and cost at equal
+        error.
+        """
         rows = [{"role": role, "name": run.method.name} | run.facts() for role, run in self.rows.items()]
         curves: list[dict[str, Any]] = []
         for role, curve in self.curves.items():
@@ -135,7 +140,7 @@ class Section:
         return result
 
     def images(self) -> dict[str, np.ndarray]:
-        """Images, error maps and sample counts of the rows of the table."""
+        """Returns the images, error maps and sample counts of the rows of the table."""
         images = {"reference": self.image}
         for role, run in self.rows.items():
             images |= {
@@ -148,40 +153,45 @@ class Section:
 
 
 def median(facts: Mapping[str, Any], name: str) -> float:
-    """A value of a row or of a point, see :meth:`.Runs.facts`, above 0, as its logarithm is wanted."""
+    """Returns the median of a measure of a row or of a point on a curve (see :meth:`.Runs.facts`).
+
+    The result is at least 1e-7, so that its logarithm exists.
+    """
     value = facts[name]
     return max(float(value if name == "samples" else value["median"]), 1e-7)
 
 
 def at_level(scene: ComparedScene, spec: Spec, transport: str, n: int) -> Method:
-    """The method with n * n samples per pixel, or at most as many if it is adaptive."""
+    """Returns the method with n * n samples per pixel; an adaptive method takes at most this number."""
     if not spec.is_adaptive:
         return scene.method(spec, transport, spp=n * n)
     own: Any = scene.method(spec, transport).integrator
-    # With a fixed threshold all pixels would converge, and the curve would end.
+    # With a fixed threshold, more samples would not reduce the error after all pixels have converged.
     changes = {"samples": n, "threshold": own.threshold * own.samples / n} | UNTARGETED
     return scene.method(spec.but(**changes), transport)
 
 
 def reference_estimator(scene: ComparedScene, spec: Spec, transport: str) -> Method:
-    """The method with 64 samples for every pixel: the mean of many such images is the reference."""
+    """Returns the method with 64 samples for every pixel. The mean of many such images is the reference."""
     if spec.is_adaptive:
         return scene.method(spec.but(adaptive="none", samples=8, **UNTARGETED), transport)
     return scene.method(spec, transport, spp=64)
 
 
 def equals(scene: ComparedScene, a: Method, b: Spec, transport: str) -> tuple[Method, Method]:
-    """Methods of ``b`` with as many samples as ``a`` takes, and with as many as take the same time."""
+    """Returns two variants of the method ``b``: with the same number of samples as ``a``, and with the same time as
+    ``a``.
+    """
     samples = max(round(float(np.mean(a.render(0)[1]))), 1)
 
     def processor_seconds(method: Method) -> float:
-        method.render(0)  # compiles
+        method.render(0)  # compiles the kernels
         return float(np.median([method.render(0)[3] for _ in range(3)]))
 
-    wanted = processor_seconds(a)
+    target_seconds = processor_seconds(a)
     spp, equal = samples, scene.method(b, transport, spp=samples)
-    for _ in range(4):  # a render has costs that do not grow with the samples, so the first guess is not the last
-        ratio = wanted / processor_seconds(equal)
+    for _ in range(4):  # repeated, because a part of a render's time does not depend on the sample count
+        ratio = target_seconds / processor_seconds(equal)
         if 0.9 < ratio < 1.1:
             break
         spp = min(max(round(spp * ratio), 1), 4096)
@@ -190,10 +200,10 @@ def equals(scene: ComparedScene, a: Method, b: Spec, transport: str) -> tuple[Me
 
 
 def equal_error(points: list[dict[str, Any]], cost: str, measure: str, row: dict[str, Any]) -> dict[str, Any]:
-    """The cost at which the curve ``points`` has the error of ``row``, over the cost of ``row``.
+    """Returns the ratio of two costs: that of the curve ``points`` at the error of ``row``, and that of ``row``.
 
-    If the curve does not reach that error, ``reached`` is false, and its highest cost counts; if it starts below that
-    error, its lowest cost counts.
+    If the curve does not reach this error, ``reached`` is False and the highest cost of the curve is used. If the curve
+    starts below this error, its lowest cost is used.
     """
     costs = [median(point, cost) for point in points]
     *errors, error = (median(facts, measure) for facts in (*points, row))
@@ -202,7 +212,7 @@ def equal_error(points: list[dict[str, Any]], cost: str, measure: str, row: dict
 
 
 def scales(images: Mapping[str, np.ndarray]) -> dict[str, float]:
-    """Kind of map -> the value at which its colours end."""
+    """Returns, for each kind of map, the value at the upper end of its colour scale."""
     result = {}
     for kind in COLOUR_MAPS:
         maps = [image for name, image in images.items() if name.endswith("/" + kind)]

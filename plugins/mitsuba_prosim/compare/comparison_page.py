@@ -12,25 +12,27 @@ import numpy as np
 from .comparison import COLOUR_MAPS, LIGHT, median
 from .measures import display
 
-#: The results of a comparison: texts and numbers, fit for JSON.
+#: The results of a comparison: texts and numbers that can be written as JSON.
 Facts = Mapping[str, Any]
 
 #: Measure -> (heading, explanation).
 MEASURES = {
     "rmse": ("RMSE", "root mean square error of the linear image"),
-    "tone_mapped_rmse": ("tone-mapped RMSE", "the same after a square root, about what a screen shows"),
-    "percentile99": ("99th percentile", "error that all but one pixel in a hundred stay below, tone-mapped"),
+    "tone_mapped_rmse": ("tone-mapped RMSE", "RMSE after a square root, which is about what a screen shows"),
+    "percentile99": ("99th percentile", "tone-mapped error that 99 % of the pixels do not exceed"),
     "relative_mse": ("relMSE", "squared error over the squared reference plus 0.01"),
     "ssim": ("SSIM", "structural similarity; 1 is equal"),
-    "flip": ("ꟻLIP", "difference that a viewer sees when flipping between the two; 0 is none"),
+    "flip": ("ꟻLIP", "difference that a viewer sees when flipping between image and reference; 0 is none"),
 }
 
-#: Colours of the methods.
+#: Method -> its colour in the charts.
 COLOURS = {"a": "#c2410c", "b": "#1d4ed8"}
 
 
 def html(facts: Facts, images: Mapping[str, np.ndarray]) -> str:
-    """The text of the page. ``<data value=...>`` holds each number in the precision of ``facts``."""
+    """Returns the HTML text of the page. Elements ``<data value=...>`` hold each number with the full precision of
+    ``facts``.
+    """
     import jinja2
 
     environment = jinja2.Environment(
@@ -44,18 +46,18 @@ def html(facts: Facts, images: Mapping[str, np.ndarray]) -> str:
 
 
 def described(role: str) -> str:
-    """The role of a row of the table, in words."""
+    """Describes the role of a row of the table, in words."""
     kind = "equal samples" if "samples" in role else "equal time" if "time" in role else "as in the scene"
     return kind + (", denoised" if role.endswith(" denoised") else "")
 
 
 def number(value: float | None, form: str = ".3g") -> str:
-    """A number in the format of the page."""
+    """Formats a number for the page."""
     import markupsafe
 
     if value is None:
         return "–"
-    # Without exponents, such as that of 1.2e+02.
+    # Replaces a number with an exponent, such as 1.2e+02, by one without.
     text = f"{value:{form}}"
     if "e" in text:
         text = np.format_float_positional(float(text), trim="-")
@@ -63,12 +65,12 @@ def number(value: float | None, form: str = ".3g") -> str:
 
 
 def data_uri(file: io.BytesIO, kind: str) -> str:
-    """The content of ``file``, an image of that kind, as a URI."""
+    """Returns the content of ``file``, an image in the format ``kind``, as a data URI."""
     return f"data:image/{kind};base64," + base64.b64encode(file.getvalue()).decode()
 
 
 def encode(facts: Facts, images: Mapping[str, np.ndarray]) -> dict[str, str]:
-    """Images as data URIs of PNG files; maps of one kind share their scale."""
+    """Returns the images as data URIs of PNG files; maps of one kind have the same colour scale."""
     from matplotlib.image import imsave
 
     result = {}
@@ -85,7 +87,7 @@ def encode(facts: Facts, images: Mapping[str, np.ndarray]) -> dict[str, str]:
 
 
 def chart(section: Facts) -> str:
-    """Curves of a section, as an SVG data URI."""
+    """Draws the error curves of a section; returns an SVG image as a data URI."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.5, 6.6), layout="constrained")
@@ -110,5 +112,5 @@ def chart(section: Facts) -> str:
 
 
 def json_text(facts: Facts) -> str:
-    """All facts, each number in full."""
+    """Returns all results as JSON, with the full precision of each number."""
     return json.dumps(facts, indent=1, ensure_ascii=False) + "\n"

@@ -1,6 +1,6 @@
-"""Measures of error between an image and its reference, and properties of curves of error against cost.
+"""Measures of the error between an image and its reference, and properties of curves of error against cost.
 
-Images are arrays of shape (height, width, 3), linear, with white at 1.
+Images are arrays of shape (height, width, 3) with linear colours; white is 1.
 """
 
 from collections.abc import Sequence
@@ -9,26 +9,27 @@ import numpy as np
 
 
 def display(image: np.ndarray) -> np.ndarray:
-    """The displayed image: sRGB in [0, 1]."""
+    """Converts a linear image to displayed values: sRGB in [0, 1]."""
     image = np.clip(image, 0, 1)
     return np.where(image <= 0.0031308, 12.92 * image, 1.055 * np.power(image, 1 / 2.4) - 0.055)
 
 
 def rmse(image: np.ndarray, reference: np.ndarray) -> float:
-    """Root of the mean squared error."""
+    """Root mean squared error of the linear image."""
     return float(np.sqrt(np.mean(np.square(image - reference))))
 
 
 def tone_mapped_error(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Error of each pixel, shape (height, width): root mean square over the channels, after a square root as a rough
-    tone curve, with white at 1 and no upper limit.
+    """Error of each pixel, shape (height, width): the root mean square over the three channels after tone mapping.
+
+    The tone curve is a square root, with white at 1 and without an upper limit.
     """
     difference = np.sqrt(np.maximum(image, 0)) - np.sqrt(np.maximum(reference, 0))
     return np.sqrt(np.mean(np.square(difference), axis=2))
 
 
 def tone_mapped_rmse(image: np.ndarray, reference: np.ndarray) -> float:
-    """Root mean square of :func:`tone_mapped_error`."""
+    """Root mean square of :func:`tone_mapped_error` over the pixels."""
     return float(np.sqrt(np.mean(np.square(tone_mapped_error(image, reference)))))
 
 
@@ -38,20 +39,26 @@ def percentile99(image: np.ndarray, reference: np.ndarray) -> float:
 
 
 def relative_mse(image: np.ndarray, reference: np.ndarray) -> float:
-    """Mean of squared error over squared reference plus 0.01 (Rousselle et al. 2011)."""
+    """Mean, over pixels and channels, of the squared error over the squared reference plus 0.01 (Rousselle et al.
+    2011).
+    """
     return float(np.mean(np.square(image - reference) / (np.square(reference) + 0.01)))
 
 
 def ssim(image: np.ndarray, reference: np.ndarray) -> float:
-    """Structural similarity (Wang et al. 2004) of the displayed images; 1 for equal ones. At least 7 x 7 pixels."""
+    """Structural similarity (Wang et al. 2004) of the displayed images; 1 for equal images.
+
+    The images need at least 7 x 7 pixels.
+    """
     from skimage.metrics import structural_similarity
 
     return float(structural_similarity(display(reference), display(image), channel_axis=2, data_range=1.0))
 
 
 def flip_map(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """ꟻLIP (Andersson et al. 2020) of the displayed images: the visible difference of each pixel, 0 to 1, at 67 pixels
-    per degree.
+    """ꟻLIP (Andersson et al. 2020) of the displayed images: the visible difference of each pixel, 0 to 1.
+
+    The assumed resolution is 67 pixels per degree.
     """
     import flip_evaluator
 
@@ -60,27 +67,30 @@ def flip_map(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
 
 
 def flip(image: np.ndarray, reference: np.ndarray) -> float:
-    """Mean of :func:`flip_map`."""
+    """Mean of :func:`flip_map` over the pixels."""
     return float(np.mean(flip_map(image, reference)))
 
 
-#: Name -> function of an image and its reference.
+#: Name of a measure -> its function of an image and its reference.
 ALL = {f.__name__: f for f in (rmse, tone_mapped_rmse, percentile99, relative_mse, ssim, flip)}
 
 
 def slope(costs: Sequence[float], errors: Sequence[float]) -> float:
-    """Slope of log error over log cost, by least squares: -0.5 for independent samples, -1 for ideal stratification."""
+    """Slope of the logarithm of error over the logarithm of cost, by least squares.
+
+    Independent samples have the slope -0.5, ideally stratified samples -1.
+    """
     return float(np.polyfit(np.log(costs), np.log(errors), 1)[0])
 
 
 def cost_at(error: float, costs: Sequence[float], errors: Sequence[float]) -> float | None:
     """Cost at which a curve of points (cost, error) reaches ``error``, by linear interpolation of the logarithms.
 
-    None where the curve does not reach that error, or starts below it.
+    None if the curve does not reach this error, or starts below it.
     """
     order = np.argsort(costs)
     x, y = np.log(np.asarray(costs, float)[order]), np.log(np.asarray(errors, float)[order])
-    # An error that grows with the cost is noise of the measurement.
+    # The true error never grows with the cost; where the measured error does, the smaller error is used.
     y = np.minimum.accumulate(y)
     wanted = np.log(error)
     if not y[-1] <= wanted <= y[0]:

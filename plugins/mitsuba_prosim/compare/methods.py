@@ -1,4 +1,4 @@
-"""The methods of a comparison: integrators and samplers in one scene."""
+"""The methods that a comparison renders: integrators and samplers in one scene."""
 
 from __future__ import annotations
 
@@ -16,12 +16,15 @@ import numpy as np
 from ..denoising import halves
 from ..scene import rendering, scene_file
 
-#: The text of a method.
+#: The form of a method's specification on the command line.
 FORM = "INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...]"
 
 
 class Spec:
-    """The text of a method, such as ``path:multijitter,max_depth=5``, and its parts; ``changes``: of parameters."""
+    """The specification of a method, such as ``path:multijitter,max_depth=5``, and its parts.
+
+    ``changes`` replace parameters in the text.
+    """
 
     def __init__(self, text: str, **changes: Any) -> None:
         head, *parameters = text.split(",")
@@ -35,45 +38,51 @@ class Spec:
                 raise ValueError(f"{parameter!r} in {text!r} is not of the form PARAMETER=VALUE")
             try:
                 self.parameters[name] = ast.literal_eval({"true": "True", "false": "False"}.get(value, value))
-            except (ValueError, SyntaxError):  # no number
+            except (ValueError, SyntaxError):  # the value is not a number
                 self.parameters[name] = value
         self.parameters |= changes
         if not self.integrator:
             raise ValueError(f"{text!r} is not of the form {FORM}")
 
     def but(self, **changes: Any) -> Spec:
-        """The same with other values of some parameters."""
+        """Returns this specification with other values of some parameters."""
         return Spec(self.text, **self.parameters | changes)
 
     def until(self, noise: float) -> Spec:
-        """The same with a goal for the noise, if the integrator :attr:`is_adaptive`."""
+        """Returns this specification with an error target, if the integrator :attr:`is_adaptive`."""
         return self.but(**{"adaptive": "graded"} | self.parameters | {"noise": noise}) if self.is_adaptive else self
 
     @property
     def is_adaptive(self) -> bool:
-        """Whether the integrator decides on the number of samples."""
+        """Whether the integrator itself decides how many samples it takes."""
         return self.integrator == "prosim"
 
     @property
     def transport(self) -> str | None:
-        """The transport of light that the integrator computes; None for one that can compute any."""
+        """The light transport that the integrator computes; None for an integrator that can compute each transport."""
         return {"prosim": None, "direct": "direct"}.get(self.integrator, "paths")
 
 
 @dataclass(eq=False)
 class Method:
-    """An integrator with a scene, a sensor (and its sampler) and a sample count, 0 for that of the integrator."""
+    """An integrator, a scene, and a sensor with a sampler. ``spp`` is the sample count; 0 means the integrator's
+    count.
+    """
 
     name: str
     scene: mi.Scene
     sensor: mi.Sensor
     integrator: mi.Integrator
     spp: int = 0
-    #: Whether the image is denoised, from two halves of the samples.
+    #: Whether the image is denoised; the denoiser needs two halves of the samples.
     denoised: bool = False
 
     def render(self, seed: int) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """Image (height, width, 3), sample counts (height, width), wall-clock seconds, and CPU seconds per thread."""
+        """Renders an image; returns it and its cost.
+
+        The result is the image (height, width, 3), the sample counts (height, width), the elapsed seconds, and the CPU
+        seconds per thread.
+        """
         begin = halves.denoised_progressive if self.denoised else rendering.progressive
         start, start_cpu = time.perf_counter(), time.process_time()
         render = begin(self.scene, self.sensor, self.integrator, seed, self.spp).run()
@@ -83,36 +92,37 @@ class Method:
 
 
 class ComparedScene:
-    """The scene of a file, from which methods are made."""
+    """The scene of a file; renders of it by different methods are compared."""
 
     def __init__(self, file: scene_file.SceneFile) -> None:
         self.file, self.scene = file, file.load()
         self._sensors: dict[str | None, mi.Sensor] = {None: scene_file.pick_sensor(self.scene, 0)}
         own: Any = self.scene.integrator()
-        #: The ambient term and the background of the scene's ``prosim`` integrator: textures or None.
+        #: The ambient term and the background of the scene's ``prosim`` integrator; each is a texture or None.
         self.ambient, self.background = getattr(own, "ambient", None), getattr(own, "background", None)
         props = next(n.props for n in file.state.nodes if n.type == mi.ObjectType.Integrator)
-        #: Name and plain parameters of the scene's integrator.
+        #: The plugin of the scene's integrator, and its parameters that are numbers, booleans or strings.
         self.integrator = props.plugin_name()
         self.settings = {name: value for name, value in props.items() if isinstance(value, (bool, int, float, str))}
 
     def sensor(self, sampler: str | None = None) -> mi.Sensor:
-        """The first sensor, with another sampler if one is named."""
+        """Returns the first sensor of the scene, with the sampler that is named, or with its own sampler."""
         if sampler not in self._sensors:
             self._sensors[sampler] = self.file.load(sampler).sensors()[0]
-            gc.collect()  # Dr.Jit traces the BSDFs of all scenes that exist
+            gc.collect()  # deletes the new scene, because Dr.Jit traces the BSDFs of all scenes that exist
         return self._sensors[sampler]
 
     @cached_property
     def lit(self) -> mi.Scene:
-        """The scene with the integrator's background as an emitter, which other integrators need."""
+        """The scene with the integrator's background as an emitter, because other integrators have no background."""
         return self.scene if self.background is None else with_background_emitter(self.scene, self.background)
 
     def method(self, spec: Spec, transport: str, **overrides: Any) -> Method:
-        """The :class:`Method` of ``spec``. ``transport`` selects the light paths: "scene" (as the scene file says),
-        "paths" (all) or "direct" (direct light only).
+        """Returns the :class:`Method` of a specification.
 
-        ``overrides``: parameters of the integrator, which those of the spec replace; ``spp`` for the sample count.
+        ``transport`` selects the light paths: "scene" (as the scene file says), "paths" (all) or "direct" (direct light
+        only). ``overrides`` are parameters of the integrator; parameters of the specification replace them. The
+        override ``spp`` is the sample count.
         """
         spp, settings = overrides.pop("spp", 0), dict[str, Any](type=spec.integrator)
         if spec.integrator == self.integrator:
@@ -133,15 +143,16 @@ class ComparedScene:
 
 
 def can_light(background: Any) -> bool:
-    """Whether ``background`` (a texture or None) can be turned into an emitter."""
+    """Whether ``background``, a texture or None, can be converted to an emitter."""
     return background is None or not background.is_spatially_varying() or "data" in mi.traverse(background)
 
 
 def with_background_emitter(scene: mi.Scene, background: mi.Texture) -> mi.Scene:
-    """A scene of the same shapes and emitters, and an emitter that corresponds to ``background``; without a sensor.
+    """Returns a scene of the same shapes and emitters, with ``background`` as an additional emitter, and without a
+    sensor.
 
-    The objects are shared, as Dr.Jit traces all BSDFs and emitters that exist. Raises ValueError for a texture that is
-    not a bitmap.
+    The two scenes share their objects, because Dr.Jit traces all BSDFs and emitters that exist. Raises ValueError if
+    the background varies in space and is not a bitmap.
     """
     if not can_light(background):
         raise ValueError(
@@ -157,5 +168,5 @@ def with_background_emitter(scene: mi.Scene, background: mi.Texture) -> mi.Scene
     try:
         return mi.load_dict({"type": "scene", **parts, "background": sky})
     finally:
-        for part, name in names.items():  # load_dict renames them
+        for part, name in names.items():  # load_dict has renamed the objects
             part.set_id(name)

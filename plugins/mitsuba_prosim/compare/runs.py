@@ -1,4 +1,4 @@
-"""Converged references, and timed, interleaved runs."""
+"""Renders converged references, and measures methods in timed, interleaved runs."""
 
 from __future__ import annotations
 
@@ -16,14 +16,16 @@ from ..engine import environment
 from . import measures
 from .methods import Method
 
-#: The first seed of references: measured images have other samples.
+#: The first seed of references. Measured images have smaller seeds, and so other samples.
 REFERENCE_SEEDS = 1 << 20
 
 
 @dataclass
 class Runs:
-    """The runs of one method: values of each round, by name ("seconds", "cpu" and the measures of error against
-    ``reference``), the last image times ``scale``, and the number of samples of each pixel.
+    """The runs of one method.
+
+    ``values`` are the results of all rounds, by name: "seconds", "cpu" and each measure of error against ``reference``.
+    ``image`` is the last image multiplied by ``scale``. ``counts`` is the number of samples of each pixel.
     """
 
     method: Method
@@ -34,7 +36,7 @@ class Runs:
     counts: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def measure(self, turn: int) -> None:
-        """Renders and measures an image; turn 0 warms up."""
+        """Renders an image and measures it. Turn 0 only warms up; its results are not stored."""
         image, self.counts, seconds, cpu = self.method.render(turn)
         self.image = image * self.scale
         if turn > 0:
@@ -43,7 +45,9 @@ class Runs:
                 self.values.setdefault(name, []).append(value)
 
     def facts(self) -> dict[str, Any]:
-        """Mean samples per pixel, and the median, least and most of the rounds' values."""
+        """Returns the mean number of samples per pixel, and the median, minimum and maximum of each result over the
+        rounds.
+        """
         return {"samples": float(np.mean(self.counts))} | {
             name: {"median": float(np.median(values)), "least": min(values), "most": max(values)}
             for name, values in self.values.items()
@@ -51,9 +55,9 @@ class Runs:
 
 
 def interleaved(runs: Sequence[Runs], rounds: int) -> Iterator[float]:
-    """Measures each once to warm up and then once in each of ``rounds`` rounds. Yields the progress, 0 to 1.
+    """Measures each of the ``runs`` once for warming up, and then once in each round; yields the progress, 0 to 1.
 
-    Turns distribute the other load of the machine evenly.
+    The runs are measured in turn, so that other load of the machine affects all of them equally.
     """
     for turn in range(rounds + 1):
         for k, run in enumerate(runs):
@@ -62,18 +66,20 @@ def interleaved(runs: Sequence[Runs], rounds: int) -> Iterator[float]:
 
 
 class Reference:
-    """A converged image: the mean of the means of ``estimators``, methods of the same expected image, weighted by
-    the inverse of their variances. Complete after :meth:`converge`.
+    """A converged image. It is complete after :meth:`converge`.
+
+    Each of the ``estimators``, methods with the same expected image, renders many images. The reference is the mean of
+    the estimators' mean images, weighted by the inverse of their variances.
     """
 
     def __init__(self, estimators: Sequence[Method]) -> None:
         self._estimators = estimators
-        #: Time, and number of images of each estimator.
+        #: Elapsed time, and number of images of each estimator.
         self.seconds, self.passes = 0.0, 0
 
     def converge(self, seconds: float) -> Iterator[float]:
-        """Renders the estimators in turn for ``seconds`` seconds, and at least three times each. Yields the progress,
-        0 to 1.
+        """Renders the estimators in turn for ``seconds`` seconds, and at least three times each; yields the progress, 0
+        to 1.
         """
         sums, squares, begin = np.zeros(1), np.zeros(1), time.perf_counter()
         while self.passes < 3 or self.seconds < seconds:
@@ -85,19 +91,20 @@ class Reference:
             yield min(self.seconds / seconds, 1.0) if seconds else 1.0
         mean = sums / self.passes
         variance = (np.maximum(squares / self.passes - mean**2, 0) / (self.passes - 1)).mean(axis=(1, 2, 3))
-        weights = 1 / np.maximum(variance, 1e-60)  # an image without noise has no variance
+        weights = 1 / np.maximum(variance, 1e-60)  # the variance of an image without noise is 0
         weights /= weights.sum()
         self.image = np.tensordot(weights, mean, 1)
-        #: RMS standard error of a pixel's channel.
+        #: The standard error of a channel, as the root mean square over pixels and channels.
         self.error = float(np.sqrt(np.sum(weights**2 * variance)))
-        #: RMS difference of the two estimators over the expected noise (1: they agree); None with one or no noise.
+        #: RMS difference of two estimators over the expected noise; 1 means that they agree. None for one estimator, or
+        #: without noise.
         self.disagreement: float | None = None
         if len(mean) > 1 and variance.all():
             self.disagreement = float(np.sqrt(np.mean((mean[0] - mean[1]) ** 2) / variance.sum()))
 
 
 def machine() -> dict[str, str | int | float | None]:
-    """Software, processor, number of cores and load of this machine."""
+    """Returns the software, the processor, the number of cores and the load of this machine."""
     return environment.this_environment() | {
         "cores": os.cpu_count(),
         "threads": dr.thread_count(),

@@ -1,7 +1,8 @@
 """Live views: a local page that shows a scene while it is edited, and a progressive image in a notebook.
 
-``viewer``: the thread that renders, and requests of other threads; ``publisher``: the state that pages read, and the
-rate of drawing; ``progressive_image``: images in progress; ``picture``: their layers;
-``loaded_scene``: an open scene file; ``orbit_camera``: camera motion; ``scene_watcher``: changes of the scene's files;
-``server``: the page's server and its access rules; ``notebook``: the view in a notebook.
+``viewer`` has the thread that renders, and executes the requests of other threads. ``publisher`` has the state that
+pages read, and limits how often an image is drawn. ``progressive_image`` renders images progressively, and ``picture``
+stores their layers. ``loaded_scene`` is an open scene file, ``orbit_camera`` moves the camera, and ``scene_watcher``
+detects changes of the scene's files. ``server`` serves the page and controls the access to it. ``notebook`` is the view
+in a notebook.
 """

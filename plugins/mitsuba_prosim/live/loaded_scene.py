@@ -1,4 +1,4 @@
-"""An open scene file: moves its camera, and names the surface of a pixel."""
+"""An open scene file, whose camera can be moved, and which can name the visible surface of a pixel."""
 
 from __future__ import annotations
 
@@ -16,26 +16,28 @@ from .. import compat, registry
 from ..scene.scene_file import SceneFile, pick_sensor
 from .orbit_camera import Camera, as_view, as_xml, nearest_axis
 
-#: Maximum number of pixels of the coarse image.
+#: Maximum number of pixels of the coarse image, which is shown first.
 COARSE = 1 << 14
 
 
 class LoadedScene:
-    """The scene of ``file``; ``sensor``: the number of its sensor. Raises the errors of its plugins."""
+    """The scene of ``file`` after loading. ``sensor`` is the number of the sensor. Raises the errors of loading
+    plugins.
+    """
 
     def __init__(self, file: SceneFile, sensor: int = 0) -> None:
         self.file, self.scene = file, file.load()
         self.sensor = pick_sensor(self.scene, sensor)
-        #: The files that it uses, without those of its translation.
+        #: The files that the scene uses, without the files that the translator wrote.
         self.files = self.file.sources()
         if self.file.document is None:
             self.files += [Path(str(path)) for path in self.file.state.files]
         else:
-            made = self.file.xml.parent.resolve()
-            self.files = [path for path in map(Path.resolve, self.files) if made not in path.parents]
+            translation_folder = self.file.xml.parent.resolve()
+            self.files = [path for path in map(Path.resolve, self.files) if translation_folder not in path.parents]
         film = self.sensor.film()
         self.size = (int(film.crop_size()[0]), int(film.crop_size()[1]))
-        #: Whether it has no crop window.
+        #: Whether the film has no crop window.
         self.whole = list(film.crop_offset()) == [0, 0] and list(film.crop_size()) == list(film.size())
         self._params = mi.traverse(self.sensor)
         self.home = self._home()
@@ -44,15 +46,15 @@ class LoadedScene:
     # ---------------------------------------------------------------- the camera
 
     def _home(self) -> Camera | None:
-        """The scene's own view; None for a sensor that can't be moved."""
+        """Returns the camera that the scene file describes; None if the sensor cannot be moved."""
         sensor: Any = self.sensor
-        window = isinstance(self.sensor, registry.PLUGINS["prosim_window"])
+        is_window = isinstance(self.sensor, registry.PLUGINS["prosim_window"])
         across: tuple[float, float]
         if sensor.class_name() == compat.PERSPECTIVE:
             width = 2 * tan(radians(float(self._params["x_fov"][0])) / 2)
             across = (width, width * self.size[1] / self.size[0])
             self._near, self._far = float(self._params["near_clip"]), float(self._params["far_clip"])
-        elif window:
+        elif is_window:
             across = (sensor.right - sensor.left, sensor.top - sensor.bottom)
             self._near, self._far = float(sensor.near_clip), float(sensor.far_clip)
         else:
@@ -62,7 +64,9 @@ class LoadedScene:
         return Camera(matrix, self._pivot_distance(matrix), nearest_axis(matrix[:3, 1]), across)
 
     def _pivot_distance(self, matrix: np.ndarray) -> float:
-        """The distance from the eye to the pivot: a point of the view plane, or the centre of the scene's box."""
+        """Returns the depth of the pivot, about which the camera rotates: a point of the view plane, or the scene's
+        centre.
+        """
         if self.file.document is not None:
             view = self.file.document.scene.view
             depth = abs((np.array(view.vrp) - view.eye) @ matrix[:3, 2])
@@ -72,10 +76,10 @@ class LoadedScene:
         return float(depth) if depth > 1e-6 else max(10 * self._near, 1e-3)
 
     def look(self, camera: Camera | None) -> None:
-        """Moves the camera; None for the scene's own view."""
+        """Moves the scene's camera to ``camera``; None restores the camera that the scene file describes."""
         assert self.home is not None
         camera = camera or self.home
-        # The clipping planes must not hide more than before.
+        # The clipping planes must not hide objects that were visible before the camera moved.
         moved = float(np.linalg.norm(camera.eye - self.home.eye))
         near = min(self._near, 1e-3 * camera.distance) if moved else self._near
         compat.set_world_transform(self.sensor, self._params, camera.to_world)
@@ -87,7 +91,7 @@ class LoadedScene:
         self.camera = camera
 
     def view(self) -> str | None:
-        """The text of the moved view, for the scene; None where it was not moved."""
+        """Returns the text that describes the moved camera in the scene file; None if the camera was not moved."""
         if self.home is None or self.camera is None or self.camera is self.home:
             return None
         if self.file.document is None:
@@ -96,10 +100,13 @@ class LoadedScene:
 
     @contextmanager
     def coarse(self) -> Iterator[None]:
-        """Gives the film of a :attr:`whole` image fewer pixels for a while; the kernels stay the same."""
+        """Reduces the number of pixels of the film within the context, for a :attr:`whole` image.
+
+        Mitsuba does not need to compile new kernels for the smaller film.
+        """
         try:
-            times = max(1, ceil(sqrt(self.size[0] * self.size[1] / COARSE)))
-            self._resize([max(1, side // times) for side in self.size])
+            divisor = max(1, ceil(sqrt(self.size[0] * self.size[1] / COARSE)))
+            self._resize([max(1, side // divisor) for side in self.size])
             yield
         finally:
             self._resize(self.size)
@@ -111,9 +118,9 @@ class LoadedScene:
     # ---------------------------------------------------------------- the surface of a pixel
 
     def surface_at(self, x: int, y: int) -> str:
-        """The name of the visible surface in the middle of pixel (x, y)."""
-        place = mi.Point2f((x + 0.5) / self.size[0], (y + 0.5) / self.size[1])
-        ray, _ = self.sensor.sample_ray(0.0, 0.5, place, mi.Point2f(0.5))
+        """Returns the name of the visible surface at the centre of pixel (x, y)."""
+        position = mi.Point2f((x + 0.5) / self.size[0], (y + 0.5) / self.size[1])
+        ray, _ = self.sensor.sample_ray(0.0, 0.5, position, mi.Point2f(0.5))
         si = self.scene.ray_intersect(ray)
         if not bool(si.is_valid()[0]):
             return "background"

@@ -1,4 +1,4 @@
-"""A progressive image in a notebook."""
+"""Shows a progressive image in a notebook."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ from ..scene.images import compress, png
 from .picture import LAYERS, finite
 from .progressive_image import ProgressiveImage
 
-#: Seconds that other tasks of the notebook get after each work item.
+#: Seconds after each work item in which the notebook can run other tasks.
 PAUSE = 0.005
 
-#: Effort of zlib for an image that is replaced soon.
+#: Compression level of zlib for an image that is replaced soon.
 FAST = 1
 
-#: View -> the cell of the notebook and its run that made it. Running the cell again removes the view from the screen.
+#: View -> the notebook's cell and the execution of this cell that made the view. If the cell runs again, the view
+#: disappears from the screen.
 _made: WeakKeyDictionary[View, tuple[str | None, str | None]] = WeakKeyDictionary()
 
 
@@ -41,24 +42,24 @@ def show(
     spp: int = 0,
     exposure: float = 0.0,
 ) -> View:
-    """Shows in a notebook how the image of ``scene`` converges, with its error, its samples and a button to stop.
+    """Renders ``scene`` progressively in a notebook, and shows the image, its error and samples, and a button to stop.
 
     ``scene``
-        A scene of Mitsuba's, or the path of a file in the thesis's language or XML.
+        A Mitsuba scene, or the path of a scene file in the thesis's language or in XML.
     ``sensor``, ``integrator``, ``seed``, ``spp``
-        As for ``mi.render``; an integrator that renders as a whole is put within ``prosim_adaptive``.
+        As in ``mi.render``; an integrator that is not progressive is nested in ``prosim_adaptive``.
     ``exposure``
         Exposure of the shown image, in stops.
 
-    In a notebook it returns at once, and the image is rendered while the notebook is idle. ``await view`` waits for the
-    end. ``view.wait()`` waits too, but blocks the notebook. Interrupting the kernel, or running the cell again, stops
-    the render. Outside a notebook the function returns at the end of the render.
+    In a notebook this function returns at once, and the image is rendered while the notebook is idle. ``await view``
+    waits for the end of the render. ``view.wait()`` waits, too, but blocks the notebook. Interrupting the kernel, or
+    running the cell again, stops the render. Outside a notebook this function returns at the end of the render.
 
-    At the end a still image, or an error message, takes the place of the controls; the notebook saves it.
-    ``view.image`` is the linear image. ``view.layers`` has it and the maps ``error`` and ``samples``.
+    At the end of the render, a still image or an error message replaces the controls; the notebook file stores it.
+    ``view.image`` is the linear image. ``view.layers`` contains this image and the maps ``error`` and ``samples``.
 
-    Raises ImportError where ipywidgets is not installed, RuntimeError in scalar variants and where no variant is set,
-    and the errors of the function that makes the scene.
+    Raises ImportError if ipywidgets is not installed, RuntimeError if the variant is scalar or not set, and the errors
+    of loading the scene.
     """
     if mi.variant() is None:
         raise RuntimeError("show: no variant is set; set one before, such as mi.set_variant('llvm_ad_rgb').")
@@ -81,7 +82,7 @@ def show(
 
 
 def stop_earlier(view: View) -> None:
-    """Stops the views of earlier runs of this cell, if the notebook identifies its cells."""
+    """Stops the views that earlier executions of the same cell made, if the notebook identifies its cells."""
     from IPython import get_ipython
 
     request: dict[str, Any] = getattr(get_ipython(), "get_parent", dict)()
@@ -93,7 +94,7 @@ def stop_earlier(view: View) -> None:
 
 
 class View:
-    """A progressive image in a notebook; :func:`show` makes it."""
+    """A progressive image in a notebook, which :func:`show` makes."""
 
     def __init__(self, image: ProgressiveImage, exposure: float) -> None:
         try:
@@ -102,7 +103,7 @@ class View:
             raise ImportError(extras.needs("show", "notebooks")) from error
         from IPython.display import display
 
-        #: The task that renders in the background, in a notebook.
+        #: In a notebook, the task that renders in the background.
         self.task: asyncio.Task[None] | None = None
         self._image, self._factor = image, np.float32(2**exposure)
         self._layers: Mapping[str, np.ndarray] = {}
@@ -115,7 +116,7 @@ class View:
         self._label = widgets.Label("compiling kernels")
         stop = widgets.Button(description="Stop", icon="stop")
         stop.on_click(lambda _: self.stop())
-        # Above the picture, however high it is; a line that is too long for the cell becomes two.
+        # The controls are above the image, so its height does not move them. They wrap in a narrow cell.
         controls = widgets.HBox([stop, self._progress, self._label, self._layer], layout={"flex_flow": "row wrap"})
         self._box = widgets.VBox([controls, self._shown], layout={"align_items": "flex-start"})
         self._place = display(self._box, display_id=True)
@@ -125,47 +126,54 @@ class View:
 
     @property
     def layers(self) -> dict[str, np.ndarray]:
-        """The latest image: ``final`` (height, width, 3), linear, and the maps ``error``, the standard error of its
-        luminance, and ``samples`` (height, width); also those of the integrator's parameter ``layers``. In the first
-        pass it lacks the maps, and pixels without a sample are black. Empty before that and after an error.
+        """The latest image: ``final``, linear, (height, width, 3), and two maps of shape (height, width).
+
+        The map ``error`` is the standard error of the luminance, the map ``samples`` is the number of samples. The
+        layers of the integrator's parameter ``layers`` are included. During the first pass over the image, the maps are
+        missing, and pixels without a sample are black. The dictionary is empty before the first image and after an
+        error.
         """
         return dict(self._layers)
 
     @property
     def image(self) -> np.ndarray:
-        """The layer ``final`` of :attr:`layers`, linear, (height, width, 3). Raises ValueError before there is one."""
+        """The linear image, (height, width, 3): the layer ``final`` of :attr:`layers`. Raises ValueError if there is no
+        image.
+        """
         if not self._layers:
             raise ValueError("show: there is no image yet; wait for it with view.wait()")
         return self._layers["final"]
 
     def stop(self) -> None:
-        """Ends the render and keeps the image so far."""
+        """Ends the render; the image that has been rendered stays."""
         self._stopped = True
 
     def wait(self) -> View:
-        """Renders to the end. Ctrl-C, or interrupting the kernel, stops the image."""
+        """Renders until the end, and blocks the notebook. Ctrl-C, or interrupting the kernel, stops the render."""
         for _ in self._steps:
             pass
         return self
 
     def __await__(self) -> Generator[Any, None, View]:
-        """Waits for the end, while the notebook runs other tasks. Interrupting the kernel stops the image."""
+        """Waits for the end of the render, while the notebook runs other tasks. Interrupting the kernel stops the
+        render.
+        """
         if self.task is not None:
             yield from self.task.__await__()
-            self._replace()  # again, from the cell that waits: some programs that run notebooks receive no other output
+            self._replace()  # some programs that run notebooks receive only the output of the waiting cell
         return self
 
     async def converge(self) -> None:
-        """Renders work item by work item; cancelling the task stops the render and keeps the image so far."""
+        """Renders one work item after the other. If the task is cancelled, the render stops and the image stays."""
         try:
             for _ in self._steps:
                 await asyncio.sleep(PAUSE)
         except (KeyboardInterrupt, asyncio.CancelledError):
             self.stop()
-            self.wait()  # takes the last step, which replaces the widgets by the image
+            self.wait()  # executes the last step, which replaces the widgets by the image
 
     def _render(self) -> Iterator[None]:
-        """Renders a work item in each iteration; at the end it replaces the widgets."""
+        """Renders a work item in each iteration, and replaces the widgets at the end."""
         try:
             while not self._image.done and not self._stopped:
                 with interrupting(self.stop):
@@ -185,7 +193,7 @@ class View:
             self._replace()
 
     def _draw(self) -> None:
-        """Shows the chosen layer; a map in grey, by the square root of its value."""
+        """Shows the selected layer. A map is shown in grey; its values are compressed by a square root."""
         values = self._layers.get(self._layer.value)
         if values is None:
             return
@@ -203,8 +211,8 @@ class View:
         return f"{count}, {time.perf_counter() - self._started:.1f} s"
 
     def _replace(self) -> None:
-        """Replaces the widgets, which need the kernel, by a still image."""
-        if self._place is None:  # there is no IPython that runs
+        """Replaces the widgets by a still image, because widgets do not work without a running kernel."""
+        if self._place is None:  # IPython is not running
             return
         still = {"text/plain": self._label.value}
         if self._layers:
@@ -214,8 +222,9 @@ class View:
 
 @contextmanager
 def interrupting(stop: Callable[[], None]) -> Iterator[None]:
-    """Calls ``stop`` if the kernel is interrupted, and lets the work item end: an exception would leave an unfinished
-    trace in Dr.Jit.
+    """Calls ``stop`` if the notebook's kernel is interrupted within the context.
+
+    The work item then ends normally. An exception would leave an unfinished trace in Dr.Jit.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -1,4 +1,4 @@
-"""A camera that moves, and its text for a scene."""
+"""A camera that rotates about a point, and the text that describes this camera in a scene file."""
 
 from __future__ import annotations
 
@@ -7,20 +7,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 from prosim_scene import View
 
-#: The largest factor by which the distance to the pivot differs from the scene's own view: single precision allows no
-#: more.
+#: The largest ratio between the distance to the pivot and this distance in the scene file's view. A larger ratio would
+#: exceed single precision.
 FARTHEST = 1e5
 
-#: The steepest direction up or down, in degrees: beyond, up and down would change places.
+#: The steepest viewing direction, in degrees above or below the horizon. Beyond 90 degrees the image would turn upside
+#: down.
 STEEPEST = 89.0
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A view in the world: ``to_world``, a 4x4 matrix without scaling, by which Mitsuba's cameras look along +z with +x
-    to the left of the image; ``distance`` from the eye to the pivot, along the viewing direction; ``up``, the
-    unit axis that it turns about; ``across``, what it sees at distance 1, (width, height); and ``home``, the distance
-    of the scene's own view, None for this one.
+    """A view of the scene.
+
+    ``to_world`` is a 4x4 matrix without scaling; Mitsuba's cameras look along +z, and +x points to the left of the
+    image. ``distance`` is the distance from the eye to the pivot, which is on the viewing direction. ``up`` is the unit
+    axis for rotations to the left and right. ``across`` is the size (width, height) of the visible region at distance
+    1. ``home`` is the distance to the pivot in the scene file's view; None if this camera has the same distance.
     """
 
     to_world: np.ndarray
@@ -36,13 +39,13 @@ class Camera:
 
     @property
     def pivot(self) -> np.ndarray:
-        """The point that it rotates about."""
+        """The point about which the camera rotates."""
         return np.asarray(self.eye + self.distance * self.to_world[:3, 2])
 
     def orbited(self, right: float, up: float) -> Camera:
-        """The camera after a rotation about the pivot, by degrees to the right and up."""
+        """Returns the camera after rotations about the pivot by ``right`` and ``up`` degrees."""
         level = np.degrees(np.arcsin(np.clip(-self.to_world[:3, 2] @ self.up, -1, 1)))
-        # Where it is steeper already it may stay so, but gets no steeper.
+        # A camera that is already steeper than STEEPEST may stay so, but must not become steeper.
         low, high = min(-STEEPEST, level), max(STEEPEST, level)
         up = float(np.clip(level + up, low, high) - level)
         turn = rotation(self.up, right) @ rotation(self.to_world[:3, 0], up)
@@ -52,14 +55,18 @@ class Camera:
         return replace(self, to_world=moved @ self.to_world)
 
     def panned(self, right: float, up: float) -> Camera:
-        """The camera after a translation by fractions of the image's width and height at the pivot."""
+        """Returns the camera after a translation by fractions of the image's width and height, measured at the
+        pivot.
+        """
         width, height = self.across
         moved = self.to_world.copy()
         moved[:3, 3] += self.distance * (right * width * moved[:3, 0] - up * height * moved[:3, 1])
         return replace(self, to_world=moved)
 
     def dollied(self, factor: float) -> Camera:
-        """The camera with another distance from the pivot, by a factor within :data:`FARTHEST`."""
+        """Returns the camera with its distance to the pivot multiplied by ``factor``, within the limits of
+        :data:`FARTHEST`.
+        """
         home = self.home or self.distance
         distance = min(max(factor * self.distance, home / FARTHEST), home * FARTHEST)
         moved = self.to_world.copy()
@@ -68,7 +75,7 @@ class Camera:
 
 
 def rotation(axis: np.ndarray, degrees: float) -> np.ndarray:
-    """The 3x3 matrix of a rotation about a unit axis (Rodrigues)."""
+    """Returns the 3x3 matrix of a rotation about a unit axis (Rodrigues' formula)."""
     x, y, z = axis
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     angle = np.radians(degrees)
@@ -76,20 +83,20 @@ def rotation(axis: np.ndarray, degrees: float) -> np.ndarray:
 
 
 def nearest_axis(direction: np.ndarray) -> np.ndarray:
-    """The axis of the world, or its opposite, that a direction is nearest to."""
+    """Returns the axis of the world (+x, -x, +y, ...) that is nearest to a direction."""
     k = int(np.argmax(np.abs(direction)))
     return np.asarray(np.sign(direction[k]) * np.eye(3)[k])
 
 
 def as_view(view: View, home: Camera, moved: Camera) -> str:
-    """The statement VIEW of ``moved``; ``view`` is that of ``home``."""
+    """Returns the VIEW statement of the camera ``moved``; ``view`` is the VIEW statement of the camera ``home``."""
     size = float(np.abs([view.eye, view.vrp]).max())
     motion = moved.to_world @ np.linalg.inv(home.to_world)
 
-    def vector(value: tuple[float, float, float], place: float) -> str:
-        return numbers((motion @ [*value, place])[:3], size if place else 1.0)
+    def vector(value: tuple[float, float, float], homogeneous: float) -> str:
+        return numbers((motion @ [*value, homogeneous])[:3], size if homogeneous else 1.0)
 
-    # Going nearer changes the eye alone: the plane stays where it was from the eye, and so does the window on it.
+    # The view plane and the window keep their position relative to the eye, also after a change of the distance.
     lines = [
         "VIEW",
         "RESOLUTION {} {}".format(*view.resolution),
@@ -103,11 +110,13 @@ def as_view(view: View, home: Camera, moved: Camera) -> str:
 
 
 def as_xml(moved: Camera) -> str:
-    """The transform of ``moved`` in Mitsuba's XML."""
+    """Returns the transform of the camera ``moved`` in Mitsuba's XML."""
     rows = "\n            ".join(numbers(row) for row in moved.to_world)
     return f'<transform name="to_world">\n    <matrix value="{rows}"/>\n</transform>'
 
 
 def numbers(values: np.ndarray | tuple[float, ...], size: float = 0.0) -> str:
-    """Numbers in seven digits, the precision of 32 bits; those that are negligible relative to ``size`` are 0."""
+    """Formats numbers with seven digits, the precision of 32 bits; numbers that are negligible relative to ``size`` are
+    0.
+    """
     return " ".join(format(0.0 if abs(v) < 1e-7 * size else float(v) + 0.0, ".7g") for v in values)

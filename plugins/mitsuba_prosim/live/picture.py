@@ -1,4 +1,4 @@
-"""A linear image with layers, for the page and the notebook."""
+"""A linear image with layers, for the page and for the notebook."""
 
 from __future__ import annotations
 
@@ -14,32 +14,39 @@ from ..denoising.layers import mixed
 from ..engine.render import Render
 from ..scene.images import luminance
 
-#: The layers of every picture but coarse ones.
+#: The layers that every picture has, except for a coarse picture.
 LAYERS = ("final", "error", "samples")
 
-#: Names of layers of :meth:`.Picture.mixed`, and their factors.
+#: Names of layers, and the factors by which :meth:`.Picture.mixed` multiplies them.
 Factors: TypeAlias = Sequence[tuple[str, np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """Layers by name, 32-bit arrays: colours (height, width, 3) and maps (height, width). ``number``: unique among the
-    pictures of the viewer. Layers of the integrator's parameter ``layers`` have names such as ``lights.lamp1``.
+    """Layers by name, as 32-bit arrays: colours (height, width, 3) and maps (height, width).
+
+    ``number`` is unique among the pictures of a viewer. Layers of the integrator's parameter ``layers`` have names such
+    as ``lights.lamp1``.
     """
 
     number: int
     layers: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def mixed(self, factors: Factors) -> Picture:
-        """This picture with layers of the integrator multiplied, and their sum. Raises KeyError for other names."""
+        """Returns this picture with layers of the integrator multiplied by ``factors``, and with the sum of the layers.
+
+        Raises KeyError for a name that is not a layer of the integrator.
+        """
         if not factors:
             return self
         final, layers = mixed({name: values for name, values in self.layers.items() if "." in name}, factors)
         return replace(self, layers={**self.layers, "final": final, **layers})
 
     def packed(self, layer: str) -> tuple[bytes, dict[str, str]]:
-        """The bytes of a layer, row by row, 32-bit little-endian numbers, and its headers. ``X-White`` is the 99th
-        percentile, of the luminance for colours.
+        """Returns the bytes of a layer, row by row, as 32-bit little-endian numbers, and the HTTP headers for this
+        layer.
+
+        The header ``X-White`` is the 99th percentile of the layer; for colours, it is that of the luminance.
         """
         values = self.layers[layer]
         height, width = values.shape[:2]
@@ -49,8 +56,10 @@ class Picture:
         return np.nan_to_num(values).astype("<f4").tobytes(), {f"X-{name}": str(fact) for name, fact in facts.items()}
 
     def at(self, x: int, y: int, size: tuple[int, int]) -> dict[str, list[float | None] | float | None]:
-        """The values by layer at pixel (x, y) of an image of ``size``; this picture may be coarser. Values that are not
-        finite are None.
+        """Returns the value of each layer at pixel (x, y) of an image of ``size``, which may be larger than this
+        picture.
+
+        Values that are not finite are None.
         """
         height, width = self.layers["final"].shape[:2]
         x, y = x * width // size[0], y * height // size[1]
@@ -61,7 +70,7 @@ class Picture:
 
 
 def layers_of_render(render: Render, integrator: mi.Integrator) -> dict[str, np.ndarray]:
-    """The :data:`LAYERS` of a render by ``integrator``, and those of the integrator's parameter ``layers``."""
+    """Returns the :data:`LAYERS` of a render, and the layers of the integrator's parameter ``layers``."""
     kind, image = getattr(integrator, "layers", "none"), np.array(render.image())
     layers = {"final": colours(image), "error": render.error(), "samples": render.counts().astype(np.float32)}
     if kind != "none":
@@ -73,8 +82,9 @@ def layers_of_render(render: Render, integrator: mi.Integrator) -> dict[str, np.
 
 
 def fill_unknown(known: np.ndarray, values: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
-    """A layer's ``values`` where they are ``known``, shape (height, width); elsewhere those of ``before``, which may be
-    coarser, or 0.
+    """Returns a layer with ``values`` where the mask ``known``, shape (height, width), is True.
+
+    The other pixels are taken from the layer ``before``, which may have fewer pixels, or are 0.
     """
     mask = known[..., None] if values.ndim == 3 else known
     if before is None:
@@ -84,11 +94,11 @@ def fill_unknown(known: np.ndarray, values: np.ndarray, before: np.ndarray | Non
 
 
 def colours(image: np.ndarray) -> np.ndarray:
-    """Red, green and blue of a developed image, shape (height, width, channels), which may be grey."""
+    """Returns red, green and blue of a developed image of shape (height, width, channels), which may be grey."""
     image = image.astype(np.float32, copy=False)
     return image[..., :3] if image.shape[2] >= 3 else np.repeat(image[..., :1], 3, axis=2)
 
 
 def finite(value: float) -> float | None:
-    """The number, or None if it is not finite, which JSON cannot express."""
+    """Returns the number, or None if it is not finite, because JSON has only finite numbers."""
     return float(value) if math.isfinite(value) else None

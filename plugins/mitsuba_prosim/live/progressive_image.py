@@ -1,4 +1,4 @@
-"""Progressive images: by the scene's integrator, denoised or not, and by Mitsuba's path tracer."""
+"""Progressive images: rendered by the scene's integrator, denoised or not, or by Mitsuba's path tracer."""
 
 from __future__ import annotations
 
@@ -19,13 +19,15 @@ from ..transport.scattering import disperses
 from .picture import Picture, fill_unknown, layers_of_render
 from .publisher import Throttle
 
-#: Approximate number of seconds of a work item. The viewer reads new requests between work items.
+#: Approximate duration of a work item in seconds. The viewer handles new requests between work items.
 SECONDS = 0.4
 
 
 class ProgressiveImage:
-    """A progressive image by ``integrator``, nested in ``prosim_adaptive`` if it is not progressive. ``spp``: samples
-    per pixel, 0 for those of the scene; ``denoise``: whether the final image is denoised.
+    """A progressive image by ``integrator``, which is nested in ``prosim_adaptive`` if it is not progressive.
+
+    ``spp`` is the number of samples per pixel; 0 means the scene's number. ``denoise`` is whether the final image is
+    denoised.
     """
 
     def __init__(
@@ -36,11 +38,11 @@ class ProgressiveImage:
             spp = spp or sensor.sampler().sample_count()
         self.integrator, self.scene, self.sensor, self.spp, self.seed = integrator, scene, sensor, spp, seed
         self.denoise, self.done = denoise, False
-        #: Whether there are samples that :meth:`layers` has not returned; whether a pass over the image is complete.
+        #: Whether samples were taken since the last call of :meth:`layers`; whether a pass over the image is complete.
         self.new = self.complete = False
-        #: Progress, 0 to 1, which never falls, although its estimate may.
+        #: Progress, 0 to 1. It never decreases, even if the renderer's estimate does.
         self.progress = 0.0
-        #: The picture that was published last, and the rate of drawing.
+        #: The picture that was published last, and the limit for the rate of drawing.
         self.picture: Picture | None = None
         self.throttle = Throttle()
         self.render: Any = None
@@ -49,13 +51,13 @@ class ProgressiveImage:
         self._denoised: dict[str, np.ndarray] = {}
 
     def step(self) -> bool:
-        """Renders a work item; returns whether the image should be drawn."""
+        """Renders a work item; returns whether the image should be drawn now."""
         step = next(self._steps, None)
         if step is None:
             self.done, self.progress, self.complete = True, 1.0, False
             return False
         self.progress, self.complete = max(self.progress, step.done), step.complete
-        self.new |= not step.complete  # a complete pass takes no more samples
+        self.new |= not step.complete  # the step that completes a pass takes no samples
         return self.new and (step.complete or self.throttle.due)
 
     def _run(self) -> Iterator[Step]:
@@ -76,10 +78,11 @@ class ProgressiveImage:
             yield Step(1.0, True)
 
     def layers(self) -> Mapping[str, np.ndarray]:
-        """The layers of a :class:`.Picture` of the image so far. A denoised image has ``raw`` and ``denoised`` too, of
-        which it is a mixture; before it is the image without a denoiser.
+        """Returns the layers of the current image, for a :class:`.Picture`.
 
-        During the first pass it lacks the maps, and pixels without a sample are those of the coarse image, or black.
+        The layers ``raw`` and ``denoised`` exist only after denoising; the final image is a mixture of them. During the
+        first pass over the image the maps are missing, and pixels without a sample are taken from the coarse image, or
+        are black.
         """
         if self.render is None:
             return self._coarse
@@ -90,8 +93,9 @@ class ProgressiveImage:
         return {name: fill_unknown(known, latest[name], self._coarse.get(name)) for name in without_maps(latest)}
 
     def begin_coarse(self) -> None:
-        """Begins with an image by one sample per pixel; call it while the film has few pixels. With dispersion a pixel
-        gets a sample per wavelength of the spectrum.
+        """Renders the coarse image, with one sample per pixel; the film must have few pixels during this call.
+
+        With dispersion, a pixel has as many samples as a spectrum has wavelengths.
         """
         each = dr.size_v(mi.Spectrum) if disperses(self.scene) else 1
         render = self.integrator.progressive(self.scene, self.sensor, self.seed, each**2)
@@ -100,12 +104,12 @@ class ProgressiveImage:
 
 
 def without_maps(layers: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The ``layers`` that have colours."""
+    """Returns the ``layers`` that contain colours."""
     return {name: values for name, values in layers.items() if values.ndim == 3}
 
 
 def name(integrator: Any) -> str:
-    """The name of an integrator, or of its nested one."""
+    """Returns the name of an integrator, or the name of its nested integrator."""
     integrator = getattr(integrator, "nested", integrator)
     if hasattr(integrator, "parameter_names"):  # one of ours
         return str(integrator.name())
@@ -113,7 +117,7 @@ def name(integrator: Any) -> str:
 
 
 def not_compared(integrator: Any) -> str | None:
-    """The reason why an image cannot be compared with that of ``path``, or None."""
+    """Returns the reason why an image of this integrator cannot be compared with one of ``path``, or None."""
     if name(integrator) == "path":
         return "this is the path tracer already"
     if not can_light(getattr(integrator, "background", None)):
@@ -122,7 +126,10 @@ def not_compared(integrator: Any) -> str | None:
 
 
 def by_path(own: ProgressiveImage) -> ProgressiveImage:
-    """The image by Mitsuba's ``path``, with the sampling of ``own``, and its background as an emitter."""
+    """Returns the same image rendered by Mitsuba's ``path``, with the sampling of ``own``.
+
+    The background of the integrator becomes an emitter.
+    """
     sampling = asdict(own.integrator.sampling)
     path = create("prosim_adaptive", nested=create("path"), channels=own.integrator.channels, **sampling)
     scene, background = own.scene, getattr(own.integrator, "background", None)

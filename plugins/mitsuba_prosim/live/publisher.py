@@ -1,4 +1,4 @@
-"""The state and the pictures of the live view: one thread publishes them, and every page reads them."""
+"""The state and the pictures of the live view. One thread publishes them, and every open page reads them."""
 
 from __future__ import annotations
 
@@ -23,28 +23,29 @@ class State:
     scene: str
     #: ``opening``, ``rendering``, ``paused``, ``done``, ``missing`` if the file does not exist, or ``failed``.
     status: str = "opening"
-    #: Number of times that the file was opened, or tried.
+    #: How often the viewer has tried to open the file.
     opened: int = 0
-    #: Why it failed.
+    #: The message of the error, if the status is ``failed``.
     error: str | None = None
     warnings: tuple[str, ...] = ()
-    #: Why the picture is black, if it is.
+    #: Why the picture is black, or None if it is not black.
     black: str | None = None
     #: Final width and height of the picture.
     size: tuple[int, int] = (0, 0)
-    #: Numbers of the newest pictures, by the name of the image; the layers of that of the scene's integrator.
+    #: The number of the newest picture of each image, by the name of the image ("own" or "path"); the names of the
+    #: layers of the image "own", which the scene's integrator renders.
     pictures: Mapping[str, int] = field(default_factory=dict)
     layers: tuple[str, ...] = ()
-    #: Progress of all images, 0 to 1; samples per pixel and noise of that of the scene's integrator; seconds.
+    #: Mean progress of the images, 0 to 1; samples per pixel and noise of the image "own"; seconds of rendering.
     progress: float = 0.0
     samples: float | None = None
     noise: float | None = None
     seconds: float = 0.0
-    #: Name of the scene's integrator; whether the image by ``path`` is beside it, and why it cannot be.
+    #: Name of the scene's integrator; whether the page also shows the image by ``path``; the reason if it cannot.
     integrator: str = ""
     compared: bool = False
     not_compared: str | None = None
-    #: The text of the moved view; None for the scene's own.
+    #: The text of the moved view, None if the view is that of the scene file; whether the camera can be moved.
     view: str | None = None
     movable: bool = False
 
@@ -56,7 +57,11 @@ class Publisher:
         self.state, self.pictures, self.closed = state, dict[str, Picture](), False
 
     def publish(self, pictures: Mapping[str, Picture] | None = None, **changes: Any) -> None:
-        """Changes the state, and the pictures: ``own`` by the scene's integrator, and maybe ``path``."""
+        """Changes the state and the pictures.
+
+        The picture ``own`` is rendered by the scene's integrator. The picture ``path``, which may be missing, is
+        rendered by Mitsuba's path tracer.
+        """
         if pictures:
             self.pictures = dict(pictures)
             changes["pictures"] = {name: picture.number for name, picture in pictures.items()}
@@ -64,7 +69,7 @@ class Publisher:
         self.state = replace(self.state, **changes)
 
     async def follow(self) -> AsyncIterator[State]:
-        """Yields the state, and the latest one after changes."""
+        """Yields the current state, and then the latest state after each change."""
         last = None
         while not self.closed:
             if self.state is not last:
@@ -72,12 +77,12 @@ class Publisher:
             await asyncio.sleep(INTERVAL)
 
 
-#: Minimum number of seconds between two pictures, and the maximum share of the time that they take.
+#: Minimum number of seconds between two pictures, and the maximum fraction of the time for drawing pictures.
 DRAW_INTERVAL, DRAW_SHARE = 0.1, 0.03
 
 
 class Throttle:
-    """Tells whether the next picture is due. Pictures that take longer to draw are drawn less often."""
+    """Limits how often a picture is drawn. Pictures that take longer to draw are drawn less often."""
 
     def __init__(self) -> None:
         self._next = 0.0
@@ -89,7 +94,7 @@ class Throttle:
 
     @contextmanager
     def drawing(self) -> Iterator[None]:
-        """Surrounds the drawing of a picture, due or not."""
+        """A context for drawing a picture: measures its duration, and sets the time of the next picture."""
         started = clock()
         yield
         now = clock()

@@ -1,4 +1,4 @@
-"""Notices changes of a scene's files."""
+"""Detects changes of a scene's files."""
 
 from __future__ import annotations
 
@@ -8,28 +8,30 @@ from itertools import chain, islice
 from pathlib import Path
 from time import perf_counter as clock
 
-#: Minimum number of seconds between two polls, and the maximum share of the time that they take.
+#: Minimum number of seconds between two checks of the files, and the maximum fraction of the time for checks.
 INTERVAL, SHARE = 0.02, 0.02
 
 #: Maximum number of files in the scene's folder that are watched while the scene cannot be opened.
 MAX_WATCHED_FILES = 1000
 
-#: Differs after a file was written; None for a missing file.
+#: The identity of a file's content: inode, size and time of the last change; None for a missing file.
 Stamp = tuple[int, ...] | None
 
 
 def stamp(path: Path) -> Stamp:
-    """The stamp of a file or folder."""
+    """Returns the stamp of a file or folder, which changes when the file is written."""
     try:
-        found = path.stat()
+        status = path.stat()
     except (OSError, ValueError):
         return None
-    return found.st_ino, found.st_size, found.st_mtime_ns
+    return status.st_ino, status.st_size, status.st_mtime_ns
 
 
 class SceneWatcher:
-    """Watches the files of the scene at ``path``. It polls: the system notifies about folders, which are removed and
-    made again, and on some disks it does not.
+    """Watches the files of the scene at ``path``, by checking them repeatedly.
+
+    Notifications of the operating system are not used: they fail for folders that are removed and made again, and on
+    some disks.
     """
 
     def __init__(self, path: Path) -> None:
@@ -42,11 +44,11 @@ class SceneWatcher:
         return frozenset(self._stamps)
 
     def opened(self, files: Iterable[Path]) -> None:
-        """Watches the scene and ``files``, which it uses."""
+        """Starts to watch the scene file and the ``files`` that the scene uses."""
         self._watch({path.absolute() for path in [self._scene, *files]})
 
     def failed(self) -> None:
-        """Also watches the scene's folder and its subfolders, because one of their files may be missing or wrong."""
+        """Also watches the scene's folder and its subfolders, because a file there may be missing or wrong."""
         folder = self._scene.absolute().parent
         self._watch({*self._stamps, folder, *islice(chain(folder.glob("*"), folder.glob("*/*")), MAX_WATCHED_FILES)})
 
@@ -54,18 +56,19 @@ class SceneWatcher:
         self._stamps = {path: self._stamps[path] if path in self._stamps else stamp(path) for path in files}
 
     def changed(self) -> bool:
-        """Whether any was written, made, removed or renamed since this was true, and stays the same for a moment. Call
-        it often.
+        """Whether a watched file was written, made, removed or renamed since this method last returned True.
+
+        A file that is still being written does not count yet. Call this method often.
         """
         started = clock()
         if started < self._due:
             return False
-        found = {path: stamp(path) for path in self._stamps}
+        stamps = {path: stamp(path) for path in self._stamps}
         self._due = clock() + max(INTERVAL, (clock() - started) / SHARE)
-        if found == self._stamps:
+        if stamps == self._stamps:
             return False
         time.sleep(INTERVAL)
-        if found != {path: stamp(path) for path in found}:
-            return False  # it is being written
-        self._stamps = found
+        if stamps != {path: stamp(path) for path in stamps}:
+            return False  # a file is still being written
+        self._stamps = stamps
         return True

@@ -1,4 +1,4 @@
-"""The server of the page; only this machine, and only who knows the secret address, can reach it."""
+"""The server of the live page. Only users of this machine who know the secret address can open the page."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from ..engine.accumulators import BRIGHTEST
 from .picture import Factors, Picture
 from .viewer import Viewer
 
-#: Maximum number of seconds to wait for the thread that renders.
+#: Maximum number of seconds to wait for a result of the thread that renders.
 PATIENCE = 60.0
 
-#: Makes the contents of the image's files, by suffix, from the exposure and the factors of layers. It runs in the
-#: thread that renders.
+#: A function of the exposure and the factors of layers. It returns the contents of the image's files by suffix, and
+#: is called in the thread that renders.
 Encoder = Callable[[float, Factors], dict[str, bytes]]
 
-#: The changes of the view request, by name. Their arguments are two numbers, for the motions of the camera.
+#: Name of an action of the page -> the function that changes the view request. Two numbers describe a camera motion.
 ACTIONS: dict[str, Callable[[Viewer, float, float], None]] = {
     "pause": lambda viewer, *_: viewer.change(paused=True),
     "resume": lambda viewer, *_: viewer.change(paused=False),
@@ -48,8 +48,8 @@ ACTIONS: dict[str, Callable[[Viewer, float, float], None]] = {
     "dolly": lambda viewer, x, _: viewer.move(lambda camera: camera.dollied(x)),
 }
 
-#: Names of this machine in a browser here or at the other end of a tunnel. Other names are refused, because another
-#: site can make its own name resolve to this machine.
+#: The host names by which a browser addresses this machine, directly or through a tunnel. Other names are refused,
+#: because a hostile site can make its own name resolve to this machine.
 HOSTS = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d{1,5})?")
 
 HEADERS = {
@@ -63,7 +63,7 @@ HEADERS = {
 
 @contextmanager
 def served(viewer: Viewer, encode: Encoder, sock: socket.socket) -> Iterator[str]:
-    """Serves the page in a thread; yields its address."""
+    """Serves the page in a thread; yields the address of the page."""
     token = secrets.token_urlsafe(24)
     routes = [Mount(f"/{token}", routes=Pages(viewer, encode).routes())]
     config = uvicorn.Config(
@@ -88,7 +88,9 @@ def served(viewer: Viewer, encode: Encoder, sock: socket.socket) -> Iterator[str
 
 
 def guard(token: str) -> Callable[[Request, RequestResponseEndpoint], Any]:
-    """A middleware that refuses requests without the token, with another host name, or from another site's page."""
+    """Returns a middleware that refuses requests without the token, for another host name, or from another site's
+    page.
+    """
 
     async def dispatch(request: Request, call_next: RequestResponseEndpoint) -> Response:
         host, origin = request.headers.get("host", ""), request.headers.get("origin")
@@ -105,13 +107,13 @@ def guard(token: str) -> Callable[[Request, RequestResponseEndpoint], Any]:
 
 
 class Pages:
-    """The responses to the page; ``encode`` makes the files to save."""
+    """The responses to requests of the page. ``encode`` makes the files that the user saves."""
 
     def __init__(self, viewer: Viewer, encode: Encoder) -> None:
         self._viewer, self._publisher, self._encode = viewer, viewer.publisher, encode
 
     def routes(self) -> list[BaseRoute]:
-        """The routes of the page's files and requests."""
+        """Returns the routes of the page's files and requests."""
         return [
             Route("/events", self.events),
             Route("/layer/{image}/{layer}", self.layer),
@@ -122,7 +124,7 @@ class Pages:
         ]
 
     async def events(self, _: Request) -> Response:
-        """Streams the state and its changes."""
+        """Streams the state, and each change of it, to the page."""
 
         async def stream() -> AsyncIterator[str]:
             async for state in self._publisher.follow():
@@ -131,7 +133,7 @@ class Pages:
         return StreamingResponse(stream(), media_type="text/event-stream")
 
     async def layer(self, request: Request) -> Response:
-        """A layer of a picture, after the factors are applied; see :meth:`.Picture.packed`."""
+        """Returns a layer of a picture after applying the factors of the request; see :meth:`.Picture.packed`."""
         picture, name = self._publisher.pictures.get(request.path_params["image"]), request.path_params["layer"]
         if picture is None or name not in picture.layers:
             raise HTTPException(404)
@@ -140,7 +142,7 @@ class Pages:
         return Response(content, media_type="application/octet-stream", headers=facts)
 
     async def pixel(self, request: Request) -> Response:
-        """The values and the surface of a pixel."""
+        """Returns the values of a pixel in all layers, and the name of its visible surface."""
         x, y = (request.path_params[name] for name in "xy")
         width, height = self._publisher.state.size
         if not (x < width and y < height):
@@ -150,7 +152,7 @@ class Pages:
         return JSONResponse({**values, "surface": surface})
 
     async def save(self, request: Request) -> Response:
-        """The image of the scene's integrator as an EXR or PNG file, with factors and exposure applied."""
+        """Returns the image of the scene's integrator as an EXR or PNG file, after applying factors and exposure."""
         picture, suffix = self._publisher.pictures.get("own"), f".{request.path_params['suffix']}"
         if picture is None or suffix not in (".exr", ".png"):
             raise HTTPException(404)
@@ -170,13 +172,14 @@ class Pages:
         return Response(status_code=204)
 
     async def _call(self, work: Callable[[Viewer], Any]) -> Any:
-        """The result of some work in the thread that renders."""
+        """Executes a function in the thread that renders, and returns its result."""
         return await asyncio.wait_for(asyncio.wrap_future(self._viewer.call(work)), PATIENCE)
 
 
 def factors(request: Request, picture: Picture) -> Factors:
-    """The query parameters ``mix`` of a request: ``lights.lamp1=0.5`` or ``lights.lamp1=1,0.8,0.6``. Raises
-    HTTPException for wrong ones, and for layers that the picture lacks.
+    """Parses the query parameters ``mix`` of a request, such as ``lights.lamp1=0.5`` or ``lights.lamp1=1,0.8,0.6``.
+
+    Raises HTTPException for wrong parameters, and for a layer that the picture does not have.
     """
     found: dict[str, np.ndarray] = {}
     for text in request.query_params.getlist("mix"):
@@ -193,7 +196,7 @@ def factors(request: Request, picture: Picture) -> Factors:
 
 
 def clamped_number(request: Request, name: str, limit: float) -> float:
-    """A query parameter, clamped to [-limit, limit], or 0 if it is absent. Raises HTTPException."""
+    """Returns a query parameter as a number, clamped to [-limit, limit]; 0 if it is missing. Raises HTTPException."""
     try:
         value = float(request.query_params.get(name, "0"))
     except ValueError:

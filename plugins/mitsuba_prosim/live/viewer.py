@@ -1,4 +1,4 @@
-"""The thread that renders the requested image."""
+"""The thread that renders the image which the page requests."""
 
 from __future__ import annotations
 
@@ -29,26 +29,27 @@ from .progressive_image import ProgressiveImage, by_path, name, not_compared
 from .publisher import Publisher, State
 from .scene_watcher import INTERVAL, SceneWatcher
 
-#: How to make a black picture brighter on the page.
+#: The advice in the message about a black picture; {} is the exposure.
 ON_THE_PAGE = "Exposure {} makes it bright here"
 
 
 @dataclass(frozen=True)
 class ViewRequest:
-    """The requested image."""
+    """The image that the page requests."""
 
-    #: The moved camera; None for the scene's own view.
+    #: The moved camera; None for the camera of the scene file.
     camera: Camera | None = None
-    #: Whether the image by ``path`` is shown as well; whether rendering pauses.
+    #: Whether the image by Mitsuba's ``path`` is also shown; whether rendering pauses.
     compared: bool = False
     paused: bool = False
 
 
 class Viewer:
-    """Renders and publishes the requested image of the scene at ``path``, and opens the scene again after changes.
+    """Renders and publishes the requested image of the scene at ``path``; opens the scene again after each change.
 
-    ``open_scene`` loads it. ``spp``: samples per pixel, 0 for those of the scene; ``denoise``: whether the final image
-    is denoised. Other threads only use :attr:`publisher`, :meth:`call` and :meth:`close`.
+    ``open_scene`` loads the scene. ``spp`` is the number of samples per pixel; 0 means the scene's number. ``denoise``
+    is whether the final image is denoised. Other threads may use only :attr:`publisher`, :meth:`call` and
+    :meth:`close`.
     """
 
     def __init__(
@@ -61,22 +62,22 @@ class Viewer:
         self._spp, self._seed, self._denoise = spp, seed, denoise
         self._calls: SimpleQueue[tuple[Callable[[Viewer], Any], Future[Any]]] = SimpleQueue()
         self._closed = False
-        #: The latest request, and the one that is shown or being rendered.
+        #: The latest request, and the request that is shown or being rendered.
         self._request = self._shown = ViewRequest()
-        #: The own view of the scene that was opened last; None if its sensor cannot be moved.
+        #: The camera in the scene file that was opened last; None if its sensor cannot be moved.
         self._home: Camera | None = None
-        #: By name: ``own``, that of the scene's integrator, and maybe ``path``.
+        #: The images by name: ``own``, by the scene's integrator, and perhaps ``path``, by Mitsuba's path tracer.
         self._images: dict[str, ProgressiveImage] = {}
         self._integrator: Any = None
         self._not_compared: str | None = None
-        #: Samples and noise of the last picture by the scene's integrator.
+        #: Samples and noise of the last picture of the image ``own``.
         self._reached: Any = None
         self._numbers, self._seconds = itertools.count(1), 0.0
 
     # ---------------------------------------------------------------- requests
 
     def call(self, work: Callable[[Viewer], Any]) -> Future[Any]:
-        """Runs some short work in the thread that renders."""
+        """Schedules a short function for the thread that renders; returns a future of its result."""
         future: Future[Any] = Future()
         self._calls.put((work, future))
         return future
@@ -86,17 +87,19 @@ class Viewer:
         self._closed = True
 
     def change(self, **changes: Any) -> None:
-        """Changes the request; for :meth:`call`."""
+        """Changes the request. Call this method only by means of :meth:`call`."""
         self._request = replace(self._request, **changes)
 
     def move(self, by: Callable[[Camera], Camera]) -> None:
-        """Moves the camera, if the scene's camera can be moved; for :meth:`call`."""
+        """Moves the camera, if the scene's camera can be moved. Call this method only by means of :meth:`call`."""
         if self._home is not None:
             self.change(camera=by(self._request.camera or self._home), paused=False)
 
     def result(self, factors: Factors = ()) -> tuple[State, mi.Bitmap, Any, Any]:
-        """``(state, bitmap, integrator, reached)`` of the image that the page shows, with weights ``factors`` for its
-        layers; ``reached``: samples, error and time. Only within :meth:`call`.
+        """Returns ``(state, bitmap, integrator, reached)`` of the image that the page shows.
+
+        The layers of the image are weighted by ``factors``. ``reached`` has the samples, the error and the time of the
+        render. Call this method only by means of :meth:`call`.
         """
         picture = self.publisher.pictures["own"].mixed(factors)
         channels = dict[str, np.ndarray]()
@@ -106,7 +109,9 @@ class Viewer:
         return self.publisher.state, layers.of_channels(channels), self._integrator, self._reached
 
     def run_calls(self, patience: float = 0.0) -> None:
-        """Runs the work of all calls; waits for the first at most ``patience`` seconds."""
+        """Executes all functions that were scheduled by :meth:`call`; waits at most ``patience`` seconds for the
+        first.
+        """
         with suppress(Empty):
             while True:
                 work, future = self._calls.get(timeout=patience)
@@ -118,18 +123,18 @@ class Viewer:
                 except Exception as error:  # noqa: BLE001 (the caller receives it)
                     future.set_exception(error)
 
-    # ---------------------------------------------------------------- towards the requested image
+    # ---------------------------------------------------------------- rendering the requested image
 
     def run(self) -> None:
-        """Renders until :meth:`close`."""
+        """Renders the requested images until :meth:`close` is called."""
         gc.collect()
-        gc.freeze()  # collections after each change of the scene then visit only younger objects
+        gc.freeze()  # later garbage collections then visit only younger objects
         try:
             while not self._closed:
                 self.run_calls(INTERVAL if self._idle else 0.0)
                 try:
                     self._advance()
-                except Exception as error:  # noqa: BLE001 (whatever a scene and its plugins do, the next save is awaited)
+                except Exception as error:  # noqa: BLE001 (after any error of a scene, the viewer waits for the next change)
                     self._fail(error)
         finally:
             self._images, self.scene, self._integrator = {}, None, None
@@ -145,7 +150,7 @@ class Viewer:
         return self._request == self._shown and (self._request.paused or self._done)
 
     def _advance(self) -> None:
-        """Takes the next step towards the request."""
+        """Executes the next step that is needed for the requested image."""
         if not self.publisher.state.opened or self.watcher.changed():
             self._open()
         elif self.scene is None:
@@ -161,8 +166,8 @@ class Viewer:
     # ---------------------------------------------------------------- a new scene or view
 
     def _open(self) -> None:
-        """Opens the scene again."""
-        # Kernels contain the materials of all loaded scenes, so the last scene must be deleted first.
+        """Opens the scene file, or opens it again after a change."""
+        # Dr.Jit's kernels contain the materials of all loaded scenes, so the previous scene must be deleted first.
         self.scene, self._images = None, {}
         self.change(paused=False)
         self.publisher.publish(status="opening", opened=self.publisher.state.opened + 1)
@@ -174,14 +179,14 @@ class Viewer:
         self.watcher.opened(scene.files)
         before, self._home, self.scene = self._home, scene.home, scene
         if before is None or scene.home is None or (before.to_world != scene.home.to_world).any():
-            self.change(camera=None)  # the text has another view
+            self.change(camera=None)  # the scene file has a new view
         elif self._request.camera is not None:
             scene.look(self._request.camera)
         self.publisher.publish(warnings=messages, size=scene.size, movable=scene.home is not None)
         self._begin(scene)
 
     def _begin(self, scene: LoadedScene) -> None:
-        """Begins the image of the scene."""
+        """Begins to render the image of the scene."""
         self._shown = replace(self._request, compared=False, paused=False)
         self._reached, self._seconds = None, 0.0
         own = scene.scene.integrator()
@@ -202,7 +207,7 @@ class Viewer:
             self._publish()
 
     def _pause_or_compare(self) -> None:
-        """Adds or removes the image by ``path``, and shows all samples of paused images."""
+        """Adds or removes the image by ``path``, and draws all samples of images that are paused."""
         request, own = self._request, self._images.get("own")
         if own is not None:
             if request.compared != self._shown.compared:
@@ -217,12 +222,12 @@ class Viewer:
     # ---------------------------------------------------------------- work item after work item
 
     def _step(self, scene: LoadedScene) -> None:
-        """Renders a work item of the image that has waited longest."""
+        """Renders a work item of the image whose last work item is the oldest."""
         started, changes = time.perf_counter(), dict[str, Any]()
         which, image = next((name, image) for name, image in self._images.items() if not image.done)
         if image.step():
             self._draw(image)
-        self._images[which] = self._images.pop(which)  # the last from now on
+        self._images[which] = self._images.pop(which)  # moves this image to the end of the queue
         if image.complete and which == "own" and image.picture is not None:
             final = image.picture.layers["final"]
             changes["black"] = black.reason(scene.scene, scene.sensor, final, ON_THE_PAGE)
@@ -230,14 +235,16 @@ class Viewer:
         self._publish(**changes)
 
     def _draw(self, image: ProgressiveImage) -> None:
-        """Makes a picture of the image so far; for the scene's integrator, also keeps what its render has reached."""
+        """Makes a picture of the current image; for the image ``own``, also stores the samples and noise of the
+        render.
+        """
         with image.throttle.drawing():
             image.picture = Picture(next(self._numbers), image.layers())
             if image is self._images["own"] and image.render is not None:
                 self._reached = image.render.reached
 
     def _publish(self, **changes: Any) -> None:
-        """Publishes the pictures, the progress, and changes of the state."""
+        """Publishes the pictures, the progress, and other changes of the state."""
         images, reached = self._images, self._reached
         pictures = {name: image.picture for name, image in images.items() if image.picture is not None}
         self.publisher.publish(
@@ -252,7 +259,7 @@ class Viewer:
         )
 
     def _fail(self, error: BaseException) -> None:
-        """Publishes the error; the next change of the scene or the view begins again."""
+        """Publishes the error. The next change of the scene or of the view starts a new render."""
         self._images, self._shown = {}, self._request
         expected = isinstance(error, (RuntimeError, TypeError, ValueError, OSError, MemoryError))
         words = with_suggestion(session.message(error)) if expected else f"{type(error).__name__}: {error}"

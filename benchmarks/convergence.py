@@ -2,8 +2,9 @@
 
     python benchmarks/convergence.py [--scene penumbra ...] [--size 256] [--rounds 10] [--output FOLDER]
 
-For each scene it writes ``NAME.png`` to the folder and prints a table of slopes of log RMSE over log processor seconds,
-with 95 % intervals. Where the scene has a tree of rays, ``prosim`` is beside ``direct``, else beside ``path``.
+For each scene, the program writes the figure ``NAME.png`` to the folder. It prints a table of the slopes of log RMSE
+over log processor seconds, with 95 % intervals. If a tree of rays follows all light of a built scene, ``prosim`` is
+compared with ``direct``, otherwise with ``path``.
 """
 
 from __future__ import annotations
@@ -22,13 +23,16 @@ SAMPLERS = ("independent", "multijitter", "owen")
 
 
 def curves(subject: Subject) -> tuple[dict[str, list[Run]], dict, int]:
-    """``(curves, integrator, samples)``: runs at growing cost by the name of the curve, and what the reference is."""
+    """Returns ``(curves, integrator, samples)``.
+
+    ``curves`` maps the name of a curve to runs of growing cost. ``integrator`` and ``samples`` describe the reference.
+    """
     direct = subject.name in BUILT and subject.tree
     theirs = {"type": "direct"} if direct else {"type": "path", "max_depth": DEPTH}
     ours = (subject.tree if direct else PATHS) | {"adaptive": "none"}
     scene, found = subject.load(), {}
     found["prosim, N x N"] = [Run("", scene, ours | {"samples": n}) for n in COUNTS]
-    # The threshold falls with the root of the samples, as the error does.
+    # The threshold is proportional to 1 / sqrt(samples), as the error is.
     found["prosim, graded"] = [
         Run("", scene, ours | {"adaptive": "graded", "samples": n, "threshold": 0.05 / n}) for n in COUNTS
     ]
@@ -41,12 +45,12 @@ def curves(subject: Subject) -> tuple[dict[str, list[Run]], dict, int]:
 
 
 def rms(run: Run, k: np.ndarray) -> float:
-    """Root mean square of the tone-mapped error over the rounds ``k``."""
+    """Returns the root mean square of the tone-mapped error of a run over the rounds with the indices ``k``."""
     return np.sqrt(np.array(run.errors)[k, 0].mean())
 
 
 def slope(curve: list[Run]) -> np.ndarray:
-    """Slope of log error over log cost, with its interval: shape (3,)."""
+    """Returns the slope of log error over log cost, with its 95 % interval: shape (3,)."""
 
     def fitted(k: np.ndarray) -> np.ndarray:
         costs = [np.median(np.array(run.seconds)[k]) for run in curve]
@@ -58,7 +62,7 @@ def slope(curve: list[Run]) -> np.ndarray:
 def draw(
     subject: Subject, found: dict[str, list[Run]], slopes: dict[str, np.ndarray], truth: np.ndarray, path: Path
 ) -> None:
-    """The curves, and below them crops at about the time of the largest ``graded`` run."""
+    """Draws the curves, and below them crops of images that took about as long as the largest ``graded`` run."""
     figure = plt.figure(figsize=(12, 10), layout="constrained")
     upper, lower = figure.subfigures(2, 1, height_ratios=(1, 1.1))
     axes = upper.subplots()

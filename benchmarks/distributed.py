@@ -1,12 +1,13 @@
-"""Resumed, divided and distributed renders: the same bytes whatever happens, and what they cost.
+"""Resumed, divided and distributed renders: checks that their images have the same bytes, and measures their cost.
 
     python benchmarks/distributed.py kills [--count 50] [--seed 1] [--size 96]
     python benchmarks/distributed.py costs [--size 1024] [--rounds 5]
 
-``kills``: renders are killed (``SIGKILL``, at random moments) and resumed, workers are killed, parts are merged; the
-pixels are compared with those of an undisturbed render, for all policies and for films with box and gaussian filters.
-The process ends with an error where they differ. ``costs``: processor seconds of ``--checkpoint``, of two workers of
-one thread, and of four parts, over those of one render; quotients by turns, with 95 % intervals.
+``kills``: the program kills renders (``SIGKILL``, at random moments) and resumes them, kills workers, and merges parts.
+It compares the pixels with those of an undisturbed render, for all policies and for films with box and gaussian
+filters. The process ends with an error if the pixels differ. ``costs``: the processor seconds of ``--checkpoint``, of
+two workers with one thread, and of four parts, divided by those of one render, with 95 % intervals. The renders take
+turns.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ SCENE = """<scene version="3.0.0">
     <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="3"/></transform></shape>
 </scene>
 """
-#: Options of renders that take some seconds.
+#: Policy -> the options of a render that takes some seconds.
 POLICIES = {
     "none": ["--adaptive", "none", "--samples", "40"],
     "thesis": ["--adaptive", "thesis", "--samples", "40", "--threshold", "0.002"],
@@ -49,13 +50,13 @@ POLICIES = {
 
 
 def prosim(*arguments: object) -> subprocess.Popen[str]:
-    """The command in a process of its own."""
+    """Starts the command ``prosim`` in a new process."""
     command = [sys.executable, "-m", "prosim_start", *map(str, arguments)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
 def ends(process: subprocess.Popen[str], seconds: float | None = None) -> bool:
-    """Whether the process ends well within the time; raises SystemExit where it fails."""
+    """Whether the process ends without an error within this time; raises SystemExit if it fails."""
     try:
         text, _ = process.communicate(timeout=seconds)
     except subprocess.TimeoutExpired:
@@ -66,7 +67,7 @@ def ends(process: subprocess.Popen[str], seconds: float | None = None) -> bool:
 
 
 def processor_seconds(*arguments: object) -> float:
-    """Of ``prosim`` and its workers."""
+    """Runs ``prosim``; returns the processor seconds of the command and its workers."""
     before = psutil.Process().cpu_times()
     ends(prosim(*arguments))
     after = psutil.Process().cpu_times()
@@ -74,12 +75,12 @@ def processor_seconds(*arguments: object) -> float:
 
 
 def content(stem: Path) -> bytes:
-    """Pixels of the EXR; its metadata say how long it took."""
+    """Returns the pixels of the EXR file without its metadata, which contain the render time."""
     return np.array(mi.Bitmap(str(stem) + ".exr")).tobytes()
 
 
 def workers(process: subprocess.Popen[str]) -> list[psutil.Process]:
-    """The worker processes that exist."""
+    """Lists the worker processes that exist."""
     try:
         return [p for p in psutil.Process(process.pid).children() if "spawn_main" in " ".join(p.cmdline())]
     except psutil.Error:
@@ -87,8 +88,9 @@ def workers(process: subprocess.Popen[str]) -> list[psutil.Process]:
 
 
 def disturbed(kind: int, stem: Path, scene: Path, options: list[str], seconds: float, chance: random.Random) -> int:
-    """Renders and disturbs; returns how many processes were killed. ``kind``: 0 kills the render, 1 workers, 2 merges
-    parts.
+    """Renders a scene and disturbs the render; returns how many processes were killed.
+
+    ``kind``: 0 kills the render and resumes it, 1 kills workers, 2 renders and merges parts.
     """
     if kind == 2:
         of = chance.randint(2, 6)
@@ -117,13 +119,13 @@ def disturbed(kind: int, stem: Path, scene: Path, options: list[str], seconds: f
 
 
 def kills(folder: Path, options: argparse.Namespace) -> None:
-    """Disturbs renders until ``--count`` processes are killed."""
+    """Disturbs renders until ``--count`` processes have been killed, and checks the pixels of each render."""
     chance, killed, known = random.Random(options.seed), 0, {}
     for n, ((policy, rfilter), kind) in enumerate(cycle(product(product(POLICIES, ("box", "gaussian")), range(3)))):
         if killed >= options.count:
             break
         if policy == "noise" and kind == 2:
-            continue  # a noise is a property of the whole image
+            continue  # --noise needs the whole image, so parts cannot have this option
         scene = folder / f"{rfilter}.xml"
         scene.write_text(SCENE.format(size=options.size, rfilter=rfilter))
         if (policy, rfilter) not in known:
@@ -141,7 +143,7 @@ def kills(folder: Path, options: argparse.Namespace) -> None:
 
 
 def costs(folder: Path, options: argparse.Namespace) -> None:
-    """Prints a row for each way to render."""
+    """Prints a row of the table for each way to render."""
     scene, one = folder / "box.xml", ["--adaptive", "none", "--samples", "8"]
     scene.write_text(SCENE.format(size=options.size, rfilter="box"))
     ways: dict[str, list[list[object]]] = {

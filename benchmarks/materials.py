@@ -1,12 +1,13 @@
-"""Time and variance of each material and light beside the nearest one of Mitsuba's own.
+"""Time and variance of each material and each light, compared with the most similar plugin of Mitsuba.
 
     python benchmarks/materials.py [--only conductor] [--size 256] [--rounds 10]
 
-A ball and a floor of the material, a spherical light, a dim sky; or a diffuse ball and floor under the light. Both
-sides use ``path`` with 32 samples. A cell is a ratio ours / theirs with its 95 % interval: of the times, and of the
-variances of a pixel (mean over the image, divided by the squared mean). The models differ: ours use the G of
-V-cavities, Mitsuba's use Smith's G. Phong's lobe and ``roughplastic`` are only similar. Mitsuba has no spot on an area
-light, so its ``area`` stands beside ours.
+For a material, the scene is a ball and a floor of this material, a spherical light and a dim sky. For a light, the
+scene is a diffuse ball and a diffuse floor under this light. Both plugins are rendered by ``path`` with 32 samples per
+pixel. A cell is the ratio ours / theirs with its 95 % interval: the ratio of the times, and the ratio of the variances
+of a pixel (mean over the image, divided by the squared mean). The models differ: our plugins use the shadowing of
+V-cavities, Mitsuba's plugins use that of Smith. Phong's lobe and ``roughplastic`` are only similar. Mitsuba has no area
+light with a spot distribution, so our spot is compared with Mitsuba's uniform ``area``.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ MATERIALS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 
 
 def ball_lamp(**emitter: Any) -> dict[str, Any]:
-    """A sphere with an ``emitter``."""
+    """Returns a sphere with an ``emitter``."""
     return sphere([2, 4, 2], 0.5, emitter=emitter)
 
 
@@ -62,7 +63,7 @@ LIGHTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 
 
 def scene(size: int, look: dict[str, Any], light: dict[str, Any], sky: float) -> mi.Scene:
-    """The ball and the floor."""
+    """Returns the scene of the ball and the floor, whose material is ``look``; ``sky`` is the radiance of the sky."""
     view = mi.ScalarTransform4f().look_at([0, 3, 6], [0, 0.8, 0], [0, 1, 0])
     world = {
         "sensor": {"type": "perspective", "fov": 35, "to_world": view},

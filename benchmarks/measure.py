@@ -1,9 +1,10 @@
-"""What all benchmarks share: references, runs by turns, errors, and bootstrap intervals of gains.
+"""Functions that all benchmarks share: references, runs in turn, errors, and bootstrap intervals of gains.
 
-Errors are squared, in three measures: ``tone-mapped`` (after a square root), ``relMSE`` (squared error over squared
-reference plus 0.01, Rousselle et al. 2011) and ``FLIP`` (Andersson et al. 2020; its square, so that all three fall as
-one over the samples). The cost is processor time. The efficiency of a run is one over error times cost; the gain of a
-over b is the quotient of their efficiencies. Runs take turns, so that a drift of the machine falls on all.
+Errors are squared and have three measures. ``tone-mapped`` is measured after a square root. ``relMSE`` is the squared
+error over the squared reference plus 0.01 (Rousselle et al. 2011). ``FLIP`` is the square of the mean of FLIP
+(Andersson et al. 2020). So all three fall as one over the number of samples. The cost is processor time. The efficiency
+of a run is 1 / (error x cost). The gain of run a over run b is the quotient of their efficiencies. Runs take turns, so
+that a change of the machine's speed affects all runs equally.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import numpy as np
 from mitsuba_prosim.compare import measures
 from subjects import NAMES, Subject
 
-#: Seeds of references begin here.
+#: The first seed of references; measured runs have smaller seeds.
 REFERENCE_SEEDS = 1 << 20
 MEASURES: dict[str, Callable[[np.ndarray, np.ndarray], float]] = {
     "tone-mapped": lambda image, reference: measures.tone_mapped_rmse(image, reference) ** 2,
@@ -34,7 +35,7 @@ MEASURES: dict[str, Callable[[np.ndarray, np.ndarray], float]] = {
 
 @dataclass
 class Run:
-    """One integrator on one scene, and what its images gave: an entry a round."""
+    """One integrator on one scene, and the errors and times of its images; each list has one entry per round."""
 
     name: str
     scene: mi.Scene
@@ -48,7 +49,7 @@ class Run:
         self.loaded = mi.load_dict(self.integrator)
 
     def render(self, seed: int) -> tuple[np.ndarray, float]:
-        """``(image, processor seconds)``; the image has shape (height, width, 3)."""
+        """Returns ``(image, processor seconds)``; the image has shape (height, width, 3)."""
         begun = time.process_time()
         image = mi.render(self.scene, integrator=self.loaded, seed=seed, spp=self.spp)
         dr.eval(image)
@@ -56,7 +57,7 @@ class Run:
         return np.array(image, dtype=np.float64)[..., :3], time.process_time() - begun
 
     def samples(self) -> np.ndarray:
-        """Samples of each pixel, shape (height, width)."""
+        """Returns the number of samples of each pixel, shape (height, width)."""
         integrator = self.integrator["nested"] if self.integrator["type"] == "prosim_denoised" else self.integrator
         if not integrator["type"].startswith("prosim"):
             sampler = self.scene.sensors()[0].sampler().clone()
@@ -70,8 +71,9 @@ class Run:
 def by_turns(
     entries: Sequence[Run], reference: np.ndarray, rounds: int, chosen: Sequence[str] = tuple(MEASURES)
 ) -> None:
-    """Renders each entry once to warm up, then once in each round. Images are scaled so that the reference's mean is a
-    quarter of white.
+    """Renders each entry once for warming up, and then once in each round; stores errors and times in the entries.
+
+    Images are scaled so that the mean of the reference is 0.25 (white is 1).
     """
     scale = 0.25 / reference.mean()
     for seed in range(rounds + 1):
@@ -84,7 +86,10 @@ def by_turns(
 
 
 def renders(entries: Sequence[Run], rounds: int) -> list[list[np.ndarray]]:
-    """The images of each entry, one for each round; their seconds go to the entry. The first images warm up."""
+    """Returns the images of each entry, one image per round, and stores the processor seconds in the entry.
+
+    A first image of each entry, for warming up, is not returned.
+    """
     images: list[list[np.ndarray]] = [[] for _ in entries]
     for seed in range(rounds + 1):
         for entry, of in zip(entries, images):
@@ -96,15 +101,19 @@ def renders(entries: Sequence[Run], rounds: int) -> list[list[np.ndarray]]:
 
 
 def interval(ratio: Callable[[np.ndarray], np.ndarray], rounds: int, draws: int = 2000) -> np.ndarray:
-    """Value and 95 % bootstrap interval of ``ratio``, a function of the indices of the rounds: shape (3, ...)."""
+    """Returns the value of ``ratio`` and its 95 % bootstrap interval, shape (3, ...).
+
+    ``ratio`` is a function of the indices of the rounds.
+    """
     rng = np.random.default_rng(1)
     values = np.array([ratio(rng.integers(0, rounds, rounds)) for _ in range(draws)])
     return np.stack([ratio(np.arange(rounds)), *np.percentile(values, [2.5, 97.5], axis=0)])
 
 
 def gain(a: Run, b: Run, cost: str = "seconds") -> np.ndarray:
-    """How many times less a costs than b for an equal error, with its interval: shape (3, measures). ``cost`` is
-    "seconds", of the processor, or "samples".
+    """Returns how many times cheaper run a is than run b for an equal error, with 95 % intervals: shape (3, measures).
+
+    ``cost`` is "seconds" (processor time) or "samples".
     """
     seconds = [np.array(run.seconds) for run in (a, b)]
     errors = [np.array(run.errors) for run in (a, b)]
@@ -118,13 +127,14 @@ def gain(a: Run, b: Run, cost: str = "seconds") -> np.ndarray:
 
 
 def shown(value: np.ndarray) -> str:
-    """A value and its interval, shape (3,), as a cell of a table."""
+    """Formats a value and its interval, shape (3,), as a cell of a table."""
     return f"{value[0]:.2f} ({value[1]:.2f}–{value[2]:.2f})"
 
 
 def reference(subject: Subject, integrator: dict[str, Any], spp: int, seconds: float, cache: Path) -> np.ndarray:
-    """The mean of images of ``spp`` samples (0: the integrator's own number) that take ``seconds`` together, of the
-    processor; kept in ``cache``.
+    """Returns the mean of many images of ``spp`` samples (0: the integrator's own number), and stores it in ``cache``.
+
+    Rendering the images takes ``seconds`` of processor time.
     """
     key = f"{subject} {integrator} {spp} {seconds} {mi.variant()} {mi.__version__}"
     path = cache / f"{hashlib.sha256(key.encode()).hexdigest()[:20]}.npy"
@@ -142,12 +152,12 @@ def reference(subject: Subject, integrator: dict[str, Any], spp: int, seconds: f
 
 
 def arguments(description: str | None, rounds: int = 10) -> argparse.ArgumentParser:
-    """A parser of the options that all benchmarks have."""
+    """Returns a parser of the options that all benchmarks have."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scene", nargs="+", default=NAMES, metavar="NAME")
-    parser.add_argument("--folder", type=Path, help="where the scenes by others are")
+    parser.add_argument("--folder", type=Path, help="folder of the scenes by other authors")
     parser.add_argument("--size", type=int, default=256, help="width in pixels")
-    parser.add_argument("--rounds", type=int, default=rounds, help="images of each, with seeds of their own")
+    parser.add_argument("--rounds", type=int, default=rounds, help="number of measured images, each with another seed")
     parser.add_argument("--reference-seconds", type=float, default=120)
     parser.add_argument("--variant", default="llvm_ad_rgb")
     parser.add_argument("--cache", type=Path, default=Path.home() / ".cache" / "mitsuba-prosim" / "references")
@@ -155,7 +165,7 @@ def arguments(description: str | None, rounds: int = 10) -> argparse.ArgumentPar
 
 
 def begin(options: argparse.Namespace) -> None:
-    """Sets Mitsuba up."""
+    """Sets Mitsuba's variant and log level, and registers the plugins."""
     mi.set_variant(options.variant)
     import mitsuba_prosim  # noqa: F401  (registers the plugins)
 

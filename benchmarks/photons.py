@@ -1,11 +1,12 @@
-"""Caustics from photons beside Mitsuba's path tracers: agreement of the means, and what is gained.
+"""Caustics from photons, compared with Mitsuba's path tracers: agreement of the mean images, and gains.
 
     python benchmarks/photons.py [--scene caustica "copper ring" ...] [--size 128] [--rounds 10]
 
-Every path of light is followed: by ``prosim`` with photons, and by ``path`` (``volpath`` where glass absorbs) with 256
-samples. ``difference`` compares the means of the whole images, in per cent. Photons are blurred by about a pixel; the
-mean loses light only at edges of the lit surface. Gains are in processor time: of the mean squared tone-mapped error,
-and of the square of the error's 99.9th percentile. All cells have 95 % intervals.
+Each scene is rendered with all light paths by ``prosim`` with photons, and by ``path`` (``volpath`` if glass absorbs)
+with 256 samples per pixel. ``difference`` is the difference between the means of the whole images, in per cent. A
+photon map blurs a caustic by about a pixel, so the mean loses light only at edges of the lit surface. Gains are in
+processor time, for the mean squared tone-mapped error, and for the square of its 99.9th percentile. All cells have 95 %
+intervals.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ GLASS = {"type": "dielectric"}
 
 
 def lit(**things: Any) -> dict[str, Any]:
-    """``things`` on a floor under a small lamp that ``path`` can still find."""
+    """Returns a scene of ``things`` on a floor, under a lamp that is just large enough for ``path`` to find it."""
     scene = stage(lamp=lamp([-2.6, 4.4, 0.8], 0.6, 40.0), **things)
     return {name: value for name, value in scene.items() if name in ("sensor", "floor", "lamp", *things)}
 
 
 def ring() -> dict[str, Any]:
-    """The inner side of a cylinder."""
+    """Returns a copper ring: the inner side of a cylinder."""
     ends = {"p0": [0, 0.02, 0], "p1": [0, 0.7, 0], "radius": 0.9}
     return {"type": "cylinder", "flip_normals": True, "bsdf": COPPER} | ends
 
@@ -44,7 +45,7 @@ BODIES = {
 
 
 def load(name: str, size: int) -> mi.Scene:
-    """A scene of :data:`BODIES`, or an example."""
+    """Loads a scene of :data:`BODIES`, or an example scene."""
     if name in NAMES:
         return Subject(name, size).load()
     scene = with_film(lit(**BODIES[name]()), {"width": size, "height": size})

@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
-# Makes six rows of a table of docs/benchmarks.md, and a figure, and checks the numbers: about ten minutes on two cores.
+# Measures six rows of a table of docs/benchmarks.md, draws a figure, and checks the numbers. This takes about ten minutes
+# on two cores.
 #
 #     benchmarks/replicate.sh
 #
-# It installs the package into .venv if that is missing. The results are in benchmarks/results: policies.md (gains of
-# adaptive sampling at equal time) and penumbra.png (error against time, with crops).
+# The script installs the package into .venv if this folder is missing. The results are in benchmarks/results:
+# policies.md (gains of adaptive sampling at equal time) and penumbra.png (error against time, with crops).
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 if [ ! -x .venv/bin/python ]; then
@@ -20,7 +21,8 @@ mkdir -p benchmarks/results
 import re
 from pathlib import Path
 
-#: Least and greatest gain in samples, tone-mapped, of `graded` over `none`. They do not depend on the machine.
+#: Scene -> the smallest and the largest expected gain of `graded` over `none`, in samples, for the tone-mapped error.
+#: This gain does not depend on the machine.
 EXPECTED = {"penumbra": (3.0, 4.5), "aranha": (2.5, 4.5), "palito": (1.3, 2.0)}
 rows = [re.split(r" *\| *", line.strip("| \n")) for line in Path("benchmarks/results/policies.md").open()]
 found = {row[0]: float(row[4].split()[0]) for row in rows if row[1] == "graded"}

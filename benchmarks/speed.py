@@ -1,13 +1,14 @@
-"""Where the time goes: compilation, launches, memory, start of the command, and the live view.
+"""Time for compilation, kernel launches, the start of the command and the live view; peak memory.
 
     python benchmarks/speed.py [--scene penumbra palito] [--size 500] [--rounds 9]
     python benchmarks/speed.py --live [--scene palito]
 
-Each row comes from processes of their own. ``cold``: the first render with Dr.Jit's kernel cache empty; ``cached``: the
-first render of a second process; ``warm``: the median of further renders. ``without a kernel``: the part of the warm
-time in which no kernel runs. ``compiled again``: kernels that Dr.Jit compiles for another seed, threshold, number of
-samples, resolution and crop; 0 is right. ``--live`` saves a scene repeatedly under ``prosim watch`` and renders it by
-``prosim render``, by turns: processor seconds of both, and their ratio with its 95 % interval.
+Each row is measured in new processes. ``cold`` is the time of the first render with an empty kernel cache of Dr.Jit.
+``cached`` is the time of the first render of a second process. ``warm`` is the median time of further renders.
+``without a kernel`` is the fraction of the warm time in which no kernel runs. ``compiled again`` is the number of
+kernels that Dr.Jit compiles for another seed, threshold, number of samples, resolution and crop; 0 is correct.
+``--live`` saves a scene repeatedly while ``prosim watch`` shows it, and renders the scene in turn. It prints the ratio
+of the processor seconds of watching and rendering, with its 95 % interval.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from subjects import EXAMPLES, Subject
 
 
 def probe(name: str, size: int, rounds: int) -> dict[str, Any]:
-    """The figures of one scene, measured in this process."""
+    """Measures one scene in this process; returns the results by name."""
     subject = Subject(name, size)
     scene, integrator = subject.load(), mi.load_dict((subject.tree or {"type": "prosim"}) | {"adaptive": "neighbours"})
     sensor = scene.sensors()[0]
@@ -52,7 +53,7 @@ def probe(name: str, size: int, rounds: int) -> dict[str, Any]:
         film.update()
 
     def history(action: Callable[[], None]) -> tuple[list[dict[str, Any]], float]:
-        """``(kernels, seconds)`` of an action."""
+        """Returns ``(kernels, seconds)`` of an action."""
         dr.kernel_history_clear()
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
             begun = time.perf_counter()
@@ -84,7 +85,7 @@ def probe(name: str, size: int, rounds: int) -> dict[str, Any]:
 
 
 def in_process(home: str, *values: object) -> dict[str, Any]:
-    """The figures of :func:`probe` from another process; its kernel cache is in ``home``."""
+    """Runs :func:`probe` in another process, whose kernel cache is in the folder ``home``; returns the results."""
     command = [sys.executable, __file__, "--probe", *map(str, values)]
     run = subprocess.run(command, env=os.environ | {"HOME": home}, capture_output=True, text=True, check=False)
     if run.returncode:
@@ -93,7 +94,7 @@ def in_process(home: str, *values: object) -> dict[str, Any]:
 
 
 def table(options: argparse.Namespace) -> None:
-    """Prints a row for each scene, and what starts of the command cost."""
+    """Prints a row of a table for each scene, and a table of the time to start the command."""
     print("| | cold s | cached s | warm s | launches | without a kernel | peak MiB | compiled again |")
     print("|---" * 8 + "|", flush=True)
     for name in options.scene:
@@ -110,7 +111,7 @@ def table(options: argparse.Namespace) -> None:
 
 
 def processor_seconds(command: list[str]) -> float:
-    """Processor seconds of a command."""
+    """Runs a command; returns its processor seconds."""
     before = psutil.Process().cpu_times()
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     after = psutil.Process().cpu_times()
@@ -118,13 +119,15 @@ def processor_seconds(command: list[str]) -> float:
 
 
 def used(process: psutil.Process) -> float:
-    """Processor seconds that a process has used so far."""
+    """Returns the processor seconds that a process has used until now."""
     times = process.cpu_times()
     return times.user + times.system
 
 
 def settle(process: psutil.Process, quiet: float = 1.0) -> float:
-    """Waits until a process has used hardly any processor time for a while; returns what it has used."""
+    """Waits until a process has been almost idle for ``quiet`` seconds; returns the processor seconds that it has
+    used.
+    """
     while True:
         before = used(process)
         time.sleep(quiet)
@@ -133,7 +136,7 @@ def settle(process: psutil.Process, quiet: float = 1.0) -> float:
 
 
 def live(name: str, options: argparse.Namespace) -> None:
-    """Prints a row for the scene under ``prosim watch``."""
+    """Prints a row of the table for a scene that ``prosim watch`` shows."""
     this, ratios = psutil.Process(), []
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(shutil.copy(EXAMPLES / f"{name}.scn", folder))

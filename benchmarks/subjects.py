@@ -1,7 +1,8 @@
-"""The scenes of the benchmarks: ours, built ones, and scenes by others from a folder that the user names.
+"""The scenes of the benchmarks: the project's examples, scenes built here, and scenes by other authors.
 
-A :class:`Subject` is a scene without an integrator, the thesis's tree for it, and the depth that a path tracer takes.
-Scenes by others are not shipped. ``EXTERNAL`` lists where each comes from; its file is ``FOLDER/NAME/scene.xml``.
+A :class:`Subject` is a scene without an integrator, and the parameters of the thesis's integrator for this scene.
+Scenes by other authors are not shipped: the user names a folder that contains them as ``FOLDER/NAME/scene.xml``.
+``EXTERNAL`` lists their sources.
 """
 
 from __future__ import annotations
@@ -19,39 +20,39 @@ import prosim_scene
 EXAMPLES = Path(__file__).parents[1] / "examples"
 OURS = ("palito", "aranha", "chao-rugoso", "penumbra", "fontes", "esfera-metalica", "poste", "chimarrao", "caustica")
 #: Well-known scenes in Mitsuba 3's format. staircase2, living-room-2 and veach-mis are by Benedikt Bitterli
-#: (https://benedikt-bitterli.me/resources/). torus and veach-mis are in
-#: github.com/takkasila/practical_path_guiding_lab, the other two in github.com/niklassanden/ReSTIR_GI_DR
-#: (living-room-2 without one mesh).
+#: (https://benedikt-bitterli.me/resources/). The repository github.com/takkasila/practical_path_guiding_lab contains
+#: torus and veach-mis. The repository github.com/niklassanden/ReSTIR_GI_DR contains staircase2 and living-room-2
+#: (without one mesh).
 EXTERNAL = ("staircase2", "living-room-2", "veach-mis", "torus")
 
 
 def rgb(*values: float) -> dict[str, Any]:
-    """A colour; one value stands for three."""
+    """Returns a colour; a single value is used for all three channels."""
     return {"type": "rgb", "value": list(values) * (3 if len(values) == 1 else 1)}
 
 
 def diffuse(*values: float) -> dict[str, Any]:
-    """A diffuse material."""
+    """Returns a diffuse material."""
     return {"type": "diffuse", "reflectance": rgb(*values)}
 
 
 def sphere(center: list[float], radius: float, **look: Any) -> dict[str, Any]:
-    """A sphere with a ``bsdf`` or an ``emitter``."""
+    """Returns a sphere with a ``bsdf`` or an ``emitter``."""
     return {"type": "sphere", "center": center, "radius": radius, **look}
 
 
 def lamp(center: list[float], radius: float, radiance: float) -> dict[str, Any]:
-    """A sphere that emits."""
+    """Returns a spherical lamp."""
     return sphere(center, radius, emitter={"type": "area", "radiance": rgb(radiance)})
 
 
 def rectangle(bsdf: dict[str, Any], transform: Callable[[Any], Any]) -> dict[str, Any]:
-    """A rectangle; ``transform`` places it, given the identity."""
+    """Returns a rectangle; ``transform`` is a function from the identity to the rectangle's transform."""
     return {"type": "rectangle", "to_world": transform(mi.ScalarTransform4f()), "bsdf": bsdf}
 
 
 def stage(**things: Any) -> dict[str, Any]:
-    """A floor and a wall, seen from the front, a pole and a lamp; ``things`` replace or add objects."""
+    """Returns a floor, a wall, a pole, a ball and a lamp, seen from the front; ``things`` replace or add objects."""
     look_at = mi.ScalarTransform4f().look_at([0, 2.2, 6], [0, 0.9, 0], [0, 1, 0])
     return {
         "sensor": {"type": "perspective", "fov": 40, "to_world": look_at},
@@ -70,12 +71,12 @@ def stage(**things: Any) -> dict[str, Any]:
 
 
 def copper(alpha: float, material: str = "Cu") -> dict[str, Any]:
-    """Rough metal, of Mitsuba's own plugin."""
+    """Returns a rough metal, by Mitsuba's own plugin."""
     return {"type": "roughconductor", "material": material, "alpha": alpha}
 
 
 def metal_floor(alpha: float) -> dict[str, Any]:
-    """Diffuse balls above a metal floor, under a lamp and a dim sky (figures 5.3 to 5.5)."""
+    """Returns diffuse balls above a metal floor, under a lamp and a dim sky (figures 5.3 to 5.5 of the thesis)."""
     return stage(
         floor=rectangle(copper(alpha), lambda t: t.rotate([1, 0, 0], -90).scale(10)),
         wall=sphere([-1.1, 0.7, 0], 0.7, bsdf=diffuse(0.8, 0.2, 0.15)),
@@ -85,7 +86,7 @@ def metal_floor(alpha: float) -> dict[str, Any]:
 
 
 def lamps(count: int) -> dict[str, Any]:
-    """The stage under many small lamps of very different power."""
+    """Returns the stage with ``count`` small lamps of very different power."""
     row = range(count)
     many = {
         f"lamp{i}": lamp([-3 + 6 * (i % 6) / 5, 3.2, 3 - 1.2 * (i // 6)], 0.12, 8.0 * (1 + i % 5) ** 2) for i in row
@@ -96,18 +97,19 @@ def lamps(count: int) -> dict[str, Any]:
 
 
 def cornell_box() -> dict[str, Any]:
-    """Mitsuba's Cornell box."""
+    """Returns Mitsuba's Cornell box."""
     return {name: value for name, value in mi.cornell_box().items() if name not in ("type", "integrator")}
 
 
 def gold_and_glass() -> dict[str, Any]:
-    """A ball of rough gold beside one of glass."""
+    """Returns the stage with a ball of rough gold and a ball of glass."""
     glass = {"type": "dielectric", "int_ior": 1.5}
     gold = sphere([-0.6, 0.8, 0], 0.8, bsdf=copper(0.15, "Au"))
     return stage(pole=gold, ball=sphere([1.1, 0.7, 0.5], 0.7, bsdf=glass))
 
 
-#: Built scenes, and the parameters of ``prosim`` by which its tree follows all of their light; None: only paths do.
+#: Name of a scene built here -> the function that builds it, and the parameters of ``prosim`` for which its tree of
+#: rays follows all light. None: only a path tracer follows all light.
 BUILT: dict[str, tuple[Callable[[], dict[str, Any]], dict[str, Any] | None]] = {
     "stage": (stage, {"max_level": 0}),
     "copper ball": (lambda: stage(ball=sphere([0.5, 0.8, 0], 0.8, bsdf=copper(0.15))), {"max_level": 0}),
@@ -121,7 +123,7 @@ NAMES = (*OURS, *BUILT)
 
 @dataclass(frozen=True)
 class Subject:
-    """A scene of :data:`NAMES` or of a ``folder``, ``size`` pixels wide."""
+    """A scene of :data:`NAMES` or of a ``folder``, rendered with a width of ``size`` pixels."""
 
     name: str
     size: int = 256
@@ -129,7 +131,7 @@ class Subject:
 
     @cached_property
     def described(self) -> tuple[dict[str, Any], dict[str, Any] | None]:
-        """``(scene, integrator)`` as dictionaries; the integrator is None where only paths follow its light."""
+        """``(scene, integrator)`` as dictionaries; the integrator is None if only a path tracer follows all light."""
         if self.name in BUILT:
             make, tree = BUILT[self.name]
             film = {"width": self.size, "height": self.size}
@@ -141,11 +143,11 @@ class Subject:
 
     @property
     def tree(self) -> dict[str, Any] | None:
-        """The thesis's integrator for the scene; None where only paths follow its light."""
+        """The thesis's integrator for the scene; None if only a path tracer follows all light."""
         return None if self.name in EXTERNAL else self.described[1]
 
     def load(self, sampler: str = "independent") -> mi.Scene:
-        """The scene, its sensor with a ``sampler``."""
+        """Loads the scene; its sensor has this ``sampler``."""
         if self.name in EXTERNAL:
             return self._external(sampler)
         scene = dict(self.described[0])
@@ -167,7 +169,7 @@ class Subject:
                 height = round(self.size * props["height"] / props["width"])
                 props["width"], props["height"] = self.size, height
             elif node.type == mi.ObjectType.Integrator:
-                node.props = mi.Properties("path")  # the file may name one that is not installed
+                node.props = mi.Properties("path")  # the integrator that the file names may not be installed
             elif node.type == mi.ObjectType.Sampler:
                 props.set_plugin_name(sampler)
             elif node.type == mi.ObjectType.ReconstructionFilter:
@@ -177,6 +179,6 @@ class Subject:
 
 
 def with_film(scene: dict[str, Any], film: dict[str, Any]) -> dict[str, Any]:
-    """``scene`` with a film of a box filter on its sensor."""
+    """Returns ``scene`` with a film on its sensor; the film has a box filter."""
     film = {"type": "hdrfilm", "pixel_format": "rgb", "rfilter": {"type": "box"}} | film
     return scene | {"sensor": scene["sensor"] | {"film": film}}

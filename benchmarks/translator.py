@@ -1,14 +1,14 @@
-"""Seconds and memory of the translator: CSG trees by their number of primitives, and an editor's keystrokes.
+"""Time and memory of the translator for large CSG trees, and its delay after keystrokes in an editor.
 
     python benchmarks/translator.py trees [1000 10000] [--tree grid point ...]
     python benchmarks/translator.py keystrokes [1000 10000]
 
-The trees: ``field`` is a union of random primitives; ``carved`` is a block from which half of the primitives are taken
-away and the others are added and taken away in alternation; the primitives of ``grid`` do not touch; ``plate`` has a
-hole at each place of a grid, and ``pegs`` a peg; in ``comb`` each box overlaps the next; in ``point`` all overlap.
-Processor seconds; each measurement has a process of its own. ``changed`` is the translation after one SURFACE changed,
-with the cache of the first one. Keystrokes: milliseconds by the clock from a change to its diagnostics, for a client of
-the language server.
+The tree ``field`` is a union of random primitives. ``carved`` is a block; half of the primitives are subtracted from
+it, and the others are added and subtracted in alternation. The primitives of ``grid`` do not touch. ``plate`` has a
+hole at each point of a grid, and ``pegs`` has a peg at each point. In ``comb`` each box overlaps the next box, and in
+``point`` all boxes overlap. Times are processor seconds, and each measurement runs in a new process. ``changed`` is the
+time of a translation after a change of one SURFACE, with the cache of the first translation. ``keystrokes`` measures
+the elapsed milliseconds from a change of the text to its diagnostics, for a client of the language server.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ URI = "file:///nowhere/scene.scn"
 
 
 def operators(kind: str, count: int) -> list[str]:
-    """The operators of the tree, first the one that is applied last."""
+    """Returns the operators of the CSG tree; the first operator is applied last."""
     alternating = ["+-"[i % 2] for i in range(count - 1)][::-1]
     if kind == "carved":
         half = (count - 1) // 2
@@ -46,7 +46,7 @@ def operators(kind: str, count: int) -> list[str]:
 
 
 def scene(kind: str, count: int) -> str:
-    """The text of a scene with ``count`` primitives."""
+    """Returns the text of a scene with ``count`` primitives."""
     rng, row = random.Random(1), math.ceil(count**0.5)
     plane = kind in ("grid", "plate", "pegs")
     side = row + 1.0 if plane else 0.6 * count if kind == "comb" else 2.0 * count ** (1 / 3)
@@ -81,12 +81,12 @@ def scene(kind: str, count: int) -> str:
 
 
 def measure(kind: str, count: int) -> None:
-    """Prints a row, measured in this process."""
+    """Measures a tree in this process, and prints a row of the table."""
     warnings.simplefilter("ignore")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "bench.scn"
         path.write_text(scene(kind, count))
-        prosim_scene.parse("END")  # builds the parser of expressions
+        prosim_scene.parse("END")  # compiles the parser before the measurement
         before, cache = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, prosim_scene.TranslationCache()
         times = [time.process_time()]
         prosim_scene.parse(prosim_scene.read(path))
@@ -103,7 +103,7 @@ def measure(kind: str, count: int) -> None:
 
 
 async def keystrokes(count: int, keys: int = 100) -> None:
-    """Prints a row: types a digit, or a letter, into ``keys`` random SURFACE lines."""
+    """Types a character into ``keys`` random SURFACE lines, and prints a row of the table."""
     client, reports = LanguageClient("keystrokes", "1"), asyncio.Queue()
     client.feature(lsp.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)(lambda report: reports.put_nowait(report))  # noqa: PLW0108  (pygls marks the function)
     await client.start_io(sys.executable, "-c", "import prosim_scene.language_server as it; it.language_server()")
@@ -112,7 +112,7 @@ async def keystrokes(count: int, keys: int = 100) -> None:
     places = [i for i, line in enumerate(text.splitlines()) if "kd =" in line]
     client.text_document_did_open(lsp.DidOpenTextDocumentParams(lsp.TextDocumentItem(URI, "scn", 1, text)))
     await reports.get()
-    await asyncio.sleep(1.0)  # diagnostics of the meshes
+    await asyncio.sleep(1.0)  # waits for the diagnostics of the meshes
     for key in range(keys):
         while not reports.empty():
             reports.get_nowait()

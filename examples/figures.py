@@ -14,10 +14,10 @@ import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
 from drawing import optics, sampling, scenes
 
-#: Times the size of the scenes, which is 480 pixels wide.
+#: Size of the figures -> the factor of the scenes' resolution, which is 480 pixels wide.
 SIZES = {"tiny": 0.1, "small": 0.5, "medium": 1, "large": 2}
 
-#: Drawn with matplotlib, into the figure that the function is given: name -> (function, width and height in inches).
+#: Figures that are drawn with matplotlib: name -> (function that draws into a figure, width and height in inches).
 DRAWN = {
     "2.4-dieletrico": (optics.dielectric_outside, (4.8, 3.6)),
     "2.5-reflexao-total": (optics.dielectric_inside, (4.8, 3.6)),
@@ -37,7 +37,7 @@ DRAWN = {
     "5.11-rotacao": (sampling.rotation, (6.4, 2.4)),
 }
 
-#: Rendered, to an array (height, width, 3): name -> function of the factor of size.
+#: Figures that are rendered to an array (height, width, 3): name -> function of the factor of the resolution.
 RENDERED = {
     "5.1-chimarrao": partial(scenes.render, "chimarrao"),
     "5.2-aranha": partial(scenes.render, "aranha"),
@@ -66,7 +66,7 @@ RENDERED = {
 
 
 def draw(name, path, factor):
-    """Draws one figure, named as in ``DRAWN`` or ``RENDERED``, into a PNG file."""
+    """Draws or renders the figure with this name, and writes it to a PNG file."""
     if name in RENDERED:
         image = mi.Bitmap(np.ascontiguousarray(RENDERED[name](factor), dtype=np.float32))
         image.convert(component_format=mi.Struct.Type.UInt8, srgb_gamma=True).write(str(path))
@@ -81,10 +81,10 @@ def draw(name, path, factor):
 
 def main(arguments=None):
     parser = argparse.ArgumentParser(description="Draws the thesis's figures into a folder.")
-    parser.add_argument("out", type=Path, help="folder, made if need be")
+    parser.add_argument("out", type=Path, help="folder, which is made if it does not exist")
     parser.add_argument("--size", choices=SIZES, default="medium")
     parser.add_argument("--only", nargs="+", default=[""], metavar="FIGURE", help="such as 5.1 or 5.18-path")
-    parser.add_argument("--variant", default="llvm_ad_rgb", help="of Mitsuba (default: %(default)s)")
+    parser.add_argument("--variant", default="llvm_ad_rgb", help="variant of Mitsuba (default: %(default)s)")
     options = parser.parse_args(arguments)
     names = [
         name for name in [*DRAWN, *RENDERED] if any(only in ("", name, name.split("-")[0]) for only in options.only)

@@ -1,4 +1,5 @@
-"""The thesis's figures, for ``figures.py``: curves of the optics, sampling patterns, and rendered scenes.
+"""The thesis's figures, for ``figures.py``: optical curves, sampling patterns, and rendered scenes.
 
-``curves`` and ``patterns`` compute what ``optics`` and ``sampling`` draw; the notebooks use them as well.
+``optics`` draws the curves that ``curves`` computes, and ``sampling`` draws the patterns of ``patterns``. The notebooks
+use ``curves`` and ``patterns``, too.
 """

@@ -1,9 +1,10 @@
-"""What a material does, as curves: the figures of chapters 2 and 3 are drawn with these, from the plugins themselves.
+"""Curves of optical properties of materials, computed by the plugins, for the figures of chapters 2 and 3.
 
-Angles are in degrees from the normal. Below the surface is beyond 90, and the mirror direction of an incidence of
-+30 is +30: both are measured in the plane of incidence, each to its own side of the normal.
+Angles are in degrees from the normal, in the plane of incidence; angles above 90 are below the surface. Angles of
+incidence and of reflection are measured to opposite sides of the normal, so the mirror direction of the incidence +30
+is +30.
 
-Numbers are made opaque, so that all angles and widths share the kernels of a material.
+Numbers are made opaque for Dr.Jit, so that one kernel of a material serves all angles and widths.
 """
 
 import drjit as dr
@@ -11,7 +12,7 @@ import mitsuba as mi
 
 
 def direction(angles, side=1):
-    """Unit vectors in the plane of incidence, on the positive (``side`` 1) or negative side of the normal."""
+    """Unit vectors in the plane of incidence, on the positive (``side`` 1) or negative (-1) side of the normal."""
     angles = mi.Float(angles)
     dr.make_opaque(angles)
     sin, cos = dr.sincos(angles * (dr.pi / 180))
@@ -19,7 +20,7 @@ def direction(angles, side=1):
 
 
 def interaction(wi):
-    """A point on a surface seen from ``wi`` (local)."""
+    """A surface interaction whose local direction to the viewer is ``wi``."""
     si = dr.zeros(mi.SurfaceInteraction3f, dr.width(wi))
     si.wi = wi
     if mi.is_spectral:
@@ -28,7 +29,7 @@ def interaction(wi):
 
 
 def reflectance(bsdf, angles):
-    """Spectrum reflected by an ideally smooth surface, by angle of incidence (figures 2.4, 2.5, 2.6)."""
+    """Reflectance spectrum of an ideally smooth surface for angles of incidence (figures 2.4, 2.5, 2.6)."""
     context = mi.BSDFContext()
     context.component = 0
     si = interaction(direction(angles))
@@ -36,16 +37,17 @@ def reflectance(bsdf, angles):
 
 
 def radiance(bsdf, incidence, angles):
-    """Spectrum that a surface sends to ``angles`` per unit of irradiance: the BRDF itself (figures 3.6, 3.7)."""
+    """Spectrum of the BRDF: reflected radiance in the directions ``angles`` per irradiance (figures 3.6, 3.7)."""
     wi, wo = direction(incidence), direction(angles, -1)
     value = bsdf.eval(mi.BSDFContext(), interaction(wi), wo)
     return mi.unpolarized_spectrum(value) / wo.z
 
 
 def facets(alpha, n=256):
-    """A grid of n² facets m with the solid angle of each: fine where a distribution of width ``alpha`` is high.
+    """n² facet normals m and their solid angles; the grid is fine where a distribution of width ``alpha`` is large.
 
-    Midpoints of a grid in the azimuth and in x, where 1 - cos is distributed as exp(-2 (1 - cos) / alpha²).
+    The normals are the midpoints of a grid in the azimuth and in x. If x is uniform, 1 - cos is distributed
+    exponentially, with the scale alpha² / 2, and truncated at 1.
     """
     i = dr.arange(mi.UInt32, n * n)
     x, phi = (mi.Float(i % n) + 0.5) / n, (mi.Float(i // n) + 0.5) * (2 * dr.pi / n)
@@ -58,10 +60,11 @@ def facets(alpha, n=256):
 
 
 def albedo(bsdf, incidence, alpha, eta=None, n=256):
-    """Share of the light from ``incidence`` that a rough specular surface sends back, and on (scalars).
+    """Fractions of the light from ``incidence`` that a rough specular surface reflects and transmits (two scalars).
 
-    By quadrature over its facets, for a lobe of width about ``alpha``. ``eta``: interior over exterior index of a
-    dielectric; None: nothing is transmitted. Energy is counted, not radiance.
+    The integral over the facets is computed by quadrature, for a lobe of width about ``alpha``. ``eta`` is the interior
+    over the exterior index of a dielectric; None means that no light is transmitted. The fractions are of energy, not
+    of radiance.
     """
     m, area = facets(alpha, n)
     si = interaction(direction(incidence))
@@ -73,11 +76,11 @@ def albedo(bsdf, incidence, alpha, eta=None, n=256):
         value = dr.mean(mi.unpolarized_spectrum(bsdf.eval(context, si, wo, lit)))
         return dr.sum(dr.select(lit, value * jacobian * area, 0))
 
-    back = total(mi.reflect(si.wi, m), 4 * dr.abs(i_m), 1)
+    reflected = total(mi.reflect(si.wi, m), 4 * dr.abs(i_m), 1)
     if eta is None:
-        return back, mi.Float(0)
+        return reflected, mi.Float(0)
     f, cos_t, eta_it, eta_ti = mi.fresnel(i_m, mi.Float(eta))
     wo = mi.refract(si.wi, m, cos_t, eta_ti)
     o_m = dr.dot(wo, m)
-    on = total(wo, dr.select(f < 1, dr.square(i_m / eta_it + o_m) / dr.abs(o_m), 0), -1)
-    return back, on
+    transmitted = total(wo, dr.select(f < 1, dr.square(i_m / eta_it + o_m) / dr.abs(o_m), 0), -1)
+    return reflected, transmitted

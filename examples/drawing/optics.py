@@ -1,4 +1,4 @@
-"""Figures of chapters 2 and 3, from the plugins themselves."""
+"""Draws the figures of chapters 2 and 3 from curves of the plugins."""
 
 import drjit as dr
 import mitsuba as mi
@@ -58,7 +58,7 @@ def copper(figure):
 
 
 def half_circle(figure, place, title):
-    """Polar axes over a surface: 0 is the normal, positive angles are to the right."""
+    """Polar axes above a surface: 0 is the normal, and positive angles are to the right."""
     axes = figure.add_subplot(place, projection="polar")
     axes.set(theta_zero_location="N", theta_direction=-1, thetamin=-90, thetamax=90, yticklabels=[])
     axes.grid(alpha=0.3)
@@ -75,13 +75,15 @@ def beckmann(figure):
 
 
 def lobes(figure, incidence):
-    """Torrance-Sparrow's model and Phong's, of like widths, each over the same diffuse component."""
+    """Lobes of the models of Torrance-Sparrow and of Phong, with similar widths, each with the same diffuse
+    component.
+    """
     angles = np.linspace(-89.5, 89.5, 719)
     slope, diffuse = 0.2, 0.75
     specular = 1 - diffuse
     models = {
         "Torrance-Sparrow": {"type": "prosim_conductor", "material": "none", "alpha": slope},
-        # About the mirror direction a lobe is twice as wide as about the bisector: a quarter of the exponent.
+        # A lobe about the mirror direction is twice as wide as one about the half vector: a quarter of the exponent.
         "Phong": {
             "type": "prosim_phong",
             "diffuse_reflectance": 0.0,

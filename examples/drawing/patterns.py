@@ -1,21 +1,21 @@
-"""The sampling strategies that the thesis compares (section 4.2.1.2), to draw and to measure.
+"""The sampling strategies that the thesis compares (section 4.2.1.2), for drawings and measurements.
 
 Each function takes the number of samples ``n`` >= 1 and a ``numpy.random.Generator``, and returns an array (n, 2) of
-points in [0, 1)². What the renderer samples with is :mod:`mitsuba_prosim.sampling.nrook`.
+points in [0, 1)². The renderer itself samples with :mod:`mitsuba_prosim.sampling.nrook`.
 """
 
 import math
 
 import numpy as np
 
-#: Least distance of Poisson disk samples, times sqrt(n). Dart throwing gets stuck at about 0.83.
+#: Minimum distance of Poisson disk samples, times sqrt(n). Dart throwing does not end for about 0.83 or more.
 SPACING = 0.72
 
 
 def grid(n):
-    """Lower corners of n square cells, row by row, (n, 2), and their number along an axis.
+    """Lower corners (n, 2) of n square cells, row by row, and the number of cells along an axis.
 
-    Raises ValueError if ``n`` is not a square: the disadvantage of jittering that the thesis names.
+    Raises ValueError if ``n`` is not a square; the thesis names this disadvantage of jittering.
     """
     side = math.isqrt(n)
     if n < 1 or side * side != n:
@@ -24,20 +24,20 @@ def grid(n):
 
 
 def regular(n, rng):
-    """The centres of the cells; ``rng`` is not used. ``n``: a square."""
+    """The centres of n square cells; ``rng`` is not used. ``n`` must be a square."""
     corners, side = grid(n)
     return corners + 0.5 / side
 
 
 def random(n, rng):
-    """Independent, uniform (figure 4.2)."""
+    """Independent, uniformly distributed samples (figure 4.2)."""
     return rng.random((n, 2))
 
 
 def poisson_disk(n, rng):
-    """No two samples closer than SPACING / sqrt(n), the square being closed to a torus (figure 4.3).
+    """Samples whose distances, on a torus, are at least SPACING / sqrt(n) (figure 4.3).
 
-    By throwing darts (Cook 1986): what lands too near an earlier one is thrown away.
+    The samples are found by dart throwing (Cook 1986): a candidate that is too near an earlier sample is rejected.
     """
     points = np.empty((0, 2))
     while len(points) < n:
@@ -50,18 +50,21 @@ def poisson_disk(n, rng):
 
 
 def jittered(n, rng):
-    """One sample anywhere in each cell, row by row (figure 4.4). ``n``: a square."""
+    """One random sample in each of n square cells, row by row (figure 4.4). ``n`` must be a square."""
     corners, side = grid(n)
     return corners + rng.random((n, 2)) / side
 
 
 def uncorrelated_jittered(n, rng):
-    """The same in random order: sample i of one space meets any cell of another (figure 4.6). ``n``: a square."""
+    """Jittered samples in random order (figure 4.6). ``n`` must be a square.
+
+    So sample i of one space is combined with a random cell of another space.
+    """
     return rng.permutation(jittered(n, rng))
 
 
 def nrook(n, rng):
-    """One sample in each of n rows and n columns (figure 4.7), in random order; any ``n``."""
+    """One sample in each of n rows and in each of n columns (figure 4.7), in random order; ``n`` is any number."""
     return (np.stack([rng.permutation(n), rng.permutation(n)], axis=1) + rng.random((n, 2))) / n
 
 

@@ -1,4 +1,4 @@
-"""Figures of sections 4.2 and 5.3: strategies of sampling, strata, and the renderer's own N-rook patterns."""
+"""Draws the figures of sections 4.2 and 5.3: sampling strategies, strata, and the renderer's N-rook patterns."""
 
 import drjit as dr
 import mitsuba as mi
@@ -17,7 +17,7 @@ def square(figure, place, strata=0, title=None):
 
 
 def numbered(axes, points, color="C0"):
-    for i, (x, y) in enumerate(np.clip(points, 0.04, 0.96)):  # not over the frame
+    for i, (x, y) in enumerate(np.clip(points, 0.04, 0.96)):  # keeps the numbers inside the frame
         axes.text(x, y, str(i + 1), color=color, ha="center", va="center", weight="bold")
 
 
@@ -34,7 +34,7 @@ def jittering(figure):
 
 
 def equal_regions(axes, x, density, regions):
-    """Draws a density, cut into ``regions`` of equal area."""
+    """Draws a density, divided into ``regions`` of equal area; returns the borders of the regions."""
     cumulative = np.concatenate([[0], np.cumsum((density[1:] + density[:-1]) * np.diff(x) / 2)])
     edges = np.interp(np.linspace(0, cumulative[-1], regions + 1), cumulative, x)
     axes.plot(x, density, "k-")
@@ -56,7 +56,11 @@ def importance(figure):
 
 
 def source_strata(figure):
-    """P(theta) = 2 pi k sin(theta), up to the angle at which a source of radius r is seen from distance d."""
+    """Strata of equal probability of the angle theta from a source's centre, with the density P(theta) = 2 pi k
+    sin(theta).
+
+    The largest theta is the angle under which the radius of the source is seen.
+    """
     axes = figure.add_subplot(xlabel="θ, from the middle of the source to its rim", ylabel="P(θ) ∝ sin θ")
     theta = np.linspace(0, 0.3, 2001)
     equal_regions(axes, theta, np.sin(theta), 5)
@@ -69,7 +73,7 @@ def uncorrelated(figure):
 
 
 def nrook_points(n, r, space, pixel=0):
-    """Pass ``r`` of the renderer's samples, in order (n, 2)."""
+    """The samples of pass ``r`` of the renderer in one space, in their order: shape (n, 2)."""
     sample = NRook(Permutations(n), pixel_key(7, pixel), mi.UInt32(r), dr.arange(mi.UInt32, n), "uniform")
     return np.array(sample(space)).T
 
@@ -88,7 +92,9 @@ def rotation(figure):
 
 
 def four_rays(figure):
-    """In a plane: 4 rays through a pixel, each with a stratum of the pixel, of the source and of the reflected lobe."""
+    """Four rays through a pixel in a plane; each has a stratum of the pixel, of the source and of the reflected
+    lobe.
+    """
     from matplotlib.patches import Circle
 
     rng = np.random.default_rng(11)
@@ -111,7 +117,7 @@ def four_rays(figure):
     for i in range(4):
         d = np.array([1.6, 2.9 + 0.4 * pixel[i]]) - eye
         hit = eye - d * eye[1] / d[1]
-        angle = np.arctan2(-d[1], d[0]) + 0.5 * (lobe[i] - 0.5)  # of the ray reflected upwards, within its lobe
+        angle = np.arctan2(-d[1], d[0]) + 0.5 * (lobe[i] - 0.5)  # the angle of the reflected ray
         out = np.array([np.cos(angle), np.sin(angle)])
         b = np.dot(ball - hit, out)
         inside = radius**2 - np.sum((ball - hit) ** 2) + b**2

@@ -1,4 +1,4 @@
-"""Rendered figures: the scenes beside this folder."""
+"""Renders the example scenes for the thesis's figures."""
 
 from pathlib import Path
 
@@ -11,7 +11,9 @@ SCENES = Path(__file__).parents[1]
 
 
 def load(name, factor=1, samples=None, **integrator):
-    """The dictionary of a scene, in its own resolution times ``factor``; ``integrator``: further parameters."""
+    """The dictionary of a scene. ``factor`` scales its resolution; ``integrator`` has further parameters of the
+    integrator.
+    """
     path = SCENES / f"{name}.scn"
     view = prosim_scene.parse(prosim_scene.read(path), path).view
     size = tuple(max(1, round(factor * x)) for x in view.resolution)
@@ -21,19 +23,21 @@ def load(name, factor=1, samples=None, **integrator):
 
 
 def render(name, factor, samples=None, **integrator):
-    """The image of a scene, (height, width, 3), linear, its highlights as ``prosim render`` shows them."""
+    """The linear image of a scene, (height, width, 3), with highlights compressed as ``prosim render`` does."""
     return compress(np.array(mi.render(mi.load_dict(load(name, factor, samples, **integrator)))))
 
 
 def render_counts(name, factor, samples=None):
-    """Samples that each pixel got, as grey: white is N²."""
+    """The number of samples of each pixel, as grey; the largest number is white."""
     description = load(name, factor, samples, aovs="samples")
     counts = np.array(mi.render(mi.load_dict(description)))[..., 3:]
     return np.repeat(counts / counts.max(), 3, axis=2)
 
 
 def render_path(name, factor, spp):
-    """The same scene by Mitsuba's path tracer. The background lights it; there is no ambient term."""
+    """The image of a scene by Mitsuba's path tracer, in which the background is an emitter and no ambient term
+    exists.
+    """
     description = load(name, factor)
     background = description["integrator"]["background"]
     description["integrator"] = {
@@ -44,7 +48,7 @@ def render_path(name, factor, spp):
     description["background"] = {"type": "constant", "radiance": background}
     scene = mi.load_dict(description)
     image, done = 0, 0
-    while done < spp:  # a part at a time, for the memory
+    while done < spp:  # renders in parts, which need less memory
         part = min(64, spp - done)
         image = image + part * np.array(mi.render(scene, spp=part, seed=done))
         done += part

@@ -62,8 +62,8 @@ class Commands(click.Group):
 def prosim() -> None:
     """Stochastic ray tracing after Besuievsky (1992), in Mitsuba 3.
 
-    Exit codes: 0 done; 2 wrong use or wrong input, nothing written; 1 anything else, among them a render that Ctrl-C
-    ended, whose image so far is kept; 130 Ctrl-C before the first result.
+    Exit codes: 0: success. 2: wrong use or wrong input; no file was written. 130: Ctrl-C before the first sample; no
+    file was written. 1: any other error, or Ctrl-C later; the unfinished image was written.
     """
     shown = set()
 

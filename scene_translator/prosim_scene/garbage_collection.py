@@ -9,8 +9,8 @@ from contextlib import contextmanager
 def garbage_collection_paused() -> Iterator[None]:
     """Pauses Python's garbage collection in a ``with`` statement or a decorated function.
 
-    Garbage collection would take a third of the time of reading a scene. It would free nothing, because the new objects
-    have no reference cycles.
+    Garbage collection would take a third of the time of reading a scene. A collection would free nothing while a scene
+    is read, because the new objects have no reference cycles.
     """
     enabled = gc.isenabled()
     gc.disable()

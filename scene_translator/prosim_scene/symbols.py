@@ -153,7 +153,7 @@ class Symbols:
     # ---- Completion
 
     def completions(self, offset: int) -> list[Completion]:
-        """Lists the words that fit at an offset; they replace the partial word before this offset."""
+        """Lists the words that fit at an offset, and that can replace the partial word before this offset."""
         line = self.text[self.text.rfind("\n", 0, offset) + 1 : offset]
         if braces := BRACES.search(line):
             start = offset - len(braces[1])
@@ -188,9 +188,9 @@ class Symbols:
     def _index_completions(self, role: str, start: int) -> list[Completion]:
         """Lists completions for an index after a keyword with this grammar role.
 
-        After SURFACE or TRANSFORM, the completions are the indices that do not yet have this statement. After a
-        primitive, they are the indices that have a statement. If there are no such indices, the completion is the next
-        unused index.
+        After SURFACE or TRANSFORM, the completions are the indices without such a statement. After a primitive, the
+        completions are the indices with a SURFACE or TRANSFORM statement. If there are no such indices, the completion
+        is the next unused index.
         """
         indices = {symbol.key: places for symbol, places in self.table.items() if symbol.kind == "index"}
         roles = {int(key): {place.role_before for place in places} for key, places in indices.items()}

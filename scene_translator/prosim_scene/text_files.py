@@ -53,7 +53,7 @@ def replace(path: Path, content: bytes | memoryview | Callable[[Path], None], fo
 
     ``content`` is the new content as bytes, or a function that writes the new content to a given path. The new file is
     first written to ``folder``. The folder of ``path`` is used instead if ``folder`` is None or on another disk, or if
-    ``path`` is a link. Raises OSError; then nothing has changed.
+    ``path`` is a link. Raises OSError if the content cannot be replaced; the file is then unchanged.
     """
     if path.is_symlink():
         path, folder = Path(os.path.realpath(path)), None

@@ -12,7 +12,7 @@ from .mitsuba import TARGETS, lights
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """The options of a translation; :func:`translate` describes them. Raises SceneError for a wrong value."""
+    """The options of a translation, which :func:`translate` describes. Raises SceneError for a wrong value."""
 
     target: str = "prosim"
     light_units: str = "calibrated"

@@ -138,7 +138,9 @@ def load(
 
 
 class _TemporaryFolder:
-    """A temporary folder. It is removed when no reference to this object or to a :class:`_FileName` in it exists."""
+    """A temporary folder, which is removed when no reference to this object or to a :class:`_FileName` in the folder
+    exists.
+    """
 
     def __init__(self) -> None:
         self.path = Path(tempfile.mkdtemp(prefix="prosim-scene-"))

@@ -1,6 +1,6 @@
 """Computes the camera of a scene from its VIEW statement; off-centre windows and oblique views are exact.
 
-The ray through pixel (i, j) of a w x h image starts at the eye E. It passes the point VRP + u (umin +
+The ray through pixel (i, j) of a w x h image starts at the eye E. The ray passes the point VRP + u (umin +
 (i+1/2)(umax-umin)/w) + v (vmax - (j+1/2)(vmax-vmin)/h) of the view plane.
 """
 

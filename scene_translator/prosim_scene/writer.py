@@ -1,8 +1,8 @@
 """Writes the files of a translation: ``STEM.xml``, and its meshes as binary PLY files in the folder ``STEM-meshes``.
 
-The file name of a mesh ends in the digest of the file's content. So a mesh that an XML file names never changes, even
-if a translation is killed. Simultaneous translations of one scene write the same files. A translation removes a mesh of
-an earlier translation if the digest in its name agrees with its content. No other files are removed.
+The file name of a mesh ends in the digest of the file's content. A mesh that an XML file names therefore never changes,
+even if a translation is killed. Simultaneous translations of one scene write the same files. A translation removes a
+mesh of an earlier translation if the digest in its name agrees with its content. No other files are removed.
 """
 
 import os
@@ -95,7 +95,7 @@ def write(folder: Path, stem: str, text: str, meshes: dict[str, bytes]) -> Path:
     """Writes the XML ``text`` and the ``meshes``, whose keys are file names; returns the path of the XML file.
 
     The XML file is replaced last, so the meshes that it names always exist. Meshes of earlier translations are removed.
-    Raises OSError, or FileExistsError if a file of the user has the path of a result; then nothing has changed.
+    Raises OSError, or FileExistsError if a file of the user has the path of a result; no file has changed then.
     """
     xml, folder_of_meshes = folder / f"{stem}.xml", folder / meshes_folder(stem)
     _check_replaceable(xml, folder_of_meshes)

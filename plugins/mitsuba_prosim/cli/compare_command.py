@@ -36,9 +36,11 @@ def compare(job: Job, a: str, b: str, rounds: int, sqrt_spp: tuple[int, ...], re
     """Compare A and B on SCENE, in the thesis's language or XML: error, time and samples.
 
     A and B are each INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...], such as prosim,adaptive=none or
-    path:multijitter,max_depth=5; the default sampler is the scene's. B also renders with as many samples, and in as
-    much time, as A; errors are against a converged reference. Where A is prosim and B is not, A renders both B's light
-    and the scene's. Writes a page (.html) and its numbers (.json) in the scene's folder, as SCENE-compare.
+    path:multijitter,max_depth=5; the default sampler is the scene's. If B is not adaptive, B is rendered with the same
+    number of samples as A, and with the same time as A. Errors are differences from a converged reference image. If
+    only one of A and B is prosim, prosim renders the scene twice: with the light paths of the other integrator, and
+    with the light paths that the scene selects. The command writes a page, SCENE-compare.html, and its numbers,
+    SCENE-compare.json, in the scene's folder.
     """
     require_extra("compare", "prosim compare")
     scene = Path(job.scene)

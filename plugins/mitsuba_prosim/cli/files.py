@@ -37,9 +37,9 @@ STATE_SUFFIXES = re.compile(r"(\.state|\.\d+-of-(?P<of>\d+))\.npz$")
 
 
 class InputFile(click.Path):
-    """The type of an argument: an existing file of one of these ``kinds``.
+    """The type of an argument that is an existing file. ``kinds`` are the kinds of files that are allowed.
 
-    ``what`` is the name of these kinds in messages. ``patterns`` match the names of such files. ``writer`` is the
+    ``what`` is the name of the allowed files in messages. ``patterns`` match the names of such files. ``writer`` is the
     command that writes such a file.
     """
 
@@ -144,7 +144,9 @@ def output_stem(output: str | None, default: Path, suffixes: Collection[str]) ->
 
 
 def output_folder(output: str | None) -> Path | None:
-    """Returns the output folder, the value of ``-o``. Raises BadParameter if it is empty or looks like a file name."""
+    """Returns the output folder, the value of ``-o``. Raises BadParameter if the value is empty or looks like a file
+    name.
+    """
     if output is None:
         return None
     path = _expanded(output)
@@ -186,8 +188,8 @@ def check(stem: Path, suffixes: Collection[str], size: int, sources: Iterable[Pa
 def save(stem: Path, contents: Mapping[str, atomic.Content]) -> list[Path]:
     """Writes the output files, whose ``contents`` are given by suffix; returns the paths.
 
-    If the files cannot be written there, this function writes them to another folder, and raises a ClickException that
-    names this folder.
+    If a file cannot be written to its folder, this function writes all files to another folder, and raises a
+    ClickException that names the other folder.
     """
     files = dict(zip(with_suffixes(stem, contents), contents.values()))
     try:

@@ -104,10 +104,10 @@ class Film:
 
 
 def digest(job: Job, file: scene_file.SceneFile) -> str:
-    """Returns the SHA-256 of everything that determines the bytes of a frame.
+    """Returns the SHA-256 of all data that determine the bytes of a frame.
 
-    These are the scene's content, its changes by options, and the :mod:`..engine.environment`. The digest does not
-    depend on the scene's folder.
+    The data are the scene's content, changes of the scene by options, and the :mod:`..engine.environment`. The digest
+    does not depend on the scene's folder.
     """
     here = environment.this_environment()
     versions = [here[name] for name in environment.MUST_AGREE]

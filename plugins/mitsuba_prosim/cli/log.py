@@ -28,9 +28,9 @@ def log(verbose: int) -> Iterator[None]:
 
     Mitsuba writes its log to standard output. This function redirects standard output to a file, and a thread prints
     the text that is added to this file. Mitsuba's logger must have no appender that Python knows, not even an appender
-    of Mitsuba. Such an appender waits for Python's interpreter lock, while it holds the logger's lock and often that of
-    the plugin manager. Another thread that makes a plugin in Python holds the interpreter lock and needs the other two
-    locks, so both threads would wait for ever.
+    of Mitsuba. An appender that Python knows waits for Python's interpreter lock, while it holds the lock of the logger
+    and often the lock of the plugin manager. A thread that makes a plugin in Python holds the interpreter lock and
+    needs the locks of the logger and of the plugin manager, so a deadlock would occur.
     """
     level = mi.log_level()
     sys.stdout.flush()

@@ -37,8 +37,8 @@ FACTOR = PatternType(
 def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> None:
     """Recombine the layers of IMAGE, an EXR by prosim render --layers.
 
-    Each LAYER is multiplied by its FACTOR, a number or three of them (red, green, blue); the others stay as they are.
-    The output is an EXR, which can be mixed again, and a PNG.
+    Each LAYER is multiplied by its FACTOR, which is one number or three numbers (red, green, blue). Other layers stay
+    unchanged. The output is an EXR image, which can be mixed again, and a PNG image.
     """
     try:
         with OpenEXR.File(str(image), separate_channels=True) as file:

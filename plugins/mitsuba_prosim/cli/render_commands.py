@@ -36,10 +36,11 @@ scene_option = option("Scene", "--scene", "moved", type=SCENE_FILE, help="Path o
 def render(job: Job) -> None:
     """Render SCENE, a file in the thesis's scene language (any name) or a Mitsuba scene (.xml).
 
-    Writes a linear EXR, whose metadata say how it was made, and a tone-mapped PNG. Existing files are replaced when the
-    new ones are complete. Ctrl-C ends the render and keeps the image so far (exit code 1).
+    The command writes a linear EXR image, whose metadata describe the render, and a tone-mapped PNG image. Existing
+    files are replaced when the new ones are complete. Ctrl-C ends the render; the unfinished image is written (exit
+    code 1).
 
-    Set the quality by --noise, --time or --spp; by default, the scene sets it.
+    The options --noise, --time and --spp set the quality. By default, the scene sets the quality.
     """
     target = files.output_stem(job.output, Path(job.scene).with_suffix(""), SUFFIXES)
     if job.frames is None:
@@ -55,8 +56,9 @@ def render(job: Job) -> None:
 def resume(job: Job, state: Path, moved: Path | None) -> None:
     """Continue a render from STATE, a file that prosim render --checkpoint has written, until its target.
 
-    The image is the same to the bit as without the interruption. Another target continues the image from where it is;
-    --time counts from the beginning. A state of another scene or version is refused.
+    The image is the same to the bit as without the interruption. If an option sets another target, the render continues
+    until this target is reached. The time for --time includes the time before the interruption. A state of another
+    scene or version is an error.
     """
     record, before = checkpoint_and_job(state, moved)
     target: dict[str, Any] = {name: value for name in TARGET if (value := getattr(job, name)) is not None}
@@ -87,8 +89,8 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
 def merge(job: Job, part_files: tuple[Path, ...], moved: Path | None) -> None:
     """Merge the PARTs of an image, files that prosim render --part has written.
 
-    The image is the same to the bit as one that is rendered at once. Each part has to be there once, in any order.
-    Nothing is rendered.
+    The image has the same bits as an image that is rendered at once. Each part must be given once; the order of the
+    parts does not matter. The command renders nothing.
     """
     record, before = checkpoint_and_job(part_files[0], moved, lambda _: checkpoint.merge(part_files))
     target = files.output_stem(job.output, image_stem(part_files[0]), SUFFIXES)

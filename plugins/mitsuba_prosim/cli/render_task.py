@@ -69,7 +69,9 @@ class RenderTask:
 
     @cached_property
     def about(self) -> dict[str, Any]:
-        """Facts that checkpoints store: they identify the image, and let another process continue its job."""
+        """Facts that a checkpoint stores: the facts identify the image, and another process needs them to continue the
+        job.
+        """
         image = self.job.image() | {"scene": os.path.abspath(self.job.scene)}
         return {"job": image, "digest": self.file.digest()}
 
@@ -116,7 +118,7 @@ class RenderTask:
 class Resources(ExitStack):
     """Resources that all images of a job share: Mitsuba's log, the threads, a temporary ``folder``, and the workers.
 
-    The workers start when the first image needs them.
+    The workers start when the first image needs workers.
     """
 
     def __init__(self, job: Job) -> None:

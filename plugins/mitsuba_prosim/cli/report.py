@@ -51,8 +51,8 @@ def summary(
 ) -> str | None:
     """Returns a line with the noise, the samples and the seconds of a render, and the cause of its end.
 
-    ``ended`` is the result of :func:`end_cause`; if it is None, this function returns None. ``noise_bound`` is an upper
-    estimate of the noise for a render that did not measure the noise.
+    ``ended`` is the result of :func:`end_cause`. If ``ended`` is None, this function returns None. ``noise_bound`` is
+    an upper estimate of the noise for a render that did not measure the noise.
     """
     if ended is None:
         return None

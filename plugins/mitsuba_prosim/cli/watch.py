@@ -33,8 +33,9 @@ LEFT_OUT = ("output", "exposure", "checkpoint", "snapshots", "view", "crop", "wo
 def watch(job: Job, port: int, browser: bool) -> None:
     """Show SCENE on a page in the browser, and render it again when the file is saved.
 
-    Only this machine can open the page; the command prints its address, which contains a secret. It writes no files
-    but those that are saved on the page, and the scene can use only files in its folder. Ctrl-C ends it.
+    Only this machine can open the page; the command prints its address, which contains a secret. The command writes
+    only the files that the user saves on the page, and the scene can use only files in its folder. Ctrl-C ends the
+    command.
     """
     require_extra("watch", "prosim watch")
     from ..live import loaded_scene, server, viewer

@@ -200,10 +200,10 @@ def equals(scene: ComparedScene, a: Method, b: Spec, transport: str) -> tuple[Me
 
 
 def equal_error(points: list[dict[str, Any]], cost: str, measure: str, row: dict[str, Any]) -> dict[str, Any]:
-    """Returns the ratio of two costs: that of the curve ``points`` at the error of ``row``, and that of ``row``.
+    """Returns the cost at which the curve ``points`` has the error of ``row``, divided by the cost of ``row``.
 
-    If the curve does not reach this error, ``reached`` is False and the highest cost of the curve is used. If the curve
-    starts below this error, its lowest cost is used.
+    If the curve does not reach the error of ``row``, ``reached`` is False and the highest cost of the curve is used. If
+    the curve starts below the error of ``row``, the lowest cost of the curve is used.
     """
     costs = [median(point, cost) for point in points]
     *errors, error = (median(facts, measure) for facts in (*points, row))

@@ -46,7 +46,7 @@ def relative_mse(image: np.ndarray, reference: np.ndarray) -> float:
 
 
 def ssim(image: np.ndarray, reference: np.ndarray) -> float:
-    """Structural similarity (Wang et al. 2004) of the displayed images; 1 for equal images.
+    """Structural similarity of the displayed images; 1 for equal images. Source: Wang et al. (2004).
 
     The images need at least 7 x 7 pixels.
     """
@@ -86,7 +86,7 @@ def slope(costs: Sequence[float], errors: Sequence[float]) -> float:
 def cost_at(error: float, costs: Sequence[float], errors: Sequence[float]) -> float | None:
     """Cost at which a curve of points (cost, error) reaches ``error``, by linear interpolation of the logarithms.
 
-    None if the curve does not reach this error, or starts below it.
+    The result is None if the curve does not reach ``error``, or starts below ``error``.
     """
     order = np.argsort(costs)
     x, y = np.log(np.asarray(costs, float)[order]), np.log(np.asarray(errors, float)[order])

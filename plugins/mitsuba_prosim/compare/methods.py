@@ -78,7 +78,7 @@ class Method:
     denoised: bool = False
 
     def render(self, seed: int) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """Renders an image; returns it and its cost.
+        """Renders an image; returns the image and its cost.
 
         The result is the image (height, width, 3), the sample counts (height, width), the elapsed seconds, and the CPU
         seconds per thread.
@@ -92,7 +92,7 @@ class Method:
 
 
 class ComparedScene:
-    """The scene of a file; renders of it by different methods are compared."""
+    """A scene that different methods render, so that the methods can be compared."""
 
     def __init__(self, file: scene_file.SceneFile) -> None:
         self.file, self.scene = file, file.load()
@@ -121,8 +121,8 @@ class ComparedScene:
         """Returns the :class:`Method` of a specification.
 
         ``transport`` selects the light paths: "scene" (as the scene file says), "paths" (all) or "direct" (direct light
-        only). ``overrides`` are parameters of the integrator; parameters of the specification replace them. The
-        override ``spp`` is the sample count.
+        only). ``overrides`` are parameters of the integrator, over which the parameters of the specification have
+        priority. The override ``spp`` is the sample count.
         """
         spp, settings = overrides.pop("spp", 0), dict[str, Any](type=spec.integrator)
         if spec.integrator == self.integrator:

@@ -57,7 +57,7 @@ class Runs:
 def interleaved(runs: Sequence[Runs], rounds: int) -> Iterator[float]:
     """Measures each of the ``runs`` once for warming up, and then once in each round; yields the progress, 0 to 1.
 
-    The runs are measured in turn, so that other load of the machine affects all of them equally.
+    The runs are measured in turn, so that other load of the machine affects all runs equally.
     """
     for turn in range(rounds + 1):
         for k, run in enumerate(runs):

@@ -46,7 +46,7 @@ class Picture:
         """Returns the bytes of a layer, row by row, as 32-bit little-endian numbers, and the HTTP headers for this
         layer.
 
-        The header ``X-White`` is the 99th percentile of the layer; for colours, it is that of the luminance.
+        The header ``X-White`` is the 99th percentile of the values of a map, or of the luminance of colours.
         """
         values = self.layers[layer]
         height, width = values.shape[:2]
@@ -84,7 +84,8 @@ def layers_of_render(render: Render, integrator: mi.Integrator) -> dict[str, np.
 def fill_unknown(known: np.ndarray, values: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
     """Returns a layer with ``values`` where the mask ``known``, shape (height, width), is True.
 
-    The other pixels are taken from the layer ``before``, which may have fewer pixels, or are 0.
+    Pixels where ``known`` is False are taken from the layer ``before``, which may have fewer pixels. Without ``before``
+    such pixels are 0.
     """
     mask = known[..., None] if values.ndim == 3 else known
     if before is None:

@@ -1,4 +1,6 @@
-"""The state and the pictures of the live view. One thread publishes them, and every open page reads them."""
+"""The state and the pictures of the live view. One thread publishes the state and the pictures, and every open page
+reads both.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +53,7 @@ class State:
 
 
 class Publisher:
-    """The latest state and pictures. One thread publishes them; any thread may read them."""
+    """The latest state and pictures. One thread publishes the state and the pictures; any thread may read both."""
 
     def __init__(self, state: State) -> None:
         self.state, self.pictures, self.closed = state, dict[str, Picture](), False

@@ -30,8 +30,8 @@ def stamp(path: Path) -> Stamp:
 class SceneWatcher:
     """Watches the files of the scene at ``path``, by checking them repeatedly.
 
-    Notifications of the operating system are not used: they fail for folders that are removed and made again, and on
-    some disks.
+    Notifications of the operating system are not used, because notifications fail for folders that are removed and made
+    again, and on some disks.
     """
 
     def __init__(self, path: Path) -> None:

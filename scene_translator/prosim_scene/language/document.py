@@ -60,8 +60,7 @@ class Document:
     def operands_note(self, number: int) -> str:
         """Returns a note on the operands of the nearest operator - or * above node ``number`` of the CSG tree, or "".
 
-        Messages about solids that vanish end with this note, because users often write an operator between its
-        operands.
+        Messages about solids that vanish end with the note, because users often write an operator between its operands.
         """
         ends = subtree_ends(self.scene.csg)
         above = [i for i in range(number) if ends[i] > number and self.text_of("csg", i) in ("-", "*")]

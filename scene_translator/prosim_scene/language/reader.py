@@ -58,7 +58,7 @@ Tree = tuple[model.Operator | model.Leaf, ...]
 
 @cache
 def _or_number(roles: frozenset[str]) -> frozenset[str]:
-    """Returns the set of these grammar roles and NUMBER."""
+    """Adds the grammar role NUMBER to a set of grammar roles."""
     return roles | {"NUMBER"}
 
 
@@ -66,9 +66,9 @@ class Reader(Scanner):
     """Reads the text of a scene.
 
     ``fields`` are the values of the fields of a Scene, and the named ``solids``. ``spans`` maps the path of each value
-    to its position in the text. ``errors`` and ``warnings`` are those of single statements. ``skipped`` is the offset
-    of the first part of the text that was skipped because of an error, or infinity. The list ``tokens`` ends with END
-    and the comments after END; any other text after END is one token of role REST.
+    to its position in the text. ``errors`` and ``warnings`` are the problems within single statements. ``skipped`` is
+    the offset of the first part of the text that was skipped because of an error, or infinity. The list ``tokens`` ends
+    with END and the comments after END; any other text after END is one token of role REST.
 
     ``define``: values of ``$names`` that the caller sets.
     """
@@ -160,7 +160,7 @@ class Reader(Scanner):
     def begin_value(self, *path: str | int, at: Token | None = None) -> None:
         """Sets the path and the span of the statement's value, and reports a second statement for the same value.
 
-        The span is that of the statement's keyword, or that of the token ``at``.
+        The span is the span of the token ``at``, or else the span of the statement's keyword.
         """
         token, self.path = at or self.keyword, path
         if path in self.spans:
@@ -452,7 +452,7 @@ class Reader(Scanner):
     def read_use(self, number: int) -> Tree:
         """Reads the name of a solid and an index; returns the nodes of this solid for the CSG tree that uses it.
 
-        ``number`` is the position of the first of these nodes in the CSG tree.
+        ``number`` is the position of the first returned node in the CSG tree.
         """
         keyword, solid = self.token, self.fields["solids"][normalise(self.token.text)]
         index = self.read_numbers(keyword, TREE)
@@ -466,8 +466,8 @@ class Reader(Scanner):
         return tuple(replace(n, within=n.within + within) if isinstance(n, model.Leaf) else n for n in solid)
 
     def read_leaf(self, number: int) -> model.Leaf:
-        """Reads a primitive: its index, the file of a mesh, and its textures. ``number`` is its position in the CSG
-        tree.
+        """Reads a primitive: its index, the file of a mesh, and its textures. ``number`` is the position of the
+        primitive in the CSG tree.
         """
         keyword = self.token
         slots: list[model.Texture | None] = []

@@ -213,7 +213,7 @@ class Scanner(ABC):
 def role_of(text: str, expected: frozenset[str], statement: str) -> str:
     """Returns the grammar role of a word: the role of an expected keyword, else of a name, else the most likely role.
 
-    If a word may continue the current ``statement`` or begin the next statement, it continues the current one.
+    A word that may continue the current ``statement`` or begin the next statement continues the current statement.
     """
     spelling = normalise(text)
     roles = [word.role for word in WORDS_BY_SPELLING.get(spelling, ())]

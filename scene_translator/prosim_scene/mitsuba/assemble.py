@@ -21,8 +21,8 @@ from .translation_context import Context, check_single_precision, meshes
 
 
 def medium_key(scene: Scene, leaf: Leaf) -> Hashable:
-    """Returns a key of the medium inside a dielectric primitive: its refraction and absorption; None for an opaque
-    one.
+    """Returns a key of the medium inside a primitive: the medium's refraction and absorption; None for an opaque
+    primitive.
     """
     surface = scene.surfaces[leaf.index]
     if surface.material != "dielectric":
@@ -38,7 +38,8 @@ def has_fresnel_reflection(scene: Scene, leaf: Leaf) -> bool:
 def appearance_key(scene: Scene, leaf: Leaf) -> Hashable:
     """Returns a key that is equal for primitives that may share a mesh: material and textures.
 
-    The coordinates of a solid texture depend on the primitive's transform, so the key then contains the index.
+    The coordinates of a solid texture depend on the primitive's transform, so the key of a primitive with a solid
+    texture contains the primitive's index.
     """
     surface = scene.surfaces[leaf.index]
     textures = materials.effective_textures(leaf, surface)

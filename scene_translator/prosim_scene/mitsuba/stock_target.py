@@ -101,8 +101,8 @@ def light(context: Context, number: int, light: Light) -> Node:
 
 
 def _spot_angles(light: Light) -> tuple[float, float]:
-    """Returns two angles in degrees for Mitsuba's ``spot``: it is constant below the first, and black above the
-    second.
+    """Returns two angles in degrees for Mitsuba's ``spot`` light: below the first angle the light is constant, above
+    the second it is black.
     """
     limit = min(light.angle or 90.0, 90.0 if light.distribution == "spot" else 179.0)
     if light.distribution == "cone":
@@ -147,7 +147,7 @@ def surface(context: Context, number: int, leaf: Leaf, sides: materials.MediumIn
 
 
 def _mean_color(kind: str, parameters: dict[str, Any]) -> np.ndarray:
-    """Returns the mean colour of a pattern of this kind with these parameters."""
+    """Returns the mean colour of a pattern, which is defined by its kind and its parameters."""
     if kind == "brick":
         width, height, joint = parameters["brick_width"], parameters["brick_height"], parameters["mortar_width"]
         fraction = width / (width + joint) * height / (height + joint)
@@ -199,9 +199,7 @@ def _bsdf(
 
 
 def _phong(surface: Surface, diffuse: Node, ks: Vector) -> Node:
-    """Returns a blend of a diffuse BSDF and a rough mirror, which approximates a Phong surface with these
-    reflectances.
-    """
+    """Returns a blend of a diffuse BSDF and a rough mirror, which approximates a Phong surface."""
     # The blend weights the two BSDFs by 1 - w and w. Each reflectance is divided by its weight, and may not exceed 1.
     kd = np.array(diffuse["value"]) if diffuse["type"] == "rgb" else np.full(3, 0.5)
     weight = float(np.mean(ks) / (np.mean(ks) + np.mean(kd)))

@@ -1,8 +1,7 @@
 """Translates the textures in the two slots of a primitive to Mitsuba's textures.
 
-Slot 1 is a pattern or an image on the surface, in its parameters (u, v). Slot 2 is a solid texture: a pattern in the
-primitive's own space. Both textures modulate ka and kd: the colours of the pattern in slot 2 are factors of ka and kd,
-and the colours of slot 1 are factors of this product.
+Slot 1 is a pattern or an image in the surface's parameters (u, v). Slot 2 is a solid texture: a pattern in the
+primitive's own space. The colours of both textures are multiplied with ka and kd.
 """
 
 from collections.abc import Callable, Iterable, Sequence

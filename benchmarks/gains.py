@@ -5,18 +5,20 @@
     python benchmarks/gains.py denoised | ablations
 
 ``policies``
-    The thesis's tree with ``graded`` and with ``neighbours`` over ``none``, N = 8, at the same mean number of samples.
+    The thesis's tree of rays with the policies ``graded`` and ``neighbours``, compared with the policy ``none``, for
+    N = 8 and the same mean number of samples.
 ``paths``
-    ``prosim`` with every path of light, and ``path`` within ``prosim_adaptive``, over ``path`` with the sampler
-    ``independent``, at 64 samples. Scenes whose tree has one level (stage, copper ball, metal floor, 24 lamps) have
-    direct light only, and ``direct`` in place of ``path``.
+    ``prosim`` with all light paths, and ``path`` nested in ``prosim_adaptive``, compared with ``path`` and the sampler
+    ``independent``, at 64 samples per pixel. Scenes whose tree has one level (stage, copper ball, metal floor, 24
+    lamps) have only direct light, and ``direct`` instead of ``path``.
 ``denoised``
-    ``prosim_denoised`` over the raw image of as many samples.
+    ``prosim_denoised``, compared with the raw image of the same number of samples.
 ``ablations``
-    ``graded`` without one of its parts over the whole: without adaptive sampling, without the second judgement (the
-    refinement ends after one more pass), and with the light sampling of Mitsuba's own emitters.
+    ``graded`` without one of its parts, compared with the complete ``graded``. The part is adaptive sampling, the
+    second judgement (the refinement then ends after one more pass), or the project's light sampling (each emitter's
+    own sampling is then used).
 
-A cell is a gain in processor time with its 95 % interval. The column ``samples`` is the gain in samples, tone-mapped.
+A cell is a gain in processor time with its 95 % interval. The column ``samples: tone-mapped`` is a gain in samples.
 """
 
 from __future__ import annotations
@@ -31,15 +33,15 @@ from mitsuba_prosim.light import table as lights
 from subjects import Subject
 
 DEPTH = 8
-#: As deep as a path of DEPTH edges, whose vertices but for the camera and the lamp are levels 0 to DEPTH - 2; with the
-#: same Russian roulette.
+#: The paths of this integrator are as long as those of ``path`` with DEPTH edges: the vertices between camera and lamp
+#: are the levels 0 to DEPTH - 2. Both integrators use the same Russian roulette.
 PATHS = {"type": "prosim", "diffuse_bounces": -1, "max_level": DEPTH - 2}
 NESTED = {"type": "prosim_adaptive", "nested": {"type": "path", "max_depth": DEPTH}}
 Entries = tuple[list[Run], dict[str, Any], int]
 
 
 def with_samples(run: Run, wanted: float) -> Run:
-    """``run`` with the threshold that gives a pixel about ``wanted`` samples in the mean."""
+    """Returns ``run`` with a threshold for which a pixel has about ``wanted`` samples on average."""
     low, high, found = 1e-4, 1.0, run
     for _ in range(10):
         threshold = (low * high) ** 0.5
@@ -52,7 +54,10 @@ def with_samples(run: Run, wanted: float) -> Run:
 
 
 def policies(subject: Subject, n: int = 8) -> Entries:
-    """``(entries, integrator, samples)``: the last entry is the baseline; the others describe the reference."""
+    """Returns the runs of the table ``policies``: ``(entries, integrator, samples)``.
+
+    The last entry is the baseline. ``integrator`` and ``samples`` describe the reference.
+    """
     scene, tree = subject.load(), subject.tree or NESTED
     uniform = Run("none", scene, tree | {"adaptive": "none", "samples": n})
     graded = Run("graded", scene, tree | {"adaptive": "graded", "samples": n, "max_samples": 4 * n * n})
@@ -61,7 +66,7 @@ def policies(subject: Subject, n: int = 8) -> Entries:
 
 
 def paths(subject: Subject, n: int = 8) -> Entries:
-    """The same for every path of light, or for direct light."""
+    """Returns the runs of the table ``paths``, in the form of :func:`policies`."""
     scene, ours, theirs = subject.load(), PATHS, {"type": "path", "max_depth": DEPTH}
     if subject.tree and subject.tree.get("max_level") == 0:
         ours, theirs = subject.tree, {"type": "direct"}
@@ -79,13 +84,13 @@ def paths(subject: Subject, n: int = 8) -> Entries:
 
 
 def denoised(subject: Subject, n: int = 6) -> Entries:
-    """The same for the denoised image."""
+    """Returns the runs of the table ``denoised``, in the form of :func:`policies`."""
     scene, nested = subject.load(), (subject.tree or NESTED) | {"adaptive": "none", "samples": n}
     return [Run("denoised", scene, {"type": "prosim_denoised", "nested": nested}), Run("raw", scene, nested)], nested, 0
 
 
 def ablations(subject: Subject, n: int = 8) -> Entries:
-    """The same for parts that are left out."""
+    """Returns the runs of the table ``ablations``, in the form of :func:`policies`."""
     scene, tree = subject.load(), subject.tree or PATHS
     graded = tree | {"adaptive": "graded", "samples": n, "max_samples": 4 * n * n}
     whole = with_samples(Run("graded", scene, graded), n * n)
@@ -96,7 +101,7 @@ def ablations(subject: Subject, n: int = 8) -> Entries:
 
 
 class OtherLights(Run):
-    """A run in which every light is sampled by its own plugin."""
+    """A run in which the plugin of each light samples the light, instead of the project's strategies."""
 
     def render(self, seed: int) -> tuple[np.ndarray, float]:
         with mock.patch.object(lights, "STRATEGIES", lights.STRATEGIES[-1:]):
@@ -107,7 +112,7 @@ TABLES = {"policies": policies, "paths": paths, "denoised": denoised, "ablations
 
 
 def rows(subject: Subject, table: str, options: argparse.Namespace) -> None:
-    """Prints a row for each entry but the baseline."""
+    """Prints a row of the table for each entry except the baseline."""
     entries, integrator, spp = TABLES[table](subject)
     truth = reference(subject, integrator, spp, options.reference_seconds, options.cache)
     by_turns(entries, truth, options.rounds)

@@ -1,26 +1,29 @@
-"""What did not work: how much other rules of sampling could gain, simulated with the same integrator.
+"""Negative results: the gains of other sampling rules, simulated with the same integrator.
 
     python benchmarks/negative_results.py cycles oracle [--scene palito ...]
 
 ``thesis``
-    The thesis's own criterion, by which the samples of a pixel decide when it has enough, over uniform sampling with
-    N = 8, at the same mean number of samples: the gain in processor time.
+    The thesis's own criterion, which decides by the samples of a pixel whether the pixel needs more samples. The table
+    shows the gain in processor time over uniform sampling with N = 8, at the same mean number of samples.
 ``photons``
-    The same for ``graded``, where photons bring the caustics: new ones cost as much for one pixel as for all.
+    The gain in processor time of ``graded`` over uniform sampling in a scene whose caustics come from photons. New
+    photons cost as much for one pixel as for all pixels.
 ``cycles``
-    The stopping rule of Mitsuba's pull request 1731, which is that of Blender's Cycles, over uniform sampling.
+    The gain of the stopping rule of Mitsuba's pull request 1731, which is the rule of Blender's Cycles, over uniform
+    sampling.
 ``oracle``
-    Samples in proportion to the true standard deviation of each pixel, which other seeds tell, over uniform sampling.
+    The gain, over uniform sampling, of samples in proportion to the true standard deviation of each pixel, which is
+    estimated with other seeds.
 ``frozen``
-    The variance that remains when all samples of a pixel share one direction of the first surface's lobe, or one point
-    of its lamps, over the whole variance.
+    The fraction of the variance that remains if all samples of a pixel share one direction of the first surface's
+    lobe, or one point on the lamps.
 ``gradients``
-    Differences of adjacent pixels are rendered with the same random numbers; the image is their Poisson solution
-    (Kettunen et al. 2015, with replayed random numbers for shifts). The gain is over uniform sampling, and counts its
-    three renders.
+    Gradient-domain rendering (Kettunen et al. 2015): differences of adjacent pixels are rendered with the same random
+    numbers, and the image is the solution of a Poisson equation. The gain over uniform sampling counts all three
+    renders.
 
-A cell is a gain in samples (``thesis``, ``photons``: in time; ``frozen``: a ratio of variances), tone-mapped, with its
-95 % interval over the seeds.
+A cell is the gain in samples for the tone-mapped error (``thesis`` and ``photons``: the gain in time; ``frozen``: a
+ratio of variances), with its 95 % interval over the seeds.
 """
 
 from __future__ import annotations
@@ -45,19 +48,19 @@ from scipy.fft import dctn, idctn
 from scipy.ndimage import maximum_filter
 from subjects import Subject
 
-#: Passes of a pixel at most; the mean is a quarter of them.
+#: The maximum number of passes of a pixel; the mean number is a quarter of it.
 PASSES = 16
 
 
 def tone_mapped(image: np.ndarray, truth: np.ndarray) -> float:
-    """Squared error after a square root."""
+    """Returns the mean squared error after a square root."""
     return MEASURES["tone-mapped"](image, truth)
 
 
 def over_uniform(
     name: str, adaptive: dict[str, Any], subject: Subject, options: argparse.Namespace, n: int = 8
 ) -> dict[str, np.ndarray]:
-    """The gain in time of an ``adaptive`` policy, the parameters of an integrator: value and interval, shape (3,)."""
+    """Returns the gain in time of ``adaptive``, parameters of an integrator: value and interval, shape (3,)."""
     scene, tree = subject.load(), (subject.tree or NESTED) | adaptive
     uniform = Run("none", scene, tree | {"adaptive": "none", "samples": n})
     found = with_samples(Run(name, scene, tree | {"max_samples": 4 * n * n}), n * n)
@@ -67,8 +70,10 @@ def over_uniform(
 
 
 def cycles(means: np.ndarray, images: np.ndarray, deviation: np.ndarray) -> np.ndarray:
-    """The passes of each pixel by the rule of Cycles. A pixel stops when ``|I - E| / sqrt(I)``, summed over the
-    colours, is below a threshold, I being its mean and E that of every other pass; it goes on while a neighbour does.
+    """Returns the number of passes of each pixel by the stopping rule of Cycles.
+
+    I is the mean of a pixel, and E is the mean of every other pass. A pixel stops when ``|I - E| / sqrt(I)``, summed
+    over the colours, is below a threshold for the pixel and its neighbours.
     """
     even = np.cumsum(images[::2], axis=0) / np.arange(1, PASSES // 2 + 1)[:, None, None, None]
     noise = np.abs(means[1::2] - even).sum(axis=-1) / (1e-4 + np.sqrt(means[1::2].sum(axis=-1)))
@@ -85,7 +90,7 @@ def cycles(means: np.ndarray, images: np.ndarray, deviation: np.ndarray) -> np.n
 
 
 def oracle(means: np.ndarray, images: np.ndarray, deviation: np.ndarray) -> np.ndarray:
-    """The passes of each pixel in proportion to its true standard deviation."""
+    """Returns the number of passes of each pixel, in proportion to the pixel's true standard deviation."""
     candidates = [np.clip(np.rint(deviation * scale), 1, PASSES).astype(int) for scale in np.geomspace(1, 1e5, 300)]
     return min(candidates, key=lambda passes: abs(passes.mean() - PASSES / 4))
 
@@ -93,7 +98,9 @@ def oracle(means: np.ndarray, images: np.ndarray, deviation: np.ndarray) -> np.n
 def allocated(
     name: str, rule: Callable, subject: Subject, options: argparse.Namespace, n: int = 4
 ) -> dict[str, np.ndarray]:
-    """The gain of a ``rule`` that gives each pixel its number of passes: value and interval, shape (3,)."""
+    """Returns the gain of a ``rule`` that selects the number of passes of each pixel: value and interval, shape
+    (3,).
+    """
     tree = (subject.tree or NESTED) | {"adaptive": "none", "samples": n}
     truth = reference(subject, tree, 0, options.reference_seconds, options.cache)
     run, scale = Run("", subject.load(), tree), 0.25 / truth.mean()
@@ -113,12 +120,14 @@ def allocated(
 
 
 def ratio(errors: np.ndarray) -> np.ndarray:
-    """The mean of the second column over that of the first one: value and interval over the rows, shape (3,)."""
+    """Returns the mean of the second column over the mean of the first: value and interval over the rows, shape
+    (3,).
+    """
     return interval(lambda k: np.array(errors[k, 1].mean() / errors[k, 0].mean()), len(errors))
 
 
 class Frozen(Sobol):
-    """Sobol' points that are the same for all samples in some ``spaces``."""
+    """Sobol' points that, in some ``spaces``, are the same for all samples."""
 
     spaces: list[int]
     value: mi.Point2f
@@ -131,13 +140,16 @@ class Frozen(Sobol):
 
 
 def points_of(change: Callable) -> AbstractContextManager:
-    """While it is open, ``change(points, plan, x, y, t)`` gives the samples; ``points`` is the method of the plan."""
+    """Returns a context in which ``change(points, plan, x, y, t)`` makes the sample points.
+
+    ``points`` is the method of the plan that makes the points outside of the context.
+    """
     points = Plan.points
     return mock.patch.object(Plan, "points", lambda plan, x, y, t: change(points, plan, x, y, t))
 
 
 def frozen(subject: Subject, options: argparse.Namespace, samples: int = 64) -> dict[str, np.ndarray]:
-    """The fractions of the variance that remain: value and interval, shape (3,)."""
+    """Returns the fractions of the variance that remain: value and interval, shape (3,)."""
     scene, tree = subject.load(), (subject.tree or PATHS) | {"adaptive": "none"}
     count, rng = Lights(scene, choose=subject.tree is None).count, np.random.default_rng(1)
     first = CAMERA_SPACES + NODE_SPACES + count
@@ -164,7 +176,7 @@ def frozen(subject: Subject, options: argparse.Namespace, samples: int = 64) -> 
 
 
 def gradients(subject: Subject, options: argparse.Namespace, samples: int = 64) -> dict[str, np.ndarray]:
-    """The gain of gradient-domain rendering: value and interval, shape (3,)."""
+    """Returns the gain of gradient-domain rendering: value and interval, shape (3,)."""
     integrator = (subject.tree or PATHS) | {"adaptive": "none"}
     truth = reference(subject, integrator, 256, options.reference_seconds, options.cache)
     run, scale = Run("", subject.load(), integrator, samples), 0.25 / truth.mean()
@@ -172,7 +184,7 @@ def gradients(subject: Subject, options: argparse.Namespace, samples: int = 64) 
     for seed in range(options.rounds):
         images = []
         for dx, dy in ((0, 0), (1, 0), (0, 1)):
-            # The pixel (x, y) takes the random numbers of (x - dx, y - dy).
+            # The pixel (x, y) has the random numbers of the pixel (x - dx, y - dy).
             with points_of(lambda points, plan, x, y, t, dx=dx, dy=dy: points(plan, x - dx, y - dy, t)):
                 images.append(run.render(seed)[0] * scale)
         base, right, below = images
@@ -182,8 +194,9 @@ def gradients(subject: Subject, options: argparse.Namespace, samples: int = 64) 
 
 
 def poisson(image: np.ndarray, dx: np.ndarray, dy: np.ndarray, weight: float = 0.2) -> np.ndarray:
-    """The image nearest to ``image``, of shape (height, width, 3), with the differences ``dx`` and ``dy``, by least
-    squares; ``weight`` is that of the image.
+    """Returns the least-squares image for the differences ``dx`` and ``dy`` between adjacent pixels, and for ``image``.
+
+    ``image`` has shape (height, width, 3); its squared differences have the factor ``weight`` squared.
     """
     height, width = image.shape[:2]
     right = weight**2 * image

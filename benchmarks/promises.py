@@ -1,15 +1,17 @@
-"""Promises kept: the error that ``noise`` reaches, and the seconds that ``time`` takes.
+"""Accuracy of stopping criteria: the error of images rendered with ``noise``, the duration of renders with ``time``.
 
     python benchmarks/promises.py [--scene palito ...] [--size 64] [--rounds 20]
     python benchmarks/promises.py --denoise --scene palito "Cornell box" --size 256
     python benchmarks/promises.py --time 1 5 --scene palito penumbra --size 256
 
-``noise``: each scene is rendered to a half and to a fifth of the noise of its first pass, rounded to one digit. The
-error is the RMS difference of displayed luminances to a converged image. The table has quantiles of the error over the
-requested noise, and the proportion of images between 0.7 and 1.05 with its exact 95 % interval (Clopper and Pearson).
+``noise``: the requested noise is a half and a fifth of the noise of a first pass, rounded to one digit. The error is
+the RMS difference between the displayed luminances of an image and of a converged image. The table has quantiles of the
+ratio error / requested noise. The column ``kept`` is the proportion of images whose ratio is between 0.7 and 1.05, with
+its exact 95 % interval (Clopper and Pearson).
 
-``--denoise``: the same for the image of ``prosim_denoised``, between 0.6 and 1.1. The last column is the processor time
-of the raw image with this noise over that of the denoised one, with its 95 % bootstrap interval.
+``--denoise``: measures the image of ``prosim_denoised``; the column ``kept`` counts ratios between 0.6 and 1.1. The
+last column is the processor time of a raw image with the requested noise over that of the denoised image, with its 95 %
+bootstrap interval.
 """
 
 from __future__ import annotations
@@ -27,20 +29,20 @@ LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
 
 
 def error(image: np.ndarray, truth: np.ndarray) -> float:
-    """RMS error of the displayed luminance: the square root of luminance plus 0.01, as the engine has it."""
+    """Returns the RMS error of the displayed luminance, which is sqrt(luminance + 0.01), as in the engine."""
     shown = [np.sqrt(np.maximum(x @ LUMINANCE, 0) + 0.01) for x in (image, truth)]
     return float(np.sqrt(np.mean(np.square(shown[0] - shown[1]))))
 
 
 def proportion(kept: int, of: int) -> str:
-    """A share with its exact 95 % interval."""
+    """Formats the fraction ``kept / of`` and its exact 95 % interval."""
     low = beta.ppf(0.025, kept, of - kept + 1) if kept else 0.0
     high = beta.ppf(0.975, kept + 1, of - kept) if kept < of else 1.0
     return f"{kept / of:.0%} ({low:.0%}–{high:.0%})"
 
 
 def noises(subject: Subject, options: argparse.Namespace) -> None:
-    """Prints a row for each noise."""
+    """Prints a row of the table for each requested noise."""
     scene, tree = subject.load(), subject.tree or NESTED
     uniform = tree | {"adaptive": "none", "samples": 8}
     truth = reference(subject, uniform, 0, options.reference_seconds, options.cache)
@@ -61,7 +63,7 @@ def noises(subject: Subject, options: argparse.Namespace) -> None:
 
 
 def times(subject: Subject, options: argparse.Namespace) -> None:
-    """Prints a row for each time."""
+    """Prints a row of the table for each requested time."""
     for asked in options.time:
         run, taken = Run("", subject.load(), (subject.tree or NESTED) | {"time": asked}), []
         for seed in range(options.rounds):
@@ -75,7 +77,7 @@ def times(subject: Subject, options: argparse.Namespace) -> None:
 
 def main() -> None:
     parser = arguments(__doc__, 20)
-    parser.add_argument("--time", nargs="+", type=float, default=[], help="measure these seconds, not the noise")
+    parser.add_argument("--time", nargs="+", type=float, default=[], help="measure these time limits, in seconds")
     parser.add_argument("--denoise", action="store_true", help="measure the denoised image")
     options = parser.parse_args()
     begin(options)

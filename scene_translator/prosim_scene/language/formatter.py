@@ -21,7 +21,7 @@ VALUES = tokens.VALUES - {"KIND"} | {"VARIABLE", "STRING", "LPAR", "RPAR"}
 
 
 def format(text: str, filename: AnyPath = "<string>") -> str:
-    """Returns the text of a scene in the canonical layout: problem statement or parameter per line, and canonical
+    """Returns the text of a scene in the canonical layout: one statement or parameter per line, and canonical
     spellings.
 
     Comments, names and expressions stay as they are written. ``parse(format(x)) == parse(x)`` and ``format(format(x))

@@ -1,4 +1,4 @@
-"""Photon maps of a scene for one camera: emitted in passes, cached, and gathered."""
+"""Photon maps of a scene for one camera: photons are emitted in passes, stored in a cache, and gathered at surfaces."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from .mis import PhotonMIS
 from .targets import Targets, warn_of_light_missed_by_trees
 from .tracing import PhotonTracer
 
-#: Greatest number of photon maps in a photon pass.
+#: Maximum number of photon maps in a photon pass.
 MAPS = 64
 
-#: Maximum number of photons in the cache for later work items, of 40 bytes each (48 on glossy surfaces, where a photon
-#: may land too); at least two photon passes.
+#: Maximum number of photons in the cache for later work items. A photon takes 40 bytes, or 48 on a glossy surface. The
+#: cache always holds two photon passes.
 CAPACITY = 1 << 22
 
-#: Class names of BSDFs whose diffuse lobe is Lambert's, ours and Mitsuba's, and of those around others that change
-#: nothing in it.
+#: Class names of BSDFs whose diffuse lobe is Lambert's (plugins of this package and of Mitsuba); and class names of
+#: BSDFs that contain others and do not change the diffuse lobe.
 LAMBERTIAN = ("Lambertian", "Phong", "Composite", *DIFFUSE)
 AROUND = (TWO_SIDED, MASK, BLEND)
 
 
 class Caustics:
-    """Photons of ``sources`` in ``scene`` for the image of ``sensor``: ``count`` in a photon pass.
+    """Photons of the light ``sources`` in ``scene`` for the image of ``sensor``: ``count`` photons in each photon pass.
 
-    A photon pass has several maps (:meth:`maps`), and each sample of a pixel gathers from its own: the ``t``-th from
-    map ``t % maps`` of pass ``t // maps``, which must have been emitted (:meth:`draw`). In spectral variants all
-    photons of a map have the same wavelengths as its samples (:attr:`key`, :meth:`division`).
+    A photon pass has several photon maps (:meth:`maps`). Each sample of a pixel gathers photons from one map: the
+    ``t``-th sample uses the map ``t % maps`` of the pass ``t // maps``, which :meth:`draw` must have emitted. In
+    spectral variants all photons of a map have the wavelengths of its samples (:attr:`key`, :meth:`division`).
     """
 
     def __init__(
@@ -50,8 +50,8 @@ class Caustics:
         self.mis = mis if mis.needed else None
         self.tracer = PhotonTracer(scene, limit, tree, self.mis)
         self.gathering = Gathering(scene)
-        #: Photon passes, the oldest first: on diffuse surfaces, and on glossy ones if these gather any. Their keys are
-        #: the arguments of :meth:`draw`.
+        #: Arguments of :meth:`draw` -> photon pass: its photons on diffuse surfaces, and those on glossy surfaces if
+        #: these gather photons. The oldest pass is first.
         self._passes: dict[tuple[int, int, int], tuple[Photons, Photons | None]] = {}
         self._current: tuple[Photons, Photons | None] | None = None
         #: The hash key by which all pixels and photons share wavelengths.
@@ -59,8 +59,11 @@ class Caustics:
 
     @classmethod
     def of(cls, scene: mi.Scene, sensor: mi.Sensor, count: int, deepest: int, tree: bool) -> Caustics | None:
-        """The photons of ``scene``, through up to ``deepest`` specular surfaces; None if nothing is specular or nothing
-        emits. ``tree``: see :class:`.PhotonTracer`.
+        """Returns the :class:`Caustics` of ``scene``, or None if no surface is specular or no light source can emit
+        photons.
+
+        Photons pass through at most ``deepest`` specular surfaces. ``tree`` tells whether the rays of the camera form a
+        tree (:class:`.PhotonTracer`).
         """
         targets = Targets.of(scene, tree)
         sources = None if targets is None else Sources(scene, targets)
@@ -77,11 +80,14 @@ class Caustics:
 
     @staticmethod
     def maps(n: int) -> int:
-        """Number of maps of a photon pass, for patterns of ``n``² samples."""
+        """Returns the number of photon maps of a photon pass, for sampling patterns of ``n``² samples."""
         return min(n * n, MAPS)
 
     def draw(self, seed: int, number: int, n: int) -> None:
-        """Lets samples gather from the photon pass ``number`` under ``seed``; ``n`` samples divide the spectrum."""
+        """Makes the photon pass ``number`` under ``seed`` current, so that samples gather from it.
+
+        The pass is emitted unless the cache holds it. ``n`` samples divide the spectrum.
+        """
         which = seed, number, n
         if which not in self._passes:
             if len(self._passes) >= self.capacity:
@@ -93,12 +99,16 @@ class Caustics:
         self.key, self._n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, n)
 
     def division(self, t: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
-        """The divisor of the spectrum for the ``t``-th samples, see :attr:`.NRook.division`."""
+        """Returns ``(t, n)``: the ``t``-th sample of a pixel is one of ``n`` that divide the spectrum
+        (:attr:`.NRook.division`).
+        """
         return t, self._n
 
     def add_to(self, L: mi.Spectrum, vertex: Vertex, t: mi.UInt32) -> mi.Spectrum:
-        """``L`` plus the radiance of the photons at ``vertex``, from the map of the ``t``-th sample of a pixel. After a
-        diffuse reflection glossy lobes gather none.
+        """Returns ``L`` plus the radiance that ``vertex`` scatters from photons.
+
+        The photons are those of the map of the ``t``-th sample of a pixel. After a diffuse reflection, glossy lobes
+        gather no photons.
         """
         assert self._current is not None, "no photons have been emitted"
         diffuse, glossy = self._current
@@ -107,14 +117,16 @@ class Caustics:
         return L if self.mis is None or glossy is None else L + self.mis.radiance(glossy, number, vertex)
 
     def per_pair(self, n: int) -> int:
-        """Number of photons of each pair of a source and a target in a map."""
+        """Returns the number of photons of each pair of a light source and a target in one photon map."""
         return max(self.count // (self.maps(n) * self.sources.pairs), 1)
 
     def _emit(self, seed: int, number: int, n: int) -> tuple[Photons, Photons | None]:
-        """Emits a photon pass."""
+        """Emits the photon pass ``number``, and returns its photons on diffuse surfaces and, with MIS, those on glossy
+        surfaces.
+        """
         maps, of_pair = self.maps(n), dr.opaque(mi.UInt32, self.per_pair(n))
         i = dr.arange(mi.UInt32, maps * self.sources.pairs * self.per_pair(n))
-        # The points of a pair continue from map to map, so that those of all maps together are evenly spread too.
+        # The points of a pair continue from map to map, so that the points of all maps together are evenly spread too.
         k = i // of_pair
         map_of = k // dr.opaque(mi.UInt32, self.sources.pairs)
         pair = k - map_of * dr.opaque(mi.UInt32, self.sources.pairs)
@@ -128,7 +140,10 @@ class Caustics:
         return Photons.of(diffuse, *rest), None if glossy is None else Photons.of(glossy, *rest)
 
     def _wavelengths(self, seed: int, t: mi.UInt32, n: int) -> mi.Color0f:
-        """Wavelengths of the ``t``-th samples, as the sensor samples them; empty except in spectral variants."""
+        """Returns the wavelengths in nm of the ``t``-th samples, as the sensor samples them.
+
+        The result is empty except in spectral variants.
+        """
         if not mi.is_spectral:
             return dr.zeros(mi.Color0f)
         key, middle = dr.opaque(mi.UInt32, hash32(seed)), mi.Point2f(0.5)
@@ -145,8 +160,9 @@ class Gathering:
         self.lambertian = not self.scattering.any_inseparable and all(map(is_lambertian, all_bsdfs(scene)))
 
     def __call__(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
-        """The radiance that the diffuse lobes at ``vertex`` reflect from the photon map ``number``. Where lobes are
-        inseparable, all of them reflect.
+        """Returns the radiance that the diffuse lobes at ``vertex`` reflect from the photon map ``number``.
+
+        Where the lobes of a BSDF are inseparable, all its lobes reflect the photons.
         """
         si, bsdf, inseparable = vertex.si, vertex.bsdf, vertex.inseparable
         active = vertex.active & (lobes.has_any(bsdf.flags(), *lobes.DIFFUSE) | inseparable)
@@ -159,14 +175,14 @@ class Gathering:
             return self.scattering.replace_inseparable(f, vertex, wo, in_reach) / dr.maximum(dr.abs(wo.z), MIN_COSINE)
 
         L = gather(photons, number, si, value, active)
-        if self.lambertian:  # constant: evaluated once, after the gathering
+        if self.lambertian:  # a constant BSDF is evaluated once, after the sum over photons
             lit = active & (dr.max(L) > 0)
             L *= bsdf.eval(lobes.diffuse(), si, mi.Vector3f(0, 0, dr.sign(si.wi.z)), lit)
         return L
 
 
 def is_lambertian(bsdf: mi.BSDF) -> bool:
-    """Whether all diffuse lobes of ``bsdf`` reflect alike in every direction."""
+    """Tells whether all diffuse lobes of ``bsdf`` reflect equally in every direction."""
     return all(
         one.class_name() in AROUND
         or {one.class_name(), type(one).__name__} & set(LAMBERTIAN)

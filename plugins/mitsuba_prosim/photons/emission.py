@@ -1,9 +1,9 @@
-"""Photon emission: photons start at the sources and are aimed at specular surfaces (Jensen 1996).
+"""Photon emission: photons start at the light sources and are aimed at specular surfaces (Jensen 1996).
 
-A photon belongs to a pair of a source and a target: it starts at a point of the source and goes to a point of the
-target. Where one target is behind another, several pairs could have emitted the same ray. The flux of a photon is the
-radiance over the density of all these pairs together (the balance heuristic of Veach 1997): no light is counted twice,
-and no photon is brighter than the best of its pairs would make it.
+A photon belongs to a pair of a light source and a target: the photon starts at a point of the source and flies to a
+point of the target. Where one target is behind another target, several pairs could have emitted the same photon. The
+flux of a photon is the radiance divided by the density of all these pairs together (the balance heuristic of Veach
+1997). So no light is counted twice, and no photon is brighter than the pair with the highest density makes it.
 """
 
 from __future__ import annotations
@@ -21,29 +21,31 @@ from ..sampling.hash import combine
 from . import targets as aim
 from .targets import Targets
 
-#: The density of photons from a point or in a single direction: far above all others, but finite.
+#: Density of photons from a point light or in a single direction: far above all other densities, but finite.
 DELTA_DENSITY = 1e30
 
-#: Greatest density of other photons.
+#: Maximum density of all other photons.
 MAX_DENSITY = 1e20
 
 
 @dataclass
 class Start:
-    """Photons as they leave their sources."""
+    """Photons at the places where they leave their light sources."""
 
     ray: mi.Ray3f
-    #: ``mi.Spectrum``: power of each photon, 0 in lanes without a photon.
+    #: Power of each photon; 0 in lanes without a photon.
     flux: mi.Spectrum
-    #: Number of photons per area at right angles to the ray and per solid angle; :data:`DELTA_DENSITY` from points and
-    #: in a single direction.
+    #: Number of photons per area at right angles to the ray and per solid angle; :data:`DELTA_DENSITY` for point lights
+    #: and light of a single direction.
     density: mi.Float
 
 
 @dataclass(frozen=True)
 class Draw:
-    """Photons to emit: the numbers of their targets, the number of photons of each pair of emitter and target, the
-    points in [0, 1)² that choose the start and the direction, and the wavelengths.
+    """The random numbers and targets of photons to emit.
+
+    The fields are the number of each photon's target, the number of photons per pair of emitter and target, the points
+    in [0, 1)² that choose the start and the direction, and the wavelengths.
     """
 
     target: mi.UInt32
@@ -53,18 +55,21 @@ class Draw:
     wavelengths: mi.Color0f
 
     def receiver(self, p: mi.Point3f) -> mi.SurfaceInteraction3f:
-        """The point ``p``, which receives light of these wavelengths."""
+        """Returns the point ``p`` as a ``mi.SurfaceInteraction3f`` that receives light of these wavelengths."""
         result = dr.zeros(mi.SurfaceInteraction3f)
         result.p, result.wavelengths = p, self.wavelengths
         return result
 
 
-#: Kinds of sources, by where their photons start: at one point; on a surface; far away.
+#: Kinds of light sources: photons start at one point, on a surface, or far away.
 KINDS = ("point", "surface", "far")
 
 
 def kind(emitter: mi.Emitter) -> str | None:
-    """One of :data:`KINDS`; None if the flags of ``emitter`` do not tell where it is, and for ``directionalarea``."""
+    """Returns which of :data:`KINDS` the ``emitter`` is.
+
+    Returns None for ``directionalarea``, and if the flags of ``emitter`` do not tell where the emitter is.
+    """
     flags = emitter.flags()
     if mi.has_flag(flags, mi.EmitterFlags.Infinite) or emitter.class_name() == DIRECTIONAL:
         return "far"
@@ -75,7 +80,7 @@ def kind(emitter: mi.Emitter) -> str | None:
 
 
 def kinds_of(emitters: Sequence[mi.Emitter]) -> dict[mi.Emitter, str]:
-    """The :func:`kind` of each emitter that has one. Warns of the others."""
+    """Returns the :func:`kind` of each emitter that can emit photons, and warns of the other emitters."""
     kinds = {emitter: kind(emitter) for emitter in emitters}
     if names := ", ".join(repr(emitter.id()) for emitter, found in kinds.items() if found is None):
         mi.Log(
@@ -87,15 +92,16 @@ def kinds_of(emitters: Sequence[mi.Emitter]) -> dict[mi.Emitter, str]:
 
 
 class Sources:
-    """The emitters of ``scene`` that photons can start from, and the pairs of each of them with each of ``targets``:
-    pair ``p`` is that of the source ``p // targets.count`` and the target ``p % targets.count``.
+    """The emitters of ``scene`` from which photons can start, paired with each of the ``targets``.
+
+    The pair ``p`` consists of the emitter ``p // targets.count`` and the target ``p % targets.count``.
     """
 
     def __init__(self, scene: mi.Scene, targets: Targets) -> None:
         self.scene, self.targets = scene, targets
         kinds = kinds_of(emitters_in_order(scene))
         self.emitters, self.count, self.kinds = list(kinds), len(kinds), set(kinds.values())
-        #: Number of pairs.
+        #: Number of pairs of an emitter and a target.
         self.pairs = self.count * targets.count
         if not self.emitters:
             return
@@ -108,8 +114,10 @@ class Sources:
     def start(
         self, pair: mi.UInt32, per_pair: mi.Float, position: mi.Point2f, aimed: mi.Point2f, wavelengths: mi.Color0f
     ) -> Start:
-        """Emits photons of the pairs ``pair``. ``per_pair``: the number of photons of each pair; ``position``,
-        ``aimed``: points in [0, 1)²; ``wavelengths``: those of the flux.
+        """Emits photons that belong to the pairs ``pair``, and returns them as :class:`Start`.
+
+        ``per_pair`` is the number of photons of each pair. ``position`` and ``aimed`` are points in [0, 1)² that choose
+        the start and the direction. ``wavelengths`` are the wavelengths of the flux, in nm.
         """
         number = pair // self.targets.count
         target = pair - number * self.targets.count
@@ -125,7 +133,7 @@ class Sources:
         return start
 
     def _point(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
-        # Sources without falloff have a flux that depends on the distance of the first hit.
+        # The flux of a light source without falloff depends on the distance of the first hit.
         center, radius = self.targets.at(draw.target)
         x = emitter.sample_direction(draw.receiver(center), draw.position, active)[0].p
         ray = mi.Ray3f(x, aim.direction(x, center, radius, draw.aimed))
@@ -164,14 +172,17 @@ class Sources:
         return Start(mi.Ray3f(x - d * back, d), flux, density)
 
     def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, per_pair: mi.Float, active: mi.Bool) -> mi.Float:
-        """Density of photons (:attr:`Start.density`) on the ray of light that arrives at ``it`` along ``ds``; 0 where
-        none start. ``per_pair``: as for :meth:`start`.
+        """Returns the density of photons (:attr:`Start.density`) on the light ray that arrives at ``it`` along ``ds``.
+
+        The density is 0 where no photons start. ``per_pair`` is the number of photons of each pair, as in
+        :meth:`start`.
         """
         d, flags, result = -ds.d, ds.emitter.flags(), mi.Float(0)
         if "surface" in self.kinds:
             cos = dr.dot(ds.n, d)
             lit = active & mi.has_flag(flags, mi.EmitterFlags.Surface) & (cos > 0)
-            # Emission that varies over a surface is sampled by its texture, else by the surface.
+            # Emission that varies over a surface is sampled by its texture; constant emission is sampled by the
+            # surface.
             varies = mi.has_flag(flags, mi.EmitterFlags.SpatiallyVarying)
             per_area = dr.select(
                 varies,
@@ -187,8 +198,10 @@ class Sources:
         return per_pair * result
 
     def _first_hit(self, draw: Draw, ray: mi.Ray3f, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
-        """The receiver where ``ray`` ends, and whether it ends. The sources of 1992 look the same from any distance:
-        their flux depends on it.
+        """Returns the surface point that ``ray`` meets, as a receiver of light, and whether the ray meets any.
+
+        A light source of 1992 looks equally bright from any distance, so the flux of its photons depends on this
+        distance.
         """
         pi = self.scene.ray_intersect_preliminary(ray, active=active)
         lit = active & pi.is_valid()
@@ -196,10 +209,10 @@ class Sources:
 
 
 def start_points(key: mi.UInt32, i: mi.UInt32) -> tuple[mi.Point2f, mi.Point2f]:
-    """Two points in [0, 1)² for the ``i``-th photon under ``key``.
+    """Returns two points in [0, 1)² for the ``i``-th photon under the hash key ``key``.
 
-    Both are Owen-scrambled Sobol' points, so that any aligned 2^k photons have one in each of 2^k rectangles of any
-    shape.
+    Both are Owen-scrambled Sobol' points. So any aligned group of 2^k photons has one point in each of 2^k equal
+    rectangles of any shape.
     """
     i = sobol.reverse(i)
     return sobol.point(combine(key, 0), i), sobol.point(combine(key, 1), i)

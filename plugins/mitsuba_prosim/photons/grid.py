@@ -1,4 +1,4 @@
-"""Photon maps: photons sorted into the cells of grids, and the search for those near a point."""
+"""Photon maps: grids whose cells sort photons by place, and the search for the photons near a point."""
 
 from __future__ import annotations
 
@@ -16,55 +16,59 @@ from ..engine.camera import without_crop_window
 from ..masks import fold
 from ..sampling.hash import combine
 
-#: Least width of a pixel, for sensors without pixels (a meter of one ray): this part of the scene's radius.
+#: Minimum width of a pixel, as a fraction of the scene's radius. Sensors without pixels (a meter of one ray) have this
+#: width.
 MIN_PIXEL_WIDTH = 1e-5
 
-#: Radii of the kernels of photons, in pixel widths, and the logarithm to base 2 of the ratio of one to the next.
+#: Kernel radii of photons, in pixel widths; and the logarithm to base 2 of the ratio between one radius and the next.
 OCTAVES = 2
 RADII = tuple(2 ** (OCTAVES * k) for k in range(3))
 
-#: Greatest radius but that of a pixel, as a part of the image.
+#: Maximum kernel radius, as a fraction of the image, except for a radius of one pixel.
 WIDEST = 1 / 25
 
-#: Area on which photons have equal weights, over the area of an Epanechnikov kernel of the same noise.
+#: Ratio of two areas with the same noise: the area on which photons have equal weights, over the area of an
+#: Epanechnikov kernel.
 UNIFORM_AREA = 0.75
 
-#: Cell sizes per octave. Each size has a grid. A photon is in the grid that fits the pixel footprint at its place, so
-#: that a search meets about as many photons near the eye as far away.
+#: Number of cell sizes per octave. Each size has its own grid. A photon is in the grid that fits the pixel footprint at
+#: its place, so a search meets about as many photons near the camera as far away.
 SIZES = 4
 
-#: Greatest distance of a photon from the plane of the surface, over the search radius: behind the edge of a wall is
-#: another wall.
+#: Maximum distance of a photon from the plane of the surface, over the search radius. A photon farther away may lie on
+#: another wall behind an edge.
 MAX_PLANE_DISTANCE = 0.25
 
-#: Least cosine that a BSDF's value is divided by.
+#: Minimum cosine by which the value of a BSDF is divided.
 MIN_COSINE = 1e-6
 
-#: A photon has the first of the radii (:data:`RADII`) within which about this number of photons lie, of all
-#: maps together.
+#: Minimum number of neighbours of a photon, over all maps. A photon gets the smallest of the :data:`RADII` with about
+#: this number of photons around it.
 MIN_NEIGHBOURS = 100
 
-#: Entries of the hash table that photons are counted in.
+#: Number of entries of the hash table that counts photons per cell.
 COUNTERS = 1 << 18
 
-#: Value of a BSDF, without the cosine, for the photon of an index and the direction that it comes from, in the lanes of
-#: a mask.
+#: Function that returns the value of a BSDF, without the cosine. Its arguments are the index of a photon, the direction
+#: from which the photon comes, and a mask of lanes.
 ValueOf = Callable[[Any, Any, Any], Any]
 
 
 @dataclass(frozen=True)
 class Footprint:
-    """A pixel is ``size + spread * |p - eye|`` wide at the point p."""
+    """The width of a pixel in the scene: ``size + spread * |p - eye|`` at the point p."""
 
     eye: mi.Point3f
     size: mi.Float
     spread: mi.Float
-    #: Those of :data:`RADII` that fit the image.
+    #: The :data:`RADII` that are small enough for the image.
     radii: tuple[int, ...] = RADII
 
     @classmethod
     def of(cls, scene: mi.Scene, sensor: mi.Sensor) -> Footprint:
-        """The footprint of the pixels in the middle of the whole film of ``sensor``."""
+        """Returns the footprint of the pixels in the middle of the whole film of ``sensor``, without its crop
+        window.
+        """
         with without_crop_window(sensor):
             ray, _ = sensor.sample_ray_differential(sensor.shutter_open(), 0.5, mi.Point2f(0.5), mi.Point2f(0.5))
         offset = spread = 0.0
@@ -72,7 +76,7 @@ class Footprint:
             offset = min(float(dr.norm(o - ray.o)[0]) for o in (ray.o_x, ray.o_y))
             spread = min(float(dr.norm(d - ray.d)[0]) for d in (ray.d_x, ray.d_y))
         least = MIN_PIXEL_WIDTH * float(scene.bbox().bounding_sphere().radius)
-        # Rays start at the near plane, where those of a perspective camera already have a distance.
+        # Rays start at the near plane, where the rays of a perspective camera already have a distance from each other.
         eye = world_transform(sensor, sensor.shutter_open()).translation()
         near = float(dr.norm(ray.o - eye)[0])
         radii = tuple(radius for radius in RADII if radius == 1 or radius <= WIDEST * max(sensor.film().size()))
@@ -81,62 +85,69 @@ class Footprint:
         return result
 
     def width(self, p: mi.Point3f) -> mi.Float:
-        """Width of a pixel at ``p``."""
+        """Returns the width of a pixel at the point ``p``, in scene units."""
         return self.size + self.spread * dr.norm(p - self.eye)
 
     def area(self, p: mi.Point3f) -> mi.Float:
-        """Area around ``p`` on which photons with equal weights have the same noise as with those of the kernel."""
+        """Returns the area around ``p`` that gives photons with equal weights the noise of the actual kernel.
+
+        The kernel weights nearby photons more.
+        """
         return UNIFORM_AREA * dr.pi * dr.square(self.width(p))
 
 
 @dataclass
 class Landed:
-    """Photons where they have landed."""
+    """Photons at the places where they have landed on a surface."""
 
     p: mi.Point3f
     #: Unit direction of flight.
     d: mi.Vector3f
-    #: Power over the cosine of that direction and the surface, times the cosine with the normal that it is shaded by.
+    #: Power divided by the cosine of the direction to the geometric normal, and multiplied by the cosine to the shading
+    #: normal.
     flux: mi.Spectrum
-    #: Whether it has landed, after at least one specular surface.
+    #: Whether the photon has landed, after at least one specular surface.
     valid: mi.Bool
-    #: On glossy surfaces: density of photons there (:attr:`.Start.density`) ...
+    #: Density of photons at a glossy surface (:attr:`.Start.density`); 0 on diffuse surfaces.
     density: mi.Float
-    #: ... and number of surfaces on their way. 0 on diffuse surfaces.
+    #: Number of surfaces that the photon met before a glossy surface; 0 on diffuse surfaces.
     level: mi.UInt32
 
     @classmethod
     def nowhere(cls) -> Landed:
-        """Photons that have not landed."""
+        """Returns photons that have not landed."""
         return cls(mi.Point3f(0), mi.Vector3f(0), mi.Spectrum(0), mi.Bool(False), mi.Float(0), mi.UInt32(0))
 
     def at(self, i: mi.UInt32) -> Landed:
-        """The photons of the indices ``i``."""
-        # Dr.Jit resolves the types of fields once, and they differ between variants.
+        """Returns the photons with the indices ``i``."""
+        # The tuple avoids that Dr.Jit caches the types of the fields, which differ between variants.
         return Landed(*dr.gather(tuple, tuple(vars(self).values()), i))
 
 
 @dataclass(frozen=True)
 class Photons:
-    """Photons of ``maps`` independent photon maps, sorted by map, by a hash of the row of cells, by the cell in the
-    row, and by their index, so that a sum over them has one order.
+    """Photons of ``maps`` independent photon maps, sorted so that every sum over them has a fixed order.
+
+    Photons are sorted by their map, by a hash of their row of cells, by their cell in the row, and by their index.
     """
 
     maps: int
-    #: x, y, z and, bit by bit, the key of its row of cells, photon by photon.
+    #: Four numbers for each photon: x, y, z, and the bits of the hash of its row of cells.
     places: mi.Float
-    #: All else of them, without places.
+    #: The photons; their places are only in ``places``.
     landed: Landed
-    #: First photon of each bucket, for each map one bucket after the other, and the number of all.
+    #: Index of the first photon of each bucket, one map after the other; the last entry is the number of all photons.
     begins: mi.UInt32
-    #: Buckets of a map, a power of two, less one.
+    #: Number of buckets of a map, which is a power of two, minus one.
     mask: mi.UInt32
-    #: Of the pixels that gather them.
+    #: Footprint of the pixels that gather the photons.
     footprint: Footprint
 
     @classmethod
     def of(cls, landed: Landed, map_of: mi.UInt32, maps: int, footprint: Footprint) -> Photons:
-        """Sorts the photons ``landed``; ``map_of``: the map of each."""
+        """Sorts the photons ``landed`` into ``maps`` photon maps; ``map_of`` is the number of the map of each
+        photon.
+        """
         size = dr.width(map_of) // maps
         buckets = 1 << max(4, (size - 1).bit_length())
         mask = dr.opaque(mi.UInt32, buckets - 1)
@@ -158,15 +169,17 @@ class Photons:
         return cls(maps, places, landed, begins, mask, footprint)
 
     def map_range(self, number: mi.UInt32, active: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
-        """First photon of the map ``number``, and the number of its photons."""
+        """Returns the index of the first photon of the map ``number``, and the number of photons of this map."""
         first, end = (dr.gather(mi.UInt32, self.begins, (number + k) * (self.mask + 1), active) for k in range(2))
         return first, end - first
 
     def row_range(
         self, number: mi.UInt32, row: mi.UInt32, low: mi.Int32, high: mi.Int32, size: mi.UInt32, active: mi.Bool
     ) -> tuple[mi.UInt32, mi.UInt32]:
-        """``(begin, end)`` of the photons in the cells ``low`` to ``high`` of a row, in the ``number``-th photon map.
-        Photons of other rows may be among them. The ``size`` photons of a map are a ring: the first follows the last.
+        """Returns ``(begin, end)``: the range of the photons in the cells ``low`` to ``high`` of one row of cells.
+
+        The photons belong to the photon map ``number``. The range may contain photons of other rows with the same hash.
+        The ``size`` photons of a map form a ring: an index beyond the last photon continues at the first photon.
         """
         first, last = (bucket_of(number, row, x, self.mask) for x in (low, high))
         begin, end = (dr.gather(mi.UInt32, self.begins, at, active) for at in (first, last + 1))
@@ -174,16 +187,17 @@ class Photons:
 
 
 def kernel_radii(p: mi.Point3f, footprint: Footprint) -> mi.Float:
-    """The kernel radius of each of the photons at ``p``.
+    """Returns the kernel radius of each photon, for photons at the points ``p``.
 
-    It is greater where photons are sparse: one alone would make an isolated bright pixel (Silverman 1986, 5.1). Photons
-    of all maps are counted, so that the radius hardly depends on those of one map. Each photon keeps its power.
+    The radius is greater where photons are sparse, because a single photon would make an isolated bright pixel
+    (Silverman 1986, 5.1). Photons of all maps are counted, so that the radius hardly depends on the photons of one map.
+    The power of a photon does not depend on its radius.
     """
     width = footprint.width(p)
     result = mi.Float(width)
     for narrow, wide in pairwise(footprint.radii):
         level, within = level_of(2 * narrow * width), mi.Float(0)
-        # A cell at the edge of a caustic is nearly empty. One that is shifted by half an edge is not.
+        # A cell at the edge of a caustic may be nearly empty. A cell that is shifted by half its edge is then fuller.
         for shift in (0, 0.5):
             x, y, z = cell(p + shift * cell_edge(level), level)
             entry = combine(row_hash(level, y, z), mi.UInt32(x)) & (COUNTERS - 1)
@@ -196,36 +210,44 @@ def kernel_radii(p: mi.Point3f, footprint: Footprint) -> mi.Float:
 
 
 def first_of_each(key: mi.UInt32, count: int) -> mi.UInt32:
-    """How many of the sorted ``key`` are below k, for each k from 0 to ``count``."""
-    # On the host: a kernel would add in the order in which the threads end.
+    """Returns, for each k from 0 to ``count``, how many entries of the sorted array ``key`` are less than k."""
+    # NumPy counts on the host: a kernel would add in the order in which its threads end.
     counts = np.bincount(np.array(key), minlength=count)
     return mi.UInt32(np.concatenate([[0], np.cumsum(counts)]).astype(np.uint32))
 
 
 def level_of(reach: mi.Float) -> mi.Int32:
-    """The grid in which the surroundings of a point within ``reach`` lie in at most two cells along each axis."""
+    """Returns the number of the grid for a search radius ``reach``.
+
+    In this grid, the surroundings of a point within ``reach`` lie in at most two cells along each axis.
+    """
     return mi.Int32(dr.floor(SIZES * dr.log2(reach)))
 
 
 def cell_edge(level: mi.Int32) -> mi.Float:
-    """Edge of the cells of a grid: twice the longest reach of its level."""
+    """Returns the edge length of the cells of the grid ``level``: twice the longest search radius in this grid."""
     return 2 * dr.exp2(mi.Float(level + 1) * (1 / SIZES))
 
 
 def cell(p: mi.Point3f, level: mi.Int32) -> tuple[mi.Int32, mi.Int32, mi.Int32]:
-    """The cell of ``p``."""
+    """Returns the integer coordinates of the cell of ``p`` in the grid ``level``."""
     per_edge = dr.rcp(cell_edge(level))
     return tuple(mi.Int32(dr.floor(v * per_edge)) for v in p)
 
 
 def row_hash(level: mi.Int32, y: mi.Int32, z: mi.Int32) -> mi.UInt32:
-    """A hash that identifies a row of cells along x. Two neighbouring rows have the same one with probability 10⁻⁸."""
+    """Returns a hash that identifies a row of cells along the x axis.
+
+    Two neighbouring rows have the same hash with a probability of 10⁻⁸.
+    """
     return combine(combine(mi.UInt32(level), mi.UInt32(y)), mi.UInt32(z))
 
 
 def bucket_of(number: mi.UInt32, row: mi.UInt32, x: mi.Int32, mask: mi.UInt32) -> mi.UInt32:
-    """Number of the bucket of the cell ``x`` of a row in the map ``number``. ``row``: hash of the row; each map has
-    ``mask`` + 1 buckets, a ring. The next cell has the next bucket; cells of different rows may share a bucket.
+    """Returns the number of the bucket that holds the cell ``x`` of a row, in the photon map ``number``.
+
+    ``row`` is the hash of the row. Each map has ``mask`` + 1 buckets, which form a ring. The next cell of the row has
+    the next bucket. Cells of different rows may share a bucket.
     """
     return number * (mask + 1) + ((row + mi.UInt32(x)) & mask)
 
@@ -233,27 +255,31 @@ def bucket_of(number: mi.UInt32, row: mi.UInt32, x: mi.Int32, mask: mi.UInt32) -
 def gather(
     photons: Photons, number: mi.UInt32, si: mi.SurfaceInteraction3f, value: ValueOf, active: mi.Bool
 ) -> mi.Spectrum:
-    """Radiance by the photons of the map ``number`` near ``si``: the sum of the BSDF's ``value`` times flux and kernel.
-    The kernel for the radius r of a photon is Epanechnikov's, 2 (1 - d² / r²) / (π r²).
+    """Returns the radiance at ``si`` from the nearby photons of the photon map ``number``.
+
+    The radiance is the sum of BSDF ``value`` times flux times kernel over these photons. A photon of radius r at the
+    distance d has Epanechnikov's kernel, 2 (1 - d² / r²) / (π r²).
     """
     footprint = photons.footprint
     width, n2 = footprint.width(si.p), dr.square(si.n)
-    # They are between two planes parallel to the surface: along its normal mostly in one cell, not in two.
+    # The photons lie between two planes parallel to the surface. So they mostly lie in one cell along the normal, not
+    # in two.
     off_axis = dr.minimum(dr.safe_sqrt(1 - n2) + MAX_PLANE_DISTANCE * dr.sqrt(n2), 1) * (1 + 1e-3)
     of_map, size = photons.map_range(number, active)
 
     def of_reach(k: mi.UInt32, L: mi.Spectrum) -> mi.Spectrum:
-        """Adds the photons whose radius is the ``k``-th of the footprint's."""
+        """Adds the radiance of the photons whose radius is the ``k``-th radius of the footprint."""
         times = mi.Float(1 << (OCTAVES * k))
         reach = times * width
-        # Photons within reach have about the same width of a pixel: mostly one grid has them, seldom two.
+        # At photons within reach a pixel has about the same width. So these photons are mostly in one grid, seldom in
+        # two.
         change = footprint.spread * reach
         first = level_of(times * dr.maximum(width - change, footprint.size))
         last = level_of(times * (width + change))
         inv_reach2 = dr.rcp(dr.square(reach))
         low_corner, high_corner = si.p - off_axis * reach, si.p + off_axis * reach
 
-        # The number of cells along y and along z, less one: 0 or 1, which is a mask of one bit of a row's number.
+        # The number of cells along y and along z, minus one: 0 or 1. This is a mask of one bit of a row's number.
         cells = zip(cell(low_corner, first)[1:], cell(high_corner, first)[1:])
         bits_y, bits_z = (dr.select((low != high) | (first < last), mi.UInt32(1), 0) for low, high in cells)
         rows = dr.select(active, mi.UInt32(last - first + 1) << (bits_y + bits_z), 0)
@@ -264,7 +290,8 @@ def gather(
             place = dr.gather(mi.Vector4f, photons.places, k, there)
             off = mi.Point3f(place.x, place.y, place.z) - si.p
             d2 = dr.squared_norm(off) * inv_reach2
-            # Rows that share a bucket are met in turn: the photons of each, with it alone.
+            # Rows that share a bucket are visited one after the other: each visit counts only the photons of its own
+            # row.
             in_reach = there & (d2 < 1) & (dr.reinterpret_array(mi.UInt32, place.w) == row_key)
             in_reach &= dr.square(dr.dot(off, si.n)) * inv_reach2 < MAX_PLANE_DISTANCE**2
             d, flux = (dr.gather(type(v), v, k, in_reach) for v in (photons.landed.d, photons.landed.flux))
@@ -272,7 +299,8 @@ def gather(
             return i + 1, L + light * (2 * dr.inv_pi * inv_reach2 * (1 - d2))
 
         def row(k: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
-            # The bits of k, the lowest first: y and z, each only if there are two cells; and the level.
+            # The bits of k, lowest first: one for y and one for z if there are two cells along that axis; the others
+            # are the grid.
             level = first + mi.Int32(k >> (bits_y + bits_z))
             x, y, z = cell(low_corner, level)
             row_key = row_hash(level, y + mi.Int32(k & bits_y), z + mi.Int32((k >> bits_y) & bits_z))

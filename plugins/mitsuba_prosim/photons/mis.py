@@ -1,20 +1,22 @@
 """Multiple importance sampling of photons and rays (Georgiev et al. 2012; Hachisuka et al. 2012).
 
-A glossy surface G sees a lamp in a mirror. Rays from the lobe of G find that highlight when they hit the lamp by
-chance: the smaller the lamp, the fewer and brighter they are. Photons that land on G find the same light. Each path
-that both could have found counts by the power heuristic (Veach 1997). It needs R, the number of photons that land
-within a pixel of G for each ray that is sampled.
+A glossy surface G shows a highlight: a lamp that is visible in a mirror. Rays from the lobe of G find the highlight
+when they hit the lamp by chance: the smaller the lamp, the rarer and brighter these rays are. Photons that land on G
+find the same light. Each light path that both a ray and a photon could have found is weighted by the power heuristic
+(Veach 1997). The power heuristic needs the number R of photons that land within a pixel of G for each sampled ray.
 
-R is the density of photons times an étendue. The density is their number per area at right angles to the ray and per
-solid angle. It is known at the source. Along a chain of specular surfaces it falls only by the choice of a lobe and its
-reflectance, and scales with the square of the index of refraction as radiance does: neither mirrors nor lenses change
-the product of area and solid angle of a beam. The étendue belongs to the camera ray (:class:`RayWithEtendue`): the area
-on which photons count at G, perpendicular to the ray, over the density with which the lobe samples the ray.
+R is the density of photons times an étendue. The density is the number of photons per area at right angles to the ray
+and per solid angle. The density is known at the light source. Along a chain of specular surfaces, the choice of a lobe
+and the reflectance reduce the density. The density also scales with the square of the index of refraction, as radiance
+does: mirrors and lenses do not change the product of the area and the solid angle of a beam. The étendue belongs to the
+camera ray (:class:`RayWithEtendue`): it is the area on which photons count at G, perpendicular to the ray, divided by
+the density with which the lobe samples the ray.
 
-A near-specular surface may be part of such a chain: a glossy one whose lobe is much narrower than the roughest. There
-each end multiplies by the value of the lobe over the density of the camera ray's sample. Light sampling there, and
-photons at several glossy surfaces, are further strategies, whose weights add up to 1. That only a part of the photons
-lands there does not enter the weights.
+A near-specular surface is a glossy surface whose lobe is much narrower than the lobe of the roughest surface. A chain
+of specular surfaces may contain near-specular surfaces. There, both the density of photons and the étendue are
+multiplied by the value of the lobe over the density of the camera ray's sample. Light sampling at a near-specular
+surface, and photons at several glossy surfaces, are further strategies; the weights of all strategies add up to 1. The
+weights ignore that only a fraction of the photons lands on a near-specular surface.
 """
 
 from __future__ import annotations
@@ -38,74 +40,82 @@ from ..transport.workarounds import is_inseparable
 from .emission import MAX_DENSITY, Sources
 from .grid import MIN_COSINE, Footprint, Landed, Photons, gather
 
-#: A surface is near-specular if nine in ten rays of its lobe have a density per solid angle above both limits: this
-#: multiple of the roughest surface's, and this density, which a metal of m = 0.11 has, or glass of 0.25.
+#: Limits of a near-specular surface: nine in ten rays of its lobe have a density per solid angle above this multiple of
+#: the density at the roughest surface, and above this density. A metal of m = 0.11 and glass of m = 0.25 have the
+#: second density.
 MIN_DENSITY_RATIO, MIN_DENSITY = 3.0, 1.0
 
-#: Rays that are sampled from each lobe to measure its density.
+#: Number of rays that are sampled from each lobe to measure its density.
 RAYS = 256
 
 
 @dataclass
 class RayWithEtendue(Ray):
-    """A camera ray with its étendue: the expected number of photons per sampled ray for a photon density of 1."""
+    """A camera ray with its étendue.
 
-    #: At the glossy surface that the ray leaves; 0 if it leaves none.
+    The étendue of a ray is the expected number of photons per sampled ray for a photon density of 1.
+    """
+
+    #: Étendue at the glossy surface that the ray leaves; 0 if the ray leaves no glossy surface.
     last_etendue: mi.Float = field(default_factory=lambda: mi.Float(0))
-    #: At the glossy surfaces before, if the ray has met only specular and near-specular ones since; else 0.
+    #: Étendue at earlier glossy surfaces, if the ray has met only specular and near-specular surfaces since; else 0.
     earlier_etendue: mi.Float = field(default_factory=lambda: mi.Float(0))
 
 
 @dataclass
 class Hit(Surface):
-    """Where photons meet a surface."""
+    """The surface points that photons meet."""
 
-    #: Direction of flight, and the number of surfaces before.
+    #: Direction of flight, and number of surfaces that the photon met before.
     d: mi.Vector3f
     level: mi.UInt32
-    #: The flux that arrives.
+    #: The arriving flux.
     flux: mi.Spectrum
-    #: Cosine between the direction and the geometric normal.
+    #: Cosine between the direction of flight and the geometric normal.
     cos: mi.Float
-    #: The cosine with the shading normal over ``cos``, bounded.
+    #: Cosine between the direction of flight and the shading normal, divided by ``cos`` and bounded.
     shading_ratio: mi.Float
     near_specular: mi.Bool
 
     def landed(self, share: mi.Float, density: mi.Float) -> Landed:
-        """The photons where they land. ``share``: one over the probability to land; ``density``: see
-        :class:`.Landed`.
+        """Returns the photons as landed at this surface point.
+
+        ``share`` is one over the probability to land; ``density`` is the density of photons (:class:`.Landed`).
         """
         return Landed(self.si.p, self.d, self.flux * (self.shading_ratio * share), mi.Bool(True), density, self.level)
 
 
 class PhotonMIS:
-    """Photons on glossy surfaces of ``scene`` that came through specular or near-specular surfaces, and the MIS weights
-    of these photons and of the rays that find the same light.
+    """Gathers photons on glossy surfaces of ``scene``, with the MIS weights of photons and rays.
 
-    ``deepest``: greatest number of specular surfaces, those of the camera ray included. ``tree``: whether camera rays
-    follow both specular lobes of a surface, or one of the two. The weights assume that photons count within a pixel's
-    width (``footprint``), although sparse ones count within more.
+    A photon counts here if it came through specular or near-specular surfaces. Its MIS weight shares the light with the
+    rays that find the same light. ``deepest`` is the maximum number of specular surfaces of a light path, those of the
+    camera ray included. ``tree`` tells whether camera rays follow both specular lobes of a surface, or only one of the
+    two. The weights assume that each photon counts within the width of a pixel (``footprint``), although sparse photons
+    have a greater radius.
     """
 
     def __init__(self, scene: mi.Scene, sources: Sources, footprint: Footprint, deepest: mi.UInt32, tree: bool) -> None:
         self.scene, self.footprint, self.sources, self.deepest = scene, footprint, sources, deepest
         self.near_specular_bsdfs, self.scattering = near_specular_bsdfs(scene), Scattering.of(scene)
         flags = all_flags(scene)
-        #: The glossy lobes, each with its own camera ray.
+        #: The glossy lobes; each lobe has its own camera ray.
         self.lobes = lobes.glossy(flags, tree)
-        #: Whether photons may land on a glossy surface: next to ideally specular ones, or to near-specular ones.
+        #: Whether photons may land on glossy surfaces: the scene also has an ideally specular or a near-specular
+        #: surface.
         self.needed = bool(self.near_specular_bsdfs or (self.lobes and lobes.has_any(flags, *lobes.IDEAL)))
         self.lights = Lights(scene, choose=not tree) if self.near_specular_bsdfs else None
-        #: Number of photons of each pair of a source and a target in a map; None before :meth:`.Caustics.draw`.
+        #: Number of photons of each pair of a light source and a target, in one photon map; None before
+        #: :meth:`.Caustics.draw`.
         self.per_pair: mi.Float | None = None
 
     def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
-        """Density of the photons that come from the source to ``it`` along ``ds``."""
+        """Returns the density of the photons that come from the light source to ``it`` along ``ds``."""
         assert self.per_pair is not None, "no photons have been emitted"
         return self.sources.density(it, ds, self.per_pair, active)
 
     def near_specular(self, bsdf: mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
-        """Whether ``bsdf`` is near-specular."""
+        """Tells whether ``bsdf`` is near-specular."""
         if not self.near_specular_bsdfs:
             return mi.Bool(False)
         return dispatch(bsdf, lambda one, active: mi.Bool(one in self.near_specular_bsdfs), active)
@@ -113,13 +123,16 @@ class PhotonMIS:
     # ------------------------------------------------------------ camera rays
 
     def first(self, ray: Ray) -> RayWithEtendue:
-        """The camera ray ``ray``, which has no étendue yet."""
+        """Returns the camera ray ``ray`` as a :class:`RayWithEtendue` whose étendue is 0."""
         return RayWithEtendue(**vars(ray))
 
     def next(
         self, vertex: Vertex, following: RayWithEtendue, bs: mi.BSDFSample3f, weight: mi.Spectrum
     ) -> RayWithEtendue:
-        """``following`` with its étendue. ``bs``, ``weight``: the BSDF sample at ``vertex`` that made this ray."""
+        """Returns the ray ``following``, which leaves ``vertex``, with its étendue.
+
+        ``bs`` and ``weight`` are the BSDF sample at ``vertex`` that made this ray.
+        """
         si, bsdf = vertex.si, vertex.bsdf
         smooth = but_not(following.uses_mis, vertex.inseparable)
         near, kept = smooth & self.near_specular(bsdf, smooth), ideal_throughput(bs, weight, bsdf.flags())
@@ -137,12 +150,12 @@ class PhotonMIS:
         uses_mis: mi.Bool,
         active: mi.Bool,
     ) -> mi.Float:
-        """Factor of the MIS weight of the emission that ``ray`` meets: 1 where no photon could have found it.
+        """Returns a factor of the MIS weight of the emission that ``ray`` meets.
 
-        ``ds``: the direction sample of the source from ``origin``, which light sampling takes with the density ``pdf``
-        in the lanes ``uses_mis``.
+        The factor is 1 where no photon could have found the same light. ``ds`` is the direction sample of the light
+        source from ``origin``; light sampling takes this sample with the density ``pdf`` in the lanes ``uses_mis``.
         """
-        # Only rays find light directly from a sky.
+        # Only rays find light that comes directly from a sky.
         found = active & (ray.earlier_etendue > 0) & (uses_mis | but_not(mi.Bool(True), ray.uses_mis))
         others = dr.select(uses_mis & found, pdf / ray.pdf, 0)
         return ray_weight(shared(ray.earlier_etendue * self.density(origin, ds, found), others))
@@ -150,15 +163,20 @@ class PhotonMIS:
     def light_weight(
         self, vertex: Vertex, ds: mi.DirectionSample3f, f: mi.Spectrum, pdf: mi.Float, active: mi.Bool
     ) -> mi.Float:
-        """Factor of the MIS weight of light sampling at ``vertex``: 1 where no photon could have found that light.
-        ``f``, ``pdf``: value and density of the lobe for the direction sample ``ds``.
+        """Returns a factor of the MIS weight of light sampling at ``vertex``.
+
+        The factor is 1 where no photon could have found the same light. ``f`` and ``pdf`` are the value and the density
+        of the lobe for the direction sample ``ds``.
         """
         active = active & (pdf > 0) & self.near_specular(vertex.bsdf, active)
         expected = etendue_of(vertex.ray) * kept_by(f, pdf) * self.density(vertex.si, ds, active)
         return ray_weight(shared(expected, quotient(ds.pdf, dr.select(active, pdf, 0))))
 
     def radiance(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
-        """Radiance of the photons of the map ``number`` by the glossy lobes at ``vertex``, with MIS weights."""
+        """Returns the radiance that the glossy lobes at ``vertex`` scatter from photons, with MIS weights.
+
+        ``number`` is the number of the photon map that gives the photons.
+        """
         ray, si, bsdf = vertex.ray, vertex.si, vertex.bsdf
         active = vertex.before_gathering(vertex.active) & lobes.has_any(bsdf.flags(), *lobes.GLOSSY)
         active = but_not(active & (ray.level < self.deepest), vertex.inseparable)
@@ -188,10 +206,11 @@ class PhotonMIS:
         share: mi.Float,
         active: mi.Bool,
     ) -> tuple[mi.Float, Landed]:
-        """``(density, landed)`` of the photons after ``hit``, given those before it.
+        """Returns ``(density, landed)`` of the photons after the surface ``hit``; the arguments are the values before.
 
-        ``bs``, ``weight``: sample of the lobe that scatters those in the lanes ``active``. ``share``: one over the
-        probability of the others to stay, which those on a near-specular surface do to land.
+        ``bs`` and ``weight`` are the sample of the lobe that scatters the photons in the lanes ``active``. The other
+        photons end at the surface; on a near-specular surface they land. ``share`` is one over the probability to land
+        there.
         """
         flags = hit.bsdf.flags()
         lands = but_not(hit.active & (hit.level > 0) & (density > 0) & (hit.cos > 0), hit.inseparable)
@@ -204,7 +223,10 @@ class PhotonMIS:
         return beyond, dr.select(lands, here, landed)
 
     def density_after(self, density: mi.Float, hit: Hit, wo: mi.Vector3f, active: mi.Bool) -> mi.Float:
-        """Density of photons along ``wo`` after a near-specular surface, which they reach with ``density``."""
+        """Returns the density of photons along ``wo`` after a near-specular surface.
+
+        The photons reach this surface with ``density``.
+        """
         assert self.lights is not None
         camera_si = mi.SurfaceInteraction3f(hit.si)
         camera_si.wi = wo
@@ -212,7 +234,7 @@ class PhotonMIS:
         for lobe in self.lobes:
             f_lobe, pdf_lobe = self.scattering.eval_pdf(lobe, seen, hit.si.wi, active)
             f, pdf = f + f_lobe, pdf + pdf_lobe
-        # Other strategies end here: light sampling at the first surface, photons that land at later ones.
+        # Another strategy shares the light here: light sampling at the first surface, landed photons at later surfaces.
         first = hit.level == 0
         back = self.scene.ray_intersect(hit.si.spawn_ray(-hit.d), active & first)
         ds = mi.DirectionSample3f(self.scene, back, hit.si)
@@ -220,7 +242,8 @@ class PhotonMIS:
         lit = quotient(self.lights.pdf(receiver, ds, active & first), pdf)
         landed = quotient(self.footprint.area(hit.si.p) * hit.cos, pdf) * density
         beyond = shared(density, dr.select(first, lit, landed)) * kept_by(f, pdf)
-        # Only light sampling finds light directly from a source without size; only rays find that of a sky.
+        # Only light sampling finds light that comes directly from a point light, and only rays find light directly from
+        # a sky.
         single_strategy = density > MAX_DENSITY
         if self.lights.sky is not None:
             single_strategy |= ds.emitter.is_environment()
@@ -228,47 +251,59 @@ class PhotonMIS:
 
 
 def etendue_of(ray: Ray) -> mi.Float:
-    """Étendue of ``ray``: the root of the sum of both squares, as the power heuristic adds strategies."""
+    """Returns the étendue of ``ray``: the square root of the sum of the squares of its two étendues.
+
+    The power heuristic adds strategies in this way.
+    """
     assert isinstance(ray, RayWithEtendue)
-    # The square root of a square is not always the same to the bit.
+    # With only one étendue the result must have its bits: the square root of a square may differ by rounding.
     both = dr.sqrt(dr.square(ray.last_etendue) + dr.square(ray.earlier_etendue))
     return dr.select(ray.earlier_etendue > 0, both, ray.last_etendue)
 
 
 def shared(photons: mi.Float, others: mi.Float) -> mi.Float:
-    """The number (or density) of ``photons`` that competes as well with a ray as this number does with the ray and this
-    number of ``others`` for each ray.
+    """Returns the number of photons that replaces two competitors of a ray in the power heuristic.
+
+    The competitors are the given number of ``photons`` and the number of ``others``, both per ray. The result may also
+    be a density, if ``photons`` is a density.
     """
     return photons * dr.rsqrt(1 + dr.square(others))
 
 
 def ray_weight(photons: mi.Float) -> mi.Float:
-    """MIS weight of a ray where this number of ``photons`` is expected; the photons have the rest."""
+    """Returns the MIS weight of a ray that competes with this expected number of ``photons``.
+
+    The photons have one minus this weight.
+    """
     return dr.rcp(1 + dr.square(photons))
 
 
 def ideal_throughput(bs: mi.BSDFSample3f, weight: mi.Spectrum, flags: mi.UInt32) -> mi.Float:
-    """Fraction of a beam that the sampled ideal lobe keeps, its reflectance or transmittance: the weight of the sample
-    ``(bs, weight)`` times its probability; 0 where the surface has a glossy lobe (``flags``).
+    """Returns the fraction of a beam that the sampled ideal lobe keeps: its reflectance or transmittance.
 
-    It is the same from either end of the beam, except for the squares of the indices that radiance is scaled by.
+    This is the weight of the sample ``(bs, weight)`` times its probability. It is 0 where the surface has a glossy lobe
+    (``flags``). The fraction is the same from either end of the beam, except for the squares of the indices of
+    refraction that scale radiance.
     """
     ideal = but_not(lobes.has_any(bs.sampled_type, *lobes.IDEAL), lobes.has_any(flags, *lobes.GLOSSY))
     return dr.select(ideal, dr.max(mi.unpolarized_spectrum(weight)) * bs.pdf, 0)
 
 
 def kept_by(f: mi.Spectrum, pdf: mi.Float) -> mi.Float:
-    """Fraction of a beam that a near-specular lobe of the value ``f`` and the density ``pdf`` keeps."""
+    """Returns the fraction of a beam that a near-specular lobe of the value ``f`` and the density ``pdf`` keeps."""
     return quotient(dr.max(mi.unpolarized_spectrum(f)), pdf)
 
 
 def quotient(value: mi.Float, pdf: mi.Float) -> mi.Float:
-    """``value`` over ``pdf``, 0 where that is 0."""
+    """Returns ``value`` divided by ``pdf``, or 0 where ``pdf`` is 0."""
     return dr.select(pdf > 0, value / dr.select(pdf > 0, pdf, 1), 0)
 
 
 def near_specular_bsdfs(scene: mi.Scene) -> frozenset[mi.BSDF]:
-    """The near-specular BSDFs of ``scene``, instances included. None of them disperses or has inseparable lobes."""
+    """Returns the near-specular BSDFs of ``scene`` and its instances.
+
+    A dispersive BSDF, or a BSDF with inseparable lobes, is never near-specular.
+    """
     glossy = [b for b in all_bsdfs(scene) if lobes.has_any(int(b.flags()), *lobes.GLOSSY) and not is_inseparable(b)]
     if len(glossy) < 2:
         return frozenset()
@@ -278,9 +313,10 @@ def near_specular_bsdfs(scene: mi.Scene) -> frozenset[mi.BSDF]:
 
 
 def density_of_rays(scattering: Scattering, bsdfs: list[mi.BSDF]) -> np.ndarray:
-    """Density per solid angle that nine in ten sampled rays of each BSDF's glossy lobes exceed; 0 without such rays.
+    """Returns, for each BSDF, the density per solid angle that nine in ten sampled rays of its glossy lobes exceed.
 
-    The surfaces are evaluated at 45°, anywhere on their textures.
+    The density is 0 for a BSDF without glossy lobes. The BSDFs are evaluated at 45° and at random places of their
+    textures.
     """
     count = len(bsdfs)
     i = dr.arange(mi.UInt32, RAYS * count)

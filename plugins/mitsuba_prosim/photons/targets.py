@@ -1,4 +1,4 @@
-"""Targets of photons: spheres around all specular surfaces."""
+"""Targets of photons: bounding spheres around all specular surfaces."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from ..masks import fold
 from ..transport import lobes
 from ..transport.workarounds import is_inseparable
 
-#: Most spheres; where there are more surfaces, neighbours share one.
+#: Maximum number of spheres. If there are more specular surfaces, neighbours share one sphere.
 MAX_TARGETS = 64
 
-#: Radius of a sphere over that of its contents, for rounding.
+#: Ratio of a sphere's radius to the radius of its contents, so that rounding loses nothing.
 MARGIN = 1 + 1e-4
 
 
 @dataclass(frozen=True)
 class Targets:
-    """Spheres, as Dr.Jit arrays with one entry for each."""
+    """Bounding spheres at which photons are aimed; each Dr.Jit array has one entry per sphere."""
 
     centers: mi.Point3f
     radii: mi.Float
@@ -34,25 +34,31 @@ class Targets:
 
     @classmethod
     def of(cls, scene: mi.Scene, tree: bool = False) -> Targets | None:
-        """Spheres around the specular surfaces of ``scene``; None without any. ``tree``: see :class:`.PhotonTracer`."""
+        """Returns spheres around the specular surfaces of ``scene``, or None if no surface is specular.
+
+        ``tree`` tells whether the rays of the camera form a tree (:class:`.PhotonTracer`).
+        """
         spheres = [bounding_sphere(shape) for shape in shapes_in_order(scene) if is_specular(shape, tree)]
         if not spheres:
             return None
-        # Lists: Dr.Jit would use the memory of NumPy arrays, and kernels differ by its alignment.
+        # The arrays are made of lists: Dr.Jit would share the memory of a NumPy array, and kernels differ by its
+        # alignment.
         x, y, z, radii = np.array(merged(spheres), dtype=np.float32).T.tolist()
         targets = cls(mi.Point3f(x, y, z), mi.Float(radii), len(radii))
         dr.make_opaque(targets.centers, targets.radii)
         return targets
 
     def at(self, k: mi.UInt32) -> tuple[mi.Point3f, mi.Float]:
-        """Center and radius of the sphere ``k``."""
+        """Returns the center and the radius of the sphere of number ``k``."""
         return dr.gather(mi.Point3f, self.centers, k), dr.gather(mi.Float, self.radii, k)
 
     def density(
         self, x: mi.Point3f, d: mi.Vector3f, far: bool, active: mi.Bool, own: mi.UInt32 | None = None
     ) -> mi.Float:
-        """Density of the ray (x, d) if one photon is aimed at each sphere: per solid angle from ``x``; or if ``far``,
-        per area of parallel rays. ``own``: the sphere that the ray is aimed at, met also where rounding contradicts.
+        """Returns the density of the ray from ``x`` in the direction ``d`` if one photon is aimed at each sphere.
+
+        The density is per solid angle from ``x``, or per area of parallel rays if ``far``. ``own`` is the sphere at
+        which the ray was aimed: this sphere counts as met even where rounding says that the ray misses it.
         """
 
         def add(k: mi.UInt32, total: mi.Float) -> mi.Float:
@@ -70,9 +76,9 @@ class Targets:
 
 
 def is_specular(shape: mi.Shape, tree: bool) -> bool:
-    """Whether light that meets ``shape`` may be followed through a lobe other than a diffuse one."""
+    """Tells whether photons that meet ``shape`` may be scattered by a lobe that is not diffuse."""
     if shape.class_name() == INSTANCE:
-        return True  # it does not tell
+        return True  # an instance does not expose its BSDFs
     bsdf = shape.bsdf()
     if bsdf is None:
         return False
@@ -81,7 +87,7 @@ def is_specular(shape: mi.Shape, tree: bool) -> bool:
 
 
 def warn_of_light_missed_by_trees(shapes: Sequence[mi.Shape]) -> None:
-    """Warns that a tree leaves out light that one BSDF without separable lobes refracts to another one."""
+    """Warns that a ray tree omits light that one BSDF without separable lobes refracts onto another such BSDF."""
     inseparable = [shape for shape in shapes if shape.bsdf() is not None and is_inseparable(shape.bsdf())]
     through = [s for s in inseparable if lobes.has_any(int(s.bsdf().flags()), "GlossyTransmission")]
     if through and len(inseparable) > 1:
@@ -95,7 +101,7 @@ def warn_of_light_missed_by_trees(shapes: Sequence[mi.Shape]) -> None:
 
 
 def bounding_sphere(shape: mi.Shape) -> tuple[float, float, float, float]:
-    """``(x, y, z, radius)`` of a sphere around ``shape``."""
+    """Returns ``(x, y, z, radius)``: the center and the radius of a sphere around ``shape``."""
     box = shape.bbox()
     center = np.array(box.center(), dtype=np.float64)
     if (vertices := mesh_positions(shape)) is not None:
@@ -108,7 +114,11 @@ def bounding_sphere(shape: mi.Shape) -> tuple[float, float, float, float]:
 
 
 def merged(spheres: ArrayLike, max_count: int = MAX_TARGETS) -> list[tuple[float, ...]]:
-    """At most ``max_count`` spheres around all of ``spheres``: groups are halved along their widest axis."""
+    """Returns at most ``max_count`` spheres that contain all of ``spheres``.
+
+    The spheres are split into halves along their widest axis until the groups are few enough; each group gets one
+    sphere.
+    """
     group = np.array(spheres, dtype=np.float64)
     if min(max_count, len(group)) == 1:
         return [sphere_around(group)]
@@ -118,7 +128,7 @@ def merged(spheres: ArrayLike, max_count: int = MAX_TARGETS) -> list[tuple[float
 
 
 def sphere_around(spheres: np.ndarray) -> tuple[float, ...]:
-    """A sphere around ``spheres``, shape (n, 4)."""
+    """Returns one sphere, (x, y, z, radius), around all ``spheres``, an array of shape (n, 4)."""
     low, high = (spheres[:, :3] - spheres[:, 3:]).min(axis=0), (spheres[:, :3] + spheres[:, 3:]).max(axis=0)
     center = (low + high) / 2 if len(spheres) > 1 else spheres[0, :3]
     radius = float(np.max(np.linalg.norm(spheres[:, :3] - center, axis=1) + spheres[:, 3]))
@@ -129,12 +139,15 @@ def sphere_around(spheres: np.ndarray) -> tuple[float, ...]:
 
 
 def versine(x: mi.Point3f, center: mi.Point3f, radius: mi.Float) -> mi.Float:
-    """1 - cos of the angle that the radius of a sphere subtends; 2 from within it."""
+    """Returns 1 - cos of half the angle that a sphere subtends, seen from the point ``x``.
+
+    The value is 2 if ``x`` lies inside the sphere.
+    """
     sin2 = dr.square(radius) / dr.maximum(dr.squared_norm(center - x), 1e-30)
     return dr.select(sin2 < 1, sin2 / (1 + dr.safe_sqrt(1 - sin2)), 2)
 
 
 def direction(x: mi.Point3f, center: mi.Point3f, radius: mi.Float, sample: mi.Point2f) -> mi.Vector3f:
-    """A direction from ``x`` to a sphere, uniform over its solid angle."""
+    """Samples a direction from ``x`` to a sphere, uniformly over the solid angle of the sphere."""
     axis = dr.select(dr.squared_norm(center - x) > 1e-30, dr.normalize(center - x), mi.Vector3f(0, 0, 1))
     return mi.Frame3f(axis).to_world(sample_falloff(sample, versine(x, center, radius)))

@@ -1,4 +1,4 @@
-"""Photon tracing: from one specular surface to the next, until photons land on diffuse or glossy ones."""
+"""Photon tracing: specular surfaces scatter photons until these land on diffuse or glossy surfaces."""
 
 from __future__ import annotations
 
@@ -17,43 +17,49 @@ from .emission import Start
 from .grid import Landed
 from .mis import Hit, PhotonMIS
 
-#: Indices of a photon's random numbers at a surface, and how many each surface has.
+#: Indices of a photon's random numbers at one surface, and how many numbers each surface has.
 CHOICE, DIRECTION, ROULETTE, NUMBERS = 0, 1, 3, 4
 
-#: Photons for glossy surfaces play no Russian roulette at the first surface if it leaves them less than this part of
-#: their flux: it dims all of them alike. Else esfera-metalica has up to 6 times the variance.
+#: A photon plays no Russian roulette at its first surface if glossy surfaces gather photons and this surface scatters
+#: less than this fraction of the flux: it dims all photons alike. With roulette, the variance of the scene
+#: esfera-metalica is up to 6 times greater.
 FAINT = 0.5
 
-#: Bound on the ratio of cosines at shading normals. Without it single photons at grazing incidence would be as bright
-#: as hundreds. It loses about a thousandth of the light that a ball of facets gathers.
+#: Maximum ratio of cosines at shading normals. Without this bound, single photons at grazing incidence would be as
+#: bright as hundreds. The bound loses about a thousandth of the light that a tessellated ball gathers.
 MAX_COSINE_RATIO = 8
 
 
 @dataclass
 class State:
-    """Photons on their way, and where they have landed. ``level``: number of specular surfaces so far."""
+    """State of the loop that traces photons: the photons on their way, and the photons that have landed.
+
+    ``level`` is the number of specular surfaces that a photon has met.
+    """
 
     ray: mi.Ray3f
     flux: mi.Spectrum
     active: mi.Bool
-    #: The medium, where anything in the scene absorbs.
+    #: The medium around the photon; None where no medium of the scene absorbs light.
     medium: mi.MediumPtr | None
-    #: Whether a smooth lobe of a BSDF without separable lobes has scattered it; None where no BSDF is like that.
+    #: Whether a smooth lobe of a BSDF without separable lobes has scattered the photon; None where the scene has no
+    #: such BSDF.
     from_inseparable: mi.Bool | None
-    #: With MIS: density of photons (:attr:`.Start.density`), 0 beyond a glossy surface if it is not near-specular ...
+    #: Density of photons (:attr:`.Start.density`), 0 after a glossy surface that is not near-specular; None without
+    #: MIS.
     density: mi.Float | None
-    #: ... and where they have landed on glossy surfaces; else None.
+    #: Photons that have landed on glossy surfaces; None without MIS.
     glossy: Landed | None
     level: mi.UInt32 = field(default_factory=lambda: mi.UInt32(0))
     landed: Landed = field(default_factory=Landed.nowhere)
 
 
 class PhotonTracer:
-    """Traces photons in ``scene`` through up to ``deepest`` specular surfaces.
+    """Traces photons in ``scene`` through at most ``deepest`` specular surfaces.
 
-    ``tree``: whether the eye's rays form a tree. Then BSDFs without separable lobes send photons on by all specular
-    lobes; for paths only by their ideal ones, and all other photons land there. ``mis``: if photons land on glossy
-    surfaces.
+    ``tree`` tells whether the rays of the camera form a tree. For a tree, BSDFs without separable lobes scatter photons
+    by all their specular lobes. For paths, such BSDFs scatter photons only by their ideal lobes, and all other photons
+    land there. ``mis`` is the MIS of photons and rays if photons land on glossy surfaces, else None.
     """
 
     def __init__(self, scene: mi.Scene, deepest: mi.UInt32, tree: bool, mis: PhotonMIS | None) -> None:
@@ -64,8 +70,10 @@ class PhotonTracer:
         self.scattering = Scattering.of(scene)
 
     def __call__(self, start: Start, key: mi.UInt32) -> tuple[Landed, Landed | None]:
-        """Where the photons ``start`` land: on diffuse surfaces, and on glossy ones with MIS. ``key``: the hash key of
-        each.
+        """Traces the photons ``start`` and returns those that landed on diffuse surfaces and, with MIS, on glossy
+        surfaces.
+
+        ``key`` is the hash key of each photon.
         """
         medium = mi.MediumPtr(None) if self.absorbs else None
         from_inseparable = mi.Bool(False) if self.scattering.any_inseparable else None
@@ -79,7 +87,8 @@ class PhotonTracer:
         flags, first = hit.bsdf.flags(), hit.level * NUMBERS
         lands = hit.active & (hit.level > 0) & lobes.has_any(flags, *lobes.DIFFUSE)
         if state.from_inseparable is not None:
-            # Rays from one such surface to another find the light of sources there, through any of its lobes.
+            # A ray between two surfaces without separable lobes finds the light of the light sources at the second
+            # surface, through any of its lobes.
             lands = dr.select(hit.inseparable, but_not(hit.level > 0, state.from_inseparable), lands)
         goes = hit.active & (hit.level < self.deepest) & lobes.has_any(flags, *lobes.REFLECTED, *lobes.REFRACTED)
         bs, weight, goes, by_all_lobes = self._scatter(hit, key, goes)
@@ -89,7 +98,7 @@ class PhotonTracer:
         kept = dr.select(goes, dr.max(flux) / dr.max(state.flux), 0)
         stays = lands | (hit.near_specular & (hit.level > 0))
         p = dr.select(stays, kept / (1 + kept), dr.minimum(kept, dr.select(hit.level < 4, 1, 0.95)))
-        if self.mis is not None:  # Too few would come back from a varnish for glossy surfaces, which have rays as well.
+        if self.mis is not None:  # a varnish would reflect too few photons to glossy surfaces
             p = dr.select((hit.level == 0) & (kept > 0) & (kept < FAINT), 1, p)
         goes &= number(key, first + ROULETTE) < p
         lands = but_not(lands, goes) & (hit.cos > 0)
@@ -105,7 +114,7 @@ class PhotonTracer:
         return State(ray, flux, goes, medium, from_inseparable, density, glossy, level, landed)
 
     def _intersect(self, state: State) -> tuple[Hit, mi.MediumPtr | None]:
-        """Where photons meet a surface, and the medium before it."""
+        """Returns the surface points that the photons meet, and the medium in which the photons arrive."""
         si, d = self.scene.ray_intersect(state.ray, state.active), state.ray.d
         surface, medium, flux = state.active & si.is_valid(), state.medium, state.flux
         if self.absorbs:
@@ -113,7 +122,8 @@ class PhotonTracer:
             flux = flux * transmittance(medium, si.wavelengths, si.t, surface)
             surface &= dr.max(flux) > 0
         bsdf = si.bsdf()
-        # Per area as shaded: facets that light grazes would else be brighter or darker than their neighbours.
+        # The flux is per area of the smooth surface that is shaded. Otherwise facets at grazing incidence would differ
+        # from their neighbours.
         cos = dr.abs(dr.dot(si.n, d))
         shading = bounded(dr.abs(mi.Frame3f.cos_theta(si.wi)), cos)
         inseparable = self.scattering.inseparable(bsdf, surface)
@@ -123,8 +133,10 @@ class PhotonTracer:
     def _scatter(
         self, hit: Hit, key: mi.UInt32, active: mi.Bool
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Bool, mi.Bool]:
-        """``(bs, weight, active, by_all_lobes)``: a sample of the lobes that are not diffuse, its lanes, and whether it
-        is one of a glossy lobe of a BSDF without separable lobes.
+        """Samples the lobes that are not diffuse, and returns ``(bs, weight, active, by_all_lobes)``.
+
+        ``active`` has the lanes of the sample. ``by_all_lobes`` tells whether the sample is of a glossy lobe of a BSDF
+        without separable lobes.
         """
         si, first = hit.si, hit.level * NUMBERS
         u = number(key, first + CHOICE), point(key, first + DIRECTION)
@@ -138,8 +150,10 @@ class PhotonTracer:
 
 
 def adjoint_correction(si: mi.SurfaceInteraction3f, wo: mi.Vector3f, d: mi.Vector3f) -> mi.Float:
-    """Factor of the flux that is scattered along ``wo``, in the world ``d``: for photons, the cosines of shading and
-    geometric normals are exchanged (Veach 1997, 5.3).
+    """Returns the correction of a photon's flux at shading normals (Veach 1997, 5.3).
+
+    For photons, the cosines of the shading normal and of the geometric normal are exchanged. The photon leaves along
+    ``wo`` in local coordinates, which is ``d`` in world coordinates.
     """
     cos_i, cos_o = dr.abs(mi.Frame3f.cos_theta(si.wi)), dr.abs(mi.Frame3f.cos_theta(wo))
     true_i, true_o = dr.abs(dr.dot(si.n, si.to_world(si.wi))), dr.abs(dr.dot(si.n, d))
@@ -147,15 +161,15 @@ def adjoint_correction(si: mi.SurfaceInteraction3f, wo: mi.Vector3f, d: mi.Vecto
 
 
 def bounded(a: mi.Float, b: mi.Float) -> mi.Float:
-    """a / b, but no more than :data:`MAX_COSINE_RATIO`."""
+    """Returns a / b, or :data:`MAX_COSINE_RATIO` if the quotient is greater."""
     return dr.select(a < MAX_COSINE_RATIO * b, a / dr.maximum(b, 1e-30), MAX_COSINE_RATIO)
 
 
 def number(key: mi.UInt32, k: mi.UInt32) -> mi.Float:
-    """The ``k``-th number in [0, 1) under a photon's ``key``."""
+    """Returns the ``k``-th random number, in [0, 1), of the photon with the hash key ``key``."""
     return to_unit(combine(key, k))
 
 
 def point(key: mi.UInt32, k: mi.UInt32) -> mi.Point2f:
-    """The point in [0, 1)² of a photon's ``k``-th number and the next."""
+    """Returns a random point in [0, 1)²: the ``k``-th and the next random number of the photon with this ``key``."""
     return mi.Point2f(number(key, k), number(key, k + 1))

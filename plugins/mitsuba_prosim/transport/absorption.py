@@ -1,7 +1,7 @@
 """Absorption of light in glass and water by Beer's law (Hall 1988, chapter 6 of the thesis).
 
-The ``mi.Medium`` of a shape describes its inside. Here a medium is homogeneous and only absorbs; those that scatter are
-ignored.
+The ``mi.Medium`` of a shape describes the inside of this shape. The integrators support homogeneous media that only
+absorb light, and ignore media that scatter light.
 """
 
 from __future__ import annotations
@@ -14,15 +14,18 @@ import mitsuba as mi
 from ..masks import idle
 from ..optics.nested import all_shapes
 
-#: Wavelengths (nm) at which the scattering of a medium is tested.
+#: Wavelengths in nm at which a medium is tested for scattering.
 TESTED = (380.0, 450.0, 500.0, 550.0, 600.0, 650.0, 700.0, 780.0)
 
-#: Length of a ray that meets nothing: a medium that absorbs leaves nothing of its light.
+#: Length of a ray that meets nothing. A medium that absorbs light transmits nothing over this length.
 UNBOUNDED = 1e30
 
 
 def absorbs_any(scene: mi.Scene, camera_medium: mi.Medium | None) -> bool:
-    """Whether a medium of ``scene`` or that of the camera absorbs; warns of media that are ignored."""
+    """Tells whether a medium of ``scene`` or the medium of the camera absorbs light.
+
+    Warns of media that scatter light or are not homogeneous, because the integrator ignores these media.
+    """
     media = dict.fromkeys([*media_of(scene), *([] if camera_medium is None else [camera_medium])])
     absorbing = [medium for medium in media if only_absorbs(medium)]
     if len(absorbing) < len(media):
@@ -36,7 +39,7 @@ def absorbs_any(scene: mi.Scene, camera_medium: mi.Medium | None) -> bool:
 
 
 def media_of(scene: mi.Scene) -> Iterator[mi.Medium]:
-    """The media inside and outside of all shapes of ``scene``, those of instances included."""
+    """Yields the media inside and outside of all shapes of ``scene``, and of the shapes within instances."""
     for shape in all_shapes(scene):
         for medium in (shape.interior_medium(), shape.exterior_medium()):
             if medium is not None:
@@ -44,7 +47,7 @@ def media_of(scene: mi.Scene) -> Iterator[mi.Medium]:
 
 
 def only_absorbs(medium: mi.Medium) -> bool:
-    """Whether ``medium`` is homogeneous and does not scatter."""
+    """Tells whether ``medium`` is homogeneous and does not scatter light."""
     if not medium.is_homogeneous():
         return False
     for i in range(0, len(TESTED), 4):
@@ -60,7 +63,10 @@ def only_absorbs(medium: mi.Medium) -> bool:
 def transmittance(
     medium: mi.MediumPtr | mi.Medium | None, wavelengths: mi.Color0f, t: mi.Float, active: mi.Bool
 ) -> mi.UnpolarizedSpectrum | float:
-    """Transmittance along the length ``t`` in ``medium``; 1 without a medium."""
+    """Returns the transmittance of ``medium`` over the distance ``t``.
+
+    The transmittance is 1 without a medium, and in media that scatter light or are not homogeneous.
+    """
     if medium is None:  # in scalar variants
         return 1.0
     mei = dr.zeros(mi.MediumInteraction3f)
@@ -73,8 +79,9 @@ def transmittance(
 def medium_beyond(
     si: mi.SurfaceInteraction3f, medium: mi.MediumPtr | mi.Medium | None, d: mi.Vector3f, active: mi.Bool
 ) -> mi.MediumPtr | mi.Medium | None:
-    """The medium of a ray that leaves ``si`` in the direction ``d`` and arrived in ``medium``: the same one where the
-    surface has no media.
+    """Returns the medium of a ray that leaves ``si`` in the direction ``d``; the ray arrived in ``medium``.
+
+    A surface without media does not change the medium.
     """
     if idle(active):
         return medium
@@ -84,12 +91,13 @@ def medium_beyond(
 def medium_before(
     si: mi.SurfaceInteraction3f, medium: mi.MediumPtr | mi.Medium | None, d: mi.Vector3f, active: mi.Bool
 ) -> mi.MediumPtr | mi.Medium | None:
-    """The medium in which a camera ray of direction ``d`` meets ``si``: the sensor's ``medium``, or, if it has none,
-    that of the surface on that side.
+    """Returns the medium in which a camera ray of direction ``d`` arrives at ``si``.
+
+    This is the sensor's ``medium``. If the sensor has none, it is the medium that the surface has on the camera's side.
     """
     return medium_beyond(si, medium, -d, active & (medium == pointer(None)))
 
 
 def pointer(medium: mi.Medium | None) -> mi.MediumPtr | mi.Medium | None:
-    """``medium`` as rays have it: an array; in scalar variants itself."""
+    """Returns ``medium`` in the type that rays store: a Dr.Jit array, or ``medium`` itself in scalar variants."""
     return mi.MediumPtr(medium) if dr.is_jit_v(mi.Float) else medium

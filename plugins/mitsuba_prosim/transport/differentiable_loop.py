@@ -1,5 +1,7 @@
-"""A loop with derivatives. Dr.Jit 1.5 has none that suits: of a symbolic loop with derivatives it generates wrong code
-for masks; and its evaluated loop goes backwards in the order of a hash table, so that each iteration is compiled again.
+"""A loop whose iterations have derivatives.
+
+The loops of Dr.Jit 1.5 do not suit. For a symbolic loop with derivatives, Dr.Jit generates wrong code for masks. An
+evaluated loop visits its variables in the order of a hash table on the way back, so each iteration is compiled again.
 """
 
 from __future__ import annotations
@@ -12,9 +14,10 @@ import drjit as dr
 
 
 def differentiable_loop(state: Any, step: Callable[[Any], Any]) -> Any:
-    """The last of the states that ``step`` makes of ``state``, in each lane while it is active, with derivatives.
+    """Applies ``step`` to ``state`` while the state is active, and returns the last state, with derivatives.
 
-    An iteration is one kernel, and its derivative another: the same for all iterations.
+    Each lane keeps its state after its last active iteration. All iterations share one kernel, and their derivatives
+    share another kernel.
     """
     dr.make_opaque(state)
     while dr.any(active := state.active):
@@ -29,7 +32,10 @@ def differentiable_loop(state: Any, step: Callable[[Any], Any]) -> Any:
 
 
 def differentiable(state: Any) -> list[tuple[Any, str]]:
-    """The arrays in dataclasses and lists that have derivatives: each as the dataclass and the name of its field."""
+    """Finds the arrays with derivatives in nested dataclasses and lists.
+
+    Returns one pair for each array: the dataclass that holds the array, and the name of its field.
+    """
     if isinstance(state, list):
         return [place for part in state for place in differentiable(part)]
     if not is_dataclass(state):
@@ -41,7 +47,7 @@ def differentiable(state: Any) -> list[tuple[Any, str]]:
 
 
 class Boundary(dr.CustomOp):
-    """The same arrays. Their derivatives are evaluated here, in the order of the arrays."""
+    """Returns its input arrays, and evaluates their derivatives at this place, in the order of the arrays."""
 
     def eval(self, arrays: list[Any]) -> list[Any]:  # noqa: D102
         return arrays

@@ -1,4 +1,4 @@
-"""Direct light: the sources, sampled at a vertex (sections 4.1, 5.2)."""
+"""Direct light: samples of the light sources, taken at a vertex (sections 4.1, 5.2)."""
 
 from __future__ import annotations
 
@@ -20,8 +20,11 @@ from .transport_context import NODE_SPACES, Context
 
 
 def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
-    """Direct light that ``vertex`` scatters: one sample and one shadow ray for every source (section 4.1), or for one
-    chosen lamp. All lobes scatter it; only the diffuse ones where photons were gathered at an earlier vertex.
+    """Returns the direct light that ``vertex`` scatters into its ray.
+
+    Every light source gets one sample and one shadow ray (section 4.1); or one lamp is chosen at random, and gets both.
+    All lobes scatter this light. If an earlier vertex of the path gathered photons, only the diffuse lobes scatter this
+    light.
     """
     lights, ray, active = context.lights, vertex.ray, vertex.smooth
     space = context.space(ray.node, NODE_SPACES)
@@ -46,8 +49,11 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
 def sample_lamp(
     context: Context, vertex: Vertex, lamp: Lamp, point: mi.Point2f, probability: mi.Float | None = None
 ) -> LightSample:
-    """``(ds, weight)``: a sample of ``lamp`` by the ``point`` in [0, 1)², and its radiance over its density; both with
-    derivatives if they are wanted. ``probability``: with which the lamp was chosen; None where every lamp is sampled.
+    """Returns ``(ds, weight)``: a sample of ``lamp`` by the ``point`` in [0, 1)², and its radiance divided by its
+    density.
+
+    Both values have derivatives if derivatives are wanted. ``probability`` is the probability with which the lamp was
+    chosen; None where every lamp is sampled.
     """
     ds, weight = lamp.sample(vertex.receiver, point, vertex.smooth)
     if probability is not None:
@@ -58,7 +64,7 @@ def sample_lamp(
 
 
 def lamp_light(context: Context, vertex: Vertex, points: Points, k: Index, sample: LightSample) -> Radiance:
-    """Radiance that ``vertex`` scatters from a ``sample`` of the lamp ``k``."""
+    """Returns the radiance that ``vertex`` scatters from one ``sample`` of the lamp of number ``k``."""
     (ds, weight), layers = sample, context.layers
     si, bsdf, ray, gathered = vertex.si, vertex.bsdf, vertex.ray, vertex.ray.gathered_photons
     lit = vertex.smooth & (ds.pdf > 0)
@@ -88,12 +94,13 @@ def lamp_light(context: Context, vertex: Vertex, points: Points, k: Index, sampl
 def eval_lobe(
     context: Context, lobe: mi.BSDFContext, vertex: Vertex, wo: mi.Vector3f, points: Points, active: mi.Bool
 ) -> tuple[mi.Spectrum, mi.Float]:
-    """Value of ``lobe`` times the cosine for ``wo``, and its density.
+    """Returns the value of ``lobe`` times the cosine for the direction ``wo``, and the density of ``wo``.
 
-    If ``context.samples_with_light``, the same call samples the next ray of the lobe into ``vertex.drawn``, so that
-    textures are evaluated once; not with SamplerPoints.
+    If ``context.samples_with_light``, the same call of the BSDF also samples the next ray of the lobe and stores this
+    sample in ``vertex.drawn``, so that the textures are evaluated only once. SamplerPoints must draw their numbers in a
+    fixed order, so they never sample the next ray early.
     """
-    if not context.samples_with_light or isinstance(points, SamplerPoints):  # that draws its numbers in a fixed order
+    if not context.samples_with_light or isinstance(points, SamplerPoints):
         return context.scattering.eval_pdf(lobe, vertex, wo, active)
     u = lobe_point(context, lobe, vertex, points, vertex.active)
     f, pdf, *drawn = vertex.bsdf.eval_pdf_sample(lobe, vertex.si, wo, *u, vertex.active)
@@ -102,8 +109,9 @@ def eval_lobe(
 
 
 def sky_light(context: Context, vertex: Vertex, points: Points, space: mi.UInt32) -> mi.Spectrum:
-    """Radiance that ``vertex`` scatters from a constant sky by the lobes without a ray of their own; rays of the other
-    lobes meet the sky. ``space``: number of the sampling space.
+    """Returns the radiance that ``vertex`` scatters from a constant sky, by the lobes that have no ray of their own.
+
+    The other lobes get the radiance of the sky from their own rays. ``space`` is the number of the sampling space.
     """
     assert context.lights.sky is not None
     si, bsdf = vertex.si, vertex.bsdf
@@ -120,8 +128,9 @@ def sky_light(context: Context, vertex: Vertex, points: Points, space: mi.UInt32
 def with_visibility(
     context: Context, vertex: Vertex, p: mi.Point3f, radiances: list[mi.Spectrum], active: mi.Bool
 ) -> list[mi.Spectrum]:
-    """The ``radiances`` times visibility and transmittance between ``vertex`` and the point ``p``. The first is the
-    total: no shadow ray is traced where it is 0.
+    """Multiplies ``radiances`` by the visibility and the transmittance between ``vertex`` and the point ``p``.
+
+    The first of the ``radiances`` is the total: no shadow ray is traced where the total is 0.
     """
     si = vertex.si
     if context.settings.shadows:

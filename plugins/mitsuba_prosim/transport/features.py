@@ -1,4 +1,7 @@
-"""Features of a view for denoising: the normal of the first surface, and its albedo, also through glass and mirrors."""
+"""Features of a view for denoising: the normal of the first visible surface, and an albedo.
+
+The albedo includes surfaces that are seen through glass or in mirrors.
+"""
 
 from __future__ import annotations
 
@@ -15,16 +18,19 @@ from .ray import Surface
 from .scattering import Scattering
 from .workarounds import past_emitters
 
-#: Names of the values that :func:`features` gives, channel by channel.
+#: Channel names of the values that :func:`features` returns.
 NAMES = ("albedo.R", "albedo.G", "albedo.B", "normal.X", "normal.Y", "normal.Z")
 
-#: Reflections and refractions that are followed, and the least part of the light that they may still carry.
+#: Maximum number of reflections and refractions that are followed, and the throughput below which a ray ends.
 MAX_LEVEL, MIN_THROUGHPUT = 6, 0.01
 
 
 @dataclass
 class State:
-    """State of the loop along a ray. ``sampler``: the source of the points."""
+    """State of the loop along a camera ray and its specular continuation.
+
+    ``sampler`` draws the random numbers.
+    """
 
     ray: mi.Ray3f
     albedo: mi.Spectrum
@@ -33,7 +39,7 @@ class State:
     active: mi.Bool
     level: mi.UInt32
     sampler: mi.Sampler
-    #: The medium of the ray, where the scene has media.
+    #: The medium around the ray; None where the scene has no media.
     medium: mi.MediumPtr | None = None
 
 
@@ -45,12 +51,15 @@ def features(
     hide_emitters: bool = False,
     camera_medium: mi.Medium | None = None,
 ) -> tuple[mi.Spectrum, mi.Normal3f, mi.Bool]:
-    """``(albedo, normal, hit)`` of the camera ray ``ray``: albedo in [0, 1], and the shading normal of the first
-    surface, on the viewer's side; 0 where there is no surface.
+    """Returns ``(albedo, normal, hit)`` for the camera ray ``ray``.
 
-    The albedo is that of the diffuse lobes, by one sample, plus that of the surfaces that the specular lobes show,
-    times their reflectance or transmittance. Sources and the sky have their radiance, at most 1; with ``hide_emitters``
-    the camera does not see them. ``camera_medium``: the medium of the camera.
+    The albedo is in [0, 1]. The normal is the shading normal of the first surface, on the viewer's side; it is 0 where
+    the ray meets no surface.
+
+    The albedo is one sample of the albedo of the diffuse lobes, plus the albedo of the surfaces that the specular lobes
+    show, times the reflectance or transmittance of these lobes. The albedo of light sources and of the sky is their
+    radiance, clipped to 1. With ``hide_emitters`` the camera does not see light sources. ``camera_medium`` is the
+    medium around the camera.
     """
     media = camera_medium is not None or any(True for _ in media_of(scene))
     scattering = Scattering.of(scene, separate=False)
@@ -94,7 +103,7 @@ def features(
 
 
 def colour(albedo: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Color3f:
-    """Red, green and blue of an albedo: about those of a white sheet where it is 1."""
+    """Converts an albedo to red, green and blue; an albedo of 1 becomes about white."""
     if mi.is_spectral:
         return mi.spectrum_to_srgb(albedo / mi.pdf_rgb_spectrum(wavelengths), wavelengths)
     return mi.Color3f(albedo.x) if mi.is_monochromatic else mi.Color3f(albedo)
@@ -103,10 +112,11 @@ def colour(albedo: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Color3f:
 def sample_albedo(
     si: mi.SurfaceInteraction3f, lobe: mi.BSDFContext, sampler: mi.Sampler, active: mi.Bool, scattering: Scattering
 ) -> tuple[Any, mi.Vector3f]:
-    """``(weight, direction)`` of a sample of the ``lobe`` at ``si``; weight 0 where the surface has no such lobe.
+    """Returns ``(weight, direction)`` of one sample of ``lobe`` at ``si``; the weight is 0 without such a lobe.
 
-    Some BSDFs sample other lobes than requested: such a sample is dropped, as its own lobe is sampled as well.
-    Dispersive glass refracts all wavelengths in one direction here, as a clipped albedo is no mean.
+    Some BSDFs return samples of other lobes than requested. Such a sample gets the weight 0, because the other lobe is
+    sampled separately. Dispersive glass refracts all wavelengths in one direction here: a mean over random wavelengths
+    would be wrong, because the albedo is clipped.
     """
     choice, point = sampler.next_1d(active), sampler.next_2d(active)
     bs, weight, belongs = scattering.sample(

@@ -1,4 +1,6 @@
-"""The lobes of a surface with a ray of their own: reflected, refracted and diffuse (section 4.1); as BSDF contexts."""
+"""The lobes of a surface that have a ray of their own, as BSDF contexts: reflected, refracted and diffuse (section
+4.1).
+"""
 
 from __future__ import annotations
 
@@ -8,53 +10,55 @@ from typing import TypeAlias
 
 import mitsuba as mi
 
-#: The numbers that sample a lobe: one in [0, 1) that chooses among several, and a point in [0, 1)² for the direction.
+#: The random numbers that sample a lobe: a number in [0, 1) chooses one of several lobes, and a point in [0, 1)²
+#: chooses the direction.
 LobePoint: TypeAlias = "tuple[mi.Float, mi.Point2f]"
 
 #: Names of the ``mi.BSDFFlags`` of the specular reflection, glossy or ideal.
 REFLECTED = ("GlossyReflection", "DeltaReflection")
-#: Those of the specular transmission, glossy or ideal, and of null lobes.
+#: Names of the ``mi.BSDFFlags`` of the specular transmission, glossy or ideal, and of null lobes.
 REFRACTED = ("GlossyTransmission", "DeltaTransmission", "Null")
-#: Those of the diffuse reflection and transmission.
+#: Names of the ``mi.BSDFFlags`` of the diffuse reflection and transmission.
 DIFFUSE = ("DiffuseReflection", "DiffuseTransmission")
-#: Those of the glossy lobes.
+#: Names of the ``mi.BSDFFlags`` of the glossy lobes.
 GLOSSY = ("GlossyReflection", "GlossyTransmission")
-#: Those of the lobes of one direction.
+#: Names of the ``mi.BSDFFlags`` of the lobes that scatter into a single direction.
 IDEAL = ("DeltaReflection", "DeltaTransmission", "Null")
-#: Those of the lobes of more than one.
+#: Names of the ``mi.BSDFFlags`` of the lobes that scatter into more than one direction.
 SMOOTH = GLOSSY + DIFFUSE
-#: Those of the smooth lobes that light from behind reaches.
+#: Names of the ``mi.BSDFFlags`` of the smooth lobes that scatter light from behind the surface.
 BOTH_SIDES = ("GlossyTransmission", "DiffuseTransmission")
 
 
 def all_lobes(mode: mi.TransportMode | None = None) -> mi.BSDFContext:
-    """The context of all lobes; of radiance unless ``mode`` says otherwise."""
+    """Returns the BSDF context of all lobes. The transport mode is radiance unless ``mode`` names another one."""
     return mi.BSDFContext() if mode is None else mi.BSDFContext(mode)
 
 
 def reflected() -> mi.BSDFContext:
-    """The context of the specular reflection."""
+    """Returns the BSDF context of the specular reflection."""
     return _context(mask(*REFLECTED))
 
 
 def refracted() -> mi.BSDFContext:
-    """The context of the specular transmission, null lobes included."""
+    """Returns the BSDF context of the specular transmission, null lobes included."""
     return _context(mask(*REFRACTED))
 
 
 def specular() -> mi.BSDFContext:
-    """The context of the specular reflection and transmission, null lobes included."""
+    """Returns the BSDF context of the specular reflection and transmission, null lobes included."""
     return _context(mask(*REFLECTED, *REFRACTED))
 
 
 def diffuse() -> mi.BSDFContext:
-    """The context of the diffuse reflection and transmission."""
+    """Returns the BSDF context of the diffuse reflection and transmission."""
     return _context(mask(*DIFFUSE))
 
 
 def glossy(flags: int, tree: bool) -> tuple[mi.BSDFContext, ...]:
-    """The contexts of the lobes with a ray of their own that may be glossy on surfaces with these ``flags``: in a
-    ``tree`` of rays the reflected and the refracted one, else both as one.
+    """Returns the BSDF contexts of the specular lobes that may be glossy on surfaces with these BSDF ``flags``.
+
+    A ray ``tree`` follows reflection and transmission as two lobes; a path follows them as one.
     """
     if not tree:
         return (specular(),) if has_any(flags, *GLOSSY) else ()
@@ -62,12 +66,12 @@ def glossy(flags: int, tree: bool) -> tuple[mi.BSDFContext, ...]:
 
 
 def only(context: mi.BSDFContext, *names: str) -> mi.BSDFContext:
-    """``context`` restricted to the named lobes."""
+    """Returns the BSDF context ``context``, restricted to the named lobes."""
     return _context(context.type_mask & mask(*names), context.mode)
 
 
 def with_null_lobes(context: mi.BSDFContext) -> mi.BSDFContext:
-    """``context`` with null lobes."""
+    """Returns the BSDF context ``context`` with null lobes added."""
     return _context(context.type_mask | mask("Null"), context.mode)
 
 
@@ -79,15 +83,17 @@ def _context(type_mask: int, mode: mi.TransportMode | None = None) -> mi.BSDFCon
 
 @functools.cache
 def mask(*names: str) -> int:
-    """The named ``mi.BSDFFlags``, as one integer."""
+    """Combines the named ``mi.BSDFFlags`` into one integer."""
     return functools.reduce(operator.or_, (int(getattr(mi.BSDFFlags, name)) for name in names))
 
 
 def has_any(flags: int | mi.UInt32, *names: str) -> mi.Bool:
-    """Whether the BSDF flags ``flags`` (an integer or a Dr.Jit array) hold one of the named ``mi.BSDFFlags``."""
+    """Tells whether the BSDF ``flags``, an integer or a Dr.Jit array, hold at least one of the named
+    ``mi.BSDFFlags``.
+    """
     return (flags & mask(*names)) != 0
 
 
 def is_all_lobes(context: mi.BSDFContext) -> bool:
-    """Whether ``context`` asks for all lobes."""
+    """Tells whether the BSDF context ``context`` asks for all lobes."""
     return context.type_mask == mi.BSDFContext().type_mask

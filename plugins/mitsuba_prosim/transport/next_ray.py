@@ -1,4 +1,4 @@
-"""The ray that leaves a vertex through one of its lobes (section 4.1)."""
+"""Sampling of the next ray: the ray that leaves a vertex through one lobe (section 4.1)."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ from .transport_context import CHOICE, DIFFUSE, REFRACTED, Context, direction_sp
 def next_ray(
     context: Context, lobe: mi.BSDFContext, vertex: Vertex, points: Points, active: mi.Bool
 ) -> tuple[Ray, mi.Bool, mi.Float]:
-    """``(ray, active, eta)``: the sampled ray that leaves ``vertex`` through ``lobe``, its lanes, and the ratio of the
-    indices of refraction that it crosses.
+    """Samples the ray that leaves ``vertex`` through ``lobe``, and returns ``(ray, active, eta)``.
+
+    ``active`` has the lanes of the new ray. ``eta`` is the ratio of the indices of refraction that the ray crosses.
     """
     ray, si, k = vertex.ray, vertex.si, direction_space(lobe)
     if idle(active):
@@ -35,7 +36,7 @@ def next_ray(
     following = replace(ray, o=o, d=d, throughput=throughput, pdf=bs.pdf, uses_mis=but_not(mi.Bool(True), ideal))
     following.level, following.node = ray.level + 1, ray.node * 2 + (k == REFRACTED)
     following.n, following.importance = vertex.receiver.n, vertex.receiver.importance
-    by_all_lobes = but_not(vertex.inseparable, ideal)  # light sampling and photons took all of them
+    by_all_lobes = but_not(vertex.inseparable, ideal)  # light sampling and photons took the light of all lobes
     if ray.sees_emission is not None:
         following.sees_emission = but_not(mi.Bool(True), by_all_lobes)
     if ray.gathered_photons is not None:
@@ -57,9 +58,11 @@ def next_ray(
 def sample_direction(
     context: Context, lobe: mi.BSDFContext, vertex: Vertex, points: Points, active: mi.Bool
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Vector3f, mi.Bool]:
-    """``(bs, weight, d, belongs)``: a sample of ``lobe``, its direction in the world, and whether it is one of that
-    lobe. Derivatives are those of its density, weight and direction where the direction is fixed or moves with the
-    source that it meets.
+    """Samples ``lobe`` at ``vertex``, and returns ``(bs, weight, d, belongs)``.
+
+    ``d`` is the direction in world coordinates. ``belongs`` tells whether the sample ``bs`` is a sample of ``lobe``,
+    not of another lobe of the BSDF. If derivatives are wanted, the density, the weight and the direction have the
+    derivatives of a direction that is fixed or moves with the light source that the ray meets.
     """
     si, scattering, throughput = vertex.si, context.scattering, vertex.ray.throughput
     if lobe.type_mask in vertex.drawn:
@@ -89,9 +92,9 @@ def sample_direction(
 
 
 def lobe_point(context: Context, lobe: mi.BSDFContext, vertex: Vertex, points: Points, active: mi.Bool) -> LobePoint:
-    """The numbers by which the ray of ``lobe`` is sampled at ``vertex``."""
+    """Returns the random numbers that sample the ray of ``lobe`` at ``vertex``."""
     space = context.space(vertex.ray.node, CHOICE)
-    # Strata pay only where all lobes are sampled together, and with dispersion.
+    # A stratified choice reduces the variance only with dispersion, or where all lobes are sampled together.
     stratified = lobes.is_all_lobes(lobe) or context.scattering.disperses
     choice = points(space, active).x if stratified else points.choice(space)
     point = points(context.space(vertex.ray.node, direction_space(lobe)), active)

@@ -1,4 +1,4 @@
-"""Kajiya's paths: each surface continues one ray, also from a diffuse component (section 4.2.3)."""
+"""Kajiya's paths: each surface continues one ray, by a specular or a diffuse lobe (section 4.2.3)."""
 
 from __future__ import annotations
 
@@ -18,29 +18,31 @@ from .transport_context import CHOICE, REFRACTED, ROULETTE, Context
 class Progress:
     """Counters of a path."""
 
-    #: Number of diffuse reflections so far; None where it is unlimited, as Dr.Jit traces a loop twice in which a
-    #: variable stays as it is.
+    #: Number of diffuse reflections so far. None where this number is unlimited: a variable that no iteration changes
+    #: makes Dr.Jit trace the loop twice.
     bounces: mi.UInt32 | None
-    #: Product of the ratios of the indices crossed so far.
+    #: Product of the ratios of the indices of refraction at the surfaces that the path crossed so far.
     eta: mi.Float
 
 
 def start(context: Context, ray: Ray) -> Progress:
-    """The progress of a path that begins with the camera's ``ray``."""
+    """Returns the counters of a path that begins with the camera's ``ray``."""
     return Progress(mi.UInt32(0) if context.settings.diffuse_bounces >= 0 else None, mi.Float(1))
 
 
 def proceed(
     context: Context, vertex: Vertex, points: Points, active: mi.Bool, progress: Progress
 ) -> tuple[Ray, mi.Bool, Progress]:
-    """``(ray, active, progress)``: the ray that continues the path after ``vertex``, and its lanes."""
+    """Returns ``(ray, active, progress)``: the ray that continues the path after ``vertex``, its active lanes, and the
+    counters.
+    """
     bounces, node = progress.bounces, vertex.ray.node
     if bounces is None:
         ray, going, eta = next_ray(context, lobes.all_lobes(), vertex, points, vertex.active)
     else:
         ray, going, eta, bounces = specular_or_diffuse(context, vertex, points, bounces)
     ray.node = node + 1
-    # Radiance within glass is scaled by the square of its index, which is lost again at the way out.
+    # The index of glass, squared, scales the radiance inside. The radiance loses this factor when it leaves the glass.
     eta *= progress.eta
     ray, going = roulette(context, ray, going, eta, points.choice(context.space(node, ROULETTE)))
     return ray, going, Progress(bounces, eta)
@@ -49,30 +51,35 @@ def proceed(
 def specular_or_diffuse(
     context: Context, vertex: Vertex, points: Points, bounces: mi.UInt32
 ) -> tuple[Ray, mi.Bool, mi.Float, mi.UInt32]:
-    """``(ray, active, eta, bounces)``: a specular ray or, up to ``diffuse_bounces``, a diffuse one: both are sampled,
-    and one is chosen by its throughput.
+    """Returns ``(ray, active, eta, bounces)`` of a specular or a diffuse ray that leaves ``vertex``.
+
+    Both rays are sampled, and one of them is chosen with a probability proportional to its throughput. After
+    ``diffuse_bounces`` diffuse reflections the ray is always specular.
     """
     specular, reflects, eta = next_ray(context, lobes.specular(), vertex, points, vertex.active)
     more = vertex.active & (bounces < context.settings.diffuse_bounces)
     diffuse, scatters, _ = next_ray(context, lobes.diffuse(), vertex, points, more)
-    # Light sampling, and photons, took all of the diffuse lobe: emission that this ray meets does not count.
+    # Light sampling and photons already found all light of the diffuse lobe: emission that this ray meets does not
+    # count.
     diffuse = replace(diffuse, sees_emission=mi.Bool(False))
     if diffuse.gathered_photons is not None:
         diffuse.gathered_photons = mi.Bool(True)
-    a = dr.select(reflects, dr.max(specular.throughput), 0)
-    b = dr.select(scatters, dr.max(diffuse.throughput), 0)
-    p = dr.select(a + b > 0, b / dr.select(a + b > 0, a + b, 1), 0)
-    # Code that chooses among lobes has already used the number of the choice; no ray is only refracted here.
+    specular_weight = dr.select(reflects, dr.max(specular.throughput), 0)
+    diffuse_weight = dr.select(scatters, dr.max(diffuse.throughput), 0)
+    total = specular_weight + diffuse_weight
+    p_diffuse = dr.select(total > 0, diffuse_weight / dr.select(total > 0, total, 1), 0)
+    # With the workarounds, the space CHOICE is used up by the choice of a lobe. A path never uses the space REFRACTED,
+    # so it serves here.
     chosen = context.scattering.mixes or context.scattering.any_inseparable
-    choose = points.choice(context.space(vertex.ray.node, REFRACTED if chosen else CHOICE)) < p
-    of_diffuse, of_specular = (diffuse, scatters, mi.Float(1), bounces + 1), (specular, reflects, eta, bounces)
-    ray, active, eta, bounces = dr.select(choose, of_diffuse, of_specular)
-    ray.throughput *= dr.rcp(dr.detach(dr.select(choose, p, 1 - p)))
+    choose = points.choice(context.space(vertex.ray.node, REFRACTED if chosen else CHOICE)) < p_diffuse
+    diffuse_state, specular_state = (diffuse, scatters, mi.Float(1), bounces + 1), (specular, reflects, eta, bounces)
+    ray, active, eta, bounces = dr.select(choose, diffuse_state, specular_state)
+    ray.throughput *= dr.rcp(dr.detach(dr.select(choose, p_diffuse, 1 - p_diffuse)))
     return ray, active, eta, bounces
 
 
 def roulette(context: Context, ray: Ray, active: mi.Bool, eta: mi.Float, sample: mi.Float) -> tuple[Ray, mi.Bool]:
-    """The ray and its lanes after Russian roulette, from level ``rr_depth`` on."""
+    """Returns ``(ray, active)`` after Russian roulette, which begins at level ``rr_depth`` of the path."""
     survival = dr.detach(dr.minimum(dr.max(ray.throughput) * dr.square(eta), 0.95))
     plays = ray.level >= context.settings.rr_depth
     throughput = dr.select(plays, ray.throughput / dr.maximum(survival, 1e-8), ray.throughput)

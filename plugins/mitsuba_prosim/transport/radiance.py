@@ -1,15 +1,15 @@
-"""Layers: further images of the parts of the light, which add up to the image.
+"""Layers: images of the parts of the light, written beside the image. The sum of all layers is the image.
 
 ``lights``
-    the light of each source, the background, and the ambient term.
+    one layer for each light source, one for the background, and one for the ambient term.
 ``levels``
-    the radiance of the vertices of each level of the ray tree (or path): 0 is the first visible surface with its direct
-    light.
+    one layer for each level of the ray tree or path. Level 0 is the radiance of the first visible surface with its
+    direct light.
 ``terms``
-    the terms of the thesis's equation (section 4.1) at the first visible surface.
+    one layer for each term of the thesis's equation (section 4.1) at the first visible surface.
 
-Light that a ray of a glossy lobe finds at a source has an MIS partner, the light sampling at the vertex that the ray
-leaves. So that light belongs to the layer of the vertex that the ray leaves, not of the source.
+A ray of a glossy lobe and the light sampling at its origin share the light of a source by MIS. So light that the ray
+finds at a source belongs to the layer of the vertex where the ray begins.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from .ray import Ray
     from .transport_context import Settings
 
-#: Values of the parameter ``layers``.
+#: Allowed values of the parameter ``layers``.
 KINDS = ("none", "lights", "levels", "terms")
 
-#: Greatest number of layers.
+#: Maximum number of layers.
 MAX_LAYERS = 32
 
 #: The number of a layer: an integer, or a Dr.Jit array.
@@ -40,7 +40,7 @@ Layer: TypeAlias = "int | mi.UInt32"
 
 @dataclass
 class Radiance:
-    """Radiance, and its part in each layer; no layers unless they are wanted."""
+    """Radiance, and the part of this radiance in each layer; the list of layers is empty unless layers are wanted."""
 
     total: mi.Spectrum
     layers: list[mi.Spectrum]
@@ -49,49 +49,56 @@ class Radiance:
         return Radiance(self.total + other.total, [a + b for a, b in zip(self.layers, other.layers)])
 
     def scaled(self, factor: mi.Spectrum) -> Radiance:
-        """This radiance times ``factor``."""
+        """Returns this radiance and its layers, multiplied by ``factor``."""
         return Radiance(factor * self.total, [factor * L for L in self.layers])
 
     def plus(self, value: mi.Spectrum, layer: Layer, total: mi.Spectrum | None = None) -> Radiance:
-        """This radiance and ``value``, which belongs to ``layer``. ``total``: their sum, if it is known."""
+        """Returns this radiance plus ``value``, which is added to ``layer`` too.
+
+        ``total`` is the new total radiance if the caller already knows this sum.
+        """
         layers = [L + dr.select(layer == i, value, 0) for i, L in enumerate(self.layers)]
         return Radiance(self.total + value if total is None else total, layers)
 
     def moved(self, value: mi.Spectrum, source: Layer, target: Layer) -> Radiance:
-        """This radiance, with ``value`` moved from the layer ``source`` to the layer ``target``."""
+        """Returns this radiance after moving ``value`` from the layer ``source`` to the layer ``target``."""
         return self.plus(-value, source, self.total).plus(value, target, self.total)
 
 
 class Layers:
-    """Assigns light to layers; this class is that of an image without layers."""
+    """Assigns light to layers. This base class is for an image without layers."""
 
-    #: Whether light of different sources belongs to different layers.
+    #: Whether light of different light sources belongs to different layers.
     splits_sources = False
-    #: Whether diffuse and glossy light belong to different layers, and light of different :attr:`.Ray.branch`.
+    #: Whether diffuse and glossy light belong to different layers, so that rays need :attr:`.Ray.branch`.
     splits_lobes = False
 
     def __init__(self, names: Sequence[str] = ()) -> None:
         self.names = list(names)
 
     def none(self) -> Radiance:
-        """No radiance."""
+        """Returns zero radiance, in all layers."""
         return Radiance(mi.Spectrum(0), [mi.Spectrum(0) for _ in self.names])
 
     def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:
-        """The layer of a ``term`` at the vertex that ``ray`` meets: "emitted", "background", "ambient", "diffuse",
-        "glossy" or "caustics". ``source``: the number of the source that the light comes from.
+        """Returns the layer of a ``term`` of the light at the vertex that ``ray`` meets.
+
+        The terms are "emitted", "background", "ambient", "diffuse", "glossy" and "caustics". ``source`` is the number
+        of the light source from which the light comes.
         """
         return 0
 
     def branch(self, ray: Ray, diffuse: bool, through: mi.Bool) -> Layer:
-        """:attr:`.Ray.branch` of a ray that leaves the vertex where ``ray`` ends, by a ``diffuse`` or another lobe,
-        ``through`` the surface or not.
+        """Returns the :attr:`.Ray.branch` of the next ray: the layer of all light that this next ray finds.
+
+        The next ray leaves the vertex at the end of ``ray``, by the ``diffuse`` or a specular lobe. ``through`` tells
+        whether the next ray passes through the surface.
         """
         return 0
 
 
 class ByLight(Layers):
-    """A layer for each source, the background and the ambient term."""
+    """One layer for each light source, one for the background, and one for the ambient term."""
 
     splits_sources = True
 
@@ -100,19 +107,19 @@ class ByLight(Layers):
 
 
 class ByLevel(Layers):
-    """A layer for each level."""
+    """One layer for each level of the ray tree or path."""
 
     def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:  # noqa: D102
         return dr.maximum(ray.level, 1) - 1 if term == "emitted" else ray.level
 
 
 class ByTerm(Layers):
-    """A layer for each term of the equation at the first visible surface."""
+    """One layer for each term of the thesis's equation at the first visible surface."""
 
     splits_lobes = True
 
     def number(self, term: str) -> mi.UInt32:
-        """The number of the layer of this name."""
+        """Returns the number of the layer named ``term``."""
         return mi.UInt32(self.names.index(term))
 
     def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:  # noqa: D102
@@ -130,7 +137,10 @@ class ByTerm(Layers):
 
 
 def layers_conflict(kind: str, settings: Settings, caustics: bool) -> str | None:
-    """What to use instead where ``kind`` conflicts with another parameter; else None."""
+    """Tells whether ``layers=kind`` conflicts with another parameter of the integrator.
+
+    Returns the advice to use instead, or None without a conflict.
+    """
     if kind == "lights" and caustics:
         return "another value with caustics, as photons do not know their source"
     if kind == "levels" and not 0 <= settings.max_level < MAX_LAYERS:
@@ -141,7 +151,10 @@ def layers_conflict(kind: str, settings: Settings, caustics: bool) -> str | None
 
 
 def layers_of(kind: str, settings: Settings, lights: Lights, caustics: bool) -> Layers:
-    """The layers of this ``kind``. Raises ValueError where there are too many."""
+    """Returns the :class:`Layers` of this ``kind``, which is a value of the parameter ``layers``.
+
+    Raises ValueError if the scene has more than 32 layers.
+    """
     constant = ["background"] * (settings.background is not None) + ["ambient"] * (settings.ambient is not None)
     if kind == "levels":
         return ByLevel([f"level{level}" for level in range(settings.max_level + 1)])
@@ -159,7 +172,11 @@ def layers_of(kind: str, settings: Settings, lights: Lights, caustics: bool) -> 
 
 
 def light_names(emitters: Sequence[mi.Emitter]) -> list[str]:
-    """Names of the ``emitters``: their ids, or those of their shapes; ``lamp1``, ``lamp2``, ... without an id."""
+    """Returns a unique name for each of the ``emitters``.
+
+    The name is the emitter's id or the id of its shape. An emitter without an id is named by its number: ``lamp1``,
+    ``lamp2``, ...
+    """
     names = ["background", "ambient"]
     for number, emitter in enumerate(emitters, 1):
         shape = emitter.get_shape()

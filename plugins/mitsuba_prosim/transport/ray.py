@@ -1,4 +1,4 @@
-"""A ray of the tree or path, and the surface that it meets."""
+"""A ray of the ray tree or path, and the surface point that the ray meets."""
 
 from __future__ import annotations
 
@@ -13,55 +13,62 @@ from ..masks import but_not
 
 @dataclass
 class Ray:
-    """A ray of the tree or path, with the data of its node. All fields are Dr.Jit arrays of one width, or None where
-    they would stay as they are: Dr.Jit traces a loop twice in which a variable does.
+    """A ray of the ray tree or path, with the data of its node.
+
+    All fields are Dr.Jit arrays of the same width. A field is None where its value would stay the same in all
+    iterations: a variable that no iteration changes makes Dr.Jit trace the loop twice.
     """
 
     o: mi.Point3f
     d: mi.Vector3f
-    #: ``mi.Spectrum``: factor from the radiance of this ray to that of the camera ray.
+    #: Factor from the radiance of this ray to the radiance of the camera ray.
     throughput: mi.Spectrum
-    #: Number of the node. In a tree as in a heap: 1 is the camera's, 2 n and 2 n + 1 the reflected and refracted one
-    #: of n.
+    #: Number of the node. A ray tree is numbered as a heap: the camera ray is node 1; the reflected ray of node n is
+    #: node 2 n, and its refracted ray is node 2 n + 1.
     node: mi.UInt32
-    #: Number of reflections and refractions before this ray: 0 is the camera's.
+    #: Number of reflections and refractions before this ray; 0 for the camera ray.
     level: mi.UInt32
     #: Density per solid angle with which a lobe sampled ``d``; undefined unless ``uses_mis``.
     pdf: mi.Float
-    #: Whether light sampling at its origin could have found the emission that it meets, too: that gets an MIS weight.
+    #: Whether emission at the end of the ray gets an MIS weight, because light sampling at its origin could find it
+    #: too.
     uses_mis: mi.Bool
     #: Normal of the surface that the ray leaves, on the viewer's side.
     n: mi.Normal3f
-    #: Whether emission that it meets counts; not where light sampling at its origin took all lobes. None: always.
+    #: Whether emission at the end of the ray counts. False where light sampling at its origin took the light of all
+    #: lobes. None: emission always counts.
     sees_emission: mi.Bool | None = None
-    #: Whether light from both sides of that surface was sampled; None where no surface has any.
+    #: Whether light sampling at the ray's origin took light from both sides of the surface; None where no surface is
+    #: lit from both sides.
     both_sides: mi.Bool | None = None
-    #: Where a medium of the scene absorbs: the medium of the ray (``mi.Medium`` in scalar variants) ...
+    #: The medium around the ray (a ``mi.Medium`` in scalar variants); None where no medium of the scene absorbs light.
     medium: mi.MediumPtr | None = None
-    #: ... and the distance of ``o`` from the surface that it leaves.
+    #: The distance of ``o`` from the surface that the ray leaves; None where no medium of the scene absorbs light.
     offset: mi.Float | None = None
-    #: Whether a surface before has gathered photons by the lobe that a ray left it by, so that light behind specular
-    #: surfaces does not count; None where no ray leaves by such a lobe.
+    #: Whether an earlier surface of the path gathered photons by the lobe through which the path left that surface:
+    #: light behind specular surfaces does not count again. None where the scene renders without photons or no ray
+    #: leaves by such a lobe.
     gathered_photons: mi.Bool | None = None
-    #: Where light sampling chooses among lamps: their total importance at the ray's origin.
+    #: The total importance of all lamps at the ray's origin; None where light sampling does not choose one lamp.
     importance: mi.Float | None = None
-    #: Where layers depend on it: the layer of all light that comes by the lobe that left the first vertex.
+    #: The layer of all light that arrives through the lobe by which the path left the first vertex; None where the
+    #: layers do not depend on this lobe.
     branch: mi.UInt32 | None = None
 
     @classmethod
     def first(cls, camera: mi.Ray3f) -> Ray:
-        """The camera's ray."""
+        """Returns the first ray of a tree or path: the camera ray."""
         node, level, n = mi.UInt32(1), mi.UInt32(0), mi.Normal3f(camera.d)
         return cls(camera.o, camera.d, mi.Spectrum(1), node, level, mi.Float(0), mi.Bool(False), n)
 
 
 @dataclass
 class Surface:
-    """A point of a surface, and the BSDF there."""
+    """A point of a surface, and the BSDF of the surface at this point."""
 
     si: mi.SurfaceInteraction3f
     bsdf: mi.BSDFPtr
-    #: The lanes that met a surface; those of the eye's rays, at the deepest level at most.
+    #: The lanes whose ray met a surface and whose level is at most the maximum level.
     active: mi.Bool
     #: The active lanes whose BSDF cannot evaluate its lobes separately.
     inseparable: mi.Bool
@@ -69,27 +76,29 @@ class Surface:
 
 @dataclass
 class Vertex(Surface):
-    """The surface point that a ray meets, for light sampling and for the rays that leave it."""
+    """The surface point that a ray meets, with the data for light sampling and for the next rays."""
 
-    #: Those of the active lanes that have smooth lobes.
+    #: The active lanes whose BSDF has smooth lobes.
     smooth: mi.Bool
-    #: The ray as it arrives, attenuated by absorption on its way.
+    #: The arriving ray, attenuated by absorption on its way.
     ray: Ray
     receiver: Receiver
-    #: Samples ``(bs, weight)`` of lobes by their type mask, where light sampling evaluated the lobe in the same call.
+    #: Type mask of a lobe -> its sample ``(bs, weight)``, where light sampling evaluated the lobe in the same call.
     drawn: dict[int, tuple[mi.BSDFSample3f, mi.Spectrum]] = field(default_factory=dict)
 
     def before_gathering(self, active: mi.Bool) -> mi.Bool:
-        """The active lanes whose ray has left no surface that gathered photons by the same lobe."""
+        """Returns the active lanes whose path has not gathered photons at an earlier surface."""
         return active if self.ray.gathered_photons is None else but_not(active, self.ray.gathered_photons)
 
 
 def mis(pdf: mi.Float, other: mi.Float) -> mi.Float:
-    """MIS weight of a sample of density ``pdf`` that ``other`` could have found too: power heuristic (Veach 1997)."""
-    a, b = dr.square(pdf), dr.square(other)
-    return dr.select(a > 0, a / dr.select(a > 0, a + b, 1), 0)
+    """Returns the power heuristic (Veach 1997): the MIS weight of a sample of density ``pdf`` against the density
+    ``other``.
+    """
+    pdf, other = dr.square(pdf), dr.square(other)
+    return dr.select(pdf > 0, pdf / dr.select(pdf > 0, pdf + other, 1), 0)
 
 
 def viewer_side(si: mi.SurfaceInteraction3f) -> mi.Normal3f:
-    """Shading normal, on the viewer's side."""
+    """Returns the shading normal, turned towards the viewer."""
     return si.sh_frame.n * dr.sign(mi.Frame3f.cos_theta(si.wi))

@@ -50,10 +50,12 @@ class Scattering:
     def sample(
         self, lobe: mi.BSDFContext, at: Surface, u: LobePoint, active: mi.Bool, throughput: mi.Spectrum | None = None
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Bool]:
-        """``(bs, weight, belongs)``: a sample by the numbers ``u``, and whether it is a sample of ``lobe``.
+        """Returns ``(bs, weight, belongs)``: a BSDF sample by the random numbers ``u``, and whether the sample is of
+        ``lobe``.
 
-        ``throughput``: of the ray; it chooses the wavelength of dispersive glass. In the lanes ``at.inseparable`` the
-        sample is one of all lobes; it belongs to the reflected, the refracted or the diffuse one.
+        ``throughput`` is the throughput of the ray, by which dispersive glass chooses a wavelength. In the lanes
+        ``at.inseparable`` the BSDF samples all its lobes together; ``belongs`` then tells which samples
+        :func:`.belongs_to` assigns to ``lobe``.
         """
         bs, weight = self._sample(lobe, at, u, active, throughput)
         # Some BSDFs sample lobes outside of the type mask: these have a ray of their own.

@@ -1,5 +1,7 @@
-"""Radiance along a camera ray: by Whitted's tree (sections 4.1, 4.2), Kajiya's paths (section 4.2.3), or another
-integrator.
+"""Radiance along a camera ray.
+
+One of three methods computes the radiance: Whitted's tree (sections 4.1, 4.2), Kajiya's paths (section 4.2.3), or an
+integrator of Mitsuba.
 """
 
 from __future__ import annotations
@@ -23,28 +25,28 @@ from .vertex import last_emission, shade
 
 @dataclass
 class State:
-    """State of the loop over the nodes of a tree, or the vertices of a path."""
+    """State of the loop over the nodes of a ray tree, or over the vertices of a path."""
 
     L: Radiance
     hit: mi.Bool
     ray: Ray
     active: mi.Bool
     progress: tree.Stack | path.Progress
-    #: The source of the points, if that has a state.
+    #: The ``mi.Sampler`` that draws the sampling points; None where the points have no state.
     sampler: mi.Sampler | None
 
 
 class Transport(Context):
-    """Estimates radiance in a scene; made once per render."""
+    """Estimates the radiance of camera rays in a scene; one object serves a whole render."""
 
     def __call__(
         self, ray: mi.Ray3f, points: Points, active: mi.Bool
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Spectrum]]:
-        """``(L, hit, layers)``: the radiance of the camera ray ``ray``, whether it met a surface, and the radiance of
-        each layer (:mod:`.radiance`).
+        """Returns ``(L, hit, layers)`` for the camera ray ``ray``.
 
-        ``points(space, active)`` returns a ``mi.Point2f`` in [0, 1)² for a space of the sampling pattern, and
-        ``points.choice(space)`` a number.
+        ``L`` is the radiance, ``hit`` tells whether the ray met a surface, and ``layers`` has the radiance of each
+        image layer (:mod:`.radiance`). The function ``points(space, active)`` returns a ``mi.Point2f`` in [0, 1)² for
+        one space of the sampling pattern; ``points.choice(space)`` returns one number in [0, 1).
         """
         walk: Any = tree if self.settings.follows_tree else path
 
@@ -59,7 +61,7 @@ class Transport(Context):
         if walk is tree and not (self.reflects or self.refracts):
             state = step(state)
         elif self.settings.max_level == 0 and not (walk is tree and tree.branches(self)):
-            state = step(state)  # no loop: the second ray can only end in a source
+            state = step(state)  # no loop: the second ray can only end in a light source
             state.L += last_emission(self, state.ray, ray, state.active)
         elif self.attached:
             state = differentiable_loop(state, step)
@@ -69,21 +71,23 @@ class Transport(Context):
 
 
 class InnerIntegrator:
-    """Estimates radiance in ``scene`` by ``integrator``, a ``mi.SamplingIntegrator``; made once per render. It has the
-    interface of :class:`Transport`.
+    """Estimates radiance in ``scene`` by a ``mi.SamplingIntegrator``; one object serves a whole render.
+
+    The class has the interface of :class:`Transport`.
     """
 
-    #: Photons and layers are the integrator's own.
+    #: The integrator computes its own photons and layers, if it has any.
     caustics, has_layers = None, False
 
     def __init__(self, integrator: mi.SamplingIntegrator, scene: mi.Scene, medium: mi.Medium | None = None) -> None:
         self.integrator, self.scene, self.medium = integrator, scene, medium
-        #: Names of the values that come third.
+        #: Names of the AOVs that a call returns after the radiance and the hit.
         self.aov_names = list(integrator.aov_names())
 
     def __call__(self, ray: mi.Ray3f, points: Points, active: mi.Bool) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        """``(L, hit, aovs)`` of the camera ray ``ray``, with points for one dimension after the other: those of
-        ``points``, in the spaces after the camera's.
+        """Returns ``(L, hit, aovs)`` for the camera ray ``ray``.
+
+        The integrator draws its random numbers from ``points``, from the first space after the spaces of the camera on.
         """
         sampler = points.sampler if isinstance(points, SamplerPoints) else sampler_of(points)
         return self.radiance(sampler, mi.RayDifferential3f(ray), self.medium, active)
@@ -91,18 +95,18 @@ class InnerIntegrator:
     def radiance(
         self, sampler: mi.Sampler, ray: mi.RayDifferential3f, medium: mi.Medium | None, active: mi.Bool
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        """The same with a sampler of Mitsuba's."""
+        """Returns ``(L, hit, aovs)`` for the camera ray ``ray``, with random numbers of a sampler of Mitsuba."""
         if not dr.is_jit_v(mi.Float) or not isinstance(self.integrator, mi.CppADIntegrator):
             L, hit, aovs = self.integrator.sample(self.scene, sampler, ray, medium, active)
             return L, hit, list(aovs)
-        # Mitsuba's integrators for derivatives, such as prb, have a method of their own.
+        # Mitsuba's integrators for derivatives, such as prb, have another signature of ``sample``.
         rest = {"depth": mi.UInt32(0), "δL": None, "δaovs": None, "state_in": None, "active": mi.Bool(active)}
         L, hit, aovs, _ = self.integrator.sample(dr.ADMode.Primal, self.scene, sampler, ray, **rest)
         return L, hit, list(aovs)
 
 
 def sampler_of(points: NRook | Sobol) -> Any:
-    """A ``mi.Sampler`` that gives ``points``, space by space."""
+    """Returns a ``mi.Sampler`` that draws its numbers from ``points``, one space of the pattern after the other."""
     if isinstance(points, Sobol):
         sampler = create("owen")
     else:

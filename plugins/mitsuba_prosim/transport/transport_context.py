@@ -1,4 +1,4 @@
-"""The context of trees and paths: the settings, and properties of the scene that are found once per render."""
+"""The context of ray trees and paths: the settings, and the properties of the scene that one render needs."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from .ray import Ray
 from .scattering import Scattering
 from .workarounds import warn_of_dim_lobes
 
-#: The nodes of a ray tree are numbered as in a heap, in 32 bits.
+#: Maximum level of a ray tree: its nodes are numbered as in a heap, in 32 bits.
 DEEPEST_TREE = 24
 
-#: Unlimited number of diffuse reflections of paths.
+#: Maximum number of diffuse reflections of a path that stands for no limit.
 UNLIMITED = (1 << 31) - 1
 
-#: Spaces of the sampling pattern that belong to the camera; those of the nodes follow.
+#: Spaces of the sampling pattern for the camera. The spaces of the nodes follow.
 PIXEL, LENS, TIME_AND_WAVELENGTH, CAMERA_SPACES = 0, 1, 2, 3
 
-#: Spaces of a node, before those of the sources.
+#: Spaces of the sampling pattern for one node. The spaces of the light sources follow.
 REFLECTED, REFRACTED, DIFFUSE, CHOICE, ROULETTE, NODE_SPACES = 0, 1, 2, 3, 4, 5
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of the transport of light; :ref:`integrator-prosim` has their meaning."""
+    """Settings of the light transport; the plugin page :ref:`integrator-prosim` explains each of them."""
 
     max_level: int
     shadows: bool
@@ -46,7 +46,10 @@ class Settings:
 
     @property
     def follows_tree(self) -> bool:
-        """Whether light is followed along Whitted's tree, with no ray from a diffuse lobe, and not along paths."""
+        """Whether the integrator follows Whitted's ray tree, not paths.
+
+        The tree has no rays from diffuse lobes, so the integrator follows it if ``diffuse_bounces`` is 0.
+        """
         return self.diffuse_bounces == 0
 
 
@@ -55,12 +58,12 @@ SETTINGS = tuple(field.name for field in fields(Settings))
 
 
 class Context:
-    """``scene`` under ``settings``.
+    """The data of one render that all its ray trees or paths share: the ``settings`` and properties of ``scene``.
 
-    ``attached``: whether derivatives are wanted. Directions are then fixed, or move with a source
-    (:mod:`..light.reparameterisation`), and their weights are evaluated again. ``camera_medium``: the medium around the
-    camera, or None. ``caustics``: the photons (``photons.caustics.Caustics``) that find the light which reaches
-    surfaces through specular ones; None if the rays find it.
+    ``attached`` tells whether derivatives are wanted. Ray directions are then fixed, or move with a light source
+    (:mod:`..light.reparameterisation`), and their weights are evaluated a second time. ``camera_medium`` is the medium
+    around the camera, or None. ``caustics`` (``photons.caustics.Caustics``) holds the photons that find the light which
+    reaches surfaces through specular surfaces; None if rays find this light.
     """
 
     def __init__(
@@ -72,36 +75,38 @@ class Context:
         caustics: Any | None = None,
     ) -> None:
         if caustics is not None and settings.diffuse_bounces < 0:
-            # A path must distinguish diffuse from other reflections, which a ray of the whole BRDF does not.
+            # With photons, a path must distinguish diffuse from other reflections. A ray that samples the whole BRDF
+            # cannot.
             settings = replace(settings, diffuse_bounces=UNLIMITED)
         warn_of_dim_lobes(scene)
         self.scene, self.settings, self.attached, self.camera_medium = scene, settings, attached, camera_medium
-        #: The photons, which must have been emitted before samples are taken; and their MIS with rays, or None.
+        #: The photons, which must be emitted before the first sample; and their MIS with rays, or None.
         self.caustics, self.photon_mis = caustics, None if caustics is None else caustics.mis
         self.lights = Lights(scene, choose=not settings.follows_tree)
-        #: To which layer light belongs, whether there are any, and the names of their channels.
+        #: Assigns light to layers; whether there are layers; the channel names of the layers.
         self.layers = layers_of(settings.layers, settings, self.lights, caustics is not None)
         self.has_layers = bool(self.layers.names)
         self.aov_names = [f"{name}.{letter}" for name in self.layers.names for letter in "RGB"]
-        #: How BSDFs are sampled and evaluated.
+        #: Samples and evaluates BSDFs.
         self.scattering = Scattering.of(scene, separate=settings.diffuse_bounces >= 0)
-        #: Whether anything absorbs light on its way, see :mod:`.absorption`.
+        #: Whether a medium absorbs light on its way (:mod:`.absorption`).
         self.absorbs = absorbs_any(scene, camera_medium)
-        #: Union of the ``mi.BSDFFlags`` of all surfaces: whether any has a specular reflection, a specular
-        #: transmission, smooth lobes lit from both sides.
+        #: Union of the ``mi.BSDFFlags`` of all surfaces; whether any surface has a specular reflection, a specular
+        #: transmission, or smooth lobes that are lit from both sides.
         self.flags = all_flags(scene)
         self.reflects, self.refracts, self.both_sides = (
             bool(lobes.has_any(self.flags, *names)) for names in (lobes.REFLECTED, lobes.REFRACTED, lobes.BOTH_SIDES)
         )
-        #: The lobes lit by light sampling and by their own rays, with MIS ...
+        #: The lobes whose light comes from light sampling and from their own rays, combined by MIS.
         self.mis_lobes: tuple[mi.BSDFContext, ...] = (lobes.all_lobes(),)
-        #: ... and those lit by light sampling alone, as no ray of theirs may meet a source, or None.
+        #: The lobes whose light comes from light sampling alone, because none of their rays may meet a light source; or
+        #: None.
         self.light_lobes: mi.BSDFContext | None = None
         if settings.diffuse_bounces >= 0:
             self.mis_lobes = () if self.lights.all_delta else lobes.glossy(self.flags, settings.follows_tree)
             self.light_lobes = lobes.diffuse() if self.mis_lobes else lobes.all_lobes()
-        #: Whether one call of a BSDF evaluates a lobe for the only lamp and samples its ray, so that its textures are
-        #: evaluated once.
+        #: Whether one call of a BSDF evaluates a lobe for the sampled lamp and samples the next ray of this lobe, so
+        #: that textures are evaluated once.
         self.samples_with_light = (
             not attached
             and not (self.scattering.disperses or self.scattering.mixes or self.scattering.any_inseparable)
@@ -109,7 +114,7 @@ class Context:
         )
 
     def first(self, camera: mi.Ray3f) -> Ray:
-        """The ray that begins with the ``mi.Ray3f`` of the camera."""
+        """Returns the first :class:`.Ray` of a tree or path, which continues the ``mi.Ray3f`` of the camera."""
         ray = Ray.first(camera)
         if self.scattering.any_inseparable or self.settings.diffuse_bounces > 0:
             ray.sees_emission = mi.Bool(True)
@@ -126,12 +131,12 @@ class Context:
         return ray if self.photon_mis is None else self.photon_mis.first(ray)
 
     def space(self, node: mi.UInt32, k: int | mi.UInt32) -> mi.UInt32:
-        """Number of the ``k``-th space of a node."""
+        """Returns the number of the ``k``-th space of the sampling pattern that belongs to ``node``."""
         return CAMERA_SPACES + node * (NODE_SPACES + self.lights.count) + k
 
 
 def direction_space(lobe: mi.BSDFContext) -> int:
-    """The space of a node for the direction of the ray of ``lobe``."""
+    """Returns which space of a node samples the direction of the ray of ``lobe``."""
     if lobe.type_mask & lobes.mask(*lobes.DIFFUSE):
         return DIFFUSE
     return REFLECTED if lobe.type_mask & lobes.mask(*lobes.REFLECTED) else REFRACTED

@@ -1,4 +1,6 @@
-"""Whitted's tree with distributed rays: both the reflected and the refracted ray are followed (sections 4.1, 4.2)."""
+"""Whitted's ray tree with distributed rays: each surface continues a reflected and a refracted ray (sections
+4.1, 4.2).
+"""
 
 from __future__ import annotations
 
@@ -17,9 +19,11 @@ from .transport_context import ROULETTE, Context
 
 @dataclass
 class Stack:
-    """A stack of refracted rays, depth first: one for each level, in registers (a local array would be slower, and is
-    not reliable in Dr.Jit 1.5). ``count``: how many it holds; None where there are no ``rays``, as Dr.Jit traces a loop
-    twice in which a variable stays as it is.
+    """A stack of refracted rays that are still to follow: at most one for each level of the ray tree.
+
+    The rays are kept in registers: a local array would be slower, and is not reliable in Dr.Jit 1.5. ``count`` is the
+    number of rays on the stack. ``count`` is None where ``rays`` is empty: a variable that no iteration changes makes
+    Dr.Jit trace the loop twice.
     """
 
     rays: list[Ray]
@@ -28,8 +32,10 @@ class Stack:
     def next(
         self, reflected: Ray, reflects: mi.Bool, refracted: Ray, refracts: mi.Bool, active: mi.Bool
     ) -> tuple[Ray, mi.Bool, Stack]:
-        """``(ray, active, stack)``: the ray to follow next and its lanes. That is the reflected one, and the refracted
-        one is pushed; or the only one of the two; or the last one of the stack.
+        """Returns ``(ray, active, stack)``: the next ray to follow, its active lanes, and the new stack.
+
+        The next ray is the reflected ray if there is one, else the refracted ray, else the last ray of the stack. If
+        the surface continues both rays, the refracted ray is pushed onto the stack.
         """
         following, going = dr.select(reflects, reflected, refracted), reflects | refracts
         if self.count is None:
@@ -45,21 +51,22 @@ class Stack:
 
 
 def start(context: Context, ray: Ray) -> Stack:
-    """The empty stack of a tree; ``ray``: any."""
+    """Returns the empty stack of a ray tree. Any ``ray`` can fill the unused slots."""
     rays = [ray] * (context.settings.max_level + 1) if branches(context) else []
     return Stack(rays, mi.UInt32(0) if rays else None)
 
 
 def branches(context: Context) -> bool:
-    """Whether a node may have two rays."""
+    """Tells whether a node of the ray tree may have two child rays."""
     return context.reflects and context.refracts
 
 
 def proceed(
     context: Context, vertex: Vertex, points: Points, active: mi.Bool, stack: Stack
 ) -> tuple[Ray, mi.Bool, Stack]:
-    """``(ray, active, stack)``: the ray to follow after ``vertex``, its lanes, and the stack of those still to follow.
-    ``active``: the lanes of the tree.
+    """Returns ``(ray, active, stack)``: the next ray to follow after ``vertex``, its lanes, and the new stack.
+
+    ``active`` has the lanes whose ray tree is not finished.
     """
 
     def branch(follows: bool, lobe: mi.BSDFContext) -> tuple[Ray, mi.Bool]:
@@ -73,8 +80,10 @@ def proceed(
 
 
 def roulette(context: Context, ray: Ray, active: mi.Bool, points: Points) -> tuple[Ray, mi.Bool]:
-    """The ray and its lanes after Russian roulette (Arvo and Kirk 1990): a ray weaker than ``rr_throughput`` survives
-    with the probability of its throughput over that, and with its weight divided by the probability.
+    """Returns ``(ray, active)`` after Russian roulette (Arvo and Kirk 1990).
+
+    Only rays whose throughput is below ``rr_throughput`` play. Such a ray survives with the probability throughput
+    divided by ``rr_throughput``, and its throughput is divided by this probability.
     """
     if context.settings.rr_throughput == 0:
         return ray, active

@@ -1,4 +1,4 @@
-"""Shading: the radiance that a vertex of the ray tree or path adds."""
+"""Shading: the radiance that one vertex of a ray tree or path adds to its camera ray."""
 
 from __future__ import annotations
 
@@ -22,9 +22,11 @@ from .workarounds import past_emitters
 
 
 def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: mi.Bool) -> tuple[Radiance, Vertex]:
-    """``(L, vertex)``: the radiance that the vertex where ``ray`` ends adds to that of the camera ray, by emission,
-    background, ambient and direct light; and the :class:`.Vertex`. ``camera``: the camera ray, for time and
-    wavelengths.
+    """Returns ``(L, vertex)``: the radiance that the end of ``ray`` adds to its camera ray, and the :class:`.Vertex`
+    there.
+
+    The radiance ``L`` is the sum of emission, background, ambient light, direct light and caustics. ``camera`` is the
+    camera ray: its time and its wavelengths hold for all rays of the tree or path.
     """
     settings, lights = context.settings, context.lights
     ray3, si = intersect(context, ray, camera, active)
@@ -55,7 +57,7 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
 
 
 def vertex_at(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Vertex:
-    """The vertex where ``ray`` meets ``si``."""
+    """Returns the :class:`.Vertex` at the surface interaction ``si``, where ``ray`` ends."""
     if idle(active):
         return Vertex(si, None, active, active, active, ray, Receiver(si, ray.n))
     bsdf = si.bsdf()
@@ -72,23 +74,26 @@ def vertex_at(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: m
 def intersect(
     context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool
 ) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
-    """The ``mi.Ray3f`` of a :class:`.Ray`, and its interaction with the scene."""
+    """Converts a :class:`.Ray` into a ``mi.Ray3f``, and returns it with its interaction with the scene."""
     ray3 = mi.Ray3f(ray.o, ray.d, camera.time, camera.wavelengths)
     ray3.maxt = dr.select(ray.level == 0, camera.maxt, ray3.maxt)  # up to the camera's far_clip
     return ray3, context.scene.ray_intersect(ray3, mi.RayFlags.All, ray.level == 0, active=active)
 
 
 def attenuated_at(context: Context, ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Ray:
-    """``ray``, attenuated by its medium up to ``si`` (Beer's law)."""
+    """Returns ``ray`` with its throughput reduced by the absorption of its medium up to ``si`` (Beer's law)."""
     met = active & si.is_valid()
     medium = medium_before(si, ray.medium, ray.d, met & (ray.level == 0))
-    t = ray.offset + dr.dot(si.p - ray.o, ray.d)  # not si.t, which begins at the last hidden source
+    t = ray.offset + dr.dot(si.p - ray.o, ray.d)  # si.t would begin at the last hidden light source
     transmitted = transmittance(medium, ray3.wavelengths, dr.select(met, t, UNBOUNDED), active)
     return replace(ray, throughput=ray.throughput * transmitted, medium=medium)
 
 
 def last_emission(context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> Radiance:
-    """Emission at the end of a ray beyond the maximum level, which is not shaded."""
+    """Returns the emitted radiance at the end of a ray that is one level deeper than the maximum level.
+
+    Such a ray is not shaded: only the emission of a light source that it meets counts.
+    """
     if context.lights.all_delta:
         return context.layers.none()
     ray3, si = intersect(context, ray, camera, active)
@@ -98,8 +103,9 @@ def last_emission(context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool)
 
 
 def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Bool) -> tuple[mi.Spectrum, Layer]:
-    """Radiance of a source that ``ray`` meets, with the MIS weight against light sampling at the ray's origin; and its
-    layer.
+    """Returns ``(radiance, layer)`` of a light source that ``ray`` meets.
+
+    The radiance contains the MIS weight against light sampling at the ray's origin.
     """
     lights = context.lights
     emitter = si.emitter(context.scene)
@@ -116,7 +122,7 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
     origin = dr.zeros(mi.Interaction3f)
     origin.p, origin.n, origin.time, origin.t = ray.o, ray.n, si.time, mi.Float(0)
     ds = mi.DirectionSample3f(context.scene, si, origin)
-    if context.attached:  # not that of the point, which is unbounded at a sphere's silhouette
+    if context.attached:  # the derivative of the point is unbounded at a sphere's silhouette
         ds.d = dr.replace_grad(ds.d, ray.d)
     receiver = Receiver(origin, ray.n, False if ray.both_sides is None else ray.both_sides, ray.importance)
     pdf = lights.pdf(receiver, ds, uses_mis)
@@ -128,7 +134,7 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
 
 
 def ambient_term(radiance: mi.Texture, vertex: Vertex) -> mi.UnpolarizedSpectrum:
-    """The ambient term ka I_a, of the ambient ``radiance``."""
+    """Returns the ambient term ka I_a: the BSDF's ambient reflectance ka times the ambient ``radiance`` I_a."""
     ka = dispatch(vertex.bsdf, ambient_reflectance, vertex.si, vertex.active)
     return ka * radiance.eval(vertex.si, vertex.active)
 
@@ -136,12 +142,12 @@ def ambient_term(radiance: mi.Texture, vertex: Vertex) -> mi.UnpolarizedSpectrum
 def background_radiance(
     background: mi.Texture, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool
 ) -> mi.UnpolarizedSpectrum:
-    """Radiance of the texture ``background`` in the direction of ``ray``; ``si``: the interaction, which is not valid.
+    """Returns the radiance of the texture ``background`` in the direction of ``ray``, which meets no surface.
 
-    An image is looked up by latitude and longitude as Mitsuba's ``envmap`` does: y is up, u = 0 towards +z.
+    ``si`` is the invalid interaction of the ray. The texture is looked up by latitude and longitude as in Mitsuba's
+    ``envmap``: the y axis points up, and u = 0 lies towards +z.
     """
-    d = ray.d
     si = mi.SurfaceInteraction3f(si)  # the caller still needs its own uv
-    u = dr.atan2(d.x, -d.z) * dr.inv_two_pi
-    si.uv = mi.Point2f(u - dr.floor(u), dr.safe_acos(d.y) * dr.inv_pi)
+    u = dr.atan2(ray.d.x, -ray.d.z) * dr.inv_two_pi
+    si.uv = mi.Point2f(u - dr.floor(u), dr.safe_acos(ray.d.y) * dr.inv_pi)
     return background.eval(si, active)

@@ -1,22 +1,25 @@
 """Workarounds for plugins of Mitsuba 3.9 whose sampling or evaluation ignores the type mask of the ``BSDFContext``.
 
 ``mask``
-    samples only its null lobe if the mask lacks that lobe. So :func:`sample` always requests it as well. This can go
-    when ``mask.sample`` follows the type mask.
+    samples only its null lobe if the type mask lacks that lobe. So :func:`sample` always requests the null lobe too.
+    Delete this workaround when ``mask.sample`` follows the type mask.
 ``blendbsdf``
-    mixes the probability of an ideal lobe with densities of smooth lobes, which loses or adds light. So :func:`sample`
-    requests the ideal or the smooth lobes, each with probability 1/2. If one of the two BSDFs has no separable lobes,
-    :func:`sample_leaves` samples both itself. The derivative of ideal lobes by the weight is missing too:
-    :func:`blend_share`. All of this can go when ``blendbsdf`` separates the two kinds of densities.
+    adds the probability of an ideal lobe to densities of smooth lobes, which loses or adds light. So :func:`sample`
+    requests either the ideal or the smooth lobes, each with probability 1/2. If one of the two blended BSDFs has no
+    separable lobes, :func:`sample_leaves` samples both BSDFs itself. ``blendbsdf`` also omits the derivative of ideal
+    lobes by the blending weight: :func:`blend_share` adds this derivative. Delete these workarounds when ``blendbsdf``
+    separates probabilities from densities.
 ``bumpmap``, ``normalmap``
-    do not expose how they turn the surface, so that a blend inside cannot be sampled like that:
-    :func:`warn_of_dim_lobes`. It goes with the workaround for ``blendbsdf``.
+    do not expose how they turn the shading frame, so :func:`sample_leaves` cannot sample a blend inside them:
+    :func:`warn_of_dim_lobes` warns of such a blend. Delete this warning together with the workaround for ``blendbsdf``.
 ``principled``, ``principledthin``, ``hair``
-    evaluate and sample all lobes together, whatever the type mask is. Light sampling evaluates all their lobes, and
-    :func:`belongs_to` sorts their samples by lobe; where it need not, :meth:`.Scattering.sample` drops those of other
-    lobes. This can go when their methods follow the type mask.
+    evaluate and sample all lobes together, whatever the type mask is. Light sampling evaluates all lobes of these BSDFs
+    together, and :func:`belongs_to` assigns their samples to lobes. Where the lobes need no separate rays,
+    :meth:`.Scattering.sample` drops the samples of other lobes. Delete this workaround when these BSDFs follow the type
+    mask.
 ``Scene.ray_intersect(skip_area_emitters)``
-    measures distances from the last emitter and ignores ``maxt``. :func:`past_emitters` can go when Mitsuba mends both.
+    measures distances from the last skipped emitter, and ignores ``maxt``. Delete :func:`past_emitters` when Mitsuba
+    corrects both.
 """
 
 from __future__ import annotations
@@ -34,13 +37,15 @@ from .lobes import LobePoint
 
 
 def has_mask_or_blend(bsdf: mi.BSDF) -> bool:
-    """Whether ``bsdf`` is a ``mask`` or a ``blendbsdf``, or holds one."""
+    """Tells whether ``bsdf`` is a ``mask`` or a ``blendbsdf``, or contains one."""
     return any(_within(bsdf, MASK)) or any(_within(bsdf, BLEND))
 
 
 def warn_of_dim_lobes(scene: mi.Scene) -> None:
-    """Warns of ideal lobes that are too dark: a ``bumpmap`` or ``normalmap`` does not expose how it turns the surface,
-    so that a blend inside cannot be sampled leaf by leaf.
+    """Warns of ideal lobes that :func:`sample` renders too dark.
+
+    This happens where a ``bumpmap`` or ``normalmap`` contains a ``blendbsdf``: the map does not expose how it turns the
+    shading frame, so the BSDFs of the blend cannot be sampled one by one.
     """
     everything = lobes.all_lobes()
     dim = [
@@ -64,28 +69,35 @@ def _within(bsdf: mi.BSDF, name: str) -> Iterator[mi.BSDF]:
 
 
 def _mixes_ideal_and_smooth(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
-    """Whether ``bsdf``, or one within it, is a ``blendbsdf`` with ideal and other lobes among those of ``lobe``."""
+    """Tells whether ``bsdf`` is or contains a ``blendbsdf`` that mixes ideal with smooth lobes.
+
+    Only the lobes of the BSDF context ``lobe`` count.
+    """
     flags = (int(one.flags()) & lobe.type_mask for one in _within(bsdf, BLEND))
     return any(lobes.has_any(each, *lobes.IDEAL) and lobes.has_any(each, *lobes.SMOOTH) for each in flags)
 
 
 def _needs_leaves(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
-    """Whether ``lobe`` is all lobes, and ``bsdf`` blends ideal lobes with a BSDF without separable ones."""
+    """Tells whether :func:`sample_leaves` must sample the BSDFs that ``bsdf`` blends.
+
+    This is so if ``lobe`` is all lobes, and ``bsdf`` blends ideal lobes with a BSDF without separable lobes.
+    """
     return lobes.is_all_lobes(lobe) and _mixes_ideal_and_smooth(lobe, bsdf) and is_inseparable(bsdf)
 
 
 def sample(
     lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """``(bs, weight)``: a sample of the ``lobe`` of one ``bsdf``, as its own method returns it. ``bs.pdf`` is 0 if the
-    sample is of another lobe.
+    """Returns ``(bs, weight)``: a sample of ``lobe`` of one ``bsdf``, in the form of ``mi.BSDF.sample``.
+
+    ``bs.pdf`` is 0 if the sample belongs to another lobe.
     """
     if _needs_leaves(lobe, bsdf):
         return sample_leaves(lobe, bsdf, si, u, active)
     masks, (choice, point) = any(_within(bsdf, MASK)), u
 
     def sample_lobes(requested: mi.BSDFContext, choice: mi.Float) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        """A sample; ``bs.pdf`` is 0 if it belongs to a lobe that is not ``requested``."""
+        """Returns a sample of ``bsdf``; ``bs.pdf`` is 0 if the sample belongs to a lobe that is not ``requested``."""
         bs, weight = bsdf.sample(lobes.with_null_lobes(requested) if masks else requested, si, choice, point, active)
         ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL)
         weight *= dr.select(ideal, dr.relative_grad(blend_share(bsdf, si, choice, active)), 1)
@@ -94,7 +106,7 @@ def sample(
 
     if not _mixes_ideal_and_smooth(lobe, bsdf):
         return sample_lobes(lobe, choice)
-    # Each half of the numbers samples one kind of lobes.
+    # Choices below 0.5 sample the ideal lobes, the others sample the smooth lobes.
     ideal = sample_lobes(lobes.only(lobe, *lobes.IDEAL), choice * 2)
     smooth = sample_lobes(lobes.only(lobe, *lobes.SMOOTH), choice * 2 - 1)
     bs, weight = dr.select(choice < 0.5, ideal, smooth)
@@ -105,7 +117,9 @@ def sample(
 def eval_pdf(
     lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
 ) -> tuple[mi.Spectrum, mi.Float]:
-    """Value of the ``lobe`` of one ``bsdf`` times the cosine for ``wo``, and the density of :func:`sample` there."""
+    """Returns the value of ``lobe`` of one ``bsdf`` times the cosine for ``wo``, and the density of :func:`sample` for
+    ``wo``.
+    """
     half = _mixes_ideal_and_smooth(lobe, bsdf) and not _needs_leaves(lobe, bsdf)
     requested = lobes.only(lobe, *lobes.SMOOTH) if half else lobe
     f, pdf = bsdf.eval_pdf(lobes.with_null_lobes(requested) if any(_within(bsdf, MASK)) else requested, si, wo, active)
@@ -113,7 +127,10 @@ def eval_pdf(
 
 
 def is_inseparable(bsdf: mi.BSDF) -> bool:
-    """Whether ``bsdf``, or one within it, has inseparable lobes: a known class, or a component of several lobes."""
+    """Tells whether ``bsdf`` or a BSDF within it cannot evaluate its lobes separately.
+
+    This holds for known classes of Mitsuba, and for a BSDF with several lobes in one component.
+    """
     return any(
         one.class_name() in EVALUATED_TOGETHER or any(_lobes_of(one.flags(i)) > 1 for i in range(one.component_count()))
         for one in all_within(bsdf)
@@ -125,8 +142,10 @@ def _lobes_of(flags: int) -> int:
 
 
 def belongs_to(lobe: mi.BSDFContext, wi: mi.Vector3f, bs: mi.BSDFSample3f) -> mi.Bool:
-    """Whether the sample ``bs`` of a BSDF without separable lobes belongs to ``lobe``. Each sample belongs to exactly
-    one of the lobes that have a ray of their own; a specular sample to the one of its side.
+    """Tells whether ``bs``, a sample of a BSDF without separable lobes, belongs to ``lobe``.
+
+    Each sample belongs to exactly one of the lobes that have a ray of their own. A specular sample belongs to the
+    reflected lobe or to the refracted lobe, depending on the side of the surface.
     """
     specular = lobes.has_any(bs.sampled_type, *lobes.REFLECTED, *lobes.REFRACTED)
     diffuse = but_not(lobes.has_any(bs.sampled_type, *lobes.DIFFUSE), specular)
@@ -136,8 +155,9 @@ def belongs_to(lobe: mi.BSDFContext, wi: mi.Vector3f, bs: mi.BSDFSample3f) -> mi
 
 
 def blend_share(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, active: mi.Bool) -> mi.Float:
-    """Weight that the blends within ``bsdf`` give to the BSDF chosen by ``choice``; :func:`sample` uses only its
-    derivatives.
+    """Returns the weight that the blends within ``bsdf`` give to the BSDF that the number ``choice`` selects.
+
+    The function :func:`sample` uses only the derivatives of this weight.
     """
     share, below = mi.Float(1), mi.Float(0)
     for leaf in leaves(bsdf, si, active):
@@ -150,8 +170,10 @@ def blend_share(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, ac
 def sample_leaves(
     lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """``(bs, weight)``: a sample of the BSDFs that ``bsdf`` mixes. ``bs.pdf`` of an ideal lobe is its probability, that
-    of other lobes is the density of all that are not ideal.
+    """Returns ``(bs, weight)``: a sample of one of the BSDFs that ``bsdf`` blends.
+
+    For an ideal lobe, ``bs.pdf`` is the probability of the lobe. For other lobes, ``bs.pdf`` is the density of all
+    lobes that are not ideal.
     """
     (choice, point), bs, weight, below = u, dr.zeros(mi.BSDFSample3f), mi.Spectrum(0), mi.Float(0)
     bs.wo = -si.wi
@@ -184,9 +206,9 @@ def sample_leaves(
 def past_emitters(
     scene: mi.Scene, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool, attached: bool
 ) -> mi.SurfaceInteraction3f:
-    """The interaction behind all emitters that the camera ray ``ray`` meets first.
+    """Returns the first interaction of the camera ray ``ray`` that is not on a light source.
 
-    ``attached``: whether derivatives are wanted.
+    The camera looks through the light sources in front. ``attached`` tells whether derivatives are wanted.
     """
     hidden = active & si.is_valid()
     if idle(hidden):
@@ -194,7 +216,7 @@ def past_emitters(
     hidden &= si.shape.is_emitter()
 
     def beyond(o: mi.Point3f) -> mi.Ray3f:
-        """The rest of the ray, from ``o`` on."""
+        """Returns the rest of the camera ray, which begins at the point ``o``."""
         rest = mi.Ray3f(ray)
         rest.o, rest.maxt = o, ray.maxt - dr.dot(o - ray.o, ray.d)
         return rest

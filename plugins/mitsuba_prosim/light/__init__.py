@@ -1,1 +1,1 @@
-"""Light: emission of sources, and light sampling (sections 4.2.2.1, 5.2): one strategy a file, and a table."""
+"""Light sources and light sampling (sections 4.2.2.1, 5.2)."""

@@ -1,8 +1,9 @@
-"""Angular distributions of a source's intensity (section 5.2, figure 5.6): uniform, cone, spot.
+"""Angular distributions of the intensity of a light source (section 5.2, figure 5.6): uniform, cone, spot.
 
-A cone of half-opening alpha is the constant 1 for beta <= alpha; a spot is cos^n(beta), cut off at alpha (90 degrees by
-default). beta is the angle between the source's direction and that of the light. Both are described by the versines of
-the angles, 1 - cos, which stay precise in narrow beams, and by the exponent n, which is None for a cone.
+Let beta be the angle between the axis of the source and the direction of the light. A cone of half-opening alpha has
+the constant intensity 1 for beta <= alpha. A spot has the intensity cos^n(beta), cut off at alpha (90 degrees by
+default). The functions take the versines of these angles, 1 - cos, which stay precise in narrow beams, and the exponent
+n, which is None for a cone.
 """
 
 from __future__ import annotations
@@ -14,18 +15,18 @@ from ..optics import cosine
 
 
 def falloff(versine: mi.Float, limit: mi.Float, exponent: mi.Float | None = None) -> mi.Float:
-    """Intensity over that on the axis, in [0, 1]."""
+    """Returns the intensity at the angle of this ``versine``, divided by the intensity on the axis; in [0, 1]."""
     inside = dr.minimum(versine, 2) <= limit
     return dr.select(inside, mi.Float(1) if exponent is None else cosine.power(versine, exponent), mi.Float(0))
 
 
 def total(limit: mi.Float, exponent: mi.Float | None = None) -> mi.Float:
-    """Integral of `falloff` over all directions, in steradians."""
+    """Returns the integral of `falloff` over all directions, in steradians."""
     return dr.two_pi * (limit if exponent is None else cosine.share(limit, exponent) / (exponent + 1))
 
 
 def sample_falloff(sample2: mi.Point2f, limit: mi.Float, exponent: mi.Float | None = None) -> mi.Vector3f:
-    """Draws a direction about the z axis with density `falloff` / `total`."""
+    """Samples a direction about the z axis with the density `falloff` / `total`."""
     if exponent is None:
         p = mi.warp.square_to_uniform_disk_concentric(sample2)
         versine = limit * dr.squared_norm(p)

@@ -1,8 +1,8 @@
-"""The choice of one light: which lamp a vertex of a path samples (a light sampler of pbrt; Estevez and Kulla 2018).
+"""The choice of the lamp that a vertex of a path samples (a light sampler of pbrt; Estevez and Kulla 2018).
 
-A lamp is chosen in proportion to its importance: an estimate of the light that it sends to the vertex if nothing is in
-the way. Every importance is positive, so that no lamp is lost. That of a lamp which a ray meets can be evaluated, too:
-multiple importance sampling needs the probability.
+A lamp is chosen with a probability proportional to its importance: an estimate of the light that the lamp sends to the
+vertex if nothing is in the way. Every importance is positive, so that every lamp can be chosen. If a ray hits a lamp,
+the probability of this lamp can be computed too, because multiple importance sampling needs it.
 """
 
 from __future__ import annotations
@@ -23,19 +23,22 @@ from .strategy import Index, Receiver
 #: Number of rays that are sampled from each lamp to measure its power, place and directions.
 RAYS = 256
 
-#: Bounds of the errors of an importance, which knows nothing of shadows: the least cosine at the receiver, the least
-#: share of a lamp's power that goes evenly in all directions, and the least power of a lamp, over the mean of all.
+#: Bounds that limit the error of an importance, which ignores shadows: the minimum cosine at the receiver, the minimum
+#: fraction of a lamp's power that is uniform over all directions, and the minimum power of a lamp relative to the mean
+#: of all lamps.
 LEAST_COSINE, LEAST_EVEN, LEAST_POWER = 0.02, 0.1, 0.2
 
-#: Radius of a lamp that is equally bright everywhere (the sky, the sun), over that of the scene.
+#: Radius of the sphere for a lamp whose light does not fall with the distance (the sky, the sun), divided by the
+#: scene's radius.
 FAR = 1e3
 
 
 class LightSampler:
-    """Chooses among the lamps ``emitters`` of ``scene``, numbered from 0 in this order.
+    """Chooses one of the lamps ``emitters`` of ``scene``, numbered from 0 in this order.
 
-    The model of a lamp is a sphere. Part of its intensity is the same in all directions, the rest is the lobe cos^n
-    around an axis. Up to ``UNROLLED`` lamps are written out in the kernel; more are visited by loops.
+    Each lamp is modelled by a sphere. One part of its intensity is the same in all directions; the other part is a lobe
+    cos^n around an axis. The kernel contains separate code for each of up to ``UNROLLED`` lamps. More lamps are visited
+    by a loop.
     """
 
     UNROLLED = 16
@@ -43,17 +46,17 @@ class LightSampler:
     def __init__(self, scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> None:
         self.count = len(emitters)
         rows = lamp_models(scene, emitters)
-        #: Whether any lamp has a lobe, and any a beam, a lobe narrower than a cosine.
+        #: Whether any lamp has a lobe; and whether any lamp has a beam, which is a lobe narrower than a cosine.
         self.lobes, self.beams = bool(rows[:, 5].max() > 0), bool(rows[:, 6].max() > 1)
         self.rows: list[list[float]] = rows.tolist()
         if dr.is_jit_v(mi.Float):
-            # Rows of three packets of four numbers, which load faster than columns. A list: memory of NumPy's would be
-            # used as it is.
+            # Each row has three packets of four numbers, which load faster than columns. A list: Dr.Jit would share the
+            # memory of a NumPy array.
             self.table = mi.Float(np.pad(rows, ((0, 0), (0, 2))).ravel().tolist())
             dr.make_opaque(self.table)
 
     def total(self, receiver: Receiver, active: mi.Bool) -> mi.Float:
-        """Sum of the importance of all lamps at ``receiver``."""
+        """Returns the sum of the importances of all lamps at ``receiver``."""
         if receiver.importance is not None:
             return receiver.importance
 
@@ -63,13 +66,15 @@ class LightSampler:
         return fold(0, self.count, add, mi.Float(0), active, self.count <= self.UNROLLED)
 
     def probability(self, k: Index, receiver: Receiver, active: mi.Bool) -> mi.Float:
-        """Probability with which :meth:`choose` takes the lamp ``k``."""
+        """Returns the probability with which :meth:`choose` chooses the lamp ``k``."""
         total = self.total(receiver, active)
         return self.importance(k, receiver, active) / dr.select(total > 0, total, 1)
 
     def choose(self, receiver: Receiver, sample: mi.Float, active: mi.Bool) -> tuple[mi.UInt32, mi.Float, mi.Float]:
-        """``(k, probability, rest)``: the number of the lamp that ``sample`` in [0, 1) chooses, the probability of
-        that lamp, and the rest of ``sample``, rescaled to [0, 1).
+        """Chooses a lamp by ``sample``, a number in [0, 1), and returns ``(k, probability, rest)``.
+
+        ``k`` is the number of the lamp, with its probability. ``rest`` is a new number in [0, 1): the place of
+        ``sample`` in the interval of the lamp.
         """
         total = self.total(receiver, active)
         sample = sample * total
@@ -78,7 +83,7 @@ class LightSampler:
         def look(k: Index, state: State) -> State:
             chosen, importance, begin, end = state
             own = self.importance(k, receiver, active)
-            # The last lamp that begins below the number: sums are rounded.
+            # Takes the last lamp whose interval begins at or below the number, because the sums are rounded.
             takes = sample >= end
             chosen, importance = dr.select(takes, mi.UInt32(k), chosen), dr.select(takes, own, importance)
             return chosen, importance, dr.select(takes, end, begin), end + own
@@ -89,13 +94,13 @@ class LightSampler:
         return k, dr.select(total > 0, importance / total, 1), rest
 
     def importance(self, k: Index, receiver: Receiver, active: mi.Bool) -> mi.Float:
-        """Estimate of the light of the lamp ``k`` at ``receiver``, without unit."""
-        # Choices have no derivatives.
+        """Returns an estimate of the light that the lamp ``k`` sends to ``receiver``, without unit."""
+        # The choice of a lamp has no derivatives.
         p, n, both_sides = dr.detach(receiver.si.p), dr.detach(receiver.n), receiver.both_sides
         center, radius, even, lobe, exponent, axis = self._lamp(k, active)
         to_lamp = center - p
         inverse = dr.rsqrt(dr.maximum(dr.squared_norm(to_lamp), dr.square(radius)))
-        # Bounds of both cosines, for the whole of the lamp.
+        # Upper bounds of both cosines over the whole lamp.
         height = dr.dot(n, to_lamp)
         if both_sides is not False:
             height = dr.select(both_sides, dr.abs(height), height)
@@ -109,7 +114,11 @@ class LightSampler:
         return intensity * cos_receiver * dr.square(inverse)
 
     def _lamp(self, k: Index, active: mi.Bool) -> tuple[Any, ...]:
-        """Center, radius, intensity of the even part and that of the lobe, its exponent and its axis."""
+        """Returns the model of the lamp ``k``.
+
+        The model has the center, the radius, the intensity of the uniform part and of the lobe, the lobe's exponent and
+        its axis.
+        """
         if dr.is_jit_v(mi.Float):
             k = mi.UInt32(k)
             a = dr.gather(mi.Vector4f, self.table, k * 3, active)
@@ -122,7 +131,11 @@ class LightSampler:
 
 
 def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
-    """Center (3 numbers), radius, intensity of the even part and of the lobe, exponent and axis (3) of each lamp."""
+    """Returns the models of all lamps, shape (lamps, 10).
+
+    A row holds the center (3 numbers), the radius, the intensity of the uniform part and of the lobe, the exponent of
+    the lobe, and its axis (3 numbers).
+    """
     sphere = scene.bbox().bounding_sphere()
     size = max(float(sphere.radius), 1e-3)
     rows = np.tile(np.array([*np.ravel(sphere.center), FAR * size, 0, 0, 1, 0, 0, 0], dtype=float), (len(emitters), 1))
@@ -133,17 +146,17 @@ def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
         rows[k] = nearby_lamp_model(power, origins, directions, size)
     far = [k for k in range(len(emitters)) if k not in rays]
     rows[far, 4] = np.square(FAR * size) * sample_lamps(scene, [emitters[k] for k in far], light_in_scene)[0].mean(1)
-    # Powers are compared as irradiance in the scene; near lamps count at the distance of the scene's radius.
+    # Powers are compared as irradiance in the scene. A nearby lamp counts as if its distance were the scene's radius.
     scale = np.where(np.isin(np.arange(len(emitters)), list(rays)), size, FAR * size) ** 2
     least = LEAST_POWER * (rows[:, 4:6].sum(1) / scale).mean()
     rows[:, 4] += (least or 1.0) * scale
-    # Rounded to ten bits, so that the rounding errors of the rays do not matter.
+    # Values are rounded to ten bits, so that rounding errors of the rays do not matter.
     mantissa, exponent = np.frexp(rows)
     return np.ldexp(np.round(mantissa * 1024) / 1024, exponent)
 
 
 def falls_with_distance(emitter: mi.Emitter) -> bool:
-    """Whether the light of ``emitter`` falls with the square of the distance."""
+    """Tells whether the light of ``emitter`` decreases with the square of the distance."""
     flags, kinds = emitter.flags(), mi.EmitterFlags
     endless = mi.has_flag(flags, kinds.Infinite) or emitter.class_name() == DIRECTIONAL
     bounded = mi.has_flag(flags, kinds.Surface) or mi.has_flag(flags, kinds.DeltaPosition)
@@ -151,13 +164,17 @@ def falls_with_distance(emitter: mi.Emitter) -> bool:
 
 
 def nearby_lamp_model(power: np.ndarray, origins: np.ndarray, directions: np.ndarray, size: float) -> np.ndarray:
-    """The row of a lamp by the rays that it emits: their power, (rays,), origins and directions, (rays, 3)."""
+    """Returns the model of a nearby lamp, computed from sampled rays that the lamp emits.
+
+    The rays have ``power``, shape (rays,), and ``origins`` and ``directions``, shape (rays, 3). ``size`` is the scene's
+    radius.
+    """
     low, high = origins.min(0), origins.max(0)
     center = (low + high) / 2
     radius = max(np.linalg.norm(origins - center, axis=1).max(), 1e-4 * size)
     mean = power @ directions / (power.sum() or 1)
-    # The mean cosine of cos^n is (n + 1) / (n + 2); a cosine's is 2/3; a smaller mean has an even part.
-    # Those of spheres and surfaces are known, except for the noise of the rays.
+    # The mean cosine of the lobe cos^n is (n + 1) / (n + 2). For a cosine lobe this is 2/3; a smaller mean shows a
+    # uniform part. The model has the mean cosine of a sphere or a flat surface, except for the noise of the rays.
     cosine = min(float(np.linalg.norm(mean)), 0.9999)
     exponent = (2 * cosine - 1) / (1 - cosine) if cosine > 0.7 else 1.0
     even = max(1 - 1.5 * cosine, LEAST_EVEN) if cosine > 0.1 else 1.0
@@ -167,8 +184,9 @@ def nearby_lamp_model(power: np.ndarray, origins: np.ndarray, directions: np.nda
 
 
 def sample_lamps(scene: mi.Scene, emitters: Sequence[mi.Emitter], sample: Callable[..., Any]) -> list[np.ndarray]:
-    """Power, origin and direction of :data:`RAYS` samples of each of the ``emitters``, with a fixed seed. The shapes
-    are (emitters, rays), (emitters, rays, 3) and (emitters, rays, 3).
+    """Returns power, origin and direction of :data:`RAYS` samples of each of the ``emitters``, with a fixed seed.
+
+    The shapes are (emitters, rays), (emitters, rays, 3) and (emitters, rays, 3).
     """
     count = len(emitters) * RAYS
     if not emitters:
@@ -188,12 +206,15 @@ def sample_lamps(scene: mi.Scene, emitters: Sequence[mi.Emitter], sample: Callab
 
 
 def emitted_ray(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
-    """Power, origin and direction of a random ray of ``emitter``; the origin is NaN if there is none. ``key``: hash."""
+    """Returns power, origin and direction of a random ray of ``emitter``.
+
+    The origin is NaN if ``emitter`` cannot emit rays. ``key`` is a hash key.
+    """
 
     def sample(one: mi.Emitter, *u: mi.Float) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
         try:
             ray, weight = one.sample_ray(mi.Float(0), u[0], mi.Point2f(*u[1:3]), mi.Point2f(*u[3:5]))
-        except RuntimeError:  # also of another scene: Dr.Jit calls all emitters of the process
+        except RuntimeError:  # Dr.Jit calls all emitters of the process, also those of other scenes
             return mi.Float(0), mi.Point3f(dr.nan), mi.Vector3f(0)
         return brightness(weight), ray.o, ray.d
 
@@ -201,7 +222,11 @@ def emitted_ray(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, mi.P
 
 
 def light_in_scene(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
-    """Irradiance by ``emitter`` of a point in the scene that faces it, the point, and the direction to the emitter."""
+    """Returns the irradiance by ``emitter`` at a random point of the scene, the point, and the direction to the
+    emitter.
+
+    The surface at this point faces the emitter.
+    """
     u = [to_unit(combine(key, j)) for j in range(6)]
     box = scene.bbox()
     si = dr.zeros(mi.SurfaceInteraction3f)
@@ -213,5 +238,5 @@ def light_in_scene(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, m
 
 
 def brightness(weight: mi.Spectrum) -> mi.Float:
-    """Mean of the channels or wavelengths of ``weight``."""
+    """Returns the mean of the channels or wavelengths of ``weight``."""
     return dr.mean(mi.unpolarized_spectrum(weight), axis=0)

@@ -1,11 +1,10 @@
-"""Reparameterisation: derivatives of a direction towards a source that moves, or whose receiver moves
-(Loubet et al. 2019).
+"""Reparameterisation: derivatives of a direction towards a light source when the source or the receiver moves.
 
-The direction that was sampled is fixed while an image is made. If it were fixed in the derivatives too, the light that
-enters and leaves at the edge of a moving source would be lost. Therefore it follows a point of the source, and the
-solid angle that it represents is scaled by the Jacobian of that map. Any map is right that keeps to the source and
-whose Jacobian is known. All samples of a source have the same map, whichever strategy drew them, so that MIS weights
-can be differentiated along it.
+The method is by Loubet et al. (2019). A sampled direction is fixed while an image is rendered. If the direction were
+fixed in the derivatives too, they would miss the light that enters and leaves at the edge of a moving source. Therefore
+the direction follows a point of the source, and the solid angle of the sample is scaled by the Jacobian of this map.
+Any map is right if it stays on the source and its Jacobian is known. All samples of a source use the same map,
+whichever strategy drew them, so that MIS weights can be differentiated along the map.
 """
 
 from __future__ import annotations
@@ -23,8 +22,9 @@ from .table import Lamp, Lights
 def reparameterised_ray(
     lights: Lights, receiver: Receiver, d: mi.Vector3f, active: mi.Bool
 ) -> tuple[mi.Vector3f, mi.Float]:
-    """``(d, jacobian)``, both with derivatives: the direction ``d`` of a ray from ``receiver``, which moves with the
-    source that it meets, and is fixed elsewhere.
+    """Returns ``(d, jacobian)``, both with derivatives, for the direction ``d`` of a ray from ``receiver``.
+
+    The direction moves with the light source that the ray meets. It is fixed where the ray meets no light source.
     """
     if lights.all_delta or not lights.lamps:
         return d, mi.Float(1)
@@ -39,8 +39,9 @@ def reparameterised_ray(
 def reparameterised_sample(
     lights: Lights, lamp: Lamp, receiver: Receiver, ds: mi.DirectionSample3f, weight: mi.Spectrum, active: mi.Bool
 ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
-    """The sample ``(ds, weight)`` of ``lamp``, with the derivatives of direction, density and weight if the lamp is
-    a surface.
+    """Returns the sample ``(ds, weight)`` of ``lamp`` with derivatives of its direction, density and weight.
+
+    The derivatives are added only if the lamp is a surface.
     """
     emitter, si = mi.EmitterPtr(lamp.emitter), receiver.si
     active = active & (ds.pdf > 0) & mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface)
@@ -60,10 +61,13 @@ def reparameterised_sample(
 
 
 def meet(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> mi.SurfaceInteraction3f:
-    """The surface point that ``ray`` hits. Its derivatives follow the surface; those of ``ray`` are dropped."""
+    """Returns the surface point that ``ray`` hits.
+
+    The derivatives of this point follow the surface; derivatives of ``ray`` are dropped.
+    """
     return scene.ray_intersect(dr.detach(ray), int(mi.RayFlags.All) | int(mi.RayFlags.FollowShape), False, active)
 
 
 def with_derivatives(value: Any, same: Any, active: mi.Bool) -> Any:
-    """``value``, with the derivatives of ``same`` where ``active``, else its own."""
+    """Returns ``value``; in active lanes, its derivatives are replaced by the derivatives of ``same``."""
     return dr.select(active, dr.replace_grad(value, same), value)

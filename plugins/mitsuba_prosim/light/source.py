@@ -1,6 +1,6 @@
-"""The base class of this package's sources: an emitted spectrum and a beam.
+"""The base class of the light sources of this package: an emitted spectrum and a beam.
 
-Like the plugins, this module runs again when the variant changes (see ``registry``).
+Like the plugin modules, this module is executed again when Mitsuba's variant changes (see ``registry``).
 """
 
 from __future__ import annotations
@@ -16,13 +16,15 @@ from ..parameters import choice, constant, describe, expose, number, reject, sho
 from ..registry import create
 from . import beam
 
-#: Values of the parameter ``distribution``, and the further parameters of each.
+#: Allowed values of the parameter ``distribution`` -> the further parameters that each value needs.
 DISTRIBUTIONS = {"uniform": (), "cone": ("direction", "angle"), "spot": ("direction", "angle", "exponent")}
 
 
 class Source(mi.Emitter):
-    """A source with an emission, the parameter ``quantity``, and a distribution about an axis (:mod:`.beam`).
-    ``place``: the parameters that it has instead of ``to_world``.
+    """A light source with an emission and with an angular distribution about an axis (:mod:`.beam`).
+
+    ``quantity`` is the name of the parameter with the emission. ``place`` names the parameters that define the position
+    instead of ``to_world``.
     """
 
     def __init__(self, props: mi.Properties, quantity: str, place: str) -> None:
@@ -35,7 +37,8 @@ class Source(mi.Emitter):
         for name in DISTRIBUTIONS["spot"]:
             if name in props and name not in DISTRIBUTIONS[self.distribution]:
                 raise reject(props, name, props[name], f'no "{name}" with distribution {self.distribution}')
-        #: The axis in world coordinates, of any length; the angle in degrees; None where it has no such parameter.
+        #: The axis in world coordinates, of any length; the angle in degrees; the exponent. Each is None if the
+        #: distribution has no such parameter.
         self.direction = self.angle = self.exponent = None
         if self.uniform:
             return
@@ -51,21 +54,25 @@ class Source(mi.Emitter):
 
     @property
     def uniform(self) -> bool:
-        """Whether the source sends the same in every direction."""
+        """Whether the source emits the same intensity in every direction."""
         return self.distribution == "uniform"
 
     def limit(self) -> mi.Float:
-        """Versine of the angle beyond which there is no light."""
+        """Returns the versine, 1 - cos, of the angle beyond which the source emits no light."""
         return 2 * dr.square(dr.sin(0.5 * dr.deg2rad(self.angle)))
 
     def towards(self, d: mi.Vector3f) -> mi.Float:
-        """Intensity in the unit direction ``d``, over that on the axis."""
+        """Returns the intensity in the unit direction ``d``, divided by the intensity on the axis."""
         if self.uniform:
             return mi.Float(1)
         return beam.falloff(cosine.versine(d, dr.normalize(self.direction)), self.limit(), self.exponent)
 
     def sample_beam(self, sample2: mi.Point2f) -> tuple[mi.Vector3f, mi.Float]:
-        """Draws a direction of light in proportion to the intensity: ``(d, total)``, see :func:`.beam.total`."""
+        """Samples a direction of light with a density proportional to the intensity.
+
+        Returns ``(d, total)``: the direction, and the integral of the relative intensity in steradians
+        (:func:`.beam.total`).
+        """
         if self.uniform:
             return mi.warp.square_to_uniform_sphere(sample2), mi.Float(4 * dr.pi)
         local = beam.sample_falloff(sample2, self.limit(), self.exponent)
@@ -85,14 +92,17 @@ class Source(mi.Emitter):
     def sample_spectrum(
         self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool
     ) -> tuple[mi.Color0f, mi.UnpolarizedSpectrum]:
-        """``(wavelengths, weight)``: stratified samples of the emission spectrum; in RGB the weight is the emission."""
+        """Returns ``(wavelengths, weight)``: stratified samples of the emission spectrum.
+
+        In RGB variants the weight is the emission.
+        """
         wavelengths = dr.zeros(type(si.wavelengths))
         if len(wavelengths):
             wavelengths = mi.sample_shifted(sample)
         return self.emission.sample_spectrum(si, wavelengths, active)
 
     def parameters(self) -> dict[str, Any]:
-        """The values that ``to_string`` shows, by name."""
+        """Returns the parameters that ``to_string`` shows: name -> value."""
         own = {name: getattr(self, name) for name in ("distribution", *DISTRIBUTIONS["spot"], "unattenuated")}
         return {self.quantity: self.emission, **own}
 
@@ -101,10 +111,11 @@ class Source(mi.Emitter):
 
 
 def read_emission(props: mi.Properties, name: str, default: float | None = None) -> Any:
-    """The texture of the emission; None if the parameter is absent and has no ``default``.
+    """Reads the emission from the parameter ``name``, and returns its texture.
 
-    Raises ValueError unless all its numbers, those of the texels of an image included, are finite and not negative. In
-    spectral variants Mitsuba turns texels into coefficients, which may be negative: of those only NaN is an error.
+    Returns None if the parameter is absent and has no ``default``. Raises ValueError unless all numbers of the emission
+    are finite and not negative, including the texels of an image. In spectral variants Mitsuba converts texels to
+    coefficients, which may be negative: then only NaN is an error.
     """
     allowed = "finite numbers >= 0"
     values = constant(props, name)
@@ -113,7 +124,7 @@ def read_emission(props: mi.Properties, name: str, default: float | None = None)
     if name not in props and default is None:
         return None
     if values and not any(values):
-        # Mitsuba 3.9 makes no texture of black under an illuminant's spectrum: there would be nothing to sample.
+        # Mitsuba 3.9 cannot multiply black with an illuminant's spectrum: the product would have no density to sample.
         return create("uniform", value=0.0)
     texture = props.get_emissive_texture(name) if default is None else props.get_emissive_texture(name, default)
     if not values:

@@ -1,7 +1,7 @@
-"""Spheres that emit: sampled over the projected solid angle of their part above the horizon (section 4.2.2.1).
+"""Spheres that emit light, sampled by the projected solid angle of their part above the horizon (section 4.2.2.1).
 
-So a diffuse surface that sees a whole uniform sphere has no variance (Ureña and Georgiev 2018; Peters and
-Dachsbacher 2019).
+So the direct light of a diffuse surface that sees a whole uniform sphere has no variance (Ureña and Georgiev 2018;
+Peters and Dachsbacher 2019).
 """
 
 from __future__ import annotations
@@ -17,7 +17,10 @@ from .strategy import Emitter, Index, LightSample, OtherLights, Receiver, direct
 
 
 class SphereLights(OtherLights):
-    """Emitters that are spheres and emit outwards; ``emitters``: all of them, in the order of their numbers."""
+    """Samples emitters that are spheres and emit outwards.
+
+    ``emitters`` are all emitters of this strategy, in the order of their numbers.
+    """
 
     samples_below_horizon = False
     follows_shape = False
@@ -31,7 +34,7 @@ class SphereLights(OtherLights):
 
     @staticmethod
     def can_sample(emitter: Emitter) -> bool:
-        """Whether ``emitter`` is a sphere that emits outwards with uniform radiance."""
+        """Tells whether ``emitter`` is a sphere that emits outwards with uniform radiance."""
         shape = emitter.get_shape()
         if shape is None or shape.class_name() != SPHERE or shape.has_flipped_normals():
             return False
@@ -39,17 +42,17 @@ class SphereLights(OtherLights):
         return not mi.has_flag(emitter.flags(), mi.EmitterFlags.SpatiallyVarying)
 
     def sphere(self, number: Index, active: mi.Bool = True) -> tuple[mi.Point3f, mi.Float]:
-        """Center and radius of the source ``number``."""
+        """Returns center and radius of the light source ``number``."""
         return self.spheres[number] if isinstance(number, int) else dr.gather(tuple, self.table, number, active)
 
     def sample(
         self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
     ) -> LightSample:
-        """``(ds, weight)``: a point of the source above the horizon of ``receiver``."""
+        """Returns ``(ds, weight)``: a sample of the part of the light source above the horizon of ``receiver``."""
         return weighted(emitter, receiver, direction_to_sphere(receiver, *self.sphere(number), sample), active)
 
     def pdf(self, number: Index, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
-        """Density per solid angle with which :meth:`sample` takes the direction ``ds``."""
+        """Returns the density per solid angle with which :meth:`sample` samples the direction ``ds``."""
         center, radius = self.sphere(number, active)
         to_center = center - receiver.si.p
         inv_d2 = dr.rcp(dr.squared_norm(to_center))
@@ -61,13 +64,14 @@ class SphereLights(OtherLights):
     def reparameterised(
         self, number: Index, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f | None, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Float]:
-        """``(ds, jacobian)``, both with derivatives: the direction ``d``, which moves with the source ``number``.
+        """Returns ``(ds, jacobian)``, both with derivatives: the direction ``d``, which moves with the source
+        ``number``.
 
-        The direction is that of a point of the disk within the sphere's outline for the receiver, lifted to
-        the unit sphere: along the normal where the whole sphere is above the horizon, so that a diffuse surface gains
-        and loses no light between the parts of the sphere (the map of :mod:`.spherical_cap`), else along the sphere's
-        axis. A point of the sphere itself would be right too, except near its outline, where the Jacobian varies
-        without bound.
+        The sphere's outline, seen from the receiver, bounds a disk. The direction belongs to a point of this disk,
+        lifted onto the unit sphere around the receiver. If the whole light source is above the horizon, the point is
+        lifted along the normal (the map of :mod:`.spherical_cap`): then a diffuse surface gains and loses no light
+        between the parts of the source. Else the point is lifted along the axis from the receiver to the source. A map
+        by a point of the source itself would be right too, but its Jacobian is unbounded near the outline.
         """
         center, radius = self.sphere(number, active)
         to_center = center - receiver.si.p
@@ -91,7 +95,7 @@ class SphereLights(OtherLights):
 
 
 def sphere_of(emitter: Emitter) -> tuple[mi.Point3f, mi.Float]:
-    """``(center, radius)`` of the sphere that emits: ``mi.Point3f``, ``mi.Float``."""
+    """Returns ``(center, radius)`` of the sphere that is the shape of ``emitter``."""
     to_world = shape_transform(emitter.get_shape())
     return to_world @ mi.Point3f(0), dr.norm(to_world @ mi.Vector3f(1, 0, 0))
 
@@ -99,19 +103,23 @@ def sphere_of(emitter: Emitter) -> tuple[mi.Point3f, mi.Float]:
 def direction_to_sphere(
     receiver: Receiver, center: mi.Point3f, radius: mi.Float, sample: mi.Point2f
 ) -> mi.DirectionSample3f:
-    """``mi.DirectionSample3f`` from ``receiver`` to a sphere, by projected solid angle above the horizon."""
+    """Returns a ``mi.DirectionSample3f`` from ``receiver`` to a sphere.
+
+    The direction is sampled by projected solid angle, above the horizon.
+    """
     n = receiver.n
     to_center = center - receiver.si.p
     d2 = dr.squared_norm(to_center)
     axis = to_center * dr.rsqrt(d2)
-    # With y across n and the axis. Where these two differ only by rounding, any y across n will do.
+    # The frame has y perpendicular to n and to the axis. Where n and the axis differ only by rounding, any y
+    # perpendicular to n is right.
     across = dr.cross(n, axis)
     across -= n * dr.dot(n, across)
     sin_n = dr.norm(across)
     y = dr.select(sin_n > 1e-7, dr.normalize(across), mi.coordinate_system(n)[1])
     local, pdf = sample_projected_cap(dr.dot(n, axis), sin_n, dr.square(radius) / d2, sample)
     d = dr.cross(y, n) * local.x + y * local.y + n * local.z
-    # Nearer root of |t d - to_center| = radius, without cancellation for a distant source.
+    # The nearer root of |t d - to_center| = radius, computed without cancellation for a distant source.
     b = dr.dot(d, to_center)
     chord = dr.safe_sqrt(dr.square(radius) - dr.squared_norm(to_center - b * d))
     ds = direction_sample(receiver, d)

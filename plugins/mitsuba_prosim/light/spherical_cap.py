@@ -1,26 +1,28 @@
-"""A sphere that lights a surface: directions drawn from its part above the horizon, nearly by projected solid angle.
+"""Sampling of a sphere that lights a surface: its part above the horizon, nearly by projected solid angle.
 
-Directions with density cos(theta) / (projected solid angle) leave no variance in the direct light of a diffuse surface
-that sees the whole of a uniform sphere (section 4.2.2.1 samples the solid angle; the projected one is due to Ureña and
-Georgiev 2018, Peters and Dachsbacher 2019). By Nusselt's analogy such directions are the points of a plane region,
-uniform in area: the projection of the visible part of the sphere's cap onto the surface's tangent plane.
+Directions with the density cos(theta) / (projected solid angle) leave no variance in the direct light of a diffuse
+surface that sees the whole of a uniform sphere. (Section 4.2.2.1 samples the solid angle; sampling of the projected
+solid angle is due to Ureña and Georgiev 2018, Peters and Dachsbacher 2019.) By Nusselt's analogy such directions are
+the points of a plane region, uniform in area: the projection of the visible part of the sphere's cap onto the surface's
+tangent plane.
 
-That region is composed here of two pieces, each sampled without rejection:
+The plane region is composed of two pieces here, each sampled without rejection:
 
-- for a centre above the horizon, the ellipse that the whole cap projects to;
-- where the horizon cuts the cap, the crescent between that ellipse and the unit circle, to which both are tangent.
-  A centre at height -c leaves the crescent alone, the same one as for c: mirrored caps project alike.
+- the ellipse that is the projection of the whole cap, if the centre is above the horizon;
+- the crescent between the ellipse and the unit circle, where the horizon cuts the cap. The two curves
+  are tangent to each other at the crescent's ends. For a centre at height -c only the crescent is left, the same
+  crescent as for the height c: the projections of mirrored caps are equal.
 
-The ellipse is sampled uniformly. The crescent's ordinate has a triangular density, which is close to that of its width:
-the variance that this leaves is at most 0.05 of the squared mean for spheres that subtend up to 37 degrees. So the
-density needs only an estimate of the crescent's area, and nothing is integrated.
+The ellipse is sampled uniformly. The crescent is sampled with a triangular density of the ordinate, which is close to
+the crescent's width. The variance of this approximation is at most 0.05 of the squared mean for spheres that subtend up
+to 37 degrees. So the density needs only an estimate of the crescent's area, without an integral.
 
-Lengths in the plane are divided by s, the sine of the angle that the sphere's radius subtends, so that tiny sources
-keep their precision in single precision arithmetic; no step subtracts nearly equal numbers, except for the sliver that
-shows when the sphere has nearly set.
+Lengths in the plane are divided by s, the sine of the angle that the sphere's radius subtends, so that tiny light
+sources keep their precision in single precision arithmetic. No step subtracts nearly equal numbers, except for the
+sliver of a sphere that is nearly below the horizon.
 
-All functions take Dr.Jit arrays, or Python floats in scalar variants. A receiver inside the sphere, or on it
-(``sin2_theta_max >= 1``), sees no cap: the densities are then 0, by which a caller knows.
+All functions take Dr.Jit arrays, or Python floats in scalar variants. A receiver inside the sphere or on its surface
+(``sin2_theta_max >= 1``) sees no cap: all densities are then 0, which tells the caller.
 """
 
 from __future__ import annotations
@@ -30,9 +32,10 @@ import mitsuba as mi
 
 
 def pdf_projected_cap(cos_n: mi.Float, sin2_theta_max: mi.Float, y: mi.Float, z: mi.Float) -> mi.Float:
-    """Density per solid angle with which `sample_projected_cap` draws a direction that meets the sphere.
+    """Returns the density per solid angle with which `sample_projected_cap` samples a direction that meets the sphere.
 
-    Parameters as there; ``y`` and ``z`` are coordinates of the direction; below the horizon the density is 0.
+    ``cos_n`` and ``sin2_theta_max`` are those of `sample_projected_cap`; ``y`` and ``z`` are coordinates of the
+    direction in its local frame. The density is 0 below the horizon.
     """
     region = _Region(cos_n, sin2_theta_max)
     eta = dr.minimum(dr.abs(y) / dr.maximum(region.s * region.t, _TINY), 1)
@@ -45,13 +48,14 @@ def pdf_projected_cap(cos_n: mi.Float, sin2_theta_max: mi.Float, y: mi.Float, z:
 def sample_projected_cap(
     cos_n: mi.Float, sin_n: mi.Float, sin2_theta_max: mi.Float, sample2: mi.Point2f
 ) -> tuple[mi.Vector3f, mi.Float]:
-    """Draws a direction towards a sphere, above the horizon: ``(local direction, pdf)``.
+    """Samples a direction towards a sphere, above the horizon, and returns ``(local direction, pdf)``.
 
-    The frame has z along the normal and the sphere's centre in the half-plane x >= 0 of xz. ``cos_n`` and ``sin_n``:
-    cosine and sine of the angle between the normal and the direction to the centre (of a source overhead, the cosine
-    alone does not tell where it is); ``sin2_theta_max``: (radius / distance)²; the density is per solid angle. The map
-    from the unit square is continuous within each of the two pieces, so that stratified samples stay so. Both results
-    are detached: derivatives go through the value in the direction, not through the choice of the direction.
+    The local frame has z along the normal, and the sphere's centre in the half-plane x >= 0 of the xz plane. ``cos_n``
+    and ``sin_n`` are the cosine and the sine of the angle between the normal and the direction to the centre: for a
+    source overhead, the cosine alone does not define the angle precisely. ``sin2_theta_max`` is (radius / distance)².
+    The density is per solid angle. The map from the unit square is continuous within each of the two pieces, so that
+    stratified samples stay stratified. Both results are detached: derivatives pass through the value in the direction,
+    not through the choice of the direction.
     """
     cos_n, sin_n, sin2_theta_max, sample2 = dr.detach((cos_n, sin_n, sin2_theta_max, sample2))
     region = _Region(cos_n, sin2_theta_max)
@@ -71,8 +75,8 @@ _TINY = 1e-35
 def _direction_in_ellipse(
     cos_n: mi.Float, sin_n: mi.Float, sin2_theta_max: mi.Float, sample: mi.Point2f
 ) -> mi.Vector3f:
-    """Direction to a point of the ellipse, uniform in area."""
-    # In the projection from above: the point's height is that on the cap's boundary circle, plus the bulge within.
+    """Returns the direction to a point of the ellipse; the points are uniform in area."""
+    # Seen from above, the point's height is the height of the cap's boundary circle plus the bulge inside the circle.
     s, cos_max = dr.sqrt(sin2_theta_max), dr.safe_sqrt(1 - sin2_theta_max)
     p = mi.warp.square_to_uniform_disk_concentric(sample)
     height = cos_max * cos_n + s * sin_n * p.x
@@ -81,10 +85,12 @@ def _direction_in_ellipse(
 
 
 class _Region:
-    """The ellipse, and the crescent between it and the unit circle, |y| <= s t, where the two are tangent.
+    """The ellipse, and the crescent between the ellipse and the unit circle.
 
-    ``m`` = |cos_n| / s is 0 for a centre on the horizon, 1 for a sphere that touches it; ``x_t`` is the abscissa of the
-    tangents. ``eta`` in [0, 1] is |y| / (s t). ``ellipse`` is the area over s², ``crescent`` an estimate of it.
+    The crescent lies at |y| <= s t; its curves are tangent at the ends. ``m`` = |cos_n| / s is 0 for a centre on the
+    horizon, and 1 for a sphere that touches the horizon. ``x_t`` is the abscissa of the two tangent points. ``eta`` in
+    [0, 1] is |y| / (s t). ``ellipse`` is the area of the ellipse divided by s²; ``crescent`` estimates the area of the
+    crescent divided by s².
     """
 
     def __init__(self, cos_n: mi.Float, sin2_theta_max: mi.Float) -> None:
@@ -96,39 +102,40 @@ class _Region:
         self.t2 = dr.minimum((1 - self.m) * (1 + self.m) / self.sin2_n, 1)
         self.t = dr.sqrt(self.t2)
         self.middle = self.t2 * (1 - self.m) / ((1 + self.x_t) * (1 + self.m * self.x_t))
-        # The mean width over that in the middle: of a parabola 2/3, of its square 8/15.
+        # The mean width divided by the width in the middle is 2/3 for a parabola, and 8/15 for a squared parabola.
         self.mean = (10 - 2 * self.m) / 15
         outside = sin2_theta_max < 1
         self.ellipse = dr.select(outside, dr.pi * dr.maximum(cos_n, 0), 0)
         self.crescent = dr.select(outside, 2 * self.s * self.t * self.mean * self.middle, 0)
 
     def circle(self, eta: mi.Float) -> mi.Float:
-        """Abscissa of the unit circle."""
+        """Returns the abscissa of the unit circle at the ordinate ``eta``."""
         return dr.safe_sqrt(1 - dr.square(self.s * self.t * eta))
 
     def relative_width(self, eta: mi.Float) -> mi.Float:
-        """The crescent's width, over s² and over the parabola 1 - eta².
+        """Returns the crescent's width at ``eta``, divided by s² and by the parabola 1 - eta².
 
-        It is the width of the circle beyond the chord x_t less that of the ellipse beyond it. Their difference,
-        brought to a common denominator, has (y_t² - y²)² as its numerator and nothing negative below.
+        The width is the difference of two widths beyond the chord x_t: that of the circle and that of the ellipse. With
+        a common denominator, the numerator of the difference is (y_t² - y²)², and no term of the denominator is
+        negative.
         """
         circle, ellipse = self.circle(eta), dr.safe_sqrt(1 - dr.square(self.t * eta))
         below = (circle + self.x_t) * (ellipse + self.m * self.x_t) * (ellipse + self.m * circle)
         return self.sin2_n * dr.square(self.t2) * (1 - dr.square(eta)) / dr.maximum(below, 1e-20)
 
     def width(self, eta: mi.Float) -> mi.Float:
-        """The crescent's width over s²."""
+        """Returns the crescent's width at the ordinate ``eta``, divided by s²."""
         return (1 - dr.square(eta)) * self.relative_width(eta)
 
     def direction_in_crescent(self, eta: mi.Float, v: mi.Float) -> mi.Vector3f:
-        """Direction to the point at the signed ordinate ``eta``, uniform in ``v`` across the crescent."""
+        """Returns the direction to the point at the signed ordinate ``eta``; ``v`` is uniform across the crescent."""
         circle = self.circle(eta)
         left = (1 - v) * self.width(eta) * dr.square(self.s)  # distance to the circle, along x
         x = circle - left
         return mi.Vector3f(x, self.s * self.t * eta, dr.safe_sqrt(left * (x + circle)))
 
     def pdf(self, in_ellipse: mi.Bool, eta: mi.Float) -> mi.Float:
-        """Density per area of the plane."""
+        """Returns the density of a sample per area of the plane."""
         area = dr.square(self.s) * (self.ellipse + self.crescent)
         below = dr.maximum((1 + eta) * self.relative_width(eta), 1e-6 * self.middle + _TINY)
         density = dr.select(in_ellipse, 1, 2 * self.mean * self.middle / below)

@@ -1,4 +1,7 @@
-"""How a surface samples a source: any emitter by Mitsuba's own method, and a constant sky by projected solid angle."""
+"""Strategies by which a surface samples a light source.
+
+Any emitter can be sampled by its own method of Mitsuba; a constant sky is sampled by projected solid angle.
+"""
 
 from __future__ import annotations
 
@@ -11,30 +14,33 @@ import mitsuba as mi
 
 from ..compat import CONSTANT, eval_direction
 
-#: One emitter, or a Dr.Jit array of them.
+#: One emitter, or a Dr.Jit array of emitters.
 Emitter: TypeAlias = "mi.Emitter | mi.EmitterPtr"
 #: The number of a lamp: an integer, or a Dr.Jit array.
 Index: TypeAlias = "int | mi.UInt32"
-#: A point of a source with its density ``ds.pdf`` per solid angle, and its radiance over that density.
+#: A point of a light source with its density ``ds.pdf`` per solid angle, and its radiance divided by this density.
 LightSample: TypeAlias = "tuple[mi.DirectionSample3f, mi.Spectrum]"
 
 
 @dataclass
 class Receiver:
-    """The point that light is sampled for (pbrt's ``LightSampleContext``)."""
+    """The point that receives light (``LightSampleContext`` of pbrt)."""
 
     si: mi.SurfaceInteraction3f | mi.Interaction3f
-    #: ``mi.Normal3f``: unit normal on the viewer's side.
+    #: Unit normal on the viewer's side.
     n: mi.Normal3f
-    #: Mask of the surfaces that light from below the horizon reaches too (rough glass), or False without such surfaces.
+    #: Mask of the points that also receive light from below the horizon, such as points on rough glass; False if there
+    #: are none.
     both_sides: mi.Bool | bool = False
-    #: Total importance of the lamps here, see :meth:`.LightSampler.total`; None where it is not known.
+    #: Total importance of the lamps at this point (:meth:`.LightSampler.total`); None where it is unknown.
     importance: mi.Float | None = None
 
 
 def weighted(emitter: Emitter, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> LightSample:
-    """``(ds, weight)``: the sample ``ds`` of ``emitter``, which was drawn with the density ``ds.pdf`` per solid angle,
-    and radiance over density. Both ``ds.pdf`` and ``weight`` are 0 where there is nothing to sample.
+    """Returns ``(ds, weight)`` for a sample ``ds`` of ``emitter``; the weight is radiance divided by density.
+
+    The sample was drawn with the density ``ds.pdf`` per solid angle. Both ``ds.pdf`` and ``weight`` become 0 in
+    inactive lanes and where the density is 0.
     """
     visible = active & (ds.pdf > 0)
     ds.emitter = mi.EmitterPtr(emitter) if dr.is_jit_v(mi.Float) else emitter
@@ -44,20 +50,22 @@ def weighted(emitter: Emitter, receiver: Receiver, ds: mi.DirectionSample3f, act
 
 
 def direction_sample(receiver: Receiver, d: mi.Vector3f) -> mi.DirectionSample3f:
-    """A ``mi.DirectionSample3f`` in the direction ``d``, else empty."""
+    """Returns a ``mi.DirectionSample3f`` with the direction ``d``; most of its other fields are empty."""
     ds = dr.zeros(mi.DirectionSample3f) if dr.is_jit_v(mi.Float) else mi.DirectionSample3f()
     ds.d, ds.time, ds.delta = d, receiver.si.time, mi.Bool(False)
     return ds
 
 
 class OtherLights:
-    """Emitters that are sampled by their own ``sample_direction``: all that no other strategy can sample. Base class of
-    the other strategies. ``emitters``: those of this strategy, in the order of their numbers.
+    """Samples emitters by their own method ``sample_direction``. Base class of the other strategies.
+
+    This strategy takes all emitters that no other strategy can sample. ``emitters`` are the emitters of the strategy,
+    in the order of their numbers.
     """
 
-    #: Whether the whole source is sampled, the part below the horizon included.
+    #: Whether the strategy samples the whole source, including the part below the horizon.
     samples_below_horizon = True
-    #: Whether :meth:`reparameterised` needs the point ``met``.
+    #: Whether :meth:`reparameterised` needs the point ``met`` on the source.
     follows_shape = True
 
     def __init__(self, emitters: Sequence[mi.Emitter]) -> None:
@@ -65,28 +73,32 @@ class OtherLights:
 
     @staticmethod
     def can_sample(emitter: Emitter) -> bool:
-        """Whether this strategy can sample ``emitter``."""
+        """Tells whether this strategy can sample ``emitter``."""
         return True
 
     def sample(
         self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
     ) -> LightSample:
-        """``(ds, weight)``: a point of the source ``number``, which is ``emitter``, for ``receiver``, with the
-        density ``ds.pdf`` per solid angle; and radiance over density. ``sample``: a point in [0, 1)².
+        """Returns ``(ds, weight)``: a sample of the emitter ``number`` for ``receiver``.
+
+        ``ds`` is a point of the source, with the density ``ds.pdf`` per solid angle. The weight is radiance divided by
+        density. ``sample`` is a point in [0, 1)².
         """
         ds, weight = emitter.sample_direction(receiver.si, sample, active)
         ds.delta = mi.Bool(ds.delta)
         return ds, weight
 
     def pdf(self, number: Index, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
-        """Density per solid angle with which :meth:`sample` takes the direction ``ds``."""
+        """Returns the density per solid angle with which :meth:`sample` samples the direction ``ds``."""
         return ds.emitter.pdf_direction(receiver.si, ds, active)
 
     def reparameterised(
         self, number: Index, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f | None, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Float]:
-        """``(ds, jacobian)``, both with derivatives: the direction ``d`` to the point ``met`` of the source ``number``,
-        which moves with that source; see :mod:`.reparameterisation`. ``met`` is of ``mi.RayFlags.FollowShape``.
+        """Returns ``(ds, jacobian)``, both with derivatives: a direction that moves with the source ``number``.
+
+        The direction ``d`` leads to the point ``met`` of the source; :mod:`.reparameterisation` explains the method.
+        The derivatives of ``met`` follow the shape (``mi.RayFlags.FollowShape``).
         """
         assert met is not None
         to_point = met.p - receiver.si.p
@@ -99,7 +111,10 @@ class OtherLights:
 
 
 class ConstantSky(OtherLights):
-    """Mitsuba's ``constant``: a sphere around the scene, sampled by projected solid angle. ``distance``: its radius."""
+    """Samples Mitsuba's ``constant``, a sphere around the scene, by projected solid angle.
+
+    ``distance`` is the radius of the sphere.
+    """
 
     samples_below_horizon = False
 
@@ -108,13 +123,13 @@ class ConstantSky(OtherLights):
 
     @staticmethod
     def can_sample(emitter: Emitter) -> bool:
-        """Whether ``emitter`` is a constant sky."""
+        """Tells whether ``emitter`` is a constant sky."""
         return emitter.class_name() == CONSTANT
 
     def sample(
         self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
     ) -> LightSample:
-        """``(ds, weight)``: a sample of the sky above the horizon of ``receiver``, cosine-weighted."""
+        """Returns ``(ds, weight)``: a cosine-weighted sample of the sky above the horizon of ``receiver``."""
         local = mi.warp.square_to_cosine_hemisphere(sample)
         ds = direction_sample(receiver, mi.Frame3f(receiver.n).to_world(local))
         ds.dist = mi.Float(self.distance)

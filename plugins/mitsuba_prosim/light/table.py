@@ -1,5 +1,6 @@
-"""The light sources of a scene, as surfaces sample them: every one (sections 4.1, 5.2), or one that the
-:mod:`.light_sampler` chooses.
+"""The light sources of a scene, in the form that surfaces sample.
+
+A surface samples every light source (sections 4.1, 5.2), or one source that the :mod:`.light_sampler` chooses.
 """
 
 from __future__ import annotations
@@ -16,22 +17,25 @@ from ..masks import but_not, fold, idle
 from .spheres import SphereLights
 from .strategy import ConstantSky, Emitter, Index, LightSample, OtherLights, Receiver
 
-#: Strategies for lamps, which are all sources but a constant sky: an emitter belongs to the first that can sample it.
+#: Strategies for lamps, in order of preference. A lamp is any light source except a constant sky. The first strategy
+#: that can sample an emitter takes it.
 STRATEGIES = (SphereLights, OtherLights)
 
-#: Samples any source from a surface that light reaches from both sides.
+#: Samples any light source from a surface that receives light from both sides.
 FROM_BOTH_SIDES = OtherLights(())
 
-#: A strategy, and the numbers of its first lamp and of the one after its last.
+#: A strategy, the number of its first lamp, and the number after that of its last lamp.
 Group = tuple[OtherLights, Any, Any]
-#: Evaluates a strategy for a lamp, by its number within the strategy, in the lanes of a mask.
+#: Function that evaluates a strategy for one lamp, given the strategy, the lamp's number within the strategy, and a
+#: mask.
 Evaluate: TypeAlias = "Callable[[OtherLights, Index, mi.Bool], Any]"
 
 
 @dataclass
 class Lamp:
-    """The source ``emitter``, number ``k`` of the table. ``groups``: those that it may belong to; several where only
-    the kernel knows the number.
+    """The light source ``emitter``, which is number ``k`` of the table.
+
+    ``groups`` are the groups to which the lamp may belong: several groups where the number ``k`` is a Dr.Jit array.
     """
 
     k: Index
@@ -40,27 +44,36 @@ class Lamp:
 
     @property
     def follows_shape(self) -> mi.Bool | bool:
-        """See :attr:`.OtherLights.follows_shape`."""
+        """Whether :meth:`reparameterised` needs a point on the source (:attr:`.OtherLights.follows_shape`)."""
         if len(self.groups) == 1:
             return self.groups[0][0].follows_shape
         return self._by_strategy(mi.Bool(True), lambda strategy, *_: mi.Bool(strategy.follows_shape))
 
     def sample(self, receiver: Receiver, sample: mi.Point2f, active: mi.Bool) -> LightSample:
-        """``(ds, weight)``: a point of the source, see :meth:`.OtherLights.sample`. ``sample``: a point in [0, 1)²."""
+        """Returns ``(ds, weight)``: a sample of this light source (:meth:`.OtherLights.sample`).
+
+        ``sample`` is a point in [0, 1)².
+        """
         return self._by_side(receiver, active, lambda s, k, mine: s.sample(k, self.emitter, receiver, sample, mine))
 
     def pdf(self, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
-        """Density per solid angle with which :meth:`sample` takes the direction ``ds``."""
+        """Returns the density per solid angle with which :meth:`sample` samples the direction ``ds``."""
         return self._by_side(receiver, active, lambda s, k, mine: s.pdf(k, receiver, ds, mine))
 
     def reparameterised(
         self, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f | None, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Float]:
-        """``(ds, jacobian)``, both with derivatives; see :meth:`.OtherLights.reparameterised`."""
+        """Returns ``(ds, jacobian)``, both with derivatives: a direction that moves with this lamp.
+
+        :meth:`.OtherLights.reparameterised` describes the arguments.
+        """
         return self._by_strategy(active, lambda s, k, mine: s.reparameterised(k, receiver, d, met, mine))
 
     def _by_side(self, receiver: Receiver, active: mi.Bool, evaluate: Evaluate) -> Any:
-        """:meth:`_by_strategy`, but :data:`FROM_BOTH_SIDES` where light reaches ``receiver`` from both sides."""
+        """Calls ``evaluate`` with the strategy that suits the side of ``receiver`` that light reaches.
+
+        This is :data:`FROM_BOTH_SIDES` where light reaches ``receiver`` from both sides, else the strategy of the lamp.
+        """
         both_sides = receiver.both_sides
         below_horizon = all(strategy.samples_below_horizon for strategy, *_ in self.groups)
         if below_horizon or both_sides is False or idle(both_sides):
@@ -70,9 +83,9 @@ class Lamp:
         return whole if idle(above) else dr.select(both_sides, whole, self._by_strategy(above, evaluate))
 
     def _by_strategy(self, active: mi.Bool, evaluate: Evaluate) -> Any:
-        """The result of ``evaluate`` for the strategy of the lamp, the lamp's number within it, and a mask.
+        """Calls ``evaluate`` with the strategy of the lamp, the lamp's number within the strategy, and a mask.
 
-        With several groups, in scalar variants ``active`` must be true.
+        In scalar variants with several groups, ``active`` must be true.
         """
         if len(self.groups) == 1:
             strategy, first, _ = self.groups[0]
@@ -87,13 +100,12 @@ class Lamp:
 
 
 class Lights:
-    """All emitters of ``scene``, grouped by strategy, in an order that is the same in every process. A constant sky is
-    separate and last: it is sampled for lobes without a ray of their own, as a ray finds it at least as well alone.
+    """All emitters of ``scene``, grouped by strategy, in an order that is the same in every process.
 
-    ``choose``: whether a surface samples one of the lamps, which the ``sampler`` chooses, instead of every one.
-
-    Up to ``UNROLLED`` lamps are written out in the kernel; more are visited by loops, whose kernel does not depend on
-    their number.
+    A constant sky is separate and last. Only the lobes without a ray of their own sample the sky: a ray of another lobe
+    finds the sky at least as well alone. ``choose`` tells whether a surface samples one lamp that the ``sampler``
+    chooses, instead of every lamp. The kernel contains separate code for each of up to ``UNROLLED`` lamps. More lamps
+    are visited by a loop, whose kernel does not depend on the number of lamps.
     """
 
     UNROLLED = 4
@@ -110,43 +122,47 @@ class Lights:
             if own := [e for e, s in strategies.items() if s is strategy]:
                 self.groups.append((strategy(own), len(self.emitters), len(self.emitters) + len(own)))
                 self.emitters += own
-        #: Number of lamps, and of all sources.
+        #: Number of lamps, and number of all light sources.
         self.lamps, self.count = len(self.emitters), len(self.emitters) + len(skies)
         self.emitters += skies
         self.sky: Lamp | None = None
         if skies:
             sky = ConstantSky(2 * scene.bbox().bounding_sphere().radius)
             self.sky = Lamp(self.lamps, skies[-1], [(sky, self.lamps, self.count)])
-        #: Whether no ray meets a source: they are points, or emit in a single direction.
+        #: Whether no ray can hit a light source, because all sources are points or emit in a single direction.
         self.all_delta = all(mi.has_flag(e.flags(), mi.EmitterFlags.Delta) for e in self.emitters)
         self.jit = dr.is_jit_v(mi.Float)
         if self.jit and self.emitters:
-            #: The emitters, and their numbers by Dr.Jit's identity of an emitter.
+            #: The emitters; and their numbers, indexed by Dr.Jit's identity of an emitter.
             self.pointers = emitter_pointers(scene, self.emitters)
-            # Not by a scatter: within the loop of another integrator Dr.Jit would postpone it.
+            # A scatter would not work: Dr.Jit would postpone it within the loop of another integrator.
             identity = list(dr.reinterpret_array(mi.UInt32, self.pointers))
             numbers = {which: number for number, which in enumerate(identity)}
             self.numbers = mi.UInt32([numbers.get(which, self.lamps) for which in range(max(identity) + 1)])
-        #: Chooses among several lamps; None where every lamp is sampled.
-        from .light_sampler import LightSampler  # with the first image, as NumPy is slow to import
+        #: Chooses one of several lamps; None where every lamp is sampled.
+        from .light_sampler import LightSampler  # imported only for an image, as NumPy is slow to import
 
         self.sampler = LightSampler(scene, self.emitters[: self.lamps]) if choose and self.lamps > 1 else None
 
     def number_of(self, emitter: Emitter, active: mi.Bool) -> Index:
-        """The number of the lamp ``emitter``; the number of lamps for the sky and for None, which are no lamps."""
+        """Returns the number of the lamp ``emitter``.
+
+        Returns the number of lamps if ``emitter`` is the sky or None.
+        """
         if not self.jit:
             return self.emitters.index(emitter) if active and emitter is not None else self.lamps
         return dr.gather(mi.UInt32, self.numbers, dr.reinterpret_array(mi.UInt32, emitter), active)
 
     def lamp(self, k: Index, groups: list[Group] | None = None) -> Lamp:
-        """The lamp of the number ``k``, which belongs to one of the ``groups``, by default to any."""
+        """Returns the lamp of the number ``k``, which belongs to one of the ``groups`` (default: any group)."""
         emitter = self.emitters[k] if isinstance(k, int) else dr.gather(mi.EmitterPtr, self.pointers, k)
         return Lamp(k, emitter, groups or self.groups)
 
     def for_each(self, body: Callable[[Lamp, Any], Any], total: Any, active: mi.Bool, attached: bool = False) -> Any:
-        """The last ``total = body(lamp, total)`` over the lamps.
+        """Computes ``total = body(lamp, total)`` for each lamp in turn, and returns the last total.
 
-        ``attached``: whether the derivatives of ``total`` are wanted, which do not pass through a symbolic loop.
+        ``attached`` tells whether derivatives of ``total`` are wanted. A symbolic loop would lose them, so the loop is
+        then evaluated.
         """
         unrolled, mode = not self.jit or self.lamps <= self.UNROLLED, "evaluated" if attached else None
         for strategy, first, end in self.groups:
@@ -159,8 +175,9 @@ class Lights:
         return total
 
     def pdf(self, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
-        """Density per solid angle with which a lamp is sampled in the direction ``ds``, where ``receiver`` sees it; 0
-        for the sky. It includes the probability that the ``sampler`` chooses this lamp.
+        """Returns the density per solid angle with which light sampling at ``receiver`` samples the direction ``ds``.
+
+        The density includes the probability that the ``sampler`` chooses this lamp. It is 0 for the sky.
         """
         k = self.number_of(ds.emitter, active)
         active = active & (k < self.lamps)
@@ -171,5 +188,5 @@ class Lights:
             pdf = Lamp(k, ds.emitter, self.groups).pdf(receiver, ds, active)
             return pdf if self.sampler is None else pdf * self.sampler.probability(k, receiver, active)
 
-        # Few rays meet a lamp; the branch spares the others its density.
+        # Few rays hit a lamp. The branch skips the density in all other lanes.
         return dr.if_stmt((k, receiver, ds, active), active, met, lambda *_: mi.Float(0), label="pdf")

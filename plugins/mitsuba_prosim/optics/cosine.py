@@ -1,7 +1,7 @@
-"""Powers of a cosine, as in Phong's lobes and in spots, that lose no digits near the axis however high the exponent.
+"""Powers of a cosine, as in Phong's lobes and in spots, which lose no digits near the axis for any exponent.
 
-Near the axis 1 - cos is much smaller than the last digit of cos in single precision; so everything here is in terms of
-the former, the versine.
+Near the axis, 1 - cos is much smaller than the last digit of cos in single precision. So all functions use 1 - cos, the
+versine.
 """
 
 from __future__ import annotations
@@ -11,32 +11,40 @@ import mitsuba as mi
 
 
 def log1p(x: mi.Float) -> mi.Float:
-    """ln(1 + x) for x > -1, exact for small x; below -1 + 1e-8 finite, but no logarithm.
+    """Returns ln(1 + x) for x > -1, precise for small x.
 
-    The rounding error of 1 + x is corrected to first order; so the derivative is that of the logarithm as well.
+    Below -1 + 1e-8 the result is finite, but not a logarithm. The rounding error of 1 + x is corrected to first order,
+    so that the derivative is precise too.
     """
     u = dr.maximum(1 + x, 1e-8)
     return dr.log(u) + (x - (u - 1)) / u
 
 
 def versine(a: mi.Vector3f, b: mi.Vector3f) -> mi.Float:
-    """1 - cos of the angle between two unit vectors."""
+    """Returns 1 - cos of the angle between two unit vectors."""
     return 0.5 * dr.squared_norm(a - b)
 
 
 def power(versine: mi.Float, exponent: mi.Float) -> mi.Float:
-    """cos^n for an exponent n >= 0, from 1 - cos in [0, 2]; 0 where the cosine is negative."""
+    """Returns cos^n for an exponent n >= 0, from 1 - cos in [0, 2]; the power is 0 where the cosine is negative."""
     return dr.select(versine <= 1, dr.exp(exponent * log1p(-versine)), 0)
 
 
 def share(versine: mi.Float, exponent: mi.Float) -> mi.Float:
-    """Fraction of the integral of cos^n sin from 0 to 90 degrees within the angle: 1 - cos^(n + 1)."""
-    h = dr.maximum(0.5 * (exponent + 1) * log1p(-versine), -40)  # below, it is 1
+    """Returns the integral of cos^n sin from 0 to the angle of this ``versine``, divided by the integral up to 90
+    degrees.
+
+    This fraction is 1 - cos^(n + 1).
+    """
+    h = dr.maximum(0.5 * (exponent + 1) * log1p(-versine), -40)  # below -40 the fraction is 1
     return -2 * dr.sinh(h) * dr.exp(h)
 
 
 def sample(u: mi.Float, exponent: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """``(sin, cos)`` of an angle with the density of cos^n sin, whose `share` is ``u`` in [0, 1); it grows with u."""
+    """Returns ``(sin, cos)`` of an angle with the density cos^n sin, sampled by ``u`` in [0, 1).
+
+    The angle increases with ``u``, which is its `share`.
+    """
     h = -log1p(-u) / (exponent + 1)
     cos = dr.exp(-h)
     return dr.sqrt(dr.maximum(2 * cos * dr.sinh(h), 0)), cos  # 1 - cos², without its cancellation

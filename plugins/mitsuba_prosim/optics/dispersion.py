@@ -1,6 +1,6 @@
-"""Indices of refraction that depend on the wavelength: formulas of Cauchy and Sellmeier, Abbe numbers, glasses by name.
+"""Indices of refraction that depend on the wavelength, by Cauchy's and Sellmeier's formulas, Abbe numbers, or names.
 
-Wavelengths are in nm; the formulas compute in µm, as catalogues do.
+Wavelengths are in nm. The formulas compute in µm, as catalogues of glasses do.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ import mitsuba as mi
 
 from ..parameters import number, reject
 
-#: Fraunhofer's lines d, F and C (nm), which classify glasses: V = (n_d - 1) / (n_F - n_C).
+#: Wavelengths in nm of Fraunhofer's lines d, F and C. The Abbe number of a glass is V = (n_d - 1) / (n_F - n_C).
 D, F, C = 587.5618, 486.1327, 656.2725
 
-#: Wavelengths (nm) that stand for r, g and b: the centroids of sRGB's colour matching functions, negative parts
-#: included (CIE 1931, equal energy). So each channel of an image is displaced by as much as the mean of what the
-#: wavelengths show there.
+#: Wavelengths in nm that represent r, g and b: the centroids of sRGB's colour matching functions, negative parts
+#: included (CIE 1931, equal energy). So dispersion displaces each channel by as much as the mean over its wavelengths.
 RGB = (635.0, 544.0, 437.0)
 
-#: Range of the formulas (nm); wavelengths beyond it count as the nearer end.
+#: Range of the formulas in nm. A wavelength outside the range counts as the nearer end.
 SHORTEST, LONGEST = 300.0, 1000.0
 
-#: B and C of each term of Sellmeier's formula. bk7 (N-BK7), f2, sf10, sf11 and lasf9 (N-LASF9): Schott, Optical Glass,
-#: data sheets. silica: Malitson 1965. diamond: Peter 1923. zirconia, cubic, with yttria: Wood and Nassau 1982. water at
-#: 20 °C: Daimon and Masumura 2007. All as collected by refractiveindex.info (Polyanskiy 2024).
+#: Names of materials -> B and C of each term of Sellmeier's formula. bk7 (N-BK7), f2, sf10, sf11 and lasf9 (N-LASF9):
+#: Schott, Optical Glass, data sheets. silica: Malitson 1965. diamond: Peter 1923. zirconia, cubic, with yttria: Wood
+#: and Nassau 1982. water at 20 °C: Daimon and Masumura 2007. All were collected by refractiveindex.info (Polyanskiy
+#: 2024).
 MATERIALS: dict[str, tuple[tuple[float, float], ...]] = {
     "bk7": ((1.03961212, 0.00600069867), (0.231792344, 0.0200179144), (1.01046945, 103.560653)),
     "f2": ((1.34533359, 0.00997743871), (0.209073176, 0.0470450767), (0.937357162, 111.886764)),
@@ -49,9 +49,10 @@ MATERIALS: dict[str, tuple[tuple[float, float], ...]] = {
 
 @dataclass(frozen=True)
 class Dispersion:
-    """The index of a material by Cauchy's formula, n = A + B/λ² (+ C/λ⁴), or Sellmeier's, n² = 1 + Σ B λ²/(λ² - C).
+    """The index of refraction of a material, by Cauchy's or Sellmeier's formula.
 
-    ``coefficients``: names and values (``mi.Float``), in the order of the formula: A, B, C or B1, C1, B2, C2, ...
+    Cauchy's formula is n = A + B/λ² (+ C/λ⁴), and Sellmeier's formula is n² = 1 + Σ B λ²/(λ² - C). ``coefficients``
+    maps names to values (``mi.Float``) in the order of the formula: A, B, C or B1, C1, B2, C2, ...
     """
 
     cauchy: bool
@@ -59,14 +60,14 @@ class Dispersion:
 
     @classmethod
     def of(cls, cauchy: bool, values: Sequence[float]) -> Dispersion:
-        """With these numbers as coefficients."""
+        """Returns the :class:`Dispersion` with the numbers ``values`` as coefficients."""
         names = "ABC" if cauchy else [f"{x}{i + 1}" for i in range(len(values) // 2) for x in "BC"]
         coefficients = {name: mi.Float(value) for name, value in zip(names, values, strict=False)}
         dr.make_opaque(coefficients)
         return cls(cauchy, coefficients)
 
     def index(self, wavelength: mi.Float | float) -> mi.Float:
-        """The index at a wavelength in nm."""
+        """Returns the index of refraction at a wavelength in nm."""
         square = dr.square(dr.clip(mi.Float(wavelength), SHORTEST, LONGEST) * 1e-3)
         values = list(self.coefficients.values())
         if self.cauchy:
@@ -82,16 +83,16 @@ class Dispersion:
 
 @dataclass(frozen=True)
 class Indices:
-    """The indices of refraction inside and outside of an interface: numbers, or functions of the wavelength."""
+    """The indices of refraction inside and outside of an interface; each is a number or depends on the wavelength."""
 
     inside: float | Dispersion
     outside: float | Dispersion
-    #: Inside over outside, if they are numbers.
+    #: The index inside divided by the index outside; None if one of them depends on the wavelength.
     eta: mi.Float | None
 
     @classmethod
     def read(cls, props: mi.Properties) -> Indices:
-        """By the parameters of a plugin, see :func:`read_index`."""
+        """Reads both indices of refraction from the parameters of a plugin, see :func:`read_index`."""
         inside, outside = read_index(props, "int", "bk7"), read_index(props, "ext", "air")
         if isinstance(inside, Dispersion) or isinstance(outside, Dispersion):
             return cls(inside, outside, None)
@@ -100,7 +101,9 @@ class Indices:
         return cls(inside, outside, eta)
 
     def etas(self, si: mi.SurfaceInteraction3f) -> list[mi.Float]:
-        """The quotient, inside over outside: one, or one for each channel of a spectrum at ``si`` if it depends on the
+        """Returns the index inside divided by the index outside.
+
+        The list has one number, or one number for each channel of a spectrum at ``si`` if an index depends on the
         wavelength.
         """
         if self.eta is not None:
@@ -108,7 +111,7 @@ class Indices:
         return [mi.Float(_at(self.inside, w) / _at(self.outside, w)) for w in wavelengths(si)]
 
     def parameters(self) -> dict[str, Any]:
-        """The numbers, and the coefficients by their names in ``mi.traverse``, such as ``int_B1``."""
+        """Returns the indices and coefficients by their names in ``mi.traverse``, such as ``int_B1``."""
         parameters: dict[str, Any] = {"eta": self.eta}
         for side, ior in (("int", self.inside), ("ext", self.outside)):
             values = ior.coefficients if isinstance(ior, Dispersion) else {"ior": ior}
@@ -121,7 +124,10 @@ def _at(ior: float | Dispersion, wavelength: mi.Float | float) -> mi.Float | flo
 
 
 def index(props: mi.Properties, name: str, default: float | str) -> float:
-    """An index of refraction: a number > 0, or a name from Mitsuba's table."""
+    """Reads an index of refraction: a number > 0, or a name from Mitsuba's table.
+
+    Raises ValueError for other values.
+    """
     value = props.get(name, default)
     try:
         number = mi.lookup_ior(props, name, default) if isinstance(value, str) else float(value)
@@ -135,9 +141,10 @@ def index(props: mi.Properties, name: str, default: float | str) -> float:
 
 
 def read_index(props: mi.Properties, side: str, default: str) -> float | Dispersion:
-    """The index on a ``side`` ("int" or "ext") of an interface: ``<side>_ior`` alone, which is one number; or what
-    depends on the wavelength: ``<side>_ior`` with ``<side>_abbe``, or ``<side>_cauchy``, ``_sellmeier``, ``_material``.
+    """Reads the index of refraction on one ``side`` of an interface: "int" or "ext".
 
+    The parameter ``<side>_ior`` alone defines a number. An index that depends on the wavelength is defined by
+    ``<side>_ior`` with ``<side>_abbe``, or by one of ``<side>_cauchy``, ``<side>_sellmeier`` and ``<side>_material``.
     Raises ValueError for wrong values.
     """
     ior, abbe = side + "_ior", side + "_abbe"
@@ -174,21 +181,22 @@ def read_index(props: mi.Properties, side: str, default: str) -> float | Dispers
 
 
 def cauchy(n_d: float, abbe: float) -> tuple[float, float]:
-    """A and B of Cauchy's formula from the index at the line d and the Abbe number V_d."""
+    """Returns A and B of Cauchy's formula, from the index at the line d and the Abbe number V_d."""
     b = (n_d - 1) / abbe / (1e6 / F**2 - 1e6 / C**2)
     return n_d - b * 1e6 / D**2, b
 
 
 def wavelengths(si: mi.SurfaceInteraction3f) -> list[mi.Float | float]:
-    """The wavelength (nm) of each channel of a spectrum at ``si``."""
+    """Returns the wavelength in nm of each channel of a spectrum at ``si``."""
     if mi.is_spectral:
         return list(si.wavelengths)
     return [D] if mi.is_monochromatic else list(RGB)
 
 
 def choose(p: Sequence[mi.Float | float], sample: mi.Float) -> tuple[mi.UInt32, mi.Float]:
-    """``(k, rest)``: an index chosen with the probabilities ``p`` by the number ``sample``, and the rest of that
-    number, stretched to [0, 1].
+    """Chooses an index with the probabilities ``p`` by the number ``sample`` in [0, 1), and returns ``(k, rest)``.
+
+    ``k`` is the chosen index. ``rest`` is a new number in [0, 1]: the place of ``sample`` in the interval of ``k``.
     """
     k, below, width, total = mi.UInt32(0), mi.Float(0), mi.Float(p[0]), mi.Float(p[0])
     for j in range(1, len(p)):
@@ -201,7 +209,7 @@ def choose(p: Sequence[mi.Float | float], sample: mi.Float) -> tuple[mi.UInt32, 
 
 
 def pick(k: mi.UInt32, values: Sequence[mi.Float | float]) -> mi.Float:
-    """The ``k``-th of ``values``."""
+    """Returns the value with the index ``k`` in the list ``values``."""
     picked = mi.Float(values[0])
     for j in range(1, len(values)):
         picked = dr.select(k == j, values[j], picked)
@@ -209,5 +217,5 @@ def pick(k: mi.UInt32, values: Sequence[mi.Float | float]) -> mi.Float:
 
 
 def spectrum(values: Sequence[mi.Float]) -> mi.UnpolarizedSpectrum | mi.Float:
-    """The spectrum of ``values``, one for each channel; or the only one."""
+    """Returns ``values``, one for each channel, as a spectrum; or the value itself if there is only one."""
     return mi.UnpolarizedSpectrum(*values) if len(values) > 1 else values[0]

@@ -1,7 +1,8 @@
-"""Microfacets, the facets of a rough surface (section 3.1.1, equation 3.1; Torrance and Sparrow 1967): distributions of
-their normals, masking and shadowing, reflection but for Fresnel's reflectance, and sampling.
+"""Microfacets: the facets of a rough surface (section 3.1.1, equation 3.1; Torrance and Sparrow 1967).
 
-Facets are the sides of V-shaped cavities, m and its mirror image about the macroscopic normal.
+The module has distributions of the facets' normals, masking and shadowing, reflection without Fresnel's reflectance,
+and sampling. Each facet is a side of a V-shaped cavity: the other side is its mirror image about the macroscopic
+normal.
 """
 
 from __future__ import annotations
@@ -19,60 +20,61 @@ from . import cosine
 
 
 class Distribution(NamedTuple):
-    """A distribution of normals, and the plugin parameters that select it.
+    """A distribution of facet normals, and the plugin parameters that select this distribution.
 
-    ``D(m, roughness)`` is the density of facets per solid angle around the normal ``m`` (local frame, m.z > 0),
-    normalised so that the integral of D(m) m.z over the hemisphere is 1 (the thesis leaves that pi to equation 3.1).
-    ``polar(u, roughness)`` samples the polar angle of a facet from D(m) m.z, as (sine, cosine), from ``u`` in [0, 1):
-    it grows with u, so that strata stay strata.
+    ``D(m, roughness)`` is the density of facets per solid angle around the normal ``m`` (local frame, m.z > 0). It is
+    normalised so that the integral of D(m) m.z over the hemisphere is 1; the thesis has this factor of pi in equation
+    3.1 instead. ``polar(u, roughness)`` samples the polar angle of a facet with the density D(m) m.z, from ``u`` in [0,
+    1), and returns its sine and cosine. The angle increases with u, so stratified numbers give stratified angles.
     """
 
     name: str  #: value of the parameter ``distribution``
-    parameter: str  #: name of its roughness
-    range: tuple[float, float, str]  #: lowest and highest roughness, and that in words
+    parameter: str  #: name of the parameter with the roughness
+    range: tuple[float, float, str]  #: lowest and highest roughness, and this range in words
     D: Callable[[mi.Vector3f, mi.Float], mi.Float]
     polar: Callable[[mi.Float, mi.Float], tuple[mi.Float, mi.Float]]
 
 
 def sin2(m: mi.Vector3f) -> mi.Float:
-    """Squared sine of the polar angle: unlike 1 - m.z², it loses no digits near the pole."""
+    """Returns the squared sine of the polar angle. Unlike 1 - m.z², this formula loses no digits near the pole."""
     return m.x * m.x + m.y * m.y
 
 
 def beckmann(m: mi.Vector3f, alpha: mi.Float) -> mi.Float:
-    """exp(-tan² / alpha²) / (pi alpha² cos⁴), alpha the RMS slope (the thesis's m)."""
+    """Returns Beckmann's density exp(-tan² / alpha²) / (pi alpha² cos⁴); alpha is the RMS slope (the thesis's m)."""
     cos2 = dr.maximum(m.z * m.z, 1e-8)
     alpha2 = dr.maximum(alpha * alpha, 1e-8)  # a texture may be 0 somewhere
     return dr.exp(-sin2(m) / (cos2 * alpha2)) / (dr.pi * alpha2 * cos2 * cos2)
 
 
 def beckmann_polar(u: mi.Float, alpha: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """tan² = -alpha² ln(1 - u)."""
+    """Samples the polar angle for Beckmann's density: tan² = -alpha² ln(1 - u)."""
     tan2 = -dr.maximum(alpha * alpha, 1e-8) * dr.log(1 - u)
     cos = dr.rsqrt(1 + tan2)
     return dr.sqrt(tan2) * cos, cos
 
 
 def phong(m: mi.Vector3f, exponent: mi.Float) -> mi.Float:
-    """(n + 2) / (2 pi) cos^n: Blinn's form of Phong's lobe, about the bisector."""
+    """Returns the density (n + 2) / (2 pi) cos^n: Blinn's form of Phong's lobe, with the angle to the half vector."""
     return (exponent + 2) * dr.inv_two_pi * cosine.power(dr.minimum(sin2(m) / (1 + m.z), 1), exponent)
 
 
 def phong_polar(u: mi.Float, exponent: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """cos = (1 - u)^(1 / (n + 2))."""
+    """Samples the polar angle for Phong's density: cos = (1 - u)^(1 / (n + 2))."""
     return cosine.sample(u, exponent + 1)
 
 
-#: Coefficients of sin(2a) / 2a in powers of a², times k!; exact to 1e-8 for a <= pi/2.
+#: Coefficients of the series of sin(2a) / 2a in powers of a², each multiplied by k!; exact to 1e-8 for a <= pi/2.
 SINE = [(-4.0) ** k * factorial(k) / factorial(2 * k + 1) for k in range(9)]
 
 
 def gaussian_tail(s: mi.Float, alpha2: mi.Float) -> mi.Float:
-    """Integral of exp(-t) sin(2a) / 2a over t from s to infinity, where t = (a / alpha)²: a polynomial times exp(-s).
+    """Returns the integral of exp(-t) sin(2a) / 2a over t from s to infinity, where t = (a / alpha)².
 
-    Term by term, the integral of t^k exp(-t) is k! exp(-s) (1 + s + ... + s^k / k!).
+    The result is a polynomial times exp(-s), because the integral of t^k exp(-t) is k! exp(-s) (1 + s + ... + s^k /
+    k!).
     """
-    s = dr.minimum(s, 40)  # exp(-40) is negligible relative to 1, s^8 still a float
+    s = dr.minimum(s, 40)  # exp(-40) is negligible relative to 1, and s^8 does not overflow
     total, power, term, partial = 0.0, 1.0, 1.0, 1.0
     for k, c in enumerate(SINE):
         total += c * power * partial
@@ -83,17 +85,20 @@ def gaussian_tail(s: mi.Float, alpha2: mi.Float) -> mi.Float:
 
 
 def gaussian_limits(alpha: mi.Float) -> tuple[mi.Float, mi.Float, mi.Float]:
-    """``(alpha², tail from 90 degrees on, integral up to there)``, for `gaussian_tail`."""
-    alpha2 = dr.square(dr.clip(alpha, 1e-4, 2))  # beyond 2, float's cancellation shows
+    """Returns ``(alpha², tail, integral)`` for `gaussian_tail`.
+
+    The tail is the integral from 90 degrees on; the integral is that from 0 to 90 degrees.
+    """
+    alpha2 = dr.square(dr.clip(alpha, 1e-4, 2))  # above 2, cancellation becomes visible in single precision
     low = gaussian_tail(dr.square(0.5 * dr.pi) / alpha2, alpha2)
     return alpha2, low, gaussian_tail(0, alpha2) - low
 
 
 def gaussian(m: mi.Vector3f, alpha: mi.Float) -> mi.Float:
-    """C exp(-(a / alpha)²), a the angle: Torrance and Sparrow's own.
+    """Returns the density C exp(-(a / alpha)²), where a is the polar angle: the density of Torrance and Sparrow.
 
-    The normalisation, 1 / C = pi times the integral of exp(-(a / alpha)²) sin(2a) over [0, pi/2], is a Dawson
-    function of a complex argument; a series gives it to float's precision for alpha <= 2.
+    The constant is 1 / C = pi times the integral of exp(-(a / alpha)²) sin(2a) over [0, pi/2], a Dawson function of a
+    complex argument. A series computes the constant to single precision for alpha <= 2.
     """
     alpha2, _, total = gaussian_limits(alpha)
     a = dr.atan2(dr.sqrt(dr.maximum(sin2(m), 1e-14)), m.z)
@@ -101,10 +106,11 @@ def gaussian(m: mi.Vector3f, alpha: mi.Float) -> mi.Float:
 
 
 def gaussian_polar(u: mi.Float, alpha: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """Inverts the series by two of Halley's steps in y = sin²a, where the density is exp(-(a / alpha)²): to 3e-7.
+    """Samples the polar angle for the Gaussian density by two of Halley's steps, to 3e-7.
 
-    They start from the nearer of two exponentials, exp(-y / alpha²), good for wide distributions, and
-    exp(-s (1 + 2/3 alpha²)) with s = (a / alpha)², good for narrow ones.
+    The steps invert the series in y = sin²a, where the density is exp(-(a / alpha)²). They start from the nearer of two
+    approximations: exp(-y / alpha²), good for wide distributions, and exp(-s (1 + 2/3 alpha²)) with s = (a / alpha)²,
+    good for narrow distributions.
     """
     alpha2, low, total = gaussian_limits(alpha)
     rate = 1 + (2 / 3) * alpha2
@@ -131,21 +137,23 @@ DISTRIBUTIONS = {d.name: d for d in (BECKMANN, GAUSSIAN, PHONG)}
 
 
 # ---------------------------------------------------------------- the facet that reflects or refracts
-# At grazing incidence, and if the index is near 1, the half vector is a small difference of two unit vectors. That
-# difference is itself exact to rounding; what would be lost in scalar products with it is known from its length.
+# At grazing incidence, or if the index is near 1, the half vector is a small difference of two unit vectors. This
+# difference is exact to rounding. Scalar products with the half vector would lose digits, so they are computed from its
+# length.
 
-#: A direction whose cosine is below this has no reflection: the square of that cosine, and the densities that are
-#: divided by it, would leave the range of single precision.
+#: Minimum cosine of a direction that has a reflection. The square of a smaller cosine, and the densities that are
+#: divided by it, would exceed the range of single precision.
 GRAZING = 1e-18
 
-#: Squared length below which a half vector is nothing but rounding.
+#: Squared length below which a half vector is only rounding error.
 SHORTEST = 1e-36
 
 
 def reflecting(wi: mi.Vector3f, wo: mi.Vector3f) -> tuple[mi.Vector3f, mi.Float]:
-    """``(m, i_m)``: the normal of the facet that reflects ``wi`` to ``wo``, and the cosine of its angle to both.
+    """Returns ``(m, i_m)`` for the facet that reflects ``wi`` to ``wo``.
 
-    The cosine is half the length of wi + wo. Rounding cannot make it negative.
+    ``m`` is the normal of the facet, and ``i_m`` the cosine of its angle to both directions. The cosine is computed as
+    half the length of wi + wo, so rounding cannot make it negative.
     """
     h = wi + wo
     square = dr.maximum(dr.squared_norm(h), SHORTEST)
@@ -154,7 +162,7 @@ def reflecting(wi: mi.Vector3f, wo: mi.Vector3f) -> tuple[mi.Vector3f, mi.Float]
 
 
 class Facet(NamedTuple):
-    """A facet: its normal, and the cosines between that and two directions."""
+    """A facet: its normal ``m``, and the cosines between ``m`` and the two directions wi and wo."""
 
     m: mi.Vector3f
     i_m: mi.Float
@@ -162,9 +170,10 @@ class Facet(NamedTuple):
 
 
 def between(wi: mi.Vector3f, wo: mi.Vector3f, eta: mi.Float) -> Facet:
-    """The facet, turned upwards, that reflects or refracts ``wi`` to ``wo``.
+    """Returns the facet, turned upwards, that reflects or refracts ``wi`` to ``wo``.
 
-    Directions on the same side of the surface are by reflection. ``eta``: index inside over that outside.
+    The facet reflects if both directions are on the same side of the surface. ``eta`` is the index of refraction inside
+    divided by the index outside.
     """
     outside = wi.z > 0
     reflected = outside == (wo.z > 0)
@@ -178,27 +187,32 @@ def between(wi: mi.Vector3f, wo: mi.Vector3f, eta: mi.Float) -> Facet:
 
 
 # ---------------------------------------------------------------- masking and shadowing (section 3.1.1.2)
-# The listing of the thesis divides by N·H; the denominators are V·H, as in the original paper.
+# The listing of the thesis divides by N·H. The right denominator is V·H, as in the original paper.
 
 
 def g1(cos_w: mi.Float, cos_m: mi.Float, w_m: mi.Float) -> mi.Float:
-    """Visible share of a facet from direction w: min(1, 2 (N·m) (N·w) / (w·m)), for w·m > 0."""
+    """Returns the fraction of a facet that is visible from a direction w with w·m > 0: min(1, 2 (N·m) (N·w) /
+    (w·m)).
+    """
     return dr.minimum(1, 2 * cos_m * cos_w / w_m)
 
 
 def g(cos_i: mi.Float, cos_o: mi.Float, cos_m: mi.Float, i_m: mi.Float) -> mi.Float:
-    """Fraction of a facet that is both lit and visible, by reflection: w·m is the same for both directions."""
+    """Returns the fraction of a reflecting facet that is both lit and visible.
+
+    The cosine w·m of a reflecting facet is the same for both directions.
+    """
     return g1(dr.minimum(cos_i, cos_o), cos_m, i_m)
 
 
 def torrance_sparrow(
     wi: mi.Vector3f, wo: mi.Vector3f, distribution: Distribution, roughness: mi.Float
 ) -> tuple[mi.Float, mi.Float, mi.Float]:
-    """``(i_m, value, pdf)`` for a pair of unit directions above the surface, the cosine of ``wi`` above
-    `GRAZING`.
+    """Evaluates the microfacet BRDF of Torrance and Sparrow, and returns ``(i_m, value, pdf)``.
 
-    ``i_m`` is the cosine between ``wi`` and the facet, of which Fresnel's reflectance is to be taken; ``value`` the
-    BRDF without it, times the cosine of ``wo``: D G / (4 cos_i); ``pdf`` the density per solid angle with which
+    ``wi`` and ``wo`` are unit directions above the surface; the cosine of ``wi`` is above `GRAZING`. ``i_m`` is the
+    cosine between ``wi`` and the facet, which Fresnel's equations need. ``value`` is the BRDF without Fresnel's
+    reflectance, times the cosine of ``wo``: D G / (4 cos_i). ``pdf`` is the density per solid angle with which
     :func:`sample_visible` leads to ``wo``.
     """
     m, i_m = reflecting(wi, wo)
@@ -210,12 +224,13 @@ def torrance_sparrow(
 
 
 def azimuth(u: mi.Float, t: mi.Float) -> mi.Float:
-    """Samples phi in [-pi, pi] with density max(0, min(2, 1 + t cos phi)) / (2 pi), for ``u`` in [0, 1), ``t`` >= 0.
+    """Samples an angle phi in [-pi, pi] with density max(0, min(2, 1 + t cos phi)) / (2 pi), for ``t`` >= 0.
 
-    Where the partner facet is turned away (t cos phi > 1) the density is constant; elsewhere its integral leads to
-    Kepler's equation, phi + t sin phi = y, solved by two of Halley's steps from the root that a linear density would
-    have. The distribution so sampled is off by less than 1e-4 (at t = 1; in the mean 1e-7). Unlike a random choice
-    between the two facets, the map is continuous in ``u`` and needs no third random number.
+    ``u`` is a number in [0, 1). Where the opposite facet of the cavity is turned away (t cos phi > 1), the density is
+    constant. Elsewhere its integral leads to Kepler's equation, phi + t sin phi = y. Two of Halley's steps solve this
+    equation, from the root for a linear density. The error of the sampled distribution is below 1e-4 (at t = 1; on
+    average 1e-7). Unlike a random choice between the two facets, the map is continuous in ``u`` and needs no third
+    random number.
     """
     t = dr.minimum(t, 1e6)
     s = 2 * u - 1
@@ -235,18 +250,18 @@ def azimuth(u: mi.Float, t: mi.Float) -> mi.Float:
 
 
 def sample_visible(wi: mi.Vector3f, u: mi.Point2f, distribution: Distribution, roughness: mi.Float) -> mi.Normal3f:
-    """Samples a facet visible from ``wi`` (local, wi.z > 0) from ``u`` in the unit square. Returns a unit vector in the
-    upper hemisphere.
+    """Samples a facet that is visible from ``wi``, and returns its normal, a unit vector in the upper hemisphere.
 
-    The visible facets have the density D(m) G1(w, m) <w, m> / cos w. As m and its mirror image have the same polar
-    angle, that angle is distributed as D(m) cos m, and only the azimuth depends on w: its density is proportional to
-    max(0, min(2, 1 + t cos phi)), t = tan w tan m.
+    ``wi`` is in the local frame, wi.z > 0. ``u`` is a point in the unit square. The visible facets have the density
+    D(m) G1(w, m) <w, m> / cos w. The two facets of a cavity have the same polar angle, so this angle has the density
+    D(m) cos m. Only the azimuth depends on w: its density is proportional to max(0, min(2, 1 + t cos phi)), with t =
+    tan w tan m.
     """
     sin_m, cos_m = distribution.polar(u.x, roughness)
     sin2_w = wi.x * wi.x + wi.y * wi.y
     inverse = dr.rsqrt(dr.maximum(sin2_w, 1e-30))
     phi = azimuth(u.y, sin2_w * inverse * sin_m / dr.maximum(wi.z * cos_m, 1e-30))
     sin, cos = dr.sincos(phi)
-    # Azimuth 0 is that of wi, if it has one.
+    # The azimuth is measured from the azimuth of wi, if wi has one.
     x, y = dr.select(sin2_w > 1e-30, wi.x * inverse, 1), dr.select(sin2_w > 1e-30, wi.y * inverse, 0)
     return mi.Normal3f(sin_m * (cos * x - sin * y), sin_m * (cos * y + sin * x), cos_m)

@@ -1,4 +1,4 @@
-"""Fresnel's equations (section 2.2.3)."""
+"""Fresnel's equations: the reflectance of smooth surfaces (section 2.2.3)."""
 
 from __future__ import annotations
 
@@ -9,28 +9,32 @@ import mitsuba as mi
 
 
 class Interface(NamedTuple):
-    """How the interface between two dielectrics divides a ray: numbers, or spectra."""
+    """Reflectance and refraction at the interface between two dielectrics; the fields are numbers or spectra."""
 
-    #: Fresnel's reflectance of unpolarised light, and the cosine of the refracted ray, as ``mi.fresnel`` returns it.
+    #: Fresnel's reflectance of unpolarised light, and the cosine of the refracted ray with the sign of ``mi.fresnel``.
     f: mi.Float
     cos_t: mi.Float
-    #: The index beyond the interface over that on the incident side, and its reciprocal.
+    #: The index of refraction beyond the interface divided by the index on the incident side, and the reciprocal.
     eta_it: mi.Float
     eta_ti: mi.Float
 
 
 def contrast(cos_i: mi.Float, eta: mi.Float) -> mi.Float:
-    """eta_it² - 1, eta_it the index beyond the interface over that on the incident side; exact also for eta near 1."""
+    """Returns eta_it² - 1, which is precise also for eta near 1.
+
+    eta_it is the index of refraction beyond the interface divided by the index on the incident side.
+    """
     difference = (eta - 1) * (eta + 1)
     return dr.select(cos_i >= 0, difference, -difference * dr.square(dr.rcp(eta)))
 
 
 def interface(cos_i: mi.Float, eta: mi.Float) -> Interface:
-    """The interface between two dielectrics.
+    """Returns the :class:`Interface` between two dielectrics.
 
-    ``cos_i`` is the cosine on the incident side, > 0 outside and < 0 inside; ``eta`` = interior / exterior index. The
-    reflectance is that of unpolarised light (equation 2.2), total reflection included. Mitsuba's loses its digits if
-    eta is near 1; here the differences of the equation, such as cos_i - eta cos_t, are (1 - eta²) over a sum.
+    ``cos_i`` is the cosine on the incident side, > 0 outside and < 0 inside; ``eta`` is the interior index divided by
+    the exterior index. The reflectance is for unpolarised light (equation 2.2), total reflection included. Mitsuba's
+    formula loses its digits if eta is near 1. Here each difference of the equation, such as cos_i - eta cos_t, is
+    computed as (1 - eta²) divided by a sum.
     """
     _, cos_t, eta_it, eta_ti = mi.fresnel(cos_i, eta)
     c, t = dr.abs(cos_i), dr.abs(cos_t)
@@ -42,18 +46,25 @@ def interface(cos_i: mi.Float, eta: mi.Float) -> Interface:
 
 
 def dielectric(cos_i: mi.Float, eta: mi.Float) -> mi.Float:
-    """Unpolarised reflectance of the interface between two dielectrics, see `interface`."""
+    """Returns the reflectance of unpolarised light at the interface between two dielectrics, see `interface`."""
     return interface(cos_i, eta).f
 
 
 def conductor(cos_i: mi.Float, eta: mi.UnpolarizedSpectrum, k: mi.UnpolarizedSpectrum) -> mi.UnpolarizedSpectrum:
-    """Unpolarised reflectance of a metal, exact: a spectrum, from the relative index eta - i k (spectra)."""
+    """Returns the exact reflectance of unpolarised light at a metal, a spectrum.
+
+    The metal has the relative index of refraction eta - i k, where eta and k are spectra.
+    """
     channels = (mi.fresnel_conductor(cos_i, mi.Complex2f(n, x)) for n, x in zip(eta, k, strict=True))
     return mi.UnpolarizedSpectrum(*channels)
 
 
 def conductor_thesis(cos_i: mi.Float, eta: mi.UnpolarizedSpectrum, k: mi.UnpolarizedSpectrum) -> mi.UnpolarizedSpectrum:
-    """The same under the thesis's assumption eta² + k² >> 1 (section 2.2.3, after Cook and Torrance 1982)."""
+    """Returns an approximate reflectance of a metal, which is good if eta² + k² >> 1.
+
+    The approximation is that of the thesis (section 2.2.3, after Cook and Torrance 1982). eta - i k is the relative
+    index of refraction; eta and k are spectra.
+    """
     e = eta * eta + k * k
     twice = 2 * eta * cos_i
     square = cos_i * cos_i

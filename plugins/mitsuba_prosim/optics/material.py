@@ -1,7 +1,6 @@
-"""The base classes of materials, of all and of those with a specular lobe over a pigment; and the parameters that they
-share: reflectances and roughness.
+"""The base classes of materials, and the parameters that materials share: reflectances and roughness.
 
-Like the plugins, this module runs again when the variant changes (see ``registry``).
+Like the plugin modules, this module is executed again when Mitsuba's variant changes (see ``registry``).
 """
 
 from __future__ import annotations
@@ -16,48 +15,49 @@ import mitsuba as mi
 from ..parameters import choice, constant, describe, expose, reject, shown
 from .facets import DISTRIBUTIONS, GRAZING, Distribution
 
-#: A sample that weighs less than this, without the cosine, is negligible relative to 1 in single precision.
+#: Weight of a sample, without the cosine, below which the sample is negligible relative to 1 in single precision.
 LEAST_WEIGHT = 2**-24
 
-#: Value of a lobe times the cosine of the direction, and its density per solid angle.
+#: Value of a lobe times the cosine of the direction, and density of the direction per solid angle.
 Evaluated: TypeAlias = "tuple[mi.UnpolarizedSpectrum, mi.Float]"
 
 
 class Material(mi.BSDF):
     """A BSDF that a subclass defines by ``sample``, ``eval_pdf`` and the names of its parameters.
 
-    (Classes of Mitsuba's cannot be abstract by ``abc``: their metaclass is another.)
+    The class does not use ``abc``, because Mitsuba's classes have another metaclass.
     """
 
-    #: Names of the attributes that ``to_string`` shows, and of which ``mi.traverse`` shows textures and Dr.Jit values.
+    #: Names of the attributes that ``to_string`` shows; ``mi.traverse`` shows those that are textures or Dr.Jit values.
     PARAMETERS: tuple[str, ...] = ()
-    #: The types of the components, in their order.
+    #: The type of each component, in the order of the components.
     types: tuple[mi.BSDFFlags, ...] = ()
-    #: The :class:`.Distribution` of its microfacets, and the texture of their roughness; None if it has no such facets.
+    #: The :class:`.Distribution` of microfacets, and the texture of their roughness; None if the material has no such
+    #: facets.
     distribution: Any = None
     roughness: Any = None
 
     def __init__(self, props: mi.Properties) -> None:
-        """Reads ``ambient``, the reflectance of ambient light; None if absent."""
+        """Reads the parameter ``ambient``: the reflectance of ambient light, or None if the parameter is absent."""
         super().__init__(props)
         self.ambient = reflectance(props, "ambient")
 
     def set_components(self, components: dict[mi.BSDFFlags, int]) -> None:
-        """Declares the components: type -> further flags."""
+        """Declares the components of the BSDF; ``components`` maps the type of each to its other flags."""
         self.types = tuple(components)
         self.m_components = [kind | further for kind, further in components.items()]
         self.m_flags = functools.reduce(operator.or_, self.m_components)
 
     def specular_type(self) -> mi.BSDFFlags:
-        """Type of a specular reflection: a Dirac peak if the surface has no roughness."""
+        """Returns the type of a specular reflection, which is a Dirac peak if the surface has no roughness."""
         return mi.BSDFFlags.DeltaReflection if self.roughness is None else mi.BSDFFlags.GlossyReflection
 
     def enabled(self, ctx: mi.BSDFContext) -> list[bool]:
-        """Whether ``ctx`` asks for each of the components."""
+        """Returns, for each component, whether ``ctx`` asks for it."""
         return [ctx.is_enabled(kind, i) for i, kind in enumerate(self.types)]
 
     def parameters(self) -> dict[str, Any]:
-        """The values that ``to_string`` shows, by name."""
+        """Returns the parameters that ``to_string`` shows: name -> value."""
         own = {name: getattr(self, name) for name in (*self.PARAMETERS, "ambient")}
         if self.distribution is None:
             return own
@@ -66,14 +66,14 @@ class Material(mi.BSDF):
     def eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
     ) -> tuple[mi.Spectrum, mi.Float]:
-        raise NotImplementedError  # a subclass defines it; Mitsuba's own would call eval and pdf, and these call it
+        raise NotImplementedError  # Mitsuba's method would call eval and pdf, which call this method
 
     def eval(self, *args: Any, **kwargs: Any) -> mi.Spectrum:
-        """The first result of :meth:`eval_pdf`, with its arguments."""
+        """Returns the value of the BSDF times the cosine; the arguments are those of :meth:`eval_pdf`."""
         return self.eval_pdf(*args, **kwargs)[0]
 
     def pdf(self, *args: Any, **kwargs: Any) -> mi.Float:
-        """The second result of :meth:`eval_pdf`, with its arguments."""
+        """Returns the density per solid angle; the arguments are those of :meth:`eval_pdf`."""
         return self.eval_pdf(*args, **kwargs)[1]
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
@@ -86,12 +86,14 @@ class Material(mi.BSDF):
 class Pigmented(Material):
     """A one-sided BSDF with the components [specular, diffuse].
 
-    A subclass defines the three methods ``specular_...``, of which the last two are for lobes that are no Dirac peak.
-    (Mitsuba's classes cannot be abstract by ``abc``: their metaclass is another.)
+    A subclass defines the three methods ``specular_...``; the last two are called only for lobes that are no Dirac
+    peak. The class does not use ``abc``, because Mitsuba's classes have another metaclass.
     """
 
     def __init__(self, props: mi.Properties, distributions: tuple[str, ...] = tuple(DISTRIBUTIONS)) -> None:
-        """Reads ``diffuse_reflectance`` and the roughness, of one of the ``distributions``."""
+        """Reads ``diffuse_reflectance`` and the roughness; ``distributions`` are the allowed distributions of
+        microfacets.
+        """
         super().__init__(props)
         self.diffuse_reflectance = reflectance(props, "diffuse_reflectance", 0.5)
         self.distribution, self.roughness = roughness(props, distributions)
@@ -99,21 +101,24 @@ class Pigmented(Material):
         self.set_components({self.specular_type(): front, mi.BSDFFlags.DiffuseReflection: front})
 
     def specular_weight(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        """About the share of light that the specular component reflects; exact if that is a mirror."""
+        """Returns the fraction of light that the specular component reflects; an estimate unless this is a mirror."""
         raise NotImplementedError
 
     def specular_sample(self, si: mi.SurfaceInteraction3f, sample2: mi.Point2f, active: mi.Bool) -> mi.Vector3f:
-        """A sampled direction of the specular lobe."""
+        """Returns a direction that is sampled from the specular lobe."""
         raise NotImplementedError
 
     def specular_eval_pdf(self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
-        """The specular lobe times the cosine of ``wo``, and its density."""
+        """Returns the value of the specular lobe times the cosine of ``wo``, and its density."""
         raise NotImplementedError
 
     def specular_probability(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, kd: mi.UnpolarizedSpectrum, active: mi.Bool
     ) -> mi.Float:
-        """Probability of sampling the specular component; 1 or 0 where only one component is enabled."""
+        """Returns the probability of sampling the specular component.
+
+        The probability is 1 or 0 where only one component is enabled.
+        """
         specular, diffuse = self.enabled(ctx)
         if specular != diffuse:
             return mi.Float(1 if specular else 0)
@@ -172,8 +177,8 @@ class Pigmented(Material):
             lobe, density = self.specular_eval_pdf(si, wo, active)
             value += lobe
             pdf += p * density
-        # prb divides the remaining radiance of a path by this value. Where a channel has no pigment and the lobe has
-        # ended, that would be a rounding error over 1e-30; a value of 0 it leaves out.
+        # The integrator prb divides the remaining radiance of a path by this value. If the lobe is nearly 0 and a
+        # channel has no pigment, the result would be rounding error divided by 1e-30. prb skips a value of 0.
         value -= dr.detach(dr.select(value > LEAST_WEIGHT * pdf * wo.z, 0, value))
         return mi.depolarizer(value) & active, dr.select(active, pdf, 0)
 
@@ -186,7 +191,10 @@ class Pigmented(Material):
 
 
 def reflectance(props: mi.Properties, name: str, default: float | None = None) -> Any:
-    """The texture of a reflectance, checked to lie in [0, 1] where it is constant; None if absent without default."""
+    """Reads a reflectance, and returns its texture; None if the parameter is absent and has no ``default``.
+
+    Raises ValueError unless a constant reflectance lies in [0, 1].
+    """
     values = constant(props, name)
     if not all(0 <= v <= 1 for v in values):
         raise reject(props, name, shown(values), "reflectances between 0 and 1")
@@ -196,10 +204,10 @@ def reflectance(props: mi.Properties, name: str, default: float | None = None) -
 
 
 def roughness(props: mi.Properties, allowed: tuple[str, ...] = tuple(DISTRIBUTIONS)) -> tuple[Distribution, Any]:
-    """Reads ``distribution`` and the roughness that it calls for: (distribution, texture).
+    """Reads ``distribution`` and the roughness parameter of this distribution; returns ``(distribution, texture)``.
 
-    The texture is None for an ideally smooth surface, i.e. if the roughness is absent or ``alpha`` is 0. An
-    ``exponent`` alone means Phong's distribution, else Beckmann's is the default.
+    The texture is None for an ideally smooth surface: if the roughness is absent, or ``alpha`` is 0. If only
+    ``exponent`` is given, the default distribution is Phong's, else it is Beckmann's.
     """
     name = choice(props, "distribution", allowed, "phong" if "exponent" in props else None)
     distribution = DISTRIBUTIONS[name]

@@ -1,4 +1,4 @@
-"""The parts of BSDFs and scenes: BSDFs within BSDFs, shapes within instances."""
+"""Traversal of BSDFs and scenes: BSDFs within BSDFs, and shapes within instances."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ import mitsuba as mi
 
 from ..compat import BLEND, INSTANCE, MAPS, MASK, TWO_SIDED
 
-#: The BSDF attribute by which a material states its reflectance of ambient light.
+#: The BSDF attribute with the reflectance of ambient light.
 AMBIENT = "ambient"
 
 
 @functools.cache
 def _callback(variant: str) -> type:
-    """The class that collects the values that an object exposes, for the active variant.
+    """Returns the class of the traversal callback that collects the parameters of an object, for the active variant.
 
-    One class for all calls: each would be garbage with a reference to that, until Python collects it.
+    All calls share one class. A new class for each call would be kept, in a reference cycle, until Python's garbage
+    collection.
     """
 
     class Parts(mi.TraversalCallback):
@@ -35,8 +36,9 @@ def _callback(variant: str) -> type:
 
 
 def parts(thing: mi.Object) -> dict[str, Any]:
-    """The parts of ``thing``, a BSDF or an emitter, by their names in ``mi.traverse``: BSDFs, textures,
-    numbers.
+    """Returns the parts of ``thing``, a BSDF, an emitter or another object: name in ``mi.traverse`` -> part.
+
+    The parts are BSDFs, textures, numbers or shapes.
     """
     callback = _callback(mi.variant())()
     thing.traverse(callback)
@@ -44,7 +46,7 @@ def parts(thing: mi.Object) -> dict[str, Any]:
 
 
 def all_within(bsdf: mi.BSDF) -> Iterator[mi.BSDF]:
-    """``bsdf`` and all BSDFs within it, at any depth."""
+    """Yields ``bsdf`` and all BSDFs within it, at any depth."""
     yield bsdf
     for part in parts(bsdf).values():
         if isinstance(part, mi.BSDF):
@@ -52,7 +54,7 @@ def all_within(bsdf: mi.BSDF) -> Iterator[mi.BSDF]:
 
 
 def all_shapes(scene: mi.Scene) -> list[mi.Shape]:
-    """The shapes of ``scene``, and those that it has instances of."""
+    """Returns the shapes of ``scene``, and the shapes within its instances."""
     shapes = list(scene.shapes())
     if any(shape.class_name() == INSTANCE for shape in shapes):
         groups = [part for part in parts(scene).values() if isinstance(part, mi.Shape)]
@@ -61,34 +63,37 @@ def all_shapes(scene: mi.Scene) -> list[mi.Shape]:
 
 
 def all_bsdfs(scene: mi.Scene) -> list[mi.BSDF]:
-    """The BSDFs of :func:`all_shapes`, each once."""
+    """Returns the BSDFs of all shapes of ``scene``, each BSDF once."""
     return list(dict.fromkeys(shape.bsdf() for shape in all_shapes(scene) if shape.bsdf() is not None))
 
 
 def all_flags(scene: mi.Scene) -> int:
-    """Union of the ``mi.BSDFFlags`` of :func:`all_bsdfs`."""
+    """Returns the union of the ``mi.BSDFFlags`` of all BSDFs of ``scene``."""
     return functools.reduce(operator.or_, (int(bsdf.flags()) for bsdf in all_bsdfs(scene)), 0)
 
 
 class Leaf(NamedTuple):
-    """A BSDF that contains no ``blendbsdf``, ``mask`` or ``twosided``."""
+    """A BSDF that contains no ``blendbsdf``, ``mask`` or ``twosided``, as a part of a mixture."""
 
-    #: Its weight, and the factor of that which ``blendbsdf`` gives.
+    #: Weight of the leaf in the mixture, and the factor of this weight that ``blendbsdf`` contributes.
     share: mi.Float
     blend: mi.Float
-    #: None for the null lobe of a ``mask``.
+    #: The BSDF; None for the null lobe of a ``mask``.
     bsdf: mi.BSDF | None
-    #: Whether a ``twosided`` always shows it the front side.
+    #: Whether a ``twosided`` contains the leaf, so that viewer and light are always on the leaf's front side.
     turned: bool = False
 
     def seen_by(self, si: mi.SurfaceInteraction3f) -> mi.SurfaceInteraction3f:
-        """``si`` as the leaf sees it."""
+        """Returns the interaction ``si`` in the frame of the leaf: with the viewer on its front side if it is in a
+        ``twosided``.
+        """
         return from_front(si) if self.turned else si
 
 
 def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[Leaf]:
-    """The BSDFs that ``bsdf`` mixes at ``si``, with weights that sum up to 1; in the order of the intervals of the
-    number by which Mitsuba chooses among them.
+    """Returns the BSDFs that ``bsdf`` mixes at ``si``, with weights that sum up to 1.
+
+    The leaves have the order of the intervals by which Mitsuba's random number chooses among them.
     """
     kind, inner = bsdf.class_name(), parts(bsdf)
     if kind == BLEND:
@@ -113,7 +118,7 @@ def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[
 
 
 def sides(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f) -> list[tuple[mi.Float, mi.BSDF]]:
-    """The BSDFs of a ``twosided``: each with weight 1 where ``si`` is on its side, else 0."""
+    """Returns the BSDFs of a ``twosided``: each with weight 1 where the viewer of ``si`` is on its side, else 0."""
     inner = parts(bsdf)
     front, back = inner["brdf_0"], inner["brdf_1"]
     if front is back:
@@ -123,18 +128,18 @@ def sides(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f) -> list[tuple[mi.Float, mi
 
 
 def from_front(si: mi.SurfaceInteraction3f) -> mi.SurfaceInteraction3f:
-    """``si`` with the viewer on the front side."""
+    """Returns a copy of ``si`` with the viewer on the front side."""
     other = mi.SurfaceInteraction3f(si)
     other.wi.z = dr.abs(si.wi.z)
     return other
 
 
 def ambient_reflectance(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.UnpolarizedSpectrum:
-    """Fraction of the ambient light that ``bsdf`` reflects towards ``si.wi``; for an array of BSDFs, call it by
-    ``dr.dispatch``.
+    """Returns the fraction of the ambient light that ``bsdf`` reflects towards ``si.wi``.
 
-    It is 0 without the attribute ``ambient``, and on the back of BSDFs with one side. ``mask``, ``blendbsdf``,
-    ``bumpmap`` and ``normalmap`` do not pass on the attributes of the BSDFs within: these are evaluated directly.
+    For an array of BSDFs, call this function by ``dr.dispatch``. The fraction is 0 without the attribute ``ambient``,
+    and on the back of one-sided BSDFs. ``mask``, ``blendbsdf``, ``bumpmap`` and ``normalmap`` hide the attributes of
+    the BSDFs within them, so these BSDFs are evaluated directly.
     """
     total = mi.UnpolarizedSpectrum(0)
     for leaf in leaves(bsdf, si, active):
@@ -146,7 +151,7 @@ def ambient_reflectance(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.B
 def _ambient_of(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
     if bsdf.class_name() in MAPS:
         return ambient_reflectance(parts(bsdf)["nested_bsdf"], si, active)
-    if not dr.all(bsdf.has_attribute(AMBIENT)):  # in scalar variants, to evaluate it then is an error
+    if not dr.all(bsdf.has_attribute(AMBIENT)):  # evaluating a missing attribute is an error in scalar variants
         return mi.UnpolarizedSpectrum(0)
     visible = True if mi.has_flag(bsdf.flags(), mi.BSDFFlags.BackSide) else si.wi.z > 0
     return dr.select(active & visible, bsdf.eval_attribute(AMBIENT, si, active), 0)

@@ -1,1 +1,1 @@
-"""Sampling strategies of section 4.2.1.2 and the N-rook method of section 5.3.2, as pure functions."""
+"""Sampling patterns (section 4.2.1.2) and the N-rook method (section 5.3.2), as pure functions."""

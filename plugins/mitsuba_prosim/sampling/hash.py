@@ -1,19 +1,19 @@
-"""Integer hashes, which make a sample a pure function of pixel, space and index."""
+"""Integer hash functions, which make a sample a pure function of pixel, space and index."""
 
 from __future__ import annotations
 
 from typing import Any
 
-#: 2^32 over the golden ratio: multiples of it have large distances modulo 2^32.
+#: 2^32 divided by the golden ratio: the multiples of this number are far from each other modulo 2^32.
 GOLDEN = 0x9E3779B9
 
 
 def hash32(x: Any) -> Any:
-    """Hashes a 32-bit unsigned integer: the output permutation of PCG-RXS-M-XS-32 (O'Neill 2014; Jarzynski and Olano
-    2020).
+    """Hashes a 32-bit unsigned integer by the output permutation of PCG-RXS-M-XS-32.
 
-    ``x`` is a Python integer, a NumPy array or a Dr.Jit array of 32-bit unsigned integers; the result is of the same
-    kind and uniform over the 32-bit range. The masks are for Python's unbounded integers: Dr.Jit drops them.
+    The function is described by O'Neill (2014) and Jarzynski and Olano (2020). ``x`` is a Python integer, a NumPy array
+    or a Dr.Jit array of 32-bit unsigned integers. The result has the same type and is uniform over the 32-bit range.
+    The masks are for Python's unbounded integers: Dr.Jit drops them.
     """
     x = (x * 747796405 + 2891336453) & 0xFFFFFFFF
     x = (((x >> ((x >> 28) + 4)) ^ x) * 277803737) & 0xFFFFFFFF
@@ -21,5 +21,5 @@ def hash32(x: Any) -> Any:
 
 
 def combine(key: Any, x: Any) -> Any:
-    """Hashes integer ``x`` under ``key``; different ``x`` give unrelated results."""
+    """Returns a hash of the integer ``x`` under ``key``; the hashes of different ``x`` are unrelated."""
     return hash32((key + (x * GOLDEN & 0xFFFFFFFF)) & 0xFFFFFFFF)

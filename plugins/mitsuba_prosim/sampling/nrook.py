@@ -1,9 +1,9 @@
 """N-rook samples with rotations (thesis, sections 4.2.1.2 and 5.3.2).
 
-Both axes of a two-dimensional space are cut in N strata. Pass r (r = 0 .. N-1) takes N samples, one in each row and one
-in each column; from pass to pass the columns turn by one, so that after N passes each of the N² cells has been hit
-exactly once. Nothing is drawn from a stream: a sample is a pure function of (seed, pixel, space, pass, index), so it
-does not depend on tiling, on the order of evaluation or on the number of workers.
+A space is a pair of random numbers of a sample. Both axes of a space are divided into N strata. Pass r (r = 0 .. N-1)
+takes N samples, one in each row and one in each column of strata. From pass to pass the columns are rotated by one, so
+that N passes sample each of the N² cells exactly once. A sample is a pure function of (seed, pixel, space, pass,
+index), so it does not depend on tiling, on the order of evaluation or on the number of workers.
 """
 
 from __future__ import annotations
@@ -28,22 +28,21 @@ UInt: TypeAlias = "int | mi.UInt32"
 
 
 def pixel_key(seed: UInt, pixel: UInt) -> UInt:
-    """Hash key of a pixel: ``seed`` and ``pixel`` are 32-bit unsigned integers (Python or Dr.Jit).
+    """Returns the hash key of a pixel; ``seed`` and ``pixel`` are 32-bit unsigned integers (Python or Dr.Jit).
 
-    The pixel is hashed before the seed is mixed in, and then both again: no seed's keys are another's, shifted. Under
-    one seed, different pixels have different keys.
+    The pixel is hashed before the seed is mixed in, and the sum is hashed again: so the keys of one seed are not the
+    keys of another seed, shifted. Different pixels have different keys under one seed.
     """
     return combine(hash32(pixel), hash32(seed))
 
 
 class Permutations:
-    """Random permutations of 0 .. n-1, as a table.
+    """Random permutations of the numbers 0 .. n-1, stored in a table.
 
-    Up to n = 6 the table holds all n! permutations; above that 1024 of them, and each is turned by a random number of
-    places, so that every element is equally likely to stand in every place. (``mi.permute_kensler`` is five times
-    slower, and its permutations of few elements are far from equally likely.)
-
-    ``n``: number of elements, at least 1.
+    For n <= 6 the table holds all n! permutations. For greater n it holds 1024 permutations, and each is rotated by a
+    random number of places, so that every element is equally likely in every place. (``mi.permute_kensler`` is five
+    times slower, and its permutations of few elements are far from equally likely.) ``n`` is the number of elements, at
+    least 1.
     """
 
     ALL_UP_TO = 6
@@ -59,7 +58,7 @@ class Permutations:
     @classmethod
     @functools.cache
     def _rows(cls, n: int) -> np.ndarray:
-        import numpy as np  # takes as long to import as all plugins together, and only a render needs it
+        import numpy as np  # slow to import, and only a render needs NumPy
 
         if n <= cls.ALL_UP_TO:
             return np.array(list(itertools.permutations(range(n))), dtype=np.uint32)
@@ -67,89 +66,90 @@ class Permutations:
         return np.argsort(keys, axis=1, kind="stable").astype(np.uint32)
 
     def __call__(self, h: UInt, i: UInt) -> UInt:
-        """Place ``i`` (0 .. n-1) of the permutation that the hash ``h`` (32 bits) chooses."""
+        """Returns the element at place ``i`` (0 .. n-1) of the permutation that the 32-bit hash ``h`` chooses."""
         row = scale(h, self.count) * self.n
         if self.turned:
-            # The row comes from the upper bits of the hash; the product's upper bits come from all.
+            # The row depends on the upper bits of the hash. The upper bits of this product depend on all its bits.
             i = i + scale(h * GOLDEN & 0xFFFFFFFF, self.n)
             i = dr.select(i >= self.n, i - self.n, i)
         return dr.gather(mi.UInt32, self.table, row + i) if dr.is_jit_v(mi.UInt32) else int(self.table[row + i])
 
 
 def scale(h: UInt, n: int) -> UInt:
-    """Maps a 32-bit hash ``h`` to 0 .. n-1."""
+    """Maps a 32-bit hash ``h`` to an integer in 0 .. n-1."""
     return dr.mul_hi(h, mi.UInt32(n)) if dr.is_jit_v(h) else h * n >> 32
 
 
 def to_unit(h: UInt) -> mi.Float:
-    """Maps a 32-bit hash to [0, 1)."""
+    """Maps a 32-bit hash to a number in [0, 1)."""
     return mi.Float(h >> 8) * (1 / (1 << 24))
 
 
 class NRook:
-    """The N-rook samples of one pass and index, in every space.
+    """The N-rook sample of one pass and one index, in every space.
 
-    ``permutations``: :class:`Permutations` of N; ``key``: :func:`pixel_key`; ``r``: pass, ``i``: index in the pass,
-    both 0 .. N-1, integers or Dr.Jit arrays; ``jitter``: ``"uniform"`` places the sample anywhere in its cell, as the
-    thesis does; ``"multi"`` so that the N² samples of all passes also fill all N² strata of each axis (multi-jittered:
-    Chiu, Shirley and Wang 1994; Kensler 2013).
+    ``permutations`` are the :class:`Permutations` of N elements; ``key`` is the :func:`pixel_key`. ``r`` is the pass
+    and ``i`` the index in the pass, both 0 .. N-1, integers or Dr.Jit arrays. ``jitter`` is ``"uniform"`` or
+    ``"multi"``. ``"uniform"`` places the sample anywhere in its cell, as in the thesis. ``"multi"`` places the sample
+    so that the N² samples of all passes also fill all N² strata of each axis (multi-jittered: Chiu, Shirley and Wang
+    1994; Kensler 2013).
     """
 
     def __init__(self, permutations: Permutations, key: UInt, r: UInt, i: UInt, jitter: str = "multi") -> None:
         self.permutations, self.key, self.r, self.i, self.jitter = permutations, key, r, i, jitter
-        #: Number of the sample among all of its pixel, where that is known.
+        #: Number of the sample among all samples of its pixel; 0 where this number is unknown.
         self.t: UInt = 0
-        #: Number of the sample among those that divide the spectrum, and how many a pass has: see :mod:`.wavelengths`.
+        #: Number of the sample among those that divide the spectrum, and how many a pass has (:mod:`.wavelengths`).
         self.division = r * permutations.n + i, permutations.n
 
     @classmethod
     def at(cls, permutations: Permutations, key: UInt, t: UInt, jitter: str = "multi") -> NRook:
-        """The ``t``-th samples of all, 0 .. N² - 1."""
+        """Returns the ``t``-th sample of a pixel, where ``t`` is 0 .. N² - 1."""
         r = t // permutations.n
         points = cls(permutations, key, r, t - r * permutations.n, jitter)
         points.t = t
         return points
 
     def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:
-        """The ``mi.Point2f`` in [0, 1)² for ``space`` (an integer; see ``transport_context.py``)."""
+        """Returns the point in [0, 1)² of this sample for ``space``, an integer (see ``transport_context.py``)."""
         permute, n = self.permutations, self.permutations.n
         h_space = combine(self.key, space)
         h_pass = combine(h_space, self.r + 1)
-        # Each pass permutes the rows anew (figure 5.10). A row's column is that of a permutation common to all passes,
-        # and moves on by one from pass to pass (figure 5.11).
+        # Each pass has its own permutation of the rows (figure 5.10). All passes share a permutation from rows to
+        # columns, rotated by one column in each pass (figure 5.11).
         row = permute(h_pass, self.i)
         col = permute(h_space, row) + self.r
         col = dr.select(col >= n, col - n, col)
         h = combine(h_pass, self.i + n)
         u, v = to_unit(h), to_unit(hash32(h))
         if self.jitter == "multi":
-            # All rows share one permutation, and all columns one: correlated multi-jitter, which keeps a distance
-            # between points (Kensler 2013).
+            # All rows share one permutation, and all columns share one: this is correlated multi-jitter, which keeps a
+            # distance between points (Kensler 2013).
             u = (permute(combine(h_space, n + 1), col) + u) / n
             v = (permute(combine(h_space, n + 2), row) + v) / n
         below_one = 1 - 2.0**-24
         return mi.Point2f(dr.minimum((row + u) / n, below_one), dr.minimum((col + v) / n, below_one))
 
     def choice(self, space: UInt) -> mi.Float:
-        """A number in [0, 1), without strata, to choose among alternatives."""
+        """Returns a number in [0, 1), without strata, that chooses among alternatives."""
         return to_unit(combine(combine(combine(self.key, space), self.r + 1), self.i))
 
 
 class SamplerPoints:
-    """The samples of a Mitsuba sampler instead of :class:`NRook`, in the order of the calls."""
+    """The samples of a Mitsuba sampler, with the interface of :class:`NRook`; they depend on the order of the calls."""
 
     def __init__(self, sampler: mi.Sampler) -> None:
         self.sampler = sampler
 
     def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:
-        """The sampler's next point, for any ``space``."""
+        """Returns the next point of the Mitsuba sampler; ``space`` has no influence."""
         return self.sampler.next_2d(active)
 
     def choice(self, space: UInt) -> mi.Float:
-        """The sampler's next number."""
+        """Returns the next number of the Mitsuba sampler; ``space`` has no influence."""
         return self.sampler.next_1d()
 
 
 def grid_size(sample_count: int) -> int:
-    """Least N with N² >= ``sample_count``."""
+    """Returns the smallest N with N² >= ``sample_count``."""
     return max(1, math.isqrt(max(sample_count, 1) - 1) + 1)

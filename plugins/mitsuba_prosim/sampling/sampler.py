@@ -11,7 +11,10 @@ from .sobol import Sobol
 
 
 class PureSampler(mi.Sampler):
-    """A sampler without the state of a random generator. A subclass gives :meth:`points`."""
+    """A sampler without a random generator and its state.
+
+    A subclass defines :meth:`points`.
+    """
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
@@ -20,35 +23,35 @@ class PureSampler(mi.Sampler):
         self.set_sample_count(whole(props, "sample_count", 4, 1))
 
     def points(self) -> NRook | Sobol:
-        """The sample at hand, in every space."""
-        # A subclass defines it. Mitsuba's classes cannot be abstract by abc: their metaclass is another.
+        """Returns the current sample, in every space."""
+        # A subclass defines this method. The class does not use abc, because Mitsuba's classes have another metaclass.
         raise NotImplementedError
 
     def set_sample_count(self, spp: int) -> None:
         """Sets the number of samples per pixel."""
         super().set_sample_count(spp)
-        self.samples_per_wavefront: int | None = None  # until it is set
+        self.samples_per_wavefront: int | None = None  # until the caller sets the number
 
     def set_samples_per_wavefront(self, samples_per_wavefront: int) -> None:
-        """Sets how many samples of a pixel lie side by side in a wavefront."""
+        """Sets how many samples of a pixel are in adjacent lanes of a wavefront."""
         super().set_samples_per_wavefront(samples_per_wavefront)
         self.samples_per_wavefront = samples_per_wavefront
 
     def fork(self) -> PureSampler:
-        """A sampler of the same kind, not seeded."""
+        """Returns a sampler of the same kind that is not seeded."""
         copy = type(self)(mi.Properties())
         copy.base_seed, copy.samples_per_wavefront = self.base_seed, self.samples_per_wavefront
         mi.Sampler.set_sample_count(copy, self.sample_count())
         return copy
 
     def clone(self) -> PureSampler:
-        """A copy that continues where this one is."""
+        """Returns a copy of this sampler with the same current sample and dimension."""
         copy = self.fork()
         copy.pixel, copy.index, copy.dimension = map(mi.UInt32, (self.pixel, self.index, self.dimension))
         return copy
 
     def seed(self, seed: int | mi.UInt32, wavefront_size: int = 0xFFFFFFFF) -> None:
-        """Begins with the first sample of each pixel."""
+        """Seeds the sampler, and makes the first sample of each pixel current."""
         super().seed(seed, wavefront_size)
         key = mi.UInt32(seed) + self.base_seed
         lane = 0
@@ -56,8 +59,8 @@ class PureSampler(mi.Sampler):
             dr.make_opaque(key)
             lane = dr.arange(mi.UInt32, self.wavefront_size())
         if self.samples_per_wavefront is None:
-            # Integrators in C++, which seed with an array, pass only to the base class how many samples of a pixel are
-            # in adjacent lanes: all of them, as long as the wavefront has less than 2^32 lanes.
+            # Integrators in C++ seed with an array. They tell only the base class how many samples of a pixel are in
+            # adjacent lanes: all of them, if the wavefront has less than 2^32 lanes.
             separate = isinstance(seed, int) or self.wavefront_size() % self.sample_count() > 0
             self.samples_per_wavefront = 1 if separate else self.sample_count()
         self.pixel = pixel_key(key, lane // self.samples_per_wavefront)
@@ -65,22 +68,22 @@ class PureSampler(mi.Sampler):
         self.dimension = dr.opaque(mi.UInt32, 0)
 
     def advance(self) -> None:
-        """Goes to the next sample."""
-        # The base class would only advance counters of its own, and come back here first (it is virtual).
+        """Makes the next sample of each pixel current."""
+        # The method of the base class would only advance its own counters, and call this method first.
         self.index += self.samples_per_wavefront
         self.dimension = dr.opaque(mi.UInt32, 0)
 
     def schedule_state(self) -> None:
-        """Schedules the state for evaluation."""
+        """Schedules the index and the dimension for evaluation by Dr.Jit."""
         super().schedule_state()
         dr.schedule(self.index, self.dimension)
 
     def next_2d(self, active: mi.Bool = True) -> mi.Point2f:
-        """The next two dimensions."""
+        """Returns the next two dimensions of the current sample, a point in [0, 1)²."""
         sample = self.points()(self.dimension)
         self.dimension += 1
         return sample
 
     def next_1d(self, active: mi.Bool = True) -> mi.Float:
-        """The next dimension."""
+        """Returns the next dimension of the current sample, a number in [0, 1)."""
         return self.next_2d(active).x

@@ -1,8 +1,9 @@
-"""Owen-scrambled Sobol' points without end (Sobol' 1967; Owen 1995; Burley 2020, Practical hash-based Owen scrambling).
+"""Owen-scrambled Sobol' points, an unlimited sequence for each space.
 
-Every space has the first two dimensions of Sobol's sequence, shuffled and scrambled by its own key: any 2^k samples in
-turn, aligned, have one in each of 2^k rectangles of any shape, and different spaces are unrelated. A sample is a pure
-function of (seed, pixel, space, index).
+The method is by Sobol' (1967), Owen (1995) and Burley (2020, Practical hash-based Owen scrambling). A space is a pair
+of random numbers of a sample. Every space has the first two dimensions of Sobol's sequence, shuffled and scrambled by
+its own key. Any aligned block of 2^k samples has one sample in each of 2^k equal rectangles of any shape. The points of
+different spaces are unrelated. A sample is a pure function of (seed, pixel, space, index).
 """
 
 from __future__ import annotations
@@ -17,8 +18,10 @@ from .nrook import NRook, SamplerPoints, UInt, to_unit
 
 
 class Sobol:
-    """The ``t``-th samples in every space. ``key``: :func:`.pixel_key`; ``t``: an integer or a Dr.Jit array; ``n``:
-    how many samples divide the spectrum, see :mod:`.wavelengths`.
+    """The ``t``-th Sobol' sample of a pixel, in every space.
+
+    ``key`` is the :func:`.pixel_key`; ``t`` is an integer or a Dr.Jit array; ``n`` is the number of samples that divide
+    the spectrum (:mod:`.wavelengths`).
     """
 
     def __init__(self, key: UInt, t: UInt, n: int = 1) -> None:
@@ -26,24 +29,30 @@ class Sobol:
         self.reversed = reverse(t)
 
     def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:
-        """The ``mi.Point2f`` in [0, 1)² for ``space`` (an integer: 0 is the pixel; see ``transport_context.py``)."""
+        """Returns the point in [0, 1)² for ``space``, an integer; space 0 is the pixel (see
+        ``transport_context.py``).
+        """
         return point(combine(self.key, space), self.reversed)
 
     def choice(self, space: UInt) -> mi.Float:
-        """A number in [0, 1), without strata, to choose among alternatives."""
+        """Returns a number in [0, 1), without strata, that chooses among alternatives."""
         return to_unit(combine(combine(combine(self.key, space), 3), self.t))
 
 
 def point(key: UInt, reversed_index: UInt) -> mi.Point2f:
-    """The point of a sequence under ``key`` whose index has these bits in reverse order."""
+    """Returns a point of the Sobol' sequence under ``key``; ``reversed_index`` has the bits of the point's index in
+    reverse order.
+    """
     i = reverse(scrambled(reversed_index, combine(key, 0)))  # the order of the points
     x, y = scrambled(i, combine(key, 1)), scrambled(pascal(i), combine(key, 2))
     return mi.Point2f(to_unit(reverse(x)), to_unit(reverse(y)))
 
 
 def pascal(i: Any) -> Any:
-    """The second dimension of the ``i``-th point with its bits in reverse order, where the first one is ``i`` itself:
-    Pascal's matrix modulo 2, by powers of two.
+    """Returns the second coordinate of a Sobol' point, with its bits in reverse order.
+
+    The first coordinate of this point, with its bits in reverse order, is ``i``. The function multiplies by Pascal's
+    matrix modulo 2, in steps of powers of two.
     """
     for shift, mask in ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F), (8, 0x00FF00FF), (16, 0x0000FFFF)):
         i = i ^ ((i >> shift) & mask)
@@ -51,8 +60,10 @@ def pascal(i: Any) -> Any:
 
 
 def scrambled(x: Any, key: Any) -> Any:
-    """Owen's scrambling of a number whose bits are in reverse order: a hash of the bits below decides whether each is
-    flipped (Laine and Karras 2011; constants by Vegdahl 2021). The masks are for Python's integers: Dr.Jit drops them.
+    """Returns Owen's scrambling of a number whose bits are in reverse order.
+
+    A hash of all lower bits decides whether a bit is flipped (Laine and Karras 2011; constants by Vegdahl 2021). The
+    masks are for Python's unbounded integers: Dr.Jit drops them.
     """
     x = x ^ (x * 0x3D20ADEA & 0xFFFFFFFF)
     x = (x + key) & 0xFFFFFFFF
@@ -62,9 +73,9 @@ def scrambled(x: Any, key: Any) -> Any:
 
 
 def reverse(x: Any) -> Any:
-    """The 32 bits of ``x`` in reverse order."""
+    """Returns the 32 bits of ``x`` in reverse order."""
     return int(f"{x:032b}"[::-1], 2) if isinstance(x, int) else dr.brev(x)
 
 
-#: The samples of all spaces: of either sequence, or of a sampler of Mitsuba's.
+#: The samples of all spaces: N-rook samples, Sobol' samples, or those of a Mitsuba sampler.
 Points = NRook | Sobol | SamplerPoints

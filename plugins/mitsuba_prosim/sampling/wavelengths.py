@@ -1,8 +1,8 @@
-"""Wavelengths that divide the spectrum evenly among samples, and which of its four a ray keeps where it must.
+"""Wavelengths that divide the spectrum evenly among samples, and the choice of one wavelength at dispersive glass.
 
-Mitsuba draws four wavelengths a quarter of the spectrum apart, so that one number is their position within a quarter.
-Behind glass that disperses a ray has only one of them; together its samples see the whole spectrum if they keep each of
-the four as often, and this for each part of a quarter.
+Mitsuba samples four wavelengths that are a quarter of the spectrum apart, so one number determines all four: their
+position within a quarter. Behind dispersive glass a ray keeps only one of its four wavelengths. The samples of a pixel
+together cover the whole spectrum if they keep each of the four wavelengths equally often, for each part of a quarter.
 """
 
 from __future__ import annotations
@@ -15,23 +15,26 @@ from .nrook import to_unit
 
 
 def shared(key: mi.UInt32, t: mi.UInt32, n: int | mi.UInt32) -> mi.Float:
-    """The number in [0, 1) that the wavelengths of the ``t``-th samples are drawn by under ``key``: that of a pixel,
-    or that of an image where all pixels have the same, and photons with them.
+    """Returns the number in [0, 1) that determines the wavelengths of the ``t``-th sample under ``key``.
 
-    The ``n`` numbers of a pass divide a quarter into equal parts, pass after pass at another place (which turns by the
-    golden ratio): a shifted lattice, which is next to exact where spectra are smooth (Cranley and Patterson 1976).
+    ``key`` is the key of a pixel, or the key of the image where all pixels and photons share their wavelengths. The
+    ``n`` numbers of a pass divide a quarter of the spectrum into equal parts. Each pass shifts these numbers, by the
+    golden ratio. Such a shifted lattice is nearly exact for smooth spectra (Cranley and Patterson 1976).
     """
     r = t // n
     return to_unit(key + (t - r * n) * (dr.opaque(mi.UInt32, 1 << 30) // n) + r * GOLDEN // (4 * n))
 
 
 def chosen(key: mi.UInt32, t: mi.UInt32, n: int | mi.UInt32, rest: mi.Float) -> mi.Float:
-    """The number in [0, 1) by which the ``t``-th sample chooses one of its four wavelengths, drawn by :func:`shared`
-    with this ``n``: in 4 n samples each of the n parts meets each of the four once, and in four samples they all occur.
-    ``rest``: in [0, 1), the place in the quarter; ``key``: that of the choice.
+    """Returns the number in [0, 1) by which the ``t``-th sample chooses one of its four wavelengths.
+
+    The function :func:`shared`, with the same ``n``, has sampled these wavelengths. In 4 n samples, each of the n parts
+    of a quarter is combined once with each of the four wavelengths; in four samples, each of the four wavelengths is
+    chosen once. ``rest`` in [0, 1) is the place in the chosen quarter; ``key`` is the hash key of the choice.
     """
     n = mi.UInt32(n)
-    # After the least common multiple of n and 4 samples, the same parts would meet the same quarters.
+    # Without the turns, after the least common multiple of n and 4 samples the same parts would meet the same quarters
+    # again.
     around = n * (4 // dr.minimum(n & (~n + 1), 4))
     turns = t // around + combine(key, t // (4 * n))
     return (mi.Float((t + turns) & 3) + rest) * 0.25

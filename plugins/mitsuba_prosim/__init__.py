@@ -1,13 +1,13 @@
 """Stochastic ray tracing after Besuievsky (1992), as plugins of Mitsuba 3.
 
-Importing this package registers its plugins, now if a variant is set, and again whenever the variant changes::
+Importing this package registers its plugins: at once if a variant is set, and again whenever the variant changes::
 
     import mitsuba as mi
     import mitsuba_prosim
 
     mi.set_variant("llvm_ad_rgb")
 
-Mitsuba 3.10 and later find the package by themselves through the entry-point group ``mitsuba``.
+Mitsuba 3.10 and later find this package automatically through the entry-point group ``mitsuba``.
 """
 
 from typing import Any
@@ -22,7 +22,7 @@ __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
-    """Imports ``denoise`` or ``show`` at the first use."""
+    """Imports the function ``denoise`` or ``show`` when it is first used."""
     if name == "denoise":
         from .denoising import denoise
 

@@ -1,4 +1,4 @@
-"""A lock for work of one thread at a time: loading a scene, tracing and launching kernels."""
+"""A lock for work that only one thread may do at a time: loading a scene, tracing and launching kernels."""
 
 from __future__ import annotations
 
@@ -12,16 +12,18 @@ _lock = threading.RLock()
 
 @contextmanager
 def alone() -> Iterator[None]:
-    """Locks, and pauses Python's garbage collector. Do not hold it while control is with the user, nor across a
-    ``yield``.
+    """Acquires the lock, and pauses Python's garbage collector.
+
+    Do not hold the lock while the user's code runs, nor across a ``yield``.
 
     Mitsuba 3.9 has one search path per process, which loading a scene replaces, and one number of threads. Kernels call
-    the objects of all scenes, also of one that is being loaded: a kernel that another thread traces then calls
-    functions of incomplete objects.
+    the objects of all scenes, including a scene that is still being loaded: a kernel that another thread traces then
+    calls functions of incomplete objects.
 
-    The collector frees scenes in reference cycles. If it does so while a kernel is traced, the virtual function calls
-    before and after differ in the number of instances; Dr.Jit 1.5 then writes a function twice, and LLVM aborts the
-    process. The pause uses the collector's threshold, as :mod:`prosim_scene` may enable it in another thread.
+    The garbage collector frees scenes in reference cycles. If it frees a scene while a kernel is traced, virtual
+    function calls before and after differ in the number of instances. Dr.Jit 1.5 then writes a function twice, and LLVM
+    aborts the process. The pause sets the collector's threshold, because :mod:`prosim_scene` may enable the collector
+    in another thread.
     """
     with _lock:
         thresholds = gc.get_threshold()

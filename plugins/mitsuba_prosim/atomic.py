@@ -1,4 +1,4 @@
-"""Files that are complete or absent, and temporary folders."""
+"""Writing of files so that each file is complete or absent; temporary folders."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from pathlib import Path
 
 from prosim_scene import refuse_special, replace
 
-#: How the names of temporary folders begin, and of folders for files that could not be written where they should.
+#: Prefixes of the names of temporary folders, and of folders for files that could not be written to their own place.
 SCRATCH, RESCUE = "prosim-scratch-", "prosim-image-"
 
-#: The content of a file, or a function that writes it to a path.
+#: The content of a file, or a function that writes the content to a path.
 Content = bytes | memoryview | Callable[[Path], None]
 
 
 def check(paths: Iterable[Path], size: int) -> None:
-    """Checks that files of ``size`` bytes in total could be written; leaves nothing behind.
+    """Checks that files of ``size`` bytes in total can be written, without writing them.
 
-    Raises OSError where a name is too long, a folder or a device is in the way, or a folder is read-only or full.
+    Raises OSError if a name is too long, a folder or a device has the name of a file, or a folder is read-only or full.
     """
     folders = set()
     for path in map(Path, map(os.path.realpath, paths)):
@@ -44,10 +44,10 @@ def check(paths: Iterable[Path], size: int) -> None:
 
 
 def write(contents: Mapping[Path, Content]) -> list[Path]:
-    """Writes files, makes their folders, and returns their paths. Each existing file is replaced when the new one is
-    complete. It keeps its mode; a link stays a link.
+    """Writes files, creates their folders, and returns the paths of the files.
 
-    Raises OSError; then the file that could not be written, and those after it, are as before.
+    Each existing file is replaced only when the new file is complete. A replaced file keeps its mode; a link stays a
+    link. Raises OSError. Then the file that could not be written, and the files after it, are unchanged.
     """
     for path, content in contents.items():
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -56,7 +56,10 @@ def write(contents: Mapping[Path, Content]) -> list[Path]:
 
 
 def rescue(contents: Mapping[Path, Content]) -> list[Path]:
-    """Writes files to a new folder on the first disk that has room; returns their paths. Raises OSError."""
+    """Writes files to a new folder on the first disk that has room, and returns their paths.
+
+    Raises OSError if no disk has room.
+    """
     failures = []
     for place in (Path(tempfile.gettempdir()), Path.home(), Path.cwd(), Path("/dev/shm")):
         folder = place / (RESCUE + secrets.token_hex(4))
@@ -70,6 +73,6 @@ def rescue(contents: Mapping[Path, Content]) -> list[Path]:
 
 @contextmanager
 def scratch() -> Iterator[Path]:
-    """A temporary folder."""
+    """Creates a temporary folder, and deletes the folder at the end of the ``with`` block."""
     with tempfile.TemporaryDirectory(prefix=SCRATCH, ignore_cleanup_errors=True) as name:
         yield Path(name)

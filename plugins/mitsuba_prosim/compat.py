@@ -1,8 +1,8 @@
-"""Properties of Mitsuba and Dr.Jit that this package relies on although they are not documented.
+"""Undocumented properties of Mitsuba and Dr.Jit that this package relies on.
 
-One function or constant for each. The comment above gives the reason, the version, and the upstream issue if there is
-one. Workarounds that are modules of their own: ``alone`` (one thread at a time), ``registry`` (variants), ``llvm``,
-``transport.workarounds`` (BSDFs that ignore the type mask), ``stock_command``.
+Each function or constant relies on one property. The comment above it gives the reason, the version, and the upstream
+issue if there is one. Some workarounds are modules of their own: ``alone`` (one thread at a time), ``registry``
+(variants), ``llvm``, ``transport.workarounds`` (BSDFs that ignore the type mask), ``stock_command``.
 """
 
 from __future__ import annotations
@@ -21,43 +21,48 @@ if TYPE_CHECKING:
     import numpy as np
 
 # ---------------------------------------------------------------- transforms
-# Up to 3.9 the transform of a sensor or a shape is an AffineTransform4f. From 3.10 on it is an AnimatedTransform4f:
-# that has `eval(time)`, but no `matrix`, `@` or `translation()`, and the parameter is called `to_world.transform`
-# (https://github.com/mitsuba-renderer/mitsuba3/pull/1869).
+# Up to Mitsuba 3.9 the transform of a sensor or a shape is an AffineTransform4f. From 3.10 on it is an
+# AnimatedTransform4f, which has `eval(time)`, but no `matrix`, `@` or `translation()`. Its parameter is called
+# `to_world.transform` (https://github.com/mitsuba-renderer/mitsuba3/pull/1869).
 
-#: The name of the parameter, the newest first.
+#: Names of the parameter with the transform, newest first.
 TO_WORLD = ("to_world.transform", "to_world")
 
 
 def world_transform(sensor: mi.Sensor, time: float | mi.Float = 0.0) -> mi.AffineTransform4f:
-    """Transform of ``sensor`` from its own space to the world at ``time``."""
+    """Returns the transform of ``sensor`` from its own space to the world at ``time``."""
     return _at(sensor.world_transform(), time)
 
 
 def world_matrix(sensor: mi.Sensor) -> np.ndarray:
-    """Matrix of :func:`world_transform` at time 0: shape (4, 4), double precision."""
+    """Returns the matrix of :func:`world_transform` at time 0: shape (4, 4), double precision."""
     import numpy as np  # slow to import, and not needed before the first image
 
     return np.array(world_transform(sensor).matrix, dtype=float).reshape(4, 4)
 
 
 def shape_transform(shape: mi.Shape | mi.ShapePtr) -> mi.AffineTransform4f:
-    """Transform of ``shape`` from its own space to the world, with its derivatives. Raises KeyError for a mesh."""
+    """Returns the transform of ``shape`` from its own space to the world, with its derivatives.
+
+    Raises KeyError for a mesh.
+    """
     parameters = mi.traverse(shape)
     return _at(parameters[to_world_name(parameters)], 0.0)
 
 
 def to_world_name(parameters: MutableMapping[str, Any], prefix: str = "") -> str:
-    """Name of the transform among the ``parameters`` that ``mi.traverse`` returns; ``prefix``: of the object, "lamp."
-    say.
+    """Returns the name of the transform among the ``parameters`` of ``mi.traverse``.
+
+    ``prefix`` is the prefix of the object's parameters, "lamp." for example.
     """
     return next((prefix + name for name in TO_WORLD if prefix + name in parameters), prefix + TO_WORLD[-1])
 
 
 def set_world_transform(sensor: mi.Sensor, parameters: MutableMapping[str, Any], matrix: np.ndarray) -> None:
-    """Moves ``sensor``. ``parameters``: those of ``mi.traverse(sensor)``; call their ``update`` afterwards.
+    """Sets the transform of ``sensor`` to ``matrix``.
 
-    A sensor in Python that does not expose its transform to ``mi.traverse`` has it as an attribute.
+    ``parameters`` are those of ``mi.traverse(sensor)``; call their ``update`` afterwards. If a sensor in Python does
+    not expose its transform to ``mi.traverse``, the transform is an attribute of the sensor.
     """
     name = to_world_name(parameters)
     if name in parameters:
@@ -77,7 +82,7 @@ def _at(transform: Any, time: float | mi.Float) -> mi.AffineTransform4f:
 
 
 def box_of_point(p: mi.ScalarPoint3f) -> mi.ScalarBoundingBox3f:
-    """The box that holds the point ``p`` alone."""
+    """Returns the bounding box that contains only the point ``p``."""
     return getattr(mi, "ScalarBoundingBox3f", mi.BoundingBox3f)(p)
 
 
@@ -87,7 +92,10 @@ def box_of_point(p: mi.ScalarPoint3f) -> mi.ScalarBoundingBox3f:
 
 
 def mesh_positions(shape: mi.Shape) -> np.ndarray | None:
-    """Vertices of ``shape`` in the world: shape (n, 3), double precision. None where ``shape`` is no mesh."""
+    """Returns the vertices of ``shape`` in world coordinates, shape (n, 3), double precision.
+
+    Returns None if ``shape`` is no mesh.
+    """
     import numpy as np
 
     parameters = mi.traverse(shape)
@@ -96,32 +104,42 @@ def mesh_positions(shape: mi.Shape) -> np.ndarray | None:
 
 
 # ---------------------------------------------------------------- the order of meshes
-# Mitsuba joins the meshes of a scene that have one BSDF (shape "merge"). It gives the scene what results in the order
-# of a hash of addresses, which is another one in every process (3.9 and 3.10, src/shapes/merge.cpp). What is no mesh
-# is in the order of the scene's description.
+# Mitsuba merges the meshes of a scene that share a BSDF (shape "merge"). The merged meshes are in the order of a hash
+# of addresses, which differs between processes (3.9 and 3.10, src/shapes/merge.cpp). All other objects are in the order
+# of the scene's description.
 
-#: Where meshes lie is compared in this many steps of the scene: machines round transforms differently.
+#: Places of meshes are rounded to the size of the scene divided by this number, because machines round transforms
+#: differently.
 STEPS = 4096
 
 
 def shapes_in_order(scene: mi.Scene) -> list[mi.Shape]:
-    """The shapes of ``scene`` in an order that is the same in every process: meshes last, by their ids and places."""
+    """Returns the shapes of ``scene`` in an order that is the same in every process.
+
+    Meshes are last, ordered by their ids and places.
+    """
     return _meshes_in_order([(shape, shape) for shape in scene.shapes()])
 
 
 def emitters_in_order(scene: mi.Scene) -> list[mi.Emitter]:
-    """The emitters of ``scene`` in an order that is the same in every process: those that are meshes last."""
+    """Returns the emitters of ``scene`` in an order that is the same in every process.
+
+    Emitters whose shapes are meshes are last.
+    """
     return _meshes_in_order([(emitter, emitter.get_shape()) for emitter in scene.emitters()])
 
 
 def emitter_pointers(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> mi.EmitterPtr:
-    """The ``emitters`` of ``scene`` as one Dr.Jit array."""
+    """Returns the ``emitters`` of ``scene`` as one Dr.Jit array."""
     numbers = {emitter: i for i, emitter in enumerate(scene.emitters())}
     return dr.gather(mi.EmitterPtr, scene.emitters_dr(), mi.UInt32([numbers[emitter] for emitter in emitters]))
 
 
 def _meshes_in_order(things: Sequence[tuple[Any, mi.Shape | None]]) -> list[Any]:
-    """``things``, each given with its shape: first those that are no meshes."""
+    """Returns ``things`` in an order that is the same in every process.
+
+    Each thing is given with its shape. Things whose shapes are no meshes are first.
+    """
     import numpy as np
 
     result = [thing for thing, shape in things if shape is None or not shape.is_mesh()]
@@ -139,7 +157,7 @@ def _meshes_in_order(things: Sequence[tuple[Any, mi.Shape | None]]) -> list[Any]
 
 
 def _content(shape: mi.Shape) -> list[tuple[str, bytes]]:
-    """All parameters of ``shape``, its emitter and its BSDF: names and values."""
+    """Returns names and values of all parameters of ``shape``, its emitter and its BSDF."""
     import numpy as np
 
     values = {name: np.array(getattr(value, "matrix", value)) for name, value in mi.traverse(shape)}
@@ -155,9 +173,9 @@ def _content(shape: mi.Shape) -> list[tuple[str, bytes]]:
 
 
 def instantiate(config: mi.parser.ParserConfig, state: mi.parser.ParserState, in_python: Collection[str]) -> mi.Scene:
-    """Makes the scene of a parser state, which is used up. Meshes that share a BSDF are merged, but for emitters.
+    """Creates the scene of a parser state; the state cannot be used again.
 
-    ``in_python``: names of the plugins in Python.
+    Meshes that share a BSDF are merged, except for emitters. ``in_python`` has the names of the plugins in Python.
     """
     config.parallel = not any(node.props.plugin_name() in in_python for node in state.nodes)
     config.merge_meshes = False
@@ -176,7 +194,7 @@ def instantiate(config: mi.parser.ParserConfig, state: mi.parser.ParserState, in
 
 
 def _children(props: mi.Properties) -> list[tuple[str, Any]]:
-    """Names and references of the objects among the properties of an object."""
+    """Returns names and references of the objects among the properties of an object."""
     return [(name, value) for name, value in props.items() if isinstance(value, mi.Properties.ResolvedReference)]
 
 
@@ -185,7 +203,7 @@ def _children(props: mi.Properties) -> list[tuple[str, Any]]:
 
 
 def met_shape(scene: mi.Scene, si: mi.SurfaceInteraction3f) -> mi.Shape | None:
-    """The shape that one ray met; None for one within an instance."""
+    """Returns the shape that one ray met; None if the shape is within an instance."""
     numbers = [_number(mi.ShapePtr(shape)) for shape in scene.shapes()]
     met = _number(si.shape)
     return scene.shapes()[numbers.index(met)] if met in numbers else None
@@ -210,15 +228,17 @@ EVALUATED_TOGETHER, DIFFUSE = ("Principled", "PrincipledThin"), ("SmoothDiffuse"
 
 
 # ---------------------------------------------------------------- emitters
-# A virtual function call is compiled for all kinds of emitters that there are. Mitsuba's "directionalarea" has no
-# `eval_direction`, but raises, which ended the call for all others too (3.9).
+# A virtual function call is compiled for all kinds of emitters that exist. The method `eval_direction` of Mitsuba's
+# "directionalarea" raises an error, which would end the call for all other emitters too (3.9).
 
 
 def eval_direction(
     emitter: mi.Emitter | mi.EmitterPtr, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool
 ) -> mi.Spectrum:
-    """``emitter.eval_direction(it, ds, active)``. In an array of emitters ``directionalarea``, whose method raises,
-    gives 0.
+    """Returns ``emitter.eval_direction(it, ds, active)``.
+
+    ``emitter`` may be an array of emitters. The emitters ``directionalarea`` in an array return 0, because their method
+    raises an error.
     """
     if not dr.is_jit_v(mi.Float) or isinstance(emitter, mi.Emitter):
         return emitter.eval_direction(it, ds, active)
@@ -231,17 +251,17 @@ def eval_direction(
 
 # ---------------------------------------------------------------- threads
 
-#: With fewer threads Mitsuba 3.9 waits for ever when it reads or writes an EXR.
+#: Minimum number of threads: with fewer threads Mitsuba 3.9 waits forever when it reads or writes an EXR.
 EXR_THREADS = 3
 
 
 # ---------------------------------------------------------------- files
-# Mitsuba has no list of the files that it looks for in its search path.
+# Mitsuba has no list of the files that it searches in its search path.
 
 #: Suffixes of a plugin's file on Linux, macOS and Windows.
 LIBRARIES = (".so", ".dylib", ".dll")
 
-#: Names that the arguments of Mitsuba's Python parser have, so that no parameter of a scene can be given by them.
+#: Names of arguments of Mitsuba's Python parser: parameters of a scene with these names cannot be set.
 RESERVED = ("config", "filename")
 
 #: The files of a conductor's ``material``.
@@ -263,35 +283,38 @@ PLUGINS_IN_PYTHON = (
 # ---------------------------------------------------------------- the words of errors
 # An error has no attributes, only a text (as of 3.9).
 
-#: The Python traceback within a message of Mitsuba's, and a line of Mitsuba's source.
+#: Python traceback within a message of Mitsuba, and a source line of Mitsuba.
 TRACEBACK = re.compile(r"Traceback \(most recent call last\):\n(?: .*\n)+(?:\w+: )?")
 SOURCE_LINE = re.compile(r"\[\w+\.(?:cpp|h):\d+\] ")
 
-#: A place, as file, line and column: `While loading FILE (line 3, col 6)`, `At FILE (...)`, or `Parsing of XML file
+#: File, line and column of a place: `While loading FILE (line 3, col 6)`, `At FILE (...)`, or `Parsing of XML file
 #: "FILE" failed: ... (...)`.
 PLACE = re.compile(r'(?:[Ll]oading|XML file|At) "?([^"\n]+?)"?(?: failed: [^\n]*?)? \(line (\d+), col (\d+)\)')
 
-#: A plugin has no such parameters: its name, and a line for each of them.
+#: A plugin does not have some parameters: name of the plugin, and one line for each parameter.
 NO_PARAMETER = re.compile(
     r'(?:While loading dictionary node "root": )?Found \d+ unreferenced \w+ in \w+ plugin of type "([^"\n]+)":'
     r'((?:\s+- \w+ "[^"\n]+": [^\n]*)+)'
 )
 
-#: There is no such plugin: the tag in XML, and the name.
+#: A plugin is missing: its tag in XML, and its name.
 NOT_FOUND = re.compile(r'failed to instantiate (\w+) plugin of type "([^"\n]+)": [^\n]*not found!')
 
-#: Tag in XML -> name of the kind of plugin, where they differ.
+#: Tag in XML -> name of the kind of plugin, where both differ.
 TAGS = {"rfilter": "reconstructionfilter", "phase": "phasefunction"}
 
 
 # ---------------------------------------------------------------- arrays
-# Dr.Jit 1.5 assumes an alignment of arrays that it got from NumPy by their address, and makes it part of a kernel: the
-# same code compiles again for another address. Its own arrays begin at multiples of 64 bytes.
+# Dr.Jit 1.5 derives the alignment of a NumPy array from its address, and makes the alignment part of a kernel: so the
+# same code is compiled again for another address. Dr.Jit's own arrays begin at multiples of 64 bytes.
 ALIGNED = 64
 
 
 def dr_array(values: np.ndarray) -> Any:
-    """A Dr.Jit array of 32-bit ``values``, row by row, in Dr.Jit's own memory: kernels are those of any other array."""
+    """Returns a Dr.Jit array of 32-bit ``values``, row by row, in memory with Dr.Jit's alignment.
+
+    So kernels are the same as for any other array.
+    """
     import numpy as np
 
     values = np.asarray(values)
@@ -307,8 +330,10 @@ def dr_array(values: np.ndarray) -> Any:
 
 
 def take_back_interrupts() -> None:
-    """Gives SIGINT back to Python, as Mitsuba (3.9) does after its own ``render``, but not where that was called within
-    another: it would take Ctrl-C for ever, for an integrator that may be gone.
+    """Gives the signal SIGINT back to Python.
+
+    Mitsuba (3.9) restores the signal handler after its own ``render``, but not if this render was called within another
+    render: Mitsuba would then handle Ctrl-C forever, for an integrator that may not exist any more.
     """
     handler = signal.getsignal(signal.SIGINT)
     if handler is not None and threading.current_thread() is threading.main_thread():

@@ -1,9 +1,9 @@
-"""The LLVM that Dr.Jit has loaded, and whether it works with Mitsuba.
+"""The LLVM library that Dr.Jit has loaded, and whether this library works with Mitsuba.
 
-When Dr.Jit is imported, it loads the LLVM that ``DRJIT_LIBLLVM_PATH`` names, else the newest one in the system's
-library folders. The installation adds the start-up file ``mitsuba_prosim_llvm.pth``, which sets that variable to the
-library that this package requires, if it is unset. ``pyproject.toml``, the start-up file and this module name the same
-version; a test compares them.
+When Dr.Jit is imported, it loads the LLVM that ``DRJIT_LIBLLVM_PATH`` names, or else the newest LLVM in the system's
+library folders. The installation adds the start-up file ``mitsuba_prosim_llvm.pth``. If the variable is unset, this
+file sets the variable to the library that this package requires. ``pyproject.toml``, the start-up file and this module
+name the same version; a test compares them.
 """
 
 from __future__ import annotations
@@ -13,20 +13,24 @@ import platform
 
 import drjit as dr
 
-#: Dr.Jit 1.5 emits ``llvm.minimum`` and ``llvm.maximum``, which LLVM's x86 back end can compile since version 17.
+#: Minimum version of LLVM on x86: Dr.Jit 1.5 emits ``llvm.minimum`` and ``llvm.maximum``, which older x86 back ends
+#: cannot compile.
 OLDEST_ON_X86 = 17
 
-#: The library that this package requires on x86-64 Linux.
+#: The LLVM package that this package requires on x86-64 Linux.
 REQUIREMENT = "karellen-llvm-core==23.1.*"
 
 
 def version() -> tuple[int, ...] | None:
-    """Version of the LLVM that Dr.Jit has loaded, or None."""
+    """Returns the version of the LLVM that Dr.Jit has loaded, or None if Dr.Jit has loaded no LLVM."""
     return dr.detail.llvm_version() if dr.has_backend(dr.JitBackend.LLVM) else None
 
 
 def library() -> str | None:
-    """Path of the LLVM that Dr.Jit has loaded, if it is known (on Linux, or from the variable), or None."""
+    """Returns the path of the LLVM that Dr.Jit has loaded, or None if the path is unknown.
+
+    The path is known on Linux, or from the variable ``DRJIT_LIBLLVM_PATH``.
+    """
     try:
         with open("/proc/self/maps", encoding="utf-8", errors="replace") as maps:
             return next((line.split(maxsplit=5)[5].strip() for line in maps if "/libLLVM" in line), None)
@@ -35,7 +39,10 @@ def library() -> str | None:
 
 
 def problem() -> str | None:
-    """The reason why LLVM variants would abort the process or are missing, and what to do; None if they work."""
+    """Returns the reason why LLVM variants would abort the process or are missing, with advice.
+
+    Returns None if LLVM variants work.
+    """
     found = version()
     if found is not None and (found[0] >= OLDEST_ON_X86 or platform.machine() not in ("x86_64", "AMD64")):
         return None

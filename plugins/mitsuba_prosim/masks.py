@@ -1,5 +1,6 @@
-"""Where scalar variants differ: masks are Python booleans there (``~True`` is -2), pointers are objects, loops are
-Python's.
+"""Helpers for code that runs in both scalar and vectorised variants of Mitsuba.
+
+In scalar variants, masks are Python booleans (``~True`` is -2), pointers are objects, and loops are loops of Python.
 """
 
 from __future__ import annotations
@@ -12,20 +13,25 @@ import mitsuba as mi
 
 
 def but_not(a: mi.Bool, b: mi.Bool) -> mi.Bool:
-    """``a`` and not ``b``."""
+    """Returns the mask ``a`` and not ``b``."""
     return dr.select(b, False, a)
 
 
 def idle(active: mi.Bool) -> bool:
-    """Whether it is known that no lane is active: scalar variants then have no shape, BSDF or emitter."""
+    """Tells whether it is known that no lane is active.
+
+    Only scalar variants know this while the kernel is recorded. They then have no shape, BSDF or emitter to call.
+    """
     return not dr.is_jit_v(active) and not active
 
 
 def fold(
     first: int, end: int, body: Callable[..., Any], state: Any, active: mi.Bool, unrolled: bool, **options: Any
 ) -> Any:
-    """The last ``state = body(k, state)`` for k from ``first`` to ``end`` - 1: in the kernel one after the other if
-    ``unrolled``, else by a loop with these ``options``, whose kernel does not depend on their number.
+    """Computes ``state = body(k, state)`` for each k from ``first`` to ``end`` - 1, and returns the last state.
+
+    If ``unrolled``, the kernel contains the code of ``body`` once for each k. Otherwise the kernel has a loop with
+    these ``options``, and does not depend on the number of iterations.
     """
     if unrolled or not dr.is_jit_v(mi.Float):
         for k in range(first, end):
@@ -42,7 +48,9 @@ def fold(
 
 
 def dispatch(pointer: Any, function: Callable[..., Any], *args: Any) -> Any:
-    """The results of ``function(instance, *args)`` for the instances of a Dr.Jit ``pointer``: once for each kind, with
-    everything that it computes with among ``args``, the mask last. In scalar variants ``pointer`` is the instance.
+    """Calls ``function(instance, *args)`` for the instances of a Dr.Jit ``pointer``, and returns the results.
+
+    The function is traced once for each kind of instance. ``args`` must hold all Dr.Jit values that the function needs,
+    with the mask last. In scalar variants ``pointer`` is the instance.
     """
     return dr.dispatch(pointer, function, *args) if dr.is_jit_v(mi.Float) else function(pointer, *args)

@@ -1,4 +1,4 @@
-"""Reads the parameters of plugins, rejects wrong ones, and shows them to ``mi.traverse`` and ``str``."""
+"""Reads the parameters of plugins, rejects wrong values, and shows parameters to ``mi.traverse`` and ``str``."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import mitsuba as mi
 
 
 def reject(props: mi.Properties, name: str, value: Any, allowed: str) -> ValueError:
-    """Returns the error for a parameter with a value that is not allowed; the caller raises it.
+    """Returns the error for a parameter whose value is not allowed; the caller raises the error.
 
-    ``name``: of the parameter; ``value``: the given one, None if it is missing; ``allowed``: a phrase such as ``"a
-    number >= 0"``.
+    ``name`` is the name of the parameter. ``value`` is its value, or None if the parameter is missing. ``allowed`` is a
+    phrase such as ``"a number >= 0"``.
     """
     where = f'"{props.id()}" ({props.plugin_name()})' if props.id() else props.plugin_name()
     return ValueError(
@@ -24,9 +24,9 @@ def reject(props: mi.Properties, name: str, value: Any, allowed: str) -> ValueEr
 def number(
     props: mi.Properties, name: str, default: float | None, low: float, high: float = inf, open_below: bool = False
 ) -> float:
-    """A finite number from ``low`` to ``high``, without ``low`` itself if ``open_below``.
+    """Reads a finite number from ``low`` to ``high``; ``low`` itself is not allowed if ``open_below``.
 
-    Without a ``default`` (None) the parameter is required. Raises ValueError.
+    Without a ``default`` (None) the parameter is required. Raises ValueError for other values.
     """
     value = props.get(name, default)
     if not _is_number(value) or not low <= value <= high or not isfinite(value) or (open_below and value == low):
@@ -35,9 +35,9 @@ def number(
 
 
 def whole(props: mi.Properties, name: str, default: int | None, low: int, high: int | None = None) -> int:
-    """A whole number from ``low`` to ``high``, an integer or a float such as 10.0.
+    """Reads a whole number from ``low`` to ``high``: an integer, or a float such as 10.0.
 
-    Without a ``default`` (None) the parameter is required. Raises ValueError.
+    Without a ``default`` (None) the parameter is required. Raises ValueError for other values.
     """
     value = props.get(name, default)
     top = inf if high is None else high
@@ -47,7 +47,7 @@ def whole(props: mi.Properties, name: str, default: int | None, low: int, high: 
 
 
 def choice(props: mi.Properties, name: str, allowed: Sequence[str], default: str | None = None) -> str:
-    """One of the words ``allowed``, by default the first. Raises ValueError."""
+    """Reads one of the words ``allowed``; the first word is the default. Raises ValueError for other values."""
     value = props.get(name, allowed[0] if default is None else default)
     if value not in allowed:
         raise reject(props, name, value, "one of " + ", ".join(allowed) if len(allowed) > 2 else " or ".join(allowed))
@@ -55,7 +55,10 @@ def choice(props: mi.Properties, name: str, allowed: Sequence[str], default: str
 
 
 def nested_integrator(props: mi.Properties) -> mi.SamplingIntegrator:
-    """The integrator that is nested in a plugin. Raises ValueError for another object, and unless there is one."""
+    """Returns the integrator that is nested in a plugin.
+
+    Raises ValueError if the plugin has no nested integrator, several nested objects, or an object of another kind.
+    """
     children = [child for _, child in props.objects()]
     if len(children) != 1 or not isinstance(children[0], mi.SamplingIntegrator):
         found = ", ".join(child.class_name() for child in children) or "nothing"
@@ -74,9 +77,9 @@ def _bounds(low: float, high: float, open_below: bool) -> str:
 
 
 def constant(props: mi.Properties, name: str) -> list[float]:
-    """The numbers of a parameter that is a number, a colour or a spectrum; empty for a texture or nothing.
+    """Returns the numbers of a parameter that is a number, a colour or a spectrum; no numbers for a texture or None.
 
-    Call it before the parameter is converted to a texture.
+    Call this function before the parameter is converted to a texture.
     """
     value = props.get(name)
     if value is None or isinstance(value, mi.Object):
@@ -87,7 +90,7 @@ def constant(props: mi.Properties, name: str) -> list[float]:
 
 
 def shown(values: list[float]) -> float | list[float]:
-    """The numbers of `constant` in the form of messages: one number or a list."""
+    """Returns the numbers of `constant` in the form for messages: one number or a list."""
     values = [round(v, 6) for v in values]
     return values[0] if len(set(values)) == 1 else values
 
@@ -95,8 +98,9 @@ def shown(values: list[float]) -> float | list[float]:
 def expose(callback: mi.TraversalCallback, flags: mi.ParamFlags | None = None, /, **parameters: Any) -> None:
     """Shows textures and Dr.Jit values to ``mi.traverse`` by name, as differentiable or with other ``flags``.
 
-    Ignores None, words, and plain numbers, those of scalar variants too, which cannot be changed in place. A texture of
-    a BSDF with the name ``ambient`` becomes the BSDF's attribute of that name.
+    The function ignores None, strings and plain numbers, including the numbers of scalar variants, which cannot be
+    changed in place. If a BSDF exposes a texture with the name ``ambient``, this texture becomes an attribute of the
+    BSDF.
     """
     flags = mi.ParamFlags.Differentiable if flags is None else flags
     for name, parameter in parameters.items():
@@ -105,6 +109,6 @@ def expose(callback: mi.TraversalCallback, flags: mi.ParamFlags | None = None, /
 
 
 def describe(plugin: mi.Object, **values: Any) -> str:
-    """The text of ``to_string``: the class, and one line per value that is not None."""
+    """Returns the text of ``to_string``: the class, and one line for each value that is not None."""
     lines = [f"  {name} = {value}".replace("\n", "\n  ") for name, value in values.items() if value is not None]
     return f"{type(plugin).__name__}[\n" + ",\n".join(lines) + "\n]"

@@ -1,8 +1,8 @@
 """Registers the plugins with Mitsuba, for the active variant.
 
 A plugin class derives from a class of one variant (``mi.BSDF`` of ``llvm_ad_rgb``, for example). So a module that
-defines one runs again when the variant changes, as do Mitsuba's own Python integrators. Modules of pure functions look
-up ``mi`` at each call and run once.
+defines a plugin is executed again when the variant changes, as Mitsuba's own Python integrators are. Modules of pure
+functions look up ``mi`` at each call and are executed once.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ import mitsuba as mi
 
 from . import llvm
 
-#: Modules of base classes. They depend on the variant as well, and run first.
+#: Modules of base classes. They depend on the variant as well, and are executed first.
 BASES = ("optics.material", "light.source", "procedural.mixture", "sampling.sampler", "engine.integrator")
 
-#: The folders of plugins, in the order of the thesis: 5.1 materials, 5.2 sources, textures, views, 5.3 sampling, 5.4
-#: rendering.
+#: The folders of plugins, in the order of the thesis: 5.1 materials, 5.2 light sources, textures, sensors, 5.3
+#: sampling, 5.4 rendering.
 FOLDERS = ("bsdfs", "emitters", "textures", "sensors", "samplers", "integrators")
 
-#: Plugin name -> class, filled by the decorator below for the active variant.
+#: Plugin name -> class for the active variant; the decorator below fills this table.
 PLUGINS: dict[str, type] = {}
 
 _registered_for: str | None = None
@@ -34,9 +34,9 @@ _registered_for: str | None = None
 def plugin(kind: str, name: str) -> Callable[[type], type]:
     """Class decorator: registers the class as Mitsuba plugin ``name`` of the given ``kind`` ("bsdf", "emitter", ...).
 
-    Mitsuba 3.9 asks for the type of a plugin in ``scalar_rgb``, whatever variant is active. (If the name were unknown
-    there, ``load_dict`` would merge equal emitters, and writing XML would fail.) So the class is registered for that
-    variant too, until the plugins of ``scalar_rgb`` replace it.
+    Mitsuba 3.9 asks for the type of a plugin in ``scalar_rgb``, whatever variant is active. If the name were unknown
+    there, ``load_dict`` would merge equal emitters, and writing XML would fail. So the class is registered for
+    ``scalar_rgb`` too, until the plugins of ``scalar_rgb`` replace it.
     """
 
     def register(cls: type) -> type:
@@ -51,8 +51,8 @@ def plugin(kind: str, name: str) -> Callable[[type], type]:
 def create(name: str, **properties: Any) -> Any:
     """Creates an object of the plugin ``name`` with ``properties``.
 
-    Plugins use it to create others. ``mi.load_dict`` replaces the search path of the process for a moment (Mitsuba
-    3.9); objects of the scene that are created in other threads would then read freed memory.
+    Plugins use this function to create other plugins. ``mi.load_dict`` would replace the search path of the process for
+    a moment (Mitsuba 3.9); objects of the scene that other threads create at this moment would then read freed memory.
     """
     props = mi.Properties(name)
     for key, value in properties.items():
@@ -61,7 +61,7 @@ def create(name: str, **properties: Any) -> Any:
 
 
 def modules() -> Iterator[str]:
-    """Full names of the modules that run again for every variant, base classes first."""
+    """Yields the full names of the modules that are executed again for every variant, base classes first."""
     yield from (f"{__package__}.{module}" for module in BASES)
     for folder in FOLDERS:
         path = Path(__file__).with_name(folder)
@@ -69,10 +69,11 @@ def modules() -> Iterator[str]:
 
 
 def register_plugins(*_: object) -> None:
-    """Registers all plugins for the active variant; does nothing without a variant, or if they are registered.
+    """Registers all plugins for the active variant.
 
-    It is Mitsuba's variant callback and ignores its arguments (old variant, new variant). Raises RuntimeError where
-    LLVM would abort the process (see ``llvm.problem``).
+    The function does nothing if no variant is set, or if the plugins are registered already. It is Mitsuba's variant
+    callback and ignores its arguments (old variant, new variant). Raises RuntimeError where LLVM would abort the
+    process (see ``llvm.problem``).
     """
     global _registered_for
     variant = mi.variant()

@@ -29,8 +29,8 @@ class Composite(Pigmented):
 
      * - specular_reflectance
        - |spectrum| or |texture|
-       - Weight of the specular lobe, :math:`k_s`. The sum of the two is at most 1: numbers and colours that exceed it
-         are an error, also if :math:`k_d` is left at its default, and where textures or spectra do, :math:`k_s` is
+       - Weight of the specular lobe, :math:`k_s`. Numbers and colours with :math:`k_d + k_s > 1` are an error, also if
+         :math:`k_d` has its default. Where textures or spectra have a sum above 1, :math:`k_s` is reduced to
          :math:`1 - k_d`. (Default: ``1 - diffuse_reflectance``)
        - |exposed|, |differentiable|
 
@@ -66,10 +66,10 @@ class Composite(Pigmented):
          ``diffuse_reflectance``)
        - |exposed|, |differentiable|
 
-    A dielectric over a pigment (thesis, sections 3.1.1 and 5.1): :math:`\rho = k_s \rho_s + k_d / \pi`, a white
+    A dielectric over a pigment (thesis, sections 3.1.1 and 5.1), :math:`\rho = k_s \rho_s + k_d / \pi`: a white
     highlight on a coloured body. :math:`\rho_s` is the lobe of :ref:`prosim_conductor <bsdf-prosim_conductor>` with the
-    reflectance of a dielectric. As in the thesis, the varnish does not dim the light of the pigment;
-    :math:`k_s + k_d \le 1` bounds the energy. One-sided. Components: specular, diffuse.
+    reflectance of a dielectric. As in the thesis, the varnish does not dim the light of the pigment. The condition
+    :math:`k_s + k_d \le 1` bounds the energy. The material is one-sided. Its components are specular and diffuse.
 
     .. tabs::
         .. code-tab:: xml
@@ -105,7 +105,10 @@ class Composite(Pigmented):
         dr.make_opaque(self.eta)
 
     def reflected(self, si: mi.SurfaceInteraction3f, cos: mi.Float, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        """Fresnel's reflectance times ks; ks is at most 1 - kd at every point and wavelength."""
+        """Returns Fresnel's reflectance times ks.
+
+        At every point and wavelength, ks is at most 1 - kd.
+        """
         if self.specular_reflectance is None:
             ks = dr.maximum(1 - self.diffuse_reflectance.eval(si, active), 0)
         else:
@@ -128,17 +131,16 @@ class Composite(Pigmented):
 
 
 def known_to_conserve(props: mi.Properties) -> bool:
-    """Whether the two reflectances are known to add up to at most 1 wherever they are evaluated (s + d = 1, section
-    3.1.1).
+    """Tells whether the two reflectances are known to add up to at most 1 everywhere (s + d = 1, section 3.1.1).
 
-    That is so for numbers, and for colours in a variant that computes with them; of textures and spectra it is known
-    only where they are evaluated. Raises ValueError if constants add up to more than 1.
+    This is known for numbers, and for colours in a variant that computes with colours. The sum of textures or spectra
+    is known only at a point, when they are evaluated. Raises ValueError if constants add up to more than 1.
     """
     names = "diffuse_reflectance", "specular_reflectance"
     if names[1] not in props:
         return True
     kd, ks = constant(props, names[0]) if names[0] in props else [0.5], constant(props, names[1])
-    # Of textures and spectra it is not known.
+    # The sum of textures or spectra is unknown here.
     if any(not v or (len(v) > 1 and hasattr(props.get(name), "values")) for name, v in zip(names, (kd, ks))):
         return False
     channels = max(len(kd), len(ks))

@@ -16,7 +16,7 @@ from ..optics.nested import parts
 from ..parameters import choice, constant, reject, shown
 from ..registry import create, plugin
 
-#: Values of the parameter ``fresnel``.
+#: Allowed values of the parameter ``fresnel`` -> the function that computes the reflectance.
 FRESNEL = {"exact": fresnel.conductor, "thesis": fresnel.conductor_thesis}
 
 
@@ -75,11 +75,12 @@ class Conductor(Material):
        - Fraction of the ambient light that the surface reflects, for integrators with ambient light. (Default: black)
        - |exposed|, |differentiable|
 
-    The model of Torrance and Sparrow (thesis, section 3.1.1; equation 3.1): facets of a distribution :math:`D`, each a
-    mirror that reflects by Fresnel's equations, arranged in V-shaped cavities that shadow and mask one another
-    (:math:`G`). Facets are sampled in proportion to their visible area (Heitz and d'Eon 2014), so that no sample
-    weighs more than :math:`F`. Light that two facets reflect is lost: ``docs/optics.md`` has a table.
-    One-sided: black from the back; put it into :ref:`twosided <bsdf-twosided>` otherwise.
+    The model of Torrance and Sparrow (thesis, section 3.1.1; equation 3.1). The surface consists of facets with the
+    distribution :math:`D` of normals. Each facet is a mirror that reflects by Fresnel's equations. The facets form
+    V-shaped cavities, in which they shadow and mask one another (:math:`G`). Facets are sampled in proportion to their
+    visible area (Heitz and d'Eon 2014), so that no sample has a weight above :math:`F`. The model loses the light that
+    two facets reflect in turn: ``docs/optics.md`` has a table. The material is one-sided: its back is black, unless it
+    is put into :ref:`twosided <bsdf-twosided>`.
 
     .. tabs::
         .. code-tab:: xml
@@ -108,7 +109,7 @@ class Conductor(Material):
         self.set_components({self.specular_type(): mi.BSDFFlags.FrontSide})
 
     def reflected(self, si: mi.SurfaceInteraction3f, cos: mi.Float, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        """Fresnel's reflectance times the user's factor."""
+        """Returns Fresnel's reflectance at the cosine ``cos``, times the texture ``specular_reflectance``."""
         scale = 1 / self.ext_ior
         f = FRESNEL[self.fresnel](cos, self.eta.eval(si, active) * scale, self.k.eval(si, active) * scale)
         return f if self.specular_reflectance is None else f * self.specular_reflectance.eval(si, active)
@@ -156,13 +157,17 @@ class Conductor(Material):
 
 
 def metals() -> list[str]:
-    """Names of the metals of which Mitsuba has tables, as far as it finds them."""
+    """Returns the names of the metals whose tables Mitsuba has; the list is empty if their folder is not found."""
     folder = Path(str(mi.file_resolver().resolve("data/ior/Cu.k.spd"))).parent
     return sorted(p.name.removesuffix(".k.spd") for p in folder.glob("*.k.spd"))
 
 
 def metal(props: mi.Properties) -> tuple[mi.Texture, mi.Texture]:
-    """The textures (eta, k): given, or measured ones of ``material``, or those of a perfect mirror."""
+    """Returns the textures ``(eta, k)`` of the metal that the parameters describe.
+
+    The parameter ``material`` selects a measured metal. Otherwise the parameters ``eta`` and ``k`` count; their
+    defaults are those of a perfect mirror. Raises ValueError for wrong parameters.
+    """
     material = props.get("material", "none")
     if material == "none":
         for name in ("eta", "k"):

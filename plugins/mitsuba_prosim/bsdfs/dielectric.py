@@ -86,17 +86,17 @@ class Dielectric(Material):
        - Fraction of the ambient light that the surface reflects, for integrators with ambient light. (Default: black)
        - |exposed|, |differentiable|
 
-    Reflects and refracts by Fresnel's equations and Snell's law (thesis, sections 2.2.3 and 5.1), total reflection
-    included; from both sides. If rough, the reflected light follows Torrance and Sparrow, as for
-    :ref:`prosim_conductor <bsdf-prosim_conductor>`, and the refracted light Walter et al. (2007), with the product of
-    the V-cavities' :math:`G_1` of both directions. Ideally smooth, it equals Mitsuba's
-    :ref:`dielectric <bsdf-dielectric>`. Components: reflected, transmitted.
+    The surface reflects and refracts by Fresnel's equations and Snell's law (thesis, sections 2.2.3 and 5.1), total
+    reflection included, from both sides. A rough surface reflects by the model of Torrance and Sparrow, as
+    :ref:`prosim_conductor <bsdf-prosim_conductor>` does. It refracts by the model of Walter et al. (2007), with the
+    product of the V-cavities' :math:`G_1` of both directions. An ideally smooth surface is equal to Mitsuba's
+    :ref:`dielectric <bsdf-dielectric>`. The components are reflected and transmitted.
 
-    Where an index depends on the wavelength, glass disperses (Thomas 1986). A smooth surface refracts only one of the
-    wavelengths of a ray (in RGB variants one of r, g and b, which stand for 635, 544 and 437 nm) and increases its
-    weight. It reflects all of them. Rough surfaces evaluate each wavelength. :ref:`prosim <integrator-prosim>` chooses
-    among the wavelengths that the ray still carries; Mitsuba's integrators choose again at each surface, which is
-    unbiased and noisier.
+    If an index depends on the wavelength, the glass is dispersive (Thomas 1986). A smooth surface then refracts only
+    one of the wavelengths of a ray, and increases the weight of this wavelength. RGB variants choose one of r, g and b,
+    which stand for 635, 544 and 437 nm. The surface reflects all wavelengths. A rough surface evaluates each
+    wavelength. :ref:`prosim <integrator-prosim>` chooses among the wavelengths that the ray still carries. Mitsuba's
+    integrators choose again at each surface, which is unbiased and noisier.
 
     .. tabs::
         .. code-tab:: xml
@@ -118,7 +118,7 @@ class Dielectric(Material):
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         self.indices = dispersion.Indices.read(props)
-        #: Whether they depend on the wavelength.
+        #: Whether an index of refraction depends on the wavelength.
         self.disperses = self.indices.eta is None
         self.specular_reflectance = reflectance(props, "specular_reflectance")
         self.specular_transmittance = reflectance(props, "specular_transmittance")
@@ -131,16 +131,18 @@ class Dielectric(Material):
         self.set_components({self.specular_type(): sides, transmission: sides | flags.NonSymmetric})
 
     def share(self, ctx: mi.BSDFContext, reflected: mi.Bool, f: mi.Float) -> mi.Float:
-        """Probability of the component that was chosen, given Fresnel's reflectance ``f``."""
+        """Returns the probability of the chosen component, reflected or transmitted, given Fresnel's
+        reflectance ``f``.
+        """
         return dr.select(reflected, f, 1 - f) if all(self.enabled(ctx)) else mi.Float(1)
 
     def energy(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, reflected: mi.Bool, face: Interface, active: mi.Bool
     ) -> mi.UnpolarizedSpectrum:
-        """Share of the light that a facet reflects or transmits, as a spectrum.
+        """Returns the fraction of the light that a facet reflects or transmits, as a spectrum.
 
-        Radiance that crosses is divided by the square of ``face.eta_it``, for it fills another solid angle; importance
-        is not.
+        Transmitted radiance is divided by the square of ``face.eta_it``, because it fills another solid angle.
+        Transmitted importance is not divided.
         """
         r, t = (
             1 if texture is None else texture.eval(si, active)
@@ -160,12 +162,12 @@ class Dielectric(Material):
         weights: Sequence[mi.Float] | None = None,
         undispersed: bool = False,
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        """Samples a direction; where smooth glass disperses, that of the wavelength that is chosen with the
-        probabilities ``weights``, for integrators that know the throughput of a ray.
+        """Samples a direction.
 
-        None: all wavelengths are equally probable. This is unbiased, but noisier, because the ray's throughput is not
-        known. ``undispersed``: all wavelengths take the direction of the middle one; biased, but without colour noise;
-        for the albedo.
+        Smooth dispersive glass refracts one wavelength, which is chosen with the probabilities ``weights``. An
+        integrator that knows the throughput of a ray gives these weights. If ``weights`` is None, all wavelengths are
+        equally probable: this is unbiased, but noisier. If ``undispersed``, all wavelengths take the direction of the
+        middle wavelength: this is biased, but has no colour noise, as an albedo needs.
         """
         bs = dr.zeros(mi.BSDFSample3f)
         reflection, transmission = self.enabled(ctx)
@@ -200,7 +202,7 @@ class Dielectric(Material):
             pdf = divisor = dr.detach(mi.Float(pdf))
         else:
             active = active & (i_m * si.wi.z > 0) & (bs.wo.z != 0) & (((si.wi.z > 0) == (bs.wo.z > 0)) == reflected)
-            if self.disperses:  # where this wavelength is wholly reflected, others may not be
+            if self.disperses:  # total reflection of this wavelength may be partial for others
                 value, pdf = self.eval_pdf(ctx, si, bs.wo, active & (reflected | (face.cos_t != 0)))
                 value, divisor = mi.unpolarized_spectrum(value), dr.detach(pdf)
             else:
@@ -216,12 +218,13 @@ class Dielectric(Material):
     def facets(
         self, wi: mi.Vector3f, wo: mi.Vector3f, facet: Facet, reflected: mi.Bool, width: mi.Float, eta: mi.Float
     ) -> tuple[mi.Float, mi.Float]:
-        """``(value, pdf)`` of the facets like ``facet`` that send light from ``wo`` to ``wi``, without Fresnel's share.
+        """Returns ``(value, pdf)`` of the facets like ``facet`` that scatter light from ``wo`` to ``wi``.
 
-        Both are D(m) <wi, m> / cos_i, times the solid angle of m over that of wo (Walter et al. 2007, equations 14 and
-        17), the one times G, the other times G1 of wi. By Snell's law
-        (i_m + eta_it o_m) (i_m - eta_it o_m) = 1 - eta_it², which is exact also for indices near 1. eta_it: the index
-        on wo's side over that on wi's; ``eta``: the index inside over that outside.
+        The value does not include Fresnel's factor. Both results are D(m) <wi, m> / cos_i times the solid angle of m
+        divided by that of wo (Walter et al. 2007, equations 14 and 17). The value is also multiplied by G, the density
+        by G1 of wi. Let eta_it be the index on the side of wo divided by the index on the side of wi; ``eta`` is the
+        index inside divided by the index outside. By Snell's law (i_m + eta_it o_m) (i_m - eta_it o_m) = 1 - eta_it²,
+        which is exact also for indices near 1.
         """
         cos_i, cos_o, m = dr.abs(wi.z), dr.abs(wo.z), facet.m
         a, b = dr.abs(facet.i_m), dr.maximum(dr.abs(facet.o_m), 1e-30)
@@ -236,7 +239,7 @@ class Dielectric(Material):
     def eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
     ) -> tuple[mi.Spectrum, mi.Float]:
-        # A value for each wavelength, each by its own facet, and the mean of their densities.
+        # Each wavelength has its own facet and its own value. The density is the mean of their densities.
         reflected = (si.wi.z > 0) == (wo.z > 0)
         reflection, transmission = self.enabled(ctx)
         active = active & (dr.abs(si.wi.z) > GRAZING) & (wo.z != 0) & dr.select(reflected, reflection, transmission)
@@ -246,7 +249,7 @@ class Dielectric(Material):
         values, faces, pdf = [], [], mi.Float(0)
         for eta in etas:
             facet = facets.between(si.wi, wo, eta)
-            # A facet's front is visible from the front of the surface, its back from the back.
+            # The front of a facet is visible only from the front of the surface, and its back only from the back.
             facing = active & (facet.i_m * si.wi.z > 0) & (facet.o_m * wo.z > 0)
             lit, density = self.facets(si.wi, wo, facet, reflected, width, eta)
             faces.append(fresnel.interface(facet.i_m, eta))

@@ -30,9 +30,9 @@ class Lambertian(Material):
          ``reflectance``)
        - |exposed|, |differentiable|
 
-    Reflects all light diffusely, by Lambert's law (thesis, section 5.1; equation :math:`\rho_d = R / \pi` of section
-    2.2.1). Equal to Mitsuba's :ref:`diffuse <bsdf-diffuse>`, but for the attribute ``ambient``. One-sided: black from
-    the back.
+    The surface reflects light diffusely by Lambert's law (thesis, section 5.1; equation :math:`\rho_d = R / \pi` of
+    section 2.2.1). The material is equal to Mitsuba's :ref:`diffuse <bsdf-diffuse>`, except for the attribute
+    ``ambient``. It is one-sided: its back is black.
 
     .. tabs::
         .. code-tab:: xml

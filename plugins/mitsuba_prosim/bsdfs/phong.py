@@ -38,17 +38,18 @@ class Phong(Pigmented):
 
      * - distribution
        - |string|
-       - ``phong``, the only one here. (Default: ``phong``)
+       - ``phong``, the only distribution of this model. (Default: ``phong``)
 
      * - ambient
        - |spectrum| or |texture|
        - Fraction of the ambient light that the surface reflects, for integrators with ambient light. (Default: black)
        - |exposed|, |differentiable|
 
-    The empirical model (thesis, sections 3.1.2 and 4.2.2.2), normalised as Lafortune and Willems (1994) have it:
-    :math:`\rho = k_d / \pi + k_s (n + 2) / (2 \pi) \cos^n \alpha`, :math:`\alpha` the angle to the mirror direction.
-    It conserves energy if :math:`k_d + k_s \le 1`, but a sum above 1 is no error, for the listing in the thesis has
-    such surfaces. No Fresnel, and no off-specular peak. One-sided. Components: specular, diffuse.
+    The empirical model (thesis, sections 3.1.2 and 4.2.2.2) in the normalisation of Lafortune and Willems (1994):
+    :math:`\rho = k_d / \pi + k_s (n + 2) / (2 \pi) \cos^n \alpha`, where :math:`\alpha` is the angle to the mirror
+    direction. The model conserves energy if :math:`k_d + k_s \le 1`. A greater sum is allowed, because the listing in
+    the thesis has such surfaces. The model has no Fresnel reflectance and no off-specular peak. It is one-sided. Its
+    components are specular and diffuse.
 
     .. tabs::
         .. code-tab:: xml
@@ -74,7 +75,8 @@ class Phong(Pigmented):
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props, ("phong",))
-        # The sum may exceed 1: an empirical model, and the thesis's own listing has kd + ks = 1.2 and 1.4 (appendix A).
+        # The sum of kd and ks may exceed 1: the model is empirical, and the thesis's listing has kd + ks = 1.2 and 1.4
+        # (appendix A).
         self.specular_reflectance = reflectance(props, "specular_reflectance", 0.2)
 
     def specular_weight(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:

@@ -1,7 +1,8 @@
-"""A denoiser that estimates its error and mixes its output with the samples.
+"""A denoiser that estimates its own error, and mixes the denoised image with the samples.
 
-``oidn``: the denoiser; ``mixing``: the mixture, by a ``pyramid`` of scales; ``denoised``: both together; ``halves``:
-two images of a scene and their features; ``layers``: the result as a bitmap or in a film.
+``oidn``: the denoiser; ``mixing``: the mixture, with the scales of ``pyramid``; ``denoised``: denoiser and mixture
+together; ``halves``: two independent images of a scene and their features; ``layers``: the result as a bitmap or in a
+film.
 """
 
 from .denoised import denoise

@@ -1,4 +1,4 @@
-"""Denoises an image and estimates its error."""
+"""Denoises an image and estimates the error of the result."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ def denoise(
     normal: np.ndarray | None = None,
     fast: bool = False,
 ) -> Denoised:
-    """Denoises an image of two halves, as far as that reduces its error.
+    """Denoises an image that consists of two halves of the samples, as far as this reduces the error.
 
     ``first``, ``second``
-        Linear images of the same scene from equally many different samples (other seeds): shape (height, width,
-        channels) with 1 or 3 channels, or (height, width). A value that is not finite is taken from the other half, and
-        is black if it is finite in neither.
+        Linear images of the same scene, with equally many samples and different seeds: shape (height, width, channels)
+        with 1 or 3 channels, or (height, width). A value that is not finite is replaced by the value of the other half,
+        or by black if no half has a finite value.
     ``albedo``, ``normal``
         Images of :ref:`integrator-prosim_features` from independent samples: shape (height, width, 3), or None.
     ``fast``
-        Smaller networks, several times as fast.
+        Use smaller networks, which are several times faster.
 
     Returns a :class:`Denoised`. Raises ValueError where the shapes do not fit, and :class:`.oidn.MissingError` where
     the package mitsuba-oidn is not installed.
@@ -45,9 +45,11 @@ def denoise(
 
 
 def denoise_halves(first: np.ndarray, second: np.ndarray, denoiser: Denoiser) -> Denoised:
-    """As :func:`denoise`, for arrays of shape (height, width, 1 or 3), by a ``denoiser`` with the features."""
+    """Denoises two halves of shape (height, width, 1 or 3) by a ``denoiser`` that holds the features
+    (:func:`denoise`).
+    """
     first, second = (np.where(np.isfinite(a), a, b) for a, b in ((first, second), (second, first)))
-    # Their squares must be finite.
+    # Values are clipped so that their squares are finite.
     first, second = (
         np.clip(np.nan_to_num(half, posinf=0, neginf=0), -BRIGHTEST, BRIGHTEST) for half in (first, second)
     )

@@ -1,4 +1,4 @@
-"""From a scene to two images by different samples, and the features of the view."""
+"""Renders two images of a scene with different samples, and features of the view, for the denoiser."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from .oidn import Denoiser
 if TYPE_CHECKING:
     from ..engine.render import Render
 
-#: N: the features of a pixel have N² samples.
+#: Square root of the number of samples of a pixel's features.
 FEATURE_SAMPLES = 4
 
-#: Minimum width and height of the part that is denoised to decide whether it is worth the time.
+#: Minimum width and height of the part of the image that is denoised to decide whether denoising is worth its time.
 LEAST_SIDE = 64
 
-#: The error of the final image is within this many times the limit with a probability of about 95 %.
+#: With a probability of about 95 %, the error of the final image is at most this many times the limit.
 TOLERANCE = 1.1
 
-#: RMS error of the displayed image (white = 1), and the bounds of 99 and of 99.9 % of its pixels.
+#: RMS error of the displayed image (white = 1), and the bounds of the errors of 99 % and of 99.9 % of its pixels.
 Noise = tuple[float, float, float]
 
 
@@ -44,11 +44,11 @@ def render(
     spp: int = 0,
     fast: bool = False,
 ) -> Denoised:
-    """Renders ``scene`` by its integrator, or another, and denoises the image.
+    """Renders ``scene`` with its own integrator, or with ``integrator``, and denoises the image.
 
-    Half of the samples (``spp``, or those of the integrator) use one seed, the other half another. The integrator's
-    parameter ``noise`` is the error target of the final image. The render overwrites the sensor's film, which does not
-    hold the denoised image afterwards. ``fast``: see :func:`.denoise`.
+    Half of the samples (``spp``, or the sample count of the integrator) use one seed; the other half use another seed.
+    The integrator's parameter ``noise`` is the error target of the final image. The render overwrites the sensor's
+    film, which does not hold the denoised image afterwards. ``fast`` selects smaller networks, see :func:`.denoise`.
 
     Raises ValueError for films that store no colours, and :class:`.oidn.MissingError` if the package mitsuba-oidn is
     not installed.
@@ -62,10 +62,10 @@ def render(
 def denoised_progressive(
     scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int = 0, spp: int = 0, fast: bool = False, **options: Any
 ) -> Any:
-    """A progressive render whose image is denoised at its end; ``render.denoiser`` is its :class:`FinalImage`.
-    ``options``: others of :func:`.rendering.progressive`.
+    """Begins a progressive render whose image is denoised at its end.
 
-    Raises ValueError for films that store no colours.
+    ``render.denoiser`` is the :class:`FinalImage` of the returned render. ``options`` are passed to
+    :func:`.rendering.progressive`. Raises ValueError for films that store no colours.
     """
     check(sensor.film())
     denoiser = FinalImage(scene, sensor, integrator, seed, fast)
@@ -74,22 +74,23 @@ def denoised_progressive(
 
 
 class FinalImage:
-    """Denoises the two halves of a ``render``, at its end, and earlier to estimate the error of the final image.
+    """Denoises the two halves of a ``render`` at its end, and earlier to estimate the error of the final image.
 
-    With an error target the raw image ends the render if it is within it, and is then the result. It begins as without
-    a denoiser. The second half and the denoiser follow if the denoised image is likely to be within the target by fewer
-    samples, whose number is worth that: first the smallest networks for a ninth of the pixels, then all. These
-    decisions depend on samples and rounded errors alone: times, or bits of the denoiser that differ with the number of
-    threads, do not change the image.
+    With an error target, the render begins as without a denoiser. If the raw image reaches the target, the render ends
+    and the raw image is the result. The second half and the denoiser begin only if the denoised image is likely to
+    reach the target with fewer samples, and if this saves enough samples. The denoiser is first called with the
+    smallest networks for a ninth of the pixels, then for all pixels. These decisions depend only on samples and rounded
+    errors. So the image does not depend on measured times, or on bits of the denoiser that differ with the number of
+    threads.
     """
 
-    #: The denoiser is called when the raw error is at most this many times the target.
+    #: Maximum ratio of the raw image's error to the target at which the denoiser is called.
     FAR = 3.0
-    #: Maximum number of calls for all pixels before that of the final image.
+    #: Maximum number of calls of the denoiser for all pixels before the call for the final image.
     CALLS = 3
-    #: Cost of a call, in samples of a pixel.
+    #: Cost of a call of the denoiser, in samples per pixel.
     CALL_COST = 64
-    #: Minimum number of samples of a pixel for which the best networks are worth their time.
+    #: Minimum number of samples per pixel for which the best networks are worth their time.
     MIN_SAMPLES_FOR_BEST = 512
 
     def __init__(self, scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int, fast: bool) -> None:
@@ -100,13 +101,17 @@ class FinalImage:
 
     @cached_property
     def names(self) -> list[str]:
-        """Names of the channels of :attr:`images`, the film's own first; read before the features change the film."""
+        """Names of the channels of :attr:`images`; the film's own channels are first.
+
+        The names are read before the rendering of the features changes the film.
+        """
         return [field.name for field in self.sensor.film().bitmap().struct_()]
 
     @property
     def images(self) -> list[np.ndarray]:
-        """The developed halves so far with all of their channels, shape (height, width, channels), or one image if the
-        second half has no samples, or lacks pixels.
+        """The developed halves of the image so far with all channels, each of shape (height, width, channels).
+
+        The list has only one image if the second half has no samples, or has samples of some pixels only.
         """
         return self.render.half_images()
 
@@ -116,7 +121,10 @@ class FinalImage:
         return [image[..., : 1 if self.names[0] == "Y" else 3] for image in self.images]
 
     def others(self) -> dict[str, np.ndarray]:
-        """Alpha and the integrator's own channels, of both halves together, by name."""
+        """Returns alpha and the further channels of the integrator, for both halves together: name -> array.
+
+        Each array has the shape (height, width).
+        """
         images, names, result = self.images, self.names, {}
         for k in range(1 if names[0] == "Y" else 3, len(names)):
             planes, name = [image[..., k] for image in images], names[k]
@@ -126,13 +134,14 @@ class FinalImage:
 
     @cached_property
     def features(self) -> tuple[np.ndarray, np.ndarray]:
-        """Albedo and normal, see :func:`features`."""
+        """Albedo and normal of the view, see the function :func:`features`."""
         return features(self.scene, self.sensor, self.seed, getattr(self.integrator, "hide_emitters", False))
 
     @property
     def networks(self) -> str:
-        """The denoiser's networks for the samples so far: "fast" or "best"; "none" where the raw image is within the
-        error target.
+        """Which networks of the denoiser suit the samples so far: "fast" or "best".
+
+        The value is "none" if the raw image has reached the error target.
         """
         if self.render.second is not None:
             state, target = self.render.state, self.render.target
@@ -144,7 +153,9 @@ class FinalImage:
         return "fast" if self.fast else "best"
 
     def denoised(self) -> Denoised:
-        """The denoised image of the samples so far, or the raw image if that is within the error target."""
+        """Returns the denoised image of the samples so far, or the raw image if the raw image has reached the error
+        target.
+        """
         return self._latest(self.networks, self._samples)
 
     def _denoise(self, networks: str, _: float) -> Denoised:
@@ -158,14 +169,16 @@ class FinalImage:
 
     @property
     def _samples(self) -> float:
-        """Mean samples of a pixel."""
+        """Mean number of samples per pixel."""
         reached = self.render.reached
         return float(reached.samples) if reached else 0.0
 
     def estimate(self, render: Render) -> Noise:
-        """The error of the final image, by which ``render`` continues. Where the denoiser is not called, it is the one
-        that the last call promises, or that of the raw image. It may begin a complete second image; ``render`` calls
-        it again when that has its samples.
+        """Returns an estimate of the error of the final image, by which ``render`` decides how to continue.
+
+        If the denoiser is not called, the estimate is extrapolated from its last call, or is the error of the raw
+        image. This method may begin a complete second image; ``render`` then takes its samples and calls this method
+        again.
         """
         second, state, target, samples = render.second, render.state, render.target, self._samples
         assert second is not None
@@ -175,10 +188,11 @@ class FinalImage:
             self.denoised()
             render.target = target = dataclasses.replace(target, denoiser_seconds=1.2 * (time.perf_counter() - started))
         excess = target.excess(raw)
-        if not excess > ENOUGH:  # NaN without limits
+        if not excess > ENOUGH:  # the excess is NaN without limits
             return raw
         by_raw = samples * (excess / AIM) ** 2
-        # The second half takes as many samples. The error of the first pass promises too many of them.
+        # The second half of the samples doubles their number. The error after the first pass predicts too many samples,
+        # so it does not decide.
         left = by_raw - samples * (1 if second.complete else 2) if state.effort else 0.0
         if not state.estimates and left < 2 * self.CALL_COST:
             return raw
@@ -205,7 +219,10 @@ class FinalImage:
             self._record(networks, raw, max(result.noise, result.at_most * ENOUGH / TOLERANCE) / result.raw_noise)
 
     def _probed(self) -> float:
-        """The final error over the raw one, by the smallest networks without features in the middle of the image."""
+        """Returns the predicted error of the final image, divided by the error of the raw image.
+
+        The prediction denoises the middle of the image by the smallest networks, without features.
+        """
         both = self.colours
         sides = [(n, max(n // 3, min(n, LEAST_SIDE))) for n in both[0].shape[:2]]
         part = tuple(slice((n - side) // 2, (n + side) // 2) for n, side in sides)
@@ -213,7 +230,7 @@ class FinalImage:
         return result.at_most / max(result.raw_noise, 1e-30)
 
     def _record(self, networks: str, raw: Noise, ratio: float) -> None:
-        """Keeps the errors, rounded: those of the raw image multiplied by ``ratio``."""
+        """Stores the errors of the raw image multiplied by ``ratio``, rounded, as an estimate of ``networks``."""
         noise = (float(f"{error:.3g}") for error in scaled(raw, ratio))
         self.render.state.estimates.append((self._samples, networks, *noise))
 
@@ -221,9 +238,10 @@ class FinalImage:
 def features(
     scene: mi.Scene, sensor: mi.Sensor, seed: int = 0, hide_emitters: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
-    """``(albedo, normal)`` of the view by :ref:`integrator-prosim_features`, with the film's filter.
+    """Renders the features of the view by :ref:`integrator-prosim_features`, and returns ``(albedo, normal)``.
 
-    The samples are not those of an image with that ``seed``, as the two halves must stay independent.
+    The film's filter applies. The samples differ from the samples of an image with this ``seed``, because the two
+    halves of the image must stay independent.
     """
     nested = create("prosim_features", hide_emitters=hide_emitters)
     integrator = create("prosim_adaptive", nested=nested, samples=FEATURE_SAMPLES, adaptive="none")
@@ -233,7 +251,7 @@ def features(
 
 
 def scaled(noise: Sequence[float], factor: float) -> Noise:
-    """The three errors, each multiplied by ``factor``."""
+    """Returns the three errors of ``noise``, each multiplied by ``factor``."""
     return noise[0] * factor, noise[1] * factor, noise[2] * factor
 
 

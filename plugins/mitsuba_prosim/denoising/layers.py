@@ -1,4 +1,4 @@
-"""A denoised image with its layers, as a bitmap or in a film."""
+"""A denoised image with its layers (raw image, denoised image, errors), as a bitmap or in a film."""
 
 from __future__ import annotations
 
@@ -11,13 +11,16 @@ from .halves import FinalImage
 
 
 def bitmap(final: FinalImage) -> mi.Bitmap:
-    """A bitmap of the :func:`channels`."""
+    """Returns a bitmap with all :func:`channels` of the denoised image."""
     return of_channels(channels(final, final.names[: final.denoised().final.shape[2]]))
 
 
 def channels(final: FinalImage, colours: Sequence[str]) -> dict[str, np.ndarray]:
-    """The final image, the integrator's own channels, the layers ``raw`` and ``denoised``, and the errors of the three
-    images: ``error``, ``error_raw`` and ``error_denoised``, with one channel, ``Y``; each of shape (height, width).
+    """Returns the channels of the final image and of its layers: name -> array of shape (height, width).
+
+    The channels are the colours of the final image, the integrator's own channels, the layers ``raw`` and ``denoised``,
+    and the errors of the three images. Each error has one channel, ``Y``: ``error``, ``error_raw`` and
+    ``error_denoised``.
     """
     denoised = final.denoised()
     errors = {"": denoised.final_error, "_raw": denoised.raw_error, "_denoised": denoised.denoised_error}
@@ -27,8 +30,10 @@ def channels(final: FinalImage, colours: Sequence[str]) -> dict[str, np.ndarray]
 
 
 def update_film(final: FinalImage, names: Sequence[str]) -> None:
-    """Writes the final image to the film. ``names``: the channels to store after the colours, from
-    :func:`channels`. Raises ValueError if the film's colours are not R, G, B or Y.
+    """Writes the final image to the film.
+
+    ``names`` are the :func:`channels` to store after the colours. Raises ValueError if the film's colours are not R, G,
+    B or Y.
     """
     film = final.sensor.film()
     if final.names[0] not in ("R", "Y"):
@@ -48,8 +53,10 @@ def update_film(final: FinalImage, names: Sequence[str]) -> None:
 def mixed(
     layers: Mapping[str, np.ndarray], factors: Iterable[tuple[str, np.ndarray]]
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """The sum of ``layers``, shape (height, width, 3), each multiplied by the ``factors`` of its name, one or three,
-    and those layers. Raises KeyError where there is no layer of this name.
+    """Multiplies layers by factors, and returns ``(sum, layers)``: the sum of all layers, and the layers.
+
+    Each layer has the shape (height, width, 3). ``factors`` are pairs of a layer's name and its factor, of one or three
+    numbers. Raises KeyError if no layer has this name.
     """
     result = dict(layers)
     for name, factor in factors:
@@ -58,13 +65,15 @@ def mixed(
 
 
 def planes(prefix: str, image: np.ndarray, colours: Sequence[str] = "RGB") -> dict[str, np.ndarray]:
-    """The channels of ``image``, shape (height, width, 1 or 3), by name: ``prefix`` and that of the colour. Films store
-    three colours, even if they develop one.
+    """Returns the channels of ``image``, shape (height, width, 1 or 3): name -> array of shape (height, width).
+
+    A name is ``prefix`` plus the name of the colour. An image of one channel is repeated for each of the ``colours``,
+    because films store three colours.
     """
     return {prefix + name: image[..., k % image.shape[2]] for k, name in enumerate(colours)}
 
 
 def of_channels(planes: dict[str, np.ndarray]) -> mi.Bitmap:
-    """A bitmap of named channels, each of shape (height, width)."""
+    """Returns a bitmap of named channels, each of shape (height, width)."""
     values = np.stack(list(planes.values()), axis=2, dtype=np.float32)
     return mi.Bitmap(values, mi.Bitmap.PixelFormat.MultiChannel, list(planes))

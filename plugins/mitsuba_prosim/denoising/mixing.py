@@ -1,23 +1,24 @@
-"""Mixes a denoised image with its samples, by the errors of both, which two independent halves estimate.
+"""Mixes a denoised image with its samples, weighted by the errors of both, which two independent halves estimate.
 
 Let A and B be images of the same scene from different samples, M = (A + B) / 2 the raw image, and d = (A - B) / 2. The
-noise d has the variance of that of M, and is independent of it if it is Gaussian. The denoiser gets M + d/2 and M - d/2
-separately; D is the mean of the two results and e their difference, the response of the denoiser to noise like d. Then,
-in any window of pixels, these estimators are about unbiased (Stein 1981; exactly if the denoiser is linear in the
-noise):
+noise d has the variance of M's noise, and is independent of M's noise if both are Gaussian. The denoiser is applied to
+M + d/2 and M - d/2 separately. D is the mean of the two results, and e is their difference, the response of the
+denoiser to noise like d. Then, in any window of pixels, these estimators are about unbiased (Stein 1981; exactly if the
+denoiser is linear in the noise):
 
     d²                      the variance of the raw image M,
     d e                     the covariance of D and M,
     (M - D)² - d² + 2 d e   the squared error of D,
     (M - D)² - d² + d e     (M - D) times the signal that D lacks.
 
-The result is D plus a share of M - D, which depends on the share of signal in it: at each scale separately, as in
-Wiener's filter. So light that the denoiser has lost in small spots returns as a wide, faint difference, which many
-pixels together determine. The variance of each share is estimated too; where the share does not differ significantly
-from that of a wide neighbourhood, the latter is used (James and Stein 1961).
+The result is D plus a share of M - D, separately at each scale. The share depends on the fraction of signal in M - D,
+as in Wiener's filter. So light that the denoiser removed from small spots returns as a wide, faint difference, which
+many pixels together determine. The variance of each share is estimated too. If the share does not differ significantly
+from the share of a wide neighbourhood, the share of the neighbourhood is used (James and Stein 1961).
 
 The squared error of the result F in display units f is estimated by (f(F) - f(A)) (f(F) - f(B)) plus twice the product
-of the noise and its response, which includes the response of the shares. The mean over the image is nearly unbiased.
+of the noise and its response, which includes the response of the shares. The mean of this estimate over the image is
+nearly unbiased.
 """
 
 from __future__ import annotations
@@ -28,42 +29,45 @@ import numpy as np
 
 from .pyramid import average, bands, blur, gaussian_pyramid, whole
 
-#: Number of scales, each twice as coarse as the one before; smallest side of an image with a coarser one.
+#: Number of scales, each twice as coarse as the previous scale; and the minimum side of an image that has a coarser
+#: scale.
 SCALES, LEAST_SIDE = 4, 8
 
-#: Windows of the averages of products, arguments of :func:`.pyramid.blur`: about Gaussians of 3 and 26 pixels.
+#: Windows for averages of products, as arguments of :func:`.pyramid.blur`: about Gaussians of 3 and 26 pixels.
 NARROW, WIDE = (1, 2), (4, 2)
 
-#: The effective number of pixels of the narrow window.
+#: Effective number of pixels of the narrow window.
 PIXELS = 4 * np.pi * 10
 
-#: A pixel is converged if its variance is much less than this part of the mean.
+#: A pixel is converged if its variance is much less than this fraction of the mean variance.
 SURE = 1 / 30
 
-#: Step of the numerical derivative of the mixture, in units of d.
+#: Step of the numerical derivative of the mixture, in units of the noise d.
 STEP = np.float32(0.1)
 
-#: Luminance of linear sRGB, as Mitsuba has it.
+#: Weights of the luminance of linear sRGB, as in Mitsuba.
 LUMINANCE = np.array([0.212671, 0.715160, 0.072169], np.float32)
 
-#: Maximum share of light that is added: more would come from single samples and be visible everywhere.
+#: Maximum fraction of light that is added. A greater difference would come from single samples, and its addition would
+#: be visible everywhere.
 LIGHT = 0.02
 
 
 @dataclass(frozen=True)
 class Denoised:
-    """Images of shape (height, width, channels) and maps of shape (height, width)."""
+    """A denoised image: images of shape (height, width, channels) and maps of shape (height, width)."""
 
-    #: The mean of the two halves; the output of the denoiser; and the mixture of both.
+    #: The mean of the two halves; the output of the denoiser; and the mixture of both images.
     raw: np.ndarray
     denoised: np.ndarray
     final: np.ndarray
-    #: Estimated standard error of each pixel of these three: RMS over the colours and the neighbourhood.
+    #: Estimated standard error of each pixel of the raw, the denoised and the final image: RMS over the colours and the
+    #: neighbourhood.
     raw_error: np.ndarray
     denoised_error: np.ndarray
     final_error: np.ndarray
-    #: Estimated squared errors of the displayed luminance (white = 1) of ``raw`` and ``final``, 64 bits. Their means
-    #: over many pixels are about unbiased; single values are uncertain, and may be negative.
+    #: Estimated squared errors of the displayed luminance (white = 1) of ``raw`` and ``final``, in 64 bits. The mean
+    #: over many pixels is about unbiased; single values are uncertain, and may be negative.
     raw_squares: np.ndarray
     final_squares: np.ndarray
 
@@ -79,39 +83,43 @@ class Denoised:
 
     @property
     def at_most(self) -> float:
-        """Upper bound of that RMS error, which it exceeds with a probability of about 5 %.
+        """Upper bound of the RMS error of the displayed final image (white = 1).
 
-        The noise of ``final_squares`` is the product of those of both halves, of variance 4/3 d^4.
+        The error exceeds the bound with a probability of about 5 %. The noise of ``final_squares`` is the product of
+        the noise of both halves, of variance 4/3 d^4.
         """
         deviation = float(np.sqrt(np.sum(self.raw_squares**2) * 4 / 3)) / self.raw_squares.size
         return max(float(self.final_squares.mean()) + 1.645 * deviation, 0.0) ** 0.5
 
 
 def inputs(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The two images to denoise: three quarters of one half and a quarter of the other."""
+    """Returns the two images to denoise.
+
+    Each image is three quarters of one half and one quarter of the other half.
+    """
     quarter = (first - second) / 4
     return first - quarter, second + quarter
 
 
 def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_second: np.ndarray) -> Denoised:
-    """The mixture of (first + second) / 2 and (near_first + near_second) / 2 with the least expected error.
+    """Returns the mixture of (first + second) / 2 and (near_first + near_second) / 2 with the least expected error.
 
-    ``near_first``, ``near_second``: the denoised images of :func:`inputs`. All arrays have the shape (height, width,
-    channels) and finite values; the halves are independent.
+    ``near_first`` and ``near_second`` are the denoised images of :func:`inputs`. All arrays have the shape (height,
+    width, channels) and finite values. The halves ``first`` and ``second`` are independent.
     """
     raw, noise = (first + second) / 2, (first - second) / 2
     denoised, followed = (near_first + near_second) / 2, near_first - near_second
-    # Errors are weighted by the slope of the displayed value, a square root.
+    # Errors are weighted by the slope of the tone curve, a square root.
     slope = 1 / average(displayed(denoised))
     image, left = combined(raw, denoised, noise, followed, slope)
-    # The same for noise like d on the samples: the shares depend on it, too.
+    # The mixture is computed again with noise like d added to the samples, because the shares depend on the noise too.
     above, below = (
         combined(raw + k * noise, denoised + k * followed, noise, followed, slope)[0] for k in (STEP, -STEP)
     )
     removed = raw - denoised
     own = noise * noise
     error = removed * removed - own + 2 * noise * followed
-    # Both are at least the variance, which is positive.
+    # Each squared error is at least the variance, which is positive.
     products = noise * left, left * left, own, error, followed * followed
     mean = spread(np.stack([x.mean(2) for x in products], axis=2), displayed(image))
     final_error, denoised_error = np.maximum(mean[0], mean[1]), np.maximum(mean[3], mean[4])
@@ -121,8 +129,10 @@ def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_seco
 
 
 def unmixed(raw: np.ndarray, error: np.ndarray, noise: float) -> Denoised:
-    """The same without a denoiser. ``error``: standard error of each pixel's luminance but for a factor, shape (height,
-    width), which gives the displayed image the RMS error ``noise``.
+    """Returns the raw image as a :class:`Denoised`, without a denoiser.
+
+    ``error`` is the standard error of each pixel's luminance up to a factor, shape (height, width). The factor is
+    chosen so that the RMS error of the displayed image is ``noise``.
     """
     error = np.nan_to_num(error, posinf=0)
     squares = np.square(error / (2 * in_display(raw)))
@@ -134,13 +144,14 @@ def unmixed(raw: np.ndarray, error: np.ndarray, noise: float) -> Denoised:
 def combined(
     raw: np.ndarray, denoised: np.ndarray, noise: np.ndarray, followed: np.ndarray, slope: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The mixture of ``raw`` and ``denoised``, and its response to ``noise`` with the same shares. ``followed``: the
-    response of the denoiser.
+    """Returns the mixture of ``raw`` and ``denoised``, and its response to ``noise`` with the same shares.
+
+    ``followed`` is the response of the denoiser to ``noise``.
     """
     scales = [bands(image, SCALES, LEAST_SIDE) for image in (raw - denoised, noise, noise - followed)]
     parts = [part(r, d, d - t, s)[..., None] for r, d, t, s in zip(*scales, gaussian_pyramid(slope, len(scales[0])))]
     image = denoised + whole([share * r for share, r in zip(parts, scales[0])])
-    # Near much brighter pixels the scales may not cancel out. The result is never darker than all of its inputs.
+    # Near much brighter pixels the scales may not cancel. The result is never darker than all of its inputs.
     image = np.maximum(image, np.minimum(np.minimum(raw, denoised), average(raw)))
     return image, followed + whole([share * taken for share, taken in zip(parts, scales[2])])
 
@@ -148,29 +159,32 @@ def combined(
 def squares(
     image: np.ndarray, first: np.ndarray, second: np.ndarray, response: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """``(raw_squares, final_squares)`` of :class:`Denoised`. ``response``: half the difference that noise like d makes
-    in ``image``.
+    """Returns ``(raw_squares, final_squares)``, the squared errors of :class:`Denoised`.
+
+    ``response`` is half the change of ``image`` due to noise like d.
     """
     final, a, b, above, below = (in_display(x) for x in (image, first, second, image + response, image - response))
     return np.square((a - b) / 2), (final - a) * (final - b) + (a - b) * (above - below)
 
 
 def in_display(image: np.ndarray) -> np.ndarray:
-    """The displayed luminance, shape (height, width), as :func:`~mitsuba_prosim.engine.error.displayed` has it."""
+    """Returns the displayed luminance, shape (height, width), by the tone curve of
+    :func:`~mitsuba_prosim.engine.error.displayed`.
+    """
     luminance = image @ LUMINANCE if image.shape[2] == 3 else image[..., 0]
     return np.sqrt(np.maximum(luminance, 0, dtype=np.float64) + 0.01)
 
 
 def displayed(image: np.ndarray) -> np.ndarray:
-    """The square of the displayed value of each pixel, shape (height, width)."""
+    """Returns the square of the displayed value of each pixel, shape (height, width)."""
     return np.maximum(image.mean(2), 0) + np.float32(0.01)
 
 
 def part(removed: np.ndarray, noise: np.ndarray, followed: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """The share of a band of M - D that is added, 0 to 1, shape (height, width)."""
+    """Returns the share of one scale of M - D that is added to D: 0 to 1, shape (height, width)."""
     all_removed = (removed * removed).mean(2) * slope
     kept = all_removed + ((followed - noise) * noise).mean(2) * slope
-    # The standard deviation of ``kept``: a product of independent noise.
+    # The standard deviation of ``kept``, which is a product of independent noise.
     uncertain = (removed * (noise - followed / 2)).mean(2) * slope
     products = np.stack([all_removed, kept, uncertain * uncertain], axis=2)
     all_removed, kept, variance = np.moveaxis(blur(products, *NARROW), 2, 0)
@@ -181,15 +195,19 @@ def part(removed: np.ndarray, noise: np.ndarray, followed: np.ndarray, slope: np
 
 
 def spread(squares: np.ndarray, light: np.ndarray) -> np.ndarray:
-    """Squared errors, shape (height, width, n), distributed over the neighbourhood in proportion to the light; shape
-    (n, height, width).
+    """Distributes squared errors over the neighbourhood of each pixel, in proportion to the light.
+
+    ``squares`` has the shape (height, width, n); the result has the shape (n, height, width).
     """
     among = blur(light, *NARROW)[..., None]
     return np.moveaxis(light[..., None] * blur(squares / among, *NARROW), 2, 0)
 
 
 def with_light(image: np.ndarray, raw: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """``image`` with the total light of ``raw``: the difference is added to all pixels that are not converged."""
+    """Returns ``image`` with the total light of ``raw``.
+
+    The difference in light is added to all pixels that are not converged.
+    """
     found = image.sum((0, 1), dtype=np.float64)
     missing = np.clip(raw.sum((0, 1), dtype=np.float64) - found, -LIGHT * abs(found), LIGHT * abs(found))
     share = variance / np.maximum(variance + SURE * variance.mean(), np.float32(1e-30))
@@ -197,5 +215,5 @@ def with_light(image: np.ndarray, raw: np.ndarray, variance: np.ndarray) -> np.n
 
 
 def ratio(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a / b, and 1 where b is not above 0."""
+    """Returns a / b, or 1 where b is not above 0."""
     return np.divide(a, b, out=np.ones_like(a), where=b > 0)

@@ -1,4 +1,4 @@
-"""Intel's Open Image Denoise, through the package ``mitsuba-oidn``."""
+"""Intel's Open Image Denoise, called through the package ``mitsuba-oidn``."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from prosim_scene import extras
 
 
 class MissingError(ImportError):
-    """The package is not installed."""
+    """The package ``mitsuba-oidn`` is not installed."""
 
 
 def load() -> ModuleType:
-    """The module ``mitsuba_oidn``. Raises :class:`MissingError`, which names the package to install."""
+    """Imports the module ``mitsuba_oidn``. Raises :class:`MissingError`, which names the package to install."""
     try:
         import mitsuba_oidn
     except ImportError as error:
@@ -23,26 +23,26 @@ def load() -> ModuleType:
 
 
 class Denoiser:
-    """Open Image Denoise with the features of one view: albedo in [0, 1] and normals in [-1, 1], arrays of shape
-    (height, width, 3), or None.
+    """Open Image Denoise with the features of one view.
 
-    It runs on the processor in all variants. The bits depend on the number of threads. ``fast``: smaller networks, and
-    noisy features.
+    The features are the albedo in [0, 1] and the normals in [-1, 1], arrays of shape (height, width, 3), or None. The
+    denoiser runs on the CPU in all variants. The bits of its result depend on the number of threads. ``fast`` selects
+    smaller networks, and features that are not denoised.
     """
 
     def __init__(self, albedo: np.ndarray | None = None, normal: np.ndarray | None = None, fast: bool = False) -> None:
         self.oidn = load()
         self.device = self.oidn.Device(self.oidn.DeviceType.CPU)
         quality = self.oidn.Quality
-        # Denoised features preserve more of a texture than noisy ones. The best network pays for the albedo and for the
-        # image; for normals the fastest one is as good.
+        # Denoised features preserve more of a texture than noisy features. The best network is worth its time for the
+        # albedo and for the image; for normals the fastest network is equally good.
         self.clean = albedo is not None and not fast
         self.albedo = self._feature("albedo", albedo, None if fast else quality.High)
         self.normal = self._feature("normal", normal, None if fast else quality.Fast)
         self.quality = quality.Fast if fast else quality.High
 
     def __call__(self, image: np.ndarray) -> np.ndarray:
-        """The denoised ``image``, linear and of any range; shape (height, width, 1 or 3)."""
+        """Returns the denoised ``image``, which is linear, of any range and of shape (height, width, 1 or 3)."""
         colours = np.ascontiguousarray(np.broadcast_to(image, (*image.shape[:2], 3)), dtype=np.float32)
         result = self.oidn.denoise(
             colours, self.albedo, self.normal, hdr=True, clean_aux=self.clean, quality=self.quality, device=self.device
@@ -50,7 +50,7 @@ class Denoiser:
         return np.array(result).mean(2, keepdims=True) if image.shape[2] == 1 else np.array(result)
 
     def _feature(self, kind: str, feature: np.ndarray | None, quality: Any) -> np.ndarray | None:
-        """A feature, denoised with this ``quality`` if it is not None."""
+        """Returns a feature, denoised with this ``quality`` unless ``quality`` is None."""
         if feature is None:
             return None
         feature = np.ascontiguousarray(feature, dtype=np.float32)

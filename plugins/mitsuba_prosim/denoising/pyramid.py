@@ -1,4 +1,4 @@
-"""The pyramid of Burt and Adelson (1983): images (arrays of shape (height, width, ...)) at several scales."""
+"""The image pyramid of Burt and Adelson (1983): an image, of shape (height, width, ...), at several scales."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ import numpy as np
 
 
 def average(image: np.ndarray, times: int = 1) -> np.ndarray:
-    """Weighted mean of each pixel and its neighbours within two rows and columns, repeated ``times`` times: about a
-    Gaussian with a standard deviation of ``times``**0.5 pixels. The pixels of the border continue beyond it.
+    """Returns a weighted mean of each pixel and its neighbours within two rows and columns, repeated ``times`` times.
+
+    The result is about a Gaussian filter with a standard deviation of ``times``**0.5 pixels. Pixels beyond the border
+    have the values of the border.
     """
     for _ in range(times):
         image = _across(_along(image))
@@ -17,18 +19,20 @@ def average(image: np.ndarray, times: int = 1) -> np.ndarray:
 
 
 def reduce(image: np.ndarray) -> np.ndarray:
-    """The image at half the width and height, rounded up."""
+    """Returns the image at half the width and height, rounded up."""
     return _across(_along(image)[::2])[:, ::2]
 
 
 def expand(image: np.ndarray, height: int, width: int) -> np.ndarray:
-    """A smooth image of that size, the opposite of :func:`reduce`."""
+    """Returns a smooth image of the given size, as the inverse operation of :func:`reduce`."""
     return _doubled(_doubled(image, height).swapaxes(0, 1), width).swapaxes(0, 1)
 
 
 def blur(image: np.ndarray, levels: int, times: int) -> np.ndarray:
-    """A wide, cheap mean around each pixel: halved ``levels`` times, averaged ``times`` times, expanded.
-    About a Gaussian of the variance (2 (4^levels - 1) / 3 + 4^levels times) pixels².
+    """Returns a wide, cheap mean around each pixel.
+
+    The image is reduced ``levels`` times, averaged ``times`` times, and expanded again. The result is about a Gaussian
+    filter of the variance (2 (4^levels - 1) / 3 + 4^levels times) pixels².
     """
     smaller = gaussian_pyramid(image, levels + 1)
     result = average(smaller[-1], times)
@@ -38,7 +42,10 @@ def blur(image: np.ndarray, levels: int, times: int) -> np.ndarray:
 
 
 def gaussian_pyramid(image: np.ndarray, count: int, least_side: int = 0) -> list[np.ndarray]:
-    """Levels of the Gaussian pyramid, ``image`` first: at most ``count``. It ends below ``least_side`` pixels."""
+    """Returns at most ``count`` levels of the Gaussian pyramid; the first level is ``image``.
+
+    The pyramid ends at the first level with a side below ``least_side`` pixels.
+    """
     result = [image]
     while len(result) < count and min(result[-1].shape[:2]) >= least_side:
         result.append(reduce(result[-1]))
@@ -46,15 +53,16 @@ def gaussian_pyramid(image: np.ndarray, count: int, least_side: int = 0) -> list
 
 
 def bands(image: np.ndarray, most: int, least_side: int) -> list[np.ndarray]:
-    """The Laplacian pyramid of ``image``, finest first: each level of :func:`gaussian_pyramid` less the next coarser
-    one. :func:`whole` is the opposite.
+    """Returns the Laplacian pyramid of ``image``, finest level first.
+
+    Each level is a level of :func:`gaussian_pyramid` minus the next coarser level. :func:`whole` is the inverse.
     """
     scales = gaussian_pyramid(image, most, least_side)
     return [fine - expand(coarse, *fine.shape[:2]) for fine, coarse in itertools.pairwise(scales)] + scales[-1:]
 
 
 def whole(bands: list[np.ndarray]) -> np.ndarray:
-    """The image with these :func:`bands`."""
+    """Returns the image whose Laplacian pyramid is ``bands``, the inverse of the function :func:`bands`."""
     *finer, result = bands
     for band in reversed(finer):
         result = band + expand(result, *band.shape[:2])

@@ -1,1 +1,1 @@
-"""Light sources: section 5.2."""
+"""The light sources of section 5.2 of the thesis, as emitter plugins."""

@@ -28,7 +28,7 @@ class Area(Source):
      * - distribution
        - |string|
        - :monosp:`uniform` (the same in every direction), :monosp:`cone` (the same within ``angle`` of ``direction``,
-         none without) or :monosp:`spot` (:math:`\cos^n \beta` at the angle :math:`\beta` from ``direction``).
+         else 0) or :monosp:`spot` (:math:`\cos^n \beta` at the angle :math:`\beta` from ``direction``).
          (Default: :monosp:`uniform`)
 
      * - direction
@@ -49,25 +49,25 @@ class Area(Source):
 
      * - unattenuated
        - |bool|
-       - Whether ``radiance`` is the irradiance E on a surface that faces the source at *any* distance, as renderers had
-         it in 1992. (Default: false)
+       - Whether ``radiance`` is the irradiance E on a surface that faces the source at *any* distance, as in renderers
+         of 1992. (Default: false)
 
-    The extended sources of section 5.2 of the thesis: attached to a shape, whose outer side then emits. The thesis has
-    spheres; any shape of Mitsuba will do. Each point of the source has the angular distribution about one and the same
-    axis, so that a receiver beyond the edge of a cone sees part of the source. With a radiance alone this is Mitsuba's
-    :ref:`area <emitter-area>`.
+    The extended sources of section 5.2 of the thesis. The emitter is attached to a shape, and the outer side of the
+    shape emits. The shape is a sphere in the thesis; here it may be any shape of Mitsuba. Each point of the source has
+    the angular distribution about the same axis, so a receiver near the edge of a cone sees only a part of the source.
+    With only a radiance, this is Mitsuba's :ref:`area <emitter-area>`.
 
-    A sphere is sampled over the solid angle that it subtends (section 4.2.2.1); other shapes, as they do it themselves;
-    a textured radiance, in proportion to the texture. For a sphere of radius r at distance d, unoccluded, uniform and
-    wholly above the horizon, the irradiance is exactly :math:`\pi L (r/d)^2 \cos \theta`.
+    A sphere is sampled over the solid angle that it subtends (section 4.2.2.1). Other shapes are sampled by their own
+    method. A textured radiance is sampled in proportion to the texture. For an unoccluded, uniform sphere of radius r
+    at distance d, wholly above the horizon, the irradiance is exactly :math:`\pi L (r/d)^2 \cos \theta`.
 
-    An unattenuated source looks to a receiver at distance d of its centre as if its radiance were
-    :math:`4 E d^2 / A`, with A the area of the shape (:math:`E d^2 / \pi r^2` for a sphere). As that depends on the
-    receiver, such a source has no power: particle tracing (:monosp:`ptracer`) raises an error; and to a ray that has
-    passed through a surface of no effect (a mask, the boundary of a medium) that surface is the receiver.
+    An unattenuated source has the radiance :math:`4 E d^2 / A` for a receiver at distance d of its centre, where A is
+    the area of the shape (:math:`E d^2 / \pi r^2` for a sphere). As the radiance depends on the receiver, such a source
+    has no power: particle tracing (:monosp:`ptracer`) raises an error. If a ray has passed through a surface without
+    effect (a mask, the boundary of a medium), this surface is the receiver.
 
-    The derivatives with respect to ``direction`` and ``angle`` are those inside the beam: its edge is a discontinuity,
-    which Mitsuba's integrators do not differentiate.
+    The derivatives with respect to ``direction`` and ``angle`` are those inside the beam: Mitsuba's integrators do not
+    differentiate the discontinuity at the edge of the beam.
 
     .. tabs::
         .. code-tab:: xml
@@ -108,7 +108,7 @@ class Area(Source):
     def emitted(
         self, si: mi.SurfaceInteraction3f, d: mi.Vector3f, receiver: mi.Point3f, active: mi.Bool
     ) -> mi.Spectrum:
-        """Radiance in the direction ``d``, as ``receiver`` sees it."""
+        """Returns the radiance that the source emits in the direction ``d`` towards the point ``receiver``."""
         value = self.emission.eval(si, active) * self.towards(d)
         if self.unattenuated and (shape := self.get_shape()) is not None:
             value *= 4 * dr.squared_norm(receiver - shape.bbox().center()) / shape.surface_area()
@@ -126,7 +126,7 @@ class Area(Source):
     def sample_direction(
         self, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
-        # Dr.Jit traces every emitter that exists, also one that no shape has taken.
+        # Dr.Jit traces every emitter that exists, also an emitter without a shape.
         if self.get_shape() is None:
             return dr.zeros(mi.DirectionSample3f), mi.Spectrum(0)
         if self.textured:
@@ -156,9 +156,10 @@ class Area(Source):
         return dr.select(active, pdf, mi.Float(0))
 
     def pdf_shape(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, pdf: mi.Float) -> mi.Float:
-        """The density of `Shape.sample_direction`. That of Mitsuba's sphere has an error of 1 % at r/d = 0.001.
+        """Returns the density of `Shape.sample_direction` with full precision; ``pdf`` is Mitsuba's value.
 
-        There 1 - cos of the half-angle cancels; here it is sin² / (1 + cos).
+        The density of Mitsuba's sphere has an error of 1 % at r/d = 0.001, because 1 - cos of the half-angle loses
+        digits. This method computes 1 - cos as sin² / (1 + cos).
         """
         shape = self.get_shape()
         if shape.class_name() != SPHERE or shape.has_flipped_normals():
@@ -183,7 +184,7 @@ class Area(Source):
         return self.pdf_texture(ps.uv, active) if self.textured else self.get_shape().pdf_position(ps, active)
 
     def sample_texture(self, time: mi.Float, sample: mi.Point2f, active: mi.Bool) -> mi.PositionSample3f:
-        """A point sampled in proportion to the texture, and its density per area."""
+        """Samples a point with a density proportional to the texture, and computes its density per area."""
         uv, pdf = self.emission.sample_position(sample, active)
         si, density = self.at_texture(uv, pdf, active & (pdf > 0))
         ps = mi.PositionSample3f(si)
@@ -191,11 +192,14 @@ class Area(Source):
         return ps
 
     def pdf_texture(self, uv: mi.Point2f, active: mi.Bool) -> mi.Float:
-        """Density per surface area with which `sample_texture` samples the point at ``uv``."""
+        """Returns the density per surface area with which `sample_texture` samples the point at ``uv``."""
         return self.at_texture(uv, self.emission.pdf_position(uv, active), active)[1]
 
     def at_texture(self, uv: mi.Point2f, pdf: mi.Float, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Float]:
-        """The point of the shape at ``uv``, and the density per area there of the density ``pdf`` of ``uv``."""
+        """Returns the point of the shape at ``uv``, and its density per area.
+
+        ``pdf`` is the density of ``uv``.
+        """
         si = self.get_shape().eval_parameterization(uv, mi.RayFlags.All, active)
         stretch = dr.norm(dr.cross(si.dp_du, si.dp_dv))
         return si, dr.select(si.is_valid(), pdf / dr.maximum(stretch, 1e-30), mi.Float(0))

@@ -26,7 +26,7 @@ class Point(Source):
 
      * - position
        - |point|
-       - Where the source is. (Default: the origin)
+       - Position of the source in world coordinates. (Default: the origin)
        - |exposed|
 
      * - intensity
@@ -37,7 +37,7 @@ class Point(Source):
      * - distribution
        - |string|
        - :monosp:`uniform` (the same in every direction), :monosp:`cone` (the same within ``angle`` of ``direction``,
-         none without) or :monosp:`spot` (:math:`\cos^n \beta` at the angle :math:`\beta` from ``direction``).
+         else 0) or :monosp:`spot` (:math:`\cos^n \beta` at the angle :math:`\beta` from ``direction``).
          (Default: :monosp:`uniform`)
 
      * - direction
@@ -58,8 +58,8 @@ class Point(Source):
 
      * - unattenuated
        - |bool|
-       - Whether ``intensity`` is the irradiance on a surface that faces the source at *any* distance, as renderers had
-         it in 1992. (Default: false)
+       - Whether ``intensity`` is the irradiance on a surface that faces the source at *any* distance, as in renderers
+         of 1992. (Default: false)
 
      * - radius
        - |float|
@@ -70,10 +70,10 @@ class Point(Source):
        - Instead of ``intensity``: radiance L of a sphere of the virtual radius; the intensity is :math:`\pi r^2 L`.
        - |exposed|, |differentiable|
 
-    The point sources of section 5.2 of the thesis. With an intensity alone this is Mitsuba's
+    The point sources of section 5.2 of the thesis. With only an intensity, this is Mitsuba's
     :ref:`point <emitter-point>`. The virtual radius matters only to ``radiance``. The derivatives with respect to
-    ``direction`` and ``angle`` are those inside the beam: its edge is a discontinuity, which Mitsuba's integrators do
-    not differentiate. An unattenuated source obeys no conservation of energy and has no power: particle tracing
+    ``direction`` and ``angle`` are those inside the beam: Mitsuba's integrators do not differentiate the discontinuity
+    at the edge of the beam. An unattenuated source does not conserve energy and has no power: particle tracing
     (:monosp:`ptracer`) raises an error.
 
     .. tabs::

@@ -76,7 +76,7 @@ class Prosim(ProgressiveIntegrator):
      * - background
        - |spectrum| or |texture|
        - Radiance of a ray that leaves the scene. A bitmap is a latitude-longitude map, as for :monosp:`envmap`, but
-         lights nothing. (Default: 0)
+         does not light the scene. (Default: 0)
 
      * - diffuse_bounces
        - |int|
@@ -85,7 +85,8 @@ class Prosim(ProgressiveIntegrator):
 
      * - caustics
        - |bool|
-       - Light that specular surfaces focus on diffuse ones, from photons; not in scalar variants (Default: |false|)
+       - Use photons for the light that specular surfaces focus on diffuse surfaces; not in scalar variants
+         (Default: |false|)
 
      * - caustic_photons
        - |int|
@@ -98,11 +99,11 @@ class Prosim(ProgressiveIntegrator):
 
      * - rr_depth
        - |int|
-       - Level from which Russian roulette ends paths; only with :monosp:`diffuse_bounces` (Default: 5)
+       - Level from which Russian roulette may end paths; only with :monosp:`diffuse_bounces` (Default: 5)
 
      * - rr_throughput
        - |float|
-       - Throughput below which Russian roulette ends branches of the tree; 0: never (Default: 0.01 with
+       - Throughput below which Russian roulette may end branches of the tree; 0: never (Default: 0.01 with
          :monosp:`caustics`, else 0)
 
      * - hide_emitters
@@ -126,57 +127,63 @@ class Prosim(ProgressiveIntegrator):
      * - layers
        - |string|
        - Parts of the image in further channels :monosp:`NAME.R`, :monosp:`.G`, :monosp:`.B`, whose sum is the image:
-         :monosp:`lights` (each source by its id, the background, the ambient term), :monosp:`levels` (what the
-         surfaces of each level of the tree add, :monosp:`level0` first), :monosp:`terms` (of the equation at the first
+         :monosp:`lights` (each source by its id, the background, the ambient term), :monosp:`levels` (the light of the
+         surfaces of each level of the tree, :monosp:`level0` first), :monosp:`terms` (of the equation at the first
          surface: :monosp:`emitted`, :monosp:`background`, :monosp:`ambient`, :monosp:`diffuse`, :monosp:`glossy`,
          :monosp:`caustics`, :monosp:`reflected`, :monosp:`refracted`, :monosp:`indirect`). At most 32; :monosp:`lights`
          not with :monosp:`caustics`, :monosp:`terms` not with :monosp:`diffuse_bounces` -1 (Default: :monosp:`none`)
 
      * - band
        - |int|
-       - Number of pixels that are rendered at a time. It bounds the memory and does not change the image.
+       - Number of pixels that are rendered at a time. This number bounds the memory and does not change the image.
          (Default: 262144)
 
-    Distributed ray tracing as in the thesis: at each surface, light from *every* source through the whole BRDF and the
-    ambient term; then the reflected and the refracted ray, each sampled from its lobe. Nothing follows a diffuse
-    component, so caustics and diffuse interreflection are missing, unless :monosp:`caustics` and
-    :monosp:`diffuse_bounces` add them. Multiple importance sampling combines lobes and sources.
+    Distributed ray tracing as in the thesis. At each surface, the integrator adds the ambient term and the light of
+    *every* source, scattered by the whole BRDF. Then it follows the reflected and the refracted ray, each sampled from
+    its lobe. The integrator follows no rays of diffuse lobes. So caustics and diffuse interreflection are missing,
+    unless :monosp:`caustics` and :monosp:`diffuse_bounces` add them. Multiple importance sampling combines lobes and
+    sources.
 
-    Two kinds of light are noisy: highlights of smooth surfaces in rough ones, without :monosp:`caustics`; and, on
-    diffuse surfaces, sources other than spheres and a constant sky.
+    Two kinds of light are noisy: highlights of smooth surfaces that are seen in rough surfaces, without
+    :monosp:`caustics`; and, on diffuse surfaces, the light of sources other than spheres and a constant sky.
 
-    **Caustics.** Photons go from each source through at most :monosp:`max_level` + 1 specular surfaces to diffuse ones,
-    where they count within a pixel's width, or more where they are sparse. They also count on rough surfaces behind
-    smooth or nearly smooth ones, where they share the light with the rays of the lobe. Each sample of a pixel has its
-    own photons, so that their noise falls with the samples. Paths leave this light to the photons. In spectral variants
-    all pixels share the wavelengths of the photons. Photons come from all sources of this package and from Mitsuba's
-    :monosp:`area`, :monosp:`point`, :monosp:`spot`, :monosp:`projector`, :monosp:`directional`, :monosp:`constant`,
-    :monosp:`envmap` and :monosp:`sunsky`. Caustics are not possible in scalar variants and within another integrator.
+    **Caustics.** Photons travel from each source through at most :monosp:`max_level` + 1 specular surfaces to diffuse
+    surfaces. Each photon counts within the width of a pixel, or within more where photons are sparse. Photons also
+    count on rough surfaces behind smooth or nearly smooth surfaces, where they share the light with the rays of the
+    lobe. Each sample of a pixel has its own photons, so that more samples reduce the noise of the photons. Paths leave
+    this light to the photons. In spectral variants all pixels share the wavelengths of the photons. Photons come from
+    all sources of this package and from Mitsuba's :monosp:`area`, :monosp:`point`, :monosp:`spot`,
+    :monosp:`projector`, :monosp:`directional`, :monosp:`constant`, :monosp:`envmap` and :monosp:`sunsky`. Caustics are
+    not possible in scalar variants and within another integrator.
 
     **Samples.** Each space (the pixel, the lens, each source and each lobe at each node) has its own N-rook pattern.
     :monosp:`graded`, :monosp:`noise`, :monosp:`time`, a nonzero :monosp:`spp` and more than :math:`N^2` samples use
     Owen-scrambled Sobol' points (see :ref:`sampler-owen`). A sample is a pure function of seed, pixel, space and
-    index: crop windows, :monosp:`band` and the number of threads do not change a bit of the image (but crop windows
-    with :monosp:`noise`, and all with :monosp:`time`). The reconstruction filter weights each sample by one over the
-    number of samples in its pixel. The sensor's sampler is not used. A nonzero :monosp:`spp` of ``render()`` replaces
-    :math:`N^2`; :monosp:`graded` may take up to four times as many in a pixel.
+    index. So the bits of the image do not depend on crop windows, :monosp:`band` and the number of threads. There are
+    two exceptions: with :monosp:`noise` they depend on the crop window, and with :monosp:`time` on all of these. The
+    reconstruction filter weights each sample by one over the number of samples in its pixel. The sensor's sampler is
+    not used. A nonzero :monosp:`spp` of ``render()`` replaces :math:`N^2`; :monosp:`graded` may take up to four times
+    as many samples in a pixel.
 
     **Lobes** are selected by the type mask of Mitsuba's :monosp:`BSDFContext`. BSDFs without separate lobes
-    (:monosp:`principled`, :monosp:`principledthin`, :monosp:`hair`, :monosp:`pplastic`) are sampled as a whole: only
-    sampling the sources finds their light, which is noisy where they are smooth. With :monosp:`caustics` they count as
+    (:monosp:`principled`, :monosp:`principledthin`, :monosp:`hair`, :monosp:`pplastic`) are sampled as a whole. Only
+    light sampling finds their light, which is noisy where these BSDFs are smooth. With :monosp:`caustics` they count as
     diffuse.
 
-    **Absorption.** The inside of a shape absorbs light by Beer's law, if its :monosp:`interior` is a
-    :monosp:`homogeneous` medium with :monosp:`albedo` 0. Shapes within it need it as their :monosp:`exterior`, a
-    camera as its :monosp:`medium`. :monosp:`volpath` renders the same. Other media count as empty, with a warning.
+    **Absorption.** The inside of a shape absorbs light by Beer's law if the :monosp:`interior` of the shape is a
+    :monosp:`homogeneous` medium with :monosp:`albedo` 0. Shapes within this medium need it as their
+    :monosp:`exterior`, and a camera within it needs it as its :monosp:`medium`. :monosp:`volpath` renders such a scene
+    equally. All other media count as empty, with a warning.
 
-    **Ambient light** is the attribute :monosp:`ambient` of a BSDF, which this package's materials have; it also works
-    within :monosp:`twosided`, :monosp:`mask`, :monosp:`blendbsdf`, :monosp:`bumpmap` and :monosp:`normalmap`.
+    **Ambient light** needs the attribute :monosp:`ambient` of a BSDF, which the materials of this package have. The
+    attribute also works within :monosp:`twosided`, :monosp:`mask`, :monosp:`blendbsdf`, :monosp:`bumpmap` and
+    :monosp:`normalmap`.
 
-    **Derivatives**, forward and backward, are those of the samples that form the image, by parameters of materials and
-    sources, and by the places of sources, lit objects and mirrors. Missing are the edges that cover or uncover
-    something: silhouettes, shadows, and objects in glossy and diffuse reflections. :monosp:`time` and
-    :monosp:`caustics` are refused. Mitsuba's :monosp:`prb` supports our materials and sources and is faster.
+    **Derivatives**, forward and backward, are those of the samples that form the image. Parameters of materials and
+    sources have derivatives, and so do the places of sources, lit objects and mirrors. The derivatives of edges that
+    cover or uncover something are missing: silhouettes, shadows, and objects in glossy and diffuse reflections.
+    :monosp:`time` and :monosp:`caustics` raise an error. Mitsuba's :monosp:`prb` supports the materials and sources of
+    this package and is faster.
 
     In scalar variants, and within another integrator (:monosp:`aov`, :monosp:`moment`), every pixel gets the samples
     of the sensor's sampler.
@@ -226,7 +233,7 @@ class Prosim(ProgressiveIntegrator):
                 raise reject(props, "layers", self.layers, f'"none" {here} layers')
         if reason := layers_conflict(self.layers, self._settings(), self.caustics):
             raise reject(props, "layers", self.layers, reason)
-        self._layer_channels: list[str] = []  # of the last scene
+        self._layer_channels: list[str] = []  # channel names of the last rendered scene
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
         expose(callback, ambient=self.ambient, background=self.background)
@@ -235,7 +242,7 @@ class Prosim(ProgressiveIntegrator):
         return "prosim"
 
     def aov_names(self) -> list[str]:
-        """Those of layers are known once a scene is rendered."""
+        """Returns the names of further channels; those of layers are known only after a scene is rendered."""
         return self._layer_channels + super().aov_names()
 
     def parameter_names(self) -> list[str]:
@@ -274,10 +281,10 @@ class Prosim(ProgressiveIntegrator):
             raise RuntimeError(f"prosim: layers and caustics {why}; leave them out there.")
 
     def _caustics(self, scene: mi.Scene, sensor: mi.Sensor) -> Caustics | None:
-        """The photons; None where nothing is specular, or nothing shines."""
-        from ..photons.caustics import Caustics  # with the first image, as all that makes images
+        """Returns the photons of the scene, or None if nothing is specular or no light source emits photons."""
+        from ..photons.caustics import Caustics  # imported only for an image, to load the plugins faster
 
-        # As long as the eye's chains of specular surfaces: of those, a source ends the longest.
+        # The longest chain of specular surfaces that a camera ray can follow: a light source ends the longest one.
         deepest = self.max_level + 1 if self.max_level >= 0 else 1 << 31
-        # No ray of a tree comes from a diffuse surface to a BSDF without separable lobes, so that photons may.
+        # In a tree, no ray from a diffuse surface reaches a BSDF without separable lobes. So photons may scatter there.
         return Caustics.of(scene, sensor, self.caustic_photons, deepest, tree=self.diffuse_bounces == 0)

@@ -26,17 +26,17 @@ class ProsimAdaptive(ProgressiveIntegrator):
      * - (Nested plugin)
        - :paramtype:`integrator`
        - Computes the radiance along a ray: :monosp:`path`, :monosp:`volpath`, :monosp:`direct`, :monosp:`aov`,
-         :monosp:`prb`, or any other that takes samples from a sensor
+         :monosp:`prb`, or any other integrator that takes samples from a sensor
 
      * - samples, adaptive, threshold, min_passes, max_samples, noise, noise_99, noise_999, time, jitter, channels,
          aovs, band
        - |int|, |string|, |float|
        - As for :ref:`integrator-prosim`
 
-    Takes samples where the image is noisy, up to an error target or a time limit, with the engine of
-    :ref:`integrator-prosim`. The expected value is that of the nested integrator. The image has the same bits for any
-    crop window, :monosp:`band` and number of threads (but crop windows with :monosp:`noise`, and all with
-    :monosp:`time`). The sensor's sampler is not used.
+    Takes more samples where the image is noisy, up to an error target or a time limit, with the engine of
+    :ref:`integrator-prosim`. The expected value is that of the nested integrator. The bits of the image do not depend
+    on the crop window, :monosp:`band` and the number of threads. There are two exceptions: with :monosp:`noise` they
+    depend on the crop window, and with :monosp:`time` on all of these. The sensor's sampler is not used.
 
     Derivatives are those of the nested integrator with uniform sampling. In scalar variants, and within another
     integrator, every pixel gets the samples of the sensor's sampler.

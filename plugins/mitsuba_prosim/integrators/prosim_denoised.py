@@ -1,4 +1,4 @@
-"""Another integrator's image, denoised, as an integrator."""
+"""An integrator whose image is the denoised image of another integrator."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..alone import alone
 from ..parameters import describe, nested_integrator, reject
 from ..registry import plugin
 
-#: The channels that tell of the denoised image, as :mod:`..denoising.layers` has them.
+#: The further channels of the denoised image, with the names of :mod:`..denoising.layers`.
 LAYERS = (
     *(f"{layer}.{colour}" for layer in ("raw", "denoised") for colour in "RGB"),
     *("error.Y", "error_raw.Y", "error_denoised.Y"),
@@ -30,20 +30,21 @@ class ProsimDenoised(mi.SamplingIntegrator):
 
      * - (Nested plugin)
        - :paramtype:`integrator`
-       - Renders the image: :monosp:`prosim`, :monosp:`prosim_adaptive`, or one of Mitsuba's that takes samples from a
-         sensor
+       - Renders the image: :monosp:`prosim`, :monosp:`prosim_adaptive`, or an integrator of Mitsuba that takes samples
+         from a sensor
 
      * - fast
        - |bool|
-       - Use smaller networks, which are several times as fast (Default: |false|)
+       - Use smaller networks, which are several times faster (Default: |false|)
 
-    Renders two halves of the samples and applies Open Image Denoise as far as the halves agree, see :doc:`/denoising`.
+    Renders two halves of the samples and applies Open Image Denoise as far as the halves agree (:doc:`/denoising`).
     Further channels are the :monosp:`raw` and the :monosp:`denoised` image, and the estimated standard errors
-    :monosp:`error`, :monosp:`error_raw` and :monosp:`error_denoised` of the three. :monosp:`noise` of the nested
-    integrator is the limit of the final image's error, and :monosp:`time` includes the denoiser's.
+    :monosp:`error`, :monosp:`error_raw` and :monosp:`error_denoised` of the final, the raw and the denoised image. The
+    parameter :monosp:`noise` of the nested integrator limits the error of the final image. The parameter
+    :monosp:`time` limits the time including the denoiser.
 
-    It has no derivatives (use those of the nested integrator) and cannot be nested in another integrator. It needs the
-    package :monosp:`mitsuba-oidn`, the extra :monosp:`denoise`.
+    This integrator has no derivatives (use those of the nested integrator), and cannot be nested in another integrator.
+    It needs the package :monosp:`mitsuba-oidn`, which the extra :monosp:`denoise` installs.
 
     .. tabs::
         .. code-tab:: xml
@@ -77,7 +78,7 @@ class ProsimDenoised(mi.SamplingIntegrator):
         return [*self.nested.aov_names(), *LAYERS]
 
     def cancel(self) -> None:
-        """Ends a render in progress; its image is not denoised."""
+        """Ends a render in progress; the image of a cancelled render is not denoised."""
         self.nested.cancel()
 
     def to_string(self) -> str:
@@ -99,14 +100,14 @@ class ProsimDenoised(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         seed = seed if isinstance(seed, int) else int(dr.slice(seed, 0))
         final = halves.denoised_progressive(scene, sensor, self.nested, seed, spp, self.fast).run().denoiser
-        with alone():  # the film is that of all renders
+        with alone():  # all renders share the film
             layers.update_film(final, self.aov_names())
             return sensor.film().develop() if develop else mi.TensorXf()
 
     def sample(self, *_: Any, **__: Any) -> NoReturn:
         raise RuntimeError(
-            "prosim_denoised: a denoised image is one of all of its pixels, so it can't be nested in another "
-            "integrator; nest the other in it."
+            "prosim_denoised: the denoiser needs all pixels at once, so this integrator can't be nested in another "
+            "integrator; nest the other integrator in prosim_denoised."
         )
 
     def render_forward(self, *_: Any, **__: Any) -> NoReturn:

@@ -1,4 +1,4 @@
-"""An integrator of the features of a view for denoisers: albedo and normal."""
+"""An integrator that renders features of a view for denoisers: albedo and normal."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ class ProsimFeatures(mi.SamplingIntegrator):
        - |bool|
        - Camera rays do not see light sources (Default: |false|)
 
-    Renders the visible albedo, and gives the channels :monosp:`albedo.R`, :monosp:`.G`, :monosp:`.B` and
-    :monosp:`normal.X`, :monosp:`.Y`, :monosp:`.Z` besides, which :monosp:`mitsuba_prosim.denoise` takes.
+    Renders the visible albedo. The further channels :monosp:`albedo.R`, :monosp:`.G`, :monosp:`.B` and
+    :monosp:`normal.X`, :monosp:`.Y`, :monosp:`.Z` are inputs of :monosp:`mitsuba_prosim.denoise`.
 
-    The albedo is that of the diffuse lobes, plus the albedo that the specular lobes show, up to six reflections and
-    refractions deep, with the tint of metals and Fresnel's equations. Sources and the sky have their radiance, at most
-    1. The normal is the shading normal of the first surface, on the viewer's side.
+    The albedo is the albedo of the diffuse lobes, plus the albedo that the specular lobes show through up to six
+    reflections and refractions, with the colour of metals and Fresnel's equations. The albedo of light sources and of
+    the sky is their radiance, at most 1. The normal is the shading normal of the first surface, on the viewer's side.
 
     .. tabs::
         .. code-tab:: xml
@@ -54,7 +54,8 @@ class ProsimFeatures(mi.SamplingIntegrator):
         return list(features.NAMES)
 
     def render(self, *arguments: Any, **more: Any) -> mi.TensorXf:
-        # The film is that of all renders. In scalar variants the samples are taken by other threads, which lock.
+        # All renders share the film. In scalar variants other threads take the samples, and these threads use the lock
+        # themselves.
         with alone() if dr.is_jit_v(mi.Float) else nullcontext():
             try:
                 return super().render(*arguments, **more)

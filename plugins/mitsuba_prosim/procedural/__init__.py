@@ -1,1 +1,1 @@
-"""The parts of procedural textures: patterns, and the mixing of two textures by a pattern."""
+"""Building blocks of procedural textures: patterns, and textures that mix two textures by a pattern."""

@@ -1,10 +1,10 @@
-"""The base class of textures that mix two others by a pattern.
+"""The base class of textures that mix two other textures by a pattern.
 
-A pattern is a function of a point, with values in [0, 1]. It is looked up on the surface or in space. Its frequencies
-are limited by averaging over a box, whose width along each axis of the pattern is the pixel's footprint, where Mitsuba
-knows it, plus the parameter ``smoothing``.
+A pattern is a function of a point, with values in [0, 1]. The point is on the surface (u, v) or in space. The pattern
+is averaged over a box, which limits its frequencies. The width of the box along each axis of the pattern is the pixel's
+footprint, if Mitsuba knows it, plus the parameter ``smoothing``.
 
-Like the plugins, this module runs again when the variant changes (see ``registry``).
+Like the plugin modules, this module is executed again when Mitsuba's variant changes (see ``registry``).
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from ..parameters import describe, expose, number
 
 
 class Mixture(mi.Texture):
-    """A texture that is the texture ``BASE`` where its pattern is 0, and ``TOP`` where it is 1.
+    """A texture that is the texture ``BASE`` where its pattern is 0, and the texture ``TOP`` where its pattern is 1.
 
     A subclass sets the names below and the attributes of ``NUMBERS``, calls `parameters_changed` at the end of its
-    ``__init__``, and defines `value` and `average`. (Classes of Mitsuba's cannot be abstract
-    by ``abc``: their metaclass is another.)
+    ``__init__``, and defines `value` and `average`. The class does not use ``abc``, because Mitsuba's classes have
+    another metaclass.
     """
 
     BASE: tuple[str, float]  #: name of the texture where the pattern is 0, and its default
-    TOP: tuple[str, float]  #: ... where it is 1
+    TOP: tuple[str, float]  #: name of the texture where the pattern is 1, and its default
     NUMBERS: tuple[str, ...] = ()  #: names of the attributes that are the pattern's own parameters
-    STEP = 1e-3  #: of the differences that `eval_1_grad` takes, in units of (u, v)
+    STEP = 1e-3  #: step of the differences in `eval_1_grad`, in units of (u, v)
 
     def __init__(self, props: mi.Properties) -> None:
         """Reads both textures, ``solid``, ``to_local`` and ``smoothing``."""
@@ -38,18 +38,21 @@ class Mixture(mi.Texture):
         self.to_local = mi.AffineTransform4f(props.get("to_local", mi.ScalarTransform4f()).matrix)
         self.smoothing = mi.Float(number(props, "smoothing", 0.0, 0))
 
-    # A subclass defines the next two. Mitsuba's classes cannot be abstract by abc: their metaclass is another.
+    # A subclass defines the next two methods.
 
     def value(self, si: mi.SurfaceInteraction3f) -> mi.Float:
-        """The pattern at ``si``, in [0, 1]."""
+        """Returns the value of the pattern at ``si``, in [0, 1]."""
         raise NotImplementedError
 
     def average(self) -> mi.Float:
-        """Mean of the pattern over all of its space."""
+        """Returns the mean of the pattern over its whole space."""
         raise NotImplementedError
 
     def lookup(self, si: mi.SurfaceInteraction3f) -> tuple[mi.Point3f, mi.Vector3f]:
-        """The uv (or the position, if ``solid``) in the pattern's space, and the widths of the box to average over."""
+        """Returns the point of the pattern that belongs to ``si``, and the widths of the box over which to average.
+
+        The point is the uv, or the position if ``solid``, transformed to the pattern's space.
+        """
         if self.solid:
             p = si.p
             dx = si.dp_du * si.duv_dx.x + si.dp_dv * si.duv_dx.y
@@ -69,7 +72,10 @@ class Mixture(mi.Texture):
         return dr.lerp(self.base.eval_3(si, active), self.top.eval_3(si, active), self.value(si))
 
     def eval_1_grad(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Vector2f:
-        """By central differences, as nested textures may be anything; for bump maps."""
+        """Returns the gradient by (u, v), for bump maps.
+
+        Central differences compute the gradient, because nested textures may be of any kind.
+        """
         gradient = []
         for du, dv in ((self.STEP, 0), (0, self.STEP)):
             sides = []
@@ -91,7 +97,7 @@ class Mixture(mi.Texture):
         return True
 
     def parameters(self, *names: str) -> dict[str, Any]:
-        """The attributes of these names, with those that every mixture has."""
+        """Returns the attributes with these ``names`` and those of every mixture: name -> value."""
         own = {name: getattr(self, name) for name in (*names, "to_local", "smoothing")}
         return {self.BASE[0]: self.base, self.TOP[0]: self.top, **own}
 

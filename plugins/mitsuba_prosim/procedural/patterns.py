@@ -1,4 +1,4 @@
-"""Functions that patterns are made of: gradient noise from an integer hash, and a periodic wave averaged over a box."""
+"""Functions that form patterns: gradient noise from an integer hash, and a periodic wave averaged over a box."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ import mitsuba as mi
 
 from ..sampling.hash import combine
 
-#: Edges are never sharper than this, in periods: less would drown in single precision, and have no derivative.
+#: Minimum width of an edge, in periods. A narrower edge would be below single precision, and have no derivative.
 SHARPEST = 1e-3
 
 
 def square_wave(x: mi.Float, duty: mi.Float, width: mi.Float) -> mi.Float:
-    """The wave of period 1 that is 1 for |x| <= duty / 2 and 0 elsewhere, averaged over a box of ``width`` around x."""
+    """Returns a square wave of period 1, averaged over a box of ``width`` around x.
+
+    The wave is 1 for |x| <= duty / 2 and 0 elsewhere.
+    """
     width = dr.maximum(width, SHARPEST)
     x = x + 0.5
     x -= dr.floor(x)
@@ -24,18 +27,20 @@ def square_wave(x: mi.Float, duty: mi.Float, width: mi.Float) -> mi.Float:
         whole = dr.floor(x)
         return whole * duty + dr.clip(x - whole - low, 0, duty)
 
-    # A box narrower than a band and than the space between two meets at most one edge; this form has no rounding error.
+    # A box that is narrower than a band and than the gap between two bands contains at most one edge. This formula has
+    # no rounding error.
     narrow = dr.clip((duty / 2 - dr.abs(x - 0.5)) / width + 0.5, 0, 1)
     wide = dr.clip((integral(x + width / 2) - integral(x - width / 2)) / width, 0, 1)
     return dr.select(width < dr.minimum(duty, 1 - duty), narrow, wide)
 
 
 def gradient_noise(coordinates: Sequence[mi.Float], key: mi.UInt32) -> mi.Float:
-    """Gradient noise on the integer lattice of as many dimensions as there are ``coordinates``; zero on its points.
+    """Returns gradient noise on the integer lattice; it is 0 on the points of the lattice.
 
-    ``key`` is a 32-bit unsigned integer. The components of the gradients are uniform over [-1, 1].
+    The lattice has one dimension for each of the ``coordinates``. ``key`` is a 32-bit unsigned integer. The components
+    of the gradients are uniform over [-1, 1].
     """
-    corners: list[tuple] = [(key, mi.Float(1), ())]  # hash, weight of the interpolation, offset from the corner
+    corners: list[tuple] = [(key, mi.Float(1), ())]  # hash, interpolation weight, and offset from the corner
     for x in coordinates:
         cell = dr.floor(x)
         f = x - cell

@@ -27,7 +27,7 @@ class NRookSampler(PureSampler):
      * - jitter
        - |string|
        - :monosp:`multi`: the :math:`N^2` samples also fill the :math:`N^2` strata of each axis (multi-jittered).
-         :monosp:`uniform`: anywhere in its cell, as in the thesis. (Default: :monosp:`multi`)
+         :monosp:`uniform`: a sample lies anywhere in its cell, as in the thesis. (Default: :monosp:`multi`)
 
      * - seed
        - |int|
@@ -35,8 +35,8 @@ class NRookSampler(PureSampler):
 
     Takes the samples of every pixel and dimension in :math:`N` passes of :math:`N` samples. Each pass is an N-rook
     pattern: one sample in each of :math:`N` rows and columns. From pass to pass the columns rotate by one, so that each
-    of the :math:`N^2` cells has exactly one sample. Further samples repeat these. A sample is a pure function of seed,
-    pixel, dimension and sample index; there is no state of a random generator.
+    of the :math:`N^2` cells has exactly one sample. After :math:`N^2` samples the same samples repeat. A sample is a
+    pure function of seed, pixel, dimension and sample index; there is no state of a random generator.
 
     .. tabs::
         .. code-tab:: xml

@@ -26,10 +26,10 @@ class OwenSampler(PureSampler):
        - |int|
        - Seed offset (Default: 0)
 
-    Takes the samples of every pixel and dimension from Sobol's sequence in two dimensions, each shuffled and scrambled
-    by its own hash (Burley 2020). The sequence has no end: any number of samples is well distributed, powers of
-    two a little better. A sample is a pure function of seed, pixel, dimension and sample index; no state of a random
-    generator is kept.
+    Takes the samples of every pixel and dimension from Sobol's sequence in two dimensions. Each sequence is shuffled
+    and scrambled by its own hash (Burley 2020). The sequence is unlimited: any number of samples is well distributed,
+    and a power of two a little better. A sample is a pure function of seed, pixel, dimension and sample index; there is
+    no state of a random generator.
 
     .. tabs::
         .. code-tab:: xml

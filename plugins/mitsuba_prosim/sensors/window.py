@@ -24,20 +24,20 @@ class Window(mi.Sensor):
 
      * - left, bottom, right, top
        - |float|
-       - Sides of the window on the plane at distance 1 before the eye. (Default: -1, -1, 1, 1)
+       - Sides of the window on the plane at distance 1 before the camera. (Default: -1, -1, 1, 1)
 
      * - to_world
        - |transform|
-       - From the eye's space, where the view goes along +Z, the window's right is -X and its top is +Y, as with
-         Mitsuba's other cameras. (Default: identity)
+       - Transform from the camera's space to the world. In the camera's space the view direction is +Z, the window's
+         right is -X and its top is +Y, as for Mitsuba's other cameras. (Default: identity)
 
      * - near_clip, far_clip
        - |float|
        - Depths between which objects are visible. (Default: 0.01, 10000)
 
-    The pinhole camera of the thesis's scene language (VIEW in appendix A): the film's pixels evenly divide a window of
-    any place and proportions. For square pixels, Mitsuba's ``perspective`` with a principal point offset shoots the
-    same rays. Particle tracers cannot sample this sensor.
+    The pinhole camera of the thesis's scene language (VIEW in appendix A). The film's pixels evenly divide a window,
+    which may have any place and proportions. For square pixels, Mitsuba's ``perspective`` with a principal point offset
+    has the same rays. Particle tracers cannot sample this sensor.
 
     .. tabs::
         .. code-tab:: xml
@@ -75,9 +75,13 @@ class Window(mi.Sensor):
             raise reject(props, "near_clip", self.near_clip, "a number above 0 and below far_clip")
 
     def direction(self, position: mi.Point2f) -> mi.Vector3f:
-        """Unit direction in the eye's space through a point of the crop window, [0, 1]² from its upper left corner."""
+        """Returns the unit direction, in the camera's space, through a point of the crop window.
+
+        ``position`` is in [0, 1]², measured from the upper left corner of the crop window.
+        """
         film = self.film()
-        # Without a crop window this leaves the film's size out of the code: all resolutions then share their kernels.
+        # Without a crop window, this formula keeps the film's size out of the code: all resolutions then share their
+        # kernels.
         axes = zip((position.x, position.y), film.crop_offset(), film.crop_size(), film.size(), strict=True)
         x, y = [p * (float(crop) / float(size)) + float(offset) / float(size) for p, offset, crop, size in axes]
         return dr.normalize(mi.Vector3f(-dr.lerp(self.left, self.right, x), dr.lerp(self.top, self.bottom, y), 1))

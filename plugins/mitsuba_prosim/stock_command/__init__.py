@@ -1,10 +1,10 @@
-"""Mitsuba's own ``mitsuba`` command, with plugins in Python.
+"""Support for plugins in Python by Mitsuba's own command ``mitsuba``.
 
-That command is a native program without Python. ``prosim link`` writes a C library, a stand-in, under the name of each
-such plugin to Mitsuba's folder of plugins. When the command opens one, a Python process takes its place and renders the
-same scenes with the same options.
+This command is a native program without Python. For each plugin in Python, ``prosim link`` writes a C library, a
+stand-in, with the plugin's name to Mitsuba's folder of plugins. When the command opens a stand-in, the stand-in
+replaces the process by a Python process, which renders the same scenes with the same options.
 
 Delete this room, its test ``tests/cli/test_mitsuba_command.py`` and the line of ``link`` in ``prosim_start/group.py``
-when Mitsuba's command runs plugins in Python. Mitsuba 3.10 finds them by entry points, but only from Python; its
-command (master of August 2026) does not.
+when the command ``mitsuba`` runs plugins in Python. Mitsuba 3.10 finds such plugins by entry points, but only from
+Python, not from its command (master of August 2026).
 """

@@ -1,7 +1,7 @@
-"""The Python side of the ``mitsuba`` command: the same options and the same order of steps.
+"""The Python side of the ``mitsuba`` command, with the same options and the same order of steps.
 
-When a scene names a plugin in Python, its stand-in (``stand_in.c``) replaces the native process by this program. By
-then the native command has checked the options and rendered the scenes before that one.
+When a scene names a plugin in Python, the plugin's stand-in (``stand_in.c``) replaces the native process by this
+program. Before that, the native command has checked the options and rendered the earlier scenes.
 """
 
 from __future__ import annotations
@@ -17,13 +17,16 @@ import mitsuba as mi
 
 from ..scene import scene_file, session
 
-#: Log levels of Mitsuba and of Dr.Jit, one more with each -v.
+#: Log levels of Mitsuba and of Dr.Jit; each -v selects the next level.
 MITSUBA_LEVELS = (mi.LogLevel.Info, mi.LogLevel.Debug, mi.LogLevel.Trace)
 DRJIT_LEVELS = tuple(getattr(dr.LogLevel, name) for name in ("Error", "Warn", "Info", "InfoSym", "Debug", "Trace"))
 
 
 def parse_arguments(words: Sequence[str]) -> argparse.Namespace:
-    """The options of the native command; those of Dr.Jit's compiler, ``-V``, ``-O``, ``-W`` and ``-S``, are refused."""
+    """Parses the options of the native command.
+
+    The options of Dr.Jit's compiler, ``-V``, ``-O``, ``-W`` and ``-S``, are not supported.
+    """
     parser = argparse.ArgumentParser("mitsuba", add_help=False, allow_abbrev=False)
     parser.add_argument("-t", "--threads", type=int)
     parser.add_argument("-v", "--verbose", action="count", default=0)
@@ -37,7 +40,7 @@ def parse_arguments(words: Sequence[str]) -> argparse.Namespace:
 
 
 def run(plugin: str, words: Sequence[str]) -> None:
-    """Renders the scenes from the first that names ``plugin``."""
+    """Renders the scenes of the command line, from the first scene that uses ``plugin`` on."""
     options = parse_arguments(words)
     mi.set_log_level(MITSUBA_LEVELS[min(options.verbose, len(MITSUBA_LEVELS) - 1)])
     dr.set_log_level(DRJIT_LEVELS[min(options.verbose, len(DRJIT_LEVELS) - 1)])
@@ -60,8 +63,8 @@ def run(plugin: str, words: Sequence[str]) -> None:
 
 
 def main(plugin: str, *words: str) -> int:
-    """Runs the command ``mitsuba WORDS...``, which has met ``plugin``; returns its exit code."""
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # it may be ignored
+    """Runs the command ``mitsuba WORDS...`` from its first scene with ``plugin`` on, and returns its exit code."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # an ignored signal stays ignored
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         run(plugin, words)

@@ -1,4 +1,6 @@
-"""``prosim link``: compiles, installs, finds and removes the stand-ins for plugins in Python (see ``stand_in.c``)."""
+"""The command ``prosim link``: compiles, installs, finds and removes the stand-ins for plugins in Python
+(``stand_in.c``).
+"""
 
 import os
 import subprocess
@@ -18,27 +20,27 @@ from ..scene import session
 
 SOURCE = Path(__file__).with_name("stand_in.c")
 
-#: Marks the stand-ins of all versions.
+#: Text that identifies the stand-ins of all versions.
 MARK = b"mitsuba-prosim stand-in for a Python plugin"
 
 
 def plugin_folder() -> Path:
-    """Mitsuba's folder of plugins."""
+    """Returns Mitsuba's folder of plugins."""
     return Path(mi.__file__).with_name("plugins")
 
 
 def is_stand_in(path: Path) -> bool:
-    """Whether a file is a stand-in, not a plugin of Mitsuba's."""
+    """Tells whether the file ``path`` is a stand-in, not a native plugin of Mitsuba."""
     return path.stat().st_size < 2**16 and MARK in path.read_bytes()
 
 
 def installed() -> dict[str, Path]:
-    """Plugin name -> path, of every stand-in in Mitsuba's folder."""
+    """Returns all stand-ins in Mitsuba's folder of plugins: plugin name -> path."""
     return {path.stem: path for path in plugin_folder().glob("*.so") if is_stand_in(path)}
 
 
 def plugin_names() -> list[str]:
-    """Names of the plugins in Python: those that the installed packages register, and Mitsuba's own."""
+    """Returns the names of the plugins in Python: those of installed packages, and those of Mitsuba."""
     mi.set_variant("scalar_rgb")
     names = {*PLUGINS_IN_PYTHON, *registry.PLUGINS}
 
@@ -53,12 +55,15 @@ def plugin_names() -> list[str]:
 
 
 def compiler() -> list[str]:
-    """The command line of the C compiler."""
+    """Returns the command line that starts the C compiler."""
     return (os.environ.get("CC") or "cc").split()
 
 
 def compile_stand_in(path: Path) -> None:
-    """Compiles a stand-in that starts this interpreter. Raises RuntimeError where that fails."""
+    """Compiles a stand-in that starts this Python interpreter.
+
+    Raises RuntimeError if the compiler fails.
+    """
     command = [*compiler(), "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-s", f'-DPYTHON="{sys.executable}"']
     try:
         subprocess.run([*command, "-o", str(path), str(SOURCE)], check=True, capture_output=True, text=True)
@@ -69,9 +74,10 @@ def compile_stand_in(path: Path) -> None:
 
 
 def install(names: Iterable[str], folder: Path) -> list[Path]:
-    """Writes a stand-in for each name to ``folder``, but for those of native plugins; returns their paths.
+    """Writes a stand-in for each of the ``names`` to ``folder``, and returns the paths of the files.
 
-    Raises RuntimeError and OSError.
+    Names of native plugins are left out. Raises RuntimeError if the compiler fails, and OSError if a file cannot be
+    written.
     """
     paths = [path for name in names if not (path := folder / f"{name}.so").exists() or is_stand_in(path)]
     with atomic.scratch() as scratch:
@@ -80,7 +86,10 @@ def install(names: Iterable[str], folder: Path) -> list[Path]:
 
 
 def add_to_pip_record(paths: Iterable[Path]) -> None:
-    """Adds files to those that pip removes together with this package: the lines of its file RECORD."""
+    """Adds ``paths`` to the files that pip removes together with this package.
+
+    The list of these files is the package's file RECORD.
+    """
     files = distribution("mitsuba-prosim").files or []
     listing = next(Path(str(file.locate())) for file in files if file.name == "RECORD")
     known = {file.as_posix() for file in files}

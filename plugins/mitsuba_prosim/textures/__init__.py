@@ -1,1 +1,3 @@
-"""Procedural textures of the palito scene: brick, stripes, fractal."""
+"""The procedural textures of the scene palito, as plugins: brick, stripes and fractal noise; and a product of
+textures.
+"""

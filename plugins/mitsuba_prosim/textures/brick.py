@@ -38,7 +38,7 @@ class Brick(Mixture):
 
      * - stagger
        - |float|
-       - How far each row is shifted from the one below, in bricks. (Default: 0.5)
+       - Shift of each row relative to the row below, in bricks. (Default: 0.5)
        - |exposed|
 
      * - solid
@@ -56,11 +56,11 @@ class Brick(Mixture):
        - Width over which the pattern is averaged along each of its axes, >= 0. (Default: 0)
        - |exposed|, |differentiable|
 
-    The texture :monosp:`t-tijolo` of the thesis's example scene: rows along x (or u), one above the other along y
-    (or v). On (u, v) the origin is the middle of a joint, so that a whole number of bricks closes without a seam. In a
-    solid, bricks are as deep along z as they are wide, and the origin is the middle of a brick: a face through it does
-    not run along a joint. With ray differentials the edges are averaged over the pixel's footprint,
-    analytically.
+    The texture :monosp:`t-tijolo` of the thesis's example scene. The rows of bricks run along x (or u), one above the
+    other along y (or v). On (u, v) the origin is the middle of a joint, so that a whole number of bricks closes without
+    a seam. In a solid, the depth of a brick along z is its width. There the origin is the middle of a brick, so that a
+    face through the origin does not run along a joint. With ray differentials, the edges are averaged analytically over
+    the pixel's footprint.
 
     .. tabs::
         .. code-tab:: xml

@@ -38,12 +38,12 @@ class Fractal(Mixture):
 
      * - gain
        - |float|
-       - Amplitude of an octave over that of the one before, >= 0. (Default: 0.5)
+       - Ratio of the amplitude of an octave to that of the previous octave, >= 0. (Default: 0.5)
        - |exposed|, |differentiable|
 
      * - lacunarity
        - |float|
-       - Frequency of an octave over that of the one before, > 0. (Default: 2)
+       - Ratio of the frequency of an octave to that of the previous octave, > 0. (Default: 2)
        - |exposed|, |differentiable|
 
      * - seed
@@ -66,10 +66,10 @@ class Fractal(Mixture):
        - |exposed|, |differentiable|
 
     The texture :monosp:`t-fractal` of the thesis's example scene: a sum of octaves of gradient noise (Perlin 1985, with
-    the smoother interpolation of 2002), whose gradients come from an integer hash, the same on every machine. Each
-    octave is shifted, so that their lattices do not coincide. The sum is scaled so that two standard deviations on
-    either side of its mean fill the range from ``color0`` to ``color1``, and cut to that range. Octaves too fine for
-    the pixel's footprint, where it is known, fade out.
+    the smoother interpolation of 2002). An integer hash, the same on every machine, gives the gradients. Each octave is
+    shifted, so that the lattices of the octaves do not coincide. The sum is scaled so that two standard deviations on
+    either side of its mean fill the range from ``color0`` to ``color1``, and clipped to this range. Octaves too fine
+    for the pixel's footprint fade out if the footprint is known.
 
     .. tabs::
         .. code-tab:: xml
@@ -121,7 +121,7 @@ class Fractal(Mixture):
             power += dr.square(amplitude)
             frequency = frequency * self.lacunarity
             amplitude = amplitude * self.gain
-        deviation = 0.191 if self.solid else 0.177  # of one octave, found by sampling
+        deviation = 0.191 if self.solid else 0.177  # standard deviation of one octave, measured by sampling
         return dr.clip(0.5 + total / (4 * deviation * dr.sqrt(power)), 0, 1)
 
     def average(self) -> mi.Float:

@@ -23,8 +23,8 @@ class Product(mi.Texture):
        - The factors. (Default: 1)
        - |exposed|, |differentiable|
 
-    Multiplies two textures: an image on the surface with the colour of the material, for instance. Its ``mean`` is
-    the product of the means, which is exact only where the two do not vary together.
+    Multiplies two textures: for example, an image on the surface with the colour of the material. The method ``mean``
+    returns the product of the two means, which is exact only for uncorrelated textures.
 
     .. tabs::
         .. code-tab:: xml

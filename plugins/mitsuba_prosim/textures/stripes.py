@@ -23,7 +23,7 @@ class Stripes(Mixture):
 
      * - color0, color1
        - |spectrum| or |texture|
-       - The two colours, in turn. (Default: 0.4 and 0.2)
+       - The two colours of the stripes. (Default: 0.4 and 0.2)
        - |exposed|, |differentiable|
 
      * - frequency
@@ -56,9 +56,9 @@ class Stripes(Mixture):
        - Width over which the pattern is averaged along each of its axes, >= 0. (Default: 0)
        - |exposed|, |differentiable|
 
-    The texture :monosp:`t-listra` of the thesis's example scene. The origin is the middle of a stripe of ``color0``: a
-    whole number of pairs closes without a seam where u goes from 1 to 0, and a flat end of a solid does not fall on an
-    edge. With ray differentials the edges are averaged over the pixel's footprint, analytically.
+    The texture :monosp:`t-listra` of the thesis's example scene. The origin is the middle of a stripe of ``color0``. So
+    a whole number of pairs closes without a seam where u goes from 1 to 0, and a flat end of a solid does not fall on
+    an edge of a stripe. With ray differentials, the edges are averaged analytically over the pixel's footprint.
 
     .. tabs::
         .. code-tab:: xml

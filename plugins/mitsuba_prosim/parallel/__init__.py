@@ -1,7 +1,8 @@
-"""One image, or many, by the workers of a Dask cluster; the bits are those of one process.
+"""Rendering of one image, or of many, by the workers of a Dask cluster.
 
-``bundle``: a scene for a worker; ``worker``: the task; ``executor``: hands tasks out; ``cluster``: workers of this
-machine, and a scheduler elsewhere. It needs Dask, the extra ``cluster``, and is imported when it is asked for.
+The bits of the image are those of a render by one process. ``bundle``: a scene in a form for workers; ``worker``: the
+task of a worker; ``executor``: submits tasks; ``cluster``: workers on this machine, and schedulers elsewhere. The room
+needs Dask, which the extra ``cluster`` installs, and is imported only when a user asks for workers.
 """
 
 from .executor import ClusterError, DaskExecutor, render

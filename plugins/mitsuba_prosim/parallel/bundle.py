@@ -1,4 +1,4 @@
-"""A scene for a worker: its text, and the files that it names."""
+"""A scene in a form that can be sent to a worker: its text, and the files that it names."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from ..scene import scene_file
 
 @dataclass(frozen=True)
 class SceneBundle:
-    """A scene for :mod:`.worker`.
+    """A scene in a form that can be sent to a :mod:`.worker`.
 
-    ``main`` is the name of the XML file; ``changes`` are further arguments of :class:`.SceneFile`; ``sensor`` is a
-    number; ``variant`` that of the process that made the bundle. ``contents`` maps the names of files, relative to the
-    scene's folder, to their bytes.
+    ``main`` is the name of the XML file. ``changes`` are further arguments of :class:`.SceneFile`. ``sensor`` is the
+    number of the sensor. ``variant`` is the variant of the process that made the bundle. ``contents`` maps the names of
+    files, relative to the scene's folder, to their bytes.
     """
 
     main: str
@@ -31,7 +31,10 @@ class SceneBundle:
 
     @classmethod
     def of(cls, file: scene_file.SceneFile, sensor: int = 0) -> SceneBundle:
-        """The bundle of ``file``. Raises OSError, and ValueError if a file outside the scene's folder is named."""
+        """Returns the bundle of the scene ``file``.
+
+        Raises OSError, and ValueError if the scene names a file outside its folder.
+        """
         folders, contents = [Path(os.path.abspath(folder)) for folder in (file.xml.parent, file.path.parent)], {}
         texts = [Path(str(path)) for path in file.state.files]
         for name, path in [*((path.name, path) for path in texts), *file.named_files()]:
@@ -46,9 +49,9 @@ class SceneBundle:
         return cls(file.xml.name, file.changes, sensor, mi.variant() or "", contents)
 
     def load(self) -> tuple[mi.Scene, mi.Sensor]:
-        """Writes the files to a temporary folder and loads the scene there; returns it and its sensor.
+        """Writes the files to a temporary folder and loads the scene there; returns the scene and its sensor.
 
-        Raises the errors of their plugins.
+        Raises the errors of the scene's plugins.
         """
         with atomic.scratch() as folder:
             for name, content in self.contents.items():

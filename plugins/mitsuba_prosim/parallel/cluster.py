@@ -1,4 +1,4 @@
-"""A cluster on this machine, and a scheduler elsewhere."""
+"""Dask clusters: workers on this machine, or the workers of a scheduler elsewhere."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ import distributed
 
 from .executor import ClusterError
 
-#: Settings of a cluster on this machine. Profiles and frequent statistics would take 4 % of a processor per process.
-#: A worker that dies is no reason to give up its task.
+#: Settings of a cluster on this machine. Profiles and frequent statistics would take 4 % of a processor per process. If
+#: a worker dies, its task is repeated on another worker.
 SETTINGS = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "500ms",
@@ -24,21 +24,22 @@ SETTINGS = {
     "distributed.scheduler.allowed-failures": 10,
 }
 
-#: Timeout of a scheduler, in seconds; interval at which lost workers are replaced.
+#: Timeout for the connection to a scheduler, in seconds; interval at which lost workers are replaced.
 TIMEOUT, REPLACE_INTERVAL = 10, "2s"
 
 
 def silence() -> None:
-    """Silences Dask's messages about lost workers and schedulers; this package has its own."""
+    """Silences Dask's messages about lost workers and schedulers, because this package prints its own messages."""
     for name in ("distributed", "distributed.client", "distributed.scheduler", "distributed.nanny"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 @contextmanager
 def workers(number: int, threads: int | None = None) -> Iterator[distributed.Client]:
-    """A client of this number of local processes. Their scheduler listens to this machine only.
+    """Starts local worker processes, and yields a client of their scheduler.
 
-    ``threads``: of all processes together; None for one per processor.
+    The scheduler listens only to this machine. ``number`` is the number of processes. ``threads`` is the number of
+    threads of all processes together; None for one thread per processor.
     """
     silence()
     with dask.config.set(SETTINGS), interrupts_blocked():
@@ -47,11 +48,11 @@ def workers(number: int, threads: int | None = None) -> Iterator[distributed.Cli
             threads_per_worker=max(1, (threads or os.cpu_count() or 1) // number),
             host="127.0.0.1",
             dashboard_address="127.0.0.1:0",
-            memory_limit=0,  # none
+            memory_limit=0,  # no limit
             silence_logs=logging.CRITICAL,
         )
     with cluster:
-        # Else Dask gives up a worker that is lost at its start.
+        # Without this, Dask does not replace a worker that is lost at its start.
         cluster.adapt(minimum=number, maximum=number, interval=REPLACE_INTERVAL)
         with distributed.Client(cluster, set_as_default=False) as client:
             yield client
@@ -59,13 +60,14 @@ def workers(number: int, threads: int | None = None) -> Iterator[distributed.Cli
 
 @contextmanager
 def interrupts_blocked() -> Iterator[None]:
-    """Starts threads and processes that ignore Ctrl-C, which a terminal sends to all processes: only the one that
-    renders handles it.
+    """Blocks Ctrl-C in all threads and processes that are started in this context.
+
+    A terminal sends Ctrl-C to all processes, but only the rendering process handles it.
     """
     if sys.platform == "win32":
         yield
         return
-    resource_tracker.ensure_running()  # it starts with the first process and would unblock the signal
+    resource_tracker.ensure_running()  # started later, the tracker would unblock the signal
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -75,7 +77,10 @@ def interrupts_blocked() -> Iterator[None]:
 
 @contextmanager
 def scheduler(address: str) -> Iterator[distributed.Client]:
-    """A client of the scheduler at an address such as ``tcp://machine:8786``. Raises ClusterError."""
+    """Connects to the scheduler at an address such as ``tcp://machine:8786``, and yields a client.
+
+    Raises ClusterError if no scheduler answers.
+    """
     silence()
     try:
         client = distributed.Client(address, set_as_default=False, timeout=TIMEOUT)

@@ -1,4 +1,4 @@
-"""Work items as tasks of a Dask cluster."""
+"""Executor that computes work items as tasks of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -24,52 +24,58 @@ from ..scene import rendering, scene_file
 from . import worker
 from .bundle import SceneBundle
 
-#: Seconds between two checks of the workers, and without workers until a warning.
+#: Seconds between two checks of the workers; seconds without workers after which a warning is printed.
 CHECK_INTERVAL, WARNING_DELAY = 0.5, 10.0
 
-#: Tasks for each worker: one runs and one waits. Number of times that Dask repeats a task that fails.
+#: Number of tasks per worker (one runs and one waits); number of times that Dask repeats a task that fails.
 WINDOW, RETRIES = 2, 2
 
-#: Seconds of a work item; the last ones are smaller, by this factor at most.
+#: Duration of a work item in seconds; the last work items are shorter, at most by this factor.
 SECONDS, FEWER = 2.0, 8
 
 
 class ClusterError(RuntimeError):
-    """A cluster that cannot render the image."""
+    """The cluster cannot render the image."""
 
 
 class DaskExecutor(Executor):
-    """Takes samples of the scene in ``bundle`` by the workers of ``client``, which may come and go."""
+    """Takes the samples of the scene in ``bundle`` by the workers of ``client``.
+
+    Workers may join and leave the cluster during the render.
+    """
 
     photon_passes = None
 
     def __init__(self, client: distributed.Client, bundle: SceneBundle) -> None:
         super().__init__(SECONDS)
         self.client = client
-        #: Why the cluster has gone away.
+        #: The reason why the cluster is lost; None while the cluster is there.
         self.loss_reason: str | None = None
         self.address = getattr(client.scheduler, "address", "of the cluster")
-        #: The addresses of the workers.
+        #: Addresses of the workers.
         self._workers = frozenset[str]()
         self._next_check, self._begun = 0.0, time.perf_counter()
         self.change_scene(bundle)
 
     def change_scene(self, bundle: SceneBundle) -> None:
-        """Continues with another scene, between two images."""
+        """Sets the scene of the next images; call this method only between two images."""
         self._scene, self._environment = pickle.dumps(bundle), environment.this_environment()
-        #: The scene in the cluster, whose workers pass it on to each other.
+        #: The scene in the memory of the cluster; workers send it to each other.
         self._shared: distributed.Future | None = None
 
     def limit(self, left: int, seconds: float = np.inf) -> int:
-        """Samples of the next work item: some seconds of a worker, less towards the end."""
+        """Returns the maximum number of samples of the next work item.
+
+        A work item takes a worker some seconds, and less time near the end of the pass.
+        """
         least = max(int(self.speed * min(self.seconds, seconds)) // FEWER, self.SMALLEST)
         return min(super().limit(left, seconds), max(left // (WINDOW * max(len(self._workers), 1)), least))
 
     def __call__(self, items: Iterator[WorkItem]) -> Results:
-        """Yields each work item with its sums, and None while there is nothing new, so that the caller can stop at
-        once.
+        """Computes the work items on the workers, and yields each item with its sums.
 
-        Raises ClusterError if a worker cannot take part, or if a task fails too often.
+        Yields None while there is no new result, so that the caller can stop at any time. Raises ClusterError if a
+        worker has a wrong environment, or if a task fails too often.
         """
         done = distributed.as_completed(loop=self.client.loop, with_results=True, raise_errors=False)
         running = dict[distributed.Future, WorkItem]()
@@ -82,7 +88,7 @@ class DaskExecutor(Executor):
                 finished = done.next_batch(block=False)
                 for future, result in finished:
                     item = running.pop(future)
-                    if future.cancelled():  # the connection to the scheduler was lost for a moment
+                    if future.cancelled():  # the scheduler was disconnected for a moment
                         self._shared = None
                         running[self._submit(item, done)] = item
                     else:
@@ -95,7 +101,10 @@ class DaskExecutor(Executor):
                 future.cancel()
 
     def _submit(self, item: WorkItem, done: distributed.as_completed) -> distributed.Future:
-        """Begins a work item, whose sums ``done`` will have. Dask repeats it if its worker is lost."""
+        """Submits a work item to the cluster; ``done`` will yield its result.
+
+        Dask repeats the task if its worker is lost.
+        """
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
             self._shared = self._shared or self.client.submit(bytes, self._scene)
             call = worker.sample, self.client.id, self._environment, self._shared, worker.packed(item)
@@ -104,7 +113,10 @@ class DaskExecutor(Executor):
         return future
 
     def _sums(self, item: WorkItem, future: distributed.Future, result: Any) -> Accumulators:
-        """The sums of a finished work item, whose worker gave this ``result`` or error. Raises ClusterError."""
+        """Returns the sums of a finished work item from the ``result`` of its task, which may be an error.
+
+        Raises ClusterError.
+        """
         if future.status == "error":
             _, error, _ = result
             raise ClusterError(f"samples: {RETRIES + 1} attempts failed, the last one with: {error}") from error
@@ -123,7 +135,7 @@ class DaskExecutor(Executor):
         return sums
 
     def _check_workers(self) -> bool:
-        """Finds out which workers exist; returns whether the cluster has gone away."""
+        """Updates the list of workers; returns whether the cluster is lost."""
         now, before = time.perf_counter(), self._workers
         if self.loss_reason or now < self._next_check:
             return bool(self.loss_reason)
@@ -154,13 +166,15 @@ def render(
     spp: int = 0,
     **changes: Any,
 ) -> mi.TensorXf:
-    """The image of a scene file, of either kind, by the workers of ``client``; shape (height, width, channels).
+    """Renders a scene file by the workers of ``client``; returns the image, shape (height, width, channels).
 
-    ``client``: None for Dask's current one; ``spp``: samples per pixel, 0 for those of the scene; ``changes``: those of
-    :class:`.SceneFile`, such as ``resolution=(640, 480)`` or ``integrator={"noise": 0.01}``. The image has the bits of
-    one that this process alone renders.
+    ``scene`` is a file in the thesis's scene language or in XML. ``client`` is None for Dask's current client. ``spp``
+    is the number of samples per pixel, 0 for that of the scene. ``changes`` are those of :class:`.SceneFile`, such as
+    ``resolution=(640, 480)`` or ``integrator={"noise": 0.01}``. The image has the same bits as an image that only this
+    process renders.
 
-    Raises :class:`ClusterError` if the cluster cannot render it, ValueError if the scene cannot travel.
+    Raises :class:`ClusterError` if the cluster cannot render the image, and ValueError if the scene cannot be sent to
+    workers.
     """
     with atomic.scratch() as folder:
         file = scene_file.SceneFile(scene, folder, **changes)

@@ -1,6 +1,6 @@
 """The task of a Dask worker: the samples of a work item.
 
-It runs in one thread of the worker, which uses all threads of Dr.Jit; two renders take turns.
+The task runs in one thread of the worker, which uses all threads of Dr.Jit. Two renders take turns.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ from ..engine.estimator import Estimator
 from ..engine.work import WorkItem
 from ..scene import session
 
-#: Clients of which a worker keeps the last scene.
+#: Maximum number of clients whose last scene a worker keeps.
 SCENES = 4
 
 
 @functools.cache
 def render_thread() -> ThreadPoolExecutor:
-    """The thread that runs all tasks."""
+    """Returns the pool of one thread that runs all tasks of this worker."""
     return ThreadPoolExecutor(1, "prosim")
 
 
-#: The last scene of each client, pickled, and ready to be sampled.
+#: Client -> its last scene, pickled, and the estimator of this scene.
 scenes = dict[str, tuple[bytes, Estimator]]()
 
 
 def load(client: str, content: bytes) -> Estimator:
-    """The estimator of a pickled :class:`.SceneBundle` of a ``client``.
+    """Returns the estimator of a pickled :class:`.SceneBundle`, ``content``, of a ``client``.
 
-    Another scene of the same client is deleted first, so that the new one takes its places in Dr.Jit's tables, and
+    The previous scene of this client is deleted first. So the new scene takes its places in Dr.Jit's tables, and
     kernels are found in the cache.
     """
     known, estimator = scenes.pop(client, (b"", None))
@@ -62,8 +62,9 @@ def load(client: str, content: bytes) -> Estimator:
 
 
 def pickled(value: Any) -> bytes:
-    """``value`` for ``pickle.loads``. Dr.Jit arrays keep the alignment of Dr.Jit's memory, see
-    :func:`..compat.dr_array`.
+    """Pickles ``value`` for ``pickle.loads``.
+
+    Unpickled Dr.Jit arrays have the alignment of Dr.Jit's memory, see :func:`..compat.dr_array`.
     """
     content = io.BytesIO()
     pickler = pickle.Pickler(content)
@@ -75,26 +76,27 @@ def pickled(value: Any) -> bytes:
 
 
 def packed(item: WorkItem) -> bytes:
-    """A work item without the scene and without the function that stores the sums."""
+    """Pickles a work item, without its scene and without the function that stores its sums."""
     return pickled((item.plan, item.x, item.y, item.start, item.end))
 
 
 def sample(
     client: str, expected: Mapping[str, str], scene: bytes, item: bytes
 ) -> tuple[float, bytes, Mapping[str, str]]:
-    """``(seconds, sums, environment)``: the time and the sums of ``item``, a :func:`packed` work item, rendered with
-    ``scene``, a pickled :class:`.SceneBundle`; and the environment of this worker. No sums if that must agree with the
-    ``expected`` one and does not.
+    """Computes a work item, and returns ``(seconds, sums, environment)``.
 
-    A worker renders with as many threads as Dask gives to it, or with those of its client where it shares the client's
-    process. Raises ImportError or RuntimeError where it lacks the variant.
+    ``scene`` is a pickled :class:`.SceneBundle`, and ``item`` a :func:`packed` work item. ``environment`` is that of
+    this worker. The sums are empty if the ``expected`` environment differs where both must agree.
+
+    A worker renders with the number of threads that Dask gives to it. A worker in the process of its client renders
+    with the threads of this client. Raises ImportError or RuntimeError if the worker lacks the variant.
     """
     dask_worker = distributed.get_worker()
 
     def compute() -> tuple[float, bytes, Mapping[str, str]]:
         if not dask_worker.address.startswith("inproc:"):
             dr.set_thread_count(dask_worker.state.nthreads)
-            warnings.simplefilter("ignore", prosim_scene.SceneWarning)  # the client shows them
+            warnings.simplefilter("ignore", prosim_scene.SceneWarning)  # the client shows these warnings
         if mi.variant() != expected["variant"]:
             session.set_variant(expected["variant"])
         found = environment.this_environment()
@@ -106,7 +108,7 @@ def sample(
 
 
 def timed_sums(estimator: Estimator, item: bytes) -> tuple[float, bytes]:
-    """``(seconds, sums)`` of a :func:`packed` work item; the sums are pickled."""
+    """Computes a :func:`packed` work item, and returns ``(seconds, sums)``; the sums are pickled."""
     with alone():
         work_item = WorkItem(estimator, *pickle.loads(item))
     started = time.perf_counter()

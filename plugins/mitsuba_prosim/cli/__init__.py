@@ -1,1 +1,1 @@
-"""The ``prosim`` command line, and the Python side of the ``mitsuba`` command."""
+"""The ``prosim`` command line."""

@@ -12,15 +12,15 @@ import click
 COMMANDS = {
     "compare": ("compare_command:compare", "Compare two integrators or samplers on a scene."),
     "doctor": ("doctor:doctor", "Print versions, backends and problems."),
-    "format": ("translate:format_scene", "Rewrite scenes in tidy form."),
+    "format": ("translate:format_scene", "Rewrite scenes in canonical layout."),
     "language-server": ("prosim_scene.language_server:language_server", "Help an editor with scenes."),
     "link": ("mitsuba_prosim.stock_command.stand_ins:link", "Let the mitsuba command run plugins in Python."),
-    "merge": ("render_commands:merge", "Make the image of parts that were rendered one by one."),
+    "merge": ("render_commands:merge", "Merge the separately rendered parts of an image."),
     "mix": ("mix:mix", "Dim and colour the lamps of a rendered image."),
     "render": ("render_commands:render", "Render a scene to an EXR and a PNG image."),
     "resume": ("render_commands:resume", "Continue a render from its saved state."),
     "translate": ("translate:translate", "Translate the scene language to Mitsuba's XML."),
-    "watch": ("watch:watch", "Show a scene's picture while the scene is written."),
+    "watch": ("watch:watch", "Show a scene on a page while you edit it."),
 }
 
 

@@ -82,7 +82,7 @@ def test_what_is_missing_for_the_mitsuba_command_is_said_in_a_line(palito, monke
     monkeypatch.setattr(stand_ins, "plugin_folder", lambda: folder)
     monkeypatch.setattr(llvm, "problem", lambda: None)
     assert "prosim link" in prosim("translate", palito).stderr
-    assert "to let it: prosim link" in done("doctor").stdout
+    assert "to enable this: prosim link" in done("doctor").stdout
     (folder / "nrook.so").write_bytes(stand_ins.MARK)
     assert "prosim link" not in prosim("translate", palito).stderr
     result = prosim("doctor")

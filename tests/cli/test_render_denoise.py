@@ -110,9 +110,9 @@ def test_wrong_factors_and_images(image, tmp_path):
     for factor in ("key", *(f"key={value}" for value in ("bright", "nan", "inf", "-1", "1e99", "50%"))):
         refused("LAYER=FACTOR", "mix", image, factor)
     refused("several factors", "mix", image, "key=1", "key=2")
-    refused("no EXR", "mix", tmp_path / "two.xml", "key=1")
+    refused("not a readable EXR", "mix", tmp_path / "two.xml", "key=1")
     (tmp_path / "cut.exr").write_bytes(image.read_bytes()[:500])
-    refused("no EXR", "mix", tmp_path / "cut.exr", "key=1")
+    refused("not a readable EXR", "mix", tmp_path / "cut.exr", "key=1")
     refused("input", "mix", image, "key=1", "-o", image)
     done("render", tmp_path / "two.xml", "-o", tmp_path / "plain")
     refused("--layers", "mix", tmp_path / "plain.exr", "key=1")

@@ -50,7 +50,7 @@ def test_the_state_of_a_finished_render_is_there_before_its_image(lamp, tmp_path
     with monkeypatch.context() as patch:
         patch.setattr(render_task, "finish", lambda *_: 1 / 0)
         assert prosim("render", lamp, "-o", tmp_path / "a", "--checkpoint").exit_code != 0
-    assert "It was finished before." in done("resume", tmp_path / "a.state.npz").stdout
+    assert "The render was finished before." in done("resume", tmp_path / "a.state.npz").stdout
 
 
 @pytest.mark.slow
@@ -73,7 +73,7 @@ def test_what_does_not_belong_together_is_refused(lamp, tmp_path):
     lamp.write_text(LAMP.replace('value="9"', 'value="8"', 1))
     refused("scene.xml is not the scene of this state", "resume", state)
     lamp.write_text(LAMP.replace("<scene", "<!-- the same --><scene", 1))
-    assert "It was finished before. To improve it" in done("resume", state).stdout
+    assert "The render was finished before. To improve" in done("resume", state).stdout
     refused(f"not the state of a render. Did you mean {state}?", "resume", tmp_path / "a.exr")
     refused("the state of a render, not a scene. To continue it: prosim resume ", "render", state)
     refused("is the state of a render, not a part of an image", "merge", state)

@@ -62,7 +62,7 @@ def test_a_tev_that_is_not_there_or_goes_away(scene, monkeypatch):
     refused(f"no tev at 127.0.0.1:{port}", "render", scene, "--view", f"tev=127.0.0.1:{port}", code=1)
     viewer = Tev(end=1)
     said = done("render", scene, "--view", viewer.place, "--resolution", "640x480", "--spp", 1).stderr
-    assert "tev has gone" in said and scene.with_suffix(".exr").exists()
+    assert "tev has ended" in said and scene.with_suffix(".exr").exists()
     viewer.packets()
     # One that is there, but takes nothing.
     monkeypatch.setattr(tev, "SOCKET_TIMEOUT", 0.3)
@@ -70,7 +70,7 @@ def test_a_tev_that_is_not_there_or_goes_away(scene, monkeypatch):
         deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 12)
         place = f"tev=127.0.0.1:{deaf.getsockname()[1]}"
         said = done("render", scene, "--view", place, "--resolution", "960x720", "--spp", 1).stderr
-    assert "tev has gone (timed out)" in said
+    assert "tev has ended (timed out)" in said
 
 
 def test_a_tev_that_leaves_at_once_leaves_no_connection(scene, monkeypatch):

@@ -40,7 +40,7 @@ def doctor() -> None:
     if sys.platform == "linux":
         installed = stand_ins.installed()
         if not installed:
-            row("mitsuba", "the mitsuba command can't run plugins in Python; to let it: prosim link")
+            row("mitsuba", "the mitsuba command can't run plugins in Python; to enable this: prosim link")
         elif missing := sorted(set(stand_ins.plugin_names()) - set(installed)):
             problems.append(f"The mitsuba command can't run {', '.join(missing)} (prosim render can). Run: prosim link")
         else:

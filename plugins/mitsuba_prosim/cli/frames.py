@@ -137,7 +137,7 @@ def render(job: Job, stem: Path) -> None:
         raise click.UsageError(f"-D {min(given)}=... and --frames both define ${min(given)}; give one of them.")
     film = Film(job, stem)
     interruption = film.render()
-    end = f"; {interruption}. The same command continues with the others." if interruption else ""
+    end = f"; {interruption}. The same command renders the missing frames." if interruption else ""
     click.echo(film.report() + end)
     if interruption:
         sys.exit(1)

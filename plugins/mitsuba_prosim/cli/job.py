@@ -32,7 +32,7 @@ RUNNING = ("output", "checkpoint", "snapshots", "view", "verbose", *FILM, "threa
 
 POSITIVE = Number(0, min_open=True)
 UNITS = click.Choice(["calibrated", "radiance", "unattenuated"])
-SCENES, NOISES = "what the scene says", "with --noise, --time: "
+SCENES, NOISES = "set by the scene", "with --noise, --time: "
 
 
 def _option(group: str, type_: Any, text: str, *flags: str, **settings: Any) -> Any:
@@ -63,10 +63,10 @@ class Job:
     denoise: bool = _quality(None, "Denoise the image where two halves of its samples agree.")
 
     output: str | None = _output(
-        click.Path(), "File or folder to write; all kinds are written.", "-o", show_default="the input's folder"
+        click.Path(), "Output file or folder; all formats are written.", "-o", show_default="the input's folder"
     )
     layers: str | None = _output(
-        click.Choice(KINDS[1:]), "Write layers to the EXR too, whose sum is the image; see prosim mix."
+        click.Choice(KINDS[1:]), "Also write layers to the EXR; their sum is the image. See prosim mix."
     )
     exposure: float | None = _output(Number(-64, 64), "Exposure of the PNG in stops.")
     checkpoint: bool = _output(None, "Write checkpoints, NAME.state.npz, from which prosim resume continues.")
@@ -82,16 +82,16 @@ class Job:
     sensor: int = _scene(Integer(min=0), "Number of the scene's sensor.", "-s", default=0)
     resolution: tuple[int, int] | None = _scene(types.RESOLUTION, "Size of the image in pixels, such as 640x480.")
     crop: tuple[int, int, int, int] | None = _scene(types.CROP, "Render only this window of the image, in pixels.")
-    paths: bool = _scene(None, "Path tracing: follow diffuse reflections too, in place of the ambient term.")
+    paths: bool = _scene(None, "Path tracing: follow diffuse reflections; omit the ambient term.")
     caustics: bool | None = _scene(
-        None, "Light that glass and mirrors gather.", "--caustics/--no-caustics", default=None, show_default=SCENES
+        None, "Light focused by glass and mirrors.", "--caustics/--no-caustics", default=None, show_default=SCENES
     )
     max_level: int | None = _scene(
-        Integer(-1, 2**16), "Maximum depth of rays; -1, with --paths: any.", show_default=SCENES
+        Integer(-1, 2**16), "Maximum depth of rays; -1 with --paths: unlimited.", show_default=SCENES
     )
     allow_outside: bool = _scene(None, "Let the scene use files from outside its folder.")
 
-    frames: range | None = _film(types.FRAMES, "Render a film: an image for each $frame, A to B-1, or one.")
+    frames: range | None = _film(types.FRAMES, "Render an animation: the frames A to B-1, or only frame A.")
     fps: float | None = _film(POSITIVE, "Frames per second, for $time.", show_default="24")
     overwrite: bool = _film(None, "Render existing frames again.")
 
@@ -121,7 +121,7 @@ class Job:
         Integer(1, 2**20), "Maximum number of samples per pixel.", show_default=NOISES + "any"
     )
     adaptive: str | None = _advanced(
-        click.Choice(tuple(POLICIES)), "Which pixels get how many samples.", show_default=NOISES + "graded"
+        click.Choice(tuple(POLICIES)), "Policy for the number of samples of each pixel.", show_default=NOISES + "graded"
     )
     light_units: str | None = _advanced(
         UNITS, "What a light's intensity means in the thesis's language.", show_default="calibrated"
@@ -159,7 +159,7 @@ class Job:
             return cls(**checkpoint.about["job"])
         except (KeyError, TypeError):
             raise ValueError(
-                "prosim render did not write this state; continue it where it comes from, by "
+                "prosim render did not write this state; continue it in the Python program that wrote it, by "
                 "integrator.progressive(begin=...)"
             ) from None
 
@@ -224,8 +224,8 @@ class Command(click.Command):
 #: Options that exclude each other: an option, the options that cannot be combined with it, and the error message.
 CONFLICTS = (
     ("spp", "samples", "--spp and --samples both set the number of samples; give one of them."),
-    ("workers", "cluster", "--workers starts a cluster here, and --cluster names a running one; give one of them."),
-    ("part", "workers cluster", "--part is for processes without a connection; leave it out with a cluster."),
+    ("workers", "cluster", "--workers starts local workers, and --cluster names a running cluster; give one of them."),
+    ("part", "workers cluster", "--part is for machines without a connection; leave out --part with a cluster."),
     (
         "part",
         " ".join(TARGETS),
@@ -234,8 +234,8 @@ CONFLICTS = (
         "graded. Where the machines are connected, --cluster does all that.",
     ),
     ("denoise", "part", "--denoise needs the whole image, and --part renders a part of it; give one of them."),
-    ("snapshots", "denoise part frames", "--snapshots shows a single image as its samples are; leave out the other."),
-    ("layers", "denoise", "--denoise changes the image, and --layers are parts of the raw one; give one of them."),
+    ("snapshots", "denoise part frames", "--snapshots writes raw single images; leave out the other option."),
+    ("layers", "denoise", "--denoise changes the image, and --layers are parts of the raw image; give one of them."),
     ("frames", "part", "--part is for single images. Let each machine render some of the --frames: 0:24, 24:48."),
     ("frames", "view", "--view is for single images. To see one frame: -D frame=7 instead of --frames."),
 )

@@ -45,7 +45,7 @@ def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> N
             header = {name: str(value) for name, value in file.header().items() if name.startswith("prosim.")}
             planes = {name: np.array(channel.pixels, dtype=np.float32) for name, channel in file.channels().items()}
     except (RuntimeError, ValueError):
-        raise InputError(f"{image} is no EXR image that can be read; give one by prosim render --layers.") from None
+        raise InputError(f"{image} is not a readable EXR image; give an image by prosim render --layers.") from None
     layers = [name[:-2] for name in planes if re.fullmatch(r".+\.R", name)]
     if not layers or not all(is_sum(planes, layers, letter) for letter in "RGB"):
         raise InputError(

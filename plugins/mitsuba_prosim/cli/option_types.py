@@ -96,7 +96,7 @@ def _resolution(*size: str) -> tuple[int, ...]:
 def _frames(first: str, end: str | None, step: str | None) -> range:
     frames = range(int(first), int(first) + 1 if end is None else int(end), int(step or 1))
     if not frames:
-        raise ValueError("frame B is not rendered, so B has to be more than A")
+        raise ValueError("frame B is not rendered, so B must be greater than A")
     return frames
 
 

@@ -76,9 +76,9 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
     write_image(job, files.output_stem(job.output, image_stem(state), SUFFIXES), record)
     if record.finished and not target:
         click.echo(
-            f"It was finished before. When all parts are finished: prosim merge {quoted_path(state)}"
+            f"The render was finished before. When all parts are finished: prosim merge {quoted_path(state)}"
             if record.part
-            else "It was finished before. To improve it, add another target, such as --noise or --time."
+            else "The render was finished before. To improve the image, add another target, such as --noise or --time."
         )
 
 

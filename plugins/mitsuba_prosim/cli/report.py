@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from .job import Job
 
 #: Noise measure, which is a parameter of an integrator and a measured value of a render -> its name in the report.
-NOISES = {"noise": "noise", "noise_99": "that of 99 pixels in 100", "noise_999": "that of 999 in 1000"}
+NOISES = {"noise": "noise", "noise_99": "noise of 99 % of the pixels", "noise_999": "noise of 99.9 %"}
 
 
 def metadata(

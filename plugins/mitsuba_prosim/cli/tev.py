@@ -71,4 +71,4 @@ class TevClient(ExitStack):
         except OSError as error:
             self.close()
             self._tev = None
-            warnings.warn(f"tev has gone ({error.strerror or error}); the render continues", stacklevel=2)
+            warnings.warn(f"tev has ended ({error.strerror or error}); the render continues", stacklevel=2)

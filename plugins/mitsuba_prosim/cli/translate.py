@@ -22,7 +22,7 @@ TARGETS = click.Choice(["prosim", "stock"])
     "Output", "-o", "--output", type=click.Path(file_okay=False), help="Folder to write to.", show_default="the scene's"
 )
 @option(
-    "Output", "--target", type=TARGETS, default="prosim", help="Plugins of the XML: this package's, or Mitsuba's only."
+    "Output", "--target", type=TARGETS, default="prosim", help="Plugins in the XML: this package's, or only Mitsuba's."
 )
 @option("Output", "--check", is_flag=True, help="Write nothing; only print errors and warnings.")
 def translate(job: Job, target: str, check: bool) -> None:
@@ -41,9 +41,9 @@ def translate(job: Job, target: str, check: bool) -> None:
 
 @click.command("format")
 @click.argument("scenes", type=LANGUAGE_FILE, nargs=-1, required=True)
-@click.option("--check", is_flag=True, help="Write nothing; exit with 1 if a file is not tidy.")
+@click.option("--check", is_flag=True, help="Write nothing; exit with 1 if a layout is not canonical.")
 def format_scene(scenes: tuple[Path, ...], check: bool) -> None:
-    """Rewrite SCENES, in the thesis's scene language, in canonical layout; their meaning stays the same."""
+    """Rewrite SCENES, in the thesis's scene language, in canonical layout; the meaning of a scene stays the same."""
     untidy = {}
     for scene in scenes:
         with input_errors():

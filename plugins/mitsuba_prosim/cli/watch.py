@@ -28,7 +28,7 @@ LEFT_OUT = ("output", "exposure", "checkpoint", "snapshots", "view", "crop", "wo
 @click.command(cls=Command)
 @click.argument("scene", type=SCENE_FILE)
 @job_options(*(name for name in OPTIONS if name not in LEFT_OUT))
-@option("Page", "--port", type=Integer(0, 65535), default=0, help="Port of the page; 0: any free one.")
+@option("Page", "--port", type=Integer(0, 65535), default=0, help="Port of the page; 0: any free port.")
 @option("Page", "--browser/--no-browser", default=True, help="Open the page in a browser, or only print its address.")
 def watch(job: Job, port: int, browser: bool) -> None:
     """Show SCENE on a page in the browser, and render it again when the file is saved.
@@ -48,7 +48,7 @@ def watch(job: Job, port: int, browser: bool) -> None:
         sock = socket.create_server(("127.0.0.1", port))
     except OSError as error:
         raise click.ClickException(
-            f"port {port}: {error.strerror}. Give another by --port, or leave it out for any free one."
+            f"port {port}: {error.strerror}. Give another port by --port, or leave out --port for any free port."
         ) from None
     with atomic.scratch() as folder:
         cache = TranslationCache()

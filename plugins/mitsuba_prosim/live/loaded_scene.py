@@ -125,7 +125,7 @@ class LoadedScene:
         if not bool(si.is_valid()[0]):
             return "background"
         shape = compat.met_shape(self.scene, si)
-        return self._name(shape) if shape is not None else "a shape within another"
+        return self._name(shape) if shape is not None else "a shape nested in another one"
 
     def _name(self, shape: mi.Shape) -> str:
         name = shape.id()

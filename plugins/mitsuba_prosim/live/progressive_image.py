@@ -119,9 +119,9 @@ def name(integrator: Any) -> str:
 def not_compared(integrator: Any) -> str | None:
     """Returns the reason why an image of this integrator cannot be compared with one of ``path``, or None."""
     if name(integrator) == "path":
-        return "this is the path tracer already"
+        return "the scene's integrator is the path tracer already"
     if not can_light(getattr(integrator, "background", None)):
-        return "path can't be lit by this background, which is no bitmap"
+        return "this background is not a bitmap, so path can't use it as a light"
     return None
 
 

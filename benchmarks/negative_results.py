@@ -1,6 +1,6 @@
 """Negative results: the gains of other sampling rules, simulated with the same integrator.
 
-    python benchmarks/negative_results.py cycles oracle [--scene palito ...]
+    python benchmarks/negative_results.py allocation frozen [--scene palito ...]
 
 ``thesis``
     The thesis's own criterion, which decides by the samples of a pixel whether the pixel needs more samples. The table
@@ -8,12 +8,10 @@
 ``photons``
     The gain in processor time of ``graded`` over uniform sampling in a scene whose caustics come from photons. New
     photons cost as much for one pixel as for all pixels.
-``cycles``
-    The gain of the stopping rule of Mitsuba's pull request 1731, which is the rule of Blender's Cycles, over uniform
-    sampling.
-``oracle``
-    The gain, over uniform sampling, of samples in proportion to the true standard deviation of each pixel, which is
-    estimated with other seeds.
+``allocation``
+    The gains over uniform sampling in passes of 16 samples, all with a mean of 64 and a maximum of 256 samples:
+    ``graded``; ``cycles``, the stopping rule of Mitsuba's pull request 1731, which is the rule of Blender's Cycles;
+    ``oracle``, samples in proportion to the true standard deviation of each pixel, which is estimated with other seeds.
 ``frozen``
     The fraction of the variance that remains if all samples of a pixel share one direction of the first surface's
     lobe, or one point on the lamps.
@@ -69,7 +67,7 @@ def over_uniform(
     return {name: gain(found, uniform)[:, 0]}
 
 
-def cycles(means: np.ndarray, images: np.ndarray, deviation: np.ndarray) -> np.ndarray:
+def cycles(means: np.ndarray, images: np.ndarray) -> np.ndarray:
     """Returns the number of passes of each pixel by the stopping rule of Cycles.
 
     I is the mean of a pixel, and E is the mean of every other pass. A pixel stops when ``|I - E| / sqrt(I)``, summed
@@ -89,34 +87,34 @@ def cycles(means: np.ndarray, images: np.ndarray, deviation: np.ndarray) -> np.n
     return min((stopped(t) for t in np.geomspace(1e-4, 1, 60)), key=lambda passes: abs(passes.mean() - PASSES / 4))
 
 
-def oracle(means: np.ndarray, images: np.ndarray, deviation: np.ndarray) -> np.ndarray:
+def oracle(deviation: np.ndarray) -> np.ndarray:
     """Returns the number of passes of each pixel, in proportion to the pixel's true standard deviation."""
     candidates = [np.clip(np.rint(deviation * scale), 1, PASSES).astype(int) for scale in np.geomspace(1, 1e5, 300)]
     return min(candidates, key=lambda passes: abs(passes.mean() - PASSES / 4))
 
 
-def allocated(
-    name: str, rule: Callable, subject: Subject, options: argparse.Namespace, n: int = 4
-) -> dict[str, np.ndarray]:
-    """Returns the gain of a ``rule`` that selects the number of passes of each pixel: value and interval, shape
-    (3,).
-    """
+def allocation(subject: Subject, options: argparse.Namespace, n: int = 4) -> dict[str, np.ndarray]:
+    """Returns the gains of ``graded`` and the two rules over passes of n² samples: value and interval, shape (3,)."""
     tree = (subject.tree or NESTED) | {"adaptive": "none", "samples": n}
     truth = reference(subject, tree, 0, options.reference_seconds, options.cache)
     run, scale = Run("", subject.load(), tree), 0.25 / truth.mean()
+    graded = tree | {"adaptive": "graded", "samples": 2 * n, "max_samples": PASSES * n * n}
+    ours = with_samples(Run("", run.scene, graded), PASSES / 4 * n * n)
     images = np.array([run.render(k)[0] for k in range(options.rounds * PASSES)]) * scale
     images = images.reshape(options.rounds, PASSES, *images.shape[1:])
-    errors = []
+    costs: dict[str, list[list[float]]] = {"graded": [], "cycles": [], "oracle": []}
     for seed, of_seed in enumerate(images):
         means = np.cumsum(of_seed, axis=0) / np.arange(1, PASSES + 1)[:, None, None, None]
         others = np.delete(images, seed, axis=0)
         variance = others.var(axis=(0, 1)) / (4 * np.maximum(others.mean(axis=(0, 1)), 1e-3))
-        passes = rule(means, of_seed, np.sqrt(variance.sum(axis=-1)))
-        rows, columns = np.indices(passes.shape)
-        uniform = round(passes.mean())
-        ours, theirs = means[passes - 1, rows, columns], means[uniform - 1]
-        errors.append([tone_mapped(ours, truth * scale) * passes.mean(), tone_mapped(theirs, truth * scale) * uniform])
-    return {name: ratio(np.array(errors))}
+        rows, columns = np.indices(truth.shape[:2])
+        uniform = tone_mapped(means[PASSES // 4 - 1], truth * scale) * (PASSES // 4)
+        for name, passes in (("cycles", cycles(means, of_seed)), ("oracle", oracle(np.sqrt(variance.sum(axis=-1))))):
+            image = means[passes - 1, rows, columns]
+            costs[name].append([tone_mapped(image, truth * scale) * passes.mean(), uniform])
+        image = ours.render(seed)[0] * scale
+        costs["graded"].append([tone_mapped(image, truth * scale) * ours.samples().mean() / n**2, uniform])
+    return {name: ratio(np.array(of_rule)) for name, of_rule in costs.items()}
 
 
 def ratio(errors: np.ndarray) -> np.ndarray:
@@ -212,8 +210,7 @@ def poisson(image: np.ndarray, dx: np.ndarray, dy: np.ndarray, weight: float = 0
 TABLES: dict[str, Callable[..., dict[str, np.ndarray]]] = {
     "thesis": partial(over_uniform, "thesis", {"adaptive": "thesis", "samples": 13}),
     "photons": partial(over_uniform, "photons", {"adaptive": "graded", "caustics": True, "samples": 8}),
-    "cycles": partial(allocated, "cycles", cycles),
-    "oracle": partial(allocated, "oracle", oracle),
+    "allocation": allocation,
     "frozen": frozen,
     "gradients": gradients,
 }

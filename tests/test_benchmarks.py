@@ -16,7 +16,7 @@ SMALL = ["--size", "24", "--rounds", "2", "--reference-seconds", "1"]
     [
         (["gains", "policies", "--scene", "penumbra", *SMALL], 2),
         (["gains", "denoised", "--scene", "Cornell box", *SMALL], 1),
-        (["negative_results", "cycles", "frozen", "gradients", "--scene", "penumbra", *SMALL], 4),
+        (["negative_results", "allocation", "frozen", "gradients", "--scene", "penumbra", *SMALL], 6),
         (["promises", "--scene", "penumbra", *SMALL], 2),
         (["materials", "--only", "phong", *SMALL], 1),
         (["convergence", "--scene", "24 lamps", *SMALL], 5),

@@ -65,13 +65,13 @@ def prosim() -> None:
     Exit codes: 0: success. 2: wrong use or wrong input; no file was written. 130: Ctrl-C before the first sample; no
     file was written. 1: any other error, or Ctrl-C later; the unfinished image was written.
     """
-    shown = set()
+    shown_warnings = set()
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
         from tqdm import tqdm  # imported only if there is a warning
 
-        if str(message) not in shown:  # Python would show a message again after a change of its filters
-            shown.add(str(message))
+        if str(message) not in shown_warnings:  # Python would show a message again after a change of its filters
+            shown_warnings.add(str(message))
             tqdm.write(f"warning: {message}", file=sys.stderr)
 
     warnings.showwarning = show

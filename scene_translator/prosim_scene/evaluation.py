@@ -21,14 +21,14 @@ PACKAGES = Path(__file__).parents[1]
 
 def evaluate(text: str, filename: str) -> list[Problem]:
     """Returns the errors and warnings that :func:`prosim_scene.check` finds in the text of a scene."""
-    found: list[Problem] = []
+    errors: list[Problem] = []
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always", SceneWarning)
         try:
             check(document_of(text, filename))
         except SceneError as error:
-            found = [error, *error.others]
-    return found + [one.message for one in warned if isinstance(one.message, SceneWarning)]
+            errors = [error, *error.others]
+    return errors + [warning.message for warning in warned if isinstance(warning.message, SceneWarning)]
 
 
 async def evaluate_in_process(text: str, filename: str) -> list[Problem] | None:
@@ -44,12 +44,12 @@ async def evaluate_in_process(text: str, filename: str) -> list[Problem] | None:
         creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
     )
     try:
-        found, _ = await process.communicate(pickle.dumps((text, filename, TIME_LIMIT)))
+        result, _ = await process.communicate(pickle.dumps((text, filename, TIME_LIMIT)))
     finally:
         if process.returncode is None:
             process.kill()
             await process.wait()
-    return pickle.loads(found) if process.returncode == 0 else None
+    return pickle.loads(result) if process.returncode == 0 else None
 
 
 def main() -> None:
@@ -61,6 +61,6 @@ def main() -> None:
     with open(os.devnull, "w") as nowhere:
         # This timer works during an operation on solids; a Python signal handler or thread would wait for its end.
         faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
-        found = evaluate(text, filename)
+        problems = evaluate(text, filename)
         faulthandler.cancel_dump_traceback_later()
-    pickle.dump(found, sys.stdout.buffer)
+    pickle.dump(problems, sys.stdout.buffer)

@@ -53,31 +53,31 @@ class OpenDocument:
 
     def offset(self, position: lsp.Position) -> int:
         """Converts a position of the protocol to a text offset, clamped to the end of the line and of the text."""
-        place = self.codec.position_from_client_units(self.lines, position)
-        return min(self.starts[place.line] + place.character, len(self.text))
+        line_position = self.codec.position_from_client_units(self.lines, position)
+        return min(self.starts[line_position.line] + line_position.character, len(self.text))
 
     def range(self, start: int, end: int) -> lsp.Range:
         """Converts two text offsets to a range of the protocol."""
         lines = [bisect_right(self.starts, offset) - 1 for offset in (start, end)]
-        places = [lsp.Position(line, offset - self.starts[line]) for line, offset in zip(lines, (start, end))]
-        return lsp.Range(*(self.codec.position_to_client_units(self.lines, place) for place in places))
+        positions = [lsp.Position(line, offset - self.starts[line]) for line, offset in zip(lines, (start, end))]
+        return lsp.Range(*(self.codec.position_to_client_units(self.lines, position) for position in positions))
 
     def locations(self, position: lsp.Position, only_definitions: bool) -> list[lsp.Location]:
         """Returns the protocol's locations of the symbol at a position: all occurrences, or only its definitions."""
-        here = self.symbols.occurrence_at(self.offset(position))
-        found = self.symbols.table[here.symbol] if here else []
-        found = [one for one in found if one.defines] if only_definitions else found
-        return [lsp.Location(self.uri, self.range(one.start, one.end)) for one in found]
+        at_position = self.symbols.occurrence_at(self.offset(position))
+        occurrences = self.symbols.table[at_position.symbol] if at_position else []
+        occurrences = [one for one in occurrences if one.defines] if only_definitions else occurrences
+        return [lsp.Location(self.uri, self.range(one.start, one.end)) for one in occurrences]
 
-    def diagnostic(self, one: Problem) -> lsp.Diagnostic:
+    def diagnostic(self, problem: Problem) -> lsp.Diagnostic:
         """Converts an error or a warning to a diagnostic of the protocol.
 
         A problem without a span is shown at the beginning of the text.
         """
-        severity = lsp.DiagnosticSeverity.Error if isinstance(one, SceneError) else lsp.DiagnosticSeverity.Warning
-        start, end = one.span or (0, 1)
-        place = self.range(start, max(end, start + 1))
-        return lsp.Diagnostic(place, one.reason, severity=severity, code=one.code or None, source="prosim")
+        severity = lsp.DiagnosticSeverity.Error if isinstance(problem, SceneError) else lsp.DiagnosticSeverity.Warning
+        start, end = problem.span or (0, 1)
+        range_ = self.range(start, max(end, start + 1))
+        return lsp.Diagnostic(range_, problem.reason, severity=severity, code=problem.code or None, source="prosim")
 
 
 class SceneServer(LanguageServer):
@@ -102,13 +102,13 @@ class SceneServer(LanguageServer):
 
     async def evaluate(self, document: OpenDocument) -> None:
         """Evaluates the CSG tree of a document in a separate process, and publishes the errors and warnings."""
-        found = await evaluate_in_process(document.scene, document.filename)
-        if found is not None:
-            self.publish(document, found)
+        problems = await evaluate_in_process(document.scene, document.filename)
+        if problems is not None:
+            self.publish(document, problems)
 
-    def publish(self, document: OpenDocument, found: list[Problem]) -> None:
+    def publish(self, document: OpenDocument, problems: list[Problem]) -> None:
         """Sends the diagnostics of a document to the editor."""
-        diagnostics = [document.diagnostic(one) for one in found]
+        diagnostics = [document.diagnostic(problem) for problem in problems]
         self.text_document_publish_diagnostics(
             lsp.PublishDiagnosticsParams(document.uri, diagnostics, document.version)
         )
@@ -166,15 +166,15 @@ def complete(ls: SceneServer, params: lsp.CompletionParams) -> list[lsp.Completi
     return [_completion_item(one, document.range(one.start, offset)) for one in document.symbols.completions(offset)]
 
 
-def _completion_item(one: Completion, replaced: lsp.Range) -> lsp.CompletionItem:
+def _completion_item(item: Completion, replaced: lsp.Range) -> lsp.CompletionItem:
     """Converts a completion to an item of the protocol. Indices are sorted by number, other words by alphabet."""
     return lsp.CompletionItem(
-        label=one.label,
-        kind=lsp.CompletionItemKind[one.kind],
-        detail=one.detail or None,
-        documentation=lsp.MarkupContent(lsp.MarkupKind.Markdown, one.documentation) if one.documentation else None,
-        sort_text=f"{one.rank}{one.label.zfill(9) if one.kind == 'Value' else one.label}",
-        text_edit=lsp.TextEdit(replaced, one.label),
+        label=item.label,
+        kind=lsp.CompletionItemKind[item.kind],
+        detail=item.detail or None,
+        documentation=lsp.MarkupContent(lsp.MarkupKind.Markdown, item.documentation) if item.documentation else None,
+        sort_text=f"{item.rank}{item.label.zfill(9) if item.kind == 'Value' else item.label}",
+        text_edit=lsp.TextEdit(replaced, item.label),
     )
 
 

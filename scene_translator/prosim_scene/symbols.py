@@ -78,18 +78,18 @@ class Symbols:
     def table(self) -> dict[Symbol, list[Occurrence]]:
         """Symbol -> its occurrences, in the order of the text."""
         result: dict[Symbol, list[Occurrence]] = {}
-        before = ""
+        role_before = ""
         for token in self.tokens:
-            for one in self._occurrences(token, before):
-                result.setdefault(one.symbol, []).append(one)
-            before = token.role
+            for occurrence in self._occurrences(token, role_before):
+                result.setdefault(occurrence.symbol, []).append(occurrence)
+            role_before = token.role
         return result
 
     def _occurrences(self, token: Token, before: str) -> Iterator[Occurrence]:
         """Yields the occurrences of symbols in a token; ``before`` is the grammar role of the previous token."""
         if self.text[token.start] in "${":
-            for found in USE.finditer(self.text, token.start, token.end):
-                yield Occurrence(Symbol("name", found[1]), *found.span(), token.role == "VARIABLE", before)
+            for match in USE.finditer(self.text, token.start, token.end):
+                yield Occurrence(Symbol("name", match[1]), *match.span(), token.role == "VARIABLE", before)
         elif token.role == "NUMBER" and before in INDEXED and re.fullmatch("[0-9]{1,9}", token.text):
             yield Occurrence(Symbol("index", str(int(token.text))), *token.span, before in STATEMENTS, before)
         elif token.role == "TEXTURE_NAME":
@@ -105,8 +105,8 @@ class Symbols:
 
     def occurrence_at(self, offset: int) -> Occurrence | None:
         """Returns the occurrence of a symbol that contains an offset or ends there; None if there is no symbol."""
-        everywhere = (one for found in self.table.values() for one in found)
-        return min((o for o in everywhere if o.start <= offset <= o.end), key=lambda o: o.start, default=None)
+        occurrences = (occurrence for found in self.table.values() for occurrence in found)
+        return min((o for o in occurrences if o.start <= offset <= o.end), key=lambda o: o.start, default=None)
 
     # ---- Meanings
 
@@ -114,8 +114,8 @@ class Symbols:
         """Returns ``(start, end, Markdown)`` for the word at an offset: its range in the text, and its meaning; or
         None.
         """
-        if here := self.occurrence_at(offset):
-            return here.start, here.end, self._symbol_markdown(here.symbol)
+        if occurrence := self.occurrence_at(offset):
+            return occurrence.start, occurrence.end, self._symbol_markdown(occurrence.symbol)
         i = bisect_right(self.tokens, offset, key=lambda token: token.start) - 1
         if i < 0 or offset >= self.tokens[i].end:
             return None
@@ -146,7 +146,7 @@ class Symbols:
             return f"**{symbol.key}**: {self._textures.get(symbol.key, 'no TEXTURE has this name')}"
         starts = [token.start for token in self.tokens if token.role in STATEMENTS]
         ends = [*starts[1:], len(self.text)]
-        defining = [bisect_right(starts, one.start) - 1 for one in self.occurrences(symbol) if one.defines]
+        defining = [bisect_right(starts, use.start) - 1 for use in self.occurrences(symbol) if use.defines]
         parts = "\n".join(self.text[starts[i] : ends[i]].strip() for i in defining)
         return f"```scn\n{parts}\n```" if parts else f"no SURFACE or TRANSFORM has the index {symbol.key}"
 
@@ -160,10 +160,10 @@ class Symbols:
             functions = [Completion(name, "Function", start, rank=2) for name in (*FUNCTIONS, *CONSTANTS)]
             return [*self._name_completions(start), *functions]
         start = offset - len((WORD.search(line) or [""])[0])
-        before = Reader(self.text[:start])
-        last, expected = before.last, before.expected
-        unclosed = any(one.code == "unclosed" for one in before.errors[-1:]) and "RPAR" not in expected
-        comment = before.tokens and before.tokens[-1].text.startswith("#") and before.tokens[-1].end == start
+        reader = Reader(self.text[:start])
+        last, expected = reader.last, reader.expected
+        unclosed = any(one.code == "unclosed" for one in reader.errors[-1:]) and "RPAR" not in expected
+        comment = reader.tokens and reader.tokens[-1].text.startswith("#") and reader.tokens[-1].end == start
         if unclosed or comment or last.role == "END":
             return []
         if last.role in INDEXED:
@@ -176,7 +176,7 @@ class Symbols:
         values = NAMED[last.role][1] if last.role in NAMED else self._textures if "TEXTURE_NAME" in expected else {}
         result += [Completion(name, "Color", start, value) for name, value in values.items()]
         if "USE" in expected:
-            result += [Completion(name, "Class", start) for name in before.fields["solids"]]
+            result += [Completion(name, "Class", start) for name in reader.fields["solids"]]
         if {"NUMBER", "WORD"} & expected:
             result += self._name_completions(start)
         return result
@@ -192,8 +192,8 @@ class Symbols:
         completions are the indices with a SURFACE or TRANSFORM statement. If there are no such indices, the completion
         is the next unused index.
         """
-        indices = {symbol.key: places for symbol, places in self.table.items() if symbol.kind == "index"}
-        roles = {int(key): {place.role_before for place in places} for key, places in indices.items()}
+        indices = {symbol.key: uses for symbol, uses in self.table.items() if symbol.kind == "index"}
+        roles = {int(key): {use.role_before for use in uses} for key, uses in indices.items()}
         if role in STATEMENTS:
             fitting = [index for index, before in roles.items() if role not in before]
         else:

@@ -86,12 +86,12 @@ def distortion_message(width: int, height: int, ratio: float) -> str | None:
 
 def warn_of_distortion(document: Document) -> None:
     """Warns if the RESOLUTION and the WINDOW of a scene have different aspect ratios."""
-    given = document.scene.view
-    umin, vmin, umax, vmax = given.window
-    wrong = distortion_message(*given.resolution, (umax - umin) / (vmax - vmin))
-    if wrong is not None:
+    view = document.scene.view
+    umin, vmin, umax, vmax = view.window
+    message = distortion_message(*view.resolution, (umax - umin) / (vmax - vmin))
+    if message is not None:
         known = document.is_given("view", "resolution")
-        document.warn(wrong, "view", "resolution" if known else "window")
+        document.warn(message, "view", "resolution" if known else "window")
 
 
 def camera_of(document: Document, resolution: tuple[int, int] | None = None) -> Camera:

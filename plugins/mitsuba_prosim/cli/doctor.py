@@ -26,14 +26,14 @@ def doctor() -> None:
         row(name, version(name))
     row("platform", f"{platform.platform()}, {os.cpu_count()} processors")
 
-    usable = [v for v in mi.variants() if session.has_backend(v)]
+    usable = [variant for variant in mi.variants() if session.has_backend(variant)]
     row("variants", f"{', '.join(usable)} (default {session.default_variant()})")
     for kind, (_, need) in session.BACKENDS.items():
-        if (unusable := [v for v in mi.variants() if v.startswith(f"{kind}_")]) and unusable[0] not in usable:
+        if (unusable := [variant for variant in mi.variants() if variant.startswith(f"{kind}_")]) and unusable[0] not in usable:
             row("", f"not {', '.join(unusable)}, which need {need}")
 
-    found = llvm.version()
-    row("LLVM", f"{'.'.join(map(str, found))}, {llvm.library()}" if found else "none")
+    llvm_version = llvm.version()
+    row("LLVM", f"{'.'.join(map(str, llvm_version))}, {llvm.library()}" if llvm_version else "none")
     if problem := llvm.problem():
         problems.append(problem)
 

@@ -55,17 +55,17 @@ class InputFile(click.Path):
             super().convert(value, param, ctx)
         except click.BadParameter as error:
             self.fail(error.message + self.suggestion(path), param, ctx)
-        if (found := kind(path)) not in self.kinds:
-            hint = f" {USES[found].format(quoted_path(path))}" if found in USES else self.suggestion(path)
-            self.fail(f"'{path}' is {found}, not {self.what}.{hint or self.writes}", param, ctx)
+        if (actual := kind(path)) not in self.kinds:
+            hint = f" {USES[actual].format(quoted_path(path))}" if actual in USES else self.suggestion(path)
+            self.fail(f"'{path}' is {actual}, not {self.what}.{hint or self.writes}", param, ctx)
         return path
 
     def suggestion(self, path: Path) -> str:
         """Asks "Did you mean ...?" for the matching file in the same folder whose name is most similar to that of
         ``path``.
         """
-        found = chain.from_iterable(map(path.parent.glob, self.patterns))
-        files = {file.name.partition(".")[0]: file for file in found if file != path}
+        candidates = chain.from_iterable(map(path.parent.glob, self.patterns))
+        files = {file.name.partition(".")[0]: file for file in candidates if file != path}
         near = difflib.get_close_matches(path.name.partition(".")[0], files, n=1)
         return f" Did you mean {quoted_path(files[near[0]])}?" if near else ""
 
@@ -87,8 +87,8 @@ def quoted_path(path: Path) -> str:
 
     The path of a part becomes a pattern that matches all parts of its image, such as ``night.*-of-4.npz``.
     """
-    found = STATE_SUFFIXES.search(path.name)
-    return f"{image_stem(path)}.*-of-{found['of']}.npz" if found and found["of"] else shlex.quote(str(path))
+    match = STATE_SUFFIXES.search(path.name)
+    return f"{image_stem(path)}.*-of-{match['of']}.npz" if match and match["of"] else shlex.quote(str(path))
 
 
 def kind(path: Path) -> str:
@@ -99,15 +99,15 @@ def kind(path: Path) -> str:
             begin = file.read(1 << 10)
         if not begin:
             return "an empty file"
-    what = next((what for known, what in MAGIC.items() if begin.startswith(known)), None)
-    if what == ARCHIVE:
+    name = next((name for known, name in MAGIC.items() if begin.startswith(known)), None)
+    if name == ARCHIVE:
         try:
             return STATE if checkpoint.read(path, arrays=False).part is None else PART
         except checkpoint.NotACheckpointError:
-            return what
+            return name
         except (checkpoint.CheckpointError, OSError):  # the command that reads the state reports the error
             return STATE
-    return what or (XML if path.suffix.lower() == ".xml" else TEXT)
+    return name or (XML if path.suffix.lower() == ".xml" else TEXT)
 
 
 # ---------------------------------------------------------------- output

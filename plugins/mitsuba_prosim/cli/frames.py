@@ -109,11 +109,11 @@ def digest(job: Job, file: scene_file.SceneFile) -> str:
     The data are the scene's content, changes of the scene by options, and the :mod:`..engine.environment`. The digest
     does not depend on the scene's folder.
     """
-    here = environment.this_environment()
-    versions = [here[name] for name in environment.MUST_AGREE]
+    environment_facts = environment.this_environment()
+    versions = [environment_facts[name] for name in environment.MUST_AGREE]
     # The digest of the file already contains the definitions.
-    parts = job.image() | {"scene": "", "definitions": {}, "digest": file.digest(), "environment": versions}
-    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+    content = job.image() | {"scene": "", "definitions": {}, "digest": file.digest(), "environment": versions}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def is_rendered(task: RenderTask) -> bool:
@@ -133,8 +133,8 @@ def render(job: Job, stem: Path) -> None:
 
     Raises UsageError, InputError and ClickException; the finished frames stay on the disk.
     """
-    if given := {FRAME, TIME} & set(job.definitions):
-        raise click.UsageError(f"-D {min(given)}=... and --frames both define ${min(given)}; give one of them.")
+    if conflict := {FRAME, TIME} & set(job.definitions):
+        raise click.UsageError(f"-D {min(conflict)}=... and --frames both define ${min(conflict)}; give one of them.")
     film = Film(job, stem)
     interruption = film.render()
     end = f"; {interruption}. The same command renders the missing frames." if interruption else ""

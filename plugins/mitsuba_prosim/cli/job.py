@@ -133,10 +133,10 @@ class Job:
     @property
     def integrator(self) -> dict[str, Any]:
         """Parameters that replace those of the scene's integrator; None removes a parameter."""
-        given = {name: value for name in INTEGRATOR if (value := getattr(self, name)) is not None}
-        if any(name in given for name in TARGETS):
-            given.setdefault("adaptive", "graded")
-        return ({"diffuse_bounces": -1, "max_level": -1, "ambient": None} if self.paths else {}) | given
+        parameters = {name: value for name in INTEGRATOR if (value := getattr(self, name)) is not None}
+        if any(name in parameters for name in TARGETS):
+            parameters.setdefault("adaptive", "graded")
+        return ({"diffuse_bounces": -1, "max_level": -1, "ambient": None} if self.paths else {}) | parameters
 
     @property
     def language(self) -> dict[str, Any]:
@@ -241,26 +241,26 @@ CONFLICTS = (
 )
 
 
-def make_job(asked: dict[str, Any]) -> Job:
+def make_job(options: dict[str, Any]) -> Job:
     """Makes the job for these options, and sets its variant. Raises UsageError if options contradict each other."""
-    given = {name for name, value in asked.items() if value}
-    for one, others, message in CONFLICTS:
-        if one in given and given & set(others.split()):
+    given = {name for name, value in options.items() if value}
+    for option, others, message in CONFLICTS:
+        if option in given and given & set(others.split()):
             raise click.UsageError(message)
     if "frames" not in given and (film_options := given & {"fps", "overwrite"}):
         raise click.UsageError(f"--{min(film_options)} is for films; add --frames.")
-    if asked.get("adaptive") == "thesis" and given & set(TARGETS):
+    if options.get("adaptive") == "thesis" and given & set(TARGETS):
         raise click.UsageError("--adaptive thesis does not measure the noise; leave it out with --noise and --time.")
-    asked["scene"] = str(asked.get("scene") or "")
-    if (snapshots := asked.get("snapshots")) and not given & set(TARGETS):
+    options["scene"] = str(options.get("scene") or "")
+    if (snapshots := options.get("snapshots")) and not given & set(TARGETS):
         seconds = [float(text[:-1]) for text in snapshots if text.endswith("s")]
-        asked.update({"time": max(seconds)} if seconds else {"noise": min(map(float, snapshots))})
-    asked["definitions"] = dict(asked.get("definitions", ()))
-    if "variant" in asked:
-        asked["variant"] = choose_variant(asked["variant"])
+        options.update({"time": max(seconds)} if seconds else {"noise": min(map(float, snapshots))})
+    options["definitions"] = dict(options.get("definitions", ()))
+    if "variant" in options:
+        options["variant"] = choose_variant(options["variant"])
         progressive = (*TARGETS, "max_samples", "adaptive", "checkpoint", "part", "workers", "cluster")
-        refuse_scalar([f"--{name.replace('_', '-')}" for name in progressive if name in given], asked["variant"])
-    return Job(**asked)
+        refuse_scalar([f"--{name.replace('_', '-')}" for name in progressive if name in given], options["variant"])
+    return Job(**options)
 
 
 def choose_variant(name: str | None) -> str:

@@ -56,12 +56,12 @@ def log(verbose: int) -> Iterator[None]:
 
 def _follow(file: BinaryIO, finished: threading.Event) -> None:
     """Prints the lines that are added to ``file``, until ``finished`` is set; prints equal warnings only once."""
-    warnings, last, rest = set[str](), False, b""
-    while not last:
-        last = finished.wait(0.05)
-        added = rest + file.read()
-        end = len(added) if last else added.rfind(b"\n") + 1
-        rest = added[end:]
+    warnings, at_end, incomplete = set[str](), False, b""
+    while not at_end:
+        at_end = finished.wait(0.05)
+        added = incomplete + file.read()
+        end = len(added) if at_end else added.rfind(b"\n") + 1
+        incomplete = added[end:]
         first, *parts = TIME.split(DECORATION.sub("", added[:end].decode("utf-8", "replace")))
         messages = [first]
         for time, message in zip(parts[::2], parts[1::2]):

@@ -59,11 +59,11 @@ class PatternType(click.ParamType):
         """Converts the text of the option to its value."""
         if not isinstance(value, str):
             return value
-        found = re.fullmatch(self.pattern, value, re.DOTALL)
-        if not found:
+        match = re.fullmatch(self.pattern, value, re.DOTALL)
+        if not match:
             self.fail(f"'{value}' is not of the form {self.name}, such as {self.example}", param, ctx)
         try:
-            return self.make(*found.groups())
+            return self.make(*match.groups())
         except ValueError as error:
             self.fail(f"'{value}': {error}", param, ctx)
 
@@ -93,8 +93,8 @@ def _resolution(*size: str) -> tuple[int, ...]:
     return width, height
 
 
-def _frames(first: str, end: str | None, step: str | None) -> range:
-    frames = range(int(first), int(first) + 1 if end is None else int(end), int(step or 1))
+def _frames(begin: str, end: str | None, step: str | None) -> range:
+    frames = range(int(begin), int(begin) + 1 if end is None else int(end), int(step or 1))
     if not frames:
         raise ValueError("frame B is not rendered, so B must be greater than A")
     return frames

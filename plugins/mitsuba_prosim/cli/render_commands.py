@@ -102,11 +102,11 @@ def merge(job: Job, part_files: tuple[Path, ...], moved: Path | None) -> None:
     )
 
 
-def continued(before: Job, asked: Job, **changes: Any) -> Job:
-    """Returns the job ``before``, which a state stores, with the output and the workers of the job ``asked``."""
-    running = {name: getattr(asked, name) for name in RUNNING}
-    exposure = before.exposure if asked.exposure is None else asked.exposure
-    return replace(before, exposure=exposure, **running | changes)
+def continued(saved: Job, requested: Job, **changes: Any) -> Job:
+    """Returns the job ``saved``, which a state stores, with the output and the workers of the job ``requested``."""
+    running = {name: getattr(requested, name) for name in RUNNING}
+    exposure = saved.exposure if requested.exposure is None else requested.exposure
+    return replace(saved, exposure=exposure, **running | changes)
 
 
 def checkpoint_and_job(

@@ -196,14 +196,14 @@ def render_image(
     state = Path(f"{task.stem}{task.state_suffix}")
     consumers: list[Any] = [CheckpointWriter(state, task.about)] if task.state_suffix else []
     snapshots = Snapshots(task)
-    with TevClient(job, film) as shown, interruptible(task.integrator.cancel, received_signals) as signals:
-        consumers += [snapshots, shown.update]
+    with TevClient(job, film) as viewer, interruptible(task.integrator.cancel, received_signals) as signals:
+        consumers += [snapshots, viewer.update]
         executor = resources.executor(task.file)
         started = perf_counter()
         start = halves.denoised_progressive if job.denoise else rendering.progressive
-        how: dict[str, Any] = {"begin": task.begin, "part": job.part, "executor": executor}
+        options: dict[str, Any] = {"begin": task.begin, "part": job.part, "executor": executor}
         try:
-            steps = start(task.scene, task.sensor, task.integrator, job.seed, job.spp or 0, **how)
+            steps = start(task.scene, task.sensor, task.integrator, job.seed, job.spp or 0, **options)
             while not (signals or resources.loss_reason) and (step := next(steps, None)) is not None:
                 bar.show(step.done)
                 for consume in consumers:
@@ -233,7 +233,7 @@ def render_image(
         if job.part is None and not (is_frame and interruption):
             image = finish(task, steps, seconds, interruption is not None)
         partial = image.contents and reached is not None and reached.min_samples == 0
-        shown.show()
+        viewer.show()
         written = [*files.save(task.stem, image.contents | unsaved), *saved]
     width, height = film.crop_size()
     first = (
@@ -320,8 +320,8 @@ def finish(task: RenderTask, steps: Any, seconds: float, interrupted: bool) -> I
         lines.append(line)
     exposure = job.exposure or 0.0
     colours = images.colours(bitmap)
-    shown = None if colours is None else colours * 2.0**exposure
-    why_black = None if shown is None else black.reason(task.scene, task.sensor, shown, exposure=exposure)
+    displayed = None if colours is None else colours * 2.0**exposure
+    why_black = None if displayed is None else black.reason(task.scene, task.sensor, displayed, exposure=exposure)
     return Image({**images.encode(bitmap, header | added | dict(task.facts), exposure, added)}, lines, why_black)
 
 

@@ -40,7 +40,7 @@ class TevClient(ExitStack):
         require_extra("tev", "--view tev (Python 3.11 or later)")
         import tevclient
 
-        before = socket.getdefaulttimeout()
+        timeout = socket.getdefaulttimeout()
         socket.setdefaulttimeout(SOCKET_TIMEOUT)  # the timeout of the new connection
         try:
             self._tev = self.push(tevclient.Ipc(host, port))
@@ -52,7 +52,7 @@ class TevClient(ExitStack):
                 "--view tev=HOST:PORT"
             ) from None
         finally:
-            socket.setdefaulttimeout(before)
+            socket.setdefaulttimeout(timeout)
 
     def update(self, render: Any) -> None:
         """Shows the image of a render in progress, if enough time has passed since the last image."""

@@ -27,14 +27,14 @@ TARGETS = click.Choice(["prosim", "stock"])
 @option("Output", "--check", is_flag=True, help="Write nothing; only print errors and warnings.")
 def translate(job: Job, target: str, check: bool) -> None:
     """Translate SCENE, in the thesis's scene language, to a Mitsuba scene (.xml) and its meshes (.ply)."""
-    place = output_folder(job.output)
+    folder = output_folder(job.output)
     options: dict[str, Any] = {"define": job.definitions, "resolution": job.resolution, "samples": job.samples}
     options |= job.language | {"target": target}
     with input_errors():
         if check:
             prosim_scene.check(job.scene, **options)
             return
-        click.echo(prosim_scene.translate(job.scene, place, **options))
+        click.echo(prosim_scene.translate(job.scene, folder, **options))
     if target == "prosim" and sys.platform == "linux" and not stand_ins.installed():
         click.echo("Render it by prosim render; for the mitsuba command, run once: prosim link", err=True)
 

@@ -57,21 +57,21 @@ def watch(job: Job, port: int, browser: bool) -> None:
             file = job.read_scene(folder, cache=cache, confined=not job.allow_outside)
             return loaded_scene.LoadedScene(file, job.sensor)
 
-        shown = viewer.Viewer(Path(job.scene), open_scene, job.spp or 0, job.seed, job.denoise)
+        view = viewer.Viewer(Path(job.scene), open_scene, job.spp or 0, job.seed, job.denoise)
 
         def encode(exposure: float, factors: Any) -> dict[str, bytes]:
-            state, bitmap, integrator, reached = shown.result(factors)
+            state, bitmap, integrator, reached = view.result(factors)
             facts = metadata(job, integrator, reached, state.status != "done", state.seconds)
             if factors:
                 facts["prosim.mix"] = described([(name.partition(".")[2], factor) for name, factor in factors])
             return images.encode(bitmap, facts, exposure)
 
-        with server.served(shown, encode, sock) as address:
+        with server.served(view, encode, sock) as address:
             click.echo(f"{job.scene} is shown at {address} (Ctrl-C ends it)")
             if browser and has_windows():
                 webbrowser.open(address)
-            with log(job.verbose), session.threads(job.threads), interruptible(shown.close):
-                shown.run()
+            with log(job.verbose), session.threads(job.threads), interruptible(view.close):
+                view.run()
 
 
 def has_windows() -> bool:

@@ -62,8 +62,8 @@ class Comparison:
             sections.append(Section(self.scene, "scene", {"a": any_transport}, self.effort, self.scale))
         for section in sections:
             yield from section.prepare()
-        for done in runs.interleaved([run for section in sections for run in section.runs()], self.effort.rounds):
-            yield "rendering in turn", done
+        for progress in runs.interleaved([run for section in sections for run in section.runs()], self.effort.rounds):
+            yield "rendering in turn", progress
         height, width = map(int, sections[0].image.shape[:2])
         self.facts |= {"machine": runs.machine(), "width": width, "height": height}
         self.facts["sections"] = [section.facts() for section in sections]
@@ -92,8 +92,8 @@ class Section:
     def prepare(self) -> Iterator[tuple[str, float]]:
         """Renders the reference, and makes the methods; yields the name of the current work, and its progress."""
         scene, transport, effort = self.scene, self.transport, self.effort
-        for done in self.reference.converge(effort.seconds):
-            yield f"reference of {LIGHT[transport]}", done
+        for progress in self.reference.converge(effort.seconds):
+            yield f"reference of {LIGHT[transport]}", progress
         self.image = self.reference.image * self.scale
         b = self.specs.get("b")
         rows = {"a": scene.method(self.specs["a"], transport)}
@@ -165,9 +165,9 @@ def at_level(scene: ComparedScene, spec: Spec, transport: str, n: int) -> Method
     """Returns the method with n * n samples per pixel; an adaptive method takes at most this number."""
     if not spec.is_adaptive:
         return scene.method(spec, transport, spp=n * n)
-    own: Any = scene.method(spec, transport).integrator
+    integrator: Any = scene.method(spec, transport).integrator
     # With a fixed threshold, more samples would not reduce the error after all pixels have converged.
-    changes = {"samples": n, "threshold": own.threshold * own.samples / n} | UNTARGETED
+    changes = {"samples": n, "threshold": integrator.threshold * integrator.samples / n} | UNTARGETED
     return scene.method(spec.but(**changes), transport)
 
 

@@ -92,7 +92,7 @@ def cost_at(error: float, costs: Sequence[float], errors: Sequence[float]) -> fl
     x, y = np.log(np.asarray(costs, float)[order]), np.log(np.asarray(errors, float)[order])
     # The true error never grows with the cost; where the measured error does, the smaller error is used.
     y = np.minimum.accumulate(y)
-    wanted = np.log(error)
-    if not y[-1] <= wanted <= y[0]:
+    log_error = np.log(error)
+    if not y[-1] <= log_error <= y[0]:
         return None
-    return float(np.exp(np.interp(-wanted, -y, x)))
+    return float(np.exp(np.interp(-log_error, -y, x)))

@@ -97,9 +97,9 @@ class ComparedScene:
     def __init__(self, file: scene_file.SceneFile) -> None:
         self.file, self.scene = file, file.load()
         self._sensors: dict[str | None, mi.Sensor] = {None: scene_file.pick_sensor(self.scene, 0)}
-        own: Any = self.scene.integrator()
+        integrator: Any = self.scene.integrator()
         #: The ambient term and the background of the scene's ``prosim`` integrator; each is a texture or None.
-        self.ambient, self.background = getattr(own, "ambient", None), getattr(own, "background", None)
+        self.ambient, self.background = getattr(integrator, "ambient", None), getattr(integrator, "background", None)
         props = next(n.props for n in file.state.nodes if n.type == mi.ObjectType.Integrator)
         #: The plugin of the scene's integrator, and its parameters that are numbers, booleans or strings.
         self.integrator = props.plugin_name()
@@ -130,8 +130,8 @@ class ComparedScene:
         if transport != "scene":
             settings.pop("hide_emitters", None)
         elif spec.integrator == "prosim":
-            given = {"ambient": self.ambient, "background": self.background}
-            settings |= {name: value for name, value in given.items() if value is not None}
+            textures = {"ambient": self.ambient, "background": self.background}
+            settings |= {name: value for name, value in textures.items() if value is not None}
         if transport != "scene" and spec.integrator == "prosim":
             settings |= {"max_level": 0} if transport == "direct" else {"max_level": -1, "diffuse_bounces": -1}
         settings |= overrides | spec.parameters

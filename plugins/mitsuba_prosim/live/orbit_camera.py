@@ -59,9 +59,9 @@ class Camera:
         pivot.
         """
         width, height = self.across
-        moved = self.to_world.copy()
-        moved[:3, 3] += self.distance * (right * width * moved[:3, 0] - up * height * moved[:3, 1])
-        return replace(self, to_world=moved)
+        to_world = self.to_world.copy()
+        to_world[:3, 3] += self.distance * (right * width * to_world[:3, 0] - up * height * to_world[:3, 1])
+        return replace(self, to_world=to_world)
 
     def dollied(self, factor: float) -> Camera:
         """Returns the camera with its distance to the pivot multiplied by ``factor``, within the limits of
@@ -69,9 +69,9 @@ class Camera:
         """
         home = self.home or self.distance
         distance = min(max(factor * self.distance, home / FARTHEST), home * FARTHEST)
-        moved = self.to_world.copy()
-        moved[:3, 3] = self.pivot - distance * moved[:3, 2]
-        return replace(self, to_world=moved, distance=distance, home=home)
+        to_world = self.to_world.copy()
+        to_world[:3, 3] = self.pivot - distance * to_world[:3, 2]
+        return replace(self, to_world=to_world, distance=distance, home=home)
 
 
 def rotation(axis: np.ndarray, degrees: float) -> np.ndarray:

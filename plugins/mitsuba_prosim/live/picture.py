@@ -81,17 +81,17 @@ def layers_of_render(render: Render, integrator: mi.Integrator) -> dict[str, np.
     return layers
 
 
-def fill_unknown(known: np.ndarray, values: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
+def fill_unknown(known: np.ndarray, values: np.ndarray, previous: np.ndarray | None = None) -> np.ndarray:
     """Returns a layer with ``values`` where the mask ``known``, shape (height, width), is True.
 
-    Pixels where ``known`` is False are taken from the layer ``before``, which may have fewer pixels. Without ``before``
+    Pixels where ``known`` is False are taken from the layer ``previous``, which may have fewer pixels. Without ``previous``
     such pixels are 0.
     """
     mask = known[..., None] if values.ndim == 3 else known
-    if before is None:
+    if previous is None:
         return np.where(mask, values, np.float32(0))
-    rows, columns = (np.arange(size) * old // size for size, old in zip(known.shape, before.shape))
-    return np.where(mask, values, before[np.ix_(rows, columns)])
+    rows, columns = (np.arange(size) * old // size for size, old in zip(known.shape, previous.shape))
+    return np.where(mask, values, previous[np.ix_(rows, columns)])
 
 
 def colours(image: np.ndarray) -> np.ndarray:

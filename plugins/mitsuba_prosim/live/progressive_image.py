@@ -125,14 +125,14 @@ def not_compared(integrator: Any) -> str | None:
     return None
 
 
-def by_path(own: ProgressiveImage) -> ProgressiveImage:
+def by_path(image: ProgressiveImage) -> ProgressiveImage:
     """Returns the same image rendered by Mitsuba's ``path``, with the sampling of ``own``.
 
     The background of the integrator becomes an emitter.
     """
-    sampling = asdict(own.integrator.sampling)
-    path = create("prosim_adaptive", nested=create("path"), channels=own.integrator.channels, **sampling)
-    scene, background = own.scene, getattr(own.integrator, "background", None)
+    sampling = asdict(image.integrator.sampling)
+    path = create("prosim_adaptive", nested=create("path"), channels=image.integrator.channels, **sampling)
+    scene, background = image.scene, getattr(image.integrator, "background", None)
     if background is not None:
         scene = with_background_emitter(scene, background)
-    return ProgressiveImage(path, scene, own.sensor, own.spp, own.seed)
+    return ProgressiveImage(path, scene, image.sensor, image.spp, image.seed)

@@ -94,9 +94,9 @@ def guard(token: str) -> Callable[[Request, RequestResponseEndpoint], Any]:
 
     async def dispatch(request: Request, call_next: RequestResponseEndpoint) -> Response:
         host, origin = request.headers.get("host", ""), request.headers.get("origin")
-        first = request.scope["path"].lstrip("/").partition("/")[0]
-        known = secrets.compare_digest(first.encode(), token.encode())
-        if known and HOSTS.fullmatch(host) and origin in (None, f"http://{host}"):
+        first_folder = request.scope["path"].lstrip("/").partition("/")[0]
+        authorised = secrets.compare_digest(first_folder.encode(), token.encode())
+        if authorised and HOSTS.fullmatch(host) and origin in (None, f"http://{host}"):
             response = await call_next(request)
         else:
             response = PlainTextResponse("Refused: open the address that prosim watch printed.\n", 403)
@@ -181,7 +181,7 @@ def factors(request: Request, picture: Picture) -> Factors:
 
     Raises HTTPException for wrong parameters, and for a layer that the picture does not have.
     """
-    found: dict[str, np.ndarray] = {}
+    result: dict[str, np.ndarray] = {}
     for text in request.query_params.getlist("mix"):
         name, _, values = text.partition("=")
         try:
@@ -189,10 +189,10 @@ def factors(request: Request, picture: Picture) -> Factors:
         except ValueError:
             raise HTTPException(400) from None
         valid = len(factor) in (1, 3) and ((factor >= 0) & (factor <= BRIGHTEST)).all()
-        if not valid or name in found or "." not in name or name not in picture.layers:
+        if not valid or name in result or "." not in name or name not in picture.layers:
             raise HTTPException(400)
-        found[name] = factor.astype(np.float32)
-    return list(found.items())
+        result[name] = factor.astype(np.float32)
+    return list(result.items())
 
 
 def clamped_number(request: Request, name: str, limit: float) -> float:

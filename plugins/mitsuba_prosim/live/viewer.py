@@ -90,10 +90,10 @@ class Viewer:
         """Changes the request. Call this method only by means of :meth:`call`."""
         self._request = replace(self._request, **changes)
 
-    def move(self, by: Callable[[Camera], Camera]) -> None:
+    def move(self, motion: Callable[[Camera], Camera]) -> None:
         """Moves the camera, if the scene's camera can be moved. Call this method only by means of :meth:`call`."""
         if self._home is not None:
-            self.change(camera=by(self._request.camera or self._home), paused=False)
+            self.change(camera=motion(self._request.camera or self._home), paused=False)
 
     def result(self, factors: Factors = ()) -> tuple[State, mi.Bitmap, Any, Any]:
         """Returns ``(state, bitmap, integrator, reached)`` of the image that the page shows.
@@ -177,8 +177,8 @@ class Viewer:
         gc.collect()
         messages = tuple(str(w.message) for w in caught if issubclass(w.category, prosim_scene.SceneWarning))
         self.watcher.opened(scene.files)
-        before, self._home, self.scene = self._home, scene.home, scene
-        if before is None or scene.home is None or (before.to_world != scene.home.to_world).any():
+        previous_home, self._home, self.scene = self._home, scene.home, scene
+        if previous_home is None or scene.home is None or (previous_home.to_world != scene.home.to_world).any():
             self.change(camera=None)  # the scene file has a new view
         elif self._request.camera is not None:
             scene.look(self._request.camera)
@@ -189,8 +189,8 @@ class Viewer:
         """Begins to render the image of the scene."""
         self._shown = replace(self._request, compared=False, paused=False)
         self._reached, self._seconds = None, 0.0
-        own = scene.scene.integrator()
-        image = ProgressiveImage(own, scene.scene, scene.sensor, self._spp, self._seed, self._denoise)
+        integrator = scene.scene.integrator()
+        image = ProgressiveImage(integrator, scene.scene, scene.sensor, self._spp, self._seed, self._denoise)
         self._images, self._integrator = {"own": image}, image.integrator
         self._not_compared = not_compared(self._integrator)
         self._publish(
@@ -224,11 +224,11 @@ class Viewer:
     def _step(self, scene: LoadedScene) -> None:
         """Renders a work item of the image whose last work item is the oldest."""
         started, changes = time.perf_counter(), dict[str, Any]()
-        which, image = next((name, image) for name, image in self._images.items() if not image.done)
+        image_name, image = next((name, image) for name, image in self._images.items() if not image.done)
         if image.step():
             self._draw(image)
-        self._images[which] = self._images.pop(which)  # moves this image to the end of the queue
-        if image.complete and which == "own" and image.picture is not None:
+        self._images[image_name] = self._images.pop(image_name)  # moves this image to the end of the queue
+        if image.complete and image_name == "own" and image.picture is not None:
             final = image.picture.layers["final"]
             changes["black"] = black.reason(scene.scene, scene.sensor, final, ON_THE_PAGE)
         self._seconds += time.perf_counter() - started

@@ -65,8 +65,8 @@ def combined_error(errors: Sequence[SceneError]) -> SceneError:
     if not others:
         return first
     more = len(others) - MAX_SHOWN
-    rest = ["and many more errors" if len(others) >= MAX_ERRORS else f"and {more} more errors"] if more > 0 else []
-    text = "\n".join([*map(str, errors[: MAX_SHOWN + 1]), *rest])
+    ending = ["and many more errors" if len(others) >= MAX_ERRORS else f"and {more} more errors"] if more > 0 else []
+    text = "\n".join([*map(str, errors[: MAX_SHOWN + 1]), *ending])
     combined = copy(first)
     combined.args, combined.others = (text,), tuple(others)
     return combined

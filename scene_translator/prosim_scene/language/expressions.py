@@ -178,12 +178,12 @@ def _value(source: Source, node: Tree[Token], span: Span, operands: list[float],
     if (call or node.data == "word") and word not in (FUNCTIONS if call else CONSTANTS):
         known = listing([*(f"{name}()" for name in FUNCTIONS), *CONSTANTS])
         reason = f"unknown word {quote(word)} in an expression; expected a name such as ${word}, or {known}"
-        place = Span(span.start, span.start + len(word))
-        raise source.error(place, reason + nearest(word, [*FUNCTIONS, *CONSTANTS]), "expression")
-    given = len(operands)
-    function, count = FUNCTIONS[word] if call else (_operation(node.data), given)
-    if given != count and (count or given < 2):
-        reason = f"found {given} number{'s' * (given != 1)} in {word}(); expected {count or '2 or more'}"
+        word_span = Span(span.start, span.start + len(word))
+        raise source.error(word_span, reason + nearest(word, [*FUNCTIONS, *CONSTANTS]), "expression")
+    given_count = len(operands)
+    function, count = FUNCTIONS[word] if call else (_operation(node.data), given_count)
+    if given_count != count and (count or given_count < 2):
+        reason = f"found {given_count} number{'s' * (given_count != 1)} in {word}(); expected {count or '2 or more'}"
         raise source.error(span, reason, "expression")
     if any(map(math.isnan, operands)):
         return math.nan
@@ -210,14 +210,14 @@ def _syntax_error(source: Source, braces: Span, error: UnexpectedInput) -> Scene
     """Returns the error about an arithmetic expression whose syntax is wrong."""
     expected = set(getattr(error, "accepts", None) or getattr(error, "allowed", None) or ())
     operators = "an operator (+ - * / ^)" + " or ')'" * ("RPAR" in expected)
-    wanted = "a number, a $name, a function or '('" if "NUMBER" in expected else operators
+    expected_text = "a number, a $name, a function or '('" if "NUMBER" in expected else operators
     token = getattr(error, "token", None)
     if token is not None and token.type == "$END":
-        reason = f"the expression ends here and is not complete; expected {wanted}"
+        reason = f"the expression ends here and is not complete; expected {expected_text}"
         return source.error(Span(braces.end - 1, braces.end), reason, "expression")
     start = braces.start + 1 + (error.pos_in_stream or 0)
     span = Span(start, start + len(token or " "))
     found = source.text[slice(*span)]
     hint = "a fraction has a point, as in 0.5" if found == "," else BRACES
-    reason = f"found {quote(found)} in an expression; expected {wanted}; {hint}"
+    reason = f"found {quote(found)} in an expression; expected {expected_text}; {hint}"
     return source.error(span, reason, "expression")

@@ -95,7 +95,7 @@ class Reader(Scanner):
         """Reads all statements of the text."""
         at_end = False
         while not at_end and len(self.errors) <= MAX_ERRORS:
-            before, self.keyword = len(self.errors), self.token
+            error_count, self.keyword = len(self.errors), self.token
             try:
                 if self.keyword is START:
                     self.keyword = self.read_token(STATEMENT_END)
@@ -105,7 +105,7 @@ class Reader(Scanner):
                 else:
                     self.store_value(getattr(self, f"read_{self.keyword.role.lower()}")())
             except SceneError as error:
-                self.errors[before:] = [error]
+                self.errors[error_count:] = [error]
                 at_end = not self.skip_statement(error)
         if not at_end:
             self.skipped = min(self.skipped, self.position)
@@ -134,12 +134,12 @@ class Reader(Scanner):
         exists.
         """
         start = max(error.span.start if error.span else 0, self.keyword.start)
-        after = STATEMENT_LINE.search(self.source.text, start + 1)
-        self.position = after.start() if after else len(self.source.text)
+        next_statement = STATEMENT_LINE.search(self.source.text, start + 1)
+        self.position = next_statement.start() if next_statement else len(self.source.text)
         while self.pieces and self.pieces[-1].end > self.position:
             self.pieces.pop()
         self.skipped, self.token = min(self.skipped, start), START
-        return after is not None
+        return next_statement is not None
 
     # ---- Tokens
 
@@ -399,8 +399,8 @@ class Reader(Scanner):
         if normalise(token.text) in words.WORDS_BY_SPELLING:
             reason = f"found {quote(token.text)}, a word of the language; expected another name"
             self.add_error(token.span, reason, "name")
-        before, nodes = len(self.errors), self.read_tree()
-        if not nodes and len(self.errors) == before:
+        error_count, nodes = len(self.errors), self.read_tree()
+        if not nodes and len(self.errors) == error_count:
             self.add_error(token.span, f"this solid is empty; expected its tree after {token.text}", "incomplete")
         return nodes
 

@@ -35,10 +35,10 @@ def nearest(word: str, words: Iterable[str]) -> str:
 
     Two words are near if most of their letters agree, in order, or if one is a permutation of the other.
     """
-    given = normalise(word)[:MAX_QUOTE]
+    spelling = normalise(word)[:MAX_QUOTE]
     known = {normalise(w): w for w in words}
-    near = difflib.get_close_matches(given, known, n=1, cutoff=0.7)
-    near += [w for w in known if len(w) == len(given) > 2 and sorted(w) == sorted(given)]
+    near = difflib.get_close_matches(spelling, known, n=1, cutoff=0.7)
+    near += [w for w in known if len(w) == len(spelling) > 2 and sorted(w) == sorted(spelling)]
     return f"; did you mean {known[near[0]]!r}?" if near else ""
 
 
@@ -58,8 +58,8 @@ def unknown_name(role: str, word: str) -> str:
     ``role``.
     """
     what, names = NAMED[role]
-    first = {table.split("_")[0]: name for name, table in reversed(names.items())}
-    allowed = [name for name in names if name in first.values()]
+    first_names = {table.split("_")[0]: name for name, table in reversed(names.items())}
+    allowed = [name for name in names if name in first_names.values()]
     near = nearest(word, [*names, *spellings_of("OPTIC")])
     if any(normalise(word) in others for other, others in NAMED.values() if other != what):
         near = suggestion_for(word, {"MATERIAL"})

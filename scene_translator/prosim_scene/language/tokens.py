@@ -128,10 +128,10 @@ class Scanner(ABC):
         text = self.source.text
         if self.last.role in ROLES and (mark := EQUALS.match(text, self.position)):
             self.position = mark.end()
-        if (found := NUMBERS.match(text, self.position)) is None:
+        if (match := NUMBERS.match(text, self.position)) is None:
             return []
-        start, self.position = found.span(1)
-        self.last = Token("NUMBERS", found[1], start, self.position)
+        start, self.position = match.span(1)
+        self.last = Token("NUMBERS", match[1], start, self.position)
         self.pieces.append(self.last)
         return [self.last]
 
@@ -139,10 +139,10 @@ class Scanner(ABC):
         """Reads the comment that begins at ``start``; a comment in parentheses may contain parentheses."""
         if kind == "mark":
             depth = 0
-            for found in PARENTHESIS.finditer(self.source.text, start):
-                depth += 1 if found[0] == "(" else -1
+            for parenthesis in PARENTHESIS.finditer(self.source.text, start):
+                depth += 1 if parenthesis[0] == "(" else -1
                 if depth == 0:
-                    self.position = found.end()
+                    self.position = parenthesis.end()
                     break
             else:
                 reason = "this comment is not closed; expected ')'"
@@ -197,15 +197,15 @@ class Scanner(ABC):
     def read_rest(self) -> Token | None:
         """Reads the comments after END; returns any other text after END as one token of role REST, or None."""
         text = self.source.text
-        while found := PIECE.match(text, self.position):
-            kind = str(found.lastgroup)
-            start, self.position = found.span(kind)
-            if kind == "comment" or found[kind] == "(":
+        while match := PIECE.match(text, self.position):
+            kind = str(match.lastgroup)
+            start, self.position = match.span(kind)
+            if kind == "comment" or match[kind] == "(":
                 with suppress(SceneError):  # an unclosed parenthesis
                     self.read_comment(kind, start)
                     continue
             self.pieces.append(Token("REST", text[start:], start, len(text)))
-            return Token("REST", found[kind], start, self.position)
+            return Token("REST", match[kind], start, self.position)
         return None
 
 

@@ -112,7 +112,7 @@ def _shapes(
     for appearance, positions in groups.items():
         leaves = [scene.leaves[i] for i in positions]
         number, leaf = leaves[0]
-        place = "surfaces", leaf.index
+        path = "surfaces", leaf.index
         with_uv = materials.effective_textures(leaf, scene.surfaces[leaf.index])[0] is not None
         leaf_names = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + ", ..." * (len(leaves) > 3)
         for key, mesh in (faces[i] for i in faces_of.get(appearance, [])):
@@ -130,8 +130,8 @@ def _shapes(
             )
             towards = "" if sides.outside is None else f" towards SURFACE {sides.outside}"
             text = f"SURFACE {leaf.index} of {leaf_names}{towards}"
-            result[name + "_comment"] = _comment_with_line(document, text, *place)
-            optics = check_single_precision(document, target.surface(context, number, leaf, sides), *place)
+            result[name + "_comment"] = _comment_with_line(document, text, *path)
+            optics = check_single_precision(document, target.surface(context, number, leaf, sides), *path)
             result[name] = {"type": "ply", "filename": store(name, ply), **optics}
     return result
 

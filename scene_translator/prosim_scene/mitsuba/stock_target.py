@@ -151,11 +151,11 @@ def _mean_color(kind: str, parameters: dict[str, Any]) -> np.ndarray:
     if kind == "brick":
         width, height, joint = parameters["brick_width"], parameters["brick_height"], parameters["mortar_width"]
         fraction = width / (width + joint) * height / (height + joint)
-        first, second = parameters["brick"], parameters["mortar"]
+        color0, color1 = parameters["brick"], parameters["mortar"]
     else:
         fraction = parameters.get("duty", 0.5)
-        first, second = parameters["color0"], parameters["color1"]
-    return np.asarray(fraction * np.array(first) + (1 - fraction) * np.array(second))
+        color0, color1 = parameters["color0"], parameters["color1"]
+    return np.asarray(fraction * np.array(color0) + (1 - fraction) * np.array(color1))
 
 
 def _bsdf(

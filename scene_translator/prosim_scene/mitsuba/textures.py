@@ -63,7 +63,7 @@ def reflectance(
 
     The primitive is ``leaf``, node ``number`` of the CSG tree.
     """
-    first, second = slots
+    surface_texture, solid_texture = slots
     scene = context.scene
 
     def product(factor: Iterable[float]) -> list[float]:
@@ -72,19 +72,19 @@ def reflectance(
 
     def inner(factor: Iterable[float]) -> Node:
         """Returns the colour multiplied by a factor and by the solid texture of the second slot."""
-        if second is None:
+        if solid_texture is None:
             return rgb_clipped(product(factor))
         node = pattern(
-            scene, second, True, lambda f: rgb_clipped(a * b for a, b in zip(product(factor), f, strict=True))
+            scene, solid_texture, True, lambda f: rgb_clipped(a * b for a, b in zip(product(factor), f, strict=True))
         )
         return node | {"solid": True, "to_local": np.linalg.inv(matrix(scene.transforms[leaf.index]))}
 
-    if first is None:
+    if surface_texture is None:
         return inner((1, 1, 1))
-    if first.image is None:
-        return pattern(scene, first, False, inner)
-    image = {"type": "bitmap", "filename": context.image_filename(first.image, "csg", number, "textures", 0)}
-    if np.allclose(color, 1) and second is None:
+    if surface_texture.image is None:
+        return pattern(scene, surface_texture, False, inner)
+    image = {"type": "bitmap", "filename": context.image_filename(surface_texture.image, "csg", number, "textures", 0)}
+    if np.allclose(color, 1) and solid_texture is None:
         return image
     return {"type": "prosim_product", "a": image, "b": inner((1, 1, 1))}
 

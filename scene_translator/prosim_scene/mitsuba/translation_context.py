@@ -52,10 +52,10 @@ class Context:
                 raise ValueError(f"is larger than {MESH_LIMIT >> 20} MiB, the largest size of a mesh file")
             return mesh_file(full.read_bytes())
         except OSError as reason:
-            what = f"cannot be read: {reason.strerror or reason}"
+            problem = f"cannot be read: {reason.strerror or reason}"
         except ValueError as reason:
-            what = str(reason)
-        raise self.document.error(f"the mesh {quote(name)} {what}", *path)
+            problem = str(reason)
+        raise self.document.error(f"the mesh {quote(name)} {problem}", *path)
 
     def image_filename(self, name: str, *path: str | int) -> str:
         """Returns the file name of an image in the translation. Raises SceneError if the file is no image.
@@ -86,17 +86,17 @@ class Context:
             full = Path(os.path.realpath(located(self.folder, name)))  # realpath also accepts circular links
             exists = full.is_file()
         except (OSError, ValueError) as error:  # the name is too long, or has invalid characters
-            wrong = f"is not a valid file name: {getattr(error, 'strerror', None) or error}"
+            problem = f"is not a valid file name: {getattr(error, 'strerror', None) or error}"
         else:
             if not self.allow_outside and not full.is_relative_to(self.folder.resolve()):
-                wrong = "is outside the scene's folder; move it there, or use the option --allow-outside, "
-                wrong += "in Python allow_outside=True"
+                problem = "is outside the scene's folder; move it there, or use the option --allow-outside, "
+                problem += "in Python allow_outside=True"
             elif exists:
                 return full
             else:
                 quotes = "; write a file name in double quotes, or without quotes" if name[0] == "'" else ""
-                wrong = f"does not exist in the scene's folder{quotes}"
-        raise self.document.error(f"the {kind} {quote(name)} {wrong}", *path)
+                problem = f"does not exist in the scene's folder{quotes}"
+        raise self.document.error(f"the {kind} {quote(name)} {problem}", *path)
 
 
 #: The largest size of a mesh file in bytes; a file of 4,000,000 triangles is smaller.

@@ -26,10 +26,10 @@ def doctor() -> None:
         row(name, version(name))
     row("platform", f"{platform.platform()}, {os.cpu_count()} processors")
 
-    usable = [variant for variant in mi.variants() if session.has_backend(variant)]
+    usable = [v for v in mi.variants() if session.has_backend(v)]
     row("variants", f"{', '.join(usable)} (default {session.default_variant()})")
     for kind, (_, need) in session.BACKENDS.items():
-        if (unusable := [variant for variant in mi.variants() if variant.startswith(f"{kind}_")]) and unusable[0] not in usable:
+        if (unusable := [v for v in mi.variants() if v.startswith(f"{kind}_")]) and unusable[0] not in usable:
             row("", f"not {', '.join(unusable)}, which need {need}")
 
     llvm_version = llvm.version()

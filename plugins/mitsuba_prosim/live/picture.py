@@ -84,8 +84,8 @@ def layers_of_render(render: Render, integrator: mi.Integrator) -> dict[str, np.
 def fill_unknown(known: np.ndarray, values: np.ndarray, previous: np.ndarray | None = None) -> np.ndarray:
     """Returns a layer with ``values`` where the mask ``known``, shape (height, width), is True.
 
-    Pixels where ``known`` is False are taken from the layer ``previous``, which may have fewer pixels. Without ``previous``
-    such pixels are 0.
+    Pixels where ``known`` is False are taken from the layer ``previous``, which may have fewer pixels. Without
+    ``previous`` such pixels are 0.
     """
     mask = known[..., None] if values.ndim == 3 else known
     if previous is None:

@@ -2,8 +2,8 @@
 
 Let beta be the angle between the axis of the source and the direction of the light. A cone of half-opening alpha has
 the constant intensity 1 for beta <= alpha. A spot has the intensity cos^n(beta), cut off at alpha (90 degrees by
-default). The functions take the versines of these angles, 1 - cos, which stay precise in narrow beams, and the exponent
-n, which is None for a cone.
+default). The functions take the versines (1 - cos) of alpha and beta, because versines stay precise in narrow beams.
+They also take the exponent n of a spot, which is None for a cone.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ from ..optics import cosine
 
 
 def falloff(versine: mi.Float, limit: mi.Float, exponent: mi.Float | None = None) -> mi.Float:
-    """Returns the intensity at the angle of this ``versine``, divided by the intensity on the axis; in [0, 1]."""
+    """Returns the intensity of a beam at the angle with the ``versine``, divided by the intensity on the axis; in [0,
+    1].
+    """
     inside = dr.minimum(versine, 2) <= limit
     return dr.select(inside, mi.Float(1) if exponent is None else cosine.power(versine, exponent), mi.Float(0))
 

@@ -1,8 +1,9 @@
 """The choice of the lamp that a vertex of a path samples (a light sampler of pbrt; Estevez and Kulla 2018).
 
-A lamp is chosen with a probability proportional to its importance: an estimate of the light that the lamp sends to the
-vertex if nothing is in the way. Every importance is positive, so that every lamp can be chosen. If a ray hits a lamp,
-the probability of this lamp can be computed too, because multiple importance sampling needs it.
+A lamp is chosen with a probability proportional to the importance of the lamp: an estimate of the light that the lamp
+sends to the vertex, without shadows. Every importance is positive, so that every lamp can be chosen. If a ray hits a
+lamp, the probability of choosing this lamp can be computed, because multiple importance sampling needs this
+probability.
 """
 
 from __future__ import annotations
@@ -34,11 +35,11 @@ FAR = 1e3
 
 
 class LightSampler:
-    """Chooses one of the lamps ``emitters`` of ``scene``, numbered from 0 in this order.
+    """Chooses one of the lamps ``emitters`` of ``scene``; the first lamp has the number 0.
 
-    Each lamp is modelled by a sphere. One part of its intensity is the same in all directions; the other part is a lobe
-    cos^n around an axis. The kernel contains separate code for each of up to ``UNROLLED`` lamps. More lamps are visited
-    by a loop.
+    Each lamp is modelled by a sphere. One part of the lamp's intensity is the same in all directions; the other part is
+    a lobe cos^n around an axis. The kernel contains separate code for each of up to ``UNROLLED`` lamps. More lamps are
+    visited by a loop.
     """
 
     UNROLLED = 16
@@ -73,8 +74,8 @@ class LightSampler:
     def choose(self, receiver: Receiver, sample: mi.Float, active: mi.Bool) -> tuple[mi.UInt32, mi.Float, mi.Float]:
         """Chooses a lamp by ``sample``, a number in [0, 1), and returns ``(k, probability, rest)``.
 
-        ``k`` is the number of the lamp, with its probability. ``rest`` is a new number in [0, 1): the place of
-        ``sample`` in the interval of the lamp.
+        ``k`` is the number of the chosen lamp; ``probability`` is the probability of this choice. ``rest`` is a new
+        number in [0, 1): the place of ``sample`` in the interval of the chosen lamp.
         """
         total = self.total(receiver, active)
         sample = sample * total
@@ -116,8 +117,8 @@ class LightSampler:
     def _lamp(self, k: Index, active: mi.Bool) -> tuple[Any, ...]:
         """Returns the model of the lamp ``k``.
 
-        The model has the center, the radius, the intensity of the uniform part and of the lobe, the lobe's exponent and
-        its axis.
+        The model of a lamp has the center, the radius, the intensity of the uniform part, the intensity of the lobe,
+        the exponent of the lobe, and the axis of the lobe.
         """
         if dr.is_jit_v(mi.Float):
             k = mi.UInt32(k)
@@ -133,8 +134,8 @@ class LightSampler:
 def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
     """Returns the models of all lamps, shape (lamps, 10).
 
-    A row holds the center (3 numbers), the radius, the intensity of the uniform part and of the lobe, the exponent of
-    the lobe, and its axis (3 numbers).
+    A row of the array holds the center of a lamp (3 numbers), the radius, the intensity of the uniform part, the
+    intensity of the lobe, the exponent of the lobe, and the axis of the lobe (3 numbers).
     """
     sphere = scene.bbox().bounding_sphere()
     size = max(float(sphere.radius), 1e-3)
@@ -186,7 +187,7 @@ def nearby_lamp_model(power: np.ndarray, origins: np.ndarray, directions: np.nda
 def sample_lamps(scene: mi.Scene, emitters: Sequence[mi.Emitter], sample: Callable[..., Any]) -> list[np.ndarray]:
     """Returns power, origin and direction of :data:`RAYS` samples of each of the ``emitters``, with a fixed seed.
 
-    The shapes are (emitters, rays), (emitters, rays, 3) and (emitters, rays, 3).
+    The powers have the shape (emitters, rays); origins and directions have the shape (emitters, rays, 3).
     """
     count = len(emitters) * RAYS
     if not emitters:
@@ -225,7 +226,7 @@ def light_in_scene(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, m
     """Returns the irradiance by ``emitter`` at a random point of the scene, the point, and the direction to the
     emitter.
 
-    The surface at this point faces the emitter.
+    The irradiance is that of a surface which faces the emitter.
     """
     u = [to_unit(combine(key, j)) for j in range(6)]
     box = scene.bbox()

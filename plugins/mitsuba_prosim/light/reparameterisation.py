@@ -1,10 +1,11 @@
 """Reparameterisation: derivatives of a direction towards a light source when the source or the receiver moves.
 
-The method is by Loubet et al. (2019). A sampled direction is fixed while an image is rendered. If the direction were
-fixed in the derivatives too, they would miss the light that enters and leaves at the edge of a moving source. Therefore
-the direction follows a point of the source, and the solid angle of the sample is scaled by the Jacobian of this map.
-Any map is right if it stays on the source and its Jacobian is known. All samples of a source use the same map,
-whichever strategy drew them, so that MIS weights can be differentiated along the map.
+The method is by Loubet, Holzschuch and Jakob (2019). A sampled direction is fixed while an image is rendered. If a
+sampled direction were fixed in the derivatives too, the derivatives would miss the light that enters and leaves at the
+edge of a moving source. Therefore the direction follows a point of the moving source, and the solid angle of the sample
+is scaled by the Jacobian of this map. Any map from directions to points of the light source is right if the Jacobian of
+the map is known. All samples of a source use the same map, whichever strategy drew them, so that MIS weights can be
+differentiated along the map.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ def reparameterised_ray(
 ) -> tuple[mi.Vector3f, mi.Float]:
     """Returns ``(d, jacobian)``, both with derivatives, for the direction ``d`` of a ray from ``receiver``.
 
-    The direction moves with the light source that the ray meets. It is fixed where the ray meets no light source.
+    The direction moves with the light source that the ray meets. The direction is fixed where the ray meets no light
+    source.
     """
     if lights.all_delta or not lights.lamps:
         return d, mi.Float(1)
@@ -39,7 +41,8 @@ def reparameterised_ray(
 def reparameterised_sample(
     lights: Lights, lamp: Lamp, receiver: Receiver, ds: mi.DirectionSample3f, weight: mi.Spectrum, active: mi.Bool
 ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
-    """Returns the sample ``(ds, weight)`` of ``lamp`` with derivatives of its direction, density and weight.
+    """Adds the derivatives of direction, density and weight to a sample ``(ds, weight)`` of ``lamp``, and returns the
+    sample.
 
     The derivatives are added only if the lamp is a surface.
     """
@@ -63,7 +66,7 @@ def reparameterised_sample(
 def meet(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> mi.SurfaceInteraction3f:
     """Returns the surface point that ``ray`` hits.
 
-    The derivatives of this point follow the surface; derivatives of ``ray`` are dropped.
+    The derivatives of the returned point follow the surface; derivatives of ``ray`` are dropped.
     """
     return scene.ray_intersect(dr.detach(ray), int(mi.RayFlags.All) | int(mi.RayFlags.FollowShape), False, active)
 

@@ -111,11 +111,11 @@ class Source(mi.Emitter):
 
 
 def read_emission(props: mi.Properties, name: str, default: float | None = None) -> Any:
-    """Reads the emission from the parameter ``name``, and returns its texture.
+    """Reads the emission of a light source from the parameter ``name``, and returns the emission as a texture.
 
     Returns None if the parameter is absent and has no ``default``. Raises ValueError unless all numbers of the emission
     are finite and not negative, including the texels of an image. In spectral variants Mitsuba converts texels to
-    coefficients, which may be negative: then only NaN is an error.
+    coefficients, which may be negative: only NaN is an error for these coefficients.
     """
     allowed = "finite numbers >= 0"
     values = constant(props, name)

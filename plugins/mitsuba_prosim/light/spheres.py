@@ -1,7 +1,7 @@
-"""Spheres that emit light, sampled by the projected solid angle of their part above the horizon (section 4.2.2.1).
+"""Spheres that emit light, sampled by the projected solid angle of the part above the horizon (section 4.2.2.1).
 
-So the direct light of a diffuse surface that sees a whole uniform sphere has no variance (Ureña and Georgiev 2018;
-Peters and Dachsbacher 2019).
+With this sampling, the direct light of a diffuse surface that sees a whole uniform sphere has no variance (Ureña and
+Georgiev 2018; Peters and Dachsbacher 2019).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .strategy import Emitter, Index, LightSample, OtherLights, Receiver, direct
 class SphereLights(OtherLights):
     """Samples emitters that are spheres and emit outwards.
 
-    ``emitters`` are all emitters of this strategy, in the order of their numbers.
+    ``emitters`` are all such emitters of a scene; the first emitter has the number 0.
     """
 
     samples_below_horizon = False
@@ -67,11 +67,12 @@ class SphereLights(OtherLights):
         """Returns ``(ds, jacobian)``, both with derivatives: the direction ``d``, which moves with the source
         ``number``.
 
-        The sphere's outline, seen from the receiver, bounds a disk. The direction belongs to a point of this disk,
-        lifted onto the unit sphere around the receiver. If the whole light source is above the horizon, the point is
-        lifted along the normal (the map of :mod:`.spherical_cap`): then a diffuse surface gains and loses no light
-        between the parts of the source. Else the point is lifted along the axis from the receiver to the source. A map
-        by a point of the source itself would be right too, but its Jacobian is unbounded near the outline.
+        The sphere's outline, seen from the receiver, bounds a disk. The direction belongs to a point of the disk within
+        the outline, lifted onto the unit sphere around the receiver. If the whole light source is above the horizon,
+        the point is lifted along the normal (the map of :mod:`.spherical_cap`). With this map, a diffuse surface gains
+        and loses no light between the parts of the source. If a part of the light source is below the horizon, the
+        point is lifted along the axis from the receiver to the source. A map to points of the light source itself would
+        be right too, but the Jacobian of such a map is unbounded near the outline of the source.
         """
         center, radius = self.sphere(number, active)
         to_center = center - receiver.si.p

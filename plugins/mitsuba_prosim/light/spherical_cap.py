@@ -1,10 +1,10 @@
-"""Sampling of a sphere that lights a surface: its part above the horizon, nearly by projected solid angle.
+"""Sampling of a sphere that lights a surface: the part above the horizon is sampled nearly by projected solid angle.
 
 Directions with the density cos(theta) / (projected solid angle) leave no variance in the direct light of a diffuse
-surface that sees the whole of a uniform sphere. (Section 4.2.2.1 samples the solid angle; sampling of the projected
-solid angle is due to Ureña and Georgiev 2018, Peters and Dachsbacher 2019.) By Nusselt's analogy such directions are
-the points of a plane region, uniform in area: the projection of the visible part of the sphere's cap onto the surface's
-tangent plane.
+surface that sees the whole of a uniform sphere. Section 4.2.2.1 of the thesis samples the solid angle instead. Sampling
+of the projected solid angle is due to Ureña and Georgiev (2018) and to Peters and Dachsbacher (2019). By Nusselt's
+analogy, directions that are uniform in projected solid angle are points of a plane region that are uniform in area. The
+plane region is the projection of the visible part of the sphere's cap onto the surface's tangent plane.
 
 The plane region is composed of two pieces here, each sampled without rejection:
 
@@ -14,15 +14,15 @@ The plane region is composed of two pieces here, each sampled without rejection:
   crescent as for the height c: the projections of mirrored caps are equal.
 
 The ellipse is sampled uniformly. The crescent is sampled with a triangular density of the ordinate, which is close to
-the crescent's width. The variance of this approximation is at most 0.05 of the squared mean for spheres that subtend up
-to 37 degrees. So the density needs only an estimate of the crescent's area, without an integral.
+the crescent's width. The variance due to the approximate width is at most 0.05 of the squared mean for spheres that
+subtend up to 37 degrees. The density of the samples needs only an estimate of the crescent's area, and no integral.
 
-Lengths in the plane are divided by s, the sine of the angle that the sphere's radius subtends, so that tiny light
-sources keep their precision in single precision arithmetic. No step subtracts nearly equal numbers, except for the
-sliver of a sphere that is nearly below the horizon.
+Lengths in the plane are divided by s, the sine of the angle that the sphere's radius subtends. So the results for tiny
+light sources are precise in single precision arithmetic. No step subtracts nearly equal numbers, except for the sliver
+of a sphere that is nearly below the horizon.
 
-All functions take Dr.Jit arrays, or Python floats in scalar variants. A receiver inside the sphere or on its surface
-(``sin2_theta_max >= 1``) sees no cap: all densities are then 0, which tells the caller.
+All functions take Dr.Jit arrays, or Python floats in scalar variants. A receiver inside the sphere or on the sphere
+(``sin2_theta_max >= 1``) sees no cap: all densities are 0 for such a receiver.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ import mitsuba as mi
 def pdf_projected_cap(cos_n: mi.Float, sin2_theta_max: mi.Float, y: mi.Float, z: mi.Float) -> mi.Float:
     """Returns the density per solid angle with which `sample_projected_cap` samples a direction that meets the sphere.
 
-    ``cos_n`` and ``sin2_theta_max`` are those of `sample_projected_cap`; ``y`` and ``z`` are coordinates of the
-    direction in its local frame. The density is 0 below the horizon.
+    The function `sample_projected_cap` explains ``cos_n``, ``sin2_theta_max`` and the local frame; ``y`` and ``z`` are
+    coordinates of the direction in this frame. The density is 0 below the horizon.
     """
     region = _Region(cos_n, sin2_theta_max)
     eta = dr.minimum(dr.abs(y) / dr.maximum(region.s * region.t, _TINY), 1)
@@ -54,8 +54,8 @@ def sample_projected_cap(
     and ``sin_n`` are the cosine and the sine of the angle between the normal and the direction to the centre: for a
     source overhead, the cosine alone does not define the angle precisely. ``sin2_theta_max`` is (radius / distance)².
     The density is per solid angle. The map from the unit square is continuous within each of the two pieces, so that
-    stratified samples stay stratified. Both results are detached: derivatives pass through the value in the direction,
-    not through the choice of the direction.
+    stratified samples stay stratified. The direction and the density are detached: derivatives pass through the
+    radiance from the direction, not through the choice of the direction.
     """
     cos_n, sin_n, sin2_theta_max, sample2 = dr.detach((cos_n, sin_n, sin2_theta_max, sample2))
     region = _Region(cos_n, sin2_theta_max)
@@ -87,10 +87,10 @@ def _direction_in_ellipse(
 class _Region:
     """The ellipse, and the crescent between the ellipse and the unit circle.
 
-    The crescent lies at |y| <= s t; its curves are tangent at the ends. ``m`` = |cos_n| / s is 0 for a centre on the
-    horizon, and 1 for a sphere that touches the horizon. ``x_t`` is the abscissa of the two tangent points. ``eta`` in
-    [0, 1] is |y| / (s t). ``ellipse`` is the area of the ellipse divided by s²; ``crescent`` estimates the area of the
-    crescent divided by s².
+    The crescent lies at |y| <= s t; the ellipse and the circle are tangent to each other at the ends of the crescent.
+    ``m`` = |cos_n| / s is 0 for a centre on the horizon, and 1 for a sphere that touches the horizon. ``x_t`` is the
+    abscissa of the two tangent points. ``eta`` in [0, 1] is |y| / (s t). ``ellipse`` is the area of the ellipse divided
+    by s²; ``crescent`` estimates the area of the crescent divided by s².
     """
 
     def __init__(self, cos_n: mi.Float, sin2_theta_max: mi.Float) -> None:
@@ -115,9 +115,9 @@ class _Region:
     def relative_width(self, eta: mi.Float) -> mi.Float:
         """Returns the crescent's width at ``eta``, divided by s² and by the parabola 1 - eta².
 
-        The width is the difference of two widths beyond the chord x_t: that of the circle and that of the ellipse. With
-        a common denominator, the numerator of the difference is (y_t² - y²)², and no term of the denominator is
-        negative.
+        The width of the crescent is the width of the circle beyond the chord x_t minus the width of the ellipse beyond
+        this chord. With a common denominator, the numerator of the difference is (y_t² - y²)², and no term of the
+        denominator is negative.
         """
         circle, ellipse = self.circle(eta), dr.safe_sqrt(1 - dr.square(self.t * eta))
         below = (circle + self.x_t) * (ellipse + self.m * self.x_t) * (ellipse + self.m * circle)

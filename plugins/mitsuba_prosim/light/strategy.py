@@ -1,6 +1,6 @@
 """Strategies by which a surface samples a light source.
 
-Any emitter can be sampled by its own method of Mitsuba; a constant sky is sampled by projected solid angle.
+Mitsuba's method ``sample_direction`` can sample any emitter; a constant sky is sampled by projected solid angle.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Receiver:
 def weighted(emitter: Emitter, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> LightSample:
     """Returns ``(ds, weight)`` for a sample ``ds`` of ``emitter``; the weight is radiance divided by density.
 
-    The sample was drawn with the density ``ds.pdf`` per solid angle. Both ``ds.pdf`` and ``weight`` become 0 in
+    The sample ``ds`` was drawn with the density ``ds.pdf`` per solid angle. ``ds.pdf`` and ``weight`` become 0 in
     inactive lanes and where the density is 0.
     """
     visible = active & (ds.pdf > 0)
@@ -50,7 +50,7 @@ def weighted(emitter: Emitter, receiver: Receiver, ds: mi.DirectionSample3f, act
 
 
 def direction_sample(receiver: Receiver, d: mi.Vector3f) -> mi.DirectionSample3f:
-    """Returns a ``mi.DirectionSample3f`` with the direction ``d``; most of its other fields are empty."""
+    """Returns a ``mi.DirectionSample3f`` with the direction ``d``; most of the other fields are empty."""
     ds = dr.zeros(mi.DirectionSample3f) if dr.is_jit_v(mi.Float) else mi.DirectionSample3f()
     ds.d, ds.time, ds.delta = d, receiver.si.time, mi.Bool(False)
     return ds
@@ -59,8 +59,8 @@ def direction_sample(receiver: Receiver, d: mi.Vector3f) -> mi.DirectionSample3f
 class OtherLights:
     """Samples emitters by their own method ``sample_direction``. Base class of the other strategies.
 
-    This strategy takes all emitters that no other strategy can sample. ``emitters`` are the emitters of the strategy,
-    in the order of their numbers.
+    This strategy takes all emitters that no other strategy can sample. ``emitters`` are the emitters that this strategy
+    samples; the first emitter has the number 0.
     """
 
     #: Whether the strategy samples the whole source, including the part below the horizon.
@@ -81,8 +81,8 @@ class OtherLights:
     ) -> LightSample:
         """Returns ``(ds, weight)``: a sample of the emitter ``number`` for ``receiver``.
 
-        ``ds`` is a point of the source, with the density ``ds.pdf`` per solid angle. The weight is radiance divided by
-        density. ``sample`` is a point in [0, 1)².
+        ``ds`` is a point of the source, with the density ``ds.pdf`` per solid angle. ``weight`` is the radiance of the
+        point divided by the density. ``sample`` is a point in [0, 1)².
         """
         ds, weight = emitter.sample_direction(receiver.si, sample, active)
         ds.delta = mi.Bool(ds.delta)

@@ -72,7 +72,8 @@ class Lamp:
     def _by_side(self, receiver: Receiver, active: mi.Bool, evaluate: Evaluate) -> Any:
         """Calls ``evaluate`` with the strategy that suits the side of ``receiver`` that light reaches.
 
-        This is :data:`FROM_BOTH_SIDES` where light reaches ``receiver`` from both sides, else the strategy of the lamp.
+        The strategy is :data:`FROM_BOTH_SIDES` where light reaches ``receiver`` from both sides; elsewhere it is the
+        strategy of the lamp.
         """
         both_sides = receiver.both_sides
         below_horizon = all(strategy.samples_below_horizon for strategy, *_ in self.groups)
@@ -102,10 +103,10 @@ class Lamp:
 class Lights:
     """All emitters of ``scene``, grouped by strategy, in an order that is the same in every process.
 
-    A constant sky is separate and last. Only the lobes without a ray of their own sample the sky: a ray of another lobe
-    finds the sky at least as well alone. ``choose`` tells whether a surface samples one lamp that the ``sampler``
-    chooses, instead of every lamp. The kernel contains separate code for each of up to ``UNROLLED`` lamps. More lamps
-    are visited by a loop, whose kernel does not depend on the number of lamps.
+    A constant sky is separate and last. Light sampling takes the sky only for lobes that have no rays of their own: the
+    rays of a lobe find the sky at least as well. ``choose`` tells whether a surface samples one lamp that the
+    ``sampler`` chooses, instead of every lamp. The kernel contains separate code for each of up to ``UNROLLED`` lamps.
+    More lamps are visited by a loop, whose kernel does not depend on the number of lamps.
     """
 
     UNROLLED = 4
@@ -161,8 +162,8 @@ class Lights:
     def for_each(self, body: Callable[[Lamp, Any], Any], total: Any, active: mi.Bool, attached: bool = False) -> Any:
         """Computes ``total = body(lamp, total)`` for each lamp in turn, and returns the last total.
 
-        ``attached`` tells whether derivatives of ``total`` are wanted. A symbolic loop would lose them, so the loop is
-        then evaluated.
+        ``attached`` tells whether derivatives of ``total`` are wanted. The loop is evaluated if derivatives are wanted,
+        because a symbolic loop would lose the derivatives.
         """
         unrolled, mode = not self.jit or self.lamps <= self.UNROLLED, "evaluated" if attached else None
         for strategy, first, end in self.groups:
@@ -177,7 +178,8 @@ class Lights:
     def pdf(self, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
         """Returns the density per solid angle with which light sampling at ``receiver`` samples the direction ``ds``.
 
-        The density includes the probability that the ``sampler`` chooses this lamp. It is 0 for the sky.
+        The density includes the probability that the ``sampler`` chooses the lamp of this direction. The density is 0
+        for the sky.
         """
         k = self.number_of(ds.emitter, active)
         active = active & (k < self.lamps)

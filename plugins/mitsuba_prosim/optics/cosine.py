@@ -1,7 +1,7 @@
 """Powers of a cosine, as in Phong's lobes and in spots, which lose no digits near the axis for any exponent.
 
-Near the axis, 1 - cos is much smaller than the last digit of cos in single precision. So all functions use 1 - cos, the
-versine.
+Near the axis, 1 - cos is much smaller than the last digit of cos in single precision. All functions of this module use
+the versine, 1 - cos, instead of the cosine.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def power(versine: mi.Float, exponent: mi.Float) -> mi.Float:
 
 
 def share(versine: mi.Float, exponent: mi.Float) -> mi.Float:
-    """Returns the integral of cos^n sin from 0 to the angle of this ``versine``, divided by the integral up to 90
+    """Returns the integral of cos^n sin from 0 to an angle with the ``versine``, divided by the integral up to 90
     degrees.
 
     This fraction is 1 - cos^(n + 1).
@@ -43,7 +43,7 @@ def share(versine: mi.Float, exponent: mi.Float) -> mi.Float:
 def sample(u: mi.Float, exponent: mi.Float) -> tuple[mi.Float, mi.Float]:
     """Returns ``(sin, cos)`` of an angle with the density cos^n sin, sampled by ``u`` in [0, 1).
 
-    The angle increases with ``u``, which is its `share`.
+    The angle increases with ``u``; the `share` of the angle is ``u``.
     """
     h = -log1p(-u) / (exponent + 1)
     cos = dr.exp(-h)

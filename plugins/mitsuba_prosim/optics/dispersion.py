@@ -52,7 +52,8 @@ class Dispersion:
     """The index of refraction of a material, by Cauchy's or Sellmeier's formula.
 
     Cauchy's formula is n = A + B/λ² (+ C/λ⁴), and Sellmeier's formula is n² = 1 + Σ B λ²/(λ² - C). ``coefficients``
-    maps names to values (``mi.Float``) in the order of the formula: A, B, C or B1, C1, B2, C2, ...
+    maps names to values (``mi.Float``) in the order of the formula: A, B, C (Cauchy), or B1, C1, B2, C2 and so on
+    (Sellmeier).
     """
 
     cauchy: bool
@@ -217,5 +218,5 @@ def pick(k: mi.UInt32, values: Sequence[mi.Float | float]) -> mi.Float:
 
 
 def spectrum(values: Sequence[mi.Float]) -> mi.UnpolarizedSpectrum | mi.Float:
-    """Returns ``values``, one for each channel, as a spectrum; or the value itself if there is only one."""
+    """Returns ``values``, one for each channel, as a spectrum; a single value is returned as a number."""
     return mi.UnpolarizedSpectrum(*values) if len(values) > 1 else values[0]

@@ -1,8 +1,8 @@
 """Microfacets: the facets of a rough surface (section 3.1.1, equation 3.1; Torrance and Sparrow 1967).
 
 The module has distributions of the facets' normals, masking and shadowing, reflection without Fresnel's reflectance,
-and sampling. Each facet is a side of a V-shaped cavity: the other side is its mirror image about the macroscopic
-normal.
+and sampling. Each facet is one side of a V-shaped cavity; the other side of the cavity is the mirror image of the facet
+about the macroscopic normal.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ from . import cosine
 class Distribution(NamedTuple):
     """A distribution of facet normals, and the plugin parameters that select this distribution.
 
-    ``D(m, roughness)`` is the density of facets per solid angle around the normal ``m`` (local frame, m.z > 0). It is
-    normalised so that the integral of D(m) m.z over the hemisphere is 1; the thesis has this factor of pi in equation
-    3.1 instead. ``polar(u, roughness)`` samples the polar angle of a facet with the density D(m) m.z, from ``u`` in [0,
-    1), and returns its sine and cosine. The angle increases with u, so stratified numbers give stratified angles.
+    ``D(m, roughness)`` is the density of facets per solid angle around the normal ``m`` (local frame, m.z > 0). The
+    density D is normalised so that the integral of D(m) m.z over the hemisphere is 1; the thesis puts the factor 1 / pi
+    into equation 3.1 instead. ``polar(u, roughness)`` samples the polar angle of a facet with the density D(m) m.z,
+    from ``u`` in [0, 1), and returns the sine and the cosine of the angle. The polar angle increases with u, so
+    stratified numbers give stratified angles.
     """
 
     name: str  #: value of the parameter ``distribution``
@@ -71,8 +72,8 @@ SINE = [(-4.0) ** k * factorial(k) / factorial(2 * k + 1) for k in range(9)]
 def gaussian_tail(s: mi.Float, alpha2: mi.Float) -> mi.Float:
     """Returns the integral of exp(-t) sin(2a) / 2a over t from s to infinity, where t = (a / alpha)².
 
-    The result is a polynomial times exp(-s), because the integral of t^k exp(-t) is k! exp(-s) (1 + s + ... + s^k /
-    k!).
+    The result is a polynomial times exp(-s), because the integral of t^k exp(-t) is k! exp(-s) times the sum of s^j /
+    j! over j from 0 to k.
     """
     s = dr.minimum(s, 40)  # exp(-40) is negligible relative to 1, and s^8 does not overflow
     total, power, term, partial = 0.0, 1.0, 1.0, 1.0
@@ -87,7 +88,8 @@ def gaussian_tail(s: mi.Float, alpha2: mi.Float) -> mi.Float:
 def gaussian_limits(alpha: mi.Float) -> tuple[mi.Float, mi.Float, mi.Float]:
     """Returns ``(alpha², tail, integral)`` for `gaussian_tail`.
 
-    The tail is the integral from 90 degrees on; the integral is that from 0 to 90 degrees.
+    ``tail`` is the integral of the Gaussian density from 90 degrees on, and ``integral`` is the integral from 0 to 90
+    degrees.
     """
     alpha2 = dr.square(dr.clip(alpha, 1e-4, 2))  # above 2, cancellation becomes visible in single precision
     low = gaussian_tail(dr.square(0.5 * dr.pi) / alpha2, alpha2)
@@ -97,8 +99,8 @@ def gaussian_limits(alpha: mi.Float) -> tuple[mi.Float, mi.Float, mi.Float]:
 def gaussian(m: mi.Vector3f, alpha: mi.Float) -> mi.Float:
     """Returns the density C exp(-(a / alpha)²), where a is the polar angle: the density of Torrance and Sparrow.
 
-    The constant is 1 / C = pi times the integral of exp(-(a / alpha)²) sin(2a) over [0, pi/2], a Dawson function of a
-    complex argument. A series computes the constant to single precision for alpha <= 2.
+    The constant 1 / C is pi times the integral of exp(-(a / alpha)²) sin(2a) over [0, pi/2], a Dawson function of a
+    complex argument. A series computes the constant C to single precision for alpha <= 2.
     """
     alpha2, _, total = gaussian_limits(alpha)
     a = dr.atan2(dr.sqrt(dr.maximum(sin2(m), 1e-14)), m.z)
@@ -108,9 +110,9 @@ def gaussian(m: mi.Vector3f, alpha: mi.Float) -> mi.Float:
 def gaussian_polar(u: mi.Float, alpha: mi.Float) -> tuple[mi.Float, mi.Float]:
     """Samples the polar angle for the Gaussian density by two of Halley's steps, to 3e-7.
 
-    The steps invert the series in y = sin²a, where the density is exp(-(a / alpha)²). They start from the nearer of two
-    approximations: exp(-y / alpha²), good for wide distributions, and exp(-s (1 + 2/3 alpha²)) with s = (a / alpha)²,
-    good for narrow distributions.
+    Halley's steps invert the series in y = sin²a, where the density is exp(-(a / alpha)²). The first step starts from
+    the nearer of two approximations: exp(-y / alpha²), good for wide distributions, and exp(-s (1 + 2/3 alpha²)) with s
+    = (a / alpha)², good for narrow distributions.
     """
     alpha2, low, total = gaussian_limits(alpha)
     rate = 1 + (2 / 3) * alpha2
@@ -152,8 +154,8 @@ SHORTEST = 1e-36
 def reflecting(wi: mi.Vector3f, wo: mi.Vector3f) -> tuple[mi.Vector3f, mi.Float]:
     """Returns ``(m, i_m)`` for the facet that reflects ``wi`` to ``wo``.
 
-    ``m`` is the normal of the facet, and ``i_m`` the cosine of its angle to both directions. The cosine is computed as
-    half the length of wi + wo, so rounding cannot make it negative.
+    ``m`` is the normal of the facet, and ``i_m`` is the cosine of the angle between ``m`` and each of the two
+    directions. The cosine is computed as half the length of wi + wo, so it is never negative.
     """
     h = wi + wo
     square = dr.maximum(dr.squared_norm(h), SHORTEST)
@@ -162,7 +164,7 @@ def reflecting(wi: mi.Vector3f, wo: mi.Vector3f) -> tuple[mi.Vector3f, mi.Float]
 
 
 class Facet(NamedTuple):
-    """A facet: its normal ``m``, and the cosines between ``m`` and the two directions wi and wo."""
+    """A microfacet: the normal ``m``, and the cosines between ``m`` and the two directions wi and wo."""
 
     m: mi.Vector3f
     i_m: mi.Float
@@ -227,10 +229,10 @@ def azimuth(u: mi.Float, t: mi.Float) -> mi.Float:
     """Samples an angle phi in [-pi, pi] with density max(0, min(2, 1 + t cos phi)) / (2 pi), for ``t`` >= 0.
 
     ``u`` is a number in [0, 1). Where the opposite facet of the cavity is turned away (t cos phi > 1), the density is
-    constant. Elsewhere its integral leads to Kepler's equation, phi + t sin phi = y. Two of Halley's steps solve this
-    equation, from the root for a linear density. The error of the sampled distribution is below 1e-4 (at t = 1; on
-    average 1e-7). Unlike a random choice between the two facets, the map is continuous in ``u`` and needs no third
-    random number.
+    constant. Where the opposite facet is visible, the integral of the density leads to Kepler's equation, phi + t sin
+    phi = y. Two of Halley's steps solve Kepler's equation; the first step starts from the root for a linear density.
+    The error of the sampled distribution is below 1e-4 (at t = 1; on average 1e-7). Unlike a random choice between the
+    two facets, the map is continuous in ``u`` and needs no third random number.
     """
     t = dr.minimum(t, 1e6)
     s = 2 * u - 1
@@ -250,12 +252,13 @@ def azimuth(u: mi.Float, t: mi.Float) -> mi.Float:
 
 
 def sample_visible(wi: mi.Vector3f, u: mi.Point2f, distribution: Distribution, roughness: mi.Float) -> mi.Normal3f:
-    """Samples a facet that is visible from ``wi``, and returns its normal, a unit vector in the upper hemisphere.
+    """Samples a facet that is visible from ``wi``, and returns the normal of the facet, a unit vector in the upper
+    hemisphere.
 
     ``wi`` is in the local frame, wi.z > 0. ``u`` is a point in the unit square. The visible facets have the density
-    D(m) G1(w, m) <w, m> / cos w. The two facets of a cavity have the same polar angle, so this angle has the density
-    D(m) cos m. Only the azimuth depends on w: its density is proportional to max(0, min(2, 1 + t cos phi)), with t =
-    tan w tan m.
+    D(m) G1(w, m) <w, m> / cos w. The normals of the two facets of a cavity have the same polar angle, so the polar
+    angle has the density D(m) cos m. Only the azimuth of the normal depends on w: the density of the azimuth is
+    proportional to max(0, min(2, 1 + t cos phi)), with t = tan w tan m.
     """
     sin_m, cos_m = distribution.polar(u.x, roughness)
     sin2_w = wi.x * wi.x + wi.y * wi.y

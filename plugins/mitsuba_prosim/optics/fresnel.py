@@ -22,7 +22,7 @@ class Interface(NamedTuple):
 def contrast(cos_i: mi.Float, eta: mi.Float) -> mi.Float:
     """Returns eta_it² - 1, which is precise also for eta near 1.
 
-    eta_it is the index of refraction beyond the interface divided by the index on the incident side.
+    The number eta_it is the index of refraction beyond the interface divided by the index on the incident side.
     """
     difference = (eta - 1) * (eta + 1)
     return dr.select(cos_i >= 0, difference, -difference * dr.square(dr.rcp(eta)))
@@ -33,8 +33,8 @@ def interface(cos_i: mi.Float, eta: mi.Float) -> Interface:
 
     ``cos_i`` is the cosine on the incident side, > 0 outside and < 0 inside; ``eta`` is the interior index divided by
     the exterior index. The reflectance is for unpolarised light (equation 2.2), total reflection included. Mitsuba's
-    formula loses its digits if eta is near 1. Here each difference of the equation, such as cos_i - eta cos_t, is
-    computed as (1 - eta²) divided by a sum.
+    formula loses precision if eta is near 1. To avoid this loss, each difference in Fresnel's equation, such as cos_i -
+    eta cos_t, is computed as (1 - eta²) divided by a sum.
     """
     _, cos_t, eta_it, eta_ti = mi.fresnel(cos_i, eta)
     c, t = dr.abs(cos_i), dr.abs(cos_t)
@@ -62,8 +62,8 @@ def conductor(cos_i: mi.Float, eta: mi.UnpolarizedSpectrum, k: mi.UnpolarizedSpe
 def conductor_thesis(cos_i: mi.Float, eta: mi.UnpolarizedSpectrum, k: mi.UnpolarizedSpectrum) -> mi.UnpolarizedSpectrum:
     """Returns an approximate reflectance of a metal, which is good if eta² + k² >> 1.
 
-    The approximation is that of the thesis (section 2.2.3, after Cook and Torrance 1982). eta - i k is the relative
-    index of refraction; eta and k are spectra.
+    The thesis uses this approximation of Fresnel's equations (section 2.2.3, after Cook and Torrance 1982). eta - i k
+    is the relative index of refraction; eta and k are spectra.
     """
     e = eta * eta + k * k
     twice = 2 * eta * cos_i

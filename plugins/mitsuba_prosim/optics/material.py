@@ -43,7 +43,9 @@ class Material(mi.BSDF):
         self.ambient = reflectance(props, "ambient")
 
     def set_components(self, components: dict[mi.BSDFFlags, int]) -> None:
-        """Declares the components of the BSDF; ``components`` maps the type of each to its other flags."""
+        """Declares the components of the BSDF; ``components`` maps the type of each component to the other flags of the
+        component.
+        """
         self.types = tuple(components)
         self.m_components = [kind | further for kind, further in components.items()]
         self.m_flags = functools.reduce(operator.or_, self.m_components)
@@ -53,7 +55,7 @@ class Material(mi.BSDF):
         return mi.BSDFFlags.DeltaReflection if self.roughness is None else mi.BSDFFlags.GlossyReflection
 
     def enabled(self, ctx: mi.BSDFContext) -> list[bool]:
-        """Returns, for each component, whether ``ctx`` asks for it."""
+        """Returns one boolean for each component of the BSDF: whether ``ctx`` asks for this component."""
         return [ctx.is_enabled(kind, i) for i, kind in enumerate(self.types)]
 
     def parameters(self) -> dict[str, Any]:
@@ -101,7 +103,9 @@ class Pigmented(Material):
         self.set_components({self.specular_type(): front, mi.BSDFFlags.DiffuseReflection: front})
 
     def specular_weight(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        """Returns the fraction of light that the specular component reflects; an estimate unless this is a mirror."""
+        """Returns the fraction of light that the specular component reflects: exactly for a mirror, else an
+        estimate.
+        """
         raise NotImplementedError
 
     def specular_sample(self, si: mi.SurfaceInteraction3f, sample2: mi.Point2f, active: mi.Bool) -> mi.Vector3f:
@@ -109,7 +113,7 @@ class Pigmented(Material):
         raise NotImplementedError
 
     def specular_eval_pdf(self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
-        """Returns the value of the specular lobe times the cosine of ``wo``, and its density."""
+        """Returns the value of the specular lobe times the cosine of ``wo``, and the density of the lobe at ``wo``."""
         raise NotImplementedError
 
     def specular_probability(
@@ -191,7 +195,7 @@ class Pigmented(Material):
 
 
 def reflectance(props: mi.Properties, name: str, default: float | None = None) -> Any:
-    """Reads a reflectance, and returns its texture; None if the parameter is absent and has no ``default``.
+    """Reads a reflectance, and returns it as a texture; None if the parameter is absent and has no ``default``.
 
     Raises ValueError unless a constant reflectance lies in [0, 1].
     """

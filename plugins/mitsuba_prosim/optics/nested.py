@@ -20,8 +20,8 @@ AMBIENT = "ambient"
 def _callback(variant: str) -> type:
     """Returns the class of the traversal callback that collects the parameters of an object, for the active variant.
 
-    All calls share one class. A new class for each call would be kept, in a reference cycle, until Python's garbage
-    collection.
+    All calls share one class. A new class for each call would stay in memory, in a reference cycle, until Python's next
+    garbage collection.
     """
 
     class Parts(mi.TraversalCallback):
@@ -54,7 +54,7 @@ def all_within(bsdf: mi.BSDF) -> Iterator[mi.BSDF]:
 
 
 def all_shapes(scene: mi.Scene) -> list[mi.Shape]:
-    """Returns the shapes of ``scene``, and the shapes within its instances."""
+    """Returns the shapes of ``scene``, and the shapes within the instances of the scene."""
     shapes = list(scene.shapes())
     if any(shape.class_name() == INSTANCE for shape in shapes):
         groups = [part for part in parts(scene).values() if isinstance(part, mi.Shape)]
@@ -84,8 +84,8 @@ class Leaf(NamedTuple):
     turned: bool = False
 
     def seen_by(self, si: mi.SurfaceInteraction3f) -> mi.SurfaceInteraction3f:
-        """Returns the interaction ``si`` in the frame of the leaf: with the viewer on its front side if it is in a
-        ``twosided``.
+        """Returns the interaction ``si`` as the leaf needs it: if the leaf is in a ``twosided``, the viewer is on the
+        front side.
         """
         return from_front(si) if self.turned else si
 
@@ -93,7 +93,7 @@ class Leaf(NamedTuple):
 def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[Leaf]:
     """Returns the BSDFs that ``bsdf`` mixes at ``si``, with weights that sum up to 1.
 
-    The leaves have the order of the intervals by which Mitsuba's random number chooses among them.
+    The BSDFs are in the order of the intervals by which Mitsuba's random number chooses a BSDF.
     """
     kind, inner = bsdf.class_name(), parts(bsdf)
     if kind == BLEND:
@@ -118,7 +118,9 @@ def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[
 
 
 def sides(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f) -> list[tuple[mi.Float, mi.BSDF]]:
-    """Returns the BSDFs of a ``twosided``: each with weight 1 where the viewer of ``si`` is on its side, else 0."""
+    """Returns the BSDFs of a ``twosided`` with their weights: 1 for the BSDF on the viewer's side of ``si``, 0 for the
+    other.
+    """
     inner = parts(bsdf)
     front, back = inner["brdf_0"], inner["brdf_1"]
     if front is back:

@@ -36,7 +36,8 @@ class Caustics:
 
     A photon pass has several photon maps (:meth:`maps`). Each sample of a pixel gathers photons from one map: the
     ``t``-th sample uses the map ``t % maps`` of the pass ``t // maps``, which :meth:`draw` must have emitted. In
-    spectral variants all photons of a map have the wavelengths of its samples (:attr:`key`, :meth:`division`).
+    spectral variants, the photons of a map have the same wavelengths as the samples that gather them (:attr:`key`,
+    :meth:`division`).
     """
 
     def __init__(
@@ -107,7 +108,7 @@ class Caustics:
     def add_to(self, L: mi.Spectrum, vertex: Vertex, t: mi.UInt32) -> mi.Spectrum:
         """Returns ``L`` plus the radiance that ``vertex`` scatters from photons.
 
-        The photons are those of the map of the ``t``-th sample of a pixel. After a diffuse reflection, glossy lobes
+        The photons belong to the photon map of the ``t``-th sample of a pixel. After a diffuse reflection, glossy lobes
         gather no photons.
         """
         assert self._current is not None, "no photons have been emitted"
@@ -121,8 +122,8 @@ class Caustics:
         return max(self.count // (self.maps(n) * self.sources.pairs), 1)
 
     def _emit(self, seed: int, number: int, n: int) -> tuple[Photons, Photons | None]:
-        """Emits the photon pass ``number``, and returns its photons on diffuse surfaces and, with MIS, those on glossy
-        surfaces.
+        """Emits the photon pass ``number``; returns the photons that land on diffuse surfaces and, with MIS, those on
+        glossy surfaces.
         """
         maps, of_pair = self.maps(n), dr.opaque(mi.UInt32, self.per_pair(n))
         i = dr.arange(mi.UInt32, maps * self.sources.pairs * self.per_pair(n))
@@ -162,7 +163,7 @@ class Gathering:
     def __call__(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
         """Returns the radiance that the diffuse lobes at ``vertex`` reflect from the photon map ``number``.
 
-        Where the lobes of a BSDF are inseparable, all its lobes reflect the photons.
+        If the lobes of a BSDF are inseparable, all lobes of this BSDF reflect the photons.
         """
         si, bsdf, inseparable = vertex.si, vertex.bsdf, vertex.inseparable
         active = vertex.active & (lobes.has_any(bsdf.flags(), *lobes.DIFFUSE) | inseparable)

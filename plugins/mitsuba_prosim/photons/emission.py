@@ -2,8 +2,9 @@
 
 A photon belongs to a pair of a light source and a target: the photon starts at a point of the source and flies to a
 point of the target. Where one target is behind another target, several pairs could have emitted the same photon. The
-flux of a photon is the radiance divided by the density of all these pairs together (the balance heuristic of Veach
-1997). So no light is counted twice, and no photon is brighter than the pair with the highest density makes it.
+flux of a photon is the radiance divided by the total density of all pairs that could have emitted the photon (the
+balance heuristic of Veach 1997). With this heuristic, no light is counted twice, and the pair with the highest density
+bounds the flux of a photon.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ MAX_DENSITY = 1e20
 
 @dataclass
 class Start:
-    """Photons at the places where they leave their light sources."""
+    """Photons at the start of their flight, on the light sources."""
 
     ray: mi.Ray3f
     #: Power of each photon; 0 in lanes without a photon.
@@ -55,7 +56,7 @@ class Draw:
     wavelengths: mi.Color0f
 
     def receiver(self, p: mi.Point3f) -> mi.SurfaceInteraction3f:
-        """Returns the point ``p`` as a ``mi.SurfaceInteraction3f`` that receives light of these wavelengths."""
+        """Returns the point ``p`` as a ``mi.SurfaceInteraction3f`` that receives light of the photons' wavelengths."""
         result = dr.zeros(mi.SurfaceInteraction3f)
         result.p, result.wavelengths = p, self.wavelengths
         return result
@@ -117,7 +118,7 @@ class Sources:
         """Emits photons that belong to the pairs ``pair``, and returns them as :class:`Start`.
 
         ``per_pair`` is the number of photons of each pair. ``position`` and ``aimed`` are points in [0, 1)² that choose
-        the start and the direction. ``wavelengths`` are the wavelengths of the flux, in nm.
+        the start and the direction. ``wavelengths`` are the wavelengths of the photons, in nm.
         """
         number = pair // self.targets.count
         target = pair - number * self.targets.count
@@ -174,8 +175,8 @@ class Sources:
     def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, per_pair: mi.Float, active: mi.Bool) -> mi.Float:
         """Returns the density of photons (:attr:`Start.density`) on the light ray that arrives at ``it`` along ``ds``.
 
-        The density is 0 where no photons start. ``per_pair`` is the number of photons of each pair, as in
-        :meth:`start`.
+        The density of photons is 0 on light rays where no photons start. ``per_pair`` is the number of photons of each
+        pair, as in :meth:`start`.
         """
         d, flags, result = -ds.d, ds.emitter.flags(), mi.Float(0)
         if "surface" in self.kinds:
@@ -198,10 +199,10 @@ class Sources:
         return per_pair * result
 
     def _first_hit(self, draw: Draw, ray: mi.Ray3f, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
-        """Returns the surface point that ``ray`` meets, as a receiver of light, and whether the ray meets any.
+        """Returns the surface point that ``ray`` meets, as a receiver of light, and whether the ray meets a surface.
 
-        A light source of 1992 looks equally bright from any distance, so the flux of its photons depends on this
-        distance.
+        The flux of a photon may depend on the distance to the first surface: an unattenuated light source lights
+        surfaces at any distance equally.
         """
         pi = self.scene.ray_intersect_preliminary(ray, active=active)
         lit = active & pi.is_valid()
@@ -211,7 +212,7 @@ class Sources:
 def start_points(key: mi.UInt32, i: mi.UInt32) -> tuple[mi.Point2f, mi.Point2f]:
     """Returns two points in [0, 1)² for the ``i``-th photon under the hash key ``key``.
 
-    Both are Owen-scrambled Sobol' points. So any aligned group of 2^k photons has one point in each of 2^k equal
+    Both points are Owen-scrambled Sobol' points: any aligned group of 2^k photons has one point in each of 2^k equal
     rectangles of any shape.
     """
     i = sobol.reverse(i)

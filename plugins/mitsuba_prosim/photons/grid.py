@@ -98,7 +98,7 @@ class Footprint:
 
 @dataclass
 class Landed:
-    """Photons at the places where they have landed on a surface."""
+    """Photons that have landed on surfaces, with the places where they landed."""
 
     p: mi.Point3f
     #: Unit direction of flight.
@@ -126,9 +126,9 @@ class Landed:
 
 @dataclass(frozen=True)
 class Photons:
-    """Photons of ``maps`` independent photon maps, sorted so that every sum over them has a fixed order.
+    """Photons of ``maps`` independent photon maps, sorted so that every sum over photons has a fixed order.
 
-    Photons are sorted by their map, by a hash of their row of cells, by their cell in the row, and by their index.
+    Photons are sorted by photon map, then by a hash of the row of cells, then by the cell in the row, then by index.
     """
 
     maps: int
@@ -169,7 +169,7 @@ class Photons:
         return cls(maps, places, landed, begins, mask, footprint)
 
     def map_range(self, number: mi.UInt32, active: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
-        """Returns the index of the first photon of the map ``number``, and the number of photons of this map."""
+        """Returns the index of the first photon of the map ``number``, and the number of photons in the map."""
         first, end = (dr.gather(mi.UInt32, self.begins, (number + k) * (self.mask + 1), active) for k in range(2))
         return first, end - first
 
@@ -191,7 +191,7 @@ def kernel_radii(p: mi.Point3f, footprint: Footprint) -> mi.Float:
 
     The radius is greater where photons are sparse, because a single photon would make an isolated bright pixel
     (Silverman 1986, 5.1). Photons of all maps are counted, so that the radius hardly depends on the photons of one map.
-    The power of a photon does not depend on its radius.
+    A photon with a greater radius keeps its power.
     """
     width = footprint.width(p)
     result = mi.Float(width)
@@ -219,7 +219,8 @@ def first_of_each(key: mi.UInt32, count: int) -> mi.UInt32:
 def level_of(reach: mi.Float) -> mi.Int32:
     """Returns the number of the grid for a search radius ``reach``.
 
-    In this grid, the surroundings of a point within ``reach`` lie in at most two cells along each axis.
+    The cells of the grid are so large that a sphere with the radius ``reach`` touches at most two cells along each
+    axis.
     """
     return mi.Int32(dr.floor(SIZES * dr.log2(reach)))
 
@@ -257,8 +258,8 @@ def gather(
 ) -> mi.Spectrum:
     """Returns the radiance at ``si`` from the nearby photons of the photon map ``number``.
 
-    The radiance is the sum of BSDF ``value`` times flux times kernel over these photons. A photon of radius r at the
-    distance d has Epanechnikov's kernel, 2 (1 - d² / r²) / (π r²).
+    The radiance is the sum of BSDF ``value`` times flux times kernel over the photons near ``si``. A photon of radius r
+    at the distance d has Epanechnikov's kernel, 2 (1 - d² / r²) / (π r²).
     """
     footprint = photons.footprint
     width, n2 = footprint.width(si.p), dr.square(si.n)

@@ -1,22 +1,23 @@
-"""Multiple importance sampling of photons and rays (Georgiev et al. 2012; Hachisuka et al. 2012).
+"""Multiple importance sampling of photons and rays (Georgiev, Křivánek, Davidovič and Slusallek 2012; Hachisuka,
+Pantaleoni and Jensen 2012).
 
 A glossy surface G shows a highlight: a lamp that is visible in a mirror. Rays from the lobe of G find the highlight
 when they hit the lamp by chance: the smaller the lamp, the rarer and brighter these rays are. Photons that land on G
 find the same light. Each light path that both a ray and a photon could have found is weighted by the power heuristic
 (Veach 1997). The power heuristic needs the number R of photons that land within a pixel of G for each sampled ray.
 
-R is the density of photons times an étendue. The density is the number of photons per area at right angles to the ray
-and per solid angle. The density is known at the light source. Along a chain of specular surfaces, the choice of a lobe
-and the reflectance reduce the density. The density also scales with the square of the index of refraction, as radiance
-does: mirrors and lenses do not change the product of the area and the solid angle of a beam. The étendue belongs to the
-camera ray (:class:`RayWithEtendue`): it is the area on which photons count at G, perpendicular to the ray, divided by
-the density with which the lobe samples the ray.
+R is the density of photons times an étendue. The density of photons is the number of photons per area at right angles
+to the ray and per solid angle. The density of photons is known where the photons leave the light source. Along a chain
+of specular surfaces, the choice of a lobe and the reflectance reduce the density. The density of photons also scales
+with the square of the index of refraction, as radiance does: mirrors and lenses do not change the product of the area
+and the solid angle of a beam. The étendue of a camera ray (:class:`RayWithEtendue`) is the area on which photons count
+at G, perpendicular to the ray, divided by the density with which the lobe samples the ray.
 
 A near-specular surface is a glossy surface whose lobe is much narrower than the lobe of the roughest surface. A chain
-of specular surfaces may contain near-specular surfaces. There, both the density of photons and the étendue are
-multiplied by the value of the lobe over the density of the camera ray's sample. Light sampling at a near-specular
-surface, and photons at several glossy surfaces, are further strategies; the weights of all strategies add up to 1. The
-weights ignore that only a fraction of the photons lands on a near-specular surface.
+of specular surfaces may contain near-specular surfaces. At a near-specular surface, the density of photons and the
+étendue are both multiplied by the value of the lobe divided by the density of the camera ray's sample. Light sampling
+at a near-specular surface, and photons at several glossy surfaces, are further strategies; the weights of all
+strategies add up to 1. The weights ignore that only a fraction of the photons lands on a near-specular surface.
 """
 
 from __future__ import annotations
@@ -78,7 +79,7 @@ class Hit(Surface):
     near_specular: mi.Bool
 
     def landed(self, share: mi.Float, density: mi.Float) -> Landed:
-        """Returns the photons as landed at this surface point.
+        """Returns the photons of this hit as photons that have landed.
 
         ``share`` is one over the probability to land; ``density`` is the density of photons (:class:`.Landed`).
         """
@@ -88,11 +89,11 @@ class Hit(Surface):
 class PhotonMIS:
     """Gathers photons on glossy surfaces of ``scene``, with the MIS weights of photons and rays.
 
-    A photon counts here if it came through specular or near-specular surfaces. Its MIS weight shares the light with the
-    rays that find the same light. ``deepest`` is the maximum number of specular surfaces of a light path, those of the
-    camera ray included. ``tree`` tells whether camera rays follow both specular lobes of a surface, or only one of the
-    two. The weights assume that each photon counts within the width of a pixel (``footprint``), although sparse photons
-    have a greater radius.
+    A photon is gathered if specular or near-specular surfaces have scattered it. The MIS weight of a photon shares the
+    light with the rays that find the same light. ``deepest`` is the maximum number of specular surfaces of a light
+    path; surfaces that the camera ray meets count too. ``tree`` tells whether camera rays follow both specular lobes of
+    a surface, or only one of the two. The weights assume that each photon counts within the width of a pixel
+    (``footprint``), although sparse photons have a greater radius.
     """
 
     def __init__(self, scene: mi.Scene, sources: Sources, footprint: Footprint, deepest: mi.UInt32, tree: bool) -> None:
@@ -129,7 +130,7 @@ class PhotonMIS:
     def next(
         self, vertex: Vertex, following: RayWithEtendue, bs: mi.BSDFSample3f, weight: mi.Spectrum
     ) -> RayWithEtendue:
-        """Returns the ray ``following``, which leaves ``vertex``, with its étendue.
+        """Adds the étendue to the ray ``following``, which leaves ``vertex``, and returns the ray.
 
         ``bs`` and ``weight`` are the BSDF sample at ``vertex`` that made this ray.
         """
@@ -150,7 +151,7 @@ class PhotonMIS:
         uses_mis: mi.Bool,
         active: mi.Bool,
     ) -> mi.Float:
-        """Returns a factor of the MIS weight of the emission that ``ray`` meets.
+        """Returns the factor that photons contribute to the MIS weight of the emission that ``ray`` meets.
 
         The factor is 1 where no photon could have found the same light. ``ds`` is the direction sample of the light
         source from ``origin``; light sampling takes this sample with the density ``pdf`` in the lanes ``uses_mis``.
@@ -163,7 +164,7 @@ class PhotonMIS:
     def light_weight(
         self, vertex: Vertex, ds: mi.DirectionSample3f, f: mi.Spectrum, pdf: mi.Float, active: mi.Bool
     ) -> mi.Float:
-        """Returns a factor of the MIS weight of light sampling at ``vertex``.
+        """Returns the factor that photons contribute to the MIS weight of light sampling at ``vertex``.
 
         The factor is 1 where no photon could have found the same light. ``f`` and ``pdf`` are the value and the density
         of the lobe for the direction sample ``ds``.
@@ -175,7 +176,7 @@ class PhotonMIS:
     def radiance(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
         """Returns the radiance that the glossy lobes at ``vertex`` scatter from photons, with MIS weights.
 
-        ``number`` is the number of the photon map that gives the photons.
+        ``number`` is the number of the photon map from which photons are gathered.
         """
         ray, si, bsdf = vertex.ray, vertex.si, vertex.bsdf
         active = vertex.before_gathering(vertex.active) & lobes.has_any(bsdf.flags(), *lobes.GLOSSY)
@@ -206,11 +207,12 @@ class PhotonMIS:
         share: mi.Float,
         active: mi.Bool,
     ) -> tuple[mi.Float, Landed]:
-        """Returns ``(density, landed)`` of the photons after the surface ``hit``; the arguments are the values before.
+        """Returns ``(density, landed)`` of the photons after the surface ``hit``; the arguments ``density`` and
+        ``landed`` are the values before this surface.
 
-        ``bs`` and ``weight`` are the sample of the lobe that scatters the photons in the lanes ``active``. The other
-        photons end at the surface; on a near-specular surface they land. ``share`` is one over the probability to land
-        there.
+        ``bs`` and ``weight`` are the sample of the lobe that scatters the photons in the lanes ``active``. Photons in
+        the other lanes end at the surface; at a near-specular surface these photons land. ``share`` is one over the
+        probability that a photon lands at a near-specular surface.
         """
         flags = hit.bsdf.flags()
         lands = but_not(hit.active & (hit.level > 0) & (density > 0) & (hit.cos > 0), hit.inseparable)
@@ -225,7 +227,7 @@ class PhotonMIS:
     def density_after(self, density: mi.Float, hit: Hit, wo: mi.Vector3f, active: mi.Bool) -> mi.Float:
         """Returns the density of photons along ``wo`` after a near-specular surface.
 
-        The photons reach this surface with ``density``.
+        ``density`` is the density of the photons that reach the near-specular surface.
         """
         assert self.lights is not None
         camera_si = mi.SurfaceInteraction3f(hit.si)
@@ -251,9 +253,9 @@ class PhotonMIS:
 
 
 def etendue_of(ray: Ray) -> mi.Float:
-    """Returns the étendue of ``ray``: the square root of the sum of the squares of its two étendues.
+    """Returns the étendue of ``ray``: the square root of ``last_etendue``² + ``earlier_etendue``².
 
-    The power heuristic adds strategies in this way.
+    The squares are added because the power heuristic adds squares of densities.
     """
     assert isinstance(ray, RayWithEtendue)
     # With only one étendue the result must have its bits: the square root of a square may differ by rounding.
@@ -264,8 +266,8 @@ def etendue_of(ray: Ray) -> mi.Float:
 def shared(photons: mi.Float, others: mi.Float) -> mi.Float:
     """Returns the number of photons that replaces two competitors of a ray in the power heuristic.
 
-    The competitors are the given number of ``photons`` and the number of ``others``, both per ray. The result may also
-    be a density, if ``photons`` is a density.
+    The competitors of a ray are the expected number of ``photons`` and the number of ``others``, both per ray. The
+    result may also be a density, if ``photons`` is a density.
     """
     return photons * dr.rsqrt(1 + dr.square(others))
 
@@ -281,9 +283,9 @@ def ray_weight(photons: mi.Float) -> mi.Float:
 def ideal_throughput(bs: mi.BSDFSample3f, weight: mi.Spectrum, flags: mi.UInt32) -> mi.Float:
     """Returns the fraction of a beam that the sampled ideal lobe keeps: its reflectance or transmittance.
 
-    This is the weight of the sample ``(bs, weight)`` times its probability. It is 0 where the surface has a glossy lobe
-    (``flags``). The fraction is the same from either end of the beam, except for the squares of the indices of
-    refraction that scale radiance.
+    The fraction is the weight of the sample ``(bs, weight)`` times the probability of the sample. The fraction is 0
+    where the surface has a glossy lobe (``flags``). The fraction is the same from either end of the beam, except for
+    the squares of the indices of refraction that scale radiance.
     """
     ideal = but_not(lobes.has_any(bs.sampled_type, *lobes.IDEAL), lobes.has_any(flags, *lobes.GLOSSY))
     return dr.select(ideal, dr.max(mi.unpolarized_spectrum(weight)) * bs.pdf, 0)
@@ -300,7 +302,7 @@ def quotient(value: mi.Float, pdf: mi.Float) -> mi.Float:
 
 
 def near_specular_bsdfs(scene: mi.Scene) -> frozenset[mi.BSDF]:
-    """Returns the near-specular BSDFs of ``scene`` and its instances.
+    """Returns the near-specular BSDFs of ``scene``, including the BSDFs within instances.
 
     A dispersive BSDF, or a BSDF with inseparable lobes, is never near-specular.
     """
@@ -315,8 +317,8 @@ def near_specular_bsdfs(scene: mi.Scene) -> frozenset[mi.BSDF]:
 def density_of_rays(scattering: Scattering, bsdfs: list[mi.BSDF]) -> np.ndarray:
     """Returns, for each BSDF, the density per solid angle that nine in ten sampled rays of its glossy lobes exceed.
 
-    The density is 0 for a BSDF without glossy lobes. The BSDFs are evaluated at 45° and at random places of their
-    textures.
+    The density is 0 for a BSDF without glossy lobes. Each BSDF is evaluated at an angle of 45° and at random places of
+    the textures.
     """
     count = len(bsdfs)
     i = dr.arange(mi.UInt32, RAYS * count)

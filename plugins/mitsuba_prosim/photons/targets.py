@@ -58,7 +58,7 @@ class Targets:
         """Returns the density of the ray from ``x`` in the direction ``d`` if one photon is aimed at each sphere.
 
         The density is per solid angle from ``x``, or per area of parallel rays if ``far``. ``own`` is the sphere at
-        which the ray was aimed: this sphere counts as met even where rounding says that the ray misses it.
+        which the ray was aimed: the ray always counts as meeting this sphere, whatever rounding says.
         """
 
         def add(k: mi.UInt32, total: mi.Float) -> mi.Float:
@@ -116,8 +116,8 @@ def bounding_sphere(shape: mi.Shape) -> tuple[float, float, float, float]:
 def merged(spheres: ArrayLike, max_count: int = MAX_TARGETS) -> list[tuple[float, ...]]:
     """Returns at most ``max_count`` spheres that contain all of ``spheres``.
 
-    The spheres are split into halves along their widest axis until the groups are few enough; each group gets one
-    sphere.
+    The function splits ``spheres`` into two groups along the widest axis, and repeats this with each group; each final
+    group gets one sphere.
     """
     group = np.array(spheres, dtype=np.float64)
     if min(max_count, len(group)) == 1:

@@ -1,4 +1,4 @@
-"""Photon tracing: specular surfaces scatter photons until these land on diffuse or glossy surfaces."""
+"""Photon tracing: specular surfaces scatter photons until the photons land on diffuse or glossy surfaces."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ class State:
 class PhotonTracer:
     """Traces photons in ``scene`` through at most ``deepest`` specular surfaces.
 
-    ``tree`` tells whether the rays of the camera form a tree. For a tree, BSDFs without separable lobes scatter photons
-    by all their specular lobes. For paths, such BSDFs scatter photons only by their ideal lobes, and all other photons
-    land there. ``mis`` is the MIS of photons and rays if photons land on glossy surfaces, else None.
+    ``tree`` tells whether the rays of the camera form a tree. With a ray tree, BSDFs without separable lobes scatter
+    photons by all specular lobes. With paths, BSDFs without separable lobes scatter photons only by ideal lobes, and
+    all other photons land there. ``mis`` is the MIS of photons and rays if photons land on glossy surfaces, else None.
     """
 
     def __init__(self, scene: mi.Scene, deepest: mi.UInt32, tree: bool, mis: PhotonMIS | None) -> None:
@@ -135,8 +135,8 @@ class PhotonTracer:
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Bool, mi.Bool]:
         """Samples the lobes that are not diffuse, and returns ``(bs, weight, active, by_all_lobes)``.
 
-        ``active`` has the lanes of the sample. ``by_all_lobes`` tells whether the sample is of a glossy lobe of a BSDF
-        without separable lobes.
+        ``active`` tells which lanes have a sample. ``by_all_lobes`` tells whether the sample is of a glossy lobe of a
+        BSDF without separable lobes.
         """
         si, first = hit.si, hit.level * NUMBERS
         u = number(key, first + CHOICE), point(key, first + DIRECTION)

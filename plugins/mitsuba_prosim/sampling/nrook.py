@@ -1,9 +1,9 @@
 """N-rook samples with rotations (thesis, sections 4.2.1.2 and 5.3.2).
 
-A space is a pair of random numbers of a sample. Both axes of a space are divided into N strata. Pass r (r = 0 .. N-1)
-takes N samples, one in each row and one in each column of strata. From pass to pass the columns are rotated by one, so
-that N passes sample each of the N² cells exactly once. A sample is a pure function of (seed, pixel, space, pass,
-index), so it does not depend on tiling, on the order of evaluation or on the number of workers.
+A space is a pair of random numbers of a sample. The two axes of a space are divided into N strata each. Pass r, for r
+from 0 to N - 1, takes N samples, one in each row and one in each column of strata. From pass to pass the columns are
+rotated by one, so that N passes sample each of the N² cells exactly once. A sample is a pure function of (seed, pixel,
+space, pass, index), so it does not depend on tiling, on the order of evaluation or on the number of workers.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ UInt: TypeAlias = "int | mi.UInt32"
 def pixel_key(seed: UInt, pixel: UInt) -> UInt:
     """Returns the hash key of a pixel; ``seed`` and ``pixel`` are 32-bit unsigned integers (Python or Dr.Jit).
 
-    The pixel is hashed before the seed is mixed in, and the sum is hashed again: so the keys of one seed are not the
-    keys of another seed, shifted. Different pixels have different keys under one seed.
+    The pixel is hashed before the seed is mixed in, and the sum is hashed again, so that the keys of one seed are not
+    the shifted keys of another seed. Different pixels have different keys under one seed.
     """
     return combine(hash32(pixel), hash32(seed))
 
 
 class Permutations:
-    """Random permutations of the numbers 0 .. n-1, stored in a table.
+    """Random permutations of the numbers from 0 to n - 1, stored in a table.
 
-    For n <= 6 the table holds all n! permutations. For greater n it holds 1024 permutations, and each is rotated by a
-    random number of places, so that every element is equally likely in every place. (``mi.permute_kensler`` is five
-    times slower, and its permutations of few elements are far from equally likely.) ``n`` is the number of elements, at
-    least 1.
+    For n <= 6 the table holds all n! permutations. For greater n the table holds 1024 permutations, and each
+    permutation is rotated by a random number of places, so that every element is equally likely in every place.
+    Mitsuba's ``mi.permute_kensler`` is five times slower, and does not choose all permutations of few elements equally
+    often. ``n`` is the number of elements, at least 1.
     """
 
     ALL_UP_TO = 6
@@ -66,7 +66,9 @@ class Permutations:
         return np.argsort(keys, axis=1, kind="stable").astype(np.uint32)
 
     def __call__(self, h: UInt, i: UInt) -> UInt:
-        """Returns the element at place ``i`` (0 .. n-1) of the permutation that the 32-bit hash ``h`` chooses."""
+        """Returns the element at place ``i``, from 0 to n - 1, of the permutation that the 32-bit hash ``h``
+        chooses.
+        """
         row = scale(h, self.count) * self.n
         if self.turned:
             # The row depends on the upper bits of the hash. The upper bits of this product depend on all its bits.
@@ -76,7 +78,7 @@ class Permutations:
 
 
 def scale(h: UInt, n: int) -> UInt:
-    """Maps a 32-bit hash ``h`` to an integer in 0 .. n-1."""
+    """Maps a 32-bit hash ``h`` to an integer from 0 to n - 1."""
     return dr.mul_hi(h, mi.UInt32(n)) if dr.is_jit_v(h) else h * n >> 32
 
 
@@ -88,11 +90,11 @@ def to_unit(h: UInt) -> mi.Float:
 class NRook:
     """The N-rook sample of one pass and one index, in every space.
 
-    ``permutations`` are the :class:`Permutations` of N elements; ``key`` is the :func:`pixel_key`. ``r`` is the pass
-    and ``i`` the index in the pass, both 0 .. N-1, integers or Dr.Jit arrays. ``jitter`` is ``"uniform"`` or
-    ``"multi"``. ``"uniform"`` places the sample anywhere in its cell, as in the thesis. ``"multi"`` places the sample
-    so that the N² samples of all passes also fill all N² strata of each axis (multi-jittered: Chiu, Shirley and Wang
-    1994; Kensler 2013).
+    ``permutations`` are the :class:`Permutations` of N elements; ``key`` is the :func:`pixel_key`. ``r`` is the number
+    of the pass and ``i`` the index in the pass; both are integers or Dr.Jit arrays from 0 to N - 1. ``jitter`` is
+    ``"uniform"`` or ``"multi"``. Jitter ``"uniform"`` places the sample anywhere in the cell, as in the thesis. Jitter
+    ``"multi"`` places the sample so that the N² samples of all passes also fill all N² strata of each axis
+    (multi-jittered: Chiu, Shirley and Wang 1994; Kensler 2013).
     """
 
     def __init__(self, permutations: Permutations, key: UInt, r: UInt, i: UInt, jitter: str = "multi") -> None:
@@ -104,14 +106,16 @@ class NRook:
 
     @classmethod
     def at(cls, permutations: Permutations, key: UInt, t: UInt, jitter: str = "multi") -> NRook:
-        """Returns the ``t``-th sample of a pixel, where ``t`` is 0 .. N² - 1."""
+        """Returns the ``t``-th sample of a pixel, for ``t`` from 0 to N² - 1."""
         r = t // permutations.n
         points = cls(permutations, key, r, t - r * permutations.n, jitter)
         points.t = t
         return points
 
     def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:
-        """Returns the point in [0, 1)² of this sample for ``space``, an integer (see ``transport_context.py``)."""
+        """Returns the point in [0, 1)² of this sample for ``space``, the number of a space (see
+        ``transport_context.py``).
+        """
         permute, n = self.permutations, self.permutations.n
         h_space = combine(self.key, space)
         h_pass = combine(h_space, self.r + 1)
@@ -136,7 +140,9 @@ class NRook:
 
 
 class SamplerPoints:
-    """The samples of a Mitsuba sampler, with the interface of :class:`NRook`; they depend on the order of the calls."""
+    """The samples of a Mitsuba sampler, with the interface of :class:`NRook`; the samples depend on the order of the
+    calls.
+    """
 
     def __init__(self, sampler: mi.Sampler) -> None:
         self.sampler = sampler

@@ -11,7 +11,7 @@ from .sobol import Sobol
 
 
 class PureSampler(mi.Sampler):
-    """A sampler without a random generator and its state.
+    """A sampler whose samples are pure functions; it has no random generator with a state.
 
     A subclass defines :meth:`points`.
     """
@@ -45,7 +45,7 @@ class PureSampler(mi.Sampler):
         return copy
 
     def clone(self) -> PureSampler:
-        """Returns a copy of this sampler with the same current sample and dimension."""
+        """Returns a copy of this sampler, which continues at the same sample and dimension."""
         copy = self.fork()
         copy.pixel, copy.index, copy.dimension = map(mi.UInt32, (self.pixel, self.index, self.dimension))
         return copy

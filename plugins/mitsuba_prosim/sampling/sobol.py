@@ -1,9 +1,9 @@
 """Owen-scrambled Sobol' points, an unlimited sequence for each space.
 
 The method is by Sobol' (1967), Owen (1995) and Burley (2020, Practical hash-based Owen scrambling). A space is a pair
-of random numbers of a sample. Every space has the first two dimensions of Sobol's sequence, shuffled and scrambled by
-its own key. Any aligned block of 2^k samples has one sample in each of 2^k equal rectangles of any shape. The points of
-different spaces are unrelated. A sample is a pure function of (seed, pixel, space, index).
+of random numbers of a sample. Every space has the first two dimensions of Sobol's sequence, shuffled and scrambled by a
+key of this space. Any aligned block of 2^k samples has one sample in each of 2^k equal rectangles of any shape. The
+points of different spaces are unrelated. A sample is a pure function of (seed, pixel, space, index).
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ def point(key: UInt, reversed_index: UInt) -> mi.Point2f:
 
 
 def pascal(i: Any) -> Any:
-    """Returns the second coordinate of a Sobol' point, with its bits in reverse order.
+    """Computes the second coordinate of a Sobol' point from the first coordinate ``i``.
 
-    The first coordinate of this point, with its bits in reverse order, is ``i``. The function multiplies by Pascal's
-    matrix modulo 2, in steps of powers of two.
+    The bits of both coordinates are in reverse order. The function multiplies by Pascal's matrix modulo 2, in steps of
+    powers of two.
     """
     for shift, mask in ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F), (8, 0x00FF00FF), (16, 0x0000FFFF)):
         i = i ^ ((i >> shift) & mask)

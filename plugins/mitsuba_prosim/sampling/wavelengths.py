@@ -1,8 +1,9 @@
 """Wavelengths that divide the spectrum evenly among samples, and the choice of one wavelength at dispersive glass.
 
-Mitsuba samples four wavelengths that are a quarter of the spectrum apart, so one number determines all four: their
-position within a quarter. Behind dispersive glass a ray keeps only one of its four wavelengths. The samples of a pixel
-together cover the whole spectrum if they keep each of the four wavelengths equally often, for each part of a quarter.
+Mitsuba samples four wavelengths that are a quarter of the spectrum apart, so one number determines all four
+wavelengths: the position within a quarter. Behind dispersive glass a ray keeps only one of the four wavelengths. The
+samples of a pixel together cover the whole spectrum if they keep each of the four wavelengths equally often, for each
+part of a quarter.
 """
 
 from __future__ import annotations
@@ -17,20 +18,21 @@ from .nrook import to_unit
 def shared(key: mi.UInt32, t: mi.UInt32, n: int | mi.UInt32) -> mi.Float:
     """Returns the number in [0, 1) that determines the wavelengths of the ``t``-th sample under ``key``.
 
-    ``key`` is the key of a pixel, or the key of the image where all pixels and photons share their wavelengths. The
-    ``n`` numbers of a pass divide a quarter of the spectrum into equal parts. Each pass shifts these numbers, by the
-    golden ratio. Such a shifted lattice is nearly exact for smooth spectra (Cranley and Patterson 1976).
+    ``key`` is the hash key of a pixel, or the hash key of the image if all pixels and photons share wavelengths. The
+    ``n`` numbers of a pass divide a quarter of the spectrum into equal parts. The numbers of different passes are
+    shifted by the golden ratio. A shifted lattice of wavelengths is nearly exact for smooth spectra (Cranley and
+    Patterson 1976).
     """
     r = t // n
     return to_unit(key + (t - r * n) * (dr.opaque(mi.UInt32, 1 << 30) // n) + r * GOLDEN // (4 * n))
 
 
 def chosen(key: mi.UInt32, t: mi.UInt32, n: int | mi.UInt32, rest: mi.Float) -> mi.Float:
-    """Returns the number in [0, 1) by which the ``t``-th sample chooses one of its four wavelengths.
+    """Returns the number in [0, 1) by which the ``t``-th sample of a pixel chooses one of four wavelengths.
 
-    The function :func:`shared`, with the same ``n``, has sampled these wavelengths. In 4 n samples, each of the n parts
-    of a quarter is combined once with each of the four wavelengths; in four samples, each of the four wavelengths is
-    chosen once. ``rest`` in [0, 1) is the place in the chosen quarter; ``key`` is the hash key of the choice.
+    The function :func:`shared`, with the same ``n``, has sampled the four wavelengths. In 4 n samples, each of the n
+    parts of a quarter is combined once with each of the four wavelengths; in four samples, each of the four wavelengths
+    is chosen once. ``rest`` in [0, 1) is the place in the chosen quarter; ``key`` is the hash key of the choice.
     """
     n = mi.UInt32(n)
     # Without the turns, after the least common multiple of n and 4 samples the same parts would meet the same quarters

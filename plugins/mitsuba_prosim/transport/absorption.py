@@ -1,7 +1,7 @@
 """Absorption of light in glass and water by Beer's law (Hall 1988, chapter 6 of the thesis).
 
-The ``mi.Medium`` of a shape describes the inside of this shape. The integrators support homogeneous media that only
-absorb light, and ignore media that scatter light.
+The interior ``mi.Medium`` of a shape describes the inside of the shape. The integrators support homogeneous media that
+only absorb light, and ignore media that scatter light.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def medium_beyond(
 ) -> mi.MediumPtr | mi.Medium | None:
     """Returns the medium of a ray that leaves ``si`` in the direction ``d``; the ray arrived in ``medium``.
 
-    A surface without media does not change the medium.
+    The medium stays the same if the surface has no media.
     """
     if idle(active):
         return medium
@@ -93,7 +93,7 @@ def medium_before(
 ) -> mi.MediumPtr | mi.Medium | None:
     """Returns the medium in which a camera ray of direction ``d`` arrives at ``si``.
 
-    This is the sensor's ``medium``. If the sensor has none, it is the medium that the surface has on the camera's side.
+    The medium is the sensor's ``medium``, or, without it, the medium that the surface has on the camera's side.
     """
     return medium_beyond(si, medium, -d, active & (medium == pointer(None)))
 

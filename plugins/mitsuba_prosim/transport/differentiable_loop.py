@@ -1,7 +1,7 @@
 """A loop whose iterations have derivatives.
 
-The loops of Dr.Jit 1.5 do not suit. For a symbolic loop with derivatives, Dr.Jit generates wrong code for masks. An
-evaluated loop visits its variables in the order of a hash table on the way back, so each iteration is compiled again.
+The loops of Dr.Jit 1.5 do not suit. For a symbolic loop with derivatives, Dr.Jit generates wrong code for masks. The
+backward pass of an evaluated loop visits variables in the order of a hash table, so each iteration is compiled again.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import drjit as dr
 def differentiable_loop(state: Any, step: Callable[[Any], Any]) -> Any:
     """Applies ``step`` to ``state`` while the state is active, and returns the last state, with derivatives.
 
-    Each lane keeps its state after its last active iteration. All iterations share one kernel, and their derivatives
-    share another kernel.
+    A lane that is not active any more keeps its state. All iterations share one kernel, and the derivatives of all
+    iterations share another kernel.
     """
     dr.make_opaque(state)
     while dr.any(active := state.active):
@@ -34,7 +34,7 @@ def differentiable_loop(state: Any, step: Callable[[Any], Any]) -> Any:
 def differentiable(state: Any) -> list[tuple[Any, str]]:
     """Finds the arrays with derivatives in nested dataclasses and lists.
 
-    Returns one pair for each array: the dataclass that holds the array, and the name of its field.
+    Returns one pair for each array: the dataclass that holds the array, and the name of the array's field.
     """
     if isinstance(state, list):
         return [place for part in state for place in differentiable(part)]
@@ -47,7 +47,9 @@ def differentiable(state: Any) -> list[tuple[Any, str]]:
 
 
 class Boundary(dr.CustomOp):
-    """Returns its input arrays, and evaluates their derivatives at this place, in the order of the arrays."""
+    """A Dr.Jit operation that returns its input arrays, and evaluates the derivatives of the arrays in a
+    fixed order.
+    """
 
     def eval(self, arrays: list[Any]) -> list[Any]:  # noqa: D102
         return arrays

@@ -22,9 +22,9 @@ from .transport_context import NODE_SPACES, Context
 def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
     """Returns the direct light that ``vertex`` scatters into its ray.
 
-    Every light source gets one sample and one shadow ray (section 4.1); or one lamp is chosen at random, and gets both.
-    All lobes scatter this light. If an earlier vertex of the path gathered photons, only the diffuse lobes scatter this
-    light.
+    Every light source gets one sample and one shadow ray (section 4.1), or only one randomly chosen lamp gets a sample
+    and a shadow ray. All lobes scatter direct light, except that only diffuse lobes scatter it after an earlier vertex
+    of the path gathered photons.
     """
     lights, ray, active = context.lights, vertex.ray, vertex.smooth
     space = context.space(ray.node, NODE_SPACES)
@@ -49,11 +49,11 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
 def sample_lamp(
     context: Context, vertex: Vertex, lamp: Lamp, point: mi.Point2f, probability: mi.Float | None = None
 ) -> LightSample:
-    """Returns ``(ds, weight)``: a sample of ``lamp`` by the ``point`` in [0, 1)², and its radiance divided by its
+    """Returns ``(ds, weight)``: a sample of ``lamp`` by the ``point`` in [0, 1)², and the radiance divided by the
     density.
 
-    Both values have derivatives if derivatives are wanted. ``probability`` is the probability with which the lamp was
-    chosen; None where every lamp is sampled.
+    ``ds`` and ``weight`` have derivatives if derivatives are wanted. ``probability`` is the probability with which the
+    lamp was chosen; None where every lamp is sampled.
     """
     ds, weight = lamp.sample(vertex.receiver, point, vertex.smooth)
     if probability is not None:
@@ -96,9 +96,9 @@ def eval_lobe(
 ) -> tuple[mi.Spectrum, mi.Float]:
     """Returns the value of ``lobe`` times the cosine for the direction ``wo``, and the density of ``wo``.
 
-    If ``context.samples_with_light``, the same call of the BSDF also samples the next ray of the lobe and stores this
-    sample in ``vertex.drawn``, so that the textures are evaluated only once. SamplerPoints must draw their numbers in a
-    fixed order, so they never sample the next ray early.
+    If ``context.samples_with_light``, the same call of the BSDF also samples the next ray of the lobe, so that textures
+    are evaluated only once. The sample of the next ray is stored in ``vertex.drawn``. With SamplerPoints the next ray
+    is never sampled here, because a Mitsuba sampler must draw its numbers in a fixed order.
     """
     if not context.samples_with_light or isinstance(points, SamplerPoints):
         return context.scattering.eval_pdf(lobe, vertex, wo, active)
@@ -111,7 +111,8 @@ def eval_lobe(
 def sky_light(context: Context, vertex: Vertex, points: Points, space: mi.UInt32) -> mi.Spectrum:
     """Returns the radiance that ``vertex`` scatters from a constant sky, by the lobes that have no ray of their own.
 
-    The other lobes get the radiance of the sky from their own rays. ``space`` is the number of the sampling space.
+    Lobes that have rays of their own get the radiance of the sky from these rays. ``space`` is the number of the
+    sampling space.
     """
     assert context.lights.sky is not None
     si, bsdf = vertex.si, vertex.bsdf
@@ -130,7 +131,7 @@ def with_visibility(
 ) -> list[mi.Spectrum]:
     """Multiplies ``radiances`` by the visibility and the transmittance between ``vertex`` and the point ``p``.
 
-    The first of the ``radiances`` is the total: no shadow ray is traced where the total is 0.
+    The first of the ``radiances`` is the total radiance: no shadow ray is traced where the total radiance is 0.
     """
     si = vertex.si
     if context.settings.shadows:

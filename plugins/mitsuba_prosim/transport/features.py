@@ -1,6 +1,6 @@
 """Features of a view for denoising: the normal of the first visible surface, and an albedo.
 
-The albedo includes surfaces that are seen through glass or in mirrors.
+The albedo includes surfaces that are visible through glass or in mirrors.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ MAX_LEVEL, MIN_THROUGHPUT = 6, 0.01
 
 @dataclass
 class State:
-    """State of the loop along a camera ray and its specular continuation.
+    """State of the loop that follows a camera ray through specular surfaces.
 
     ``sampler`` draws the random numbers.
     """
@@ -53,13 +53,13 @@ def features(
 ) -> tuple[mi.Spectrum, mi.Normal3f, mi.Bool]:
     """Returns ``(albedo, normal, hit)`` for the camera ray ``ray``.
 
-    The albedo is in [0, 1]. The normal is the shading normal of the first surface, on the viewer's side; it is 0 where
-    the ray meets no surface.
+    The albedo is in [0, 1]. The normal is the shading normal of the first surface, on the viewer's side; the normal is
+    0 where the ray meets no surface.
 
-    The albedo is one sample of the albedo of the diffuse lobes, plus the albedo of the surfaces that the specular lobes
-    show, times the reflectance or transmittance of these lobes. The albedo of light sources and of the sky is their
-    radiance, clipped to 1. With ``hide_emitters`` the camera does not see light sources. ``camera_medium`` is the
-    medium around the camera.
+    The albedo is one sample of the albedo of the diffuse lobes, plus the albedo of the surfaces that are visible
+    through specular lobes, times the reflectance or transmittance of these lobes. The albedo of light sources and of
+    the sky is their radiance, clipped to 1. With ``hide_emitters`` the camera does not see light sources.
+    ``camera_medium`` is the medium around the camera.
     """
     media = camera_medium is not None or any(True for _ in media_of(scene))
     scattering = Scattering.of(scene, separate=False)
@@ -114,9 +114,9 @@ def sample_albedo(
 ) -> tuple[Any, mi.Vector3f]:
     """Returns ``(weight, direction)`` of one sample of ``lobe`` at ``si``; the weight is 0 without such a lobe.
 
-    Some BSDFs return samples of other lobes than requested. Such a sample gets the weight 0, because the other lobe is
-    sampled separately. Dispersive glass refracts all wavelengths in one direction here: a mean over random wavelengths
-    would be wrong, because the albedo is clipped.
+    Some BSDFs return samples of other lobes than requested. A sample of another lobe gets the weight 0, because the
+    other lobe is sampled separately. Dispersive glass refracts all wavelengths in one direction here: a mean over
+    random wavelengths would be wrong, because the albedo is clipped.
     """
     choice, point = sampler.next_1d(active), sampler.next_2d(active)
     bs, weight, belongs = scattering.sample(

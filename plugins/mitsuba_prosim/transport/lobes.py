@@ -1,6 +1,4 @@
-"""The lobes of a surface that have a ray of their own, as BSDF contexts: reflected, refracted and diffuse (section
-4.1).
-"""
+"""BSDF contexts that select lobes of a surface: the reflected, the refracted and the diffuse lobe (section 4.1)."""
 
 from __future__ import annotations
 
@@ -58,7 +56,7 @@ def diffuse() -> mi.BSDFContext:
 def glossy(flags: int, tree: bool) -> tuple[mi.BSDFContext, ...]:
     """Returns the BSDF contexts of the specular lobes that may be glossy on surfaces with these BSDF ``flags``.
 
-    A ray ``tree`` follows reflection and transmission as two lobes; a path follows them as one.
+    A ray ``tree`` samples reflection and transmission as two lobes; a path samples both as one lobe.
     """
     if not tree:
         return (specular(),) if has_any(flags, *GLOSSY) else ()

@@ -53,8 +53,8 @@ def specular_or_diffuse(
 ) -> tuple[Ray, mi.Bool, mi.Float, mi.UInt32]:
     """Returns ``(ray, active, eta, bounces)`` of a specular or a diffuse ray that leaves ``vertex``.
 
-    Both rays are sampled, and one of them is chosen with a probability proportional to its throughput. After
-    ``diffuse_bounces`` diffuse reflections the ray is always specular.
+    A specular and a diffuse ray are sampled; one of the two is chosen with a probability proportional to its
+    throughput. After ``diffuse_bounces`` diffuse reflections the ray is always specular.
     """
     specular, reflects, eta = next_ray(context, lobes.specular(), vertex, points, vertex.active)
     more = vertex.active & (bounces < context.settings.diffuse_bounces)

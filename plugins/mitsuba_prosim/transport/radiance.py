@@ -3,13 +3,13 @@
 ``lights``
     one layer for each light source, one for the background, and one for the ambient term.
 ``levels``
-    one layer for each level of the ray tree or path. Level 0 is the radiance of the first visible surface with its
-    direct light.
+    one layer for each level of the ray tree or path. The layer of level 0 has the light that the first visible surface
+    emits, and the direct light that this surface scatters.
 ``terms``
     one layer for each term of the thesis's equation (section 4.1) at the first visible surface.
 
-A ray of a glossy lobe and the light sampling at its origin share the light of a source by MIS. So light that the ray
-finds at a source belongs to the layer of the vertex where the ray begins.
+By MIS, a ray of a glossy lobe shares the light of a source with the light sampling at the vertex where the ray begins.
+Therefore light that such a ray finds at a source belongs to the layer of the vertex where the ray begins.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ class Radiance:
         return Radiance(factor * self.total, [factor * L for L in self.layers])
 
     def plus(self, value: mi.Spectrum, layer: Layer, total: mi.Spectrum | None = None) -> Radiance:
-        """Returns this radiance plus ``value``, which is added to ``layer`` too.
+        """Returns this radiance plus ``value``, where ``value`` belongs to ``layer``.
 
-        ``total`` is the new total radiance if the caller already knows this sum.
+        ``total`` is the new total radiance, if the caller has computed the sum already.
         """
         layers = [L + dr.select(layer == i, value, 0) for i, L in enumerate(self.layers)]
         return Radiance(self.total + value if total is None else total, layers)
@@ -66,7 +66,7 @@ class Radiance:
 
 
 class Layers:
-    """Assigns light to layers. This base class is for an image without layers."""
+    """Assigns light to layers. The base class assigns all light to no layer, for an image without layers."""
 
     #: Whether light of different light sources belongs to different layers.
     splits_sources = False
@@ -91,8 +91,8 @@ class Layers:
     def branch(self, ray: Ray, diffuse: bool, through: mi.Bool) -> Layer:
         """Returns the :attr:`.Ray.branch` of the next ray: the layer of all light that this next ray finds.
 
-        The next ray leaves the vertex at the end of ``ray``, by the ``diffuse`` or a specular lobe. ``through`` tells
-        whether the next ray passes through the surface.
+        The next ray leaves the vertex at the end of ``ray`` through a diffuse lobe (``diffuse``) or a specular lobe.
+        ``through`` tells whether the next ray passes through the surface.
         """
         return 0
 
@@ -174,8 +174,8 @@ def layers_of(kind: str, settings: Settings, lights: Lights, caustics: bool) -> 
 def light_names(emitters: Sequence[mi.Emitter]) -> list[str]:
     """Returns a unique name for each of the ``emitters``.
 
-    The name is the emitter's id or the id of its shape. An emitter without an id is named by its number: ``lamp1``,
-    ``lamp2``, ...
+    The name of an emitter is the id of the emitter or of its shape. An emitter without an id is named by its number,
+    such as ``lamp1``.
     """
     names = ["background", "ambient"]
     for number, emitter in enumerate(emitters, 1):

@@ -15,8 +15,8 @@ from ..masks import but_not
 class Ray:
     """A ray of the ray tree or path, with the data of its node.
 
-    All fields are Dr.Jit arrays of the same width. A field is None where its value would stay the same in all
-    iterations: a variable that no iteration changes makes Dr.Jit trace the loop twice.
+    All fields are Dr.Jit arrays of the same width. A field is None if its value would stay the same in all iterations
+    of the loop, because Dr.Jit traces a loop twice if an iteration leaves a variable unchanged.
     """
 
     o: mi.Point3f

@@ -1,4 +1,4 @@
-"""Lobes of BSDFs, sampled and evaluated with the workarounds that a scene needs and with dispersion (Thomas 1986)."""
+"""Sampling and evaluation of the lobes of BSDFs, with workarounds for Mitsuba and with dispersion (Thomas 1986)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ from .ray import Surface
 
 
 def disperses(scene: mi.Scene) -> bool:
-    """Whether any BSDF of ``scene`` declares that it refracts each wavelength in another direction."""
+    """Tells whether any BSDF of ``scene`` is dispersive.
+
+    A dispersive BSDF refracts each wavelength in another direction; the attribute ``disperses`` of the BSDF tells so.
+    """
     return any(getattr(bsdf, "disperses", False) for bsdf in all_bsdfs(scene))
 
 
@@ -27,22 +30,25 @@ def disperses(scene: mi.Scene) -> bool:
 class Scattering:
     """Samples and evaluates lobes of the BSDFs of a scene."""
 
-    #: Whether any BSDF disperses.
+    #: Whether any BSDF of the scene refracts each wavelength in another direction.
     disperses: bool
-    #: Whether any BSDF needs the workarounds for ``mask`` or ``blendbsdf``.
+    #: Whether any BSDF of the scene needs the workarounds for ``mask`` or ``blendbsdf``.
     mixes: bool
-    #: Whether any BSDF has no separable lobes, so that all are evaluated together.
+    #: Whether any BSDF of the scene can only evaluate all its lobes together.
     any_inseparable: bool
 
     @classmethod
     def of(cls, scene: mi.Scene, separate: bool = True) -> Scattering:
-        """The BSDFs of ``scene``. ``separate``: whether lobes are evaluated separately at all."""
+        """Returns the :class:`Scattering` for the BSDFs of ``scene``.
+
+        ``separate`` tells whether the integrator evaluates lobes separately.
+        """
         bsdfs = all_bsdfs(scene)
         inseparable = separate and any(map(workarounds.is_inseparable, bsdfs))
         return cls(disperses(scene), any(map(workarounds.has_mask_or_blend, bsdfs)), inseparable)
 
     def inseparable(self, bsdf: mi.BSDF | mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
-        """The active lanes whose BSDF has no separable lobes."""
+        """Returns the active lanes whose BSDF can only evaluate all its lobes together."""
         if not self.any_inseparable:
             return mi.Bool(False)
         return active & dispatch(bsdf, lambda one, active: mi.Bool(workarounds.is_inseparable(one)), active)
@@ -54,11 +60,11 @@ class Scattering:
         ``lobe``.
 
         ``throughput`` is the throughput of the ray, by which dispersive glass chooses a wavelength. In the lanes
-        ``at.inseparable`` the BSDF samples all its lobes together; ``belongs`` then tells which samples
-        :func:`.belongs_to` assigns to ``lobe``.
+        ``at.inseparable`` the BSDF samples all lobes together, and :func:`.belongs_to` decides whether the sample
+        belongs to ``lobe``.
         """
         bs, weight = self._sample(lobe, at, u, active, throughput)
-        # Some BSDFs sample lobes outside of the type mask: these have a ray of their own.
+        # Some BSDFs sample lobes outside of the type mask. Those lobes have a ray of their own.
         belongs = (bs.sampled_type & lobe.type_mask) != 0
         if not self.any_inseparable or idle(active & at.inseparable):
             return bs, weight, belongs
@@ -69,8 +75,11 @@ class Scattering:
     def _sample(
         self, lobe: mi.BSDFContext, at: Surface, u: LobePoint, active: mi.Bool, throughput: mi.Spectrum | None
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        """``(bs, weight)`` of the ``lobe`` alone. Dispersive, ideally smooth glass refracts one of the wavelengths of
-        the ray, chosen by their ``throughput``; without a throughput all, in one direction.
+        """Returns ``(bs, weight)``: a sample of the requested ``lobe``.
+
+        Dispersive, ideally smooth glass refracts only one of the wavelengths of the ray, chosen with a probability
+        proportional to its ``throughput``. Without a ``throughput``, dispersive glass refracts all wavelengths in one
+        direction.
         """
         if not self.disperses and not self.mixes:
             return at.bsdf.sample(lobe, at.si, *u, active)
@@ -92,21 +101,27 @@ class Scattering:
     def eval_pdf(
         self, lobe: mi.BSDFContext, at: Surface, wo: mi.Vector3f, active: mi.Bool
     ) -> tuple[mi.Spectrum, mi.Float]:
-        """Value of ``lobe`` times the cosine for ``wo``, and the density of :meth:`sample` there; not of the lanes
-        ``at.inseparable``.
+        """Returns the value of ``lobe`` times the cosine for ``wo``, and the density with which :meth:`sample` returns
+        ``wo``.
+
+        The result is undefined in the lanes ``at.inseparable``.
         """
         if self.mixes:
             return dispatch(at.bsdf, lambda one, *args: workarounds.eval_pdf(lobe, one, *args), at.si, wo, active)
         return at.bsdf.eval_pdf(lobe, at.si, wo, active)
 
     def replace_inseparable(self, f: mi.Spectrum, at: Surface, wo: mi.Vector3f, active: mi.Bool) -> mi.Spectrum:
-        """``f``; where lobes are inseparable, the value of all of them for ``wo``."""
+        """Returns ``f``, but the value of all lobes for ``wo`` where the BSDF can only evaluate all its lobes
+        together.
+        """
         if not self.any_inseparable:
             return f
         return dr.select(at.inseparable, at.bsdf.eval(lobes.all_lobes(), at.si, wo, active & at.inseparable), f)
 
     def choice(self, points: Points, space: mi.UInt32, choice: mi.Float) -> mi.Float:
-        """``choice``, the number that chooses a lobe or a wavelength, such that with dispersion the samples of a pixel
+        """Returns the random number that chooses a lobe or a wavelength.
+
+        Without dispersion this is ``choice``. With dispersion the number is changed so that the samples of a pixel
         together divide the spectrum evenly.
         """
         if not self.disperses or not mi.is_spectral or isinstance(points, SamplerPoints):

@@ -87,7 +87,7 @@ class InnerIntegrator:
     def __call__(self, ray: mi.Ray3f, points: Points, active: mi.Bool) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
         """Returns ``(L, hit, aovs)`` for the camera ray ``ray``.
 
-        The integrator draws its random numbers from ``points``, from the first space after the spaces of the camera on.
+        The integrator draws random numbers from ``points``; the camera's spaces of the sampling pattern are skipped.
         """
         sampler = points.sampler if isinstance(points, SamplerPoints) else sampler_of(points)
         return self.radiance(sampler, mi.RayDifferential3f(ray), self.medium, active)
@@ -106,7 +106,9 @@ class InnerIntegrator:
 
 
 def sampler_of(points: NRook | Sobol) -> Any:
-    """Returns a ``mi.Sampler`` that draws its numbers from ``points``, one space of the pattern after the other."""
+    """Returns a ``mi.Sampler`` that takes random numbers from ``points``, one space of the sampling pattern after the
+    other.
+    """
     if isinstance(points, Sobol):
         sampler = create("owen")
     else:

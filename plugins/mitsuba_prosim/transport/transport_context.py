@@ -48,7 +48,7 @@ class Settings:
     def follows_tree(self) -> bool:
         """Whether the integrator follows Whitted's ray tree, not paths.
 
-        The tree has no rays from diffuse lobes, so the integrator follows it if ``diffuse_bounces`` is 0.
+        The integrator follows the ray tree, which has no rays from diffuse lobes, if ``diffuse_bounces`` is 0.
         """
         return self.diffuse_bounces == 0
 
@@ -60,10 +60,10 @@ SETTINGS = tuple(field.name for field in fields(Settings))
 class Context:
     """The data of one render that all its ray trees or paths share: the ``settings`` and properties of ``scene``.
 
-    ``attached`` tells whether derivatives are wanted. Ray directions are then fixed, or move with a light source
-    (:mod:`..light.reparameterisation`), and their weights are evaluated a second time. ``camera_medium`` is the medium
-    around the camera, or None. ``caustics`` (``photons.caustics.Caustics``) holds the photons that find the light which
-    reaches surfaces through specular surfaces; None if rays find this light.
+    ``attached`` tells whether derivatives are wanted. If derivatives are wanted, ray directions are fixed or move with
+    a light source (:mod:`..light.reparameterisation`), and the weights of these directions are evaluated a second time.
+    ``camera_medium`` is the medium around the camera, or None. ``caustics`` (``photons.caustics.Caustics``) holds the
+    photons that find the light which reaches surfaces through specular surfaces; None if rays find this light.
     """
 
     def __init__(

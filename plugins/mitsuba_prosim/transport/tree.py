@@ -22,8 +22,8 @@ class Stack:
     """A stack of refracted rays that are still to follow: at most one for each level of the ray tree.
 
     The rays are kept in registers: a local array would be slower, and is not reliable in Dr.Jit 1.5. ``count`` is the
-    number of rays on the stack. ``count`` is None where ``rays`` is empty: a variable that no iteration changes makes
-    Dr.Jit trace the loop twice.
+    number of rays on the stack. ``count`` is None if ``rays`` is always empty, because Dr.Jit traces a loop twice if an
+    iteration leaves a variable unchanged.
     """
 
     rays: list[Ray]
@@ -34,8 +34,9 @@ class Stack:
     ) -> tuple[Ray, mi.Bool, Stack]:
         """Returns ``(ray, active, stack)``: the next ray to follow, its active lanes, and the new stack.
 
-        The next ray is the reflected ray if there is one, else the refracted ray, else the last ray of the stack. If
-        the surface continues both rays, the refracted ray is pushed onto the stack.
+        If the surface has both a reflected and a refracted ray, the reflected ray is next, and the refracted ray is
+        pushed onto the stack. If the surface has only one of the two, this ray is next. Otherwise the last ray of the
+        stack is next.
         """
         following, going = dr.select(reflects, reflected, refracted), reflects | refracts
         if self.count is None:
@@ -82,8 +83,8 @@ def proceed(
 def roulette(context: Context, ray: Ray, active: mi.Bool, points: Points) -> tuple[Ray, mi.Bool]:
     """Returns ``(ray, active)`` after Russian roulette (Arvo and Kirk 1990).
 
-    Only rays whose throughput is below ``rr_throughput`` play. Such a ray survives with the probability throughput
-    divided by ``rr_throughput``, and its throughput is divided by this probability.
+    Only rays whose throughput is below ``rr_throughput`` play. A ray that plays survives with the probability
+    throughput / ``rr_throughput``; the throughput of the survivor is divided by this probability.
     """
     if context.settings.rr_throughput == 0:
         return ray, active

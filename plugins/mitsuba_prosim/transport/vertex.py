@@ -26,7 +26,7 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
     there.
 
     The radiance ``L`` is the sum of emission, background, ambient light, direct light and caustics. ``camera`` is the
-    camera ray: its time and its wavelengths hold for all rays of the tree or path.
+    camera ray, whose time and wavelengths all rays of the tree or path share.
     """
     settings, lights = context.settings, context.lights
     ray3, si = intersect(context, ray, camera, active)
@@ -74,14 +74,16 @@ def vertex_at(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: m
 def intersect(
     context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool
 ) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
-    """Converts a :class:`.Ray` into a ``mi.Ray3f``, and returns it with its interaction with the scene."""
+    """Converts a :class:`.Ray` into a ``mi.Ray3f``, intersects the scene, and returns the ray and the surface
+    interaction.
+    """
     ray3 = mi.Ray3f(ray.o, ray.d, camera.time, camera.wavelengths)
     ray3.maxt = dr.select(ray.level == 0, camera.maxt, ray3.maxt)  # up to the camera's far_clip
     return ray3, context.scene.ray_intersect(ray3, mi.RayFlags.All, ray.level == 0, active=active)
 
 
 def attenuated_at(context: Context, ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Ray:
-    """Returns ``ray`` with its throughput reduced by the absorption of its medium up to ``si`` (Beer's law)."""
+    """Returns ``ray`` with the throughput reduced by the absorption of the medium up to ``si`` (Beer's law)."""
     met = active & si.is_valid()
     medium = medium_before(si, ray.medium, ray.d, met & (ray.level == 0))
     t = ray.offset + dr.dot(si.p - ray.o, ray.d)  # si.t would begin at the last hidden light source
@@ -92,7 +94,7 @@ def attenuated_at(context: Context, ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInte
 def last_emission(context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> Radiance:
     """Returns the emitted radiance at the end of a ray that is one level deeper than the maximum level.
 
-    Such a ray is not shaded: only the emission of a light source that it meets counts.
+    A ray beyond the maximum level is not shaded: it only adds the emission of a light source that it meets.
     """
     if context.lights.all_delta:
         return context.layers.none()

@@ -1,22 +1,24 @@
 """Workarounds for plugins of Mitsuba 3.9 whose sampling or evaluation ignores the type mask of the ``BSDFContext``.
 
 ``mask``
-    samples only its null lobe if the type mask lacks that lobe. So :func:`sample` always requests the null lobe too.
-    Delete this workaround when ``mask.sample`` follows the type mask.
+    samples only its null lobe if the type mask lacks the null lobe. Therefore, for BSDFs with a ``mask``,
+    :func:`sample` requests the null lobe in addition to other lobes. Delete the workaround for ``mask`` when
+    ``mask.sample`` follows the type mask.
 ``blendbsdf``
-    adds the probability of an ideal lobe to densities of smooth lobes, which loses or adds light. So :func:`sample`
-    requests either the ideal or the smooth lobes, each with probability 1/2. If one of the two blended BSDFs has no
-    separable lobes, :func:`sample_leaves` samples both BSDFs itself. ``blendbsdf`` also omits the derivative of ideal
-    lobes by the blending weight: :func:`blend_share` adds this derivative. Delete these workarounds when ``blendbsdf``
-    separates probabilities from densities.
+    adds the probability of an ideal lobe to densities of smooth lobes, which loses or adds light. Therefore, for a
+    ``blendbsdf``, :func:`sample` requests either the ideal or the smooth lobes, each with probability 1/2. If one of
+    the two blended BSDFs has no separable lobes, :func:`sample_leaves` samples both BSDFs itself. ``blendbsdf`` also
+    omits the derivative of ideal lobes by the blending weight: :func:`blend_share` adds this derivative. Delete the
+    workarounds for ``blendbsdf`` when ``blendbsdf`` separates probabilities from densities.
 ``bumpmap``, ``normalmap``
     do not expose how they turn the shading frame, so :func:`sample_leaves` cannot sample a blend inside them:
-    :func:`warn_of_dim_lobes` warns of such a blend. Delete this warning together with the workaround for ``blendbsdf``.
+    :func:`warn_of_dim_lobes` warns of such a blend. Delete :func:`warn_of_dim_lobes` together with the workaround for
+    ``blendbsdf``.
 ``principled``, ``principledthin``, ``hair``
-    evaluate and sample all lobes together, whatever the type mask is. Light sampling evaluates all lobes of these BSDFs
-    together, and :func:`belongs_to` assigns their samples to lobes. Where the lobes need no separate rays,
-    :meth:`.Scattering.sample` drops the samples of other lobes. Delete this workaround when these BSDFs follow the type
-    mask.
+    evaluate and sample all lobes together, whatever the type mask is. Light sampling evaluates all lobes of such a BSDF
+    together, and :func:`belongs_to` assigns samples of such a BSDF to lobes. Where the lobes need no separate rays,
+    :meth:`.Scattering.sample` drops the samples of other lobes. Delete :func:`belongs_to` when ``principled``,
+    ``principledthin`` and ``hair`` follow the type mask.
 ``Scene.ray_intersect(skip_area_emitters)``
     measures distances from the last skipped emitter, and ignores ``maxt``. Delete :func:`past_emitters` when Mitsuba
     corrects both.
@@ -44,8 +46,8 @@ def has_mask_or_blend(bsdf: mi.BSDF) -> bool:
 def warn_of_dim_lobes(scene: mi.Scene) -> None:
     """Warns of ideal lobes that :func:`sample` renders too dark.
 
-    This happens where a ``bumpmap`` or ``normalmap`` contains a ``blendbsdf``: the map does not expose how it turns the
-    shading frame, so the BSDFs of the blend cannot be sampled one by one.
+    Ideal lobes are too dark if a ``bumpmap`` or ``normalmap`` contains a ``blendbsdf``: the map does not expose how it
+    turns the shading frame, so the BSDFs of the blend cannot be sampled one by one.
     """
     everything = lobes.all_lobes()
     dim = [
@@ -80,7 +82,8 @@ def _mixes_ideal_and_smooth(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
 def _needs_leaves(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
     """Tells whether :func:`sample_leaves` must sample the BSDFs that ``bsdf`` blends.
 
-    This is so if ``lobe`` is all lobes, and ``bsdf`` blends ideal lobes with a BSDF without separable lobes.
+    The function :func:`sample_leaves` is needed if ``lobe`` is all lobes and ``bsdf`` blends ideal lobes with a BSDF
+    without separable lobes.
     """
     return lobes.is_all_lobes(lobe) and _mixes_ideal_and_smooth(lobe, bsdf) and is_inseparable(bsdf)
 
@@ -129,7 +132,7 @@ def eval_pdf(
 def is_inseparable(bsdf: mi.BSDF) -> bool:
     """Tells whether ``bsdf`` or a BSDF within it cannot evaluate its lobes separately.
 
-    This holds for known classes of Mitsuba, and for a BSDF with several lobes in one component.
+    BSDFs that cannot are known classes of Mitsuba, and BSDFs with several lobes in one component.
     """
     return any(
         one.class_name() in EVALUATED_TOGETHER or any(_lobes_of(one.flags(i)) > 1 for i in range(one.component_count()))
@@ -172,8 +175,8 @@ def sample_leaves(
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
     """Returns ``(bs, weight)``: a sample of one of the BSDFs that ``bsdf`` blends.
 
-    For an ideal lobe, ``bs.pdf`` is the probability of the lobe. For other lobes, ``bs.pdf`` is the density of all
-    lobes that are not ideal.
+    For an ideal lobe, ``bs.pdf`` is the probability of the lobe. For a smooth lobe, ``bs.pdf`` is the density of all
+    smooth lobes together.
     """
     (choice, point), bs, weight, below = u, dr.zeros(mi.BSDFSample3f), mi.Spectrum(0), mi.Float(0)
     bs.wo = -si.wi

@@ -17,13 +17,13 @@ def alone() -> Iterator[None]:
     Do not hold the lock while the user's code runs, nor across a ``yield``.
 
     Mitsuba 3.9 has one search path per process, which loading a scene replaces, and one number of threads. Kernels call
-    the objects of all scenes, including a scene that is still being loaded: a kernel that another thread traces then
-    calls functions of incomplete objects.
+    the objects of all scenes, including a scene that another thread is still loading: such a kernel would call
+    functions of incomplete objects.
 
-    The garbage collector frees scenes in reference cycles. If it frees a scene while a kernel is traced, virtual
-    function calls before and after differ in the number of instances. Dr.Jit 1.5 then writes a function twice, and LLVM
-    aborts the process. The pause sets the collector's threshold, because :mod:`prosim_scene` may enable the collector
-    in another thread.
+    The garbage collector frees scenes in reference cycles. If the collector frees a scene while a kernel is traced,
+    virtual function calls before and after this moment differ in the number of instances. After such a difference,
+    Dr.Jit 1.5 writes a function twice, and LLVM aborts the process. The pause sets the collector's threshold, because
+    :mod:`prosim_scene` may enable the collector in another thread.
     """
     with _lock:
         thresholds = gc.get_threshold()

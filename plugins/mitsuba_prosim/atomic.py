@@ -46,8 +46,9 @@ def check(paths: Iterable[Path], size: int) -> None:
 def write(contents: Mapping[Path, Content]) -> list[Path]:
     """Writes files, creates their folders, and returns the paths of the files.
 
-    Each existing file is replaced only when the new file is complete. A replaced file keeps its mode; a link stays a
-    link. Raises OSError. Then the file that could not be written, and the files after it, are unchanged.
+    Each existing file is replaced only when the new file is complete. A file that is replaced keeps its access
+    permissions; a symbolic link stays a link. Raises OSError if a file cannot be written; this file and the files after
+    it are unchanged.
     """
     for path, content in contents.items():
         path.parent.mkdir(parents=True, exist_ok=True)

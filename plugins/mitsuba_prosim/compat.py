@@ -1,8 +1,9 @@
 """Undocumented properties of Mitsuba and Dr.Jit that this package relies on.
 
-Each function or constant relies on one property. The comment above it gives the reason, the version, and the upstream
-issue if there is one. Some workarounds are modules of their own: ``alone`` (one thread at a time), ``registry``
-(variants), ``llvm``, ``transport.workarounds`` (BSDFs that ignore the type mask), ``stock_command``.
+Each function or constant relies on one property. The comment above each function or constant gives the reason, the
+version, and the upstream issue if there is one. Some workarounds are modules of their own: ``alone`` (one thread at a
+time), ``registry`` (variants), ``llvm``, ``transport.workarounds`` (BSDFs that ignore the type mask),
+``stock_command``.
 """
 
 from __future__ import annotations
@@ -61,8 +62,8 @@ def to_world_name(parameters: MutableMapping[str, Any], prefix: str = "") -> str
 def set_world_transform(sensor: mi.Sensor, parameters: MutableMapping[str, Any], matrix: np.ndarray) -> None:
     """Sets the transform of ``sensor`` to ``matrix``.
 
-    ``parameters`` are those of ``mi.traverse(sensor)``; call their ``update`` afterwards. If a sensor in Python does
-    not expose its transform to ``mi.traverse``, the transform is an attribute of the sensor.
+    ``parameters`` is the result of ``mi.traverse(sensor)``; call ``parameters.update`` afterwards. If a sensor in
+    Python does not expose its transform to ``mi.traverse``, the transform is an attribute of the sensor.
     """
     name = to_world_name(parameters)
     if name in parameters:
@@ -237,8 +238,8 @@ def eval_direction(
 ) -> mi.Spectrum:
     """Returns ``emitter.eval_direction(it, ds, active)``.
 
-    ``emitter`` may be an array of emitters. The emitters ``directionalarea`` in an array return 0, because their method
-    raises an error.
+    ``emitter`` may be an array of emitters. For a ``directionalarea`` in an array the result is 0, because the method
+    of this emitter raises an error.
     """
     if not dr.is_jit_v(mi.Float) or isinstance(emitter, mi.Emitter):
         return emitter.eval_direction(it, ds, active)
@@ -313,7 +314,7 @@ ALIGNED = 64
 def dr_array(values: np.ndarray) -> Any:
     """Returns a Dr.Jit array of 32-bit ``values``, row by row, in memory with Dr.Jit's alignment.
 
-    So kernels are the same as for any other array.
+    With this alignment, kernels are the same for all arrays.
     """
     import numpy as np
 

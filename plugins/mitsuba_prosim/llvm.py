@@ -1,9 +1,9 @@
 """The LLVM library that Dr.Jit has loaded, and whether this library works with Mitsuba.
 
 When Dr.Jit is imported, it loads the LLVM that ``DRJIT_LIBLLVM_PATH`` names, or else the newest LLVM in the system's
-library folders. The installation adds the start-up file ``mitsuba_prosim_llvm.pth``. If the variable is unset, this
-file sets the variable to the library that this package requires. ``pyproject.toml``, the start-up file and this module
-name the same version; a test compares them.
+library folders. The installation adds the start-up file ``mitsuba_prosim_llvm.pth``. If the variable
+``DRJIT_LIBLLVM_PATH`` is unset, the start-up file sets it to the library that this package requires.
+``pyproject.toml``, the start-up file and this module name the same version; a test compares them.
 """
 
 from __future__ import annotations

@@ -18,9 +18,10 @@ def but_not(a: mi.Bool, b: mi.Bool) -> mi.Bool:
 
 
 def idle(active: mi.Bool) -> bool:
-    """Tells whether it is known that no lane is active.
+    """Tells whether ``active`` is known to be false, so that there is nothing to compute.
 
-    Only scalar variants know this while the kernel is recorded. They then have no shape, BSDF or emitter to call.
+    In scalar variants the mask is a Python boolean, which is known. A shape, BSDF or emitter is then missing, and must
+    not be called. In vectorised variants the mask is unknown while a kernel is recorded, so the result is False.
     """
     return not dr.is_jit_v(active) and not active
 
@@ -30,8 +31,8 @@ def fold(
 ) -> Any:
     """Computes ``state = body(k, state)`` for each k from ``first`` to ``end`` - 1, and returns the last state.
 
-    If ``unrolled``, the kernel contains the code of ``body`` once for each k. Otherwise the kernel has a loop with
-    these ``options``, and does not depend on the number of iterations.
+    If ``unrolled``, the kernel contains the code of ``body`` once for each k. If not ``unrolled``, the kernel has a
+    loop with these ``options``, and does not depend on the number of iterations.
     """
     if unrolled or not dr.is_jit_v(mi.Float):
         for k in range(first, end):

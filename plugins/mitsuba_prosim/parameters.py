@@ -12,8 +12,8 @@ import mitsuba as mi
 def reject(props: mi.Properties, name: str, value: Any, allowed: str) -> ValueError:
     """Returns the error for a parameter whose value is not allowed; the caller raises the error.
 
-    ``name`` is the name of the parameter. ``value`` is its value, or None if the parameter is missing. ``allowed`` is a
-    phrase such as ``"a number >= 0"``.
+    ``name`` is the name of the parameter. ``value`` is the value of the parameter, or None if the parameter is missing.
+    ``allowed`` is a phrase such as ``"a number >= 0"``.
     """
     where = f'"{props.id()}" ({props.plugin_name()})' if props.id() else props.plugin_name()
     return ValueError(

@@ -1,8 +1,8 @@
 """Registers the plugins with Mitsuba, for the active variant.
 
-A plugin class derives from a class of one variant (``mi.BSDF`` of ``llvm_ad_rgb``, for example). So a module that
-defines a plugin is executed again when the variant changes, as Mitsuba's own Python integrators are. Modules of pure
-functions look up ``mi`` at each call and are executed once.
+A plugin class derives from a class of one variant (``mi.BSDF`` of ``llvm_ad_rgb``, for example). Therefore a module
+that defines a plugin is executed again when the variant changes, as Mitsuba's own Python integrators are. Modules of
+pure functions look up ``mi`` at each call and are executed once.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ def plugin(kind: str, name: str) -> Callable[[type], type]:
     """Class decorator: registers the class as Mitsuba plugin ``name`` of the given ``kind`` ("bsdf", "emitter", ...).
 
     Mitsuba 3.9 asks for the type of a plugin in ``scalar_rgb``, whatever variant is active. If the name were unknown
-    there, ``load_dict`` would merge equal emitters, and writing XML would fail. So the class is registered for
-    ``scalar_rgb`` too, until the plugins of ``scalar_rgb`` replace it.
+    there, ``load_dict`` would merge equal emitters, and writing XML would fail. To avoid this, the class is also
+    registered for ``scalar_rgb``, until the plugins of ``scalar_rgb`` replace it.
     """
 
     def register(cls: type) -> type:
@@ -71,9 +71,9 @@ def modules() -> Iterator[str]:
 def register_plugins(*_: object) -> None:
     """Registers all plugins for the active variant.
 
-    The function does nothing if no variant is set, or if the plugins are registered already. It is Mitsuba's variant
-    callback and ignores its arguments (old variant, new variant). Raises RuntimeError where LLVM would abort the
-    process (see ``llvm.problem``).
+    The function does nothing if no variant is set, or if the plugins are registered already. Mitsuba calls this
+    function after each change of the variant; the arguments (old variant, new variant) are ignored. Raises RuntimeError
+    where LLVM would abort the process (see ``llvm.problem``).
     """
     global _registered_for
     variant = mi.variant()

@@ -133,8 +133,8 @@ class Composite(Pigmented):
 def known_to_conserve(props: mi.Properties) -> bool:
     """Tells whether the two reflectances are known to add up to at most 1 everywhere (s + d = 1, section 3.1.1).
 
-    This is known for numbers, and for colours in a variant that computes with colours. The sum of textures or spectra
-    is known only at a point, when they are evaluated. Raises ValueError if constants add up to more than 1.
+    The sum is known for numbers, and for colours in a variant that computes with colours. The sum of two textures or
+    spectra is known only at a point where they are evaluated. Raises ValueError if constants add up to more than 1.
     """
     names = "diffuse_reflectance", "specular_reflectance"
     if names[1] not in props:

@@ -157,7 +157,9 @@ class Conductor(Material):
 
 
 def metals() -> list[str]:
-    """Returns the names of the metals whose tables Mitsuba has; the list is empty if their folder is not found."""
+    """Returns the names of the metals whose tables Mitsuba has; the list is empty if the folder of the tables is not
+    found.
+    """
     folder = Path(str(mi.file_resolver().resolve("data/ior/Cu.k.spd"))).parent
     return sorted(p.name.removesuffix(".k.spd") for p in folder.glob("*.k.spd"))
 
@@ -165,8 +167,8 @@ def metals() -> list[str]:
 def metal(props: mi.Properties) -> tuple[mi.Texture, mi.Texture]:
     """Returns the textures ``(eta, k)`` of the metal that the parameters describe.
 
-    The parameter ``material`` selects a measured metal. Otherwise the parameters ``eta`` and ``k`` count; their
-    defaults are those of a perfect mirror. Raises ValueError for wrong parameters.
+    The parameter ``material`` selects a measured metal. Without ``material``, the parameters ``eta`` and ``k`` describe
+    the metal; the default is a perfect mirror. Raises ValueError for wrong parameters.
     """
     material = props.get("material", "none")
     if material == "none":

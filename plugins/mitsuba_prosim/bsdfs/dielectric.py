@@ -141,8 +141,8 @@ class Dielectric(Material):
     ) -> mi.UnpolarizedSpectrum:
         """Returns the fraction of the light that a facet reflects or transmits, as a spectrum.
 
-        Transmitted radiance is divided by the square of ``face.eta_it``, because it fills another solid angle.
-        Transmitted importance is not divided.
+        Transmitted radiance is divided by the square of ``face.eta_it``, because the radiance fills another solid angle
+        after refraction. Transmitted importance is not divided.
         """
         r, t = (
             1 if texture is None else texture.eval(si, active)
@@ -165,9 +165,9 @@ class Dielectric(Material):
         """Samples a direction.
 
         Smooth dispersive glass refracts one wavelength, which is chosen with the probabilities ``weights``. An
-        integrator that knows the throughput of a ray gives these weights. If ``weights`` is None, all wavelengths are
-        equally probable: this is unbiased, but noisier. If ``undispersed``, all wavelengths take the direction of the
-        middle wavelength: this is biased, but has no colour noise, as an albedo needs.
+        integrator that knows the throughput of a ray passes ``weights``. If ``weights`` is None, all wavelengths are
+        equally probable; equal probabilities are unbiased, but noisier. If ``undispersed``, all wavelengths take the
+        direction of the middle wavelength, which is biased, but avoids colour noise in an albedo.
         """
         bs = dr.zeros(mi.BSDFSample3f)
         reflection, transmission = self.enabled(ctx)
@@ -220,11 +220,11 @@ class Dielectric(Material):
     ) -> tuple[mi.Float, mi.Float]:
         """Returns ``(value, pdf)`` of the facets like ``facet`` that scatter light from ``wo`` to ``wi``.
 
-        The value does not include Fresnel's factor. Both results are D(m) <wi, m> / cos_i times the solid angle of m
-        divided by that of wo (Walter et al. 2007, equations 14 and 17). The value is also multiplied by G, the density
-        by G1 of wi. Let eta_it be the index on the side of wo divided by the index on the side of wi; ``eta`` is the
-        index inside divided by the index outside. By Snell's law (i_m + eta_it o_m) (i_m - eta_it o_m) = 1 - eta_it²,
-        which is exact also for indices near 1.
+        The value does not include Fresnel's factor. Value and density are D(m) <wi, m> / cos_i times the ratio of the
+        solid angles of m and wo (Walter and others 2007, equations 14 and 17). The value is also multiplied by G, the
+        density by G1 of wi. Let eta_it be the index on the side of wo divided by the index on the side of wi; ``eta``
+        is the index inside divided by the index outside. By Snell's law (i_m + eta_it o_m) (i_m - eta_it o_m) = 1 -
+        eta_it², which is exact also for indices near 1.
         """
         cos_i, cos_o, m = dr.abs(wi.z), dr.abs(wo.z), facet.m
         a, b = dr.abs(facet.i_m), dr.maximum(dr.abs(facet.o_m), 1e-30)

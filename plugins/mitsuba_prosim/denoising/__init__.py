@@ -1,8 +1,8 @@
-"""A denoiser that estimates its own error, and mixes the denoised image with the samples.
+"""A denoiser that estimates the error of its result, and mixes the denoised image with the samples.
 
-``oidn``: the denoiser; ``mixing``: the mixture, with the scales of ``pyramid``; ``denoised``: denoiser and mixture
-together; ``halves``: two independent images of a scene and their features; ``layers``: the result as a bitmap or in a
-film.
+The module ``oidn`` calls the denoiser. ``mixing`` mixes the images at the scales of ``pyramid``. ``denoised`` combines
+the denoiser and the mixture. ``halves`` renders two independent images of a scene and the features. ``layers`` stores
+the result in a bitmap or in a film.
 """
 
 from .denoised import denoise

@@ -16,7 +16,7 @@ def denoise(
     normal: np.ndarray | None = None,
     fast: bool = False,
 ) -> Denoised:
-    """Denoises an image that consists of two halves of the samples, as far as this reduces the error.
+    """Denoises an image that consists of two halves of the samples, as far as denoising reduces the error.
 
     ``first``, ``second``
         Linear images of the same scene, with equally many samples and different seeds: shape (height, width, channels)

@@ -77,11 +77,11 @@ class FinalImage:
     """Denoises the two halves of a ``render`` at its end, and earlier to estimate the error of the final image.
 
     With an error target, the render begins as without a denoiser. If the raw image reaches the target, the render ends
-    and the raw image is the result. The second half and the denoiser begin only if the denoised image is likely to
-    reach the target with fewer samples, and if this saves enough samples. The denoiser is first called with the
-    smallest networks for a ninth of the pixels, then for all pixels. These decisions depend only on samples and rounded
-    errors. So the image does not depend on measured times, or on bits of the denoiser that differ with the number of
-    threads.
+    and the raw image is the result. The second half of the samples and the denoiser begin only if the denoised image
+    will probably reach the target with far fewer samples than the raw image. The denoiser is first called with the
+    smallest networks for a ninth of the pixels, then for all pixels. The decisions about the denoiser depend only on
+    samples and rounded errors. The image does not depend on measured times, nor on bits of the denoiser that differ
+    with the number of threads.
     """
 
     #: Maximum ratio of the raw image's error to the target at which the denoiser is called.
@@ -176,9 +176,9 @@ class FinalImage:
     def estimate(self, render: Render) -> Noise:
         """Returns an estimate of the error of the final image, by which ``render`` decides how to continue.
 
-        If the denoiser is not called, the estimate is extrapolated from its last call, or is the error of the raw
-        image. This method may begin a complete second image; ``render`` then takes its samples and calls this method
-        again.
+        If this method does not call the denoiser, the estimate is extrapolated from the denoiser's last call, or is the
+        error of the raw image. If this method begins a complete second image, ``render`` takes the samples of the
+        second image and calls this method again.
         """
         second, state, target, samples = render.second, render.state, render.target, self._samples
         assert second is not None
@@ -240,8 +240,8 @@ def features(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Renders the features of the view by :ref:`integrator-prosim_features`, and returns ``(albedo, normal)``.
 
-    The film's filter applies. The samples differ from the samples of an image with this ``seed``, because the two
-    halves of the image must stay independent.
+    The film's filter applies. The samples of the features differ from the samples of an image with the same ``seed``,
+    so that the two halves of the image stay independent.
     """
     nested = create("prosim_features", hide_emitters=hide_emitters)
     integrator = create("prosim_adaptive", nested=nested, samples=FEATURE_SAMPLES, adaptive="none")

@@ -16,7 +16,7 @@ def bitmap(final: FinalImage) -> mi.Bitmap:
 
 
 def channels(final: FinalImage, colours: Sequence[str]) -> dict[str, np.ndarray]:
-    """Returns the channels of the final image and of its layers: name -> array of shape (height, width).
+    """Returns the channels of the final image and of all layers: name -> array of shape (height, width).
 
     The channels are the colours of the final image, the integrator's own channels, the layers ``raw`` and ``denoised``,
     and the errors of the three images. Each error has one channel, ``Y``: ``error``, ``error_raw`` and
@@ -55,8 +55,8 @@ def mixed(
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Multiplies layers by factors, and returns ``(sum, layers)``: the sum of all layers, and the layers.
 
-    Each layer has the shape (height, width, 3). ``factors`` are pairs of a layer's name and its factor, of one or three
-    numbers. Raises KeyError if no layer has this name.
+    Each layer has the shape (height, width, 3). ``factors`` are pairs of the name of a layer and a factor, which has
+    one number or three numbers. Raises KeyError if no layer has the name of a factor.
     """
     result = dict(layers)
     for name, factor in factors:

@@ -1,10 +1,10 @@
-"""Mixes a denoised image with its samples, weighted by the errors of both, which two independent halves estimate.
+"""Mixes a denoised image with the raw image. Two independent halves of the samples estimate the errors of both images.
 
 Let A and B be images of the same scene from different samples, M = (A + B) / 2 the raw image, and d = (A - B) / 2. The
-noise d has the variance of M's noise, and is independent of M's noise if both are Gaussian. The denoiser is applied to
-M + d/2 and M - d/2 separately. D is the mean of the two results, and e is their difference, the response of the
-denoiser to noise like d. Then, in any window of pixels, these estimators are about unbiased (Stein 1981; exactly if the
-denoiser is linear in the noise):
+noise d has the variance of M's noise, and is independent of M's noise if the noise is Gaussian. The denoiser is applied
+to M + d/2 and M - d/2 separately. D is the mean of the two results, and e is their difference, the response of the
+denoiser to noise like d. In any window of pixels, the following estimators are about unbiased (Stein 1981; exactly if
+the denoiser is linear in the noise):
 
     d²                      the variance of the raw image M,
     d e                     the covariance of D and M,
@@ -12,13 +12,14 @@ denoiser is linear in the noise):
     (M - D)² - d² + d e     (M - D) times the signal that D lacks.
 
 The result is D plus a share of M - D, separately at each scale. The share depends on the fraction of signal in M - D,
-as in Wiener's filter. So light that the denoiser removed from small spots returns as a wide, faint difference, which
-many pixels together determine. The variance of each share is estimated too. If the share does not differ significantly
-from the share of a wide neighbourhood, the share of the neighbourhood is used (James and Stein 1961).
+as in Wiener's filter. Light that the denoiser removed from small spots returns in the mixture as a wide, faint
+difference, which many pixels together determine. The variance of each share is estimated too. If the share does not
+differ significantly from the share of a wide neighbourhood, the share of the neighbourhood is used (James and Stein
+1961).
 
 The squared error of the result F in display units f is estimated by (f(F) - f(A)) (f(F) - f(B)) plus twice the product
-of the noise and its response, which includes the response of the shares. The mean of this estimate over the image is
-nearly unbiased.
+of the noise and its response, which includes the response of the shares. The mean of the estimated squared error over
+the image is nearly unbiased.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ class Denoised:
         """Upper bound of the RMS error of the displayed final image (white = 1).
 
         The error exceeds the bound with a probability of about 5 %. The noise of ``final_squares`` is the product of
-        the noise of both halves, of variance 4/3 d^4.
+        the noise of the two halves; its variance is 4/3 d^4.
         """
         deviation = float(np.sqrt(np.sum(self.raw_squares**2) * 4 / 3)) / self.raw_squares.size
         return max(float(self.final_squares.mean()) + 1.645 * deviation, 0.0) ** 0.5
@@ -95,7 +96,7 @@ class Denoised:
 def inputs(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns the two images to denoise.
 
-    Each image is three quarters of one half and one quarter of the other half.
+    Each image is three quarters of one half of the samples plus one quarter of the other half.
     """
     quarter = (first - second) / 4
     return first - quarter, second + quarter
@@ -144,7 +145,8 @@ def unmixed(raw: np.ndarray, error: np.ndarray, noise: float) -> Denoised:
 def combined(
     raw: np.ndarray, denoised: np.ndarray, noise: np.ndarray, followed: np.ndarray, slope: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the mixture of ``raw`` and ``denoised``, and its response to ``noise`` with the same shares.
+    """Returns the mixture of ``raw`` and ``denoised``, and the response of the mixture to ``noise`` with the same
+    shares.
 
     ``followed`` is the response of the denoiser to ``noise``.
     """

@@ -26,8 +26,8 @@ class Denoiser:
     """Open Image Denoise with the features of one view.
 
     The features are the albedo in [0, 1] and the normals in [-1, 1], arrays of shape (height, width, 3), or None. The
-    denoiser runs on the CPU in all variants. The bits of its result depend on the number of threads. ``fast`` selects
-    smaller networks, and features that are not denoised.
+    denoiser runs on the CPU in all variants. The bits of the denoised image depend on the number of threads. ``fast``
+    selects smaller networks, and features that are not denoised.
     """
 
     def __init__(self, albedo: np.ndarray | None = None, normal: np.ndarray | None = None, fast: bool = False) -> None:

@@ -159,7 +159,7 @@ class Area(Source):
         """Returns the density of `Shape.sample_direction` with full precision; ``pdf`` is Mitsuba's value.
 
         The density of Mitsuba's sphere has an error of 1 % at r/d = 0.001, because 1 - cos of the half-angle loses
-        digits. This method computes 1 - cos as sin² / (1 + cos).
+        digits. To keep all digits, this method computes 1 - cos as sin² / (1 + cos).
         """
         shape = self.get_shape()
         if shape.class_name() != SPHERE or shape.has_flipped_normals():
@@ -196,7 +196,7 @@ class Area(Source):
         return self.at_texture(uv, self.emission.pdf_position(uv, active), active)[1]
 
     def at_texture(self, uv: mi.Point2f, pdf: mi.Float, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Float]:
-        """Returns the point of the shape at ``uv``, and its density per area.
+        """Returns the point of the shape at ``uv``, and the density per area at this point.
 
         ``pdf`` is the density of ``uv``.
         """

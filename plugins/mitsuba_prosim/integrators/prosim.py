@@ -242,7 +242,7 @@ class Prosim(ProgressiveIntegrator):
         return "prosim"
 
     def aov_names(self) -> list[str]:
-        """Returns the names of further channels; those of layers are known only after a scene is rendered."""
+        """Returns the names of further channels; the names of layers are known only after a scene is rendered."""
         return self._layer_channels + super().aov_names()
 
     def parameter_names(self) -> list[str]:

@@ -113,7 +113,7 @@ class DaskExecutor(Executor):
         return future
 
     def _sums(self, item: WorkItem, future: distributed.Future, result: Any) -> Accumulators:
-        """Returns the sums of a finished work item from the ``result`` of its task, which may be an error.
+        """Returns the sums of a finished work item from the ``result`` of the worker's task, which may be an error.
 
         Raises ClusterError.
         """
@@ -169,9 +169,9 @@ def render(
     """Renders a scene file by the workers of ``client``; returns the image, shape (height, width, channels).
 
     ``scene`` is a file in the thesis's scene language or in XML. ``client`` is None for Dask's current client. ``spp``
-    is the number of samples per pixel, 0 for that of the scene. ``changes`` are those of :class:`.SceneFile`, such as
-    ``resolution=(640, 480)`` or ``integrator={"noise": 0.01}``. The image has the same bits as an image that only this
-    process renders.
+    is the number of samples per pixel; 0 stands for the number in the scene file. ``changes`` are further arguments of
+    :class:`.SceneFile`, such as ``resolution=(640, 480)`` or ``integrator={"noise": 0.01}``. The image has the same
+    bits as an image that is rendered without workers.
 
     Raises :class:`ClusterError` if the cluster cannot render the image, and ValueError if the scene cannot be sent to
     workers.

@@ -45,8 +45,8 @@ scenes = dict[str, tuple[bytes, Estimator]]()
 def load(client: str, content: bytes) -> Estimator:
     """Returns the estimator of a pickled :class:`.SceneBundle`, ``content``, of a ``client``.
 
-    The previous scene of this client is deleted first. So the new scene takes its places in Dr.Jit's tables, and
-    kernels are found in the cache.
+    The previous scene of this client is deleted before the new scene is loaded. The new scene then takes the places of
+    the previous scene in Dr.Jit's tables, so that kernels are found in the cache.
     """
     known, estimator = scenes.pop(client, (b"", None))
     if estimator is None or known != content:
@@ -86,10 +86,12 @@ def sample(
     """Computes a work item, and returns ``(seconds, sums, environment)``.
 
     ``scene`` is a pickled :class:`.SceneBundle`, and ``item`` a :func:`packed` work item. ``environment`` is that of
-    this worker. The sums are empty if the ``expected`` environment differs where both must agree.
+    this worker. The sums are empty if this worker's environment differs from the ``expected`` environment in a field
+    that must agree.
 
-    A worker renders with the number of threads that Dask gives to it. A worker in the process of its client renders
-    with the threads of this client. Raises ImportError or RuntimeError if the worker lacks the variant.
+    A worker renders with the number of threads that Dask gives to it. If a worker runs in the same process as the
+    client, it renders with the threads of this process. Raises ImportError or RuntimeError if the worker lacks the
+    variant.
     """
     dask_worker = distributed.get_worker()
 

@@ -1,8 +1,8 @@
 """The base class of textures that mix two other textures by a pattern.
 
 A pattern is a function of a point, with values in [0, 1]. The point is on the surface (u, v) or in space. The pattern
-is averaged over a box, which limits its frequencies. The width of the box along each axis of the pattern is the pixel's
-footprint, if Mitsuba knows it, plus the parameter ``smoothing``.
+is averaged over a box, which limits the frequencies of the pattern. The width of the box along each axis of the pattern
+is the pixel's footprint, if Mitsuba knows it, plus the parameter ``smoothing``.
 
 Like the plugin modules, this module is executed again when Mitsuba's variant changes (see ``registry``).
 """
@@ -45,7 +45,7 @@ class Mixture(mi.Texture):
         raise NotImplementedError
 
     def average(self) -> mi.Float:
-        """Returns the mean of the pattern over its whole space."""
+        """Returns the mean of the pattern over all points."""
         raise NotImplementedError
 
     def lookup(self, si: mi.SurfaceInteraction3f) -> tuple[mi.Point3f, mi.Vector3f]:
@@ -97,7 +97,7 @@ class Mixture(mi.Texture):
         return True
 
     def parameters(self, *names: str) -> dict[str, Any]:
-        """Returns the attributes with these ``names`` and those of every mixture: name -> value."""
+        """Returns the attributes ``names`` and the parameters that every mixture has: name -> value."""
         own = {name: getattr(self, name) for name in (*names, "to_local", "smoothing")}
         return {self.BASE[0]: self.base, self.TOP[0]: self.top, **own}
 

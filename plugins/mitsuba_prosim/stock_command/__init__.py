@@ -1,10 +1,10 @@
 """Support for plugins in Python by Mitsuba's own command ``mitsuba``.
 
-This command is a native program without Python. For each plugin in Python, ``prosim link`` writes a C library, a
-stand-in, with the plugin's name to Mitsuba's folder of plugins. When the command opens a stand-in, the stand-in
-replaces the process by a Python process, which renders the same scenes with the same options.
+The command ``mitsuba`` is a native program without Python. For each plugin in Python, ``prosim link`` writes a C
+library, a stand-in, with the plugin's name to Mitsuba's folder of plugins. When the command opens a stand-in, the
+stand-in replaces the process by a Python process, which renders the same scenes with the same options.
 
-Delete this room, its test ``tests/cli/test_mitsuba_command.py`` and the line of ``link`` in ``prosim_start/group.py``
-when the command ``mitsuba`` runs plugins in Python. Mitsuba 3.10 finds such plugins by entry points, but only from
-Python, not from its command (master of August 2026).
+Delete this folder, its test ``tests/cli/test_mitsuba_command.py`` and the line of ``link`` in ``prosim_start/group.py``
+when the command ``mitsuba`` runs plugins in Python. Mitsuba 3.10 finds plugins in Python by entry points, but only if
+Mitsuba is used from Python, not from its command (master of August 2026).
 """

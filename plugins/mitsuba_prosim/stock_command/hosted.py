@@ -1,7 +1,7 @@
 """The Python side of the ``mitsuba`` command, with the same options and the same order of steps.
 
 When a scene names a plugin in Python, the plugin's stand-in (``stand_in.c``) replaces the native process by this
-program. Before that, the native command has checked the options and rendered the earlier scenes.
+program. Before this program starts, the native command has checked the options and rendered the earlier scenes.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def run(plugin: str, words: Sequence[str]) -> None:
 
 
 def main(plugin: str, *words: str) -> int:
-    """Runs the command ``mitsuba WORDS...`` from its first scene with ``plugin`` on, and returns its exit code."""
+    """Runs the command ``mitsuba WORDS...`` from the first scene with ``plugin`` on, and returns the exit code."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # an ignored signal stays ignored
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:

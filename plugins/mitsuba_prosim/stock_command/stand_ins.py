@@ -88,7 +88,7 @@ def install(names: Iterable[str], folder: Path) -> list[Path]:
 def add_to_pip_record(paths: Iterable[Path]) -> None:
     """Adds ``paths`` to the files that pip removes together with this package.
 
-    The list of these files is the package's file RECORD.
+    The list of the files that pip removes is the package's file RECORD.
     """
     files = distribution("mitsuba-prosim").files or []
     listing = next(Path(str(file.locate())) for file in files if file.name == "RECORD")
@@ -104,8 +104,8 @@ def link(remove: bool) -> None:
     """Let the `mitsuba` command run plugins that are written in Python.
 
     Writes a stand-in for each plugin of every installed package (this one, and Mitsuba's own prb and the like) to
-    Mitsuba's folder of plugins. Needs Linux and a C compiler. Run it once after each installation of a package with
-    plugins. Uninstalling removes the stand-ins.
+    Mitsuba's folder of plugins. Needs Linux and a C compiler. Run `prosim link` once after each installation of a
+    package with plugins. Uninstalling removes the stand-ins.
     """
     if sys.platform != "linux":
         raise click.ClickException("the stand-ins exist for Linux only; use prosim render.")

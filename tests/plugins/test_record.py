@@ -148,8 +148,6 @@ def test_samples_too_dark_for_a_square_are_the_same_in_all_threads(variant_rgb):
 class Elsewhere:
     """Takes samples by what travels, in another copy of the scene, a few work items at a time, in any order."""
 
-    photon_passes = None
-
     def __init__(self, scene, most=3000, together=3):
         self.estimator = None
         self.scene, self.most, self.together = scene, most, together

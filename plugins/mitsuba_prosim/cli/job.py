@@ -12,15 +12,13 @@ import click
 import mitsuba as mi
 
 from ..engine.checkpoint import Checkpoint
+from ..engine.plan import TARGETS
 from ..engine.policies import POLICIES
 from ..engine.tiles import Part
 from ..scene import scene_file, session
 from ..transport.radiance import KINDS
 from . import option_types as types
 from .option_types import InputError, Integer, Number
-
-#: Fields of a Job that set an error target or a time limit.
-TARGETS = ("noise", "noise_99", "noise_999", "time")
 
 #: Fields of a Job that become parameters of the integrator.
 INTEGRATOR = ("samples", "caustics", "max_level", "layers", "threshold", "max_samples", "adaptive", *TARGETS)

@@ -13,9 +13,10 @@ import click
 
 from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint
+from ..engine.plan import TARGETS
 from . import files, frames
 from .files import PART_FILE, SCENE_FILE, STATE_FILE, image_stem, quoted_path
-from .job import OPTIONS, RUNNING, TARGETS, Command, Job, choose_variant, job_options
+from .job import OPTIONS, RUNNING, Command, Job, choose_variant, job_options
 from .option_types import input_errors, option
 from .render_task import STATE, SUFFIXES, write_image
 

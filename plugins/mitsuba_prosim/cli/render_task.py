@@ -22,10 +22,11 @@ from ..denoising import halves, layers
 from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint, CheckpointWriter
 from ..engine.error_target import SHARE
+from ..engine.plan import TARGETS
 from ..scene import black, images, rendering, scene_file, session
 from . import files, report
 from .interrupts import interruptible
-from .job import TARGETS, Job, refuse_scalar
+from .job import Job, refuse_scalar
 from .log import log
 from .option_types import InputError, input_errors, require_extra
 from .progress import Progress

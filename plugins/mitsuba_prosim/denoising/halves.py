@@ -53,20 +53,26 @@ def render(
     Raises ValueError for films that store no colours, and :class:`.oidn.MissingError` if the package mitsuba-oidn is
     not installed.
     """
-    if isinstance(sensor, int):
-        sensor = scene.sensors()[sensor]
     integrator = integrator or scene.integrator()
     return denoised_progressive(scene, sensor, integrator, seed, spp, fast).run().denoiser.denoised()
 
 
 def denoised_progressive(
-    scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int = 0, spp: int = 0, fast: bool = False, **options: Any
+    scene: mi.Scene,
+    sensor: int | mi.Sensor,
+    integrator: Any,
+    seed: int = 0,
+    spp: int = 0,
+    fast: bool = False,
+    **options: Any,
 ) -> Any:
     """Begins a progressive render whose image is denoised at its end.
 
     ``render.denoiser`` is the :class:`FinalImage` of the returned render. ``options`` are passed to
     :func:`.rendering.progressive`. Raises ValueError for films that store no colours.
     """
+    if isinstance(sensor, int):
+        sensor = scene.sensors()[sensor]
     check(sensor.film())
     denoiser = FinalImage(scene, sensor, integrator, seed, fast)
     denoiser.render = rendering.progressive(scene, sensor, integrator, seed, spp, denoiser=denoiser, **options)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -53,14 +53,18 @@ class Accumulators:
         dr.make_opaque(result)
         return result
 
-    def error(self, n: int) -> mi.Float:
+    def statistics(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The sums of the luminance and of its square, and the number of samples, as 32-bit floats of NumPy's."""
+        return np.array(self.total), np.array(self.squares), np.array(self.count).astype(np.float32)
+
+    def error(self, n: int) -> np.ndarray:
         """Standard error of the mean luminance: from the means of the passes of ``n`` samples if there are two or more
         and none is incomplete, else from single samples.
         """
-        count = mi.Float(self.count)
-        between = standard_error(self.total / n, self.pass_squares, count / n)
-        complete = (self.count > n) & (self.count % n == 0)
-        return dr.select(complete, between, standard_error(self.total, self.squares, count))
+        (total, squares, count), share = self.statistics(), np.float32(1 / n)
+        with np.errstate(all="ignore"):  # without samples it is NaN
+            between = standard_error(total * share, np.array(self.pass_squares), count * share)
+            return np.where((count > n) & (count % n == 0), between, standard_error(total, squares, count))
 
 
 class FilmState:
@@ -78,7 +82,6 @@ class FilmState:
         self.outer = widened(plan.region, self.margin, plan.domain)
         self.x, self.y = pixels(self.outer)
         self.accumulators = Accumulators.empty(estimator.sums_per_pixel, area(self.outer))
-        dr.eval(self.x, self.y)
         #: RMS error of the displayed image (white = 1), and the bounds of 99 and of 99.9 % of its pixels, as measured
         #: last by :class:`.SecondImage`.
         self.noise: tuple[float, float, float] = (float("nan"),) * 3
@@ -115,9 +118,8 @@ class FilmState:
 
     def request(self, margin: int = 0) -> np.ndarray:
         """The samples that the policy requests for each pixel within ``margin`` of the region, 0 for the others."""
-        left, top, right, bottom = self.outer
-        size = dr.opaque(mi.UInt32, right - left), dr.opaque(mi.UInt32, bottom - top)
-        values = self.policy.request(replace(self.accumulators, sums=[]), *size)
+        with np.errstate(all="ignore"):  # without samples it is NaN
+            values = self.policy.request(*(self.crop(sums, self.outer) for sums in self.accumulators.statistics()))
         there, result = widened(self.plan.region, margin, self.plan.domain), np.zeros(area(self.outer), np.float32)
         self.crop(result, there)[:] = self.crop(values, there)
         return result

@@ -21,18 +21,21 @@ from .. import atomic
 from ..compat import dr_array
 from .accumulators import Accumulators, FilmState
 from .environment import MAY_DIFFER, MUST_AGREE, differences, this_environment
-from .plan import index_within
+from .plan import TARGETS, index_within
 from .tiles import Part
 
 #: The version of the format.
 FORMAT = 9
 
-#: Parameters of sampling that end a render, and those that decide how many samples a pixel gets. A checkpoint may
-#: continue with others than its own.
-ENDS, DECIDING = ("noise", "noise_99", "noise_999", "time"), ("adaptive", "threshold", "max_samples")
+#: Parameters of sampling that decide how many samples a pixel gets. A checkpoint may continue with others than its own,
+#: as with other :data:`.TARGETS`.
+DECIDING = ("adaptive", "threshold", "max_samples")
 
 #: Attributes that parts of one image may differ in.
 ANY = ("scene", "exposure", "band", *MAY_DIFFER)
+
+#: The groups of arrays of a checkpoint.
+GROUPS = ("pixels", "second")
 
 #: Attributes of a :class:`.FilmState`: its measured errors; its decisions; and those for each pixel.
 MEASURED, DECIDED, ADAPTIVE = ("noise", "estimates"), ("rounds", "effort"), ("requested", "wanted")
@@ -127,16 +130,14 @@ class Checkpoint:
         state.second = accumulators(self.second) if self.second else None
         if decided:
             state.requested, state.wanted = (pixels.get(name) for name in ADAPTIVE)
-        return decided and self.finished and changed.isdisjoint(ENDS)
+        return decided and self.finished and changed.isdisjoint(TARGETS)
 
     def write(self, path: Path) -> None:
         """Writes the archive over ``path``. Raises OSError."""
-        groups = {"pixels": self.pixels, "second": self.second}
         header = {"format": FORMAT, "environment": self.environment, "about": self.about, "attributes": self.attributes}
-        contents: dict[str, Any] = {"facts": np.array(json.dumps(header))}
-        contents |= {f"{group}.{name}": values for group in groups for name, values in groups[group].items()}
+        arrays = {f"{group}.{name}": values for group in GROUPS for name, values in getattr(self, group).items()}
         with open(path, "wb") as file:
-            np.savez(file, **contents)
+            np.savez(file, facts=np.array(json.dumps(header)), **arrays)
 
 
 def identity(state: FilmState) -> dict[str, Any]:
@@ -187,15 +188,15 @@ def read(path: str | Path, arrays: bool = True) -> Checkpoint:
     Raises NotACheckpointError for a file of another kind; CheckpointError for one of another version of the format,
     or a damaged or incomplete one; OSError.
     """
-    groups: dict[str, dict[str, np.ndarray]] = {"pixels": {}, "second": {}}
     try:
         with np.load(path) as archive:
             header = json.loads(str(archive["facts"]))
             version = header["format"]
-            for name in archive.files if arrays and version == FORMAT else ():
-                group, dot, own = name.partition(".")
-                if dot:
-                    groups[group][own] = archive[name]
+            names = archive.files if arrays and version == FORMAT else []
+            groups = [
+                {name.removeprefix(f"{group}."): archive[name] for name in names if name.startswith(f"{group}.")}
+                for group in GROUPS
+            ]
     except (zipfile.BadZipFile, EOFError, NotImplementedError):  # the last: a damaged kind of compression
         raise CheckpointError(f"{path} is damaged or not complete; render again") from None
     except (ValueError, KeyError, TypeError, AttributeError):  # the last in Python 3.10: an array has no __enter__
@@ -205,7 +206,8 @@ def read(path: str | Path, arrays: bool = True) -> Checkpoint:
             f"{path} has format {version}, and this version reads format {FORMAT}; finish it with the version "
             "that wrote it, or render again"
         )
-    return Checkpoint(header["attributes"], groups["pixels"], groups["second"], header["about"], header["environment"])
+    pixels, second = groups
+    return Checkpoint(header["attributes"], pixels, second, header["about"], header["environment"])
 
 
 def load(path: str | Path) -> Checkpoint:

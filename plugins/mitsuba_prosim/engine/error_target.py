@@ -11,6 +11,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..alone import alone
 from ..compat import dr_array
 from ..sampling.hash import hash32
 from .accumulators import Accumulators, FilmState
@@ -89,6 +90,7 @@ class SecondImage:
     #: number of copies of each.
     FEW, MAX_COPIES = 512, 64
 
+    @alone()
     def __init__(self, state: FilmState, complete: bool = False) -> None:
         """The second image of ``state``, whose stored accumulators it continues if their number fits."""
         self.state, self.complete = state, complete
@@ -104,7 +106,7 @@ class SecondImage:
         self.x, self.y = (dr.gather(mi.Int32, v, chosen) for v in (state.x, state.y))
         dr.make_opaque(seed, self.x, self.y)
         sampling = replace(state.plan.sampling, adaptive="none")  # it takes as many samples as the image
-        self.plan = replace(state.plan, seed=seed, own_photon_seed=int(seed[0]), sampling=sampling)
+        self.plan = replace(state.plan, seed=seed, photon_seed=int(seed[0]), sampling=sampling)
         self.estimator = copy.copy(state.estimator)
         if state.second is None or dr.width(state.second.count) != len(index):  # none, or those of other pixels
             self.accumulators = Accumulators.empty(self.estimator.sums_per_pixel, len(index))
@@ -119,6 +121,7 @@ class SecondImage:
     def accumulators(self, sums: Accumulators) -> None:
         self.state.second = sums
 
+    @alone()
     def noise(self, state: FilmState) -> tuple[float, float, float]:
         """The RMS error of the displayed image of ``state``, or of the mean of both (white = 1), and the bounds of 99
         and of 99.9 % of its pixels.
@@ -212,9 +215,8 @@ def limit_by_photons(count: np.ndarray, wanted: np.ndarray, max_samples: int, ma
 
 def display_variance(accumulators: Accumulators) -> np.ndarray:
     """Variance of a sample of each pixel, in display units squared."""
-    count = mi.Float(accumulators.count)
-    deviation = dr.sqrt(variance(accumulators.total, accumulators.squares, count))
-    return np.array(dr.square(in_display_units(deviation, accumulators.total / count)))
+    total, squares, count = accumulators.statistics()
+    return np.square(in_display_units(np.sqrt(variance(total, squares, count)), total / count))
 
 
 def smallest_effort(reaches: Callable[[float], bool], begin: float) -> float:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import drjit as dr
 import mitsuba as mi
 
+from ..alone import alone
+from ..compat import dr_array
 from ..parameters import reject
 from ..registry import create
 from .plan import index_within, pixels
@@ -114,6 +116,7 @@ def put(film: mi.Film, values: mi.TensorXf, aov_names: Sequence[str]) -> None:
     film.put_block(mi.ImageBlock(values, mi.ScalarPoint2i(film.crop_offset()), border=False))
 
 
+@alone()
 def film_values(state: FilmState, own_aovs: Sequence[str], second: Accumulators | None = None) -> mi.TensorXf:
     """The film's values of the image so far, shape (height, width, channels), with the ``own_aovs`` multiplied by the
     weight, as films expect. Pixels without samples are black. ``second``: those of a complete second image instead.
@@ -125,9 +128,9 @@ def film_values(state: FilmState, own_aovs: Sequence[str], second: Accumulators 
     (left, top, right, bottom), reach = plan.window, plan.reach
     x, y = pixels(plan.window)
     offsets = range(-reach, reach + 1)
-    share = dr.select(accumulators.count > 0, dr.rcp(mi.Float(accumulators.count)), 0)
-    own = [mi.Float(accumulators.count) if name == "samples" else accumulators.error(plan.n) for name in own_aovs]
-    dr.eval(share, own)
+    own = {"samples": accumulators.count}
+    if "error" in own_aovs:
+        own["error"] = dr_array(accumulators.error(plan.n))
     totals = [mi.Float(0) for _ in names]
     own_index = mi.Int32(index_within(outer, x, y))
     first_x, first_y, last_x, last_y, width = (dr.opaque(mi.Int32, v) for v in (*plan.region, outer[2] - outer[0]))
@@ -136,11 +139,13 @@ def film_values(state: FilmState, own_aovs: Sequence[str], second: Accumulators 
             sx, sy = x - dx, y - dy
             there = (sx >= first_x) & (sx < last_x) & (sy >= first_y) & (sy < last_y)
             source = mi.UInt32(own_index - dy * width - dx)
-            weight = dr.gather(mi.Float, share, source, there)
+            count = dr.gather(mi.UInt32, accumulators.count, source, there)
+            weight = dr.select(count > 0, dr.rcp(mi.Float(count)), 0)
             place = ((dy + reach) * (2 * reach + 1) + dx + reach) * len(names)
             for c, sums in enumerate(accumulators.sums[place : place + len(names)]):
                 totals[c] = totals[c] + weight * dr.gather(mi.Float, sums, source, there)
-    totals += [totals[names.index("W")] * dr.gather(mi.Float, values, mi.UInt32(own_index)) for values in own]
+    weight = totals[names.index("W")]
+    totals += [weight * mi.Float(dr.gather(type(own[name]), own[name], mi.UInt32(own_index))) for name in own_aovs]
     values = dr.ravel(mi.ArrayXf(totals))
     dr.eval(values)
     return mi.TensorXf(values, (bottom - top, right - left, len(totals)))

@@ -15,7 +15,6 @@ from ..parameters import choice, describe, number, reject, whole
 from ..sampling.nrook import JITTERS
 from .film import Channels, append_channels, parse_aovs
 from .plan import SAMPLING, Plan, Sampling
-from .policies import POLICIES
 
 if TYPE_CHECKING:
     from .checkpoint import Checkpoint
@@ -35,11 +34,16 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
     Classes of Mitsuba's cannot be abstract by ``abc``: their metaclass is another.
     """
 
+    #: Name of the plugin.
+    name: str
+
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
+        from .policies import POLICIES  # NumPy takes longer to load than all plugins together
+
         if mi.is_polarized:
             raise ValueError(
-                f"{self.name()}: light is unpolarised here (thesis, section 2.2.3); use a variant without 'polarized'."
+                f"{self.name}: light is unpolarised here (thesis, section 2.2.3); use a variant without 'polarized'."
             )
         self.samples = whole(props, "samples", 5, 1)
         self.threshold = number(props, "threshold", 0.006, 0)
@@ -74,10 +78,6 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         # A subclass defines it. Mitsuba's classes cannot be abstract by abc: their metaclass is another.
         raise NotImplementedError
 
-    def name(self) -> str:
-        """Name of the plugin."""
-        raise NotImplementedError
-
     def parameter_names(self) -> list[str]:
         """Names of the parameters that ``str()`` shows."""
         return [*(name for name in SAMPLING if name != "band"), "channels"]
@@ -110,9 +110,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         if not dr.is_jit_v(mi.Float):
             return self._render_scalar(scene, sensor, seed, spp, develop, evaluate)
-        render = self.progressive(scene, sensor, seed, spp)
-        for _ in render:
-            pass
+        render = self.progressive(scene, sensor, seed, spp).run()
         with alone():  # another thread may have written to the film since
             image = render.image() if develop else mi.TensorXf()
             if evaluate:
@@ -147,11 +145,11 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
 
         if not dr.is_jit_v(mi.Float):
             raise RuntimeError(
-                f"{self.name()}: scalar variants cannot render progressively; use an llvm or cuda variant."
+                f"{self.name}: scalar variants cannot render progressively; use an llvm or cuda variant."
             )
         if dr.flag(dr.JitFlag.FreezingScope):
             raise RuntimeError(
-                f"{self.name()}: can't render within a function that dr.freeze records, because the number of "
+                f"{self.name}: can't render within a function that dr.freeze records, because the number of "
                 "samples depends on the image; render outside of that function."
             )
         if isinstance(sensor, int):
@@ -162,7 +160,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             sampling = replace(sampling, samples=begin.attributes["sampling"]["samples"])
         if (part or (begin and begin.part)) and sampling.has_target:
             raise ValueError(
-                f"{self.name()}: a part of an image can't have the limits noise and time, those of the whole image; "
+                f"{self.name}: a part of an image can't have the limits noise and time, those of the whole image; "
                 "render the parts without them, merge them, and continue the image with them."
             )
         with alone(), dr.suspend_grad():
@@ -194,7 +192,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         if self._scalar is not None:  # Mitsuba calls render() of this class once more
             return super().render(scene, sensor, *arguments)
         if self.sampling.has_target:
-            mi.Log(mi.LogLevel.Warn, f"{self.name()}: noise and time end nothing in scalar variants; the samples do.")
+            mi.Log(mi.LogLevel.Warn, f"{self.name}: noise and time end nothing in scalar variants; the samples do.")
         self._scalar = self.transport(scene, sensor)
         try:
             return super().render(scene, sensor, *arguments)
@@ -237,7 +235,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
 
         if self.time:
             raise RuntimeError(
-                f"{self.name()}: derivatives are those of an image's own samples, and how many fit into a time is "
+                f"{self.name}: derivatives are those of an image's own samples, and how many fit into a time is "
                 "different each time; set samples, max_samples or noise in the place of time."
             )
         state = self.progressive(scene, sensor, seed, spp).run().state

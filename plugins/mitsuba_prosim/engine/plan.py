@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import dr_array
 from ..sampling.nrook import NRook, Permutations, grid_size, pixel_key
 from ..sampling.sobol import Sobol
 
@@ -18,6 +19,8 @@ Rectangle = tuple[int, int, int, int]
 UNLIMITED = 1 << 20
 #: Default maximum with ``graded``, in multiples of N².
 GRADED_PATTERNS = 4
+#: Parameters that end a render.
+TARGETS = ("noise", "noise_99", "noise_999", "time")
 
 
 @dataclass(frozen=True)
@@ -94,8 +97,8 @@ class Plan:
     reach: int
     #: The parameters.
     sampling: Sampling
-    #: Seed of the photons where ``seed`` may differ between pixels; None: ``seed``.
-    own_photon_seed: int | None = None
+    #: Seed of the photons, for all pixels.
+    photon_seed: int
 
     @classmethod
     def of(cls, sampling: Sampling, film: mi.Film, seed: int | mi.UInt32, spp: int) -> Plan:
@@ -126,17 +129,13 @@ class Plan:
             (-border, -border, width + border, height + border),
             reach,
             sampling,
+            int(seed[0]),
         )
 
     @property
     def region(self) -> Rectangle:
         """The pixels whose samples reach the window."""
         return widened(self.window, self.reach, self.domain)
-
-    @property
-    def photon_seed(self) -> int:
-        """Seed of the photons, for all pixels."""
-        return int(self.seed[0]) if self.own_photon_seed is None else self.own_photon_seed
 
     def points(self, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> NRook | Sobol:
         """The ``t``-th sample of the pixels (x, y), in every space: a pure function of seed, pixel and ``t``."""
@@ -160,10 +159,11 @@ def widened(rectangle: Rectangle, reach: int, domain: Rectangle) -> Rectangle:
 
 def pixels(rectangle: Rectangle) -> tuple[mi.Int32, mi.Int32]:
     """``(x, y)``: the pixels of a rectangle (left, top, right, bottom), row by row."""
-    left, top, right, _ = rectangle
-    width, i = dr.opaque(mi.UInt32, right - left), dr.arange(mi.UInt32, area(rectangle))
-    y = i // width
-    return mi.Int32(i - y * width) + dr.opaque(mi.Int32, left), mi.Int32(y) + dr.opaque(mi.Int32, top)
+    import numpy as np  # takes as long to import as all plugins together, and only a render needs it
+
+    left, top, right, bottom = rectangle
+    y, x = np.mgrid[top:bottom, left:right].astype(np.int32)
+    return dr_array(x), dr_array(y)
 
 
 def index_within(rectangle: Rectangle, x: mi.Int32, y: mi.Int32) -> mi.UInt32:

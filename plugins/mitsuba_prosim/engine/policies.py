@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from .error import in_display_units, standard_error, variance
 from .plan import Plan
-
-if TYPE_CHECKING:
-    from .accumulators import Accumulators
 
 
 class Policy:
@@ -33,19 +29,15 @@ class Policy:
             self.first_samples = plan.max_samples
         if self.first_samples >= plan.max_samples:
             self.reach = 0
-        self.plan = plan
+        #: The integrator's parameter; and N.
+        self.threshold, self.n = plan.sampling.threshold, plan.n
 
-    @property
-    def threshold(self) -> mi.Float:
-        """The integrator's parameter; opaque, so that one kernel serves all values."""
-        return dr.opaque(mi.Float, self.plan.sampling.threshold)
-
-    def request(self, accumulators: Accumulators, width: mi.UInt32, height: mi.UInt32) -> mi.Float:
-        """The requested total samples of each pixel of a rectangle, row by row. ``accumulators``: those of the
-        rectangle after a pass; ``width``, ``height``: opaque integers. The plan rounds the result up to a power of two
-        and limits it.
+    def request(self, total: np.ndarray, squares: np.ndarray, count: np.ndarray) -> np.ndarray:
+        """The requested total samples of each pixel of a rectangle, shape (height, width), by the sums of the luminance
+        and of its square over ``count`` samples, 32-bit floats of that shape. The plan rounds the result up to a power
+        of two and limits it.
         """
-        return dr.full(mi.Float, self.noisy_samples, dr.width(accumulators.count))
+        return np.full(count.shape, self.noisy_samples)
 
     def converged(self, total: mi.Float, squares: mi.Float, t: mi.UInt32) -> mi.Bool:
         """Which pixels need no sample beyond the first ``t``, a whole number of passes, by the sums of the luminance
@@ -63,7 +55,8 @@ class Thesis(Policy):
 
     def converged(self, total: mi.Float, squares: mi.Float, t: mi.UInt32) -> mi.Bool:
         """Whether the standard error is at most the threshold."""
-        return (t >= self.first_samples) & (standard_error(total, squares, mi.Float(t)) <= self.threshold)
+        threshold = dr.opaque(mi.Float, self.threshold)  # one kernel serves all values
+        return (t >= self.first_samples) & (standard_error(total, squares, mi.Float(t)) <= threshold)
 
 
 class Neighbours(Policy):
@@ -74,12 +67,10 @@ class Neighbours(Policy):
 
     reach = 2
 
-    def request(self, accumulators: Accumulators, width: mi.UInt32, height: mi.UInt32) -> mi.Float:
+    def request(self, total: np.ndarray, squares: np.ndarray, count: np.ndarray) -> np.ndarray:
         """All samples for the noisy pixels."""
-        sums = accumulators.total, accumulators.squares
-        error = error_of_neighbours(*sums, mi.Float(self.first_samples), width, height)
-        # NaN counts as noisy.
-        return dr.select(error <= self.threshold, mi.Float(self.first_samples), self.noisy_samples)
+        error = error_of_neighbours(total, squares, self.first_samples)
+        return np.where(error <= self.threshold, self.first_samples, self.noisy_samples)  # NaN counts as noisy
 
 
 class Graded(Policy):
@@ -93,59 +84,47 @@ class Graded(Policy):
     reach = 3
     rounds = 2
 
-    def request(self, accumulators: Accumulators, width: mi.UInt32, height: mi.UInt32) -> mi.Float:
+    def request(self, total: np.ndarray, squares: np.ndarray, count: np.ndarray) -> np.ndarray:
         """In proportion to the standard deviation."""
         # The mean variance within the pixels: differences between them may be an edge or a texture, which is no noise.
-        count = mi.Float(accumulators.count)
-        own = [variance(accumulators.total, accumulators.squares, count), accumulators.total / count]
-        within, mean = around(own, width, height, Graded.reach)
-        scale = dr.opaque(mi.Float, self.plan.n / max(self.plan.sampling.threshold, 1e-9))
-        return scale * dr.select(dr.isfinite(within), in_display_units(dr.sqrt(within), mean), dr.inf)
+        within = mean_around(variance(total, squares, count), Graded.reach)
+        error = in_display_units(np.sqrt(within), mean_around(total / count, Graded.reach))
+        return np.float32(self.n / max(self.threshold, 1e-9)) * np.where(np.isfinite(within), error, np.float32(np.inf))
 
 
-def error_of_neighbours(
-    total: mi.Float, squares: mi.Float, count: mi.Float, width: mi.UInt32, height: mi.UInt32
-) -> mi.Float:
+def error_of_neighbours(total: np.ndarray, squares: np.ndarray, count: int) -> np.ndarray:
     """Standard error in display units that the 24 pixels around each pixel suggest, or fewer at the border of the
     sampled pixels; infinite without any.
 
-    ``total``, ``squares``: sums of the luminance and of its square over ``count`` samples, one entry a pixel, row by
-    row.
+    ``total``, ``squares``: sums of the luminance and of its square over ``count`` samples, shape (height, width).
     """
-    first, second = around([total / count, squares / count], width, height, Neighbours.reach)
-    error = in_display_units(dr.sqrt(dr.maximum(second - dr.square(first), 0) / count), first)
-    return dr.select(dr.isfinite(first), error, dr.inf)
+    share = np.float32(1 / count)
+    first, second = (mean_around(sums * share, Neighbours.reach) for sums in (total, squares))
+    error = in_display_units(np.sqrt(np.maximum(second - np.square(first), 0) * share), first)
+    return np.where(np.isfinite(first), error, np.inf)
 
 
-def around(arrays: list[mi.Float], width: mi.UInt32, height: mi.UInt32, reach: int) -> list[mi.Float]:
-    """Means over the other pixels within ``reach`` of each pixel, in rows and columns, as far as they are sampled;
-    infinite without any. One entry a pixel, row by row; ``width``, ``height``: opaque integers.
+def mean_around(plane: np.ndarray, reach: int) -> np.ndarray:
+    """Means of ``plane``, shape (height, width), over the other pixels within ``reach`` of each pixel, in rows and
+    columns, as far as they are sampled; infinite without any.
 
     The pixel itself is left out: a decision by the samples that are averaged would bias the image (Kirk and Arvo
     1991).
     """
-    width, height = mi.Int32(width), mi.Int32(height)
-    i = dr.arange(mi.Int32, dr.width(arrays))
-    y = i // width
-    x = i - y * width
-    steps = [k for k in range(-reach, reach + 1) if k]
 
-    def along(values: mi.Float, place: mi.Int32, size: mi.Int32, stride: int | mi.Int32) -> mi.Float:
-        """Sums of the entries up to ``reach`` before and after, without those beyond the border."""
-        return sum(dr.gather(mi.Float, values, i + k * stride, (place + k >= 0) & (place + k < size)) for k in steps)
+    def along_columns(plane: np.ndarray) -> np.ndarray:
+        """Sums of the entries up to ``reach`` above and below."""
+        padded, height = np.pad(plane, ((reach, reach), (0, 0))), len(plane)
+        steps = (k for k in range(-reach, reach + 1) if k)
+        return sum((padded[reach + k : reach + k + height] for k in steps), np.zeros_like(plane))
 
-    # First along the rows, then along the columns of their sums; the middle row is taken without the pixel.
-    dr.eval(arrays)
-    in_row = [along(values, x, width, 1) for values in arrays]
-    rows = [sums + values for sums, values in zip(in_row, arrays)]
-    dr.eval(in_row, rows)
-    sums = [sums + along(row, y, height, width) for sums, row in zip(in_row, rows)]
+    def others(plane: np.ndarray) -> np.ndarray:
+        # First along the rows, then along the columns of their sums; the middle row is taken without the pixel.
+        in_row = along_columns(plane.T).T
+        return in_row + along_columns(in_row + plane)
 
-    def within(place: mi.Int32, size: mi.Int32) -> mi.Int32:
-        return dr.minimum(place + reach, size - 1) - dr.maximum(place - reach, 0) + 1
-
-    others = mi.Float(within(x, width) * within(y, height) - 1)
-    return [dr.select(others > 0, values / others, dr.inf) for values in sums]
+    number = others(np.ones_like(plane))
+    return np.where(number > 0, others(plane) / number, np.float32(np.inf))
 
 
 #: The values of the integrator's parameter ``adaptive``, the default first.

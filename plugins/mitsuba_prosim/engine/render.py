@@ -46,26 +46,6 @@ class Reached:
     seconds: float
 
 
-@dataclass
-class Pass:
-    """The samples that ``pixels`` lack to the counts ``wanted``."""
-
-    pixels: Pixels
-    wanted: np.ndarray
-    #: Samples of the image at its end, as far as is known; 0: the progress stays the same.
-    expected: float = 0.0
-    #: Whether the image is shown afterwards.
-    shown: bool = True
-    #: Whether the time limit may end the pass.
-    timed: bool = False
-    #: Whether ``stop()`` may end the pass.
-    stoppable: bool = True
-
-
-#: Passes, one after the other; whether all samples of a pass were taken is sent.
-Passes = Generator[Pass, "bool | None", None]
-
-
 class Render(Steps):
     """The image of ``plan``, or a ``part`` of it, in progress: an iterator of :class:`Step`.
 
@@ -96,7 +76,8 @@ class Render(Steps):
         self.target = ErrorTarget(plan.sampling.noises, plan.sampling.time, time.perf_counter() - elapsed)
         #: Whether the image has all requested samples.
         self.finished = False
-        self._stopped, self._done = False, 0.0
+        #: Whether :meth:`stop` was called; whether the last pass took all of its samples; the progress.
+        self._stopped, self._complete, self._done = False, True, 0.0
         #: The film's values, when it has ended.
         self._values: mi.TensorXf | None = None
         self._finished_before = begin is not None and begin.restore(self.state)
@@ -124,51 +105,18 @@ class Render(Steps):
         self.run()
 
     def _run(self) -> Generator[Step, None, None]:
-        """Gives the work items of all passes to the executor."""
-        passes, complete = self._passes(), None
+        """All passes; the film then holds the image."""
         try:
-            while True:
-                with alone():
-                    try:
-                        current = passes.send(complete)
-                    except StopIteration:
-                        break
-                count = np.array(current.pixels.accumulators.count, dtype=np.int64)
-                missing, taken = int(np.maximum(current.wanted - count, 0).sum()), 0
-                for wanted in photon_batches(current.pixels, current.wanted, self.executor.photon_passes):
-                    items = work_items(current.pixels, wanted, self.executor, self.target.item_seconds)
-                    with closing(self.executor(items)) as results:
-                        for result in results if not self._must_end(current) else ():
-                            if result is not None:
-                                item, sums = result
-                                with alone():
-                                    item.store(sums)
-                                taken += item.samples
-                                self._done = self._progress(current, int(count.sum()) + taken)
-                            yield Step(self._done, False)
-                            if taken < missing and self._must_end(current):
-                                break
-                complete = taken == missing
-                if (current.shown or not complete) and np.all(self.state.counts > 0):
-                    yield Step(self._done, True)
-            self.finished = not self._stopped and (complete is not False or self.target.time_is_up)
+            yield from self._passes()
+            self.finished = not self._stopped and (self._complete or self.target.time_is_up)
             if self.finished and self._done < 1:
                 yield Step(1.0, True)
         except (Exception, KeyboardInterrupt):
             with suppress(Exception):  # the first error is the cause
                 self.update_film()
             raise
-        with alone():
-            self._values = film_values(self.state, self.own_aovs)
+        self._values = film_values(self.state, self.own_aovs)
         self.update_film()
-
-    def _must_end(self, current: Pass) -> bool:
-        return (current.stoppable and self._stopped) or (current.timed and self.target.time_is_up)
-
-    def _progress(self, current: Pass, samples: int) -> float:
-        """The part of the image that is done, by its samples or by its time."""
-        by_time = 1 - self.target.seconds_left / self.target.seconds if current.timed and self.target.seconds else 0.0
-        return min(max(samples / current.expected if current.expected else self._done, by_time), 1.0)
 
     def begin_complete_second(self) -> None:
         """Begins a complete second image; it does not keep the samples of a partial one."""
@@ -176,19 +124,60 @@ class Render(Steps):
 
     # ---------------------------------------------------------------- the passes
 
-    def _passes(self) -> Passes:
+    def _pass(
+        self,
+        pixels: Pixels,
+        wanted: np.ndarray,
+        expected: float = 0.0,
+        shown: bool = True,
+        timed: bool = False,
+        stoppable: bool = True,
+    ) -> Generator[Step, None, bool]:
+        """Takes the samples that ``pixels`` lack to the counts ``wanted``; returns whether all of them were taken.
+
+        ``expected``: samples of the image at its end, as far as is known; 0: the progress stays the same. ``shown``:
+        whether the image is shown afterwards. ``timed``, ``stoppable``: whether the time limit, and :meth:`stop`, may
+        end the pass.
+        """
+        target = self.target
+
+        def must_end() -> bool:
+            return (stoppable and self._stopped) or (timed and target.time_is_up)
+
+        count, taken = np.array(pixels.accumulators.count, dtype=np.int64), 0
+        missing = int(np.maximum(wanted - count, 0).sum())
+        for batch in photon_batches(pixels, wanted):
+            items = work_items(pixels, batch, self.executor, target.item_seconds)
+            with closing(self.executor(items)) as results:
+                for result in results if not must_end() else ():
+                    if result is not None:
+                        item, sums = result
+                        item.store(sums)
+                        taken += item.samples
+                        done = (int(count.sum()) + taken) / expected if expected else self._done
+                        by_time = 1 - target.seconds_left / target.seconds if target.seconds else 0.0
+                        self._done = min(max(done, by_time), 1.0)
+                    yield Step(self._done, False)
+                    if taken < missing and must_end():
+                        break
+        self._complete = taken == missing
+        if (shown or not self._complete) and np.all(self.state.counts > 0):
+            yield Step(self._done, True)
+        return self._complete
+
+    def _passes(self) -> Generator[Step, None, None]:
         """The passes over the image; if it is not within the target, those over a second image for the denoiser."""
         if not self._finished_before:
             yield from self._image_passes()
         within = self.target.excess(self.state.noise) <= ENOUGH
         if self.denoiser is not None and not within and not self._stopped:
             self.begin_complete_second()
-            yield self._second_pass(1)  # the time limit cannot end it: each pixel has at least one sample
-            yield self._second_pass()
+            yield from self._second_pass(1)  # the time limit cannot end it: each pixel has at least one sample
+            yield from self._second_pass()
             if any(self.target.limits) and self.second and not self._stopped:
                 self.state.noise = self.second.noise(self.state)
 
-    def _image_passes(self) -> Passes:
+    def _image_passes(self) -> Generator[Step, None, None]:
         """The passes over the image. A state with samples and decisions continues."""
         state, plan, policy = self.state, self.state.plan, self.state.policy
         first = state.counts_of_part(np.full(dr.width(state.x), policy.first_samples, np.uint32), state.margin)
@@ -196,10 +185,10 @@ class Render(Steps):
         most = float(plan.max_samples * np.count_nonzero(first))
         if state.rounds == 0:
             if self.target.seconds:  # there is an image after one sample of each pixel
-                yield Pass(state, np.minimum(first, 1), shown=False)
-            complete = yield Pass(state, first, most, timed=True)
-            if not complete and dr.any(state.accumulators.count > 0):
-                yield Pass(state, np.minimum(first, 1), shown=False, stoppable=False)
+                yield from self._pass(state, np.minimum(first, 1), shown=False)
+            complete = yield from self._pass(state, first, most, timed=True)
+            if not complete and np.any(state.accumulators.count):
+                yield from self._pass(state, np.minimum(first, 1), shown=False, stoppable=False)
             if not complete or (policy.first_samples == plan.max_samples and not any(self.target.limits)):
                 return
         if plan.sampling.has_target:
@@ -216,11 +205,11 @@ class Render(Steps):
                     wanted = np.minimum(wanted, np.maximum(GROWTH * np.array(state.accumulators.count), plan.n**2))
                 state.wanted, state.rounds = state.counts_of_part(wanted, left * policy.reach), state.rounds + 1
             expected = most if left else float(state.wanted.sum(dtype=np.int64))
-            if not (yield Pass(state, state.wanted, expected)):
+            if not (yield from self._pass(state, state.wanted, expected)):
                 return
             state.wanted = None
 
-    def _refine(self) -> Passes:
+    def _refine(self) -> Generator[Step, None, None]:
         """The passes that reach the error target, each followed by one that measures the error. In each, the samples of
         a pixel are those that the policy requests, times a factor by the error target and the time limit.
         """
@@ -231,7 +220,7 @@ class Render(Steps):
             count = np.array(state.accumulators.count)
             if state.wanted is None:
                 if (second := self.second) is not None:
-                    if not (yield self._second_pass()):
+                    if not (yield from self._second_pass()):
                         return
                     self.loosening = 1.0
                     state.noise = self.denoiser.estimate(self) if self.denoiser else second.noise(state)
@@ -239,7 +228,7 @@ class Render(Steps):
                         continue
                 if (more := mean(state.counts) - have) > 0:
                     speed = more / max(time.perf_counter() - started, 1e-9)
-                yield Pass(state, count)  # without samples: shows the image with its error
+                yield Step(self._done, True)  # shows the image with its error
             target = self.target
             if target.time_is_up or target.excess(state.noise) <= ENOUGH:
                 return
@@ -253,15 +242,15 @@ class Render(Steps):
                     continue
             have, started = mean(count), time.perf_counter()
             expected = max(have * remaining_factor(state, target), mean(state.wanted)) if any(target.limits) else np.inf
-            if not (yield Pass(state, state.wanted, expected * len(count), shown=False, timed=True)):
+            if not (yield from self._pass(state, state.wanted, expected * len(count), shown=False, timed=True)):
                 return
             state.wanted = None
 
-    def _second_pass(self, most: int = UNLIMITED) -> Pass:
+    def _second_pass(self, most: int = UNLIMITED) -> Generator[Step, None, bool]:
         """The samples that the second image lacks, to ``most`` of a pixel."""
         assert self.second is not None
         wanted = np.minimum(np.array(self.state.accumulators.count)[self.second.index], np.uint32(most))
-        return Pass(self.second, wanted, shown=False, timed=most > 1)
+        return self._pass(self.second, wanted, shown=False, timed=most > 1)
 
     # ---------------------------------------------------------------- the image so far
 
@@ -317,7 +306,9 @@ class Render(Steps):
         measure it.
         """
         state, sums = self.state, self.state.accumulators
-        error = in_display_units(sums.error(state.plan.n), sums.total / mi.Float(sums.count))
+        total, _, count = sums.statistics()
+        with np.errstate(all="ignore"):  # without samples it is NaN
+            error = in_display_units(sums.error(state.plan.n), total / count)
         values = np.float64(state.crop(error, state.plan.region))
         result = float(np.sqrt(np.mean(values**2))) * float(np.linalg.norm(state.estimator.filter_weights))
         return result if state.counts.min() > 1 and np.isfinite(result) else float("nan")

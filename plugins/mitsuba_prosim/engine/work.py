@@ -17,7 +17,7 @@ from ..compat import dr_array
 from .accumulators import Accumulators
 from .camera import is_perspective, without_crop_window
 from .estimator import Estimator
-from .plan import Plan
+from .plan import UNLIMITED, Plan
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,14 +43,11 @@ class Step(NamedTuple):
     complete: bool
 
 
-class Steps:
+class Steps(Iterator[Step]):
     """An iterator of :class:`Step`."""
 
     def __init__(self, steps: Generator[Step, None, None]) -> None:
         self._steps = steps
-
-    def __iter__(self) -> Generator[Step, None, None]:
-        return self._steps
 
     def __next__(self) -> Step:
         return next(self._steps)
@@ -65,7 +62,7 @@ class Steps:
 @dataclass(frozen=True)
 class WorkItem:
     """The pixels (x, y), whose samples by ``plan`` continue from ``start`` to the counts ``end``, or until they have
-    converged. All arrays are evaluated, with one entry a pixel.
+    converged. They need one photon pass. All arrays are evaluated, with one entry a pixel.
     """
 
     estimator: Estimator
@@ -83,30 +80,15 @@ class WorkItem:
         """Takes the samples in this process and returns the sums. All arrays are evaluated, so that one kernel serves
         every work item.
         """
-        sensor, sums = self.estimator.sensor, self.start
+        sensor = self.estimator.sensor
         window = nullcontext() if is_perspective(sensor) else without_crop_window(sensor)
         with alone(), dr.suspend_grad(), window:
-            for which, end in self.photon_passes():
-                if which is not None:
-                    self.estimator.transport.caustics.draw(*which)
-                sums = self.estimator.accumulate(self.plan, self.x, self.y, sums, end)
-                dr.eval(sums)
+            if (caustics := self.estimator.transport.caustics) is not None:
+                number = (int(np.max(self.end)) - 1) // caustics.maps(self.plan.n)
+                caustics.draw(self.plan.photon_seed, number, self.plan.n)
+            sums = self.estimator.accumulate(self.plan, self.x, self.y, self.start, self.end)
+            dr.eval(sums)
         return sums
-
-    def photon_passes(self) -> Iterator[tuple[tuple[int, int, int] | None, mi.UInt32]]:
-        """The photon passes that the samples need (seed, number, samples of a pass), and the counts up to which each
-        serves, as it has a map for each sample of a pixel. Without caustics: None, and ``end``.
-        """
-        caustics = self.estimator.transport.caustics
-        if caustics is None:
-            yield None, self.end
-            return
-        maps = caustics.maps(self.plan.n)
-        start, end = np.array(self.start.count), np.array(self.end)
-        for first in range(int(start.min()) // maps * maps, int(end.max()), maps):
-            if np.any(np.maximum(start, first) < np.minimum(end, first + maps)):
-                after = dr.opaque(mi.UInt32, first + maps)
-                yield (self.plan.photon_seed, first // maps, self.plan.n), dr.minimum(self.end, after)
 
 
 #: Work items with their sums; None while no result is ready: the caller may stop then.
@@ -117,9 +99,6 @@ class Executor:
     """Takes the samples of work items, here one after the other in this process. Samples are pure, so that a subclass
     may do so anywhere and in any order. A work item takes about ``seconds``, by the time of those before.
     """
-
-    #: Number of photon passes that the work items of a step may need; None: as many as a process keeps.
-    photon_passes: int | None = 1
 
     #: Maximum growth of the speed from one work item to the next.
     SPEED_GROWTH = 4
@@ -142,10 +121,8 @@ class Executor:
 
     def update_speed(self, samples: int, seconds: float) -> None:
         """Updates the speed from the time of a work item."""
-        speed = samples / max(seconds, 1e-6)
-        if speed > self.speed:
-            self.speed = min(speed, self.SPEED_GROWTH * self.speed)
-        elif self.measured:  # the first work item compiles: it must not lower the speed
+        speed = min(samples / max(seconds, 1e-6), self.SPEED_GROWTH * self.speed)
+        if self.measured or speed > self.speed:  # the first work item compiles: it must not lower the speed
             self.speed = speed
         self.measured = True
 
@@ -166,8 +143,7 @@ def work_items(pixels: Pixels, wanted: np.ndarray, executor: Executor, seconds: 
     Pixels with most missing samples come first: if the render stops, the noisiest have improved. Pixels with similar
     numbers are together, row by row: the lanes of a kernel wait for the slowest of their neighbours.
     """
-    with alone():
-        lack = wanted - np.array(pixels.accumulators.count, dtype=np.int64)
+    lack = wanted - np.array(pixels.accumulators.count, dtype=np.int64)
     order = np.flatnonzero(lack > 0)
     order = order[np.argsort(-np.floor(CLASSES_PER_OCTAVE * np.log2(lack[order])), kind="stable")]
     ends = np.cumsum(lack[order])
@@ -177,12 +153,11 @@ def work_items(pixels: Pixels, wanted: np.ndarray, executor: Executor, seconds: 
         end = max(begin + 1, int(np.searchsorted(ends, most, side="right")))
         end = min(end, begin + pixels.plan.sampling.band)
         samples, before = int(ends[end - 1]) - before, int(ends[end - 1])
-        with alone():
-            item = _work_item(pixels, order[begin:end], wanted, samples)
+        yield _work_item(pixels, order[begin:end], wanted, samples)
         begin = end
-        yield item
 
 
+@alone()
 def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, samples: int) -> WorkItem:
     """The work item of the entries ``some``."""
     x, y, start, plan, end = pixels.x, pixels.y, pixels.accumulators, pixels.plan, dr_array(wanted[some])
@@ -194,6 +169,7 @@ def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, samples: in
             plan = replace(plan, seed=dr.gather(mi.UInt32, plan.seed, index))
         dr.eval(x, y, start, plan.seed)
 
+    @alone()
     def store(sums: Accumulators) -> None:
         if index is None:
             pixels.accumulators = sums
@@ -204,20 +180,13 @@ def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, samples: in
     return WorkItem(pixels.estimator, plan, x, y, start, end, samples, store)
 
 
-def photon_batches(pixels: Pixels, wanted: np.ndarray, photon_passes: int | None) -> list[np.ndarray]:
-    """Splits the samples that ``pixels`` lack to the counts ``wanted`` into batches: the counts after each of them. A
-    batch needs at most this number of ``photon_passes`` (None: as many as a process keeps), so that each is emitted
-    once.
-
-    With 1 all pixels proceed alike, and a render can stop between two photon passes. Without caustics there is one
-    batch; none if no pixel lacks samples.
+def photon_batches(pixels: Pixels, wanted: np.ndarray) -> Iterator[np.ndarray]:
+    """Splits the samples that ``pixels`` lack to the counts ``wanted`` into batches, each of which needs one photon
+    pass: the counts after each of them. A pass has a map for each of some samples of a pixel. Without caustics there is
+    one batch; none if no pixel lacks samples.
     """
     caustics, count = pixels.estimator.transport.caustics, np.array(pixels.accumulators.count)
-    lacking = wanted > count
-    if caustics is None or not lacking.any():
-        return [wanted] if lacking.any() else []
-    maps = caustics.maps(pixels.plan.n)
-    further = maps * (photon_passes or caustics.capacity)
-    first = int(count[lacking].min()) // maps * maps
-    ends = range(first + further, int(wanted.max()) + further, further)
-    return [np.minimum(wanted, np.uint32(end)) for end in ends]
+    lacking, maps = wanted > count, UNLIMITED if caustics is None else caustics.maps(pixels.plan.n)
+    if lacking.any():
+        for first in range(int(count[lacking].min()) // maps * maps, int(wanted.max()), maps):
+            yield np.minimum(wanted, np.uint32(first + maps))

@@ -208,6 +208,8 @@ class Prosim(ProgressiveIntegrator):
             }
     """
 
+    name = "prosim"
+
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         self.max_level = whole(props, "max_level", 4, -1)
@@ -237,9 +239,6 @@ class Prosim(ProgressiveIntegrator):
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
         expose(callback, ambient=self.ambient, background=self.background)
-
-    def name(self) -> str:
-        return "prosim"
 
     def aov_names(self) -> list[str]:
         """Returns the names of further channels; the names of layers are known only after a scene is rendered."""

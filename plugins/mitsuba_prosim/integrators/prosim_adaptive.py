@@ -58,15 +58,14 @@ class ProsimAdaptive(ProgressiveIntegrator):
             'noise': 0.005
     """
 
+    name = "prosim_adaptive"
+
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         self.nested = nested_integrator(props)
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
         callback.put("nested", self.nested, mi.ParamFlags.Differentiable)
-
-    def name(self) -> str:
-        return "prosim_adaptive"
 
     def parameter_names(self) -> list[str]:
         return ["nested", *super().parameter_names()]

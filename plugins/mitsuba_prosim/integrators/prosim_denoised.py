@@ -96,13 +96,11 @@ class ProsimDenoised(mi.SamplingIntegrator):
         # Imported for the first image: few users denoise, and the denoiser is slow to load.
         from ..denoising import halves, layers
 
-        if isinstance(sensor, int):
-            sensor = scene.sensors()[sensor]
         seed = seed if isinstance(seed, int) else int(dr.slice(seed, 0))
         final = halves.denoised_progressive(scene, sensor, self.nested, seed, spp, self.fast).run().denoiser
         with alone():  # all renders share the film
             layers.update_film(final, self.aov_names())
-            return sensor.film().develop() if develop else mi.TensorXf()
+            return final.sensor.film().develop() if develop else mi.TensorXf()
 
     def sample(self, *_: Any, **__: Any) -> NoReturn:
         raise RuntimeError(

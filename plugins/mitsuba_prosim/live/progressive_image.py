@@ -112,7 +112,7 @@ def name(integrator: Any) -> str:
     """Returns the name of an integrator, or the name of its nested integrator."""
     integrator = getattr(integrator, "nested", integrator)
     if hasattr(integrator, "parameter_names"):  # one of ours
-        return str(integrator.name())
+        return str(integrator.name)
     return str(integrator.class_name()).removesuffix("Integrator").lower()
 
 

@@ -44,8 +44,6 @@ class DaskExecutor(Executor):
     Workers may join and leave the cluster during the render.
     """
 
-    photon_passes = None
-
     def __init__(self, client: distributed.Client, bundle: SceneBundle) -> None:
         super().__init__(SECONDS)
         self.client = client

@@ -74,11 +74,6 @@ class Caustics:
             warn_of_light_missed_by_trees(scene.shapes())
         return cls(scene, sensor, sources, count, deepest, tree)
 
-    @property
-    def capacity(self) -> int:
-        """Maximum number of photon passes in the cache."""
-        return max(CAPACITY // self.count, 2)
-
     @staticmethod
     def maps(n: int) -> int:
         """Returns the number of photon maps of a photon pass, for sampling patterns of ``n``² samples."""
@@ -91,7 +86,7 @@ class Caustics:
         """
         which = seed, number, n
         if which not in self._passes:
-            if len(self._passes) >= self.capacity:
+            if len(self._passes) >= max(CAPACITY // self.count, 2):
                 del self._passes[next(iter(self._passes))]
             self._passes[which] = self._emit(*which)
         self._current = self._passes[which]

@@ -7,8 +7,10 @@ from typing import Any
 
 import mitsuba as mi
 
+from ..engine.plan import TARGETS
+
 #: Parameters for which an integrator that lacks them is put inside ``prosim_adaptive``.
-WRAPPING = ("noise", "noise_99", "noise_999", "time", "max_samples", "adaptive")
+WRAPPING = (*TARGETS, "max_samples", "adaptive")
 
 #: Parameters of the outermost integrator. ``samples`` and ``threshold`` alone may be meant for another scene.
 SAMPLING = ("samples", "threshold", *WRAPPING)

@@ -190,10 +190,10 @@ def part(removed: np.ndarray, noise: np.ndarray, followed: np.ndarray, slope: np
     uncertain = (removed * (noise - followed / 2)).mean(2) * slope
     products = np.stack([all_removed, kept, uncertain * uncertain], axis=2)
     all_removed, kept, variance = np.moveaxis(blur(products, *NARROW), 2, 0)
-    usual = np.clip(ratio(*np.moveaxis(blur(products[..., 1::-1], *WIDE), 2, 0)), 0, 1)
-    more = kept - usual * all_removed
-    sure = np.maximum(1 - ratio(4 / PIXELS * variance, more * more), 0)
-    return np.clip(usual + sure * ratio(more, all_removed), 0, 1)
+    wide_share = np.clip(ratio(*np.moveaxis(blur(products[..., 1::-1], *WIDE), 2, 0)), 0, 1)
+    difference = kept - wide_share * all_removed
+    significance = np.maximum(1 - ratio(4 / PIXELS * variance, difference * difference), 0)
+    return np.clip(wide_share + significance * ratio(difference, all_removed), 0, 1)
 
 
 def spread(squares: np.ndarray, light: np.ndarray) -> np.ndarray:
@@ -201,8 +201,8 @@ def spread(squares: np.ndarray, light: np.ndarray) -> np.ndarray:
 
     ``squares`` has the shape (height, width, n); the result has the shape (n, height, width).
     """
-    among = blur(light, *NARROW)[..., None]
-    return np.moveaxis(light[..., None] * blur(squares / among, *NARROW), 2, 0)
+    light_around = blur(light, *NARROW)[..., None]
+    return np.moveaxis(light[..., None] * blur(squares / light_around, *NARROW), 2, 0)
 
 
 def with_light(image: np.ndarray, raw: np.ndarray, variance: np.ndarray) -> np.ndarray:

@@ -81,16 +81,16 @@ class LightSampler:
         sample = sample * total
         State = tuple[mi.UInt32, mi.Float, mi.Float, mi.Float]
 
-        def look(k: Index, state: State) -> State:
+        def visit(k: Index, state: State) -> State:
             chosen, importance, begin, end = state
-            own = self.importance(k, receiver, active)
+            own_importance = self.importance(k, receiver, active)
             # Takes the last lamp whose interval begins at or below the number, because the sums are rounded.
-            takes = sample >= end
-            chosen, importance = dr.select(takes, mi.UInt32(k), chosen), dr.select(takes, own, importance)
-            return chosen, importance, dr.select(takes, end, begin), end + own
+            picks = sample >= end
+            chosen, importance = dr.select(picks, mi.UInt32(k), chosen), dr.select(picks, own_importance, importance)
+            return chosen, importance, dr.select(picks, end, begin), end + own_importance
 
         state = (mi.UInt32(0), mi.Float(1), mi.Float(0), mi.Float(0))
-        k, importance, begin, _ = fold(0, self.count, look, state, active, self.count <= self.UNROLLED)
+        k, importance, begin, _ = fold(0, self.count, visit, state, active, self.count <= self.UNROLLED)
         rest = dr.clip((sample - begin) / importance, 0, 1 - 2.0**-24)
         return k, dr.select(total > 0, importance / total, 1), rest
 
@@ -98,7 +98,7 @@ class LightSampler:
         """Returns an estimate of the light that the lamp ``k`` sends to ``receiver``, without unit."""
         # The choice of a lamp has no derivatives.
         p, n, both_sides = dr.detach(receiver.si.p), dr.detach(receiver.n), receiver.both_sides
-        center, radius, even, lobe, exponent, axis = self._lamp(k, active)
+        center, radius, uniform, lobe, exponent, axis = self._lamp(k, active)
         to_lamp = center - p
         inverse = dr.rsqrt(dr.maximum(dr.squared_norm(to_lamp), dr.square(radius)))
         # Upper bounds of both cosines over the whole lamp.
@@ -106,7 +106,7 @@ class LightSampler:
         if both_sides is not False:
             height = dr.select(both_sides, dr.abs(height), height)
         cos_receiver = dr.clip((height + radius) * inverse, LEAST_COSINE, 1)
-        intensity = even
+        intensity = uniform
         if self.lobes:
             cos_lamp = dr.clip((radius - dr.dot(axis, to_lamp)) * inverse, 0, 1)
             if self.beams:
@@ -127,8 +127,8 @@ class LightSampler:
                 return mi.Point3f(a.x, a.y, a.z), a.w, dr.gather(mi.Float, self.table, k * 12 + 4, active), 0, 1, None
             b, c = (dr.gather(mi.Vector4f, self.table, k * 3 + j, active) for j in (1, 2))
             return mi.Point3f(a.x, a.y, a.z), a.w, b.x, b.y, b.z, mi.Vector3f(b.w, c.x, c.y)
-        x, y, z, radius, even, lobe, exponent, *axis = self.rows[k]
-        return mi.Point3f(x, y, z), radius, even, lobe, exponent, mi.Vector3f(axis)
+        x, y, z, radius, uniform, lobe, exponent, *axis = self.rows[k]
+        return mi.Point3f(x, y, z), radius, uniform, lobe, exponent, mi.Vector3f(axis)
 
 
 def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
@@ -178,10 +178,10 @@ def nearby_lamp_model(power: np.ndarray, origins: np.ndarray, directions: np.nda
     # uniform part. The model has the mean cosine of a sphere or a flat surface, except for the noise of the rays.
     cosine = min(float(np.linalg.norm(mean)), 0.9999)
     exponent = (2 * cosine - 1) / (1 - cosine) if cosine > 0.7 else 1.0
-    even = max(1 - 1.5 * cosine, LEAST_EVEN) if cosine > 0.1 else 1.0
+    uniform = max(1 - 1.5 * cosine, LEAST_EVEN) if cosine > 0.1 else 1.0
     flux = power.mean() / (2 * np.pi)
     axis = mean / max(np.linalg.norm(mean), 1e-9)
-    return np.array([*center, radius, flux * even / 2, flux * (1 - even) * (exponent + 1), exponent, *axis])
+    return np.array([*center, radius, flux * uniform / 2, flux * (1 - uniform) * (exponent + 1), exponent, *axis])
 
 
 def sample_lamps(scene: mi.Scene, emitters: Sequence[mi.Emitter], sample: Callable[..., Any]) -> list[np.ndarray]:

@@ -79,9 +79,9 @@ class Lamp:
         below_horizon = all(strategy.samples_below_horizon for strategy, *_ in self.groups)
         if below_horizon or both_sides is False or idle(both_sides):
             return self._by_strategy(active, evaluate)
-        whole = evaluate(FROM_BOTH_SIDES, self.k, active & both_sides)
+        two_sided = evaluate(FROM_BOTH_SIDES, self.k, active & both_sides)
         above = but_not(active, both_sides)
-        return whole if idle(above) else dr.select(both_sides, whole, self._by_strategy(above, evaluate))
+        return two_sided if idle(above) else dr.select(both_sides, two_sided, self._by_strategy(above, evaluate))
 
     def _by_strategy(self, active: mi.Bool, evaluate: Evaluate) -> Any:
         """Calls ``evaluate`` with the strategy of the lamp, the lamp's number within the strategy, and a mask.
@@ -93,10 +93,10 @@ class Lamp:
             return evaluate(strategy, self.k - first, active)
         result: Any = None
         for strategy, first, end in self.groups:
-            mine = active & (first <= self.k) & (self.k < end)
-            if not idle(mine):
-                value = evaluate(strategy, dr.clip(self.k - first, 0, end - 1 - first), mine)
-                result = value if result is None else dr.select(mine, value, result)
+            in_group = active & (first <= self.k) & (self.k < end)
+            if not idle(in_group):
+                value = evaluate(strategy, dr.clip(self.k - first, 0, end - 1 - first), in_group)
+                result = value if result is None else dr.select(in_group, value, result)
         return result
 
 
@@ -186,9 +186,9 @@ class Lights:
         if idle(active) or not self.lamps:
             return mi.Float(0)
 
-        def met(k: Index, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
+        def lamp_density(k: Index, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
             pdf = Lamp(k, ds.emitter, self.groups).pdf(receiver, ds, active)
             return pdf if self.sampler is None else pdf * self.sampler.probability(k, receiver, active)
 
         # Few rays hit a lamp. The branch skips the density in all other lanes.
-        return dr.if_stmt((k, receiver, ds, active), active, met, lambda *_: mi.Float(0), label="pdf")
+        return dr.if_stmt((k, receiver, ds, active), active, lamp_density, lambda *_: mi.Float(0), label="pdf")

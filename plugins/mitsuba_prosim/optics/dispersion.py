@@ -131,14 +131,14 @@ def index(props: mi.Properties, name: str, default: float | str) -> float:
     """
     value = props.get(name, default)
     try:
-        number = mi.lookup_ior(props, name, default) if isinstance(value, str) else float(value)
+        result = mi.lookup_ior(props, name, default) if isinstance(value, str) else float(value)
     except RuntimeError as error:
         raise reject(props, name, value, "a number > 0 or" + str(error).split("Valid choices are:")[-1]) from None
     except TypeError:
-        number = 0
-    if not 0 < number < inf:
+        result = 0
+    if not 0 < result < inf:
         raise reject(props, name, value, "a number > 0 or a name from Mitsuba's table of indices")
-    return number
+    return result
 
 
 def read_index(props: mi.Properties, side: str, default: str) -> float | Dispersion:
@@ -149,14 +149,14 @@ def read_index(props: mi.Properties, side: str, default: str) -> float | Dispers
     Raises ValueError for wrong values.
     """
     ior, abbe = side + "_ior", side + "_abbe"
-    given = [name for way in ("material", "cauchy", "sellmeier", "abbe") if (name := f"{side}_{way}") in props]
-    if not given:
+    names = [name for way in ("material", "cauchy", "sellmeier", "abbe") if (name := f"{side}_{way}") in props]
+    if not names:
         return index(props, ior, default)
-    first = ior if ior in props else given[0]
-    for name in given:
+    first = ior if ior in props else names[0]
+    for name in names:
         if name != first and (first, name) != (ior, abbe):
             raise reject(props, name, props[name], f'no "{name}" together with "{first}"')
-    name, value = given[0], props[given[0]]
+    name, value = names[0], props[names[0]]
     if name == abbe:
         if ior not in props:
             raise reject(props, name, value, f'"{ior}", the index at 587.6 nm, together with "{name}"')
@@ -175,8 +175,8 @@ def read_index(props: mi.Properties, side: str, default: str) -> float | Dispers
             form = "A, B or A, B, C of Cauchy's formula" if of_cauchy else "B1, C1, B2, C2, ... of Sellmeier's formula"
             raise reject(props, name, value, f"the numbers {form}, wavelengths in micrometres")
         dispersion = Dispersion.of(of_cauchy, values)
-    found = [float(dr.slice(dispersion.index(w))) for w in range(360, 831, 10)]
-    if not all(0 < n < inf for n in found):
+    indices = [float(dr.slice(dispersion.index(w))) for w in range(360, 831, 10)]
+    if not all(0 < n < inf for n in indices):
         raise reject(props, name, value, "coefficients of an index > 0 from 360 to 830 nm")
     return dispersion
 

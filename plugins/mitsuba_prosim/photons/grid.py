@@ -151,18 +151,18 @@ class Photons:
         size = dr.width(map_of) // maps
         buckets = 1 << max(4, (size - 1).bit_length())
         mask = dr.opaque(mi.UInt32, buckets - 1)
-        there = dr.compress(landed.valid)
-        if dr.width(there) == 0:
-            there = mi.UInt32(0)  # a photon without flux
-        landed = landed.at(there)
+        indices = dr.compress(landed.valid)
+        if dr.width(indices) == 0:
+            indices = mi.UInt32(0)  # a photon without flux
+        landed = landed.at(indices)
         level = level_of(kernel_radii(landed.p, footprint))
         x, y, z = cell(landed.p, level)
         rows = row_hash(level, y, z)
-        at = bucket_of(dr.gather(mi.UInt32, map_of, there), rows, x, mask)
-        dr.eval(landed, rows, at)
-        order = dr.argsort(at)
-        landed, (rows, at) = landed.at(order), dr.gather(tuple, (rows, at), order)
-        begins = first_of_each(at, maps * buckets)
+        bucket = bucket_of(dr.gather(mi.UInt32, map_of, indices), rows, x, mask)
+        dr.eval(landed, rows, bucket)
+        order = dr.argsort(bucket)
+        landed, (rows, bucket) = landed.at(order), dr.gather(tuple, (rows, bucket), order)
+        begins = first_of_each(bucket, maps * buckets)
         places = dr.ravel(mi.Vector4f(*landed.p, dr.reinterpret_array(mi.Float, rows)))
         dr.eval(places, landed, begins)
         landed.p = mi.Point3f(0)
@@ -266,7 +266,7 @@ def gather(
     # The photons lie between two planes parallel to the surface. So they mostly lie in one cell along the normal, not
     # in two.
     off_axis = dr.minimum(dr.safe_sqrt(1 - n2) + MAX_PLANE_DISTANCE * dr.sqrt(n2), 1) * (1 + 1e-3)
-    of_map, size = photons.map_range(number, active)
+    first_of_map, size = photons.map_range(number, active)
 
     def of_reach(k: mi.UInt32, L: mi.Spectrum) -> mi.Spectrum:
         """Adds the radiance of the photons whose radius is the ``k``-th radius of the footprint."""
@@ -286,15 +286,15 @@ def gather(
         rows = dr.select(active, mi.UInt32(last - first + 1) << (bits_y + bits_z), 0)
 
         def photon(i: mi.UInt32, end: mi.UInt32, row_key: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
-            there = i < end
-            k = dr.select(i < of_map + size, i, i - size)
-            place = dr.gather(mi.Vector4f, photons.places, k, there)
-            off = mi.Point3f(place.x, place.y, place.z) - si.p
-            d2 = dr.squared_norm(off) * inv_reach2
+            in_range = i < end
+            k = dr.select(i < first_of_map + size, i, i - size)
+            place = dr.gather(mi.Vector4f, photons.places, k, in_range)
+            offset = mi.Point3f(place.x, place.y, place.z) - si.p
+            d2 = dr.squared_norm(offset) * inv_reach2
             # Rows that share a bucket are visited one after the other: each visit counts only the photons of its own
             # row.
-            in_reach = there & (d2 < 1) & (dr.reinterpret_array(mi.UInt32, place.w) == row_key)
-            in_reach &= dr.square(dr.dot(off, si.n)) * inv_reach2 < MAX_PLANE_DISTANCE**2
+            in_reach = in_range & (d2 < 1) & (dr.reinterpret_array(mi.UInt32, place.w) == row_key)
+            in_reach &= dr.square(dr.dot(offset, si.n)) * inv_reach2 < MAX_PLANE_DISTANCE**2
             d, flux = (dr.gather(type(v), v, k, in_reach) for v in (photons.landed.d, photons.landed.flux))
             light = dr.select(in_reach, value(k, -d, in_reach) * flux, 0)
             return i + 1, L + light * (2 * dr.inv_pi * inv_reach2 * (1 - d2))

@@ -78,12 +78,12 @@ class Hit(Surface):
     shading_ratio: mi.Float
     near_specular: mi.Bool
 
-    def landed(self, share: mi.Float, density: mi.Float) -> Landed:
+    def landed(self, weight: mi.Float, density: mi.Float) -> Landed:
         """Returns the photons of this hit as photons that have landed.
 
-        ``share`` is one over the probability to land; ``density`` is the density of photons (:class:`.Landed`).
+        ``weight`` is one over the probability to land; ``density`` is the density of photons (:class:`.Landed`).
         """
-        return Landed(self.si.p, self.d, self.flux * (self.shading_ratio * share), mi.Bool(True), density, self.level)
+        return Landed(self.si.p, self.d, self.flux * (self.shading_ratio * weight), mi.Bool(True), density, self.level)
 
 
 class PhotonMIS:
@@ -204,20 +204,20 @@ class PhotonMIS:
         hit: Hit,
         bs: mi.BSDFSample3f,
         weight: mi.Spectrum,
-        share: mi.Float,
+        land_weight: mi.Float,
         active: mi.Bool,
     ) -> tuple[mi.Float, Landed]:
         """Returns ``(density, landed)`` of the photons after the surface ``hit``; the arguments ``density`` and
         ``landed`` are the values before this surface.
 
         ``bs`` and ``weight`` are the sample of the lobe that scatters the photons in the lanes ``active``. Photons in
-        the other lanes end at the surface; at a near-specular surface these photons land. ``share`` is one over the
-        probability that a photon lands at a near-specular surface.
+        the other lanes end at the surface; at a near-specular surface these photons land. ``land_weight`` is one over
+        the probability that a photon lands at a near-specular surface.
         """
         flags = hit.bsdf.flags()
         lands = but_not(hit.active & (hit.level > 0) & (density > 0) & (hit.cos > 0), hit.inseparable)
         lands &= but_not(lobes.has_any(flags, *lobes.GLOSSY), hit.near_specular & active)
-        here = hit.landed(dr.select(hit.near_specular, share, 1), density)
+        here = hit.landed(dr.select(hit.near_specular, land_weight, 1), density)
         beyond = density * dr.select(hit.inseparable, 0, ideal_throughput(bs, weight, flags) * dr.square(bs.eta))
         if self.near_specular_bsdfs:
             glossy = active & hit.near_specular & lobes.has_any(bs.sampled_type, *lobes.GLOSSY)

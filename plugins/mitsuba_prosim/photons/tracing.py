@@ -84,7 +84,7 @@ class PhotonTracer:
 
     def _step(self, state: State, key: mi.UInt32) -> State:
         hit, medium = self._intersect(state)
-        flags, first = hit.bsdf.flags(), hit.level * NUMBERS
+        flags, first_number = hit.bsdf.flags(), hit.level * NUMBERS
         lands = hit.active & (hit.level > 0) & lobes.has_any(flags, *lobes.DIFFUSE)
         if state.from_inseparable is not None:
             # A ray between two surfaces without separable lobes finds the light of the light sources at the second
@@ -95,18 +95,18 @@ class PhotonTracer:
         d = hit.si.to_world(bs.wo)
         # A photon either lands or continues, with about the same flux.
         flux = hit.flux * (weight * adjoint_correction(hit.si, bs.wo, d))
-        kept = dr.select(goes, dr.max(flux) / dr.max(state.flux), 0)
+        flux_ratio = dr.select(goes, dr.max(flux) / dr.max(state.flux), 0)
         stays = lands | (hit.near_specular & (hit.level > 0))
-        p = dr.select(stays, kept / (1 + kept), dr.minimum(kept, dr.select(hit.level < 4, 1, 0.95)))
+        p = dr.select(stays, flux_ratio / (1 + flux_ratio), dr.minimum(flux_ratio, dr.select(hit.level < 4, 1, 0.95)))
         if self.mis is not None:  # a varnish would reflect too few photons to glossy surfaces
-            p = dr.select((hit.level == 0) & (kept > 0) & (kept < FAINT), 1, p)
-        goes &= number(key, first + ROULETTE) < p
+            p = dr.select((hit.level == 0) & (flux_ratio > 0) & (flux_ratio < FAINT), 1, p)
+        goes &= number(key, first_number + ROULETTE) < p
         lands = but_not(lands, goes) & (hit.cos > 0)
-        density, glossy, share = state.density, state.glossy, dr.rcp(dr.maximum(1 - p, 1e-6))
+        density, glossy, land_weight = state.density, state.glossy, dr.rcp(dr.maximum(1 - p, 1e-6))
         if self.mis is not None:
             assert density is not None and glossy is not None
-            density, glossy = self.mis.scatter(density, glossy, hit, bs, weight, share, goes)
-        landed = dr.select(lands, hit.landed(share, mi.Float(0)), state.landed)
+            density, glossy = self.mis.scatter(density, glossy, hit, bs, weight, land_weight, goes)
+        landed = dr.select(lands, hit.landed(land_weight, mi.Float(0)), state.landed)
         flux = dr.select(goes, flux / dr.select(goes, p, 1), state.flux)
         medium = medium_beyond(hit.si, medium, d, goes) if self.absorbs else None
         from_inseparable = None if state.from_inseparable is None else state.from_inseparable | by_all_lobes
@@ -138,8 +138,8 @@ class PhotonTracer:
         ``active`` tells which lanes have a sample. ``by_all_lobes`` tells whether the sample is of a glossy lobe of a
         BSDF without separable lobes.
         """
-        si, first = hit.si, hit.level * NUMBERS
-        u = number(key, first + CHOICE), point(key, first + DIRECTION)
+        si, first_number = hit.si, hit.level * NUMBERS
+        u = number(key, first_number + CHOICE), point(key, first_number + DIRECTION)
         bs, weight, belongs = self.scattering.sample(self.specular, hit, u, active, hit.flux)
         by_all_lobes = but_not(hit.inseparable, lobes.has_any(bs.sampled_type, *lobes.IDEAL))
         if not self.tree:

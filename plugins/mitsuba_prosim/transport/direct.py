@@ -80,15 +80,15 @@ def lamp_light(context: Context, vertex: Vertex, points: Points, k: Index, sampl
             weight_lobe *= context.photon_mis.light_weight(vertex, ds, f_lobe, pdf_lobe, mis_active)
         f = f + f_lobe * weight_lobe
     f = context.scattering.replace_inseparable(f, vertex, wo, lit)
-    glossy = layers.of(ray, "glossy", k)
+    glossy_layer = layers.of(ray, "glossy", k)
     if not layers.splits_lobes:
         (value,) = with_visibility(context, vertex, ds.p, [f * weight], lit)
-        return layers.none().plus(value, glossy)
+        return layers.none().plus(value, glossy_layer)
     if not context.mis_lobes:
         diffuse = bsdf.eval(lobes.diffuse(), si, wo, lit)
     diffuse = dr.select(vertex.inseparable, f, diffuse)
     value, diffuse = with_visibility(context, vertex, ds.p, [f * weight, diffuse * weight], lit)
-    return layers.none().plus(value, glossy).moved(diffuse, glossy, layers.of(ray, "diffuse"))
+    return layers.none().plus(value, glossy_layer).moved(diffuse, glossy_layer, layers.of(ray, "diffuse"))
 
 
 def eval_lobe(

@@ -82,8 +82,8 @@ def features(
         surface = active & si.is_valid()
         if idle(surface):
             return replace(state, albedo=albedo, active=surface)
-        facing = si.sh_frame.n * dr.sign(mi.Frame3f.cos_theta(si.wi))
-        normal = dr.select(surface & first, facing, state.normal)
+        viewer_normal = si.sh_frame.n * dr.sign(mi.Frame3f.cos_theta(si.wi))
+        normal = dr.select(surface & first, viewer_normal, state.normal)
         scattered, _ = sample_albedo(si, diffuse, state.sampler, surface, scattering)
         weight, d = sample_albedo(si, specular, state.sampler, surface, scattering)
         albedo = albedo + dr.select(surface, throughput * scattered, 0)

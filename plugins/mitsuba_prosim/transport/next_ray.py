@@ -24,7 +24,7 @@ def next_ray(
 
     ``active`` has the lanes of the new ray. ``eta`` is the ratio of the indices of refraction that the ray crosses.
     """
-    ray, si, k = vertex.ray, vertex.si, direction_space(lobe)
+    ray, si, space = vertex.ray, vertex.si, direction_space(lobe)
     if idle(active):
         return ray, active, mi.Float(1)
     bs, weight, d, belongs = sample_direction(context, lobe, vertex, points, active)
@@ -34,7 +34,7 @@ def next_ray(
         o = dr.replace_grad(o, si.p)
     active = active & belongs & (bs.pdf > 0) & (dr.max(throughput) > context.settings.cutoff)
     following = replace(ray, o=o, d=d, throughput=throughput, pdf=bs.pdf, uses_mis=but_not(mi.Bool(True), ideal))
-    following.level, following.node = ray.level + 1, ray.node * 2 + (k == REFRACTED)
+    following.level, following.node = ray.level + 1, ray.node * 2 + (space == REFRACTED)
     following.n, following.importance = vertex.receiver.n, vertex.receiver.importance
     by_all_lobes = but_not(vertex.inseparable, ideal)  # light sampling and photons took the light of all lobes
     if ray.sees_emission is not None:
@@ -46,7 +46,7 @@ def next_ray(
         following.both_sides = lobes.has_any(vertex.bsdf.flags(), *lobes.BOTH_SIDES)
     if context.layers.splits_lobes:
         through = mi.Frame3f.cos_theta(si.wi) * mi.Frame3f.cos_theta(bs.wo) < 0
-        following.branch = context.layers.branch(ray, k == DIFFUSE, through)
+        following.branch = context.layers.branch(ray, space == DIFFUSE, through)
     if context.photon_mis is not None:
         following = context.photon_mis.next(vertex, following, bs, weight)
     if context.absorbs:
@@ -80,12 +80,12 @@ def sample_direction(
     wo = si.to_local(moved)
     f, pdf = scattering.eval_pdf(lobe, vertex, wo, smooth)
     if scattering.any_inseparable:
-        of_all = vertex.bsdf.eval_pdf(lobes.all_lobes(), si, wo, smooth & vertex.inseparable)
-        f, pdf = dr.select(vertex.inseparable, of_all, (f, pdf))
+        all_lobes = vertex.bsdf.eval_pdf(lobes.all_lobes(), si, wo, smooth & vertex.inseparable)
+        f, pdf = dr.select(vertex.inseparable, all_lobes, (f, pdf))
     weight = f * dr.relative_grad(jacobian) / dr.detach(dr.select(pdf > 0, pdf, 1))
     if lobes.has_any(context.flags, *lobes.IDEAL):
-        again, ideal_weight, _ = scattering.sample(lobe, vertex, u, active & ideal, throughput)
-        moved = dr.select(ideal, si.to_world(again.wo), moved)
+        ideal_bs, ideal_weight, _ = scattering.sample(lobe, vertex, u, active & ideal, throughput)
+        moved = dr.select(ideal, si.to_world(ideal_bs.wo), moved)
         weight = dr.select(ideal, ideal_weight, weight)
     bs.pdf = dr.replace_grad(bs.pdf, pdf)
     return bs, weight, dr.replace_grad(d, moved), belongs

@@ -57,8 +57,8 @@ def specular_or_diffuse(
     throughput. After ``diffuse_bounces`` diffuse reflections the ray is always specular.
     """
     specular, reflects, eta = next_ray(context, lobes.specular(), vertex, points, vertex.active)
-    more = vertex.active & (bounces < context.settings.diffuse_bounces)
-    diffuse, scatters, _ = next_ray(context, lobes.diffuse(), vertex, points, more)
+    may_scatter = vertex.active & (bounces < context.settings.diffuse_bounces)
+    diffuse, scatters, _ = next_ray(context, lobes.diffuse(), vertex, points, may_scatter)
     # Light sampling and photons already found all light of the diffuse lobe: emission that this ray meets does not
     # count.
     diffuse = replace(diffuse, sees_emission=mi.Bool(False))
@@ -70,11 +70,11 @@ def specular_or_diffuse(
     p_diffuse = dr.select(total > 0, diffuse_weight / dr.select(total > 0, total, 1), 0)
     # With the workarounds, the space CHOICE is used up by the choice of a lobe. A path never uses the space REFRACTED,
     # so it serves here.
-    chosen = context.scattering.mixes or context.scattering.any_inseparable
-    choose = points.choice(context.space(vertex.ray.node, REFRACTED if chosen else CHOICE)) < p_diffuse
+    choice_is_used = context.scattering.mixes or context.scattering.any_inseparable
+    takes_diffuse = points.choice(context.space(vertex.ray.node, REFRACTED if choice_is_used else CHOICE)) < p_diffuse
     diffuse_state, specular_state = (diffuse, scatters, mi.Float(1), bounces + 1), (specular, reflects, eta, bounces)
-    ray, active, eta, bounces = dr.select(choose, diffuse_state, specular_state)
-    ray.throughput *= dr.rcp(dr.detach(dr.select(choose, p_diffuse, 1 - p_diffuse)))
+    ray, active, eta, bounces = dr.select(takes_diffuse, diffuse_state, specular_state)
+    ray.throughput *= dr.rcp(dr.detach(dr.select(takes_diffuse, p_diffuse, 1 - p_diffuse)))
     return ray, active, eta, bounces
 
 

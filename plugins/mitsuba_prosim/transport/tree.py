@@ -38,17 +38,17 @@ class Stack:
         pushed onto the stack. If the surface has only one of the two, this ray is next. Otherwise the last ray of the
         stack is next.
         """
-        following, going = dr.select(reflects, reflected, refracted), reflects | refracts
+        following, continues = dr.select(reflects, reflected, refracted), reflects | refracts
         if self.count is None:
-            return following, going, self
+            return following, continues, self
         both = reflects & refracts
-        resumes = but_not(active & (self.count > 0), going)
+        resumes = but_not(active & (self.count > 0), continues)
         rays = []
         for slot, ray in enumerate(self.rays):
             following = dr.select(resumes & (self.count == slot + 1), ray, following)
             rays.append(dr.select(both & (self.count == slot), refracted, ray))
         count = dr.select(both, self.count + 1, dr.select(resumes, self.count - 1, self.count))
-        return following, going | resumes, Stack(rays, count)
+        return following, continues | resumes, Stack(rays, count)
 
 
 def start(context: Context, ray: Ray) -> Stack:

@@ -97,11 +97,11 @@ def sample(
     """
     if _needs_leaves(lobe, bsdf):
         return sample_leaves(lobe, bsdf, si, u, active)
-    masks, (choice, point) = any(_within(bsdf, MASK)), u
+    has_mask, (choice, point) = any(_within(bsdf, MASK)), u
 
     def sample_lobes(requested: mi.BSDFContext, choice: mi.Float) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         """Returns a sample of ``bsdf``; ``bs.pdf`` is 0 if the sample belongs to a lobe that is not ``requested``."""
-        bs, weight = bsdf.sample(lobes.with_null_lobes(requested) if masks else requested, si, choice, point, active)
+        bs, weight = bsdf.sample(lobes.with_null_lobes(requested) if has_mask else requested, si, choice, point, active)
         ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL)
         weight *= dr.select(ideal, dr.relative_grad(blend_share(bsdf, si, choice, active)), 1)
         bs.pdf = dr.select((bs.sampled_type & requested.type_mask) != 0, bs.pdf, 0)
@@ -123,10 +123,10 @@ def eval_pdf(
     """Returns the value of ``lobe`` of one ``bsdf`` times the cosine for ``wo``, and the density of :func:`sample` for
     ``wo``.
     """
-    half = _mixes_ideal_and_smooth(lobe, bsdf) and not _needs_leaves(lobe, bsdf)
-    requested = lobes.only(lobe, *lobes.SMOOTH) if half else lobe
+    splits_choice = _mixes_ideal_and_smooth(lobe, bsdf) and not _needs_leaves(lobe, bsdf)
+    requested = lobes.only(lobe, *lobes.SMOOTH) if splits_choice else lobe
     f, pdf = bsdf.eval_pdf(lobes.with_null_lobes(requested) if any(_within(bsdf, MASK)) else requested, si, wo, active)
-    return f, pdf * 0.5 if half else pdf
+    return f, pdf * 0.5 if splits_choice else pdf
 
 
 def is_inseparable(bsdf: mi.BSDF) -> bool:
@@ -162,11 +162,11 @@ def blend_share(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, ac
 
     The function :func:`sample` uses only the derivatives of this weight.
     """
-    share, below = mi.Float(1), mi.Float(0)
+    share, interval_begin = mi.Float(1), mi.Float(0)
     for leaf in leaves(bsdf, si, active):
         probability = dr.detach(leaf.share)
-        share = dr.select((choice >= below) & (probability > 0), leaf.blend, share)
-        below += probability
+        share = dr.select((choice >= interval_begin) & (probability > 0), leaf.blend, share)
+        interval_begin += probability
     return share
 
 
@@ -178,26 +178,26 @@ def sample_leaves(
     For an ideal lobe, ``bs.pdf`` is the probability of the lobe. For a smooth lobe, ``bs.pdf`` is the density of all
     smooth lobes together.
     """
-    (choice, point), bs, weight, below = u, dr.zeros(mi.BSDFSample3f), mi.Spectrum(0), mi.Float(0)
+    (choice, point), bs, weight, interval_begin = u, dr.zeros(mi.BSDFSample3f), mi.Spectrum(0), mi.Float(0)
     bs.wo = -si.wi
-    mixed = leaves(bsdf, si, active)
-    for leaf in mixed:
+    all_leaves = leaves(bsdf, si, active)
+    for leaf in all_leaves:
         probability = dr.detach(leaf.share)
-        chosen = active & (choice >= below) & (probability > 0)
+        chosen = active & (choice >= interval_begin) & (probability > 0)
         if leaf.bsdf is None:
             one, value = dr.zeros(mi.BSDFSample3f), mi.Spectrum(1)
             one.wo, one.pdf, one.eta, one.sampled_type = -si.wi, mi.Float(1), mi.Float(1), mi.UInt32(+mi.BSDFFlags.Null)
         else:
-            rest = dr.clip((choice - below) / dr.select(probability > 0, probability, 1), 0, 1)
+            rest = dr.clip((choice - interval_begin) / dr.select(probability > 0, probability, 1), 0, 1)
             one, value = leaf.bsdf.sample(lobe, leaf.seen_by(si), rest, point, chosen)
             if leaf.turned:
                 one.wo.z = dr.mulsign(one.wo.z, si.wi.z)
         one.pdf *= probability
         bs, weight = dr.select(chosen, one, bs), dr.select(chosen, value * dr.relative_grad(leaf.share), weight)
-        below += probability
+        interval_begin += probability
     smooth = active & mi.has_flag(bs.sampled_type, mi.BSDFFlags.Smooth) & (bs.pdf > 0)
     f, pdf = mi.Spectrum(0), mi.Float(0)
-    for leaf in mixed:
+    for leaf in all_leaves:
         if leaf.bsdf is not None:
             wo = mi.Vector3f(bs.wo.x, bs.wo.y, dr.mulsign(bs.wo.z, si.wi.z)) if leaf.turned else bs.wo
             f_leaf, pdf_leaf = leaf.bsdf.eval_pdf(lobe, leaf.seen_by(si), wo, smooth)

@@ -3,8 +3,9 @@
 // Milliseconds between two requests of a hidden page.
 const INTERVAL_HIDDEN = 3000;
 
-/** Calls `receive(state)` with the state and each newer one, and `lost(refused)` if the connection is lost, `refused` if for
- * good. A hidden page only asks at intervals, because a browser limits the number of connections to one server. */
+/** Calls `receive(state)` with the current state and with each newer state. Calls `lost(refused)` if the connection is lost;
+ * `refused` is true if it cannot be restored. A hidden page requests the state at intervals instead of keeping a connection,
+ * because a browser limits the number of connections to one server. */
 export function follow(receive, lost) {
     let events = null, timer = 0;
 

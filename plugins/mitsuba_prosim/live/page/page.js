@@ -1,4 +1,4 @@
-// The page of prosim watch: receives the state as events, fetches the layers that it shows, and sends requests.
+// The page of prosim watch: receives the state as events, fetches the layers that the page shows, and sends requests.
 
 import {follow} from "./events.js";
 import {drawColours, drawMap, mapLimit} from "./tone.js";
@@ -6,29 +6,29 @@ import {showCarets, showMessages} from "./messages.js";
 import {PanZoom} from "./pan_zoom.js";
 
 const find = (id) => document.getElementById(id);
-/** Writes text only if it differs, so that a selection stays and a screen reader does not repeat it. */
+/** Replaces the text of an element only by a different text: a selection stays, a screen reader does not repeat the text. */
 const write = (element, text) => { if (element.textContent !== text) element.textContent = text; };
 const IMAGES = ["own", "path"], COMMON_LAYERS = document.querySelectorAll("input[name=layer]").length;
 const layers = () => document.querySelectorAll("input[name=layer]");
 const shown = {own: null, path: null};
-// `refreshing`: false, "once", or "again" if something changed meanwhile.
+// `refreshing`: false, "once", or "again" if the state changed while the layers were fetched.
 let state = null, pointed = null, refreshing = false, comparing = null;
 
 // ---- the shown layers
 
 const layer = () => document.querySelector("input[name=layer]:checked").value;
-/** The query with the factors of the lamps that were changed. */
+/** Returns the query of a URL with the factors of the lamps that the user has changed. */
 const mix = () => [...find("lamps").querySelectorAll("input[type=range]")].flatMap((range) => {
     const colour = range.nextElementSibling.value;
     if (Number(range.value) === 1 && colour === "#ffffff") return [];
     const factors = [1, 3, 5].map((k) => range.value * linear(parseInt(colour.slice(k, k + 2), 16) / 255));
     return [`mix=${encodeURIComponent(`${range.name}=${factors}`)}`];
 }).join("&");
-/** The linear value of an sRGB value. */
+/** Converts an sRGB value to a linear value. */
 const linear = (c) => c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4;
 const stops = () => Number(find("exposure").value);
 
-/** Draws an image; both images have the same white. */
+/** Draws an image on its canvas. Both images have the same white. */
 function draw(which) {
     const canvas = find(which), image = shown[which], white = (shown.own ?? image)?.white;
     if (!image) return;
@@ -43,7 +43,7 @@ function draw(which) {
 
 const MAPS = {error: "Standard error of the luminance", samples: "Samples of a pixel"};
 
-/** Shows the meaning of the colours of a map. */
+/** Shows the colour scale of a map. */
 function showScale(image) {
     const scale = find("scale"), canvas = scale.querySelector("canvas"), marks = scale.querySelectorAll("span");
     scale.hidden = image.channels !== 1;
@@ -53,12 +53,12 @@ function showScale(image) {
     context.putImageData(pixels, 0, 0);
     const white = mapLimit(image.white, stops());
     write(scale.querySelector("p"), MAPS[image.layer]);
-    write(marks[1], digits(white / 4, 2)); // colours follow the square root
+    write(marks[1], digits(white / 4, 2)); // the colour is a function of the square root of the value
     write(marks[2], `${digits(white, 2)} or more`);
     scale.ariaLabel = `${MAPS[image.layer]}, dark: 0, pale yellow: ${marks[2].textContent}`;
 }
 
-/** Fetches the missing layers one after the other, then those that changed meanwhile. */
+/** Fetches the missing layers one after the other, and then the layers that have changed meanwhile. */
 async function refresh() {
     if (document.hidden) return;
     if (refreshing) { refreshing = "again"; return; }
@@ -72,7 +72,7 @@ async function refresh() {
 async function fetchLayer(which) {
     const number = state.pictures[which], name = layer(), before = shown[which], mixed = which === "own" ? mix() : "";
     if (number === undefined || (before && before.number === number && before.layer === name && before.mixed === mixed)) return;
-    // A coarse picture has no maps; the last map stays until there is a newer one.
+    // A coarse picture has no maps; the previous map stays visible until a newer map exists.
     if (!state.layers.includes(name) && name !== "final") return;
     const exists = which === "own" || ["final", "error", "samples"].includes(name);
     let answer, buffer;
@@ -86,8 +86,8 @@ async function fetchLayer(which) {
     const values = new Float32Array(buffer), channels = values.length / (width * height);
     shown[which] = {number: fact("Picture"), layer: name, mixed, width, height, channels, values, white: fact("White")};
     if (fact("Picture") < state.pictures[which]) refreshing = "again";
-    if (which === "own") view.resize(...state.size); // not earlier: the last picture may have another size
-    IMAGES.slice(IMAGES.indexOf(which)).forEach(draw); // the white of "path" is that of "own"
+    if (which === "own") view.resize(...state.size); // only now, because the previous picture may have another size
+    IMAGES.slice(IMAGES.indexOf(which)).forEach(draw); // "path" is drawn with the white of "own"
     if (pointed) ask(pointed);
 }
 
@@ -114,7 +114,7 @@ function receive(latest) {
         if (state.seconds) parts.push(duration(state.seconds));
     }
     write(find("state"), parts.join(" · "));
-    // A screen reader does not read text that changes ten times a second.
+    // A separate text for screen readers, because the state changes ten times a second.
     write(find("announcement"), state.status === "done" ? find("state").textContent : WORDS[state.status]);
     document.body.dataset.status = state.status;
     document.body.dataset.newest = state.pictures.own ?? "";
@@ -137,7 +137,7 @@ function receive(latest) {
     find("camera").disabled = !state.movable;
     find("compare").disabled = state.not_compared !== null || !state.integrator;
     find("compare").parentElement.title = state.not_compared ?? "";
-    // The server reads the request between two work items.
+    // The server handles a request between two work items.
     if (comparing === state.compared || !["rendering", "paused"].includes(state.status)) comparing = null;
     find("compare").checked = comparing ?? state.compared;
     find("split-group").hidden = !state.compared;
@@ -177,7 +177,7 @@ function showIntegratorLayers(names) {
     if (!document.querySelector("input[name=layer]:checked")) box.querySelector("input").checked = true;
 }
 
-/** Seconds as a text. */
+/** Formats a number of seconds. */
 function duration(seconds) {
     if (seconds < 100) return `${seconds.toFixed(1)} s`;
     const minutes = Math.floor(seconds / 60);
@@ -207,7 +207,7 @@ function savable(on) {
 
 const post = (path) => fetch(path, {method: "POST"}).catch(() => null);
 
-/** The gestures since the last request, combined; the next request is sent after the last response. */
+/** Kind of a gesture -> the combined gestures since the last request; the next request waits for the response. */
 const gestures = new Map();
 let sending = false;
 
@@ -241,7 +241,7 @@ function showPixel() {
     find("pixel").textContent = lines.join(" · ");
 }
 
-/** Shows the known values of a pixel at once, and the others when the pointer rests. */
+/** Shows the values of a pixel that the page knows at once, and the values from the server when the pointer rests. */
 function point(pixel, announced = false) {
     find("pixel").ariaLive = announced ? "polite" : "off";
     if (!pixel || !state || (pointed && pixel[0] === pointed[0] && pixel[1] === pointed[1])) return;
@@ -262,7 +262,7 @@ function ask(pixel) {
     }, 80);
 }
 
-new ResizeObserver(() => showCarets(find("notes"))).observe(find("notes")); // also when the warnings are opened
+new ResizeObserver(() => showCarets(find("notes"))).observe(find("notes")); // also when the user opens the warnings
 
 const view = new PanZoom(find("stage"), find("picture"), {camera: () => find("camera").checked && !find("camera").disabled, gesture, moved: split, point});
 

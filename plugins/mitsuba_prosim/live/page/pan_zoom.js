@@ -1,10 +1,11 @@
 // Pan and zoom of the picture by pointers, the wheel and keys.
 
-// A pointer that moves by fewer pixels than this only clicks.
+// A pointer that moves by fewer pixels than this is a click.
 const CLICK = 3;
 
-/** If `camera()` is true, `gesture(kind, x, y)` is called instead: orbit in degrees, pan in fractions of the picture, dolly
- * as a factor. `moved()` is called after the picture was moved, `point(pixel)` when the pointer is at a pixel. */
+/** Moves and zooms the picture. If `camera()` is true, calls `gesture(kind, x, y)` instead: orbit in degrees, pan in
+ * fractions of the picture, dolly as a factor. Calls `moved()` after the picture was moved, and `point(pixel)` when the
+ * pointer is at a pixel. */
 export class PanZoom {
     constructor(stage, picture, {camera, gesture, moved, point}) {
         Object.assign(this, {stage, picture, camera, gesture, moved, point, width: 1, height: 1, zoom: 1, x: 0, y: 0, fitted: true});
@@ -60,7 +61,7 @@ export class PanZoom {
 
     shift(dx, dy) {
         this.fitted = false;
-        // Part of the picture stays on the stage.
+        // A part of the picture always stays visible.
         const keep = 40, {clientWidth, clientHeight} = this.stage;
         this.x = Math.min(Math.max(this.x + dx, keep - this.zoom * this.width), clientWidth - keep);
         this.y = Math.min(Math.max(this.y + dy, keep - this.zoom * this.height), clientHeight - keep);
@@ -74,7 +75,7 @@ export class PanZoom {
         this.shift((x - this.x) * (1 - ratio), (y - this.y) * (1 - ratio));
     }
 
-    /** The pixel of the picture at a position of the window, or null. */
+    /** Returns the pixel of the picture at a position of the window, or null. */
     pixel(clientX, clientY) {
         const box = this.stage.getBoundingClientRect();
         const x = Math.floor((clientX - box.left - this.x) / this.zoom), y = Math.floor((clientY - box.top - this.y) / this.zoom);
@@ -90,7 +91,7 @@ export class PanZoom {
     up(e) {
         const last = this.pointers.get(e.pointerId);
         this.pointers.delete(e.pointerId);
-        if (last?.still) this.point(this.pixel(e.clientX, e.clientY)); // a finger can only point by touching
+        if (last?.still) this.point(this.pixel(e.clientX, e.clientY)); // without a mouse, a touch selects a pixel
     }
 
     move(e) {
@@ -121,7 +122,7 @@ export class PanZoom {
 
     wheel(e) {
         e.preventDefault();
-        // The browser reports a pinch on a touchpad as the wheel with Ctrl.
+        // The browser reports a pinch on a touchpad as a wheel event with Ctrl.
         const factor = Math.exp(-e.deltaY * (e.deltaMode ? 0.05 : e.ctrlKey ? 0.01 : 0.0015));
         const box = this.stage.getBoundingClientRect();
         if (this.camera()) this.gesture("dolly", 1 / factor, 0);

@@ -1,6 +1,6 @@
-// Converts linear values to values of the screen, by the same curve as the PNG files.
+// Converts linear values to displayed values, by the same tone curve as for PNG files.
 
-// The sRGB curve as a table: where it is steepest, one step of the table is a twentieth of a step of the screen.
+// The sRGB curve as a table. Where the curve is steepest, one step of the table is 1/20 of a step of an 8-bit display.
 const STEPS = 65535;
 const SRGB = new Uint8ClampedArray(STEPS + 1);
 for (let i = 0; i <= STEPS; i++) {
@@ -24,13 +24,13 @@ export function drawColours({values, width, height}, white, stops, pixels) {
     }
 }
 
-// Dark blue, violet, red, orange, pale yellow: lightness grows with the value.
+// The colours of a map: dark blue, violet, red, orange, pale yellow. Lightness grows with the value.
 const HUES = [[8, 8, 48], [92, 20, 122], [205, 55, 70], [248, 156, 40], [252, 250, 190]];
 
-/** The smallest value that has the last colour of a map. */
+/** Returns the smallest value that has the last colour of a map. */
 export const mapLimit = (white, stops) => (white || 1) / 2 ** stops;
 
-/** Writes the pixels of a map: the colour of the square root of the value. */
+/** Writes the pixels of a map. The colour is a function of the square root of the value. */
 export function drawMap({values, width, height}, white, stops, pixels) {
     const scale = 1 / mapLimit(white, stops);
     for (let i = 0; i < width * height; i++) {

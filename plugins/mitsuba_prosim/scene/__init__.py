@@ -1,6 +1,7 @@
-"""From a scene file to an image file, for the rooms ``cli``, ``live``, ``compare`` and ``parallel``.
+"""Scene files and image files, for the rooms ``cli``, ``live``, ``compare`` and ``parallel``.
 
-``session``: sets up Mitsuba; ``scene_file``: a scene, read once, with ``overrides`` of its parameters;
-``confinement``: the files that it names, which must be in its folder; ``errors``: better messages; ``rendering``:
-progressive renders; ``black``: why an image is black; ``images``: EXR and PNG files.
+The module ``session`` sets up Mitsuba. ``scene_file`` reads a scene once, and ``overrides`` changes parameters of the
+scene. ``confinement`` checks that the files which a scene names are in the scene's folder. ``errors`` improves messages
+of Mitsuba. ``rendering`` starts progressive renders. ``black`` finds the reason why an image is black. ``images``
+writes EXR and PNG files.
 """

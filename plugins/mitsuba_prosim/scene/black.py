@@ -8,24 +8,25 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-#: Half of the darkest grey of a PNG, in linear light.
+#: Half of the darkest grey value of a PNG, in linear light.
 BLACK = 0.5 / 255 / 12.92
 
-#: Camera rays per side of the image.
+#: Number of camera rays per side of the image.
 SIDE = 64
 
-#: How to make an image brighter; ``{}``: the exposure in stops.
+#: Advice for an image that is too dark; ``{}`` is the exposure in stops.
 IN_THE_PNG = "The EXR has it all; --exposure {} makes it bright in the PNG"
 
 
 def reason(
     scene: mi.Scene, sensor: mi.Sensor, colours: np.ndarray, brighter: str = IN_THE_PNG, exposure: float = 0.0
 ) -> str | None:
-    """The reason why an image is black, and a remedy; None for any other image.
+    """Returns the reason why an image is black, with a remedy; None if the image is not black.
 
-    ``colours``: linear, as they are displayed with ``exposure``; ``brighter``: as :data:`IN_THE_PNG`.
+    ``colours`` are the linear colours of the image, displayed with ``exposure`` stops. ``brighter`` is an advice such
+    as :data:`IN_THE_PNG`.
     """
-    brightest = float(np.fmax.reduce(colours, axis=None, initial=0.0))  # ignores NaN
+    brightest = float(np.fmax.reduce(colours, axis=None, initial=0.0))  # the maximum without NaN values
     if brightest >= BLACK:
         return None
     if brightest > 0:
@@ -41,9 +42,9 @@ def reason(
 
 
 def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
-    """The result of a grid of camera rays, of which each samples one point of a light.
+    """Finds the reason by a grid of camera rays; each ray samples one point of a light source.
 
-    The points are those of Roberts (2018), "The Unreasonable Effectiveness of Quasirandom Sequences".
+    The points on light sources are those of Roberts (2018), "The Unreasonable Effectiveness of Quasirandom Sequences".
     """
     k = dr.arange(mi.Float, SIDE * SIDE)
     x, y = dr.meshgrid(*[dr.arange(mi.Float, SIDE) + 0.5] * 2)

@@ -1,4 +1,4 @@
-"""The files that the text of an XML scene names, and the check that they are in the scene's folder."""
+"""Finds the files that an XML scene names, and checks that these files are in the scene's folder."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import mitsuba as mi
 
 from ..compat import LIBRARIES, MATERIAL_FILES
 
-#: An element by which Mitsuba's parser opens a file, searches a folder or defines a parameter, at any place, also
-#: within comments; and one of its attributes.
+#: Pattern of an element by which Mitsuba's parser opens a file, searches a folder or defines a parameter, at any place
+#: of the text, also within comments; and pattern of one attribute of such an element.
 ELEMENT = re.compile(r"""(?=<(include|spectrum|path|default)\b((?:[^<>"']|"[^"]*"|'[^']*')*))""")
 ATTRIBUTE = re.compile(r"""([^\s=<>"']+)\s*=\s*("[^"]*"|'[^']*')""")
 
-#: A declared encoding that is not UTF-8.
+#: Pattern of a declared encoding that is not UTF-8.
 ENCODED = re.compile(r"""\s*<\?xml[^>]*encoding\s*=\s*["'](?!utf-?8["'])""", re.IGNORECASE)
 
 
@@ -25,7 +25,10 @@ class OutsideError(ValueError):
 
 
 def named(text: str) -> Iterator[tuple[str, str, int]]:
-    """``(element, name, position)`` of each file and folder that an XML text names, as it is written there."""
+    """Yields ``(element, name, position)`` for each file and each folder that an XML text names.
+
+    The name is as written in the text.
+    """
     for found in ELEMENT.finditer(text):
         for attribute, value in ATTRIBUTE.findall(found[2]):
             if attribute == ("value" if found[1] == "path" else "filename"):
@@ -33,11 +36,11 @@ def named(text: str) -> Iterator[tuple[str, str, int]]:
 
 
 class Confinement:
-    """Allows the files below ``folders``, the first of which is the scene's, and the files that Mitsuba is installed
-    with. Links are followed.
+    """Allows only files below ``folders``, and files of Mitsuba's installation.
 
-    The methods raise :class:`OutsideError` before Mitsuba opens the file. They do not protect against somebody who
-    exchanges files in these folders between the check and the reading.
+    The first of ``folders`` is the scene's folder. Symbolic links are followed. The methods raise :class:`OutsideError`
+    before Mitsuba opens a file. They do not protect against somebody who exchanges files in these folders between the
+    check and the reading.
     """
 
     def __init__(self, folders: Iterable[Path]) -> None:
@@ -46,7 +49,10 @@ class Confinement:
         self._installed = [installed, os.path.realpath(installed)]
 
     def search_path(self) -> mi.FileResolver:
-        """The folder of Mitsuba's installation, so that no file of the scene replaces one there; then the folders."""
+        """Returns the search path: the folder of Mitsuba's installation, then the allowed folders.
+
+        In this order, no file of the scene can replace a file of Mitsuba.
+        """
         resolver = mi.FileResolver()
         resolver.clear()
         for folder in (self._installed[0], *self._folders):
@@ -54,9 +60,12 @@ class Confinement:
         return resolver
 
     def check_text(self, path: Path) -> None:
-        """Checks all files that the parser may open. Raises OSError too."""
+        """Checks all files that Mitsuba's parser may open for the XML file ``path``.
+
+        Raises OutsideError, and OSError if a file cannot be read.
+        """
         folders, texts = [self._installed[0], *self._folders], [path]
-        for file in texts:  # grows below
+        for file in texts:  # the list grows in the loop
             folders.append(str(file.parent))
             try:
                 text = file.read_text(encoding="utf-8")
@@ -76,8 +85,9 @@ class Confinement:
                 texts += [place for place in map(Path, found) if tag == "include" and place not in texts]
 
     def check_state(self, state: mi.parser.ParserState, resolver: mi.FileResolver) -> None:
-        """Checks the files that the parser has read and those that plugins would open. ``resolver``: the search path
-        after parsing.
+        """Checks the files that the parser has read, and the files that plugins would open.
+
+        ``resolver`` is Mitsuba's search path after parsing.
         """
         for file in map(str, state.files):
             if wrong := self._wrong("an <include>", file, file):
@@ -90,7 +100,7 @@ class Confinement:
                     raise OutsideError(f"At {mi.parser.file_location(state, node)}: {wrong}")
 
     def _wrong_value(self, plugin: str, name: str, value: str, resolver: mi.FileResolver) -> str | None:
-        """The error of a parameter that is a string, or None."""
+        """Returns the error message for a parameter that is a string, or None if the parameter is allowed."""
         if name == "type":
             libraries = [str(resolver.resolve(f"plugins/{plugin}{suffix}")) for suffix in LIBRARIES]
             if re.fullmatch(r"[\w-]+", plugin) and not any(os.path.exists(p) and not self._own(p) for p in libraries):
@@ -101,9 +111,13 @@ class Confinement:
         return next(filter(None, errors), None)
 
     def _wrong(self, what: str, name: str, *places: str) -> str | None:
-        """The error of a file that ``what`` calls ``name``, and that Mitsuba may find at ``places``, or None."""
+        """Returns the error message for a file outside the allowed folders, or None if the file is allowed.
+
+        ``name`` is the name of the file in the scene, and ``what`` is the element or parameter with this name. Mitsuba
+        may find the file at any of ``places``.
+        """
         for path in places:
-            is_word = re.fullmatch(r"\w+", name) and os.path.isdir(path)  # such as "rgb"
+            is_word = re.fullmatch(r"\w+", name) and os.path.isdir(path)  # a word such as "rgb" names no file
             if not os.path.isabs(path) and (is_word or not os.path.exists(path)):
                 path = os.path.join(self._folders[0], name)
             real = Path(os.path.realpath(path))
@@ -115,6 +129,9 @@ class Confinement:
         return None
 
     def _own(self, path: str) -> bool:
-        """Whether a file belongs to Mitsuba's installation, where links may lead anywhere."""
+        """Tells whether a file belongs to Mitsuba's installation.
+
+        Symbolic links within the installation may lead anywhere.
+        """
         inside = map(Path(os.path.abspath(path)).is_relative_to, self._installed)
         return ".." not in re.split(r"[/\\]", path) and any(inside)

@@ -1,4 +1,4 @@
-"""Better messages for Mitsuba's errors: the line of an XML file, a similar plugin, the damaged image."""
+"""Improves messages of Mitsuba's errors: shows the line of an XML file, a similar plugin, or the damaged image."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from .session import message
 
 
 def with_line(words: str, scene: Path | None = None) -> str:
-    """``words``, and the line that they name with a caret below it. Of several places it is the last, as an included
-    file is named after the one that includes it.
+    """Adds the line of an XML file that a message names, with a caret below the column.
 
-    ``scene``: show only lines of this file and of files in its folder, as ``words`` may be the scene's own.
+    ``words`` is the message. If it names several places, the last place is shown, because an included file is named
+    after the file that includes it. With ``scene``, only lines of this file and of files in its folder are shown,
+    because the scene may determine the text of ``words``.
     """
     for place in reversed(list(PLACE.finditer(words))):
         path = Path(place[1])
@@ -28,7 +29,7 @@ def with_line(words: str, scene: Path | None = None) -> str:
 
 
 def _line(path: Path, line: int, column: int) -> str:
-    """A line of an XML file and the caret below it; empty where it can't be read."""
+    """Returns a line of an XML file and the caret below it; an empty text if the file cannot be read."""
     if path.suffix != ".xml":
         return ""
     try:
@@ -40,7 +41,10 @@ def _line(path: Path, line: int, column: int) -> str:
 
 
 def with_suggestion(words: str) -> str:
-    """``words``, with the name of a similar plugin of the same kind where they say that a plugin does not exist."""
+    """Adds the name of a similar plugin of the same kind, if a message says that a plugin does not exist.
+
+    ``words`` is the message.
+    """
     found = NOT_FOUND.search(words)
     if found is None:
         return words
@@ -53,9 +57,9 @@ def with_suggestion(words: str) -> str:
 
 
 def check_images(document: Document) -> None:
-    """Raises the :class:`prosim_scene.SceneError` of the first image that Mitsuba can't read, at its place in the text.
+    """Raises :class:`prosim_scene.SceneError` for the first image of a scene that Mitsuba cannot read.
 
-    The translator checks only the first bytes of an image.
+    The error names the place of the image in the scene's text. The translator checks only the first bytes of an image.
     """
     folder = Path(document.source.filename).parent
     for name, way in images(document):

@@ -1,4 +1,4 @@
-"""The image of a film as an EXR and a PNG file."""
+"""Writes the image of a film as an EXR and a PNG file."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ import OpenEXR
 def encode(
     bitmap: mi.Bitmap, facts: Mapping[str, str], exposure: float = 0.0, shown: Mapping[str, str] | None = None
 ) -> dict[str, bytes]:
-    """Suffix -> content of an EXR with the metadata ``facts``, and of a PNG with those of ``shown``.
+    """Returns an EXR with the metadata ``facts``, and a PNG with the metadata ``shown``: suffix -> content of the file.
 
-    The PNG has ``exposure`` stops more, and compressed highlights. A film without colours has no PNG.
+    The PNG is brighter by ``exposure`` stops, and its highlights are compressed. A film without colours has no PNG.
     """
     images = {".exr": exr(bitmap, facts)}
     linear = colours(bitmap)
@@ -25,7 +25,10 @@ def encode(
 
 
 def colours(bitmap: mi.Bitmap) -> np.ndarray | None:
-    """The linear colours of a film's image, shape (height, width, 3), or None (spectral bins, for example)."""
+    """Returns the linear colours of a film's image, shape (height, width, 3).
+
+    Returns None if the film stores no colours, but spectral bins for example.
+    """
     layer = next((layer for name, layer in bitmap.split() if name == "<root>"), bitmap)
     if layer.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:
         return None
@@ -33,15 +36,16 @@ def colours(bitmap: mi.Bitmap) -> np.ndarray | None:
 
 
 def luminance(rgb: np.ndarray) -> np.ndarray:
-    """Luminance of linear colours, shape (..., 3), by the weights of Rec. 709 with four digits."""
+    """Returns the luminance of linear colours, shape (..., 3), by the weights of Rec. 709 with four digits."""
     return rgb @ np.array([0.2126, 0.7152, 0.0722], dtype=rgb.dtype)
 
 
 def compress(rgb: np.ndarray) -> np.ndarray:
-    """Compresses highlights to at most 1: the curve of Reinhard et al. (2002, equation 4) on the luminance.
+    """Compresses highlights to at most 1, by the tone curve of Reinhard and others (2002, equation 4).
 
-    ``rgb``: linear radiance, shape (height, width, 3), white being 1. The luminance that one pixel in a hundred exceeds
-    becomes white. An image within the range of the screen stays as it is. Ratios of the channels stay.
+    ``rgb`` is the linear radiance, shape (height, width, 3), with white at 1. The curve is applied to the luminance, so
+    the ratios of the channels stay the same. The 99th percentile of the luminance becomes white. An image within the
+    range of the screen stays the same.
     """
     light = np.maximum(luminance(rgb), 0)[..., None]
     white = max(1.0, float(np.percentile(light, 99)))
@@ -49,9 +53,10 @@ def compress(rgb: np.ndarray) -> np.ndarray:
 
 
 def exr(bitmap: mi.Bitmap, facts: Mapping[str, str]) -> bytes:
-    """An OpenEXR file of all channels of the bitmap, by name and in their precision, and of the metadata ``facts``.
+    """Returns an OpenEXR file of the bitmap with the metadata ``facts``.
 
-    OpenEXR's own library writes it: Mitsuba 3.9 hangs with fewer than three threads.
+    The channels keep their names and their precision. OpenEXR's own library writes the file, because Mitsuba 3.9 hangs
+    with fewer than three threads.
     """
     if bitmap.component_format() not in (mi.Struct.Type.Float16, mi.Struct.Type.Float32, mi.Struct.Type.UInt32):
         bitmap = bitmap.convert(component_format=mi.Struct.Type.Float32, srgb_gamma=False)
@@ -66,9 +71,9 @@ def exr(bitmap: mi.Bitmap, facts: Mapping[str, str]) -> bytes:
 
 
 def png(image: np.ndarray, facts: Mapping[str, str] | None = None, effort: int = -1) -> bytes:
-    """A PNG file in sRGB and 8 bits of a linear image (height, width, 3), white being 1, with the metadata ``facts``.
+    """Returns a PNG file (sRGB, 8 bits) of a linear image, shape (height, width, 3), with white at 1.
 
-    ``effort``: of zlib, 1 to 9; -1 for its default.
+    ``facts`` are the metadata. ``effort`` is the compression level of zlib, 1 to 9; -1 for the default level.
     """
     stream = mi.MemoryStream()
     shown = mi.Bitmap(image).convert(component_format=mi.Struct.Type.UInt8, srgb_gamma=True)

@@ -1,4 +1,4 @@
-"""Changes of a parsed scene: its film, and its integrator, which ``prosim_adaptive`` may wrap."""
+"""Changes of a parsed scene: its film and its integrator, which may be nested in ``prosim_adaptive``."""
 
 from __future__ import annotations
 
@@ -9,18 +9,20 @@ import mitsuba as mi
 
 from ..engine.plan import TARGETS
 
-#: Parameters for which an integrator that lacks them is put inside ``prosim_adaptive``.
+#: Parameters that nest an integrator in ``prosim_adaptive``, if the integrator lacks them.
 WRAPPING = (*TARGETS, "max_samples", "adaptive")
 
-#: Parameters of the outermost integrator. ``samples`` and ``threshold`` alone may be meant for another scene.
+#: Parameters of the outermost integrator. A user may give only ``samples`` and ``threshold`` by mistake, so these two
+#: do not nest an integrator.
 SAMPLING = ("samples", "threshold", *WRAPPING)
 
-#: Limits of a film: pixels per side, and pixels. Its values are counted in 32 bits, several per pixel.
+#: Limits of a film: pixels per side, and pixels in total. A film counts its values in 32 bits, with several values per
+#: pixel.
 LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
 
 
 def check_size(width: int, height: int) -> None:
-    """Raises ValueError where no film can hold the image."""
+    """Raises ValueError if no film can hold an image of this size in pixels."""
     if not (min(width, height) >= 1 and max(width, height) <= LONGEST_SIDE and width * height <= MOST_PIXELS):
         raise ValueError(
             f"an image of {width} x {height} pixels; allowed are 1 to {LONGEST_SIDE} pixels a side and "
@@ -34,11 +36,11 @@ def apply(
     crop: tuple[int, int, int, int] | None,
     parameters: dict[str, Any],
 ) -> str | None:
-    """Changes a parsed scene; returns the name of the integrator that ``prosim_adaptive`` now wraps, or None.
+    """Changes a parsed scene; returns the name of the integrator that is now nested in ``prosim_adaptive``, or None.
 
-    ``resolution``: (width, height); ``crop``: (x, y, width, height), both in pixels; ``parameters``: of the integrator,
-    None removes one. Those of :data:`SAMPLING` are the outermost integrator's, the others those of every ``prosim``.
-    Raises ValueError where the changes do not fit the scene.
+    ``resolution`` is (width, height) and ``crop`` is (x, y, width, height), both in pixels. ``parameters`` are those of
+    the integrator; the value None deletes a parameter. Parameters in :data:`SAMPLING` go to the outermost integrator,
+    all others to every ``prosim``. Raises ValueError if the changes do not suit the scene.
     """
     for props in (node.props for node in state.nodes if node.type == mi.ObjectType.Film):
         _set(props, zip(("width", "height"), resolution or ()))
@@ -76,7 +78,7 @@ def apply(
 
 
 def _integrator_key(state: mi.parser.ParserState) -> str | None:
-    """Name of the scene's own integrator among its properties, or None."""
+    """Returns the name of the scene's integrator among the scene's properties, or None."""
     integrators = (
         name
         for name, value in state.root.props.items()
@@ -87,7 +89,10 @@ def _integrator_key(state: mi.parser.ParserState) -> str | None:
 
 
 def _add(state: mi.parser.ParserState, props: mi.Properties) -> mi.Properties.ResolvedReference:
-    """Adds an integrator; returns its reference. Nodes that were taken from ``state`` before are invalid then."""
+    """Adds an integrator to ``state``, and returns its reference.
+
+    Nodes that were taken from ``state`` before this call become invalid.
+    """
     node = mi.parser.SceneNode()
     node.type, node.props = mi.ObjectType.Integrator, props
     state.nodes.append(node)
@@ -95,7 +100,7 @@ def _add(state: mi.parser.ParserState, props: mi.Properties) -> mi.Properties.Re
 
 
 def _set(props: mi.Properties, parameters: Iterable[tuple[str, Any]]) -> None:
-    """Sets properties, or deletes those that are None."""
+    """Sets properties; a property whose value is None is deleted."""
     for name, value in parameters:
         if value is not None:
             props[name] = value

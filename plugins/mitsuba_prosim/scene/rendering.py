@@ -1,4 +1,4 @@
-"""A progressive render of any integrator."""
+"""Starts a progressive render with any integrator."""
 
 from __future__ import annotations
 
@@ -14,12 +14,18 @@ from ..sampling.hash import combine, hash32
 
 
 def is_progressive(integrator: mi.Integrator) -> bool:
-    """Whether an integrator renders progressively, as ours does in all but scalar variants."""
+    """Tells whether an integrator renders progressively.
+
+    The integrators of this package do so in all variants except scalar ones.
+    """
     return hasattr(integrator, "progressive") and dr.is_jit_v(mi.Float)
 
 
 def require_progressive(integrator: mi.Integrator, what: str) -> None:
-    """Raises ValueError if an integrator does not render progressively; ``what`` needs that."""
+    """Raises ValueError if an integrator does not render progressively.
+
+    ``what`` is the option or the function that needs a progressive integrator.
+    """
     if not is_progressive(integrator):
         raise ValueError(
             f"{what} needs prosim or prosim_adaptive, in all but scalar variants; this scene's integrator is "
@@ -30,9 +36,10 @@ def require_progressive(integrator: mi.Integrator, what: str) -> None:
 
 
 def progressive(scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int = 0, spp: int = 0, **how: Any) -> Any:
-    """A :class:`.Render` of an integrator; a :class:`Blocking` where that is not progressive.
+    """Begins a :class:`.Render` by an integrator, or a :class:`Blocking` if the integrator is not progressive.
 
-    ``spp``: samples per pixel, 0 for those of the scene; ``how``: for the method ``progressive``.
+    ``spp`` is the number of samples per pixel; 0 stands for the number in the scene. ``how`` are further arguments of
+    the integrator's method ``progressive``.
     """
     if not is_progressive(integrator):
         return Blocking(integrator, scene, sensor, seed, spp, how.get("denoiser"))
@@ -40,8 +47,10 @@ def progressive(scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int =
 
 
 class Blocking(Steps):
-    """The interface of :class:`.Render` for an integrator that renders a whole image in one :class:`.Step`; for a
-    ``denoiser`` two images, which share the samples.
+    """Renders a whole image in one :class:`.Step`, with the interface of :class:`.Render`.
+
+    This class is for integrators that do not render progressively. For a ``denoiser`` it renders two images, which
+    share the samples.
     """
 
     second = reached = None
@@ -52,7 +61,7 @@ class Blocking(Steps):
         self.denoiser, seeds = denoiser, [seed]
         if denoiser is not None:
             spp = ((spp or sensor.sampler().sample_count()) + 1) // 2
-            # No neighbouring seed, which may be that of another image.
+            # The second seed is not a neighbour of the first seed, which may be the seed of another image.
             seeds.append(combine(hash32(seed), 1))
         self._images: list[mi.TensorXf] = []
         self._sensor, self._spp = sensor, spp
@@ -62,22 +71,25 @@ class Blocking(Steps):
     def _render(
         self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, seeds: Sequence[int], spp: int
     ) -> Generator[Step, None, None]:
-        # Mitsuba's integrators in Python always develop the film. Writing it is another step.
+        # Mitsuba's integrators in Python always develop the film. The film is written in another step.
         for number, seed in enumerate(seeds, 1):
             self._images.append(integrator.render(scene, sensor, seed=seed, spp=spp, develop=True, evaluate=True))
             dr.sync_thread()
             yield Step(number / len(seeds), number == len(seeds))
 
     def half_images(self) -> list[np.ndarray]:
-        """The developed images so far, shape (height, width, channels)."""
+        """Returns the developed images so far, each of shape (height, width, channels)."""
         return [np.array(image) for image in self._images]
 
     def counts(self) -> np.ndarray:
-        """Number of samples of each pixel so far, shape (height, width); samplers round the requested number."""
+        """Returns the number of samples of each pixel so far, shape (height, width).
+
+        The sampler may round the requested number.
+        """
         sampler = self._sensor.sampler().clone()
         sampler.set_sample_count(self._spp or sampler.sample_count())
         height, width = self._images[0].shape[:2]
         return np.full((height, width), sampler.sample_count() * len(self._images))
 
     def update_film(self) -> None:
-        """Does nothing, as the film already holds the image."""
+        """Does nothing, because the film already holds the image."""

@@ -1,4 +1,4 @@
-"""A scene file in XML or in the thesis's language: translated, parsed, changed and loaded."""
+"""A scene file in XML or in the thesis's scene language: it is translated, parsed, changed and loaded."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from . import overrides, session
 from .confinement import ATTRIBUTE, ELEMENT, Confinement
 from .errors import check_images
 
-#: Arguments of :func:`prosim_scene.translate`: those that scenes in XML do not have, and all.
+#: Arguments of :func:`prosim_scene.translate`: those that only the scene language has, and all.
 LANGUAGE = ("light_units", "tolerance")
 TRANSLATION = (*LANGUAGE, "allow_outside", "cache")
 
@@ -28,7 +28,7 @@ COMMENT = re.compile("<!--.*?-->", re.DOTALL)
 
 
 class SceneFile:
-    """A scene file, read once. :meth:`load` makes scenes of it."""
+    """A scene file, which is read once; :meth:`load` makes scenes from its content."""
 
     def __init__(
         self,
@@ -41,10 +41,10 @@ class SceneFile:
         confined: bool = False,
         **translation: Any,
     ) -> None:
-        """Reads the scene at ``path``: XML if that is its suffix, else the thesis's language.
+        """Reads the scene at ``path``: XML if the suffix is .xml, else the thesis's scene language.
 
         ``folder``
-            Folder of the translation; it has to exist as long as scenes are loaded.
+            Folder for the translation, which must exist until all scenes are loaded.
         ``definitions``
             Values of the scene's ``$names``.
         ``resolution``, ``crop``
@@ -56,14 +56,13 @@ class SceneFile:
         ``translation``
             The arguments :data:`TRANSLATION` of :func:`prosim_scene.translate`.
 
-        Raises :class:`prosim_scene.SceneError`, ValueError where the changes do not fit the scene, and what the
-        confinement and Mitsuba's parser raise. Warns if another resolution distorts the image of a scene in the
-        thesis's language.
+        Raises :class:`prosim_scene.SceneError`, ValueError if the changes do not suit the scene, OutsideError, and the
+        errors of Mitsuba's parser. Warns if another resolution distorts the image of a scene in the scene language.
         """
         if unknown := sorted(translation.keys() - {*TRANSLATION}):
             raise TypeError(f"no such argument: {', '.join(unknown)}; integrator={{...}} takes samples and the like")
         self.path = self.xml = Path(path)
-        #: The parsed text; None for XML.
+        #: The parsed text in the scene language; None for XML.
         self.document: Document | None = None
         parameters = dict(integrator or {})
         if self.path.suffix.lower() != ".xml":
@@ -74,7 +73,7 @@ class SceneFile:
             left, bottom, right, top = self.document.scene.view.window
             if resolution and (wrong := prosim_scene.distortion_message(*resolution, (right - left) / (top - bottom))):
                 warnings.warn(prosim_scene.SceneWarning(f"{self.path}: {wrong}"), stacklevel=2)
-            definitions = resolution = None  # the translation has these
+            definitions = resolution = None  # the translated file already contains these
         elif unfit := [f"--{name.replace('_', '-')}" for name in LANGUAGE if translation.get(name)]:
             raise ValueError(f"{', '.join(unfit)}: only for scenes in the thesis's language; {self.path} is XML")
         #: The arguments with which the XML file makes the same scene.
@@ -87,7 +86,7 @@ class SceneFile:
         folders = [self.xml.parent, self.path.parent]
         confinement = Confinement(reversed(folders)) if confined else None
         resolver = confinement.search_path() if confinement else session.resolver(folders)
-        self._folders = [str(folder) for folder in resolver]  # <path> elements extend the search path
+        self._folders = [str(folder) for folder in resolver]  # elements <path> add folders to the search path
         with session.resolving(resolver):
             if confinement and self.xml is self.path:
                 confinement.check_text(self.xml)
@@ -97,15 +96,15 @@ class SceneFile:
                 confinement.check_state(self.state, self._resolver)
             self._unchanged = mi.parser.ParserState(self.state)  # for digest()
         try:
-            #: Name of the integrator that was put inside ``prosim_adaptive``, or None.
+            #: Name of the integrator that was nested in ``prosim_adaptive``, or None.
             self.wrapped = overrides.apply(self.state, resolution, crop, parameters)
         except ValueError as error:
             raise ValueError(f"{self.path}: {error}") from None
 
     def digest(self) -> str:
-        """SHA-256 of the scene, with its definitions, and of the files that it names, before the other changes.
+        """Returns the SHA-256 of the scene with its definitions and the files that the scene names.
 
-        Comments, names of files and formats of numbers do not matter.
+        Other changes of the scene are not included. Comments, names of files and formats of numbers do not matter.
         """
         state = mi.parser.ParserState(self._unchanged)
         for props, name, path in self._strings(state):
@@ -114,27 +113,29 @@ class SceneFile:
         return hashlib.sha256(f"{versions}\n{mi.parser.write_string(state)}".encode()).hexdigest()
 
     def named_files(self) -> list[tuple[str, Path]]:
-        """``(name, path)`` of each file that the scene names, without XML files."""
+        """Returns ``(name, path)`` for each file that the scene names; XML files are left out."""
         files = [(props[name], path) for props, name, path in self._strings(self.state)]
         return files + sorted(set(self._spectra(self.xml, self._folders, dict(self.changes["definitions"]))))
 
     def _spectra(
         self, text: Path, folders: list[str], values: dict[str, str], within: tuple[str, ...] = ()
     ) -> Iterator[tuple[str, Path]]:
-        """``(name, path)`` of each spectrum in an XML text, which the parser has replaced by its content.
+        """Yields ``(name, path)`` for each spectrum file that an XML text names.
 
-        Follows the parser: a file is the first of its name, a parameter has its first value, and what a text includes
-        is found and read with that text's folder first in the search path.
+        The parser has replaced these names by the content of the files, so this method searches the text. It follows
+        the rules of the parser: the first file with a name in the search path counts, and the first value of a
+        parameter counts. An included text is found and read with the folder of the including text first in the search
+        path.
         """
         folders, within = [*folders], (*within, os.path.realpath(text))
         for found in ELEMENT.finditer(COMMENT.sub("", text.read_text(encoding="utf-8", errors="replace"))):
-            said = {key: html.unescape(value[1:-1]) for key, value in ATTRIBUTE.findall(found[2])}
+            attributes = {key: html.unescape(value[1:-1]) for key, value in ATTRIBUTE.findall(found[2])}
             for key in sorted(values, key=len, reverse=True):
-                said = {attribute: value.replace(f"${key}", values[key]) for attribute, value in said.items()}
+                attributes = {name: value.replace(f"${key}", values[key]) for name, value in attributes.items()}
             if found[1] == "default":
-                values.setdefault(said.get("name", ""), said.get("value", ""))
+                values.setdefault(attributes.get("name", ""), attributes.get("value", ""))
                 continue
-            name = said.get("value" if found[1] == "path" else "filename", "")
+            name = attributes.get("value" if found[1] == "path" else "filename", "")
             search = [str(text.parent), *folders] if found[1] == "include" else folders
             places = (os.path.join(folder, name) for folder in (*search, ""))
             place = next(filter(os.path.exists, places), "")
@@ -146,12 +147,12 @@ class SceneFile:
                 yield from self._spectra(Path(place), search, values, within)
 
     def sources(self) -> list[Path]:
-        """The files that the scene names, and the meshes that a translation has read."""
+        """Returns the paths of the files that the scene names, and of the meshes that a translation has read."""
         files = [path for _, path in self.named_files()]
         return files + [located(self.path.parent, name) for name in (meshes(self.document) if self.document else ())]
 
     def _strings(self, state: mi.parser.ParserState) -> Iterator[tuple[mi.Properties, str, Path]]:
-        """The parameters that name a file, and its path."""
+        """Yields the parameters of the scene that name a file: the properties, the parameter's name, and the path."""
         for props in (node.props for node in state.nodes):
             for name in [name for name in props if props.type(name) == mi.Properties.Type.String and props[name]]:
                 path = Path(str(self._resolver.resolve(props[name])))
@@ -159,10 +160,11 @@ class SceneFile:
                     yield props, name, path
 
     def load(self, sampler: str | None = None) -> mi.Scene:
-        """Makes a scene; ``sampler``: the plugin that takes the place of its sampler, with as many samples.
+        """Makes a scene from the parsed file.
 
-        Raises Mitsuba's errors. In the thesis's language, a damaged image raises :class:`prosim_scene.SceneError` at
-        its place in the text.
+        ``sampler`` is a plugin that replaces the scene's sampler, with the same number of samples. Raises Mitsuba's
+        errors. For a scene in the scene language, a damaged image raises :class:`prosim_scene.SceneError` with the
+        image's place in the text.
         """
         state = mi.parser.ParserState(self.state)
         for node in state.nodes:
@@ -182,9 +184,10 @@ class SceneFile:
 def parse(
     path: str | Path, parameters: Mapping[str, str], unused: mi.LogLevel = mi.LogLevel.Error
 ) -> mi.parser.ParserState:
-    """Parses an XML scene; ``parameters`` replace its ``$key`` constants. Returns Mitsuba's parser state.
+    """Parses an XML scene, and returns the state of Mitsuba's parser.
 
-    ``unused``: the level at which parameters are logged that the scene does not have.
+    ``parameters`` replace the ``$key`` constants of the scene. ``unused`` is the log level for parameters that the
+    scene does not use.
     """
     if taken := set(compat.RESERVED) & set(parameters):
         raise ValueError(f"-D {taken.pop()}=...: Mitsuba reserves this name; choose another")
@@ -194,12 +197,12 @@ def parse(
 
 
 def instantiate(state: mi.parser.ParserState) -> mi.Scene:
-    """Makes the scene of a parser state, which is used up."""
+    """Makes the scene of a parser state; the state cannot be used again."""
     return compat.instantiate(mi.parser.ParserConfig(mi.variant() or ""), state, registry.PLUGINS)
 
 
 def used_names(path: str | Path, definitions: Mapping[str, str], names: Iterable[str]) -> set[str]:
-    """Those of ``names`` that occur as ``$name`` in a scene file or in the files that it includes."""
+    """Returns those of ``names`` that occur as ``$name`` in a scene file or in the files that it includes."""
     files = [path]
     if Path(path).suffix.lower() == ".xml":
         with session.resolving(session.resolver([Path(path).parent])):
@@ -209,7 +212,10 @@ def used_names(path: str | Path, definitions: Mapping[str, str], names: Iterable
 
 
 def pick_sensor(scene: mi.Scene, index: int) -> mi.Sensor:
-    """The sensor of that index. Raises an error that begins as that of the native command."""
+    """Returns the sensor with this index.
+
+    The messages of the errors begin like those of the native command ``mitsuba``.
+    """
     if not isinstance(scene, mi.Scene):
         raise TypeError("Root element of the input file must be a <scene> tag!")
     sensors = scene.sensors()

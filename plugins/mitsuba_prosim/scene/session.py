@@ -1,4 +1,4 @@
-"""Sets up Mitsuba: the variant, the plugins of all packages, threads and search paths."""
+"""Sets up Mitsuba: the variant, the plugins of all packages, the number of threads and the search path."""
 
 import warnings
 from collections.abc import Iterator, Sequence
@@ -12,7 +12,7 @@ import mitsuba as mi
 from ..alone import alone
 from ..compat import EXR_THREADS, NO_PARAMETER, SOURCE_LINE, TRACEBACK
 
-#: Beginning of a variant's name -> (its backend, the requirement of that).
+#: First part of a variant's name -> (the backend, and what the backend requires).
 BACKENDS = {
     "scalar": (None, ""),
     "llvm": (dr.JitBackend.LLVM, "LLVM"),
@@ -25,20 +25,21 @@ PREFERRED = ("cuda_ad_rgb", "metal_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
 
 
 def has_backend(variant: str) -> bool:
-    """Whether this machine has the backend of a variant."""
+    """Tells whether this machine has the backend of a variant."""
     backend, _ = BACKENDS[variant.partition("_")[0]]
     return backend is None or bool(dr.has_backend(backend))
 
 
 def default_variant() -> str:
-    """The first of the :data:`PREFERRED` variants that works here."""
+    """Returns the first of the :data:`PREFERRED` variants that works on this machine."""
     return next(variant for variant in PREFERRED if variant in mi.variants() and has_backend(variant))
 
 
 def set_variant(variant: str | None = None) -> str:
-    """Sets the variant (default: :func:`default_variant`), loads the plugins of all packages, and returns its name.
+    """Sets the variant, loads the plugins of all packages, and returns the name of the variant.
 
-    Raises ImportError for a variant that this Mitsuba does not have, RuntimeError for one that can't be used here.
+    Without ``variant``, the default is :func:`default_variant`. Raises ImportError if this Mitsuba does not have the
+    variant, and RuntimeError if this machine cannot use the variant.
     """
     variant = variant or default_variant()
     if variant in mi.variants() and not has_backend(variant):
@@ -55,24 +56,24 @@ def set_variant(variant: str | None = None) -> str:
 def load_plugins() -> None:
     """Imports the modules that packages name by entry points in the group ``mitsuba``; these register plugins.
 
-    Mitsuba 3.10 and later do so themselves, 3.9 does not.
+    Mitsuba 3.10 and later import these modules themselves; Mitsuba 3.9 does not.
     """
     for entry in entry_points(group="mitsuba"):
         try:
             entry.load()
-        except Exception as error:  # noqa: BLE001 (our plugins do not depend on other packages)
+        except Exception as error:  # noqa: BLE001 (the plugins of this package do not depend on others)
             warnings.warn(f"the plugins of {entry.value} could not be loaded: {error}", stacklevel=2)
 
 
 def message(error: BaseException) -> str:
-    """The words of an error and of its cause, without Python's traceback and the lines of Mitsuba's source."""
+    """Returns the message of an error and of its cause, without Python's traceback and Mitsuba's source lines."""
     cause = f" {message(error.__cause__)}" if error.__cause__ else ""
     words = SOURCE_LINE.sub("", TRACEBACK.sub("", str(error)) + cause)
     return NO_PARAMETER.sub(lambda found: f"{found[1]} has no parameter " + ", ".join(found[2].split('"')[1::2]), words)
 
 
 def resolver(first: Sequence[str | Path] = (), last: Sequence[str | Path] = ()) -> mi.FileResolver:
-    """Mitsuba's search path with folders at both ends."""
+    """Returns Mitsuba's search path with the folders ``first`` before it and the folders ``last`` after it."""
     with alone():
         result = mi.FileResolver(mi.file_resolver())
     for path in reversed(first):
@@ -84,7 +85,7 @@ def resolver(first: Sequence[str | Path] = (), last: Sequence[str | Path] = ()) 
 
 @contextmanager
 def resolving(resolver: mi.FileResolver) -> Iterator[None]:
-    """Sets another search path temporarily; other threads that want to do so wait."""
+    """Sets another search path within the context; other threads that set a search path must wait."""
     with alone():
         before = mi.file_resolver()
         mi.set_file_resolver(resolver)
@@ -96,7 +97,7 @@ def resolving(resolver: mi.FileResolver) -> Iterator[None]:
 
 @contextmanager
 def threads(count: int | None) -> Iterator[None]:
-    """Sets the number of threads temporarily; None leaves it unchanged."""
+    """Sets the number of threads within the context; None leaves the number unchanged."""
     before = dr.thread_count()
     dr.set_thread_count(count or before)
     try:
@@ -106,5 +107,5 @@ def threads(count: int | None) -> Iterator[None]:
 
 
 def enough_threads() -> AbstractContextManager[None]:
-    """Sets at least :data:`~mitsuba_prosim.compat.EXR_THREADS` temporarily."""
+    """Sets the number of threads to at least :data:`~mitsuba_prosim.compat.EXR_THREADS` within the context."""
     return threads(max(dr.thread_count(), EXR_THREADS))

@@ -14,7 +14,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from gains import DEPTH, NESTED, PATHS
-from measure import Run, arguments, begin, by_turns, interval, reference
+from measure import Run, arguments, begin, interval, reference, render_in_turn
 from mitsuba_prosim.compare import measures
 from subjects import BUILT, Subject
 
@@ -107,7 +107,7 @@ def main() -> None:
         subject = Subject(name, options.size, options.folder)
         found, integrator, spp = curves(subject)
         truth = reference(subject, integrator, spp, options.reference_seconds, options.cache)
-        by_turns([run for curve in found.values() for run in curve], truth, options.rounds, ["tone-mapped"])
+        render_in_turn([run for curve in found.values() for run in curve], truth, options.rounds, ["tone-mapped"])
         slopes = {label: slope(curve) for label, curve in found.items()}
         draw(subject, found, slopes, truth, options.output / f"{name.replace(' ', '-')}.png")
         for label, value in slopes.items():

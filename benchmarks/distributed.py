@@ -55,8 +55,8 @@ def prosim(*arguments: object) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
-def ends(process: subprocess.Popen[str], seconds: float | None = None) -> bool:
-    """Whether the process ends without an error within this time; raises SystemExit if it fails."""
+def wait_for(process: subprocess.Popen[str], seconds: float | None = None) -> bool:
+    """Waits for a process; returns whether it ended within ``seconds``. Raises SystemExit if the process failed."""
     try:
         text, _ = process.communicate(timeout=seconds)
     except subprocess.TimeoutExpired:
@@ -69,7 +69,7 @@ def ends(process: subprocess.Popen[str], seconds: float | None = None) -> bool:
 def processor_seconds(*arguments: object) -> float:
     """Runs ``prosim``; returns the processor seconds of the command and its workers."""
     before = psutil.Process().cpu_times()
-    ends(prosim(*arguments))
+    wait_for(prosim(*arguments))
     after = psutil.Process().cpu_times()
     return after.children_user + after.children_system - before.children_user - before.children_system
 
@@ -87,7 +87,7 @@ def workers(process: subprocess.Popen[str]) -> list[psutil.Process]:
         return []
 
 
-def disturbed(kind: int, stem: Path, scene: Path, options: list[str], seconds: float, chance: random.Random) -> int:
+def disturb(kind: int, stem: Path, scene: Path, options: list[str], seconds: float, chance: random.Random) -> int:
     """Renders a scene and disturbs the render; returns how many processes were killed.
 
     ``kind``: 0 kills the render and resumes it, 1 kills workers, 2 renders and merges parts.
@@ -95,14 +95,14 @@ def disturbed(kind: int, stem: Path, scene: Path, options: list[str], seconds: f
     if kind == 2:
         of = chance.randint(2, 6)
         for number in chance.sample(range(1, of + 1), of):
-            ends(prosim("render", scene, *options, "--part", f"{number}/{of}", "-o", stem))
+            wait_for(prosim("render", scene, *options, "--part", f"{number}/{of}", "-o", stem))
         parts = sorted(stem.parent.glob(f"{stem.name}.*-of-*.npz"))
-        ends(prosim("merge", *chance.sample(parts, of), "-o", stem))
+        wait_for(prosim("merge", *chance.sample(parts, of), "-o", stem))
         return 0
     killed, state = 0, stem.with_name(stem.name + ".state.npz")
     more = ["--workers", chance.choice([2, 3])] if kind else []
     process = prosim("render", scene, "--checkpoint", "-o", stem, *options, *more)
-    while not ends(process, chance.uniform(0.2, 0.9 * seconds) if killed < 3 else None):
+    while not wait_for(process, chance.uniform(0.2, 0.9 * seconds) if killed < 3 else None):
         if kind and state.exists():
             for worker in chance.sample(there, 1) if (there := workers(process)) else []:
                 worker.kill()
@@ -130,11 +130,11 @@ def kills(folder: Path, options: argparse.Namespace) -> None:
         scene.write_text(SCENE.format(size=options.size, rfilter=rfilter))
         if (policy, rfilter) not in known:
             whole, begun = folder / f"whole-{policy}-{rfilter}", time.perf_counter()
-            ends(prosim("render", scene, "-o", whole, *POLICIES[policy]))
+            wait_for(prosim("render", scene, "-o", whole, *POLICIES[policy]))
             known[policy, rfilter] = content(whole), time.perf_counter() - begun
         expected, seconds = known[policy, rfilter]
         stem = folder / f"disturbed-{n}"
-        count = disturbed(kind, stem, scene, POLICIES[policy], seconds, chance)
+        count = disturb(kind, stem, scene, POLICIES[policy], seconds, chance)
         killed += count
         what = f"{policy}, {rfilter}, {('renders', 'workers', 'parts')[kind]}: {count} killed, {killed} in all"
         if content(stem) != expected:

@@ -28,7 +28,7 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
-from measure import MEASURES, Run, arguments, begin, by_turns, gain, reference, shown
+from measure import MEASURES, Run, arguments, begin, gain, reference, render_in_turn, shown
 from mitsuba_prosim.light import table as lights
 from subjects import Subject
 
@@ -115,7 +115,7 @@ def rows(subject: Subject, table: str, options: argparse.Namespace) -> None:
     """Prints a row of the table for each entry except the baseline."""
     entries, integrator, spp = TABLES[table](subject)
     truth = reference(subject, integrator, spp, options.reference_seconds, options.cache)
-    by_turns(entries, truth, options.rounds)
+    render_in_turn(entries, truth, options.rounds)
     for entry in entries[:-1]:
         by_time, by_samples = gain(entry, entries[-1]), gain(entry, entries[-1], "samples")
         times = np.median(np.array(entry.seconds) / np.array(entries[-1].seconds))

@@ -68,7 +68,7 @@ class Run:
         return np.array(mi.render(self.scene, integrator=counting, seed=0, spp=self.spp))[..., -1]
 
 
-def by_turns(
+def render_in_turn(
     entries: Sequence[Run], reference: np.ndarray, rounds: int, chosen: Sequence[str] = tuple(MEASURES)
 ) -> None:
     """Renders each entry once for warming up, and then once in each round; stores errors and times in the entries.

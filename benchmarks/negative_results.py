@@ -37,7 +37,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from gains import NESTED, PATHS, with_samples
-from measure import MEASURES, Run, arguments, begin, by_turns, gain, interval, reference, shown
+from measure import MEASURES, Run, arguments, begin, gain, interval, reference, render_in_turn, shown
 from mitsuba_prosim.engine.plan import Plan
 from mitsuba_prosim.light.table import Lights
 from mitsuba_prosim.sampling.sobol import Sobol
@@ -63,7 +63,7 @@ def over_uniform(
     uniform = Run("none", scene, tree | {"adaptive": "none", "samples": n})
     found = with_samples(Run(name, scene, tree | {"max_samples": 4 * n * n}), n * n)
     truth = reference(subject, uniform.integrator, 0, options.reference_seconds, options.cache)
-    by_turns([found, uniform], truth, options.rounds, ["tone-mapped"])
+    render_in_turn([found, uniform], truth, options.rounds, ["tone-mapped"])
     return {name: gain(found, uniform)[:, 0]}
 
 

@@ -23,7 +23,7 @@ COPPER = {"type": "prosim_conductor", "material": "Cu"}
 GLASS = {"type": "dielectric"}
 
 
-def lit(**things: Any) -> dict[str, Any]:
+def lamp_scene(**things: Any) -> dict[str, Any]:
     """Returns a scene of ``things`` on a floor, under a lamp that is just large enough for ``path`` to find it."""
     scene = stage(lamp=lamp([-2.6, 4.4, 0.8], 0.6, 40.0), **things)
     return {name: value for name, value in scene.items() if name in ("sensor", "floor", "lamp", *things)}
@@ -48,7 +48,7 @@ def load(name: str, size: int) -> mi.Scene:
     """Loads a scene of :data:`BODIES`, or an example scene."""
     if name in NAMES:
         return Subject(name, size).load()
-    scene = with_film(lit(**BODIES[name]()), {"width": size, "height": size})
+    scene = with_film(lamp_scene(**BODIES[name]()), {"width": size, "height": size})
     return mi.load_dict({"type": "scene"} | scene)
 
 

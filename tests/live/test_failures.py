@@ -49,7 +49,7 @@ def test_a_background_that_path_cannot_be_lit_by(variant_rgb, write_scene):
     path = write_scene(XML.replace("INTEGRATOR", squares), "scene.xml")
     with running(path) as viewer:
         is_(viewer, "done")
-        assert "no bitmap" in viewer.publisher.state.not_compared
+        assert "not a bitmap" in viewer.publisher.state.not_compared
         change(viewer, compared=True)
         is_(viewer, "done")
         assert set(viewer.publisher.pictures) == {"own"} and viewer.publisher.state.error is None

@@ -61,7 +61,7 @@ def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> N
     for k, letter in enumerate("RGB"):
         planes[letter] = whole[..., k]
         planes |= {f"{name}.{letter}": values[..., k] for name, values in colours.items()}
-    header["prosim.mix"] = described(factors)
+    header["prosim.mix"] = factors_in_words(factors)
     stem = files.output_stem(job.output, image.with_name(f"{image.stem}-mix"), SUFFIXES)
     files.check(stem, SUFFIXES, sum(plane.nbytes for plane in planes.values()), [image])
     ordered = {name: planes[name] for name in sorted(planes, key=lambda name: ("." in name, "RGBA".find(name)))}
@@ -69,7 +69,7 @@ def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> N
     click.echo(" and ".join(map(str, files.save(stem, contents))))
 
 
-def described(factors: Iterable[tuple[str, np.ndarray]]) -> str:
+def factors_in_words(factors: Iterable[tuple[str, np.ndarray]]) -> str:
     """Returns the factors as text, for the metadata of the image."""
     return ", ".join(f"{name} x {' '.join(map(str, factor))}" for name, factor in factors)
 

@@ -73,7 +73,7 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
     if target:
         policy = record.attributes["sampling"]["adaptive"]
         target = {"adaptive": "graded" if policy in BY_FIRST else policy} | target
-    job = continued(before, job, checkpoint=True, part=record.part, **target)
+    job = continued_job(before, job, checkpoint=True, part=record.part, **target)
     write_image(job, files.output_stem(job.output, image_stem(state), SUFFIXES), record)
     if record.finished and not target:
         click.echo(
@@ -95,7 +95,7 @@ def merge(job: Job, part_files: tuple[Path, ...], moved: Path | None) -> None:
     """
     record, before = checkpoint_and_job(part_files[0], moved, lambda _: checkpoint.merge(part_files))
     target = files.output_stem(job.output, image_stem(part_files[0]), SUFFIXES)
-    write_image(continued(before, job), target, record)
+    write_image(continued_job(before, job), target, record)
     click.echo(
         f"The parts can be removed: {target}{STATE} stores all of them."
         if job.checkpoint
@@ -103,7 +103,7 @@ def merge(job: Job, part_files: tuple[Path, ...], moved: Path | None) -> None:
     )
 
 
-def continued(saved: Job, requested: Job, **changes: Any) -> Job:
+def continued_job(saved: Job, requested: Job, **changes: Any) -> Job:
     """Returns the job ``saved``, which a state stores, with the output and the workers of the job ``requested``."""
     running = {name: getattr(requested, name) for name in RUNNING}
     exposure = saved.exposure if requested.exposure is None else requested.exposure

@@ -232,7 +232,7 @@ def render_image(
             except OSError:
                 unsaved = {task.state_suffix: content}
         if job.part is None and not (is_frame and interruption):
-            image = finish(task, steps, seconds, interruption is not None)
+            image = finished_image(task, steps, seconds, interruption is not None)
         partial = image.contents and reached is not None and reached.min_samples == 0
         viewer.show()
         written = [*files.save(task.stem, image.contents | unsaved), *saved]
@@ -303,7 +303,7 @@ class Snapshots:
                 files.save(task.stem.with_name(f"{task.stem.name}.{text}"), {".exr": exr})
 
 
-def finish(task: RenderTask, steps: Any, seconds: float, interrupted: bool) -> Image:
+def finished_image(task: RenderTask, steps: Any, seconds: float, interrupted: bool) -> Image:
     """Returns the image of a render that has ended; the image is denoised if the job requires this."""
     job, integrator, film, reached = task.job, task.integrator, task.sensor.film(), steps.reached
     header = report.metadata(job, integrator, reached, interrupted, seconds)

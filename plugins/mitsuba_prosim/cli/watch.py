@@ -39,7 +39,7 @@ def watch(job: Job, port: int, browser: bool) -> None:
     """
     require_extra("watch", "prosim watch")
     from ..live import loaded_scene, server, viewer
-    from .mix import described
+    from .mix import factors_in_words
 
     refuse_scalar(["prosim watch"], job.variant)
     if job.denoise:
@@ -63,7 +63,7 @@ def watch(job: Job, port: int, browser: bool) -> None:
             state, bitmap, integrator, reached = view.result(factors)
             facts = metadata(job, integrator, reached, state.status != "done", state.seconds)
             if factors:
-                facts["prosim.mix"] = described([(name.partition(".")[2], factor) for name, factor in factors])
+                facts["prosim.mix"] = factors_in_words([(name.partition(".")[2], factor) for name, factor in factors])
             return images.encode(bitmap, facts, exposure)
 
         with server.served(view, encode, sock) as address:

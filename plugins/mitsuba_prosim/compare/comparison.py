@@ -104,7 +104,7 @@ class Section:
             # B may need more samples than A for the same error.
             sqrt_spp["b"] = (*effort.sqrt_spp, round(1.6 * effort.sqrt_spp[-1]), round(2.5 * effort.sqrt_spp[-1]))
             yield "finding equal times", 0.0
-            rows["b at equal samples"], rows["b at equal time"] = equals(scene, rows["a"], b, transport)
+            rows["b at equal samples"], rows["b at equal time"] = equal_cost_methods(scene, rows["a"], b, transport)
         if effort.denoise:
             rows |= {f"{role} denoised": replace(row, denoised=True) for role, row in rows.items()}
         self.rows = {role: Runs(row, self.image, self.scale) for role, row in rows.items()}
@@ -178,7 +178,7 @@ def reference_estimator(scene: ComparedScene, spec: Spec, transport: str) -> Met
     return scene.method(spec, transport, spp=64)
 
 
-def equals(scene: ComparedScene, a: Method, b: Spec, transport: str) -> tuple[Method, Method]:
+def equal_cost_methods(scene: ComparedScene, a: Method, b: Spec, transport: str) -> tuple[Method, Method]:
     """Returns two variants of the method ``b``: with the same number of samples as ``a``, and with the same time as
     ``a``.
     """

@@ -20,7 +20,7 @@ from prosim_scene import extras
 
 from ..scene import session
 from ..scene.images import compress, png
-from .picture import LAYERS, finite
+from .picture import LAYERS, finite_or_none
 from .progressive_image import ProgressiveImage
 
 #: Seconds after each work item in which the notebook can run other tasks.
@@ -199,7 +199,7 @@ class View:
             return
         self._label.value = self._status()
         if values.ndim == 2:
-            white = finite(np.percentile(values, 99)) or 1.0
+            white = finite_or_none(np.percentile(values, 99)) or 1.0
             self._label.value += f"; white: {white:.2g} or more"
             self._shown.value = png(np.repeat(values[..., None] / np.float32(white), 3, axis=2), effort=FAST)
         else:

@@ -51,7 +51,7 @@ class Picture:
         values = self.layers[layer]
         height, width = values.shape[:2]
         light = luminance(values) if values.ndim == 3 else values
-        white = finite(np.percentile(np.maximum(light, 0), 99))
+        white = finite_or_none(np.percentile(np.maximum(light, 0), 99))
         facts = {"Picture": self.number, "Width": width, "Height": height, "White": 1.0 if white is None else white}
         return np.nan_to_num(values).astype("<f4").tobytes(), {f"X-{name}": str(fact) for name, fact in facts.items()}
 
@@ -64,7 +64,7 @@ class Picture:
         height, width = self.layers["final"].shape[:2]
         x, y = x * width // size[0], y * height // size[1]
         return {
-            name: [finite(v) for v in values[y, x]] if values.ndim == 3 else finite(values[y, x])
+            name: [finite_or_none(v) for v in values[y, x]] if values.ndim == 3 else finite_or_none(values[y, x])
             for name, values in self.layers.items()
         }
 
@@ -100,6 +100,6 @@ def colours(image: np.ndarray) -> np.ndarray:
     return image[..., :3] if image.shape[2] >= 3 else np.repeat(image[..., :1], 3, axis=2)
 
 
-def finite(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
     """Returns the number, or None if it is not finite, because JSON has only finite numbers."""
     return float(value) if math.isfinite(value) else None

@@ -108,7 +108,7 @@ def without_maps(layers: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {name: values for name, values in layers.items() if values.ndim == 3}
 
 
-def name(integrator: Any) -> str:
+def integrator_name(integrator: Any) -> str:
     """Returns the name of an integrator, or the name of its nested integrator."""
     integrator = getattr(integrator, "nested", integrator)
     if hasattr(integrator, "parameter_names"):  # one of ours
@@ -118,14 +118,14 @@ def name(integrator: Any) -> str:
 
 def not_compared(integrator: Any) -> str | None:
     """Returns the reason why an image of this integrator cannot be compared with one of ``path``, or None."""
-    if name(integrator) == "path":
+    if integrator_name(integrator) == "path":
         return "the scene's integrator is the path tracer already"
     if not can_light(getattr(integrator, "background", None)):
         return "this background is not a bitmap, so path can't use it as a light"
     return None
 
 
-def by_path(image: ProgressiveImage) -> ProgressiveImage:
+def rendered_by_path(image: ProgressiveImage) -> ProgressiveImage:
     """Returns the same image rendered by Mitsuba's ``path``, with the sampling of ``own``.
 
     The background of the integrator becomes an emitter.

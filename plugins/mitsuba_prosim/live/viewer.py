@@ -25,7 +25,7 @@ from ..scene.errors import with_line, with_suggestion
 from .loaded_scene import LoadedScene
 from .orbit_camera import Camera
 from .picture import Factors, Picture
-from .progressive_image import ProgressiveImage, by_path, name, not_compared
+from .progressive_image import ProgressiveImage, integrator_name, not_compared, rendered_by_path
 from .publisher import Publisher, State
 from .scene_watcher import INTERVAL, SceneWatcher
 
@@ -197,7 +197,7 @@ class Viewer:
             error=None,
             black=None,
             view=scene.view(),
-            integrator=name(self._integrator),
+            integrator=integrator_name(self._integrator),
             not_compared=self._not_compared,
         )
         if scene.whole:
@@ -212,7 +212,7 @@ class Viewer:
         if own is not None:
             if request.compared != self._shown.compared:
                 compared = request.compared and self._not_compared is None
-                self._images = {"path": by_path(own), "own": own} if compared else {"own": own}
+                self._images = {"path": rendered_by_path(own), "own": own} if compared else {"own": own}
             for image in self._images.values():
                 if request.paused and image.new:
                     self._draw(image)

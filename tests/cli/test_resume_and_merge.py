@@ -48,7 +48,7 @@ def test_a_render_that_has_died_is_continued(lamp, tmp_path, monkeypatch, option
 def test_the_state_of_a_finished_render_is_there_before_its_image(lamp, tmp_path, monkeypatch):
     """The denoiser may fail, or the user ends the process while it works."""
     with monkeypatch.context() as patch:
-        patch.setattr(render_task, "finish", lambda *_: 1 / 0)
+        patch.setattr(render_task, "finished_image", lambda *_: 1 / 0)
         assert prosim("render", lamp, "-o", tmp_path / "a", "--checkpoint").exit_code != 0
     assert "The render was finished before." in done("resume", tmp_path / "a.state.npz").stdout
 

@@ -1,4 +1,4 @@
-"""The optional dependencies (extras) of this project, and the message about a missing one."""
+"""The optional dependencies (extras) of this project, and the message about a missing extra."""
 
 from importlib.util import find_spec
 

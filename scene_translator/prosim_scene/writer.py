@@ -50,8 +50,8 @@ def ply_bytes(triangles: Triangles, with_uv: bool) -> bytes | None:
 class TranslationCache:
     """A translation cache: the surface of the CSG tree that was evaluated last, with its cache key.
 
-    The key does not depend on materials. The cache takes as much memory as the evaluation. ``evaluations`` is the
-    number of trees that were evaluated.
+    The key does not depend on materials. The cache needs as much memory as the evaluation of the CSG tree.
+    ``evaluations`` is the number of trees that were evaluated.
     """
 
     def __init__(self) -> None:

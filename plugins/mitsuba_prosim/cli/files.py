@@ -173,7 +173,7 @@ def with_suffixes(stem: Path, suffixes: Iterable[str]) -> list[Path]:
 def check(stem: Path, suffixes: Collection[str], size: int, sources: Iterable[Path]) -> None:
     """Raises InputError if the output files, which together have ``size`` bytes, cannot be written.
 
-    Raises InputError, too, if an output file would overwrite one of the ``sources``.
+    Raises InputError, too, if an output file would overwrite an input file, one of the ``sources``.
     """
     try:
         atomic.check(with_suffixes(stem, suffixes), size)

@@ -172,7 +172,7 @@ def at_level(scene: ComparedScene, spec: Spec, transport: str, n: int) -> Method
 
 
 def reference_estimator(scene: ComparedScene, spec: Spec, transport: str) -> Method:
-    """Returns the method with 64 samples for every pixel. The mean of many such images is the reference."""
+    """Returns the method with 64 samples for every pixel. The reference is the mean of many images of this method."""
     if spec.is_adaptive:
         return scene.method(spec.but(adaptive="none", samples=8, **UNTARGETED), transport)
     return scene.method(spec, transport, spp=64)

@@ -39,8 +39,9 @@ def percentile99(image: np.ndarray, reference: np.ndarray) -> float:
 
 
 def relative_mse(image: np.ndarray, reference: np.ndarray) -> float:
-    """Mean, over pixels and channels, of the squared error over the squared reference plus 0.01 (Rousselle et al.
-    2011).
+    """Mean, over pixels and channels, of the squared error divided by the squared reference plus 0.01.
+
+    Source: Rousselle et al. (2011).
     """
     return float(np.mean(np.square(image - reference) / (np.square(reference) + 0.01)))
 
@@ -56,9 +57,9 @@ def ssim(image: np.ndarray, reference: np.ndarray) -> float:
 
 
 def flip_map(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """ꟻLIP (Andersson et al. 2020) of the displayed images: the visible difference of each pixel, 0 to 1.
+    """ꟻLIP of the displayed images: the visible difference of each pixel, 0 to 1, at 67 pixels per degree.
 
-    The assumed resolution is 67 pixels per degree.
+    Source: Andersson et al. (2020).
     """
     import flip_evaluator
 

@@ -117,7 +117,9 @@ def integrator_name(integrator: Any) -> str:
 
 
 def not_compared(integrator: Any) -> str | None:
-    """Returns the reason why an image of this integrator cannot be compared with one of ``path``, or None."""
+    """Returns the reason why an image of this integrator cannot be compared with an image of Mitsuba's ``path``, or
+    None.
+    """
     if integrator_name(integrator) == "path":
         return "the scene's integrator is the path tracer already"
     if not can_light(getattr(integrator, "background", None)):
@@ -126,9 +128,9 @@ def not_compared(integrator: Any) -> str | None:
 
 
 def rendered_by_path(image: ProgressiveImage) -> ProgressiveImage:
-    """Returns the same image rendered by Mitsuba's ``path``, with the sampling of ``own``.
+    """Returns the same image rendered by Mitsuba's ``path``, with the same sampling.
 
-    The background of the integrator becomes an emitter.
+    The background of the scene's integrator becomes an emitter.
     """
     sampling = asdict(image.integrator.sampling)
     path = create("prosim_adaptive", nested=create("path"), channels=image.integrator.channels, **sampling)

@@ -98,9 +98,7 @@ def _document(reader: Reader) -> Document:
 
 
 def _with_separate_indices(document: Document) -> Document:
-    """Gives each use of a part of a named solid a separate index, with a SURFACE and a TRANSFORM; returns the
-    document.
-    """
+    """Gives each use of a part of a named solid its own index, SURFACE and TRANSFORM; returns the changed document."""
     scene, spans = document.scene, dict(document.spans)
     surfaces, transforms, csg = scene.surfaces, scene.transforms, list(scene.csg)
     new_index: dict[tuple[int, ...], int] = {}
@@ -193,7 +191,7 @@ def _materials_problems(document: Document) -> Iterator[Problem]:
 def _kinds_problems(document: Document) -> Iterator[Problem]:
     """Yields errors about textures without a kind, and about parameters that a kind of texture does not have.
 
-    A parameter that a kind of light or material does not have causes a warning.
+    If a light or a material has a parameter that its kind does not use, the problem is a warning.
     """
     for key, pattern in document.scene.patterns.items():
         if not pattern.kind:

@@ -323,7 +323,7 @@ class Reader(Scanner):
         return model.View(**self.read_parameters(VIEW))
 
     def read_index(self, field: str, follow: frozenset[str]) -> None:
-        """Reads the index after SURFACE or TRANSFORM, and begins the value with this index in the ``field`` of the
+        """Reads the index after SURFACE or TRANSFORM, and starts an entry with this index in the ``field`` of the
         model.
         """
         index = self.read_numbers(self.keyword, follow)

@@ -88,7 +88,7 @@ def outside_index(context: Context, sides: MediumInterface) -> float:
 def has_equal_indices(indices: Node) -> bool:
     """Whether the parameters describe a face with the same index of refraction on both sides.
 
-    The roughness of such a face has no effect.
+    The roughness of a face with equal indices of refraction on both sides has no effect.
     """
     inside, outside = ({k[4:]: v for k, v in indices.items() if k.startswith(side)} for side in ("int", "ext"))
     return inside == outside

@@ -37,7 +37,7 @@ def settings(context: Context) -> Node:
 
 
 def camera(context: Context, camera: Camera) -> Camera:
-    """Returns the given camera: this target supports every camera."""
+    """Returns the given camera unchanged, because this target supports every camera."""
     return camera
 
 

@@ -75,7 +75,8 @@ class Context:
             raise error(str(reason), *path) from None
 
     def file_path(self, kind: str, name: str, *path: str | int) -> Path:
-        """Returns the path of a file of this ``kind``, "image" or "mesh". Raises SceneError if there is no such file.
+        """Returns the path of a file of this ``kind``, "image" or "mesh". Raises SceneError if the file does not exist,
+        or may not be used.
 
         The file must be in the scene's folder or below, if the option ``allow_outside`` is False.
         """
@@ -141,8 +142,8 @@ TGA_FOOTER = b"TRUEVISION-XFILE.\0"
 
 
 def is_image(path: Path) -> bool:
-    """Whether the file begins or ends like an image of a format that Mitsuba reads. Raises OSError if it is
-    unreadable.
+    """Whether a file has the first bytes (TGA: the last bytes) of an image format that Mitsuba reads. Raises
+    OSError.
     """
     with path.open("rb") as file:
         head = file.read(8)

@@ -165,6 +165,10 @@ class FinalImage:
         return self._latest(self.networks, self._samples)
 
     def _denoise(self, networks: str, _: float) -> Denoised:
+        """Returns the denoised image by these ``networks``, or the raw image if ``networks`` is "none".
+
+        The number of samples is an argument only because it is a part of the cache's key.
+        """
         colours = self.colours
         if networks == "none":
             raw = np.add.reduce(colours) / len(colours)

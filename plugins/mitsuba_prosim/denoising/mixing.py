@@ -210,8 +210,8 @@ def with_light(image: np.ndarray, raw: np.ndarray, variance: np.ndarray) -> np.n
 
     The difference in light is added to all pixels that are not converged.
     """
-    found = image.sum((0, 1), dtype=np.float64)
-    missing = np.clip(raw.sum((0, 1), dtype=np.float64) - found, -LIGHT * abs(found), LIGHT * abs(found))
+    old_light = image.sum((0, 1), dtype=np.float64)
+    missing = np.clip(raw.sum((0, 1), dtype=np.float64) - old_light, -LIGHT * abs(old_light), LIGHT * abs(old_light))
     share = variance / np.maximum(variance + SURE * variance.mean(), np.float32(1e-30))
     return image + share[..., None] * (missing / max(share.sum(dtype=np.float64), 1e-30)).astype(np.float32)
 

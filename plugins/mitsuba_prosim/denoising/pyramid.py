@@ -70,6 +70,7 @@ def whole(bands: list[np.ndarray]) -> np.ndarray:
 
 
 def _along(image: np.ndarray) -> np.ndarray:
+    """Returns a weighted mean of each entry and its neighbours within two rows."""
     n = len(image)
     padded = np.concatenate([image[:1], image[:1], image, image[-1:], image[-1:]])
     outer = padded[:n] + padded[4:]
@@ -82,6 +83,7 @@ def _across(image: np.ndarray) -> np.ndarray:
 
 
 def _doubled(image: np.ndarray, n: int) -> np.ndarray:
+    """Returns a smooth array with ``n`` rows, about twice the number of rows of ``image``."""
     padded = np.concatenate([image[:1], image, image[-1:]])
     before, after = padded[:-2], padded[2:]
     result = np.empty((n, *image.shape[1:]), image.dtype)

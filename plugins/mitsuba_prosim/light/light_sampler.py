@@ -82,6 +82,7 @@ class LightSampler:
         State = tuple[mi.UInt32, mi.Float, mi.Float, mi.Float]
 
         def visit(k: Index, state: State) -> State:
+            """Chooses the lamp ``k`` if ``sample`` lies at or beyond the beginning of its interval."""
             chosen, importance, begin, end = state
             own_importance = self.importance(k, receiver, active)
             # Takes the last lamp whose interval begins at or below the number, because the sums are rounded.

@@ -120,8 +120,8 @@ class _Region:
         denominator is negative.
         """
         circle, ellipse = self.circle(eta), dr.safe_sqrt(1 - dr.square(self.t * eta))
-        below = (circle + self.x_t) * (ellipse + self.m * self.x_t) * (ellipse + self.m * circle)
-        return self.sin2_n * dr.square(self.t2) * (1 - dr.square(eta)) / dr.maximum(below, 1e-20)
+        product = (circle + self.x_t) * (ellipse + self.m * self.x_t) * (ellipse + self.m * circle)
+        return self.sin2_n * dr.square(self.t2) * (1 - dr.square(eta)) / dr.maximum(product, 1e-20)
 
     def width(self, eta: mi.Float) -> mi.Float:
         """Returns the crescent's width at the ordinate ``eta``, divided by s²."""
@@ -137,6 +137,6 @@ class _Region:
     def pdf(self, in_ellipse: mi.Bool, eta: mi.Float) -> mi.Float:
         """Returns the density of a sample per area of the plane."""
         area = dr.square(self.s) * (self.ellipse + self.crescent)
-        below = dr.maximum((1 + eta) * self.relative_width(eta), 1e-6 * self.middle + _TINY)
-        density = dr.select(in_ellipse, 1, 2 * self.mean * self.middle / below)
+        width = dr.maximum((1 + eta) * self.relative_width(eta), 1e-6 * self.middle + _TINY)
+        density = dr.select(in_ellipse, 1, 2 * self.mean * self.middle / width)
         return dr.select(area > 0, density / dr.maximum(area, _TINY), 0)

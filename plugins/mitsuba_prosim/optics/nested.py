@@ -151,6 +151,7 @@ def ambient_reflectance(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.B
 
 
 def _ambient_of(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
+    """Returns the ambient reflectance of one BSDF that is no ``mask``, ``blendbsdf`` or ``twosided``."""
     if bsdf.class_name() in MAPS:
         return ambient_reflectance(parts(bsdf)["nested_bsdf"], si, active)
     if not dr.all(bsdf.has_attribute(AMBIENT)):  # evaluating a missing attribute is an error in scalar variants

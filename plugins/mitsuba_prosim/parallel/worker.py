@@ -96,6 +96,7 @@ def sample(
     dask_worker = distributed.get_worker()
 
     def compute() -> tuple[float, bytes, Mapping[str, str]]:
+        """Computes the work item in the thread that renders."""
         if not dask_worker.address.startswith("inproc:"):
             dr.set_thread_count(dask_worker.state.nthreads)
             warnings.simplefilter("ignore", prosim_scene.SceneWarning)  # the client shows these warnings

@@ -134,6 +134,7 @@ class Sources:
         return start
 
     def _point(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
+        """Emits photons from point lights towards the targets."""
         # The flux of a light source without falloff depends on the distance of the first hit.
         center, radius = self.targets.at(draw.target)
         x = emitter.sample_direction(draw.receiver(center), draw.position, active)[0].p
@@ -145,6 +146,7 @@ class Sources:
         return Start(ray, flux, mi.Float(DELTA_DENSITY))
 
     def _surface(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
+        """Emits photons from surfaces that emit light, towards the targets."""
         center, radius = self.targets.at(draw.target)
         ps, _ = emitter.sample_position(0.0, draw.position, active)
         x, per_area = ps.p, mi.Float(ps.pdf)
@@ -161,6 +163,7 @@ class Sources:
         return Start(ray, flux, density / dr.select(lit, cos, 1))
 
     def _far(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
+        """Emits photons from distant light sources, such as the sky or the sun, towards the targets."""
         center, radius = self.targets.at(draw.target)
         ds, weight = emitter.sample_direction(draw.receiver(center), draw.position, active)
         d = -ds.d

@@ -286,6 +286,7 @@ def gather(
         rows = dr.select(active, mi.UInt32(last - first + 1) << (bits_y + bits_z), 0)
 
         def photon(i: mi.UInt32, end: mi.UInt32, row_key: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
+            """Adds the radiance of the photon ``i``, and returns the index of the next photon."""
             in_range = i < end
             k = dr.select(i < first_of_map + size, i, i - size)
             place = dr.gather(mi.Vector4f, photons.places, k, in_range)
@@ -300,6 +301,7 @@ def gather(
             return i + 1, L + light * (2 * dr.inv_pi * inv_reach2 * (1 - d2))
 
         def row(k: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
+            """Adds the radiance of the photons in the row ``k`` of cells."""
             # The bits of k, lowest first: one for y and one for z if there are two cells along that axis; the others
             # are the grid.
             level = first + mi.Int32(k >> (bits_y + bits_z))

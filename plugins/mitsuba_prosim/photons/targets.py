@@ -62,6 +62,7 @@ class Targets:
         """
 
         def add(k: mi.UInt32, total: mi.Float) -> mi.Float:
+            """Adds the density of photons that are aimed at the sphere ``k``."""
             center, radius = self.at(k)
             to_center, r2 = center - x, dr.square(radius)
             met = dr.squared_norm(dr.cross(to_center, d)) <= r2

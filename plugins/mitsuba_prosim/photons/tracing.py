@@ -83,6 +83,7 @@ class PhotonTracer:
         return state.landed, state.glossy
 
     def _step(self, state: State, key: mi.UInt32) -> State:
+        """Moves each photon to the next surface, where it lands, continues, or ends."""
         hit, medium = self._intersect(state)
         flags, first_number = hit.bsdf.flags(), hit.level * NUMBERS
         lands = hit.active & (hit.level > 0) & lobes.has_any(flags, *lobes.DIFFUSE)
@@ -90,28 +91,28 @@ class PhotonTracer:
             # A ray between two surfaces without separable lobes finds the light of the light sources at the second
             # surface, through any of its lobes.
             lands = dr.select(hit.inseparable, but_not(hit.level > 0, state.from_inseparable), lands)
-        goes = hit.active & (hit.level < self.deepest) & lobes.has_any(flags, *lobes.REFLECTED, *lobes.REFRACTED)
-        bs, weight, goes, by_all_lobes = self._scatter(hit, key, goes)
+        scatters = hit.active & (hit.level < self.deepest) & lobes.has_any(flags, *lobes.REFLECTED, *lobes.REFRACTED)
+        bs, weight, scatters, by_all_lobes = self._scatter(hit, key, scatters)
         d = hit.si.to_world(bs.wo)
         # A photon either lands or continues, with about the same flux.
         flux = hit.flux * (weight * adjoint_correction(hit.si, bs.wo, d))
-        flux_ratio = dr.select(goes, dr.max(flux) / dr.max(state.flux), 0)
+        flux_ratio = dr.select(scatters, dr.max(flux) / dr.max(state.flux), 0)
         stays = lands | (hit.near_specular & (hit.level > 0))
         p = dr.select(stays, flux_ratio / (1 + flux_ratio), dr.minimum(flux_ratio, dr.select(hit.level < 4, 1, 0.95)))
         if self.mis is not None:  # a varnish would reflect too few photons to glossy surfaces
             p = dr.select((hit.level == 0) & (flux_ratio > 0) & (flux_ratio < FAINT), 1, p)
-        goes &= number(key, first_number + ROULETTE) < p
-        lands = but_not(lands, goes) & (hit.cos > 0)
+        scatters &= number(key, first_number + ROULETTE) < p
+        lands = but_not(lands, scatters) & (hit.cos > 0)
         density, glossy, land_weight = state.density, state.glossy, dr.rcp(dr.maximum(1 - p, 1e-6))
         if self.mis is not None:
             assert density is not None and glossy is not None
-            density, glossy = self.mis.scatter(density, glossy, hit, bs, weight, land_weight, goes)
+            density, glossy = self.mis.scatter(density, glossy, hit, bs, weight, land_weight, scatters)
         landed = dr.select(lands, hit.landed(land_weight, mi.Float(0)), state.landed)
-        flux = dr.select(goes, flux / dr.select(goes, p, 1), state.flux)
-        medium = medium_beyond(hit.si, medium, d, goes) if self.absorbs else None
+        flux = dr.select(scatters, flux / dr.select(scatters, p, 1), state.flux)
+        medium = medium_beyond(hit.si, medium, d, scatters) if self.absorbs else None
         from_inseparable = None if state.from_inseparable is None else state.from_inseparable | by_all_lobes
         ray, level = hit.si.spawn_ray(d), hit.level + 1
-        return State(ray, flux, goes, medium, from_inseparable, density, glossy, level, landed)
+        return State(ray, flux, scatters, medium, from_inseparable, density, glossy, level, landed)
 
     def _intersect(self, state: State) -> tuple[Hit, mi.MediumPtr | None]:
         """Returns the surface points that the photons meet, and the medium in which the photons arrive."""

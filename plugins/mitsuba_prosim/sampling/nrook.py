@@ -58,6 +58,7 @@ class Permutations:
     @classmethod
     @functools.cache
     def _rows(cls, n: int) -> np.ndarray:
+        """Returns the table of permutations, shape (number of permutations, n)."""
         import numpy as np  # slow to import, and only a render needs NumPy
 
         if n <= cls.ALL_UP_TO:

@@ -71,6 +71,7 @@ class Blocking(Steps):
     def _render(
         self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, seeds: Sequence[int], spp: int
     ) -> Generator[Step, None, None]:
+        """Renders one image for each seed, and yields a step after each image."""
         # Mitsuba's integrators in Python always develop the film. The film is written in another step.
         for number, seed in enumerate(seeds, 1):
             self._images.append(integrator.render(scene, sensor, seed=seed, spp=spp, develop=True, evaluate=True))

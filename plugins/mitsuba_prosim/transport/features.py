@@ -66,6 +66,7 @@ def features(
     diffuse, specular = lobes.diffuse(), lobes.specular()
 
     def step(state: State) -> State:
+        """Adds the albedo of the next surface of the ray, and continues the ray by a specular lobe."""
         ray, active, medium, first = state.ray, state.active, state.medium, state.level == 0
         si = scene.ray_intersect(ray, active)
         if hide_emitters:

@@ -225,6 +225,7 @@ def past_emitters(
         return rest
 
     def step(o: mi.Point3f, blocked: mi.Bool) -> tuple[mi.Point3f, mi.Bool]:
+        """Moves the origin ``o`` behind the next surface if this surface is a light source."""
         pi = scene.ray_intersect_preliminary(beyond(o), active=blocked)
         blocked = blocked & pi.is_valid()
         if idle(blocked):

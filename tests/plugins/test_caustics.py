@@ -16,7 +16,7 @@ from mitsuba_prosim.photons import grid
 from mitsuba_prosim.photons.caustics import Caustics, Gathering
 from mitsuba_prosim.photons.emission import Sources, start_points
 from mitsuba_prosim.photons.grid import RADII, Footprint, Landed, Photons
-from mitsuba_prosim.photons.mis import Hit, etendue_of, ideal_throughput, kept_by, ray_weight, shared
+from mitsuba_prosim.photons.mis import Hit, effective_photons, etendue_of, ideal_throughput, kept_fraction, ray_weight
 from mitsuba_prosim.photons.targets import Targets, merged
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.ray import Ray, Vertex, mis, viewer_side
@@ -392,7 +392,7 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
         if level:
             etendue = dr.select(photons.near_specular(bsdf, met), etendue_of(vertex.ray), 0)
             here = photons.footprint.area(si.p) * cos / pdf * density
-            shares.append(1 - ray_weight(shared(here, etendue * kept_by(f, pdf) * density)))
+            shares.append(1 - ray_weight(effective_photons(here, etendue * kept_fraction(f, pdf) * density)))
         back = mi.SurfaceInteraction3f(si)
         back.wi = wo
         hit = Hit(back, bsdf, met, mi.Bool(False), -si.to_world(wo), mi.UInt32(level), None, cos, None, None)

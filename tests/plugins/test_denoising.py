@@ -10,7 +10,7 @@ import pytest
 from image_statistics import renderings
 from mitsuba_prosim import denoising
 from mitsuba_prosim.denoising import halves, layers, oidn
-from mitsuba_prosim.denoising.mixing import LIGHT, in_display, inputs, mix, with_light
+from mitsuba_prosim.denoising.mixing import LIGHT, display_value, inputs, mix, with_light
 from mitsuba_prosim.denoising.pyramid import average, blur
 from mitsuba_prosim.sampling.hash import combine, hash32
 from scenes import T, area, diffuse, film, load_scene, penumbra, rectangle, rgb
@@ -130,7 +130,7 @@ def test_errors_are_those_that_the_images_have():
         images = found.final, (first + second) / 2, found.denoised
         true += [rms(image - truth) ** 2 for image in images]
         said += [rms(error) ** 2 for error in (found.final_error, found.raw_error, found.denoised_error)]
-        displayed += found.noise**2, rms(in_display(found.final) - in_display(truth)) ** 2
+        displayed += found.noise**2, rms(display_value(found.final) - display_value(truth)) ** 2
     np.testing.assert_allclose(np.sqrt(said / true), 1, atol=0.25)
     assert np.sqrt(said / true)[1] == pytest.approx(1, abs=0.02)
     assert np.sqrt(displayed[0] / displayed[1]) == pytest.approx(1, abs=0.15)
@@ -246,7 +246,7 @@ def test_halves_are_two_renders(variant_rgb, integrator):
     half = mi.load_dict({"type": integrator} | nested | ours | ({"samples": 3} if ours else {}))
     if ours:
         half.threshold = own.threshold * 2**0.5
-        assert np.all(both.others()["samples"] <= 18)
+        assert np.all(both.other_channels()["samples"] <= 18)
         assert np.array_equal(one[..., 3], other[..., 3])
     first = half.render(scene, sensor, seed=5, spp=0 if ours else 8)
     np.testing.assert_array_equal(one, np.array(first))
@@ -379,7 +379,7 @@ def test_where_the_denoiser_does_not_pay_the_result_is_the_image_without_it(vari
     assert np.array_equal(result.final, result.raw) and np.array_equal(result.final, alone[..., :3])
     assert result.noise == result.raw_noise == pytest.approx(render.reached.noise) and result.noise <= 0.006
     both = render.denoiser
-    assert all(np.array_equal(both.others()[name], alone[..., k]) for name, k in (("samples", 3), ("error", 4)))
+    assert all(np.array_equal(both.other_channels()[name], alone[..., k]) for name, k in (("samples", 3), ("error", 4)))
 
 
 def test_the_error_beyond_the_limit_is_that_of_the_image(variant_rgb, denoiser):
@@ -423,12 +423,12 @@ def test_the_final_error_that_is_asked_for_is_reached(variant_rgb, denoiser, mak
     """
     references = renderings(make(size=64, adaptive="none"), 6, spp=256, first_seed=500)
     reference = references.mean(0)
-    own = np.var([in_display(np.float32(image)) for image in references], axis=0, ddof=1).mean() / len(references)
+    own = np.var([display_value(np.float32(image)) for image in references], axis=0, ddof=1).mean() / len(references)
     scene = mi.load_dict(make(size=64, noise=asked))
     ratios = []
     for seed in range(12):
         render = begun(scene, seed).run()
         assert (render.denoiser.networks != "none") == denoised
-        off = in_display(render.denoiser.denoised().final) - in_display(np.float32(reference))
+        off = display_value(render.denoiser.denoised().final) - display_value(np.float32(reference))
         ratios.append(np.sqrt(max(np.mean(off**2) - own, 0)) / asked)
     assert np.sum((np.array(ratios) >= 0.6) & (np.array(ratios) <= 1.1)) >= 9, np.sort(ratios)

@@ -126,7 +126,7 @@ class FinalImage:
         """The colours of each of :attr:`images`, shape (height, width, 1 or 3)."""
         return [image[..., : 1 if self.names[0] == "Y" else 3] for image in self.images]
 
-    def others(self) -> dict[str, np.ndarray]:
+    def other_channels(self) -> dict[str, np.ndarray]:
         """Returns alpha and the further channels of the integrator, for both halves together: name -> array.
 
         Each array has the shape (height, width).

@@ -24,7 +24,7 @@ def channels(final: FinalImage, colours: Sequence[str]) -> dict[str, np.ndarray]
     """
     denoised = final.denoised()
     errors = {"": denoised.final_error, "_raw": denoised.raw_error, "_denoised": denoised.denoised_error}
-    result = planes("", denoised.final, colours) | final.others()
+    result = planes("", denoised.final, colours) | final.other_channels()
     result |= planes("raw.", denoised.raw, colours) | planes("denoised.", denoised.denoised, colours)
     return result | {f"error{name}.Y": error for name, error in errors.items()}
 

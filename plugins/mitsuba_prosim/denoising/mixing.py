@@ -28,7 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .pyramid import average, bands, blur, gaussian_pyramid, whole
+from .pyramid import average, bands, blur, from_bands, gaussian_pyramid
 
 #: Number of scales, each twice as coarse as the previous scale; and the minimum side of an image that has a coarser
 #: scale.
@@ -111,7 +111,7 @@ def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_seco
     raw, noise = (first + second) / 2, (first - second) / 2
     denoised, followed = (near_first + near_second) / 2, near_first - near_second
     # Errors are weighted by the slope of the tone curve, a square root.
-    slope = 1 / average(displayed(denoised))
+    slope = 1 / average(displayed_squared(denoised))
     image, left = combined(raw, denoised, noise, followed, slope)
     # The mixture is computed again with noise like d added to the samples, because the shares depend on the noise too.
     above, below = (
@@ -122,7 +122,7 @@ def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_seco
     error = removed * removed - own + 2 * noise * followed
     # Each squared error is at least the variance, which is positive.
     products = noise * left, left * left, own, error, followed * followed
-    mean = spread(np.stack([x.mean(2) for x in products], axis=2), displayed(image))
+    mean = spread(np.stack([x.mean(2) for x in products], axis=2), displayed_squared(image))
     final_error, denoised_error = np.maximum(mean[0], mean[1]), np.maximum(mean[3], mean[4])
     image = with_light(image, raw, final_error)
     errors = np.sqrt(mean[2]), np.sqrt(denoised_error), np.sqrt(final_error)
@@ -136,7 +136,7 @@ def unmixed(raw: np.ndarray, error: np.ndarray, noise: float) -> Denoised:
     chosen so that the RMS error of the displayed image is ``noise``.
     """
     error = np.nan_to_num(error, posinf=0)
-    squares = np.square(error / (2 * in_display(raw)))
+    squares = np.square(error / (2 * display_value(raw)))
     factor = noise / max(squares.mean(), 1e-60) ** 0.5
     error, squares = error * np.float32(factor), squares * factor**2
     return Denoised(raw, raw, raw, error, error, error, squares, squares)
@@ -151,11 +151,11 @@ def combined(
     ``followed`` is the response of the denoiser to ``noise``.
     """
     scales = [bands(image, SCALES, LEAST_SIDE) for image in (raw - denoised, noise, noise - followed)]
-    parts = [part(r, d, d - t, s)[..., None] for r, d, t, s in zip(*scales, gaussian_pyramid(slope, len(scales[0])))]
-    image = denoised + whole([share * r for share, r in zip(parts, scales[0])])
+    parts = [shares(r, d, d - t, s)[..., None] for r, d, t, s in zip(*scales, gaussian_pyramid(slope, len(scales[0])))]
+    image = denoised + from_bands([share * r for share, r in zip(parts, scales[0])])
     # Near much brighter pixels the scales may not cancel. The result is never darker than all of its inputs.
     image = np.maximum(image, np.minimum(np.minimum(raw, denoised), average(raw)))
-    return image, followed + whole([share * taken for share, taken in zip(parts, scales[2])])
+    return image, followed + from_bands([share * taken for share, taken in zip(parts, scales[2])])
 
 
 def squares(
@@ -165,11 +165,11 @@ def squares(
 
     ``response`` is half the change of ``image`` due to noise like d.
     """
-    final, a, b, above, below = (in_display(x) for x in (image, first, second, image + response, image - response))
+    final, a, b, above, below = (display_value(x) for x in (image, first, second, image + response, image - response))
     return np.square((a - b) / 2), (final - a) * (final - b) + (a - b) * (above - below)
 
 
-def in_display(image: np.ndarray) -> np.ndarray:
+def display_value(image: np.ndarray) -> np.ndarray:
     """Returns the displayed luminance, shape (height, width), by the tone curve of
     :func:`~mitsuba_prosim.engine.error.displayed`.
     """
@@ -177,12 +177,12 @@ def in_display(image: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum(luminance, 0, dtype=np.float64) + 0.01)
 
 
-def displayed(image: np.ndarray) -> np.ndarray:
+def displayed_squared(image: np.ndarray) -> np.ndarray:
     """Returns the square of the displayed value of each pixel, shape (height, width)."""
     return np.maximum(image.mean(2), 0) + np.float32(0.01)
 
 
-def part(removed: np.ndarray, noise: np.ndarray, followed: np.ndarray, slope: np.ndarray) -> np.ndarray:
+def shares(removed: np.ndarray, noise: np.ndarray, followed: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """Returns the share of one scale of M - D that is added to D: 0 to 1, shape (height, width)."""
     all_removed = (removed * removed).mean(2) * slope
     kept = all_removed + ((followed - noise) * noise).mean(2) * slope

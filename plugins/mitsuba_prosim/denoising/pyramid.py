@@ -55,13 +55,13 @@ def gaussian_pyramid(image: np.ndarray, count: int, least_side: int = 0) -> list
 def bands(image: np.ndarray, most: int, least_side: int) -> list[np.ndarray]:
     """Returns the Laplacian pyramid of ``image``, finest level first.
 
-    Each level is a level of :func:`gaussian_pyramid` minus the next coarser level. :func:`whole` is the inverse.
+    Each level is a level of :func:`gaussian_pyramid` minus the next coarser level. :func:`from_bands` is the inverse.
     """
     scales = gaussian_pyramid(image, most, least_side)
     return [fine - expand(coarse, *fine.shape[:2]) for fine, coarse in itertools.pairwise(scales)] + scales[-1:]
 
 
-def whole(bands: list[np.ndarray]) -> np.ndarray:
+def from_bands(bands: list[np.ndarray]) -> np.ndarray:
     """Returns the image whose Laplacian pyramid is ``bands``, the inverse of the function :func:`bands`."""
     *finer, result = bands
     for band in reversed(finer):

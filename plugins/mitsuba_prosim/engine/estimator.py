@@ -63,7 +63,7 @@ class Estimator:
         """
         caustics = self.transport.caustics
         key = combine(points.key, TIME_AND_WAVELENGTH) if caustics is None else caustics.key
-        return wavelengths.shared(key, *points.division)
+        return wavelengths.wavelength_number(key, *points.division)
 
     def sample(self, plan: Plan, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> tuple[list[mi.Float], mi.Float, mi.Point2f]:
         """The ``t``-th sample of the pixels (x, y): ``(values, luminance, position)``; ``values``: what the film stores

@@ -143,7 +143,7 @@ class Caustics:
         if not mi.is_spectral:
             return dr.zeros(mi.Color0f)
         key, middle = dr.opaque(mi.UInt32, hash32(seed)), mi.Point2f(0.5)
-        sample = wavelengths.shared(key, t, dr.opaque(mi.UInt32, n))
+        sample = wavelengths.wavelength_number(key, t, dr.opaque(mi.UInt32, n))
         return self.sensor.sample_ray_differential(self.sensor.shutter_open(), sample, middle, middle)[0].wavelengths
 
 

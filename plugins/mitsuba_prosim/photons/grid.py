@@ -162,7 +162,7 @@ class Photons:
         dr.eval(landed, rows, bucket)
         order = dr.argsort(bucket)
         landed, (rows, bucket) = landed.at(order), dr.gather(tuple, (rows, bucket), order)
-        begins = first_of_each(bucket, maps * buckets)
+        begins = counts_below(bucket, maps * buckets)
         places = dr.ravel(mi.Vector4f(*landed.p, dr.reinterpret_array(mi.Float, rows)))
         dr.eval(places, landed, begins)
         landed.p = mi.Point3f(0)
@@ -209,7 +209,7 @@ def kernel_radii(p: mi.Point3f, footprint: Footprint) -> mi.Float:
     return result
 
 
-def first_of_each(key: mi.UInt32, count: int) -> mi.UInt32:
+def counts_below(key: mi.UInt32, count: int) -> mi.UInt32:
     """Returns, for each k from 0 to ``count``, how many entries of the sorted array ``key`` are less than k."""
     # NumPy counts on the host: a kernel would add in the order in which its threads end.
     counts = np.bincount(np.array(key), minlength=count)

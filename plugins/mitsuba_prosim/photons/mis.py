@@ -159,7 +159,7 @@ class PhotonMIS:
         # Only rays find light that comes directly from a sky.
         found = active & (ray.earlier_etendue > 0) & (uses_mis | but_not(mi.Bool(True), ray.uses_mis))
         others = dr.select(uses_mis & found, pdf / ray.pdf, 0)
-        return ray_weight(shared(ray.earlier_etendue * self.density(origin, ds, found), others))
+        return ray_weight(effective_photons(ray.earlier_etendue * self.density(origin, ds, found), others))
 
     def light_weight(
         self, vertex: Vertex, ds: mi.DirectionSample3f, f: mi.Spectrum, pdf: mi.Float, active: mi.Bool
@@ -170,8 +170,8 @@ class PhotonMIS:
         of the lobe for the direction sample ``ds``.
         """
         active = active & (pdf > 0) & self.near_specular(vertex.bsdf, active)
-        expected = etendue_of(vertex.ray) * kept_by(f, pdf) * self.density(vertex.si, ds, active)
-        return ray_weight(shared(expected, quotient(ds.pdf, dr.select(active, pdf, 0))))
+        expected = etendue_of(vertex.ray) * kept_fraction(f, pdf) * self.density(vertex.si, ds, active)
+        return ray_weight(effective_photons(expected, quotient(ds.pdf, dr.select(active, pdf, 0))))
 
     def radiance(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
         """Returns the radiance that the glossy lobes at ``vertex`` scatter from photons, with MIS weights.
@@ -190,7 +190,7 @@ class PhotonMIS:
             for lobe in self.lobes:
                 f_lobe, pdf = self.scattering.eval_pdf(lobe, vertex, wo, in_reach)
                 here = quotient(area * dr.abs(dr.dot(si.n, d)), pdf) * density
-                f += f_lobe * (1 - ray_weight(shared(here, etendue * kept_by(f_lobe, pdf) * density)))
+                f += f_lobe * (1 - ray_weight(effective_photons(here, etendue * kept_fraction(f_lobe, pdf) * density)))
             return dr.select(in_reach, f / dr.maximum(dr.abs(wo.z), MIN_COSINE), 0)
 
         return gather(photons, number, si, value, active)
@@ -243,7 +243,7 @@ class PhotonMIS:
         receiver = Receiver(camera_si, viewer_side(camera_si), lobes.has_any(hit.bsdf.flags(), *lobes.BOTH_SIDES))
         lit = quotient(self.lights.pdf(receiver, ds, active & first), pdf)
         landed = quotient(self.footprint.area(hit.si.p) * hit.cos, pdf) * density
-        beyond = shared(density, dr.select(first, lit, landed)) * kept_by(f, pdf)
+        beyond = effective_photons(density, dr.select(first, lit, landed)) * kept_fraction(f, pdf)
         # Only light sampling finds light that comes directly from a point light, and only rays find light directly from
         # a sky.
         single_strategy = density > MAX_DENSITY
@@ -263,7 +263,7 @@ def etendue_of(ray: Ray) -> mi.Float:
     return dr.select(ray.earlier_etendue > 0, both, ray.last_etendue)
 
 
-def shared(photons: mi.Float, others: mi.Float) -> mi.Float:
+def effective_photons(photons: mi.Float, others: mi.Float) -> mi.Float:
     """Returns the number of photons that replaces two competitors of a ray in the power heuristic.
 
     The competitors of a ray are the expected number of ``photons`` and the number of ``others``, both per ray. The
@@ -291,7 +291,7 @@ def ideal_throughput(bs: mi.BSDFSample3f, weight: mi.Spectrum, flags: mi.UInt32)
     return dr.select(ideal, dr.max(mi.unpolarized_spectrum(weight)) * bs.pdf, 0)
 
 
-def kept_by(f: mi.Spectrum, pdf: mi.Float) -> mi.Float:
+def kept_fraction(f: mi.Spectrum, pdf: mi.Float) -> mi.Float:
     """Returns the fraction of a beam that a near-specular lobe of the value ``f`` and the density ``pdf`` keeps."""
     return quotient(dr.max(mi.unpolarized_spectrum(f)), pdf)
 

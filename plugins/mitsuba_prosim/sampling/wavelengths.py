@@ -15,7 +15,7 @@ from .hash import GOLDEN, combine
 from .nrook import to_unit
 
 
-def shared(key: mi.UInt32, t: mi.UInt32, n: int | mi.UInt32) -> mi.Float:
+def wavelength_number(key: mi.UInt32, t: mi.UInt32, n: int | mi.UInt32) -> mi.Float:
     """Returns the number in [0, 1) that determines the wavelengths of the ``t``-th sample under ``key``.
 
     ``key`` is the hash key of a pixel, or the hash key of the image if all pixels and photons share wavelengths. The
@@ -27,12 +27,13 @@ def shared(key: mi.UInt32, t: mi.UInt32, n: int | mi.UInt32) -> mi.Float:
     return to_unit(key + (t - r * n) * (dr.opaque(mi.UInt32, 1 << 30) // n) + r * GOLDEN // (4 * n))
 
 
-def chosen(key: mi.UInt32, t: mi.UInt32, n: int | mi.UInt32, rest: mi.Float) -> mi.Float:
+def wavelength_choice(key: mi.UInt32, t: mi.UInt32, n: int | mi.UInt32, rest: mi.Float) -> mi.Float:
     """Returns the number in [0, 1) by which the ``t``-th sample of a pixel chooses one of four wavelengths.
 
-    The function :func:`shared`, with the same ``n``, has sampled the four wavelengths. In 4 n samples, each of the n
-    parts of a quarter is combined once with each of the four wavelengths; in four samples, each of the four wavelengths
-    is chosen once. ``rest`` in [0, 1) is the place in the chosen quarter; ``key`` is the hash key of the choice.
+    The function :func:`wavelength_number`, with the same ``n``, has sampled the four wavelengths. In 4 n samples, each
+    of the n parts of a quarter is combined once with each of the four wavelengths; in four samples, each of the four
+    wavelengths is chosen once. ``rest`` in [0, 1) is the place in the chosen quarter; ``key`` is the hash key of the
+    choice.
     """
     n = mi.UInt32(n)
     # Without the turns, after the least common multiple of n and 4 samples the same parts would meet the same quarters

@@ -98,4 +98,4 @@ def lobe_point(context: Context, lobe: mi.BSDFContext, vertex: Vertex, points: P
     stratified = lobes.is_all_lobes(lobe) or context.scattering.disperses
     choice = points(space, active).x if stratified else points.choice(space)
     point = points(context.space(vertex.ray.node, direction_space(lobe)), active)
-    return context.scattering.choice(points, space, choice), point
+    return context.scattering.lobe_choice(points, space, choice), point

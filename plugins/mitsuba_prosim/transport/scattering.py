@@ -118,7 +118,7 @@ class Scattering:
             return f
         return dr.select(at.inseparable, at.bsdf.eval(lobes.all_lobes(), at.si, wo, active & at.inseparable), f)
 
-    def choice(self, points: Points, space: mi.UInt32, choice: mi.Float) -> mi.Float:
+    def lobe_choice(self, points: Points, space: mi.UInt32, choice: mi.Float) -> mi.Float:
         """Returns the random number that chooses a lobe or a wavelength.
 
         Without dispersion this is ``choice``. With dispersion the number is changed so that the samples of a pixel
@@ -126,4 +126,4 @@ class Scattering:
         """
         if not self.disperses or not mi.is_spectral or isinstance(points, SamplerPoints):
             return choice
-        return wavelengths.chosen(combine(points.key, space), *points.division, choice)
+        return wavelengths.wavelength_choice(combine(points.key, space), *points.division, choice)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -107,7 +106,7 @@ class SecondImage:
         dr.make_opaque(seed, self.x, self.y)
         sampling = replace(state.plan.sampling, adaptive="none")  # it takes as many samples as the image
         self.plan = replace(state.plan, seed=seed, photon_seed=int(seed[0]), sampling=sampling)
-        self.estimator = copy.copy(state.estimator)
+        self.estimator = state.estimator
         if state.second is None or dr.width(state.second.count) != len(index):  # none, or those of other pixels
             self.accumulators = Accumulators.empty(self.estimator.sums_per_pixel, len(index))
 
@@ -149,10 +148,10 @@ def requested(state: FilmState) -> np.ndarray:
     """The samples that the policy of ``state`` requests, in any unit; decided once or after each pass."""
     if state.requested is not None:
         return state.requested
-    result = np.zeros(area(state.outer), np.float32)
-    request = np.minimum(state.crop(state.request(), state.plan.region), np.float32(UNLIMITED))
+    result = np.minimum(state.request(), np.float32(UNLIMITED))
+    image = state.crop(result, state.plan.region)
     # Where all samples so far agree, others may not: no pixel of the image is left out for ever.
-    state.crop(result, state.plan.region)[:] = request + np.float32(mean(request.ravel()) / 20)
+    image += np.float32(mean(image.ravel()) / 20)
     if state.policy.rounds == 1:
         state.requested = result
     return result

@@ -56,5 +56,5 @@ def problem() -> str | None:
         return f"Dr.Jit found no usable LLVM{f' (DRJIT_LIBLLVM_PATH is {path})' if path else ''}. {advice}"
     return (
         f"Dr.Jit found LLVM {'.'.join(map(str, found))} ({library()}). It can't compile Mitsuba's kernels on "
-        f"this processor, it would abort the process. {advice}"
+        f"this processor, but would abort the process. {advice}"
     )

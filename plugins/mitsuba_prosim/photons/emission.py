@@ -86,8 +86,8 @@ def kinds_of(emitters: Sequence[mi.Emitter]) -> dict[mi.Emitter, str]:
     if names := ", ".join(repr(emitter.id()) for emitter, found in kinds.items() if found is None):
         mi.Log(
             mi.LogLevel.Warn,
-            f"prosim: caustics leave out the light of the emitters {names}, whose flags do not say where they are. "
-            "Allowed are those with DeltaPosition, Infinite or, without DeltaDirection, Surface among them.",
+            f"prosim: caustics omit the light of the emitters {names}, because their flags do not define a place. "
+            "Use emitters with the flag DeltaPosition or Infinite, or with Surface but without DeltaDirection.",
         )
     return {emitter: found for emitter, found in kinds.items() if found is not None}
 

@@ -95,9 +95,9 @@ def warn_of_light_missed_by_trees(shapes: Sequence[mi.Shape]) -> None:
         onto = ", ".join(repr(s.id()) for s in inseparable if s is not through[0])
         mi.Log(
             mi.LogLevel.Warn,
-            f"prosim: in a tree of rays, caustics leave out what {through[0].id()!r} casts on {onto}: their materials "
-            "do not tell their lobes apart. Paths (diffuse_bounces) find it. In a tree, give one of the two another "
-            "BSDF: to glass prosim_dielectric or roughdielectric, to floors prosim_composite, roughplastic or diffuse.",
+            f"prosim: in a ray tree, caustics omit the light that {through[0].id()!r} casts on {onto}: their materials "
+            "have inseparable lobes. Paths (diffuse_bounces) find this light. In a ray tree, use prosim_dielectric or "
+            "roughdielectric for the glass, or prosim_composite, roughplastic or diffuse for the other materials.",
         )
 
 

@@ -19,8 +19,8 @@ def channels(final: FinalImage, colours: Sequence[str]) -> dict[str, np.ndarray]
     """Returns the channels of the final image and of all layers: name -> array of shape (height, width).
 
     The channels are the colours of the final image, the integrator's own channels, the layers ``raw`` and ``denoised``,
-    and the errors of the three images. Each error has one channel, ``Y``: ``error``, ``error_raw`` and
-    ``error_denoised``.
+    and the errors of the final, the raw and the denoised image. The errors are ``error.Y``, ``error_raw.Y`` and
+    ``error_denoised.Y``.
     """
     denoised = final.denoised()
     errors = {"": denoised.final_error, "_raw": denoised.raw_error, "_denoised": denoised.denoised_error}

@@ -11,10 +11,10 @@ the denoiser is linear in the noise):
     (M - D)² - d² + 2 d e   the squared error of D,
     (M - D)² - d² + d e     (M - D) times the signal that D lacks.
 
-The result is D plus a share of M - D, separately at each scale. The share depends on the fraction of signal in M - D,
-as in Wiener's filter. Light that the denoiser removed from small spots returns in the mixture as a wide, faint
-difference, which many pixels together determine. The variance of each share is estimated too. If the share does not
-differ significantly from the share of a wide neighbourhood, the share of the neighbourhood is used (James and Stein
+A share of M - D is added to the denoised image D, separately at each scale. The share depends on the fraction of signal
+in M - D, as in Wiener's filter. Light that the denoiser removed from small spots returns in the mixture as a wide,
+faint difference, which many pixels together determine. The variance of each share is estimated too. If the share does
+not differ significantly from the share of a wide neighbourhood, the share of the neighbourhood is used (James and Stein
 1961).
 
 The squared error of the result F in display units f is estimated by (f(F) - f(A)) (f(F) - f(B)) plus twice the product

@@ -55,7 +55,8 @@ def gaussian_pyramid(image: np.ndarray, count: int, least_side: int = 0) -> list
 def bands(image: np.ndarray, most: int, least_side: int) -> list[np.ndarray]:
     """Returns the Laplacian pyramid of ``image``, finest level first.
 
-    Each level is a level of :func:`gaussian_pyramid` minus the next coarser level. :func:`from_bands` is the inverse.
+    Each level of the Laplacian pyramid is a level of :func:`gaussian_pyramid` minus the next coarser level.
+    :func:`from_bands` is the inverse.
     """
     scales = gaussian_pyramid(image, most, least_side)
     return [fine - expand(coarse, *fine.shape[:2]) for fine, coarse in itertools.pairwise(scales)] + scales[-1:]

@@ -13,7 +13,7 @@ def hash32(x: Any) -> Any:
 
     The function is described by O'Neill (2014) and Jarzynski and Olano (2020). ``x`` is a Python integer, a NumPy array
     or a Dr.Jit array of 32-bit unsigned integers. The result has the same type and is uniform over the 32-bit range.
-    The masks are for Python's unbounded integers: Dr.Jit drops them.
+    The bit masks are needed for Python's unbounded integers; Dr.Jit removes these masks from its kernels.
     """
     x = (x * 747796405 + 2891336453) & 0xFFFFFFFF
     x = (((x >> ((x >> 28) + 4)) ^ x) * 277803737) & 0xFFFFFFFF

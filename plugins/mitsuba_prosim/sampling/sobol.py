@@ -63,7 +63,7 @@ def scrambled(x: Any, key: Any) -> Any:
     """Returns Owen's scrambling of a number whose bits are in reverse order.
 
     A hash of all lower bits decides whether a bit is flipped (Laine and Karras 2011; constants by Vegdahl 2021). The
-    masks are for Python's unbounded integers: Dr.Jit drops them.
+    bit masks are needed for Python's unbounded integers; Dr.Jit removes these masks from its kernels.
     """
     x = x ^ (x * 0x3D20ADEA & 0xFFFFFFFF)
     x = (x + key) & 0xFFFFFFFF

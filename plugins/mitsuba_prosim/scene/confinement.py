@@ -39,8 +39,8 @@ class Confinement:
     """Allows only files below ``folders``, and files of Mitsuba's installation.
 
     The first of ``folders`` is the scene's folder. Symbolic links are followed. The methods raise :class:`OutsideError`
-    before Mitsuba opens a file. They do not protect against somebody who exchanges files in these folders between the
-    check and the reading.
+    before Mitsuba opens a file. The checks do not protect against somebody who exchanges files in the allowed folders
+    between the check and the reading.
     """
 
     def __init__(self, folders: Iterable[Path]) -> None:
@@ -51,7 +51,7 @@ class Confinement:
     def search_path(self) -> mi.FileResolver:
         """Returns the search path: the folder of Mitsuba's installation, then the allowed folders.
 
-        In this order, no file of the scene can replace a file of Mitsuba.
+        The folder of Mitsuba is first, so that no file of the scene can replace a file of Mitsuba.
         """
         resolver = mi.FileResolver()
         resolver.clear()

@@ -16,8 +16,8 @@ from .session import message
 def with_line(words: str, scene: Path | None = None) -> str:
     """Adds the line of an XML file that a message names, with a caret below the column.
 
-    ``words`` is the message. If it names several places, the last place is shown, because an included file is named
-    after the file that includes it. With ``scene``, only lines of this file and of files in its folder are shown,
+    ``words`` is the message. If the message names several places, the last place is shown, because an included file is
+    named after the file that includes it. With ``scene``, only lines of this file and of files in its folder are shown,
     because the scene may determine the text of ``words``.
     """
     for place in reversed(list(PLACE.finditer(words))):

@@ -27,7 +27,7 @@ def encode(
 def colours(bitmap: mi.Bitmap) -> np.ndarray | None:
     """Returns the linear colours of a film's image, shape (height, width, 3).
 
-    Returns None if the film stores no colours, but spectral bins for example.
+    Returns None if the film does not store colours, but spectral bins for example.
     """
     layer = next((layer for name, layer in bitmap.split() if name == "<root>"), bitmap)
     if layer.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:
@@ -36,7 +36,7 @@ def colours(bitmap: mi.Bitmap) -> np.ndarray | None:
 
 
 def luminance(rgb: np.ndarray) -> np.ndarray:
-    """Returns the luminance of linear colours, shape (..., 3), by the weights of Rec. 709 with four digits."""
+    """Returns the luminance of linear colours, shape (..., 3), by the weights of ITU-R BT.709 with four digits."""
     return rgb @ np.array([0.2126, 0.7152, 0.0722], dtype=rgb.dtype)
 
 

@@ -38,9 +38,9 @@ def apply(
 ) -> str | None:
     """Changes a parsed scene; returns the name of the integrator that is now nested in ``prosim_adaptive``, or None.
 
-    ``resolution`` is (width, height) and ``crop`` is (x, y, width, height), both in pixels. ``parameters`` are those of
-    the integrator; the value None deletes a parameter. Parameters in :data:`SAMPLING` go to the outermost integrator,
-    all others to every ``prosim``. Raises ValueError if the changes do not suit the scene.
+    ``resolution`` is (width, height) and ``crop`` is (x, y, width, height), both in pixels. ``parameters`` are
+    parameters of the integrator; the value None deletes a parameter. Parameters in :data:`SAMPLING` go to the outermost
+    integrator, all others to every ``prosim``. Raises ValueError if the changes do not suit the scene.
     """
     for props in (node.props for node in state.nodes if node.type == mi.ObjectType.Film):
         _set(props, zip(("width", "height"), resolution or ()))

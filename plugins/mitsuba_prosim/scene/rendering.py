@@ -16,7 +16,7 @@ from ..sampling.hash import combine, hash32
 def is_progressive(integrator: mi.Integrator) -> bool:
     """Tells whether an integrator renders progressively.
 
-    The integrators of this package do so in all variants except scalar ones.
+    The integrators of this package render progressively in all variants except scalar ones.
     """
     return hasattr(integrator, "progressive") and dr.is_jit_v(mi.Float)
 
@@ -49,8 +49,8 @@ def progressive(scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int =
 class Blocking(Steps):
     """Renders a whole image in one :class:`.Step`, with the interface of :class:`.Render`.
 
-    This class is for integrators that do not render progressively. For a ``denoiser`` it renders two images, which
-    share the samples.
+    This class is for integrators that do not render progressively. With a ``denoiser``, this class renders two images,
+    each with half of the samples.
     """
 
     second = reached = None

@@ -104,7 +104,8 @@ class SceneFile:
     def digest(self) -> str:
         """Returns the SHA-256 of the scene with its definitions and the files that the scene names.
 
-        Other changes of the scene are not included. Comments, names of files and formats of numbers do not matter.
+        The digest does not depend on other changes of the scene, such as the resolution. Comments, names of files and
+        formats of numbers do not matter.
         """
         state = mi.parser.ParserState(self._unchanged)
         for props, name, path in self._strings(state):
@@ -122,10 +123,10 @@ class SceneFile:
     ) -> Iterator[tuple[str, Path]]:
         """Yields ``(name, path)`` for each spectrum file that an XML text names.
 
-        The parser has replaced these names by the content of the files, so this method searches the text. It follows
-        the rules of the parser: the first file with a name in the search path counts, and the first value of a
-        parameter counts. An included text is found and read with the folder of the including text first in the search
-        path.
+        Mitsuba's parser replaces the names of spectrum files by the content of these files, so this method searches the
+        text of the scene. The search follows the rules of the parser: the first file with a name in the search path
+        counts, and the first value of a parameter counts. An included text is found and read with the folder of the
+        including text first in the search path.
         """
         folders, within = [*folders], (*within, os.path.realpath(text))
         for found in ELEMENT.finditer(COMMENT.sub("", text.read_text(encoding="utf-8", errors="replace"))):

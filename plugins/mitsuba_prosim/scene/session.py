@@ -54,7 +54,7 @@ def set_variant(variant: str | None = None) -> str:
 
 
 def load_plugins() -> None:
-    """Imports the modules that packages name by entry points in the group ``mitsuba``; these register plugins.
+    """Imports the modules that packages name by entry points in the group ``mitsuba``; such modules register plugins.
 
     Mitsuba 3.10 and later import these modules themselves; Mitsuba 3.9 does not.
     """

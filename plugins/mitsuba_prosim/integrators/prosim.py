@@ -283,7 +283,7 @@ class Prosim(ProgressiveIntegrator):
         """Returns the photons of the scene, or None if nothing is specular or no light source emits photons."""
         from ..photons.caustics import Caustics  # imported only for an image, to load the plugins faster
 
-        # The longest chain of specular surfaces that a camera ray can follow: a light source ends the longest one.
+        # Photons may meet as many specular surfaces as a camera ray may meet before a light source.
         deepest = self.max_level + 1 if self.max_level >= 0 else 1 << 31
         # In a tree, no ray from a diffuse surface reaches a BSDF without separable lobes. So photons may scatter there.
         return Caustics.of(scene, sensor, self.caustic_photons, deepest, tree=self.diffuse_bounces == 0)

@@ -51,8 +51,8 @@ class LightSampler:
         self.lobes, self.beams = bool(rows[:, 5].max() > 0), bool(rows[:, 6].max() > 1)
         self.rows: list[list[float]] = rows.tolist()
         if dr.is_jit_v(mi.Float):
-            # Each row has three packets of four numbers, which load faster than columns. A list: Dr.Jit would share the
-            # memory of a NumPy array.
+            # Each row has three packets of four numbers, which load faster than columns. The table is made from a list,
+            # because Dr.Jit would share the memory of a NumPy array.
             self.table = mi.Float(np.pad(rows, ((0, 0), (0, 2))).ravel().tolist())
             dr.make_opaque(self.table)
 

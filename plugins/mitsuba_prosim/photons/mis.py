@@ -258,7 +258,8 @@ def etendue_of(ray: Ray) -> mi.Float:
     The squares are added because the power heuristic adds squares of densities.
     """
     assert isinstance(ray, RayWithEtendue)
-    # With only one étendue the result must have its bits: the square root of a square may differ by rounding.
+    # Without an earlier étendue the result is exactly ``last_etendue``: the square root of a square may differ by
+    # rounding.
     both = dr.sqrt(dr.square(ray.last_etendue) + dr.square(ray.earlier_etendue))
     return dr.select(ray.earlier_etendue > 0, both, ray.last_etendue)
 

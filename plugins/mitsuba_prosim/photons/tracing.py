@@ -88,8 +88,8 @@ class PhotonTracer:
         flags, first_number = hit.bsdf.flags(), hit.level * NUMBERS
         lands = hit.active & (hit.level > 0) & lobes.has_any(flags, *lobes.DIFFUSE)
         if state.from_inseparable is not None:
-            # A ray between two surfaces without separable lobes finds the light of the light sources at the second
-            # surface, through any of its lobes.
+            # Rays from one surface without separable lobes to another find the direct light there, so photons that
+            # would add this light do not land.
             lands = dr.select(hit.inseparable, but_not(hit.level > 0, state.from_inseparable), lands)
         scatters = hit.active & (hit.level < self.deepest) & lobes.has_any(flags, *lobes.REFLECTED, *lobes.REFRACTED)
         bs, weight, scatters, by_all_lobes = self._scatter(hit, key, scatters)

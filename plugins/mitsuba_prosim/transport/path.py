@@ -68,8 +68,7 @@ def specular_or_diffuse(
     diffuse_weight = dr.select(scatters, dr.max(diffuse.throughput), 0)
     total = specular_weight + diffuse_weight
     p_diffuse = dr.select(total > 0, diffuse_weight / dr.select(total > 0, total, 1), 0)
-    # With the workarounds, the space CHOICE is used up by the choice of a lobe. A path never uses the space REFRACTED,
-    # so it serves here.
+    # With the workarounds, the space CHOICE already chose a lobe. A path uses the space REFRACTED for nothing else.
     choice_is_used = context.scattering.mixes or context.scattering.any_inseparable
     takes_diffuse = points.choice(context.space(vertex.ray.node, REFRACTED if choice_is_used else CHOICE)) < p_diffuse
     diffuse_state, specular_state = (diffuse, scatters, mi.Float(1), bounces + 1), (specular, reflects, eta, bounces)

@@ -15,6 +15,7 @@ from ..compat import dr_array
 from ..sampling.hash import hash32
 from .accumulators import Accumulators, FilmState
 from .error import displayed, in_display_units, variance
+from .film import film_values
 from .plan import UNLIMITED, area
 
 #: Seconds of a work item with a time limit: this fraction of the limit, between these two.
@@ -128,18 +129,24 @@ class SecondImage:
         Each pixel of the first image is replaced by that of the second: what changes in the displayed values of the
         pixels to which the filter spreads it. (Errors by the slope of the tone curve would be those of bright spots.)
         """
-        both = (state.accumulators, self.accumulators)
-        first, second = (np.array(sums.total / mi.Float(sums.count), dtype=np.float64) for sums in both)
-        weights, plane = state.estimator.filter_weights, np.nan_to_num(state.crop(first, state.outer))
-        reach, (row, column) = len(weights) // 2, np.divmod(self.index, plane.shape[1])
-        windows = np.lib.stride_tricks.sliding_window_view(np.pad(plane, reach, "edge"), weights.shape)
-        filtered = np.pad(np.einsum("yxij,ij->yx", windows, weights[::-1, ::-1]), reach, "edge")
-        squares, difference = np.zeros(len(self.index)), first[self.index] - second
-        for (y, x), weight in np.ndenumerate(weights):
-            before = filtered[row + y, column + x]
-            shown = [displayed(dr_array(np.float32(v))) for v in (before, before - weight * difference)]
-            squares += np.square(np.array(shown[0] - shown[1], dtype=np.float64))
-        errors = np.sqrt(squares) * (0.5 if self.complete else 0.5**0.5)
+        plan, channels, own = state.plan, state.estimator.channels, mi.UInt32(self.index)
+        film, of_pixel, stored = film_values(state, ()), len(channels.names), channels.names.index("W") + 1
+        height, width = (dr.opaque(mi.Int32, v) for v in film.shape[:2])
+        first, second, squares = state.accumulators, self.accumulators, dr.zeros(mi.Float, len(self.index))
+        counts = [mi.Float(v) for v in (dr.gather(mi.UInt32, first.count, own), second.count)]
+        for place, (down, across) in enumerate(np.ndindex(2 * plan.reach + 1, 2 * plan.reach + 1)):
+            x = self.x + dr.opaque(mi.Int32, across - plan.reach - plan.window[0])
+            y = self.y + dr.opaque(mi.Int32, down - plan.reach - plan.window[1])
+            seen = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+            sums = [image.sums[place * of_pixel :][:stored] for image in (first, second)]
+            before = [dr.gather(mi.Float, film.array, (y * width + x) * of_pixel + k, seen) for k in range(stored)]
+            after = [v + b / counts[1] - dr.gather(mi.Float, a, own) / counts[0] for v, a, b in zip(before, *sums)]
+            change = displayed(channels.luminance(before)) - displayed(channels.luminance(after))
+            squares += dr.select(seen, dr.square(change), 0)
+            dr.eval(squares)
+        # The pixels around a crop window have errors in it, too.
+        part = (0.25 if self.complete else 0.5) * area(plan.region) / area(plan.window)
+        errors = np.sqrt(part * np.array(squares, dtype=np.float64))
         tails = np.percentile(errors, [99, 99.9])
         return float(np.sqrt(np.mean(errors**2))), float(tails[0]), float(tails[1])
 

@@ -74,6 +74,13 @@ class Channels:
             rgb = mi.Color3f(L.x) if mi.is_monochromatic else mi.Color3f(L)
         return [v if name in self.stored_colours else mi.Float(0) for name, v in zip("rgb", rgb)]
 
+    def luminance(self, values: Sequence[mi.Float]) -> mi.Float:
+        """The luminance of the film's weighted sums ``values``, up to the weight; where the film stores no colours, the
+        mean of its channels.
+        """
+        light = sum(values[:-1]) / (len(values) - 1) if self.special else mi.luminance(mi.Color3f(*values[:3]))
+        return light / values[-1]
+
 
 def luminance(L: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Float:
     """Luminance of the radiance ``L``, that of the film's values; white has 1.

@@ -144,7 +144,7 @@ class Plan:
         key = pixel_key(self.seed, pixel)
         if self.uses_sobol:
             return Sobol(key, t, dr.opaque(mi.UInt32, self.n))
-        return NRook.at(self.permutations, key, t, self.sampling.jitter)
+        return NRook(self.permutations, key, t, self.sampling.jitter)
 
 
 def widened(rectangle: Rectangle, reach: int, domain: Rectangle) -> Rectangle:

@@ -69,7 +69,7 @@ class NRookSampler(PureSampler):
         return copy
 
     def points(self) -> NRook:
-        return NRook.at(self.permutations, self.pixel, self.index % self.permutations.n**2, self.jitter)
+        return NRook(self.permutations, self.pixel, self.index % self.permutations.n**2, self.jitter)
 
     def to_string(self) -> str:
         return describe(self, sample_count=self.sample_count(), jitter=self.jitter)

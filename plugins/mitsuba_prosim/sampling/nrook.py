@@ -89,29 +89,21 @@ def to_unit(h: UInt) -> mi.Float:
 
 
 class NRook:
-    """The N-rook sample of one pass and one index, in every space.
+    """The ``t``-th N-rook sample of a pixel, in every space.
 
-    ``permutations`` are the :class:`Permutations` of N elements; ``key`` is the :func:`pixel_key`. ``r`` is the number
-    of the pass and ``i`` the index in the pass; both are integers or Dr.Jit arrays from 0 to N - 1. ``jitter`` is
-    ``"uniform"`` or ``"multi"``. Jitter ``"uniform"`` places the sample anywhere in the cell, as in the thesis. Jitter
-    ``"multi"`` places the sample so that the N² samples of all passes also fill all N² strata of each axis
-    (multi-jittered: Chiu, Shirley and Wang 1994; Kensler 2013).
+    ``permutations`` are the :class:`Permutations` of N elements; ``key`` is the :func:`pixel_key`; ``t`` is an integer
+    or a Dr.Jit array from 0 to N² - 1. ``jitter`` is ``"uniform"`` or ``"multi"``. Jitter ``"uniform"`` places the
+    sample anywhere in the cell, as in the thesis. Jitter ``"multi"`` places the sample so that the N² samples of all
+    passes also fill all N² strata of each axis (multi-jittered: Chiu, Shirley and Wang 1994; Kensler 2013).
     """
 
-    def __init__(self, permutations: Permutations, key: UInt, r: UInt, i: UInt, jitter: str = "multi") -> None:
-        self.permutations, self.key, self.r, self.i, self.jitter = permutations, key, r, i, jitter
-        #: Number of the sample among all samples of its pixel; 0 where this number is unknown.
-        self.t: UInt = 0
+    def __init__(self, permutations: Permutations, key: UInt, t: UInt, jitter: str = "multi") -> None:
+        self.permutations, self.key, self.t, self.jitter = permutations, key, t, jitter
+        #: Number of the pass, and the index in the pass.
+        self.r = t // permutations.n
+        self.i = t - self.r * permutations.n
         #: Number of the sample among those that divide the spectrum, and how many a pass has (:mod:`.wavelengths`).
-        self.division = r * permutations.n + i, permutations.n
-
-    @classmethod
-    def at(cls, permutations: Permutations, key: UInt, t: UInt, jitter: str = "multi") -> NRook:
-        """Returns the ``t``-th sample of a pixel, for ``t`` from 0 to N² - 1."""
-        r = t // permutations.n
-        points = cls(permutations, key, r, t - r * permutations.n, jitter)
-        points.t = t
-        return points
+        self.division = t, permutations.n
 
     def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:
         """Returns the point in [0, 1)² of this sample for ``space``, the number of a space (see

@@ -109,11 +109,6 @@ def sampler_of(points: NRook | Sobol) -> Any:
     """Returns a ``mi.Sampler`` that takes random numbers from ``points``, one space of the sampling pattern after the
     other.
     """
-    if isinstance(points, Sobol):
-        sampler = create("owen")
-    else:
-        sampler = create("nrook", jitter=points.jitter)
-        sampler.permutations = points.permutations
-    sampler.pixel, sampler.index = points.key, points.t
-    sampler.dimension = mi.UInt32(CAMERA_SPACES)
+    sampler = create("owen")
+    sampler.points, sampler.dimension = lambda: points, mi.UInt32(CAMERA_SPACES)
     return sampler

@@ -34,8 +34,8 @@ _registered_for: str | None = None
 def plugin(kind: str, name: str) -> Callable[[type], type]:
     """Class decorator: registers the class as Mitsuba plugin ``name`` of the given ``kind`` ("bsdf", "emitter", ...).
 
-    Mitsuba 3.9 asks for the type of a plugin in ``scalar_rgb``, whatever variant is active. If the name were unknown
-    there, ``load_dict`` would merge equal emitters, and writing XML would fail. To avoid this, the class is also
+    Mitsuba 3.9 asks for the type of a plugin in ``scalar_rgb``, whatever variant is active. If the name were unknown in
+    ``scalar_rgb``, ``load_dict`` would merge equal emitters, and writing XML would fail. Therefore the class is also
     registered for ``scalar_rgb``, until the plugins of ``scalar_rgb`` replace it.
     """
 

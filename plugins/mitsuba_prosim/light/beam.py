@@ -3,7 +3,7 @@
 Let beta be the angle between the axis of the source and the direction of the light. A cone of half-opening alpha has
 the constant intensity 1 for beta <= alpha. A spot has the intensity cos^n(beta), cut off at alpha (90 degrees by
 default). The functions take the versines (1 - cos) of alpha and beta, because versines stay precise in narrow beams.
-They also take the exponent n of a spot, which is None for a cone.
+The functions also take the exponent n of a spot; n is None for a cone.
 """
 
 from __future__ import annotations

@@ -9,17 +9,17 @@ plane region is the projection of the visible part of the sphere's cap onto the 
 The plane region is composed of two pieces here, each sampled without rejection:
 
 - the ellipse that is the projection of the whole cap, if the centre is above the horizon;
-- the crescent between the ellipse and the unit circle, where the horizon cuts the cap. The two curves
-  are tangent to each other at the crescent's ends. For a centre at height -c only the crescent is left, the same
-  crescent as for the height c: the projections of mirrored caps are equal.
+- the crescent between the ellipse and the unit circle, where the horizon cuts the cap. The ellipse and the circle are
+  tangent to each other at the crescent's ends. For a centre at height -c only the crescent is left, the same crescent
+  as for the height c: the projections of mirrored caps are equal.
 
 The ellipse is sampled uniformly. The crescent is sampled with a triangular density of the ordinate, which is close to
 the crescent's width. The variance due to the approximate width is at most 0.05 of the squared mean for spheres that
 subtend up to 37 degrees. The density of the samples needs only an estimate of the crescent's area, and no integral.
 
-Lengths in the plane are divided by s, the sine of the angle that the sphere's radius subtends. So the results for tiny
-light sources are precise in single precision arithmetic. No step subtracts nearly equal numbers, except for the sliver
-of a sphere that is nearly below the horizon.
+Lengths in the plane are divided by s, the sine of the angle that the sphere's radius subtends. With this scaling, the
+results for tiny light sources are precise in single precision arithmetic. No step subtracts nearly equal numbers,
+except for the sliver of a sphere that is nearly below the horizon.
 
 All functions take Dr.Jit arrays, or Python floats in scalar variants. A receiver inside the sphere or on the sphere
 (``sin2_theta_max >= 1``) sees no cap: all densities are 0 for such a receiver.

@@ -102,10 +102,10 @@ class Indices:
         return cls(inside, outside, eta)
 
     def etas(self, si: mi.SurfaceInteraction3f) -> list[mi.Float]:
-        """Returns the index inside divided by the index outside.
+        """Returns the index inside divided by the index outside, as a list.
 
-        The list has one number, or one number for each channel of a spectrum at ``si`` if an index depends on the
-        wavelength.
+        The list has one number; if an index depends on the wavelength, it has one number for each channel of a spectrum
+        at ``si``.
         """
         if self.eta is not None:
             return [self.eta]

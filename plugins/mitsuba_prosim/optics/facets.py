@@ -37,7 +37,9 @@ class Distribution(NamedTuple):
 
 
 def sin2(m: mi.Vector3f) -> mi.Float:
-    """Returns the squared sine of the polar angle. Unlike 1 - m.z², this formula loses no digits near the pole."""
+    """Returns the squared sine of the polar angle. The formula x² + y² loses no digits near the pole, unlike
+    1 - m.z².
+    """
     return m.x * m.x + m.y * m.y
 
 

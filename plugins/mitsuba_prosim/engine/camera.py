@@ -1,4 +1,4 @@
-"""Camera rays whose code does not depend on the film's size, nor their bits on its crop window."""
+"""Camera rays whose code does not depend on the film's size, and whose bits do not depend on the crop window."""
 
 from __future__ import annotations
 
@@ -12,28 +12,30 @@ import mitsuba as mi
 from ..compat import PERSPECTIVE, world_transform
 
 if TYPE_CHECKING:
-    #: From time and a number for the wavelengths, the places on the film and on the lens: the ray and its weight.
+    #: Function that returns a ray and its weight, given the time, a number for the wavelengths, the position on the
+    #: film, and the position on the lens.
     RaySampler = Callable[[mi.Float, mi.Float, mi.Point2f, mi.Point2f], tuple[mi.Ray3f, mi.Spectrum]]
 
 
 def is_perspective(sensor: mi.Sensor) -> bool:
-    """Whether ``sensor`` is Mitsuba's perspective camera, whose rays :func:`ray_sampler` makes itself."""
+    """Tells whether ``sensor`` is Mitsuba's perspective camera, whose rays :func:`ray_sampler` computes itself."""
     return bool(sensor.class_name() == PERSPECTIVE)
 
 
 def ray_sampler(sensor: mi.Sensor) -> RaySampler:
-    """A function like ``sensor.sample_ray_differential`` without differentials, for positions on the whole film. A
-    sensor without :func:`is_perspective` must be called within :func:`without_crop_window`.
+    """Returns a function like ``sensor.sample_ray_differential``, but without differentials.
 
-    Not every sensor has a ``sample_ray``. Mitsuba's perspective camera has the film's size as a constant in its code,
-    so that Dr.Jit would compile a kernel for each resolution: its rays are made here, by its own matrices.
+    The positions are on the whole film. If the sensor is no perspective camera, call the returned function only within
+    :func:`without_crop_window`. Some sensors have no method ``sample_ray``. Mitsuba's perspective camera has the film's
+    size as a constant in its code, so Dr.Jit would compile a kernel for each resolution. To avoid this, the returned
+    function computes the rays of the perspective camera itself, with the camera's matrices.
     """
     if not is_perspective(sensor):
         return sensor.sample_ray_differential
     params = mi.traverse(sensor)
     offset = mi.Point2f(*(params[f"principal_point_offset_{axis}"] for axis in "xy"))
     size, near, far = mi.ScalarVector2i(sensor.film().size()), sensor.near_clip(), sensor.far_clip()
-    fov = float(params["x_fov"][0])  # a literal, as the kernel of an array would have the size as a constant
+    fov = float(params["x_fov"][0])  # a number, because a Dr.Jit array would make the size a constant of the kernel
     to_camera = mi.perspective_projection(size, size, mi.ScalarVector2i(0), fov, near, far).inverse()
     near, far = dr.opaque(mi.Float, near), dr.opaque(mi.Float, far)
     dr.make_opaque(to_camera, offset)
@@ -57,8 +59,11 @@ def ray_sampler(sensor: mi.Sensor) -> RaySampler:
 
 @contextlib.contextmanager
 def without_crop_window(sensor: mi.Sensor) -> Iterator[None]:
-    """Removes the crop window of the film of ``sensor`` for a while, so that the rays of a crop are those of the whole
-    image to the bit (a sensor scales positions by the window). Only within :func:`.alone`, as the film is the user's.
+    """Removes the crop window of the film of ``sensor`` within the context.
+
+    Without the crop window, the rays of a crop have the same bits as the rays of the whole image. With a crop window, a
+    sensor would scale positions on the film. Use this context only within :func:`.alone`, because the film belongs to
+    the user.
     """
     film = sensor.film()
     offset, size = mi.ScalarPoint2u(film.crop_offset()), mi.ScalarVector2u(film.crop_size())

@@ -1,7 +1,8 @@
-"""Checkpoints of progressive renders as files: another process continues them, or puts the parts of an image together.
+"""Checkpoints: progressive renders stored as files.
 
-A checkpoint is a ZIP archive of NumPy arrays (``.npz``), not compressed: ``facts``, which is JSON, and the arrays of
-the pixels and of the second image. Its checksums are those of ZIP.
+Another process can continue a checkpoint, or merge the checkpoints of the parts of an image. A checkpoint is a ZIP
+archive of NumPy arrays (``.npz``) without compression. The archive contains ``facts`` (a JSON text), the arrays of the
+pixels, and the arrays of the second image. The checksums of the ZIP archive protect the content.
 """
 
 from __future__ import annotations
@@ -24,39 +25,40 @@ from .environment import MAY_DIFFER, MUST_AGREE, differences, this_environment
 from .plan import TARGETS, index_within
 from .tiles import Part
 
-#: The version of the format.
+#: Version of the format.
 FORMAT = 9
 
-#: Parameters of sampling that decide how many samples a pixel gets. A checkpoint may continue with others than its own,
-#: as with other :data:`.TARGETS`.
+#: Parameters of sampling that decide how many samples a pixel gets. A render may continue from a checkpoint with other
+#: values of these parameters, and with other :data:`.TARGETS`.
 DECIDING = ("adaptive", "threshold", "max_samples")
 
-#: Attributes that parts of one image may differ in.
+#: Attributes in which the parts of one image may differ.
 ANY = ("scene", "exposure", "band", *MAY_DIFFER)
 
-#: The groups of arrays of a checkpoint.
+#: The groups of arrays in a checkpoint.
 GROUPS = ("pixels", "second")
 
-#: Attributes of a :class:`.FilmState`: its measured errors; its decisions; and those for each pixel.
+#: Attributes of a :class:`.FilmState`: its measured errors; its decisions; and its arrays with one decision for each
+#: pixel.
 MEASURED, DECIDED, ADAPTIVE = ("noise", "estimates"), ("rounds", "effort"), ("requested", "wanted")
 
 
 class CheckpointError(ValueError):
-    """A file from which no render can be continued."""
+    """A file from which no render can continue."""
 
 
 class NotACheckpointError(CheckpointError):
-    """A file of another kind."""
+    """A file that is no checkpoint."""
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A :class:`.FilmState` between two steps, as NumPy arrays, to the bit.
+    """A :class:`.FilmState` between two steps, stored exactly as NumPy arrays.
 
-    ``attributes``: names and numbers, as JSON; ``pixels``: name -> values of the pixels that have samples, shape
-    (pixels,), with ``index``, their indices in the plan's domain; ``second``: the same of the second image; ``about``:
-    further attributes, of the caller, as JSON; ``environment``: of the process that took the samples, see
-    :func:`.this_environment`.
+    ``attributes`` are names and numbers for JSON. ``pixels`` maps names to the values of the pixels that have samples,
+    shape (pixels,); the array ``index`` has the indices of these pixels in the plan's domain. ``second`` has the arrays
+    of the second image. ``about`` are further attributes of the caller, for JSON. ``environment`` describes the process
+    that took the samples, see :func:`.this_environment`.
     """
 
     attributes: Mapping[str, Any]
@@ -67,8 +69,10 @@ class Checkpoint:
 
     @classmethod
     def of(cls, state: FilmState, seconds: float, finished: bool) -> Checkpoint:
-        """The checkpoint of ``state`` after ``seconds``; ``finished``: the image has all requested samples. A finished
-        part has its own pixels alone, as decisions need no others any more.
+        """Returns the checkpoint of ``state`` after ``seconds``.
+
+        ``finished`` tells whether the image has all requested samples. The checkpoint of a finished part has only the
+        pixels that the part owns, because the policy needs no other pixels any more.
         """
         attributes = {
             "samples": identity(state),
@@ -95,14 +99,14 @@ class Checkpoint:
 
     @property
     def part(self) -> Part | None:
-        """The part of the image; None for the whole image."""
+        """The part of the image whose samples the checkpoint has; None for the whole image."""
         return Part(*self.attributes["part"]) if self.attributes["part"] else None
 
     def restore(self, state: FilmState) -> bool:
-        """Copies this checkpoint into ``state``, which has no samples yet; returns whether the image was finished with
-        the same target. Decisions for another target are taken again.
+        """Copies this checkpoint into ``state``, which has no samples yet.
 
-        Raises ValueError if these are the samples of another image.
+        Returns whether the image was already finished with the same target. If the target is another one, the policy
+        decides again. Raises ValueError if the checkpoint has the samples of another image.
         """
         mine, theirs = self.attributes["samples"], json.loads(json.dumps(identity(state)))
         if name := next((name for name, value in theirs.items() if mine.get(name) != value), None):
@@ -117,11 +121,12 @@ class Checkpoint:
                 "adaptive = neighbours decides once, by the first samples alone; continue with adaptive = graded if "
                 "threshold, max_samples or adaptive differ"
             )
-        # Further samples may be Sobol' points after N-rook patterns, but not the reverse.
+        # A render may continue with Sobol' points after N-rook patterns, but not with N-rook patterns after Sobol'
+        # points.
         state.plan = replace(state.plan, uses_sobol=state.plan.uses_sobol or self.attributes["uses_sobol"])
         for name in (*MEASURED, *(DECIDED if decided else ())):
             setattr(state, name, self.attributes[name])
-        # The policies look at different numbers of pixels around a crop window.
+        # Policies look at different numbers of pixels around a crop window.
         _, mine, theirs = np.intersect1d(self.pixels["index"], index(state), True, return_indices=True)
         pixels = {name: np.zeros(len(index(state)), values.dtype) for name, values in self.pixels.items()}
         for name, values in pixels.items():
@@ -133,7 +138,7 @@ class Checkpoint:
         return decided and self.finished and changed.isdisjoint(TARGETS)
 
     def write(self, path: Path) -> None:
-        """Writes the archive over ``path``. Raises OSError."""
+        """Writes the archive to ``path``, and overwrites an older file. Raises OSError."""
         header = {"format": FORMAT, "environment": self.environment, "about": self.about, "attributes": self.attributes}
         arrays = {f"{group}.{name}": values for group in GROUPS for name, values in getattr(self, group).items()}
         with open(path, "wb") as file:
@@ -141,7 +146,7 @@ class Checkpoint:
 
 
 def identity(state: FilmState) -> dict[str, Any]:
-    """The attributes that identify the samples and the sums of an image."""
+    """Returns the attributes that identify the samples and the sums of an image."""
     plan, caustics = state.plan, state.estimator.transport.caustics
     return {
         "samples of a pass": plan.n,
@@ -157,19 +162,19 @@ def identity(state: FilmState) -> dict[str, Any]:
 
 
 def index(state: FilmState) -> np.ndarray:
-    """The indices of the pixels of ``state`` in the plan's domain."""
+    """Returns the indices of the pixels of ``state`` in the plan's domain."""
     return np.array(index_within(state.plan.domain, state.x, state.y))
 
 
 def arrays(sums: Accumulators) -> dict[str, np.ndarray]:
-    """The arrays of accumulators by name."""
+    """Returns the arrays of accumulators: name -> array."""
     named = {f.name: getattr(sums, f.name) for f in fields(sums) if f.name != "sums"}
     named |= {f"sum{k}": values for k, values in enumerate(sums.sums)}
     return {name: np.array(values) for name, values in named.items()}
 
 
 def accumulators(named: Mapping[str, np.ndarray]) -> Accumulators:
-    """The accumulators of which these are the :func:`arrays`."""
+    """Returns accumulators with the arrays ``named``, the inverse of :func:`arrays`."""
     sums = [dr_array(named[f"sum{k}"]) for k in range(sum(name.startswith("sum") for name in named))]
     return Accumulators(sums, *(dr_array(named[f.name]) for f in fields(Accumulators)[1:]))
 
@@ -178,15 +183,18 @@ def accumulators(named: Mapping[str, np.ndarray]) -> Accumulators:
 
 
 def save(checkpoint: Checkpoint, path: str | Path) -> None:
-    """Writes ``checkpoint`` to ``path``, over an older file when it is complete. Raises OSError."""
+    """Writes ``checkpoint`` to ``path``.
+
+    An older file is replaced only when the new file is complete. Raises OSError.
+    """
     atomic.write({Path(path): checkpoint.write})
 
 
 def read(path: str | Path, arrays: bool = True) -> Checkpoint:
-    """Reads a checkpoint from any environment, which it does not check; quick without its ``arrays``.
+    """Reads a checkpoint, without a check of its environment; reading is quick without ``arrays``.
 
-    Raises NotACheckpointError for a file of another kind; CheckpointError for one of another version of the format,
-    or a damaged or incomplete one; OSError.
+    Raises NotACheckpointError for a file that is no checkpoint. Raises CheckpointError for another version of the
+    format, and for a damaged or incomplete file. Raises OSError if the file cannot be read.
     """
     try:
         with np.load(path) as archive:
@@ -211,9 +219,10 @@ def read(path: str | Path, arrays: bool = True) -> Checkpoint:
 
 
 def load(path: str | Path) -> Checkpoint:
-    """Reads a checkpoint that this process can continue. Warns if it comes from another processor or LLVM.
+    """Reads a checkpoint that this process can continue.
 
-    Raises as :func:`read`, and CheckpointError if it was made by other versions or in another variant.
+    Warns if the checkpoint was made with another processor or LLVM. Raises the errors of :func:`read`, and
+    CheckpointError if the checkpoint was made by other versions of the software or in another variant.
     """
     checkpoint = read(path)
     check_environments({Path(path): checkpoint})
@@ -221,8 +230,10 @@ def load(path: str | Path) -> Checkpoint:
 
 
 def check_environments(checkpoints: Mapping[Path, Checkpoint]) -> None:
-    """Raises CheckpointError if a checkpoint was made by other versions or in another variant; warns, once, if some
-    come from another processor or LLVM.
+    """Checks that this process can continue some checkpoints.
+
+    Raises CheckpointError if a checkpoint was made by other versions of the software or in another variant. Warns once
+    if checkpoints were made with another processor or LLVM.
     """
     elsewhere = []
     for path, checkpoint in checkpoints.items():
@@ -241,12 +252,12 @@ def check_environments(checkpoints: Mapping[Path, Checkpoint]) -> None:
 
 
 class CheckpointWriter:
-    """Writes the checkpoint of a render to ``path`` from time to time. Warns the first time that it fails.
+    """Writes the checkpoint of a render to ``path`` from time to time.
 
-    ``about``: that of :class:`Checkpoint`.
+    Warns only the first time that writing fails. ``about`` are the further attributes of the :class:`Checkpoint`.
     """
 
-    #: Least seconds between two checkpoints, and the part of the time that writing may take.
+    #: Minimum seconds between two checkpoints; maximum fraction of the time for writing them.
     SHORTEST, SHARE = 4.0, 0.02
 
     def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
@@ -254,7 +265,7 @@ class CheckpointWriter:
         self.next, self.failed = time.perf_counter() + self.SHORTEST, False
 
     def __call__(self, render: Any) -> None:
-        """Writes the checkpoint of ``render`` if it is time for it."""
+        """Writes the checkpoint of ``render`` if it is time for the next checkpoint."""
         started = time.perf_counter()
         if started < self.next:
             return
@@ -273,10 +284,10 @@ class CheckpointWriter:
 
 
 def merge(paths: Sequence[str | Path]) -> Checkpoint:
-    """The checkpoint of the image whose parts are in the files ``paths``, in any order. Warns, once, if some come from
-    other kinds of processors.
+    """Returns the checkpoint of a whole image, whose parts are in the files ``paths``, in any order.
 
-    Raises CheckpointError if a part is missing, there twice, not finished, or of another image; and as :func:`load`.
+    Warns once if parts were made with different processors. Raises the errors of :func:`load`, and CheckpointError if a
+    part is missing, given twice, not finished, or of another image.
     """
     parts = {Path(path): read(path, arrays=False) for path in paths}
     check_parts(parts)
@@ -285,8 +296,10 @@ def merge(paths: Sequence[str | Path]) -> Checkpoint:
 
 
 def put_together(parts: Iterable[Checkpoint]) -> Checkpoint:
-    """The checkpoint of the image of which these are all parts, finished, in any order; without a second image, which
-    a render takes again. Raises CheckpointError if the parts have arrays of different names.
+    """Returns the checkpoint of a whole image from the checkpoints of all its finished parts, in any order.
+
+    The second image is left out; a render takes the samples of the second image again. Raises CheckpointError if the
+    parts have arrays with different names.
     """
     headers, arrays = [], dict[str, list[np.ndarray]]()
     for part in parts:
@@ -299,13 +312,13 @@ def put_together(parts: Iterable[Checkpoint]) -> Checkpoint:
             arrays.setdefault(name, []).append(values)
     seconds = sum(header.attributes["seconds"] for header in headers)
     attributes = {**headers[0].attributes, "part": None, "seconds": seconds}
-    # An array of all parts is released when that of the image is made.
+    # The arrays of the parts are released as soon as the array of the image is made.
     pixels = {name: np.concatenate(arrays.pop(name)) for name in [*arrays]}
     return replace(headers[0], attributes=attributes, pixels=pixels)
 
 
 def check_parts(parts: Mapping[Path, Checkpoint]) -> None:
-    """Raises CheckpointError unless these are all parts of one image, each once."""
+    """Raises CheckpointError unless ``parts`` are all parts of one image, each given once."""
     if not parts:
         raise CheckpointError("no parts are named")
     first_path, first = next(iter(parts.items()))
@@ -328,7 +341,7 @@ def check_parts(parts: Mapping[Path, Checkpoint]) -> None:
 
 
 def common_attributes(checkpoint: Checkpoint) -> dict[str, Any]:
-    """The attributes that all parts of one image have in common."""
+    """Returns the attributes that all parts of one image have in common."""
     attributes, about = checkpoint.attributes, checkpoint.about
     everything = attributes["samples"] | attributes["sampling"] | checkpoint.environment | about.get("job", {})
     return {

@@ -1,4 +1,4 @@
-"""Derivatives of an image with respect to the parameters of its scene, by the samples of the image."""
+"""Derivatives of an image with respect to parameters of its scene, computed with the samples of the image."""
 
 from __future__ import annotations
 
@@ -14,14 +14,16 @@ from .camera import without_crop_window
 from .film import film_values, put
 from .plan import index_within, pixels
 
-#: Samples per kernel: many, as Dr.Jit traces the code again for each; but each sample stores some 100 numbers a node.
+#: Number of samples per kernel. A large number is fast, because Dr.Jit traces the code again for each kernel. The
+#: number is limited by memory: a sample stores some 100 numbers per node.
 LANES = 1 << 18
 
 
 class Derivatives:
-    """The samples of an image that was rendered without derivatives, so that the counts of its pixels are known.
+    """Computes derivatives with the samples of an image that was rendered without derivatives.
 
-    ``state``: that image; its transport has derivatives now.
+    ``state`` is the state of the rendered image, which has the sample counts of the pixels; the transport of ``state``
+    has derivatives now.
     """
 
     def __init__(self, state: FilmState) -> None:
@@ -32,14 +34,19 @@ class Derivatives:
         self.storage = film_values(state, [])
 
     def develop(self, storage: mi.TensorXf) -> mi.TensorXf:
-        """The developed image of film values ``storage``, differentiably; without the integrator's own channels."""
+        """Returns the developed image of the film values ``storage``, differentiably.
+
+        The returned image does not have the integrator's own channels.
+        """
         put(self.film, storage, self.estimator.channels.aov_names)
         return self.film.develop()
 
     def samples(self) -> Iterator[tuple[list[mi.Float], list[tuple[mi.Float, mi.UInt32]]]]:
-        """Yields ``(values, weights)``: the film's values of up to ``LANES`` samples, one a lane, with derivatives; and
-        for each pixel within the filter's reach the weight of the sample there, 0 outside the window, and the pixel's
-        index in the window.
+        """Yields ``(values, weights)``: up to ``LANES`` samples, with derivatives.
+
+        ``values`` are the film's values, with one sample per lane. ``weights`` has two arrays for each pixel within the
+        filter's reach: the weight of the sample in this pixel, which is 0 outside the window, and the pixel's index in
+        the window.
         """
         window, reach = self.plan.window, self.plan.reach
         left, top, right, bottom = (dr.opaque(mi.Int32, v) for v in window)
@@ -59,8 +66,10 @@ class Derivatives:
                 yield values, splats
 
     def lanes(self) -> Iterator[list[mi.UInt32]]:
-        """All samples, up to ``LANES`` at a time: ``[pixel, t, count]``, the pixels of the region, which of their
-        samples are taken, and the number of these.
+        """Yields all samples, up to ``LANES`` at a time, as ``[pixel, t, count]``.
+
+        ``pixel`` is the index of the pixel in the region, ``t`` the number of the sample within the pixel, and
+        ``count`` the sample count of the pixel.
         """
         ends = np.cumsum(self.counts, dtype=np.int64)
         for first in range(0, int(ends[-1]), LANES):
@@ -70,7 +79,7 @@ class Derivatives:
             yield [dr_array(values.astype(np.uint32)) for values in (pixel, lane - ends[pixel] + count, count)]
 
     def backward(self, gradient: mi.TensorXf) -> None:
-        """Propagates the derivative with respect to the film's values to the scene's parameters."""
+        """Propagates derivatives with respect to the film's values to the scene's parameters."""
         channels = gradient.shape[2]
         gradient = gradient.array
         for values, splats in self.samples():
@@ -78,27 +87,28 @@ class Derivatives:
             for c, value in enumerate(values):
                 if dr.grad_enabled(value):
                     loss += value * sum(w * dr.gather(mi.Float, gradient, p * channels + c) for w, p in splats)
-            # All lanes share the graph behind the scene's parameters: its edges must stay. The derivative of a sum,
-            # but the sum itself would be another kernel.
+            # All lanes share the graph behind the scene's parameters, so the edges of this graph must stay. The
+            # gradient is that of a sum of all lanes; computing the sum itself would be another kernel.
             dr.backward_from(loss, flags=dr.ADFlag.ClearVertices)
-            dr.eval()  # the derivatives of the parameters, so that each time has the same kernels
+            dr.eval()  # evaluates the derivatives of the parameters, so that all iterations have the same kernels
 
     def forward(self) -> mi.TensorXf:
-        """The derivative of the film's values, by those that the scene's parameters have."""
+        """Returns the derivatives of the film's values, by the derivatives of the scene's parameters."""
         total = dr.zeros(mi.Float, len(self.storage.array))
         channels = self.storage.shape[2]
-        # Not by symbolic calls: from a variable that one of them reads (a blend's weight), Dr.Jit 1.5 also propagates
-        # derivatives into variables that other calls have left behind. Within a symbolic branch every call is symbolic.
+        # Symbolic calls are off: from a variable that one call reads (a blend's weight), Dr.Jit 1.5 also propagates
+        # derivatives into variables that other calls have left behind. Symbolic branches are off because every call
+        # within one is symbolic.
         calls, branches = dr.JitFlag.SymbolicCalls, dr.JitFlag.SymbolicConditionals
         with dr.scoped_set_flag(calls, False), dr.scoped_set_flag(branches, False):
             for values, splats in self.samples():
                 values = [(c, value) for c, value in enumerate(values) if dr.grad_enabled(value)]
                 if values:
-                    # What all lanes share, behind the scene's parameters, is gone through once: it keeps its
-                    # derivatives.
+                    # The part of the graph that all lanes share, behind the scene's parameters, is traversed once and
+                    # keeps its derivatives.
                     dr.forward_to([value for _, value in values], flags=dr.ADFlag.ClearEdges)
                 for c, value in values:
                     for w, p in splats:
                         dr.scatter_add(total, w * dr.grad(value), p * channels + c)
-                dr.eval(total)  # so that the size of a kernel does not grow with the number of samples
+                dr.eval(total)  # limits the size of a kernel
         return mi.TensorXf(total, self.storage.shape)

@@ -1,4 +1,4 @@
-"""The software and the processor of a process: the bits of its samples depend on them."""
+"""The software and the processor of a process. The bits of the samples depend on both."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import mitsuba as mi
 
 from .. import __version__, llvm
 
-#: Names that must have the same values; and those that may differ, with a warning: samples are as good, but not
-#: bit-identical.
+#: Entries of an environment that must agree; and entries that may differ, with a warning: then samples are equally
+#: good, but not bit-identical.
 MUST_AGREE, MAY_DIFFER = ("mitsuba-prosim", "mitsuba", "drjit", "variant"), ("LLVM", "processor")
 
 
 def this_environment() -> dict[str, str]:
-    """Names and versions of the software, the variant and the processor of this process."""
+    """Returns the names and versions of the software, the variant and the processor of this process."""
     found = llvm.version() if (mi.variant() or "").startswith("llvm") else None
     return {
         "mitsuba-prosim": __version__,
@@ -29,7 +29,10 @@ def this_environment() -> dict[str, str]:
 
 
 def differences(theirs: Mapping[str, str], names: tuple[str, ...]) -> str:
-    """How the environment ``theirs`` differs from that of this process in ``names``, in words; empty if it does not."""
+    """Returns the differences between the environment ``theirs`` and that of this process, in words.
+
+    Only the entries ``names`` are compared. The text is empty if these entries agree.
+    """
     ours = this_environment()
     return ", ".join(
         f"{name} {theirs.get(name) or 'unknown'} there, {ours[name] or 'none'} here"
@@ -39,7 +42,7 @@ def differences(theirs: Mapping[str, str], names: tuple[str, ...]) -> str:
 
 
 def processor() -> str:
-    """The kind of this machine's processor: its model, and which vector instructions it has, as far as is known."""
+    """Returns the model of this machine's processor, and its known vector instructions."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8") as file:
             lines = dict(line.rstrip().split("\t: ", 1) for line in file if "\t: " in line)

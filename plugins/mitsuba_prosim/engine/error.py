@@ -1,4 +1,4 @@
-"""The error of a mean of samples (section 4.2.1.1), for arrays of Dr.Jit and of NumPy."""
+"""The error of a mean of samples (section 4.2.1.1)."""
 
 from __future__ import annotations
 
@@ -9,29 +9,36 @@ import numpy as np
 
 
 def library(values: Any) -> Any:
-    """The module with the functions for such ``values``."""
+    """Returns the module whose functions suit ``values``: Dr.Jit for a Dr.Jit array, else NumPy."""
     return dr if isinstance(values, dr.ArrayBase) else np
 
 
 def variance(total: Any, squares: Any, count: Any) -> Any:
-    """Variance of a sample, from the sum of ``count`` samples and the sum of their squares."""
-    of = library(total)
-    return of.maximum(squares / count - of.square(total / count), 0) * count / of.maximum(count - 1, 1)
+    """Returns the variance of a sample, from the sum of ``count`` samples and the sum of their squares."""
+    module = library(total)
+    return module.maximum(squares / count - module.square(total / count), 0) * count / module.maximum(count - 1, 1)
 
 
 def standard_error(total: Any, squares: Any, count: Any) -> Any:
-    """Standard error of a mean of ``count`` samples, from their sum and their sum of squares (equation 4.4).
+    """Returns the standard error of a mean of ``count`` samples, from their sum and their sum of squares (equation
+    4.4).
 
-    Samples of one N-rook pass are stratified, so their mean is better than this estimate.
+    Samples of one N-rook pass are stratified, so the actual error of the mean is smaller than the estimate of this
+    function.
     """
     return library(total).sqrt(variance(total, squares, count) / count)
 
 
 def displayed(mean: Any) -> Any:
-    """Displayed value of a radiance up to a constant, white being 1: a square root, which is close to sRGB's curve."""
+    """Returns the displayed value of a radiance up to a constant, with white at 1.
+
+    The tone curve is a square root, which is close to the curve of sRGB.
+    """
     return library(mean).sqrt(library(mean).maximum(mean, 0) + 0.01)
 
 
 def in_display_units(error: Any, mean: Any) -> Any:
-    """Error of the displayed value, by the slope of the tone curve."""
+    """Converts the error of a radiance to the error of the displayed value, by the slope of the tone curve at
+    ``mean``.
+    """
     return error / (2 * displayed(mean))

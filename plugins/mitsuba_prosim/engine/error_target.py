@@ -1,4 +1,6 @@
-"""The error target of an image: the stopping criterion, the error estimator, and the samples of the next pass."""
+"""The error target of an image: when a render stops, how its error is measured, and how many samples the next pass
+takes.
+"""
 
 from __future__ import annotations
 
@@ -18,81 +20,89 @@ from .error import displayed, in_display_units, variance
 from .film import film_values
 from .plan import UNLIMITED, area
 
-#: Seconds of a work item with a time limit: this fraction of the limit, between these two.
+#: Duration of a work item with a time limit: this fraction of the limit, within these bounds in seconds.
 SHARE, SHORTEST, LONGEST = 0.01, 0.01, 0.5
 
-#: Maximum samples of a pass over those so far: few samples estimate the error badly.
+#: Maximum ratio of the samples after a pass to the samples before. A greater ratio is unsafe, because few samples
+#: estimate the error badly.
 GROWTH = 4.0
 
-#: The estimated error that ends a render, over the target: the estimate is uncertain, and an image whose error is small
-#: by chance would end too early. A pass aims a little lower.
+#: Ratio of the estimated error to the target at which a render ends. The ratio is below 1 because the estimate is
+#: uncertain: an image whose estimate is too small by chance would end too early. A pass aims at the second, lower
+#: ratio.
 ENOUGH, AIM = 0.97, 0.94
 
 #: A pass may use a photon pass if the number of its samples is at least that of the photons, or that of one sample of
-#: all pixels per map, over this.
+#: all pixels per map, divided by this number.
 SPARSE = 2
 
 
 @dataclass(frozen=True)
 class ErrorTarget:
-    """Ends a render when the RMS error of the displayed image (white = 1) and the bounds of 99 and of 99.9 % of its
-    pixels are within ``limits``, 0 for no limit, or after ``seconds``, whichever is first.
+    """The target at which a render ends: limits of the error and of the time.
+
+    ``limits`` are the limits of the RMS error of the displayed image (white = 1) and of the errors of 99 % and of 99.9
+    % of its pixels; 0 stands for no limit. The render ends when all errors are within ``limits``, or after ``seconds``.
     """
 
     limits: tuple[float, float, float]
     seconds: float
     started: float
-    #: Seconds at the end for the denoiser.
+    #: Seconds at the end that the denoiser needs.
     denoiser_seconds: float = 0.0
 
     def excess(self, noise: Sequence[float]) -> float:
-        """The measured ``noise`` over the target; the worst of the three."""
+        """Returns the largest ratio of a measured error in ``noise`` to its limit; NaN without limits."""
         ratios = [measured / limit for measured, limit in zip(noise, self.limits) if limit]
         return min(max(ratios, default=np.nan), 1e100)
 
     def loosened(self, factor: float) -> ErrorTarget:
-        """The same with ``factor`` times the limits."""
+        """Returns a target whose limits are multiplied by ``factor``."""
         rms, most, nearly_all = self.limits
         return replace(self, limits=(factor * rms, factor * most, factor * nearly_all))
 
     @property
     def elapsed(self) -> float:
-        """Seconds since the beginning."""
+        """Seconds since the beginning of the render."""
         return time.perf_counter() - self.started
 
     @property
     def seconds_left(self) -> float:
-        """Seconds until the end."""
+        """Seconds until the time limit; infinite without a time limit."""
         return self.seconds - self.denoiser_seconds - self.elapsed if self.seconds else np.inf
 
     @property
     def time_is_up(self) -> bool:
-        """Whether the time is up."""
+        """Whether the time limit is reached."""
         return self.seconds_left <= self.seconds * SHARE
 
     @property
     def item_seconds(self) -> float:
-        """Seconds of a work item at most."""
+        """Maximum duration of a work item in seconds."""
         return min(LONGEST, max(self.seconds * SHARE, SHORTEST)) if self.seconds else np.inf
 
 
 class SecondImage:
-    """Error estimator: an independent second image of some pixels. Its difference from the first shows the error of
-    both, whatever the distribution of the samples is worth in this scene. ``complete``: of all pixels; the image is
-    then the mean of both.
+    """Error estimator: an independent second image of some pixels.
 
-    (The variance of the samples within a pixel does not: well distributed samples can be ten times as good.)
+    The difference between the first and the second image shows the error of both, however well the samples are
+    distributed in the scene. The variance of the samples within a pixel does not show the error of the image: well
+    distributed samples can be ten times better. ``complete`` tells whether the second image has all pixels; the result
+    is then the mean of both images.
     """
 
     #: One pixel of this many is in the second image, and at least this number of pixels.
     ONE_IN, MIN_PIXELS = 16, 4096
-    #: Fewer pixels than this are repeated, because their differences could all be small by chance; and the maximum
-    #: number of copies of each.
+    #: Fewer pixels than this are sampled several times, because their differences could all be small by chance; and the
+    #: maximum number of copies of a pixel.
     FEW, MAX_COPIES = 512, 64
 
     @alone()
     def __init__(self, state: FilmState, complete: bool = False) -> None:
-        """The second image of ``state``, whose stored accumulators it continues if their number fits."""
+        """Begins the second image of ``state``.
+
+        If the accumulators that ``state`` stores have the right number of pixels, the second image continues from them.
+        """
         self.state, self.complete = state, complete
         index, seed = state.crop(np.arange(area(state.outer)), state.plan.region).ravel(), state.plan.seed + 1
         one_in = 1 if complete else max(1, min(self.ONE_IN, len(index) // self.MIN_PIXELS))
@@ -105,15 +115,15 @@ class SecondImage:
         chosen = dr_array(index.astype(np.uint32))
         self.x, self.y = (dr.gather(mi.Int32, v, chosen) for v in (state.x, state.y))
         dr.make_opaque(seed, self.x, self.y)
-        sampling = replace(state.plan.sampling, adaptive="none")  # it takes as many samples as the image
+        sampling = replace(state.plan.sampling, adaptive="none")  # the second image takes as many samples as the first
         self.plan = replace(state.plan, seed=seed, photon_seed=int(seed[0]), sampling=sampling)
         self.estimator = state.estimator
-        if state.second is None or dr.width(state.second.count) != len(index):  # none, or those of other pixels
+        if state.second is None or dr.width(state.second.count) != len(index):  # none, or for other pixels
             self.accumulators = Accumulators.empty(self.estimator.sums_per_pixel, len(index))
 
     @property
     def accumulators(self) -> Accumulators:
-        """Those of the state, which a checkpoint stores."""
+        """The accumulators of the second image, which the state owns and a checkpoint stores."""
         assert self.state.second is not None
         return self.state.second
 
@@ -123,11 +133,13 @@ class SecondImage:
 
     @alone()
     def noise(self, state: FilmState) -> tuple[float, float, float]:
-        """The RMS error of the displayed image of ``state``, or of the mean of both (white = 1), and the bounds of 99
-        and of 99.9 % of its pixels.
+        """Returns the RMS error of the displayed image (white = 1), and the bounds of the errors of 99 % and of 99.9 %
+        of its pixels.
 
-        Each pixel of the first image is replaced by that of the second: what changes in the displayed values of the
-        pixels to which the filter spreads it. (Errors by the slope of the tone curve would be those of bright spots.)
+        The measured image is the image of ``state``, or the mean of both images if the second image is complete. The
+        method replaces the samples of a pixel of the first image by the samples of the second image, and measures the
+        change in the displayed values of all pixels within the filter's reach. An error by the slope of the tone curve
+        would depend mostly on bright spots.
         """
         plan, channels, own = state.plan, state.estimator.channels, mi.UInt32(self.index)
         film, of_pixel, stored = film_values(state, ()), len(channels.names), channels.names.index("W") + 1
@@ -144,7 +156,7 @@ class SecondImage:
             change = displayed(channels.luminance(before)) - displayed(channels.luminance(after))
             squares += dr.select(seen, dr.square(change), 0)
             dr.eval(squares)
-        # The pixels around a crop window have errors in it, too.
+        # Pixels around a crop window also cause errors in the window, by the filter.
         part = (0.25 if self.complete else 0.5) * area(plan.region) / area(plan.window)
         errors = np.sqrt(part * np.array(squares, dtype=np.float64))
         tails = np.percentile(errors, [99, 99.9])
@@ -152,12 +164,15 @@ class SecondImage:
 
 
 def requested(state: FilmState) -> np.ndarray:
-    """The samples that the policy of ``state`` requests, in any unit; decided once or after each pass."""
+    """Returns the samples that the policy of ``state`` requests, in any unit.
+
+    The policy decides once, or after each pass.
+    """
     if state.requested is not None:
         return state.requested
     result = np.minimum(state.request(), np.float32(UNLIMITED))
     image = state.crop(result, state.plan.region)
-    # Where all samples so far agree, others may not: no pixel of the image is left out for ever.
+    # All samples of a pixel so far may agree by chance. So every pixel of the image gets samples from time to time.
     image += np.float32(mean(image.ravel()) / 20)
     if state.policy.rounds == 1:
         state.requested = result
@@ -165,17 +180,20 @@ def requested(state: FilmState) -> np.ndarray:
 
 
 def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarray:
-    """The counts of the next pass: in proportion to the requested samples, as many as the target needs, at most
-    those of a pass. Sets ``state.effort``. ``speed``: samples of a pixel in a second, 0 if not known.
+    """Returns the counts after the next pass, and sets ``state.effort``.
+
+    The counts are in proportion to the requested samples. They are as high as the target requires, but limited to the
+    size of one pass. ``speed`` is the number of samples per pixel and second; 0 if unknown.
     """
     request, count = requested(state), np.array(state.accumulators.count)
     deviation, have = display_variance(state.accumulators), mean(count)
     most, goal = GROWTH * have, None
     if target.seconds:
-        share = 0.9 if target.seconds_left < target.seconds / 5 else 0.5  # the last pass takes all
+        share = 0.9 if target.seconds_left < target.seconds / 5 else 0.5  # the last pass uses the rest of the time
         most = min(most, have + speed * target.seconds_left * share) if speed else 2 * have
     if any(target.limits):
-        # Well distributed samples are better than the first ones promise: not all of a long way at once.
+        # The first samples underestimate how good further samples are. So a long way to the target is not taken in one
+        # pass.
         way = remaining_factor(state, target)
         goal = mean(deviation / np.float32(count)) / (way if way < 2 else way**0.7)
     caustics = state.estimator.transport.caustics
@@ -192,26 +210,27 @@ def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarr
         counts = np.float32(after(effort))
         return mean(counts) >= most or (goal is not None and mean(deviation / counts) <= goal)
 
-    # The policy may request more samples now than before: the search does not begin at the effort of before.
+    # The policy may request more samples now than before, so the search begins at a smaller effort.
     state.effort = smallest_effort(reaches, state.effort / (4 if state.policy.rounds > 1 else 1))
     return after(state.effort)
 
 
 def remaining_factor(state: FilmState, target: ErrorTarget) -> float:
-    """The samples at the end over those so far, by the power law of the error."""
+    """Returns the ratio of the samples at the end to the samples so far, estimated by the power law of the error."""
     return (target.excess(state.noise) / AIM) ** 2
 
 
 def limit_by_photons(count: np.ndarray, wanted: np.ndarray, max_samples: int, maps: int, photons: int) -> int:
-    """The maximum samples of a pixel in a pass: that of the counts ``wanted``, without the last photon passes if too
-    few samples would use them; 0 if no photon pass is worth its cost.
+    """Returns the maximum number of samples of a pixel in a pass, so that photon passes are worth their cost.
 
-    A photon pass has a fixed cost, so it waits until more pixels need it. It serves ``maps`` samples of each pixel.
-    ``count``: samples so far; ``max_samples``: those that a pixel may get.
+    The result is the maximum of the counts ``wanted``; it is smaller if too few samples would use the last photon
+    passes, and 0 if no photon pass is worth its cost. A photon pass has a fixed cost, so a photon pass waits until
+    enough pixels need it. A photon pass serves ``maps`` samples of each pixel. ``count`` has the samples so far;
+    ``max_samples`` is the maximum number of samples of a pixel.
     """
     last, lacking = int(wanted.max()), wanted > count
     if last == max_samples or not lacking.any():
-        return last  # there are no further passes
+        return last  # this is the last pass
     passes = -(-last // maps)
     starts, ends = (np.bincount(counts[lacking], minlength=passes * maps + 1) for counts in (count, wanted))
     samples = np.cumsum(starts - ends)[: passes * maps].reshape(passes, maps).sum(axis=1)
@@ -220,14 +239,15 @@ def limit_by_photons(count: np.ndarray, wanted: np.ndarray, max_samples: int, ma
 
 
 def display_variance(accumulators: Accumulators) -> np.ndarray:
-    """Variance of a sample of each pixel, in display units squared."""
+    """Returns the variance of a sample of each pixel, in display units squared."""
     total, squares, count = accumulators.statistics()
     return np.square(in_display_units(np.sqrt(variance(total, squares, count)), total / count))
 
 
 def smallest_effort(reaches: Callable[[float], bool], begin: float) -> float:
-    """The smallest effort (samples per requested sample) above ``begin`` for which ``reaches`` is true, within 0.1 %;
-    at most 2^60.
+    """Returns the smallest effort for which ``reaches`` is true, within 0.1 %.
+
+    The effort is the number of samples per requested sample. The search begins at ``begin`` and ends at 2^60.
     """
     low, high = max(begin, 2.0**-20), max(2 * begin, 2.0**-19)
     while not reaches(high) and high < 2.0**60:
@@ -239,5 +259,5 @@ def smallest_effort(reaches: Callable[[float], bool], begin: float) -> float:
 
 
 def mean(values: np.ndarray) -> float:
-    """Mean in 64 bits."""
+    """Returns the mean, computed with 64 bits."""
     return float(np.mean(values, dtype=np.float64))

@@ -1,4 +1,4 @@
-"""Samples of pixels: from the camera through the scene to the film's values (section 5.3.2)."""
+"""Takes samples of pixels: from the camera through the scene to the film's values (section 5.3.2)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ from .policies import policy_of
 
 
 class Estimator:
-    """Takes samples of the image of ``scene`` by ``sensor``; ``transport`` estimates the radiance along rays."""
+    """Takes samples of the image of ``scene`` by ``sensor``.
+
+    ``transport`` estimates the radiance along rays; ``channels`` are the channels of the image.
+    """
 
     def __init__(self, scene: mi.Scene, sensor: mi.Sensor, transport: Any, channels: Channels) -> None:
         self.scene, self.sensor, self.transport, self.channels = scene, sensor, transport, channels
@@ -33,19 +36,24 @@ class Estimator:
 
     @property
     def sums_per_pixel(self) -> int:
-        """Number of the sums of a pixel: for each channel, one for each pixel within the filter's reach."""
+        """Number of sums that a pixel stores: one for each channel and each pixel within the filter's reach."""
         return len(self.channels.names) * (2 * self.reach + 1) ** 2
 
     @property
     def filter_weights(self) -> np.ndarray:
-        """The fractions of a sample, a quarter of a pixel from the centre, that the filter gives to the pixels around.
-        The sum of their squares is the fraction of the variance that the filter leaves.
+        """Weights that the reconstruction filter gives to the pixels around a sample.
+
+        The sample is a quarter of a pixel from the centre of its pixel. The sum of the squared weights is the fraction
+        of the variance that remains after the filter.
         """
         f = np.array(self.rfilter.eval(mi.Float(np.arange(-self.reach, self.reach + 1) + 0.25)), dtype=np.float64)
         return np.outer(f, f) / np.sum(f) ** 2
 
     def camera_ray(self, x: mi.Int32, y: mi.Int32, points: NRook | Sobol) -> tuple[mi.Ray3f, mi.Spectrum, mi.Point2f]:
-        """Camera ray through pixel (x, y): ``(ray, weight, position)``; ``position`` is relative to the pixel."""
+        """Returns ``(ray, weight, position)`` for a camera ray through the pixel (x, y).
+
+        ``position`` is relative to the pixel.
+        """
         position = points(PIXEL)
         lens = points(LENS) if self.sensor.needs_aperture_sample() else mi.Point2f(0.5)
         time = mi.Float(self.sensor.shutter_open())
@@ -57,25 +65,28 @@ class Estimator:
         return ray, weight, position
 
     def _wavelength(self, points: NRook | Sobol) -> mi.Float:
-        """The number in [0, 1) by which the sensor samples wavelengths. With caustics all pixels share it with the
-        photons of the map; otherwise each pixel has its own. It follows the order of the samples, which is harmless:
-        each pass draws new strata in every space.
+        """Returns the number in [0, 1) by which the sensor samples wavelengths.
+
+        With caustics, all pixels share this number with the photons of the photon map; otherwise each pixel has its own
+        number. The number is in order of the samples. This order does no harm, because each pass has new strata in
+        every space.
         """
         caustics = self.transport.caustics
         key = combine(points.key, TIME_AND_WAVELENGTH) if caustics is None else caustics.key
         return wavelengths.wavelength_number(key, *points.division)
 
     def sample(self, plan: Plan, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> tuple[list[mi.Float], mi.Float, mi.Point2f]:
-        """The ``t``-th sample of the pixels (x, y): ``(values, luminance, position)``; ``values``: what the film stores
-        for a sample of weight 1.
+        """Takes the ``t``-th sample of the pixels (x, y), and returns ``(values, luminance, position)``.
+
+        ``values`` are the values that the film stores for a sample of weight 1.
         """
         points = plan.points(x, y, t)
-        if self.transport.caustics is not None:  # it divides the spectrum as its photons do
+        if self.transport.caustics is not None:  # the sample and its photons divide the spectrum together
             points.division = self.transport.caustics.division(t)
         ray, weight, position = self.camera_ray(x, y, points)
         L, hit, others = self.transport(ray, points, True)
         L *= weight
-        # A direction at grazing incidence can overflow; one such sample must not blacken its pixel.
+        # A direction at grazing incidence can overflow. One such sample must not make its pixel black.
         finite = dr.all(dr.isfinite(L))
         L = dr.select(finite, L, 0)
         if self.transport.has_layers:
@@ -87,7 +98,9 @@ class Estimator:
         return values, luminance(L, ray.wavelengths), position
 
     def splats(self, values: list[mi.Float], position: mi.Point2f) -> list[tuple[mi.Float, mi.Float]]:
-        """``(weight, value)`` for each pixel within the filter's reach, row by row, and each value."""
+        """Returns ``(weight, value)`` for each pixel within the filter's reach, row by row, and for each of
+        ``values``.
+        """
         if self.rfilter.is_box_filter():
             return [(mi.Float(1), v) for v in values]
         offsets = range(-self.reach, self.reach + 1)
@@ -96,12 +109,14 @@ class Estimator:
         return [(wx * wy, v) for wy in down for wx in across for v in values]
 
     def accumulate(self, plan: Plan, x: mi.Int32, y: mi.Int32, start: Accumulators, end: mi.UInt32) -> Accumulators:
-        """The sums of ``start`` and of further samples, until the pixels (x, y) have ``end`` samples, or have converged
-        by their own policy after a pass. One lane a pixel.
+        """Adds samples to the sums ``start``, and returns the sums.
+
+        The pixels (x, y) get samples until they have ``end`` samples, or have converged by the policy after a pass.
+        Each lane is one pixel.
         """
         n, policy = plan.n, policy_of(plan)
 
-        # ``end`` is no variable of the loop: Dr.Jit traces a loop twice in which a variable stays as it is.
+        # ``end`` is no loop variable, because Dr.Jit traces a loop twice if an iteration leaves a variable unchanged.
         def unfinished(sums: Accumulators) -> mi.Bool:
             converged = policy.converged(sums.total, sums.squares, sums.count)
             return (sums.count < end) & ~((sums.count % n == 0) & converged)

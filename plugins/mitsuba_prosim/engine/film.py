@@ -1,4 +1,4 @@
-"""The channels of a film: the values of a sample, and those of an image."""
+"""The channels of a film: the values of a sample, and the values of an image."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from .plan import index_within, pixels
 if TYPE_CHECKING:
     from .accumulators import Accumulators, FilmState
 
-#: Channels that say how the image was made; any other AOV is one of Mitsuba's ``aov`` integrator.
+#: Channels of statistics about the render; any other AOV is computed by Mitsuba's ``aov`` integrator.
 OWN_AOVS = ("samples", "error")
 
 
 class Channels:
-    """The channels that every sample of an image has: the film's own and those of Mitsuba's ``aov`` integrator.
+    """The channels that every sample of an image has: those of the film, and those of Mitsuba's ``aov`` integrator.
 
-    ``stored_colours``: the letters of "rgb" that the film stores; ``integrator_aovs``: names of the further values that
-    the integrator returns, such as layers; ``aovs``: Mitsuba's ``aov`` integrator, or None.
+    ``stored_colours`` are the letters of "rgb" that the film stores. ``integrator_aovs`` are the names of further
+    values that the integrator returns, such as layers. ``aovs`` is Mitsuba's ``aov`` integrator, or None.
     """
 
     def __init__(
@@ -57,8 +57,10 @@ class Channels:
         hit: mi.Float,
         integrator_values: Sequence[mi.Float] = (),
     ) -> list[mi.Float]:
-        """The values of a sample of weight 1: the radiance ``L`` along the camera ray ``ray``, which ``hit`` a
-        surface, and the ``integrator_values``.
+        """Returns the values of all channels for a sample of weight 1.
+
+        ``L`` is the radiance along the camera ray ``ray``; ``hit`` is 1 if the ray met a surface, else 0.
+        ``integrator_values`` are further values that the integrator returned.
         """
         if self.special:
             values = self.film.prepare_sample(L, ray.wavelengths, self.film.base_channels_count() + 1, 1.0, hit)
@@ -67,7 +69,7 @@ class Channels:
         return [*values, *integrator_values, *aov_values(self.aovs, scene, sampler, ray, True)]
 
     def rgb(self, L: mi.Spectrum, wavelengths: mi.Color0f) -> list[mi.Float]:
-        """Red, green and blue of the radiance ``L``; 0 for those that are not stored."""
+        """Returns red, green and blue of the radiance ``L``; a colour that is not stored is 0."""
         if mi.is_spectral:
             rgb = mi.spectrum_to_srgb(L, wavelengths)
         else:
@@ -75,17 +77,19 @@ class Channels:
         return [v if name in self.stored_colours else mi.Float(0) for name, v in zip("rgb", rgb)]
 
     def luminance(self, values: Sequence[mi.Float]) -> mi.Float:
-        """The luminance of the film's weighted sums ``values``, up to the weight; where the film stores no colours, the
-        mean of its channels.
+        """Returns the luminance of the weighted sums ``values`` of a pixel, without the weight.
+
+        If the film stores no colours, this is the mean of its channels.
         """
         light = sum(values[:-1]) / (len(values) - 1) if self.special else mi.luminance(mi.Color3f(*values[:3]))
         return light / values[-1]
 
 
 def luminance(L: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Float:
-    """Luminance of the radiance ``L``, that of the film's values; white has 1.
+    """Returns the luminance of the radiance ``L``, which is 1 for white.
 
-    Mitsuba's own lacks the constant by which spectra are made colours, and is 107 times as much there.
+    In spectral variants, Mitsuba's own function lacks the constant that converts spectra to colours, so its result is
+    107 times greater.
     """
     return mi.spectrum_to_xyz(L, wavelengths).y if mi.is_spectral else mi.luminance(L, wavelengths)
 
@@ -93,13 +97,17 @@ def luminance(L: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Float:
 def aov_values(
     aovs: mi.Integrator | None, scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool
 ) -> list:
-    """The AOVs of Mitsuba's ``aov`` integrator ``aovs`` along the camera ray ``ray``; none if ``aovs`` is None."""
+    """Returns the AOVs of Mitsuba's ``aov`` integrator ``aovs`` along the camera ray ``ray``; none if
+    ``aovs`` is None.
+    """
     return [] if aovs is None else list(aovs.sample(scene, sampler, mi.RayDifferential3f(ray), None, active)[2])
 
 
 def parse_aovs(props: mi.Properties) -> tuple[list[str], mi.Integrator | None]:
-    """The AOVs that the parameter ``aovs`` names: ``(own, mitsuba)``, the names in :data:`OWN_AOVS` and an ``aov``
-    integrator of Mitsuba's for the others, if there are any. Raises ValueError where it is neither.
+    """Reads the parameter ``aovs``, and returns ``(own, mitsuba)``.
+
+    ``own`` are the names in :data:`OWN_AOVS`. ``mitsuba`` is an ``aov`` integrator of Mitsuba for the other names, or
+    None. Raises ValueError for a name of neither kind.
     """
     own, others = [], []
     for aov in filter(None, (a.strip() for a in props.get("aovs", "").split(","))):
@@ -113,7 +121,7 @@ def parse_aovs(props: mi.Properties) -> tuple[list[str], mi.Integrator | None]:
 
 
 def append_channels(image: mi.TensorXf, more: int) -> mi.TensorXf:
-    """``image``, shape (height, width, channels), with ``more`` further channels of zeros at the end."""
+    """Returns ``image``, shape (height, width, channels), with ``more`` further channels of zeros at the end."""
     return dr.concat((image, dr.zeros(mi.TensorXf, (*image.shape[:2], more))), axis=2) if more else image
 
 
@@ -125,10 +133,11 @@ def put(film: mi.Film, values: mi.TensorXf, aov_names: Sequence[str]) -> None:
 
 @alone()
 def film_values(state: FilmState, own_aovs: Sequence[str], second: Accumulators | None = None) -> mi.TensorXf:
-    """The film's values of the image so far, shape (height, width, channels), with the ``own_aovs`` multiplied by the
-    weight, as films expect. Pixels without samples are black. ``second``: those of a complete second image instead.
+    """Returns the film's values of the image so far, shape (height, width, channels).
 
-    Each pixel gathers the sums of the pixels within the filter's reach, row after row.
+    The channels ``own_aovs`` are multiplied by the weight, as films expect. Pixels without samples are black.
+    ``second`` has the accumulators of a complete second image, whose values are returned instead. Each pixel gathers
+    the sums of the pixels within the filter's reach, row after row.
     """
     plan, names = state.plan, state.estimator.channels.names
     accumulators, outer = (state.accumulators, state.outer) if second is None else (second, state.plan.region)

@@ -1,4 +1,4 @@
-"""The base class of progressive integrators: ``prosim`` and the wrapper of other integrators."""
+"""The base class of progressive integrators: ``prosim``, and the wrapper for other integrators."""
 
 from __future__ import annotations
 
@@ -28,10 +28,9 @@ if TYPE_CHECKING:
 class ProgressiveIntegrator(mi.SamplingIntegrator):
     """Base class of integrators that render progressively.
 
-    A subclass gives the radiance along a ray: :meth:`transport`, and ``sample()``, which Mitsuba's own loop calls in
-    scalar variants and within other integrators.
-
-    Classes of Mitsuba's cannot be abstract by ``abc``: their metaclass is another.
+    A subclass defines the radiance along a ray: by :meth:`transport`, and by ``sample()``, which Mitsuba's own loop
+    calls in scalar variants and within other integrators. The class does not use ``abc``, because Mitsuba's classes
+    have another metaclass.
     """
 
     #: Name of the plugin.
@@ -39,7 +38,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        from .policies import POLICIES  # NumPy takes longer to load than all plugins together
+        from .policies import POLICIES  # slow to import, and only a render needs NumPy
 
         if mi.is_polarized:
             raise ValueError(
@@ -53,7 +52,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         self.noise_99 = number(props, "noise_99", 0.0, 0)
         self.noise_999 = number(props, "noise_999", 0.0, 0)
         self.time = number(props, "time", 0.0, 0)
-        # The best policy for many samples is the default where a pixel may have many.
+        # ``graded`` is the best policy for many samples. So it is the default if a pixel may get many samples.
         has_target = bool(self.noise or self.noise_99 or self.noise_999 or self.time)
         default = "graded" if has_target else "neighbours"
         self.adaptive = choice(props, "adaptive", (default, *(name for name in POLICIES if name != default)))
@@ -69,17 +68,18 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         self.own_aovs, self.mitsuba_aovs = parse_aovs(props)
         #: The renders that :meth:`cancel` ends.
         self._renders: weakref.WeakSet[Render] = weakref.WeakSet()
-        self._scalar: Any = None  # in scalar variants, the transport, while an image is rendered
+        self._scalar: Any = None  # the transport during a render in a scalar variant
 
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Any:
-        """The estimator of the radiance along rays of ``sensor`` in ``scene``, see :class:`.Transport`; ``attached``:
-        whether derivatives are wanted.
+        """Returns the estimator of the radiance along rays of ``sensor`` in ``scene`` (:class:`.Transport`).
+
+        ``attached`` tells whether derivatives are wanted.
         """
-        # A subclass defines it. Mitsuba's classes cannot be abstract by abc: their metaclass is another.
+        # A subclass defines this method.
         raise NotImplementedError
 
     def parameter_names(self) -> list[str]:
-        """Names of the parameters that ``str()`` shows."""
+        """Returns the names of the parameters that ``str()`` shows."""
         return [*(name for name in SAMPLING if name != "band"), "channels"]
 
     def to_string(self) -> str:
@@ -90,10 +90,10 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         return list(others) + self.own_aovs
 
     def cancel(self) -> None:
-        """Ends the renders in progress within a second or so; their films keep what was finished."""
+        """Ends the renders in progress within about a second; their films keep the finished samples."""
         for render in list(self._renders):
             render.stop()
-        super().cancel()  # the loop of scalar variants
+        super().cancel()  # ends the loop of scalar variants
 
     # ---------------------------------------------------------------- rendering
 
@@ -111,7 +111,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         if not dr.is_jit_v(mi.Float):
             return self._render_scalar(scene, sensor, seed, spp, develop, evaluate)
         render = self.progressive(scene, sensor, seed, spp).run()
-        with alone():  # another thread may have written to the film since
+        with alone():  # another thread may have changed the film
             image = render.image() if develop else mi.TensorXf()
             if evaluate:
                 dr.eval(image)
@@ -130,17 +130,17 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         part: Part | None = None,
         denoiser: Any = None,
     ) -> Render:
-        """Renders step by step: returns an iterator that yields a :class:`.Step` after each work item,
-        and whose methods show the image so far.
+        """Begins a progressive render, and returns an iterator that yields a :class:`.Step` after each work item.
 
-        ``executor``: takes the samples, in the place of this process; ``begin``: continues from a checkpoint;
-        ``part``: takes the samples of this part of the image alone (``begin`` knows its own); ``denoiser``: the samples
-        may be divided into two images, see :class:`.Render`.
+        Methods of the returned :class:`.Render` show the image so far. ``executor`` takes the samples, instead of this
+        process. ``begin`` is a checkpoint from which the render continues. ``part`` is the part of the image whose
+        samples are taken; ``begin`` has its own part. With a ``denoiser``, the samples may be divided into two images,
+        see :class:`.Render`.
 
-        Raises RuntimeError in scalar variants and within ``dr.freeze``; ValueError if ``begin`` belongs to another
-        image, and for a part with noise or time, which go by the whole image.
+        Raises RuntimeError in scalar variants and within ``dr.freeze``. Raises ValueError if ``begin`` belongs to
+        another image, and for a part with a limit of noise or time, because such limits are for the whole image.
         """
-        # Imported for the first image: NumPy and the engine would take longer to load than all plugins together.
+        # Imported only for an image: NumPy and the engine are slow to import.
         from .render import Render
 
         if not dr.is_jit_v(mi.Float):
@@ -156,7 +156,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         sampling, spp = self.sampling.halved(spp) if denoiser is not None else (self.sampling, spp)
         if denoiser is not None and begin is not None and not spp:
-            # With a new limit a render without one continues; its passes had half the samples.
+            # A render without a limit continues with a limit. Its passes had half the samples.
             sampling = replace(sampling, samples=begin.attributes["sampling"]["samples"])
         if (part or (begin and begin.part)) and sampling.has_target:
             raise ValueError(
@@ -183,13 +183,13 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         transport = self.transport(scene, sensor)
         channels = Channels(sensor.film(), self.channels, transport.aov_names, self.mitsuba_aovs)
         result = Estimator(scene, sensor, transport, channels)
-        # The names may depend on the scene. A specfilm that is not prepared ends the process.
+        # The channel names may depend on the scene. A specfilm that is not prepared ends the process.
         sensor.film().prepare(self.aov_names())
         return result
 
     def _render_scalar(self, scene: mi.Scene, sensor: mi.Sensor, *arguments: Any) -> mi.TensorXf:
-        """Mitsuba's own loop over pixels and samples."""
-        if self._scalar is not None:  # Mitsuba calls render() of this class once more
+        """Renders by Mitsuba's own loop over pixels and samples."""
+        if self._scalar is not None:  # the call below calls this method again
             return super().render(scene, sensor, *arguments)
         if self.sampling.has_target:
             mi.Log(mi.LogLevel.Warn, f"{self.name}: noise and time end nothing in scalar variants; the samples do.")

@@ -1,4 +1,4 @@
-"""Which samples an image takes: its pixels, passes and keys (section 5.3.2)."""
+"""The plan of an image: which samples it takes, with its pixels, passes and hash keys (section 5.3.2)."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from ..compat import dr_array
 from ..sampling.nrook import NRook, Permutations, grid_size, pixel_key
 from ..sampling.sobol import Sobol
 
-#: left, top, right, bottom, in pixels of the whole film.
+#: Left, top, right and bottom, in pixels of the whole film.
 Rectangle = tuple[int, int, int, int]
 
 
-#: Default maximum of the samples of a pixel where a limit of noise or time ends the render.
+#: Default maximum number of samples of a pixel, if a limit of noise or time ends the render.
 UNLIMITED = 1 << 20
-#: Default maximum with ``graded``, in multiples of N².
+#: Default maximum number of samples of a pixel with the policy ``graded``, in multiples of N².
 GRADED_PATTERNS = 4
-#: Parameters that end a render.
+#: Parameters of the integrator that end a render.
 TARGETS = ("noise", "noise_99", "noise_999", "time")
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """The integrator's parameters of sampling; :ref:`integrator-prosim` has their meaning."""
+    """The integrator's parameters of sampling; the plugin page :ref:`integrator-prosim` explains each of them."""
 
     samples: int
     adaptive: str
@@ -41,7 +41,7 @@ class Sampling:
 
     @property
     def noises(self) -> tuple[float, float, float]:
-        """Limits of the RMS error, and of the errors of 99 and of 99.9 % of the pixels; 0 for none."""
+        """Limits of the RMS error, and of the errors of 99 % and of 99.9 % of the pixels; 0 stands for no limit."""
         return self.noise, self.noise_99, self.noise_999
 
     @property
@@ -50,10 +50,11 @@ class Sampling:
         return any(self.noises) or self.time > 0
 
     def halved(self, spp: int) -> tuple[Sampling, int]:
-        """``(sampling, spp)`` for two images, each with about half the samples; ``spp`` 0 stays 0.
+        """Returns ``(sampling, spp)`` for two images, each with about half of the samples; ``spp`` 0 stays 0.
 
-        The threshold grows by the root of 2, as the mean of both images has half the variance of one. With a limit of
-        noise or time only ``max_samples`` is halved: the first image may be enough.
+        The threshold is multiplied by the square root of 2, because the mean of both images has half the variance of
+        one image. With a limit of noise or time, only ``max_samples`` is halved, because the first image may be
+        sufficient.
         """
         if spp:
             return self, half_pattern(spp**0.5) ** 2
@@ -64,23 +65,26 @@ class Sampling:
 
 
 def half_pattern(n: float) -> int:
-    """N of an N-rook pattern of about ``n``² / 2 samples."""
+    """Returns N of an N-rook pattern with about ``n``² / 2 samples."""
     return max(1, round(n / 2**0.5))
 
 
-#: Names of these parameters.
+#: Names of the parameters of sampling.
 SAMPLING = tuple(field.name for field in fields(Sampling))
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The samples of one image: the N-rook patterns of the thesis where a pixel gets N² at most, else Owen-scrambled
-    Sobol' points, of which there are any number.
+    """The samples of one image.
+
+    The samples are the N-rook patterns of the thesis if a pixel gets at most N² samples. If a pixel may get more than
+    N² samples, the samples are Owen-scrambled Sobol' points, whose number is unlimited.
     """
 
-    #: N: samples of a pass.
+    #: The number N of samples of a pass.
     n: int
-    #: Minimum number of samples of a pixel; that of a pixel above the threshold; and the maximum.
+    #: Minimum number of samples of a pixel; number of samples of a pixel above the threshold; maximum number of
+    #: samples.
     min_samples: int
     noisy_samples: int
     max_samples: int
@@ -90,19 +94,23 @@ class Plan:
     seed: mi.UInt32
     #: The film's crop window.
     window: Rectangle
-    #: The pixels that have samples: the film, and the pixels beyond it within the filter's reach where the film samples
-    #: its border.
+    #: The pixels that have samples: those of the film, and those beyond it within the filter's reach if the film
+    #: samples its border.
     domain: Rectangle
     #: Radius of the reconstruction filter, in whole pixels.
     reach: int
-    #: The parameters.
+    #: The parameters of sampling.
     sampling: Sampling
     #: Seed of the photons, for all pixels.
     photon_seed: int
 
     @classmethod
     def of(cls, sampling: Sampling, film: mi.Film, seed: int | mi.UInt32, spp: int) -> Plan:
-        """The plan for ``film``; a nonzero ``spp`` stands for N², in the place of ``samples`` and ``max_samples``."""
+        """Returns the plan for an image on ``film``.
+
+        A nonzero ``spp`` is the number N² of samples of a pixel, and replaces the parameters ``samples`` and
+        ``max_samples``.
+        """
         noisy = spp or sampling.samples**2
         n = grid_size(spp) if spp else min(sampling.samples, sampling.max_samples or noisy)
         if sampling.has_target:
@@ -116,7 +124,7 @@ class Plan:
         reach = film.rfilter().border_size()
         border = reach if film.sample_border() else 0
         seed = mi.UInt32(seed)
-        dr.make_opaque(seed)  # Mitsuba's integrators pass on constants
+        dr.make_opaque(seed)  # a constant seed would be a part of the kernel
         return cls(
             n,
             min(sampling.min_passes * n, highest),
@@ -134,12 +142,15 @@ class Plan:
 
     @property
     def region(self) -> Rectangle:
-        """The pixels whose samples reach the window."""
+        """The pixels whose samples reach the crop window through the filter."""
         return widened(self.window, self.reach, self.domain)
 
     def points(self, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> NRook | Sobol:
-        """The ``t``-th sample of the pixels (x, y), in every space: a pure function of seed, pixel and ``t``."""
-        # 16 bits for each coordinate, so that a pixel's samples do not depend on the film's size.
+        """Returns the ``t``-th sample of the pixels (x, y), in every space.
+
+        The sample is a pure function of seed, pixel and ``t``.
+        """
+        # Each coordinate has 16 bits, so that the samples of a pixel do not depend on the film's size.
         pixel = (mi.UInt32(y) << 16) | (mi.UInt32(x) & 0xFFFF)
         key = pixel_key(self.seed, pixel)
         if self.uses_sobol:
@@ -148,7 +159,7 @@ class Plan:
 
 
 def widened(rectangle: Rectangle, reach: int, domain: Rectangle) -> Rectangle:
-    """``rectangle`` and the pixels within ``reach`` of it, as far as they are in ``domain``."""
+    """Returns ``rectangle`` enlarged by ``reach`` pixels on each side, as far as ``domain`` allows."""
     return (
         max(rectangle[0] - reach, domain[0]),
         max(rectangle[1] - reach, domain[1]),
@@ -158,8 +169,8 @@ def widened(rectangle: Rectangle, reach: int, domain: Rectangle) -> Rectangle:
 
 
 def pixels(rectangle: Rectangle) -> tuple[mi.Int32, mi.Int32]:
-    """``(x, y)``: the pixels of a rectangle (left, top, right, bottom), row by row."""
-    import numpy as np  # takes as long to import as all plugins together, and only a render needs it
+    """Returns ``(x, y)``: the coordinates of the pixels of a rectangle (left, top, right, bottom), row by row."""
+    import numpy as np  # slow to import, and only a render needs NumPy
 
     left, top, right, bottom = rectangle
     y, x = np.mgrid[top:bottom, left:right].astype(np.int32)
@@ -167,12 +178,12 @@ def pixels(rectangle: Rectangle) -> tuple[mi.Int32, mi.Int32]:
 
 
 def index_within(rectangle: Rectangle, x: mi.Int32, y: mi.Int32) -> mi.UInt32:
-    """Number of the pixel (x, y) in the order of :func:`pixels`."""
+    """Returns the index of the pixel (x, y) among the :func:`pixels` of the rectangle."""
     left, top, width = (dr.opaque(mi.Int32, v) for v in (rectangle[0], rectangle[1], rectangle[2] - rectangle[0]))
     return mi.UInt32((y - top) * width + x - left)
 
 
 def area(rectangle: Rectangle) -> int:
-    """Number of the pixels of a rectangle."""
+    """Returns the number of pixels of a rectangle."""
     left, top, right, bottom = rectangle
     return (right - left) * (bottom - top)

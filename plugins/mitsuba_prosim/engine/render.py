@@ -26,7 +26,7 @@ from .work import Executor, Step, Steps, photon_batches, work_items
 if TYPE_CHECKING:
     from .work import Pixels
 
-#: Maximum ratio of the samples of a pixel after a pass and before it; the last pass may take more.
+#: Maximum ratio of a pixel's samples after a pass to its samples before the pass. The last pass may exceed this ratio.
 GROWTH = 4
 
 
@@ -37,25 +37,28 @@ class Reached:
     #: Mean and minimum number of samples of a pixel.
     samples: float
     min_samples: int
-    #: RMS error of the displayed image (white = 1), and the bounds of the errors of 99 and of 99.9 % of the pixels; NaN
-    #: without a limit of noise, as they were not measured.
+    #: RMS error of the displayed image (white = 1), and the bounds of the errors of 99 % and of 99.9 % of the pixels.
+    #: The values are NaN without a limit of noise, because the errors were not measured.
     noise: float
     noise_99: float
     noise_999: float
-    #: Since the beginning.
+    #: Seconds since the beginning of the render.
     seconds: float
 
 
 class Render(Steps):
-    """The image of ``plan``, or a ``part`` of it, in progress: an iterator of :class:`Step`.
+    """The image of ``plan``, or of a ``part`` of it, in progress: an iterator over :class:`Step` objects.
 
-    Its methods may be called between two steps. When it ends or is closed, the film holds the image so far. To cancel
-    it, leave the loop and call :meth:`close`, which completes the first sample of every pixel, if the render has
-    started. ``estimator`` takes the samples; ``own_aovs``: names of the channels of statistics; ``executor``: of this
-    process by default; ``begin``: continues from there. ``denoiser``: a ``FinalImage``, which estimates the error of
-    the denoised image. It needs a complete second image, which begins when the denoiser asks for it, or at the end if
-    the limits are not reached. It begins at once if there is a time limit, or if the second image has all pixels
-    anyway.
+    The methods of this class may be called between two steps. When the render ends or is closed, the film holds the
+    image so far. To cancel a render, leave the loop and call :meth:`close`, which completes the first sample of every
+    pixel if the render has started. ``estimator`` takes the samples. ``own_aovs`` are the names of channels with
+    statistics. ``executor`` computes work items, by default in this process. ``begin`` is a checkpoint from which the
+    render continues.
+
+    ``denoiser`` is a ``FinalImage``, which estimates the error of the denoised image. The denoiser needs a complete
+    second image. The complete second image begins when the denoiser requests it, or at the end if the limits are not
+    reached. It begins at once if there is a time limit, or if the image is so small that the second image has all
+    pixels anyway.
 
     Raises ValueError if ``begin`` belongs to another image.
     """
@@ -76,13 +79,14 @@ class Render(Steps):
         self.target = ErrorTarget(plan.sampling.noises, plan.sampling.time, time.perf_counter() - elapsed)
         #: Whether the image has all requested samples.
         self.finished = False
-        #: Whether :meth:`stop` was called; whether the last pass took all of its samples; the progress.
+        #: Whether :meth:`stop` was called; whether the last pass took all its samples; the progress, 0 to 1.
         self._stopped, self._complete, self._done = False, True, 0.0
-        #: The film's values, when it has ended.
+        #: The film's values after the end of the render; None before.
         self._values: mi.TensorXf | None = None
         self._finished_before = begin is not None and begin.restore(self.state)
         self.denoiser = denoiser
-        #: The next pass aims at an error of this many times the limits, which the denoiser may set.
+        #: Factor on the limits for the next pass: the pass may end with an error of this many times the limits. The
+        #: denoiser sets this factor.
         self.loosening = 1.0
         self.second: SecondImage | None = None
         if any(self.target.limits) or (denoiser is not None and self.target.seconds):
@@ -96,30 +100,30 @@ class Render(Steps):
     # ---------------------------------------------------------------- as an iterator
 
     def stop(self) -> None:
-        """Ends it after the current work item; from any thread."""
+        """Ends the render after the current work item; any thread may call this method."""
         self._stopped = True
 
     def close(self) -> None:
-        """Ends it with the image so far."""
+        """Ends the render with the image so far."""
         self.stop()
         self.run()
 
     def _run(self) -> Generator[Step, None, None]:
-        """All passes; the film then holds the image."""
+        """Runs all passes; afterwards the film holds the image."""
         try:
             yield from self._passes()
             self.finished = not self._stopped and (self._complete or self.target.time_is_up)
             if self.finished and self._done < 1:
                 yield Step(1.0, True)
         except (Exception, KeyboardInterrupt):
-            with suppress(Exception):  # the first error is the cause
+            with suppress(Exception):  # a second error would hide the first one
                 self.update_film()
             raise
         self._values = film_values(self.state, self.own_aovs)
         self.update_film()
 
     def begin_complete_second(self) -> None:
-        """Begins a complete second image; it does not keep the samples of a partial one."""
+        """Begins a complete second image, which does not keep the samples of a partial second image."""
         self.second = SecondImage(self.state, complete=True)
 
     # ---------------------------------------------------------------- the passes
@@ -135,9 +139,9 @@ class Render(Steps):
     ) -> Generator[Step, None, bool]:
         """Takes the samples that ``pixels`` lack to the counts ``wanted``; returns whether all of them were taken.
 
-        ``expected``: samples of the image at its end, as far as is known; 0: the progress stays the same. ``shown``:
-        whether the image is shown afterwards. ``timed``, ``stoppable``: whether the time limit, and :meth:`stop`, may
-        end the pass.
+        ``expected`` is the estimated number of samples at the end of the image; if it is 0, the progress stays the
+        same. ``shown`` tells whether the image is shown after the pass. ``timed`` tells whether the time limit may end
+        the pass, and ``stoppable`` whether :meth:`stop` may end the pass.
         """
         target = self.target
 
@@ -166,25 +170,28 @@ class Render(Steps):
         return self._complete
 
     def _passes(self) -> Generator[Step, None, None]:
-        """The passes over the image; if it is not within the target, those over a second image for the denoiser."""
+        """Runs the passes over the image.
+
+        If the image does not reach the target, passes over a second image for the denoiser follow.
+        """
         if not self._finished_before:
             yield from self._image_passes()
         within = self.target.excess(self.state.noise) <= ENOUGH
         if self.denoiser is not None and not within and not self._stopped:
             self.begin_complete_second()
-            yield from self._second_pass(1)  # the time limit cannot end it: each pixel has at least one sample
+            yield from self._second_pass(1)  # the time limit cannot end this pass: each pixel gets a sample
             yield from self._second_pass()
             if any(self.target.limits) and self.second and not self._stopped:
                 self.state.noise = self.second.noise(self.state)
 
     def _image_passes(self) -> Generator[Step, None, None]:
-        """The passes over the image. A state with samples and decisions continues."""
+        """Runs the passes over the image; a restored state continues with its samples and decisions."""
         state, plan, policy = self.state, self.state.plan, self.state.policy
         first = state.counts_of_part(np.full(dr.width(state.x), policy.first_samples, np.uint32), state.margin)
-        # The upper bound is the estimate while later passes are not decided.
+        # While later passes are not decided, the upper bound serves as the estimate.
         most = float(plan.max_samples * np.count_nonzero(first))
         if state.rounds == 0:
-            if self.target.seconds:  # there is an image after one sample of each pixel
+            if self.target.seconds:  # shows an image after one sample per pixel
                 yield from self._pass(state, np.minimum(first, 1), shown=False)
             complete = yield from self._pass(state, first, most, timed=True)
             if not complete and np.any(state.accumulators.count):
@@ -199,9 +206,9 @@ class Render(Steps):
             left = policy.rounds - state.rounds
             if state.wanted is None:
                 left -= 1
-                # The next decision looks at pixels around: their samples must be those of the whole image.
+                # The next decision looks at neighbouring pixels: their samples must be those of the whole image.
                 wanted = state.counts_for(state.request(left * policy.reach))
-                if left:  # estimates by few samples are unreliable
+                if left:  # few samples give unreliable estimates
                     wanted = np.minimum(wanted, np.maximum(GROWTH * np.array(state.accumulators.count), plan.n**2))
                 state.wanted, state.rounds = state.counts_of_part(wanted, left * policy.reach), state.rounds + 1
             expected = most if left else float(state.wanted.sum(dtype=np.int64))
@@ -210,12 +217,14 @@ class Render(Steps):
             state.wanted = None
 
     def _refine(self) -> Generator[Step, None, None]:
-        """The passes that reach the error target, each followed by one that measures the error. In each, the samples of
-        a pixel are those that the policy requests, times a factor by the error target and the time limit.
+        """Runs the passes until the error target is reached; after each pass, the error is measured.
+
+        In each pass, the number of samples of a pixel is the number that the policy requests, times a factor that
+        depends on the error target and the time limit.
         """
         state, started = self.state, time.perf_counter()
         have = mean(state.counts)
-        speed = have / self.target.elapsed if state.effort else 0.0  # unknown at first: the first pass compiles
+        speed = have / self.target.elapsed if state.effort else 0.0  # the first pass also compiles
         while True:
             count = np.array(state.accumulators.count)
             if state.wanted is None:
@@ -228,13 +237,13 @@ class Render(Steps):
                         continue
                 if (more := mean(state.counts) - have) > 0:
                     speed = more / max(time.perf_counter() - started, 1e-9)
-                yield Step(self._done, True)  # shows the image with its error
+                yield Step(self._done, True)  # lets consumers show the image with its error
             target = self.target
             if target.time_is_up or target.excess(state.noise) <= ENOUGH:
                 return
             if state.wanted is None:
                 state.wanted = next_counts(state, target.loosened(self.loosening), speed)
-                if not np.any(state.wanted > count):  # each pixel has all that the plan allows
+                if not np.any(state.wanted > count):  # each pixel has the maximum number of samples of the plan
                     state.wanted = None
                     if self.denoiser is None or self.second is None or self.second.complete:
                         return
@@ -247,7 +256,7 @@ class Render(Steps):
             state.wanted = None
 
     def _second_pass(self, most: int = UNLIMITED) -> Generator[Step, None, bool]:
-        """The samples that the second image lacks, to ``most`` of a pixel."""
+        """Takes the samples that the second image lacks, up to ``most`` samples of a pixel."""
         assert self.second is not None
         wanted = np.minimum(np.array(self.state.accumulators.count)[self.second.index], np.uint32(most))
         return self._pass(self.second, wanted, shown=False, timed=most > 1)
@@ -256,25 +265,34 @@ class Render(Steps):
 
     @alone()
     def update_film(self, second: bool = False) -> None:
-        """Writes the image so far to the film. ``second``: the second image instead, which must be complete."""
+        """Writes the image so far to the film.
+
+        If ``second``, writes the second image instead, which must be complete.
+        """
         sums = self.second.accumulators if second and self.second else None
         values = self._values if sums is None else None
         names = [*self.state.estimator.channels.aov_names, *self.own_aovs]
         put(self.film, film_values(self.state, self.own_aovs, sums) if values is None else values, names)
         self.film.schedule_storage()
-        dr.eval()  # pending work of one thread would break dr.freeze in another
+        dr.eval()  # pending work of this thread would break dr.freeze in another thread
 
     @alone()
     def image(self, second: bool = False) -> mi.TensorXf:
-        """The developed image so far, shape (height, width, channels); ``second``: a complete second one."""
+        """Returns the developed image so far, shape (height, width, channels).
+
+        If ``second``, returns the second image instead, which must be complete.
+        """
         self.update_film(second)
         return self.film.develop()
 
     def half_images(self) -> list[np.ndarray]:
-        """The developed image so far, and the complete second one if there is one, shape (height, width, channels)."""
+        """Returns the developed image so far, and the second image if it is complete.
+
+        Each image has the shape (height, width, channels).
+        """
         second = self.second
         both = second is not None and second.complete and np.all(np.array(second.accumulators.count) > 0)
-        # The film must finally hold the first image.
+        # At the end, the film must hold the first image.
         return [np.array(self.image(k)) for k in ((True, False) if both else (False,))][::-1]
 
     @property
@@ -286,12 +304,16 @@ class Render(Steps):
 
     @alone()
     def error(self) -> np.ndarray:
-        """Standard error of the luminance of each pixel as its own samples show it, shape (height, width)."""
+        """Returns the standard error of the luminance of each pixel, estimated from its own samples, shape (height,
+        width).
+        """
         return self.state.crop(self.state.accumulators.error(self.state.plan.n), self.state.plan.window)
 
     @alone()
     def counts(self) -> np.ndarray:
-        """Number of samples of each pixel, shape (height, width), those of a complete second image included."""
+        """Returns the number of samples of each pixel, shape (height, width); samples of a complete second image count
+        too.
+        """
         counts = np.array(self.state.accumulators.count)
         if self.second is not None and self.second.complete:
             counts[self.second.index] += np.array(self.second.accumulators.count)
@@ -299,15 +321,15 @@ class Render(Steps):
 
     @alone()
     def noise_bound(self) -> float:
-        """Upper bound of the RMS error of the displayed image (white = 1) by the samples within each pixel; NaN if some
-        have less than two.
+        """Returns an upper bound of the RMS error of the displayed image (white = 1).
 
-        This is the error of independent samples. That of well-distributed ones is smaller; only a second image can
-        measure it.
+        The bound is estimated from the samples within each pixel. The bound is NaN if a pixel has less than two
+        samples. The bound is the error of independent samples. The error of well-distributed samples is smaller; only a
+        second image can measure this error.
         """
         state, sums = self.state, self.state.accumulators
         total, _, count = sums.statistics()
-        with np.errstate(all="ignore"):  # without samples it is NaN
+        with np.errstate(all="ignore"):  # NaN without samples
             error = in_display_units(sums.error(state.plan.n), total / count)
         values = np.float64(state.crop(error, state.plan.region))
         result = float(np.sqrt(np.mean(values**2))) * float(np.linalg.norm(state.estimator.filter_weights))
@@ -315,5 +337,5 @@ class Render(Steps):
 
     @alone()
     def checkpoint(self) -> Checkpoint:
-        """The :class:`.Checkpoint` by which another process continues the render."""
+        """Returns the :class:`.Checkpoint` with which another process can continue the render."""
         return Checkpoint.of(self.state, self.target.elapsed, self.finished)

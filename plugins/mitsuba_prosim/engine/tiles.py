@@ -1,4 +1,4 @@
-"""A part of an image: the pixels that one of several processes renders. The processes do not communicate."""
+"""Parts of an image: the pixels that one of several processes renders, without communication between the processes."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 
 from .plan import Rectangle, area
 
-#: Minimum side of a tile in pixels; maximum side over the margin that decisions look at; and minimum number of tiles of
-#: a part. A part also takes the first samples of the pixels around its tiles: large tiles have fewer of these, small
-#: tiles divide the work more equally.
+#: Minimum side of a tile in pixels; maximum side of a tile, as a multiple of the margin at which decisions look;
+#: minimum number of tiles of a part. A part also takes the first samples of the pixels around its tiles: large tiles
+#: have fewer of these pixels, small tiles divide the work more equally.
 SMALLEST, LARGEST, TILES = 8, 12, 16
 
-#: The shift of the owners from one row of tiles to the next, as a fraction of their number: by the golden section no
-#: part gets whole columns or diagonals.
+#: Shift of the owners from one row of tiles to the next, as a fraction of the number of parts. With the golden ratio,
+#: no part gets whole columns or diagonals.
 SHIFT = 0.6180339887
 
 
 @dataclass(frozen=True)
 class Part:
-    """Part ``number``, from 1, of ``of`` parts of an image."""
+    """One of several parts of an image: part ``number``, counted from 1, of ``of`` parts."""
 
     number: int
     of: int
@@ -35,22 +35,24 @@ class Part:
 
 
 def part_numbers(region: Rectangle, parts: int, margin: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """The number of the part that owns each of the pixels (x, y) of ``region``, integer arrays: tiles are distributed
-    over ``parts`` in turn. Their size suits decisions that look at ``margin`` pixels around each: where they look at
-    none, the smallest tiles cost nothing.
+    """Returns the number of the part that owns each pixel (x, y) of ``region``; x and y are integer arrays.
+
+    Tiles are assigned to the ``parts`` in turn. The size of a tile depends on ``margin``, the width of the
+    neighbourhood at which decisions look. If decisions look at no neighbours, the smallest tiles are best.
     """
     left, top, right, bottom = region
     side = max(min(int((area(region) / (TILES * parts)) ** 0.5), LARGEST * margin), SMALLEST)
     columns, rows = max(1, (right - left) // side), max(1, (bottom - top) // side)
     column, row = (x - left) * columns // (right - left), (y - top) * rows // (bottom - top)
-    # Coprime, so that every part has tiles in every column.
+    # The shift and the number of parts are coprime, so that every part has tiles in every column.
     coprime = (shift for shift in range(1, parts + 1) if gcd(shift, parts) == 1)
     return (column + row * min(coprime, key=lambda shift: abs(shift - SHIFT * parts))) % parts + 1
 
 
 def within_reach(part: Part, region: Rectangle, margin: int, x: np.ndarray, y: np.ndarray, reach: int) -> np.ndarray:
-    """Which of the pixels (x, y), all within ``reach`` of the region, are within ``reach`` of one that ``part`` owns;
-    ``reach``: at most the side of a tile.
+    """Tells which of the pixels (x, y) are within ``reach`` of a pixel that ``part`` owns.
+
+    All pixels must be within ``reach`` of the region. ``reach`` is at most the side of a tile.
     """
     left, top, right, bottom = region
     result = np.zeros(np.broadcast_shapes(x.shape, y.shape), bool)

@@ -1,4 +1,4 @@
-"""The samples that an image lacks, as work items, and the executor that takes them in this process."""
+"""Divides the samples that an image lacks into work items, and computes work items in this process."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ if TYPE_CHECKING:
     #: Pixels that are sampled together: an image, or its second image.
     Pixels: TypeAlias = FilmState | SecondImage
 
-#: Pixels are sorted by their number of missing samples, in this many classes for each factor of 2.
+#: Number of classes per factor of 2 by which pixels are sorted by their number of missing samples.
 CLASSES_PER_OCTAVE = 4
 
 
 class Step(NamedTuple):
     """The progress that :class:`.Render` yields after each work item."""
 
-    #: The part of the image that is done, 0 to 1, as far as is known: it may fall.
+    #: Finished fraction of the image, 0 to 1. This is an estimate, which may decrease.
     done: float
-    #: Whether a pass over the image is complete: every pixel has a value, and the samples of that pass.
+    #: Whether a pass over the image is complete, so that every pixel has all samples of this pass.
     complete: bool
 
 
 class Steps(Iterator[Step]):
-    """An iterator of :class:`Step`."""
+    """An iterator over the :class:`Step` objects of a render."""
 
     def __init__(self, steps: Generator[Step, None, None]) -> None:
         self._steps = steps
@@ -53,7 +53,7 @@ class Steps(Iterator[Step]):
         return next(self._steps)
 
     def run(self) -> Self:
-        """Takes all steps, and returns itself."""
+        """Takes all steps, and returns the iterator."""
         for _ in self:
             pass
         return self
@@ -61,8 +61,10 @@ class Steps(Iterator[Step]):
 
 @dataclass(frozen=True)
 class WorkItem:
-    """The pixels (x, y), whose samples by ``plan`` continue from ``start`` to the counts ``end``, or until they have
-    converged. They need one photon pass. All arrays are evaluated, with one entry a pixel.
+    """A unit of work for an executor: some pixels, and the samples that these pixels lack.
+
+    The samples of the pixels (x, y) continue from the sums ``start`` to the counts ``end``, or until a pixel has
+    converged. All samples need the same photon pass. All arrays are evaluated, with one entry per pixel.
     """
 
     estimator: Estimator
@@ -71,14 +73,15 @@ class WorkItem:
     y: mi.Int32
     start: Accumulators
     end: mi.UInt32
-    #: Number of samples, about.
+    #: Approximate number of samples.
     samples: int = 0
-    #: Stores the sums.
+    #: Function that stores the sums in the image.
     store: Callable[[Accumulators], None] = lambda sums: None
 
     def compute(self) -> Accumulators:
-        """Takes the samples in this process and returns the sums. All arrays are evaluated, so that one kernel serves
-        every work item.
+        """Takes the samples in this process, and returns the sums.
+
+        All arrays are evaluated, so that the same kernel computes every work item.
         """
         sensor = self.estimator.sensor
         window = nullcontext() if is_perspective(sensor) else without_crop_window(sensor)
@@ -91,43 +94,48 @@ class WorkItem:
         return sums
 
 
-#: Work items with their sums; None while no result is ready: the caller may stop then.
+#: Yields work items with their sums. Yields None while no result is ready, so that the caller can stop.
 Results = Generator["tuple[WorkItem, Accumulators] | None", None, None]
 
 
 class Executor:
-    """Takes the samples of work items, here one after the other in this process. Samples are pure, so that a subclass
-    may do so anywhere and in any order. A work item takes about ``seconds``, by the time of those before.
+    """Computes work items, one after the other in this process.
+
+    Samples are pure functions, so a subclass may compute work items anywhere and in any order. A work item takes about
+    ``seconds``; the measured speed of earlier work items determines its size.
     """
 
-    #: Maximum growth of the speed from one work item to the next.
+    #: Maximum factor by which the speed grows from one work item to the next.
     SPEED_GROWTH = 4
-    #: The remaining samples are one work item if they are fewer than this multiple of its size.
+    #: The remaining samples become one work item if they are fewer than this multiple of the usual size.
     LAST = 1.25
-    #: Minimum number of samples of a work item: fewer take as long, as the kernel has to be launched.
+    #: Minimum number of samples of a work item. A smaller item takes the same time, because a kernel must be launched.
     SMALLEST = 1 << 12
 
     def __init__(self, seconds: float = 1.0) -> None:
         self.seconds = seconds
-        #: Samples in a second; at first, those of a usual scene.
+        #: Samples per second; at first, the speed in a usual scene.
         cpu = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
         self.speed: float = 2**20 * dr.thread_count() if cpu else 2**24
         self.measured = False
 
     def limit(self, left: int, seconds: float = np.inf) -> int:
-        """Samples of the next work item, of those that are ``left``, if it should not take more than ``seconds``."""
+        """Returns the maximum number of samples of the next work item.
+
+        ``left`` is the number of samples that remain. The work item should not take more than ``seconds``.
+        """
         size = self.speed * min(self.seconds, seconds)
         return left if left < self.LAST * size else max(int(size), self.SMALLEST)
 
     def update_speed(self, samples: int, seconds: float) -> None:
-        """Updates the speed from the time of a work item."""
+        """Updates the speed with the time that a work item took."""
         speed = min(samples / max(seconds, 1e-6), self.SPEED_GROWTH * self.speed)
-        if self.measured or speed > self.speed:  # the first work item compiles: it must not lower the speed
+        if self.measured or speed > self.speed:  # the first work item also compiles, so it must not lower the speed
             self.speed = speed
         self.measured = True
 
     def __call__(self, items: Iterator[WorkItem]) -> Results:
-        """Yields each of ``items`` with its sums."""
+        """Computes each of ``items``, and yields the item with its sums."""
         for item in items:
             started = time.perf_counter()
             sums = item.compute()
@@ -137,11 +145,11 @@ class Executor:
 
 
 def work_items(pixels: Pixels, wanted: np.ndarray, executor: Executor, seconds: float = np.inf) -> Iterator[WorkItem]:
-    """The samples that ``pixels`` lack to the counts ``wanted``, as work items of the size that suits ``executor`` and
-    takes ``seconds`` at most.
+    """Yields the samples that ``pixels`` lack to the counts ``wanted``, divided into work items for ``executor``.
 
-    Pixels with most missing samples come first: if the render stops, the noisiest have improved. Pixels with similar
-    numbers are together, row by row: the lanes of a kernel wait for the slowest of their neighbours.
+    A work item takes at most about ``seconds``. Pixels with most missing samples come first, so that the noisiest
+    pixels have improved if the render stops. Pixels with similar numbers of missing samples are together, row by row,
+    because the lanes of a kernel wait for the slowest lane.
     """
     lack = wanted - np.array(pixels.accumulators.count, dtype=np.int64)
     order = np.flatnonzero(lack > 0)
@@ -159,7 +167,7 @@ def work_items(pixels: Pixels, wanted: np.ndarray, executor: Executor, seconds: 
 
 @alone()
 def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, samples: int) -> WorkItem:
-    """The work item of the entries ``some``."""
+    """Returns the work item for the pixels with the indices ``some``."""
     x, y, start, plan, end = pixels.x, pixels.y, pixels.accumulators, pixels.plan, dr_array(wanted[some])
     index = None
     if len(some) < len(wanted) or np.any(some[1:] < some[:-1]):
@@ -181,9 +189,10 @@ def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, samples: in
 
 
 def photon_batches(pixels: Pixels, wanted: np.ndarray) -> Iterator[np.ndarray]:
-    """Splits the samples that ``pixels`` lack to the counts ``wanted`` into batches, each of which needs one photon
-    pass: the counts after each of them. A pass has a map for each of some samples of a pixel. Without caustics there is
-    one batch; none if no pixel lacks samples.
+    """Divides the samples that ``pixels`` lack to the counts ``wanted`` into batches, one for each photon pass.
+
+    Yields the counts after each batch. A photon pass has photon maps for a fixed number of samples of each pixel.
+    Without caustics there is only one batch. If no pixel lacks samples, the function yields no batch.
     """
     caustics, count = pixels.estimator.transport.caustics, np.array(pixels.accumulators.count)
     lacking, maps = wanted > count, UNLIMITED if caustics is None else caustics.maps(pixels.plan.n)

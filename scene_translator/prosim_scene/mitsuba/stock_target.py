@@ -171,7 +171,7 @@ def _bsdf(
     if surface.material == "conductor":
         optics: Node = {"material": surface.metal}
         outside = materials.outside_index(context, sides)
-        if surface.eta and surface.k:  # the plugin has no parameter for the medium outside
+        if surface.eta and surface.k:  # relative to the medium outside, for which there is no parameter
             optics = {"eta": rgb([x / outside for x in surface.eta]), "k": rgb([x / outside for x in surface.k])}
         elif sides.outside is not None:
             _approximate(context, "a named metal in a dieletrico reflects as in air", *path)

@@ -1,4 +1,6 @@
-"""From the CSG tree to triangles: primitives, their transforms, the tree evaluated, the surfaces of the result."""
+"""Converts the CSG tree to triangles: meshes of primitives, transforms, Boolean operations, and the resulting
+surfaces.
+"""
 
 from .detail import TOLERANCE
 from .surfaces import MeshKey, SurfaceMesh, Triangles, tessellate

@@ -1,14 +1,15 @@
-"""The tessellation of curved faces: the number of segments, and its limits.
+"""Chooses the tessellation of curved faces: the number of segments, and its limits.
 
-- The active zone of a solid (Rossignac and Voelcker 1989) bounds its contribution to the result. A ball around it
-  follows from the tree alone.
-- Cap refinement: of some balls the result contains only a cap, such as the faces of a lens. The faces meet at a small
-  angle, so that an error of the chords is many times larger at the rim. Such a ball has its facets near the cap: a
-  Lorentz transformation maps the sphere to itself and concentrates its points around one of them (Penrose 1959). It is
-  projective, so that a convex mesh stays convex.
-- Inscribed balls touch another solid's curved face from inside, such as a ball in a pipe of the same width. Chords
-  approximate both faces. Near the contact the inner facets would penetrate the outer ones and show patches of the wrong
-  solid, many pixels wide. So the inner ball shrinks by at most the chord error of the outer solid.
+- The active zone of a solid (Rossignac and Voelcker 1989) is a region outside of which the solid has no effect on the
+  result of the CSG tree. A ball that contains the active zone follows from the tree alone.
+- Cap refinement: sometimes only a cap of a ball is a part of the result, for example a face of a lens. The two faces
+  of a lens meet at a small angle, so the chord error is many times larger at the rim. The facets of such a ball are
+  concentrated near the cap: a Lorentz transformation maps the sphere to itself and concentrates its points around one
+  of them (Penrose 1959). This map is projective, so a convex mesh stays convex.
+- An inscribed ball touches a curved face of another solid from inside, for example a ball in a pipe of the same width.
+  Both faces are approximated by chords. Near the contact, the facets of the ball would penetrate the facets of the
+  pipe, and patches of the wrong solid would be visible, many pixels wide. So the ball shrinks by at most the chord
+  error of the outer solid.
 """
 
 import math
@@ -27,7 +28,7 @@ from .solids import IDENTITY, Solid, world_box_corners
 
 
 class Ball(NamedTuple):
-    """A ball in the world."""
+    """A ball in world coordinates."""
 
     center: tuple[float, float, float]
     radius: float
@@ -37,17 +38,18 @@ UNBOUNDED = Ball((0.0, 0.0, 0.0), math.inf)
 
 
 def active_zones(csg: Sequence[Operator | Leaf], solids: Sequence[Solid], of_leaf: Sequence[int]) -> list[Ball]:
-    """The active zone of each solid: a ball outside of which the solid has no effect; UNBOUNDED if none is known.
+    """Returns, for each solid, a ball that contains its active zone; UNBOUNDED if no ball is known.
 
-    ``csg`` is the tree in prefix order, ``of_leaf`` has the solid of each leaf. A subtracted solid has an effect only
-    inside the solid that it is subtracted from, an intersected one only inside the other operand.
+    Outside of its active zone, a solid has no effect on the result. ``csg`` is the CSG tree in prefix order,
+    ``of_leaf`` has the number of the solid of each leaf. A subtracted solid has an effect only inside the solid from
+    which it is subtracted. An operand of an intersection has an effect only inside the other operand.
     """
     tree, ends = tree_of(csg), subtree_ends(csg)
     if not {"-", "*"} & set(tree):
         return [UNBOUNDED] * len(solids)
     of_solid = bounding_balls(solids)
     value = {"+": union_ball, "-": lambda first, second: first, "*": intersection_ball}
-    balls = [UNBOUNDED] * len(tree)  # bounding balls of the values of the nodes
+    balls = [UNBOUNDED] * len(tree)  # a bounding ball of the solid that each node of the tree describes
     for i, node in reversed(list(enumerate(tree))):
         if isinstance(node, str):
             balls[i] = value[node](balls[i + 1], balls[ends[i + 1]])
@@ -67,18 +69,18 @@ def active_zones(csg: Sequence[Operator | Leaf], solids: Sequence[Solid], of_lea
 
 
 def bounding_balls(solids: Sequence[Solid]) -> list[Ball]:
-    """Bounding balls of solids in the world."""
+    """Returns the bounding balls of solids, in world coordinates."""
     result = [UNBOUNDED] * len(solids)
     for primitive, numbers in group_equal(s.primitive for s in solids).items():
-        places = np.array([solids[i].to_world for i in numbers])
-        _, center, radius = primitive.ball(places[:, :3, :3])
-        for i, (x, y, z), r in zip(numbers, (center + places[:, :3, 3]).tolist(), radius.tolist()):
+        matrices = np.array([solids[i].to_world for i in numbers])
+        _, center, radius = primitive.ball(matrices[:, :3, :3])
+        for i, (x, y, z), r in zip(numbers, (center + matrices[:, :3, 3]).tolist(), radius.tolist()):
             result[i] = Ball((x, y, z), r)
     return result
 
 
 def union_ball(a: Ball, b: Ball) -> Ball:
-    """The bounding ball of two balls."""
+    """Returns the bounding ball of two balls."""
     distance = math.dist(a.center, b.center)
     small, large = sorted((a, b), key=lambda ball: ball.radius)
     if not distance + small.radius > large.radius:
@@ -88,36 +90,37 @@ def union_ball(a: Ball, b: Ball) -> Ball:
 
 
 def intersection_ball(a: Ball, b: Ball) -> Ball:
-    """A bounding ball of the intersection of two balls."""
+    """Returns a bounding ball of the intersection of two balls."""
     small = min(a, b, key=lambda ball: ball.radius)
     distance = math.dist(a.center, b.center)
     if max(a.radius, b.radius) == math.inf or distance**2 <= abs(a.radius**2 - b.radius**2):
         return small
-    # The distance along their axis from a's centre to the plane of their common circle.
+    # The distance, on the line through the centres, from the centre of a to the plane in which the spheres intersect.
     along = (distance + (a.radius - b.radius) * (a.radius + b.radius) / distance) / 2
     return Ball(_between(a, b, along / distance), math.sqrt(max((a.radius - along) * (a.radius + along), 0.0)))
 
 
-def _between(a: Ball, b: Ball, share: float) -> tuple[float, float, float]:
-    x, y, z = (p + share * (q - p) for p, q in zip(a.center, b.center))
+def _between(a: Ball, b: Ball, fraction: float) -> tuple[float, float, float]:
+    x, y, z = (p + fraction * (q - p) for p, q in zip(a.center, b.center))
     return x, y, z
 
 
-MAX_REFINEMENT = 64.0  # the largest factor by which points of a cap are denser than on the whole ball
+MAX_REFINEMENT = 64.0  # the largest factor by which cap refinement reduces the distances of points near the cap
 STEP = math.sqrt(0.5)
 CORNERS = box_corners(np.array([[-1.0] * 3, [1.0] * 3]))
 
 
 def refined_cap(solid: Solid, bound: Ball, camera: Camera, tolerance: float) -> tuple[int, np.ndarray] | None:
-    """Segments and ``facet_map`` of a ball whose active zone is ``bound``; None if the zone is larger than a cap.
+    """Returns the segments and the ``facet_map`` of a ball of which only a cap is in the active zone ``bound``.
 
-    The chord error stays below ``tolerance`` pixels, also at the rim. Facets far from the cap are coarse and lie deep
-    inside the ball. That depth must not reach the active zone.
+    Returns None if the active zone is larger than a cap. The chord error stays below ``tolerance`` pixels, also at the
+    rim of the cap. The facets far from the cap are coarse, and lie deep inside the ball; this depth must not reach the
+    active zone.
     """
     if bound.radius == math.inf:
         return None
-    (own,) = bounding_balls([solid])
-    zone = intersection_ball(bound, own)
+    (whole_ball,) = bounding_balls([solid])
+    zone = intersection_ball(bound, whole_ball)
     inverse = np.linalg.inv(solid.to_world)
     center = inverse[:3, :3] @ np.array(zone.center) + inverse[:3, 3]
     distance, reach = float(np.linalg.norm(center)), zone.radius / solid.narrowest
@@ -128,12 +131,12 @@ def refined_cap(solid: Solid, bound: Ball, camera: Camera, tolerance: float) -> 
     if not camera.may_see(np.array(zone.center) + zone.radius * CORNERS):
         max_segments, tolerance = OUTSIDE_SEGMENTS, OUTSIDE_TOLERANCE * tolerance
     pixel = float(camera.footprint(math.dist(zone.center, camera.eye.tolist()) - zone.radius))
-    # The angle at the rim is at least that of a plane, or of these two balls.
-    rim_sine = min(_rim_sine(own, bound), math.sqrt(1 - cosine**2))
+    # A lower bound of the angle at the rim: between the ball and a plane, or between the ball and the active zone.
+    rim_sine = min(_rim_sine(whole_ball, bound), math.sqrt(1 - cosine**2))
     error = tolerance * pixel / solid.size * rim_sine
     refinement = MAX_REFINEMENT
     while refinement >= 2:
-        # The rim of the cap is the image of the equator, where the density is half of that in the middle.
+        # The cap's rim is the image of the equator; there, points are half as dense as at the cap's centre.
         segments = solid.primitive.segments_for(error * (refinement / 2) ** 2, max_segments)
         depth = refinement**2 * (1 - math.cos(math.pi * solid.primitive.segment_factor / segments))
         cosine = _cosine(distance, reach + depth)
@@ -144,26 +147,30 @@ def refined_cap(solid: Solid, bound: Ball, camera: Camera, tolerance: float) -> 
 
 
 def _cosine(distance: float, reach: float) -> float | None:
-    """Cosine of the angle of the cap in which a ball of the radius ``reach`` intersects the unit sphere.
+    """Returns the cosine of the angular radius of the cap in which a ball intersects the unit sphere.
 
-    None if the cap is half of the sphere or more.
+    ``distance`` is the distance of the ball's centre from the origin, ``reach`` is its radius. Returns None if the cap
+    is half of the sphere or more.
     """
     cosine = (distance**2 + 1 - reach**2) / (2 * distance) if distance > 0 else 0.0
     return cosine if 0 < cosine < 1 else None
 
 
 def _rim_sine(a: Ball, b: Ball) -> float:
-    """Sine of half the angle between two balls at their rim; the error there is that of the faces, divided by it."""
+    """Returns the sine of half the angle between two balls at their rim, the circle in which they intersect.
+
+    The error of the rim is the error of the faces divided by this sine.
+    """
     distance = math.dist(a.center, b.center)
     cosine = (a.radius**2 + b.radius**2 - distance**2) / (2 * a.radius * b.radius)
-    between = math.acos(min(max(cosine, -1.0), 1.0))  # their normals at the rim
+    between = math.acos(min(max(cosine, -1.0), 1.0))  # the angle between the normals of the two balls at the rim
     return min(math.sin(between / 2), math.cos(between / 2))
 
 
 def _lorentz(axis: np.ndarray, refinement: float) -> np.ndarray:
-    """The projective map (4, 4) of the unit sphere to itself that concentrates points around ``axis``.
+    """Returns the projective map (4, 4) of the unit sphere to itself that concentrates points around ``axis``.
 
-    Distances near ``axis``, a fixed point, shrink by the factor ``refinement``.
+    ``axis`` is a fixed point of the map. Distances near ``axis`` shrink by the factor ``refinement``.
     """
     gamma, speed = (refinement + 1 / refinement) / 2, (refinement - 1 / refinement) / 2
     result = np.eye(4)
@@ -173,22 +180,25 @@ def _lorentz(axis: np.ndarray, refinement: float) -> np.ndarray:
     return result
 
 
-INSIDE = 1e-6  # the largest value of the outer quadric at points of the inner face; 0 on the quadric, -1 in its middle
-SPACING = 0.004  # how far below 0 that value may be where the faces touch between the tested points
+INSIDE = 1e-6  # the outer quadric's largest allowed value at points of the inner face; it is negative inside
+SPACING = 0.004  # how far below 0 the largest value may be if the contact lies between tested points
 
 
 def shrink_inscribed(solids: list[Solid]) -> None:
-    """Sets ``shrink`` of the solids that touch another's curved face from inside; needs their ``segments``."""
+    """Sets ``shrink`` of the solids that touch a curved face of another solid from inside.
+
+    The number ``segments`` of all solids must be known.
+    """
     curved = [s for s in solids if s.primitive.curved is not None]
     boxes = world_box_corners(curved)
     pairs = [
         (curved[i], curved[j])
-        for some in sweep(boxes.min(axis=1), boxes.max(axis=1))
-        for one, other in zip(*(numbers.tolist() for numbers in some))
+        for touching_pairs in sweep(boxes.min(axis=1), boxes.max(axis=1))
+        for one, other in zip(*(numbers.tolist() for numbers in touching_pairs))
         for i, j in ((one, other), (other, one))
     ]
     inscribed = [(inner, outer) for inner, outer in pairs if _is_inscribed(inner, outer)]
-    # Of a chain of inscribed balls the largest one first: each shrinks after the balls around it.
+    # The largest outer solid comes first, so a ball shrinks after the balls that enclose it.
     for inner, outer in sorted(inscribed, key=lambda pair: -abs(np.linalg.det(pair[1].to_world))):
         gap = 1 - outer.inradius * outer.shrink
         factor = max(1 - gap * outer.size / inner.narrowest, 0.5)
@@ -198,17 +208,17 @@ def shrink_inscribed(solids: list[Solid]) -> None:
 
 
 def _is_inscribed(inner: Solid, outer: Solid) -> bool:
-    """Whether the inner solid is a ball inside the quadric of the outer one's curved face, and touches it.
+    """Whether the inner solid is a ball that lies inside the quadric of the outer solid's curved face, and touches it.
 
-    A pipe or a cone would touch it along a generator or with its rim, where a gap would look like a wall.
+    An inner pipe or cone is excluded: it would touch along a line or with its rim, where a gap would look like a wall.
     """
     if inner.primitive.axes < 3 or inner.curved_surface == outer.curved_surface >= 0:
         return False
     relative = np.linalg.solve(outer.to_world, inner.to_world)
     quadric = outer.primitive.quadrics[outer.primitive.curved]
     points = inner.primitive.lines.reshape(-1, 3)
-    for some in (points[:: max(len(points) // 8, 1)], points):  # few points decide most pairs
-        p = some @ relative[:3, :3].T + relative[:3, 3]
+    for tested in (points[:: max(len(points) // 8, 1)], points):  # for most pairs, the first few points suffice
+        p = tested @ relative[:3, :3].T + relative[:3, 3]
         if outer.primitive.two_sheets and (p[:, 2] < -INSIDE).any():
             return False
         value = np.einsum("ij,ij->i", p @ quadric[:3, :3], p) + 2 * p @ quadric[:3, 3] + quadric[3, 3]
@@ -217,24 +227,25 @@ def _is_inscribed(inner: Solid, outer: Solid) -> bool:
     return bool(value.max() > -SPACING - 4 * (1 - outer.inradius))
 
 
-TOLERANCE = 0.1  # chord error in pixels
-MAX_TRIANGLES = 4_000_000  # of all primitives; their union takes about 3 GB
+TOLERANCE = 0.1  # the default of the largest chord error, in pixels
+MAX_TRIANGLES = 4_000_000  # the limit for all primitives together; their union takes about 3 GB of memory
 
 
 def choose_segments(
     document: Document, solids: list[Solid], bounds: list[Ball], camera: Camera, tolerance: float
 ) -> None:
-    """Sets ``segments`` of all solids, so that the chord error stays below ``tolerance`` pixels.
+    """Sets ``segments`` of all solids so that the chord error stays below ``tolerance`` pixels.
 
-    ``bounds`` are their active zones; where one leaves only a cap of a ball, this sets the ball's ``facet_map`` too.
-    Solids with a common curved face get the same number. Above MAX_TRIANGLES all solids become coarser, with a
-    :class:`SceneWarning`; if the coarsest are too many, this raises :class:`SceneError`.
+    ``bounds`` are balls that contain the active zones of the solids. If only a cap of a ball is in its active zone,
+    this function also sets the ball's ``facet_map``. Solids that share a curved face get the same number of segments.
+    If there were more than MAX_TRIANGLES triangles, all solids become coarser, and a :class:`SceneWarning` is emitted.
+    Raises :class:`SceneError` if even the coarsest meshes have too many triangles.
     """
-    wanted = tolerance
+    requested_tolerance = tolerance
     while True:
         for primitive, numbers in group_equal(s.primitive for s in solids).items():
-            places = np.array([solids[i].to_world for i in numbers])
-            for i, segments in zip(numbers, primitive.segments(places, camera, tolerance)):
+            matrices = np.array([solids[i].to_world for i in numbers])
+            for i, segments in zip(numbers, primitive.segments(matrices, camera, tolerance)):
                 solids[i].segments = segments
         segments_of_surface: dict[int, int] = {}
         for s, bound in zip(solids, bounds):
@@ -255,16 +266,19 @@ def choose_segments(
                 "csg",
             )
         tolerance *= 1.5
-    if tolerance > wanted:
+    if tolerance > requested_tolerance:
         document.warn(
-            f"curved faces are approximated to {tolerance:.2g} pixels instead of {wanted:g}: "
+            f"curved faces are approximated to {tolerance:.2g} pixels instead of {requested_tolerance:g}: "
             f"the tree's {len(solids):,} primitives would have more than {MAX_TRIANGLES:,} triangles",
             "csg",
         )
 
 
 def warn_of_rounding(document: Document, camera: Camera, vertices: np.ndarray) -> None:
-    """Warns if the rounding of the renderer's single precision is large against a pixel at the nearest vertex."""
+    """Warns if single precision, which the renderer has, rounds coordinates by more than a tenth of a pixel.
+
+    The size of a pixel is measured at the nearest vertex.
+    """
     distances = np.linalg.norm(vertices - camera.eye, axis=1)
     pixel = float(camera.footprint(distances.min(initial=math.inf)))
     rounding = float(np.spacing(np.float32(np.abs(camera.eye).max())))

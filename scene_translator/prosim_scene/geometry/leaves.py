@@ -15,18 +15,18 @@ from .primitives import PRIMITIVES, CornerAttributes, Primitive
 from .solids import Solid, world_box_corners
 from .transforms import matrices
 
-#: The largest number; its square is below the maximum of single precision.
+#: The largest number that is allowed; its square is below the maximum of single precision.
 LARGEST = 1e19
-FAR = 16  # distance from the origin, in units of the scene's size, above which the scene is centred first
+FAR = 16  # a scene whose distance from the origin is more than this number of scene sizes is first moved to the origin
 
 
 class Leaves:
-    """Tables of the leaves of a scene.
+    """Tables of the leaves of a scene's CSG tree.
 
-    ``solids`` are the distinct solids, ``of_leaf`` has the solid of each leaf. After :meth:`make_meshes`, ``meshes``
-    are in the world, relative to ``origin``, and ``boxes`` (n, 2, 3) are their min and max corners. The facets of all
-    solids have consecutive numbers, those of solid i start at ``first[i]``: ``faces`` has the face of each facet,
-    ``planes`` the planes that facets share.
+    ``solids`` are the distinct solids; ``of_leaf`` has the number of the solid of each leaf. After :meth:`make_meshes`,
+    ``meshes`` are the solids' meshes in the world, relative to ``origin``, and ``boxes`` (n, 2, 3) their minimum and
+    maximum corners. The facets of all solids have consecutive numbers; those of solid i start at ``first[i]``.
+    ``faces`` has the face of each facet, ``planes`` has the planes that facets share.
     """
 
     def __init__(
@@ -37,24 +37,25 @@ class Leaves:
         cuts_several_media: np.ndarray,
         meshes: Mapping[str, Primitive],
     ) -> None:
-        """``cuts_several_media`` marks leaves whose faces may coincide with themselves; ``meshes``: those of files.
+        """``cuts_several_media`` marks leaves that cut several media, so that faces of one leaf may coincide with each
+        other.
 
-        Raises :class:`SceneError` for a transform that is singular or beyond single precision, and for too many
-        triangles.
+        ``meshes`` are the solids of mesh files. Raises :class:`SceneError` for a transform that is singular or beyond
+        single precision, and for too many triangles.
         """
         keys = [(leaf.shape, leaf.file, leaf.index) for _, leaf in document.scene.leaves]
         numbers_of_keys = {key: i for i, key in enumerate(dict.fromkeys(keys))}
         self.of_leaf = np.array([numbers_of_keys[key] for key in keys])
         indices = [index for *_, index in numbers_of_keys]
         with np.errstate(all="ignore"):
-            places = matrices([document.scene.transforms[index] for index in indices])
+            to_world_matrices = matrices([document.scene.transforms[index] for index in indices])
         self.solids = [
             Solid(PRIMITIVES[shape] if file is None else meshes[file], to_world)
-            for (shape, file, _), to_world in zip(numbers_of_keys, places)
+            for (shape, file, _), to_world in zip(numbers_of_keys, to_world_matrices)
         ]
         with np.errstate(all="ignore"):
             boxes = world_box_corners(self.solids)
-        _check_transforms(document, indices, places, boxes)
+        _check_transforms(document, indices, to_world_matrices, boxes)
         low, high = boxes.min(axis=(0, 1)), boxes.max(axis=(0, 1))
         middle = (low + high) / 2
         self.origin = middle if np.abs(middle).max() > FAR * (high - low).max() else np.zeros(3)
@@ -71,14 +72,14 @@ class Leaves:
         self.of_primitive = group_equal(s.primitive for s in self.solids)
 
     def _find_shared_surfaces(self, cuts_several_media: np.ndarray) -> None:
-        """Finds surfaces that several leaves share, and merges equal solids."""
+        """Finds the surfaces that several leaves share, and merges equal solids."""
         uses = np.bincount(self.of_leaf) + np.bincount(self.of_leaf, cuts_several_media)
         counts = [len(s.primitive.quadrics) for s in self.solids]
         if not any(counts):
             return
         solid = np.repeat(np.arange(len(self.solids)), counts)
-        places = np.array([s.to_world for s in self.solids])[solid]
-        surface = same_surfaces(np.concatenate([s.primitive.quadrics for s in self.solids]), places)
+        to_world_matrices = np.array([s.to_world for s in self.solids])[solid]
+        surface = same_surfaces(np.concatenate([s.primitive.quadrics for s in self.solids]), to_world_matrices)
         surface = self._split_flat_surfaces(surface, solid)
         users = np.bincount(surface, uses[solid])
         shared = np.where(users[surface] > 1, surface, -1)
@@ -93,14 +94,17 @@ class Leaves:
         self.of_leaf = renumbered[self.of_leaf]
 
     def _split_flat_surfaces(self, surface: np.ndarray, solid: np.ndarray) -> np.ndarray:
-        """The ``surface`` (n,) of faces of the solids ``solid`` (n,), with flat surfaces split into components of
-        touching boxes. The number of a surface is that of its face on the largest solid.
+        """Splits flat surfaces into connected components of faces whose boxes touch; returns the surface (n,) of each
+        face.
+
+        ``surface`` (n,) and ``solid`` (n,) are the surface and the solid of each face. The number of a surface is the
+        number of its face on the largest solid.
         """
         boxes = world_box_corners(self.solids)[solid]
         low, high = boxes.min(axis=1) - self.step, boxes.max(axis=1) + self.step
         curved = [face == s.primitive.curved for s in self.solids for face in range(len(s.primitive.quadrics))]
         low[curved], high[curved] = low.min(axis=0), high.max(axis=0)
-        # An offset separates the boxes of different surfaces, so that one call finds all components.
+        # An offset along x separates the boxes of different surfaces, so one call finds the components of all surfaces.
         offset = np.unique(surface, return_inverse=True)[1] * 2 * np.ptp([low[:, 0], high[:, 0]])
         group = components(low + np.outer(offset, [1, 0, 0]), high + np.outer(offset, [1, 0, 0]))
         order = np.argsort(-_sizes(self.solids)[solid], kind="stable")
@@ -141,8 +145,9 @@ class Leaves:
         self.boxes = np.stack([f.reduceat(vertices, ends[:-1]) for f in (np.minimum, np.maximum)], axis=1)
 
     def corner_attributes(self, positions: np.ndarray, leaf: np.ndarray, face: np.ndarray) -> CornerAttributes:
-        """Corner attributes of n triangles: the normals are outward unit vectors in the world. ``positions`` (n, 3, 3),
-        and the ``leaf`` and the ``face`` of each, (n,).
+        """Returns the corner attributes of n triangles; the normals are outward unit vectors in world coordinates.
+
+        ``positions`` (n, 3, 3) are the corners, ``leaf`` (n,) and ``face`` (n,) the leaf and the face of each triangle.
         """
         solid = self.of_leaf[leaf]
         inverse = self.to_local[solid]
@@ -155,23 +160,23 @@ class Leaves:
             if chosen.any():
                 own = primitive.corner_attributes(local[chosen], face[chosen])
                 result.normals[chosen], result.uv[chosen], result.unshared[chosen] = own.normals, own.uv, own.unshared
-        normals = result.normals @ inverse[:, :, :3]  # transforms with the transposed inverse
+        normals = result.normals @ inverse[:, :, :3]  # normals are transformed by the transposed inverse matrix
         length = np.linalg.norm(normals, axis=2, keepdims=True)
         return replace(result, normals=normals * (1 / np.where(length > 0, length, 1)))
 
 
 def _sizes(solids: Sequence[Solid]) -> np.ndarray:
-    """Sizes of solids (n,), for comparison."""
+    """Returns a measure of the size of each solid (n,), by which solids are compared."""
     return np.asarray(np.linalg.norm([s.to_world[:3, :3] for s in solids], axis=(1, 2)))
 
 
-def _check_transforms(document: Document, indices: Sequence[int], places: np.ndarray, boxes: np.ndarray) -> None:
-    """Raises SceneError for a singular transform, and for one beyond Mitsuba's single precision.
+def _check_transforms(document: Document, indices: Sequence[int], matrices: np.ndarray, boxes: np.ndarray) -> None:
+    """Raises SceneError if a transform is singular, or beyond single precision.
 
-    ``places`` (n, 4, 4) are the matrices, ``boxes`` (n, 8, 3) the corners of the boxes around the solids.
+    ``matrices`` (n, 4, 4) are the transforms, ``boxes`` (n, 8, 3) are the corners of the boxes around the solids.
     """
     wrong = ~(np.abs(boxes).max(axis=(1, 2)) <= LARGEST)
-    widths = np.linalg.svd(np.where(wrong[:, None, None], 0, places[:, :3, :3]), compute_uv=False)
+    widths = np.linalg.svd(np.where(wrong[:, None, None], 0, matrices[:, :3, :3]), compute_uv=False)
     wrong |= ~(widths[:, 2] >= np.maximum(widths[:, 0] / 1e12, 1 / LARGEST))
     for i in np.flatnonzero(wrong)[:1].tolist():
         raise document.error(

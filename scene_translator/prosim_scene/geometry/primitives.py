@@ -1,7 +1,7 @@
-"""The primitives of the language, each in its own space.
+"""The primitives of the scene language, each in its own coordinates.
 
-CUBE is [0, 1]^3; SPHERE the unit ball; CYLINDER x^2 + y^2 <= 1, 0 <= z <= 1; CONE x^2 + y^2 <= z^2, 0 <= z <= 1, with
-its apex at the origin.
+CUBE is [0, 1]^3. SPHERE is the unit ball. CYLINDER is x^2 + y^2 <= 1, 0 <= z <= 1. CONE is x^2 + y^2 <= z^2, 0 <= z <=
+1, with its apex at the origin.
 """
 
 import math
@@ -15,22 +15,22 @@ from manifold3d import Manifold
 
 from ..view import Camera
 
-MIN_SEGMENTS, MAX_SEGMENTS = 16, 512  # around a circle
-#: The tolerance of a solid outside the window is larger by this factor, and it has at most this number of segments; a
-#: mirror or a shadow may still show it.
+MIN_SEGMENTS, MAX_SEGMENTS = 16, 512  # the limits for the number of segments around a circle
+#: For a solid outside the window: the factor of the tolerance, and the largest number of segments. The solid is
+#: tessellated more coarsely, but not omitted, because it may be visible in a mirror or cast a shadow.
 OUTSIDE_TOLERANCE, OUTSIDE_SEGMENTS = 10.0, 128
-#: The largest aspect ratio of an ellipsoid that increases its segments. A longer one is too coarse near its ends only;
-#: with more triangles, manifold3d takes minutes for two of them.
+#: The number of segments of an ellipsoid grows with its aspect ratio up to this value. The mesh of a longer ellipsoid
+#: is too coarse, but only near its ends. With more triangles, manifold3d would take minutes for two such ellipsoids.
 MAX_ASPECT = 16.0
-ON_AXIS = 1e-6  # distance from the axis or the apex below which the azimuth of a corner is undefined
+ON_AXIS = 1e-6  # a corner that is nearer than this to the axis or the apex has no azimuth
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """A closed mesh: ``vertices`` (n, 3), ``triangles`` (m, 3) with one orientation, the plane facet ``facets`` (m,) of
-    each triangle, and the face ``faces`` (k,) of each facet.
+    """A closed mesh: ``vertices`` (n, 3) and ``triangles`` (m, 3), which all have the same orientation.
 
-    A flat face is one facet; many facets approximate a curved one.
+    A facet is a plane polygon; ``facets`` (m,) has the facet of each triangle. ``faces`` (k,) has the face of the
+    primitive on which each facet lies. A flat face is one facet; many facets approximate a curved face.
     """
 
     vertices: np.ndarray
@@ -43,8 +43,8 @@ class Mesh:
 class CornerAttributes:
     """Normals and uv at the corners of n triangles on a primitive.
 
-    ``normals`` (n, 3, 3) point outwards and have any length, ``uv`` is (n, 3, 2), and ``unshared`` (n, 3) is true where
-    triangles may not share the corner.
+    ``normals`` (n, 3, 3) point outwards and have any length. ``uv`` has the shape (n, 3, 2). ``unshared`` (n, 3) is
+    True for a corner that triangles must not share.
     """
 
     normals: np.ndarray
@@ -53,57 +53,64 @@ class CornerAttributes:
 
 
 class Primitive(ABC):
-    """A solid. If it has a curved face, it is convex, and planes and one quadric bound it."""
+    """A solid. A solid with a curved face is convex, and is bounded by planes and one quadric."""
 
-    #: Its name in the language; for a mesh file a digest of the content.
+    #: The name of the primitive in the language; for a mesh file, a digest of the content.
     name: str
-    #: The surfaces of its faces as quadrics p^T Q p = 0, p = (x, y, z, 1), by the number of the face. Empty if no face
-    #: can coincide with another solid's face.
+    #: The surface of each face as a quadric p^T Q p = 0, p = (x, y, z, 1). Empty if no face can coincide with a face of
+    #: another solid.
     quadrics: ClassVar[np.ndarray]
-    #: Its bounding box, min and max corner.
+    #: The minimum and the maximum corner of the bounding box.
     box: np.ndarray
-    #: The curved face, if it has one.
+    #: The number of the curved face; None if all faces are flat.
     curved: ClassVar[int | None] = None
-    #: The number of axes in which it is round: 2 about z, 3 about the origin.
+    #: The number of axes in which the curved face is round: 2 for a solid of revolution about z, 3 for a sphere.
     axes: ClassVar[int] = 2
-    #: Whether its quadric has a second sheet, at z < 0.
+    #: Whether the quadric of the curved face has a second sheet, at z < 0.
     two_sheets: ClassVar[bool] = False
-    #: Lines (k, 2, 3) on the curved face: each of its points is within ``gap`` times its longest semi-axis of a line.
+    #: Lines (k, 2, 3) on the curved face. The distance of each point of this face from the nearest line is at most
+    #: ``gap`` times the longest semi-axis of the face.
     lines: ClassVar[np.ndarray]
     gap: ClassVar[float] = 0.08
-    #: The number of segments for a chord error, relative to that of a circle.
+    #: The number of segments that a chord error requires, relative to the number for a circle.
     segment_factor: ClassVar[float] = 1.0
 
     @abstractmethod
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
-        """The solid with ``segments`` around a circle; the vertices of a curved face lie on the quadric.
+        """Returns a mesh with ``segments`` around a circle; the vertices of a curved face lie on the quadric.
 
-        ``facet_map`` (4, 4) maps the quadric to itself, or another primitive's equal quadric to this one. It moves the
-        facets of the curved face, in the same order. For a sphere it may be a projective map.
+        ``facet_map`` (4, 4) maps the quadric to itself, or another primitive's equal quadric to the quadric of this
+        primitive. It moves the facets of the curved face, and keeps their order. For a sphere, ``facet_map`` may be
+        projective.
         """
 
     @abstractmethod
     def count(self, segments: int) -> int:
-        """The number of triangles of :meth:`mesh`, for MIN_SEGMENTS at least."""
+        """Returns the number of triangles of :meth:`mesh`; fewer than MIN_SEGMENTS segments count as MIN_SEGMENTS."""
 
     @abstractmethod
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
-        """Normals and surface parameters of triangles (n, 3, 3) on its faces with the numbers ``face`` (n,)."""
+        """Returns normals and uv of triangles (n, 3, 3) on the faces with the numbers ``face`` (n,)."""
 
     @cached_property
     def box_corners(self) -> np.ndarray:
-        """The corners (8, 3) of its bounding box."""
+        """The corners (8, 3) of the bounding box."""
         return box_corners(self.box)
 
     def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Size of its curved face, centre and radius of a bounding ball, under linear maps (..., 3, 3)."""
+        """Returns the size of the curved face, and the centre and the radius of a bounding ball, after linear maps
+        (..., 3, 3).
+        """
         corners = self.box_corners @ np.swapaxes(linear, -1, -2)
         center = corners.mean(axis=-2)
         radius = np.linalg.norm(corners - center[..., None, :], axis=-1).max(axis=-1)
         return radius, center, radius
 
     def segments(self, to_world: np.ndarray, camera: Camera, tolerance: float) -> list[int]:
-        """Segments around a circle for each transform (n, 4, 4), with a chord error below ``tolerance`` pixels."""
+        """Returns the number of segments around a circle for each transform (n, 4, 4).
+
+        With this number, the chord error is below ``tolerance`` pixels.
+        """
         if self.curved is None:
             return [4] * len(to_world)
         linear, offset = to_world[:, :3, :3], to_world[:, :3, 3]
@@ -111,16 +118,17 @@ class Primitive(ABC):
         visible = camera.may_see(self.box_corners @ linear.transpose(0, 2, 1) + offset[:, None])
         distance = np.linalg.norm(center + offset - camera.eye, axis=1) - radius
         for i in np.flatnonzero(distance < radius).tolist():
-            # The eye is near the bounding ball, but maybe not near the surface.
+            # The eye is near the bounding ball, but perhaps not near the surface: a better bound is needed.
             a, b = (self.lines[:, end] @ linear[i].T + offset[i] for end in range(2))
             distance[i] = max(distance[i], distance_to_segments(a, b, camera.eye) - self.gap * size[i])
         error = np.where(visible, 1, OUTSIDE_TOLERANCE) * tolerance * camera.footprint(distance) / size
         max_segments = np.where(visible, MAX_SEGMENTS, OUTSIDE_SEGMENTS)
-        return [self.segments_for(*of) for of in zip(error.tolist(), max_segments.tolist())]
+        return [self.segments_for(*limits) for limits in zip(error.tolist(), max_segments.tolist())]
 
     def segments_for(self, error: float, max_segments: int = MAX_SEGMENTS) -> int:
-        """Segments around a circle for a chord error relative to the radius of the curved face, at most
-        ``max_segments``.
+        """Returns the number of segments around a circle for a chord error relative to the radius of the curved face.
+
+        The result is at most ``max_segments``, and a multiple of 4.
         """
         n = math.pi / math.acos(1 - min(error, 0.5)) if error > 1e-9 else max_segments
         n = min(max(n * self.segment_factor, MIN_SEGMENTS), max_segments)
@@ -128,37 +136,38 @@ class Primitive(ABC):
 
 
 def box_corners(box: np.ndarray) -> np.ndarray:
-    """The corners (8, 3) of a box (2, 3), its min and max corner."""
+    """Returns the corners (8, 3) of a box, whose minimum and maximum corners are ``box`` (2, 3)."""
     return np.array([[box[i][0], box[j][1], box[k][2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)
 
 
 def longest_axis(linear: np.ndarray) -> np.ndarray:
-    """The longest semi-axis of the unit ball's image under linear maps (..., m, n)."""
+    """Returns the longest semi-axis of the image of the unit ball under linear maps (..., m, n)."""
     return np.asarray(np.linalg.svd(linear, compute_uv=False)[..., 0])
 
 
 def distance_to_segments(a: np.ndarray, b: np.ndarray, point: np.ndarray) -> float:
-    """Distance from a point to the nearest of the line segments from a (n, 3) to b (n, 3)."""
+    """Returns the distance from a point to the nearest of the line segments from a (n, 3) to b (n, 3)."""
     along, length = b - a, np.maximum(np.sum((b - a) ** 2, axis=1), 1e-300)
     t = np.clip(np.sum((point - a) * along, axis=1) / length, 0, 1)
     return float(np.sqrt(np.min(np.sum((a + t[:, None] * along - point) ** 2, axis=1))))
 
 
 def plane(*nd: float) -> np.ndarray:
-    """The plane n.p + d = 0 as a quadric."""
+    """Returns the plane n.p + d = 0 as a quadric."""
     return np.outer(nd, nd).astype(float)
 
 
 def circle(segments: int) -> np.ndarray:
-    """Corners (segments, 2) of a regular polygon in the unit circle."""
+    """Returns the corners (segments, 2) of a regular polygon in the unit circle."""
     angle = 2 * math.pi * np.arange(segments) / segments
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 def azimuth(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Azimuth of the corners in [0, 1], or up to 2 in triangles across the seam, and which corners are on the axis.
+    """Returns the azimuth of the corners of triangles, and which corners are on the axis.
 
-    The azimuth of a corner on the axis is the mean of the others.
+    The azimuth is in [0, 1], or up to 2 in triangles that cross the seam. The azimuth of a corner on the axis is the
+    mean of the azimuths of the triangle's other corners.
     """
     pole = np.hypot(p[..., 0], p[..., 1]) < ON_AXIS
     u = np.arctan2(p[..., 1], p[..., 0]) / (2 * math.pi) % 1.0
@@ -169,12 +178,14 @@ def azimuth(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Cube(Primitive):
-    """Face 0, 1 or 2 is the side x = 0, y = 0 or z = 0; face 3, 4 or 5 is x = 1, y = 1 or z = 1."""
+    """Face 0, 1 or 2 is the side x = 0, y = 0 or z = 0 of the cube; face 3, 4 or 5 is the side x = 1, y = 1 or z =
+    1.
+    """
 
     name = "cube"
     quadrics = np.array([plane(*n, d) for d in (0, -1) for n in np.eye(3)])
     box = np.array([[0.0, 0, 0], [1, 1, 1]])
-    #: Each face's corners, counter-clockwise from outside; corner 4 x + 2 y + z is (x, y, z).
+    #: The corners of each face, counter-clockwise from outside; the corner (x, y, z) has the number 4 x + 2 y + z.
     squares: ClassVar[list[tuple[int, int, int, int]]] = [
         (0, 1, 3, 2),
         (0, 4, 5, 1),
@@ -201,14 +212,16 @@ class Cube(Primitive):
 
 
 def _subdivided_octahedron(segments: int) -> tuple[np.ndarray, np.ndarray]:
-    """The unit sphere as an octahedron whose faces are divided into equal triangles."""
+    """Returns the vertices and the triangles of a unit sphere: an octahedron whose faces are divided into equal
+    triangles.
+    """
     mesh = Manifold.sphere(1.0, segments).to_mesh64()
     vertices = np.array(mesh.vert_properties)[:, :3]
     return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), np.array(mesh.tri_verts, dtype=np.int64)
 
 
 class Sphere(Primitive):
-    """Its one face is curved, and every triangle of its mesh is a facet."""
+    """The unit ball. Its only face is curved, and every triangle of its mesh is a facet."""
 
     name = "sphere"
     quadrics = np.diag([1.0, 1, 1, -1])[None]
@@ -216,7 +229,7 @@ class Sphere(Primitive):
     curved = 0
     axes = 3
     lines = np.repeat(_subdivided_octahedron(64)[0][:, None], 2, axis=1)  # points, less than 0.05 apart
-    segment_factor = 1.64  # the largest triangles lie in the middles of the octahedron's faces
+    segment_factor = 1.64  # the largest triangles lie at the centres of the octahedron's faces
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
         vertices, triangles = _subdivided_octahedron(segments)
@@ -240,7 +253,9 @@ class Sphere(Primitive):
 
 
 class _OfRevolution(Primitive):
-    """A solid of revolution about z, of radius 1. Face 0 is its side, 1 the disc at z = 1, 2 the disc at z = 0."""
+    """A solid of revolution about z with radius 1. Face 0 is the side, face 1 the disc at z = 1, face 2 the disc at z =
+    0.
+    """
 
     box = np.array([[-1.0, -1, 0], [1, 1, 1]])
     curved = 0
@@ -251,7 +266,7 @@ class _OfRevolution(Primitive):
         return size, center, np.linalg.norm(center, axis=-1) + size
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
-        """On the side uv = (azimuth, z), on a disc (x, y) in the unit square."""
+        """Returns normals and uv: uv is (azimuth, z) on the side, and (x, y) mapped to the unit square on a disc."""
         u, pole = azimuth(p)
         normals, uv = p * np.diag(self.quadrics[0])[:3], np.stack([u, p[..., 2]], axis=2)
         flat = face > 0
@@ -261,20 +276,20 @@ class _OfRevolution(Primitive):
 
 
 def fan(segments: int) -> np.ndarray:
-    """The triangles of a disc with ``segments`` corners, counter-clockwise from above."""
+    """Returns the triangles of a disc with ``segments`` corners, counter-clockwise if seen from above."""
     i = np.arange(1, segments - 1)
     return np.stack([np.zeros_like(i), i, i + 1], axis=1)
 
 
 class Cylinder(_OfRevolution):
-    """A cylinder with two discs."""
+    """A cylinder, whose faces are a side and two discs."""
 
     name = "cylinder"
     quadrics = np.array([np.diag([1.0, 1, 0, -1]), plane(0, 0, 1, -1), plane(0, 0, 1, 0)])
     lines = np.stack([np.append(circle(64), np.full((64, 1), z), axis=1) for z in (0, 1)], axis=1)
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
-        around = circle(segments) @ facet_map[:2, :2].T  # the quadric's generators are parallel to z in either space
+        around = circle(segments) @ facet_map[:2, :2].T  # facet_map keeps lines parallel to z
         ring = np.append(around / np.linalg.norm(around, axis=1, keepdims=True), np.ones((segments, 1)), axis=1)
         upper, disc = np.arange(segments), fan(segments)
         following, lower = (upper + 1) % segments, upper + segments
@@ -289,7 +304,7 @@ class Cylinder(_OfRevolution):
 
 
 class Cone(_OfRevolution):
-    """A cone with its apex at the origin, and one disc."""
+    """A cone with its apex at the origin, whose faces are a side and one disc."""
 
     name = "cone"
     quadrics = np.array([np.diag([1.0, 1, -1, 0]), plane(0, 0, 1, -1)])
@@ -312,7 +327,7 @@ class Cone(_OfRevolution):
         side = super().corner_attributes(p, face)
         apex = (np.linalg.norm(p, axis=2) < ON_AXIS) & (face == 0)[:, None]
         tips = apex.any(axis=1)
-        # The apex has no normal: a triangle takes that of the generator through the middle of its other corners.
+        # The apex has no normal. In each triangle it gets the normal at the midpoint of the other two corners.
         middle = np.where(apex[..., None], 0, p)[tips].sum(axis=1) * [1, 1, 0]
         middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-300)
         middle[:, 2] = -1
@@ -320,5 +335,5 @@ class Cone(_OfRevolution):
         return CornerAttributes(side.normals, side.uv, side.unshared | apex)
 
 
-#: Primitives by name, the :attr:`prosim_scene.model.Leaf.shape`.
+#: Name of a primitive, which is the :attr:`prosim_scene.model.Leaf.shape` -> the primitive.
 PRIMITIVES: dict[str, Primitive] = {primitive.name: primitive for primitive in (Cube(), Sphere(), Cylinder(), Cone())}

@@ -15,12 +15,12 @@ IDENTITY.flags.writeable = False
 
 @dataclass(eq=False)
 class Solid:
-    """A primitive with its transform; equal leaves of the tree share one.
+    """A primitive with its transform; equal leaves of the CSG tree share one solid.
 
-    ``to_world`` is a 4x4 matrix, ``segments`` the number of them around a circle. ``surfaces`` has for each face the
-    number of the surface that it shares with other solids, or -1. The facets of a shared curved face are those of its
-    owner; ``facet_map`` maps the owner's space to this solid's space. ``shrink`` is a factor of the curved face's size,
-    1 or slightly less.
+    ``to_world`` is a 4x4 matrix. ``segments`` is the number of segments around a circle. ``surfaces`` has for each face
+    the number of the surface that it shares with other solids, or -1. A curved surface that several solids share has an
+    owner, the largest of them, whose facets all of them use; ``facet_map`` maps the owner's space to the space of this
+    solid. ``shrink`` is a factor of the curved face's size: 1 or slightly less.
     """
 
     primitive: Primitive
@@ -32,38 +32,42 @@ class Solid:
 
     @property
     def size(self) -> float:
-        """The size of its curved face, see :meth:`.Primitive.ball`."""
+        """The size of the curved face in the world, as :meth:`.Primitive.ball` defines it."""
         return float(self.primitive.ball(self.to_world[:3, :3])[0])
 
     @property
     def narrowest(self) -> float:
-        """The shortest semi-axis of its curved face."""
+        """The shortest semi-axis of the curved face in the world."""
         return float(np.linalg.norm(self.to_world[:3, : self.primitive.axes], -2))
 
     @property
     def inradius(self) -> float:
-        """The inradius of the curved face's unit mesh, without ``facet_map`` and ``shrink``."""
+        """The inradius of the mesh of the curved face in the primitive's space, without ``facet_map`` and
+        ``shrink``.
+        """
         return math.cos(math.pi * self.primitive.segment_factor / self.segments)
 
     @property
     def curved_surface(self) -> int:
-        """The number of the shared surface of its curved face; -1 if it has none, or shares none."""
+        """The number of the shared surface on which the curved face lies, or -1 if there is no such surface."""
         return -1 if self.primitive.curved is None else int(self.surfaces[self.primitive.curved])
 
     @property
     def key(self) -> Hashable:
-        """A key, equal for equal solids; None if a face is not shared, because then the solid is unique."""
+        """A key that is equal for equal solids; None if a face lies on no shared surface, because the solid is then
+        unique.
+        """
         surfaces = self.surfaces.tolist()
         return None if min(surfaces, default=0) < 0 else (self.primitive.name, frozenset(surfaces))
 
     def mesh(self) -> Mesh:
-        """Its mesh in the world; triangles are counter-clockwise from outside."""
+        """Returns the mesh of the solid in the world; its triangles are counter-clockwise if seen from outside."""
         linear, offset = self.to_world[:3, :3], self.to_world[:3, 3]
         mirrored = np.linalg.det(linear) < 0
         if self.primitive.curved is not None and self.facet_map is not IDENTITY:
             unit = self.primitive.mesh(self.segments, self.facet_map)
             a, b, c = (unit.vertices[unit.triangles[:, i]] for i in range(3))
-            mirrored ^= np.einsum("ij,ij->", a, np.cross(b, c)) < 0  # the sign of its volume
+            mirrored ^= np.einsum("ij,ij->", a, np.cross(b, c)) < 0  # the sign of the mesh's volume
         else:
             unit = _unit_mesh(self.primitive, self.segments)
         vertices = unit.vertices
@@ -79,7 +83,7 @@ def _unit_mesh(primitive: Primitive, segments: int) -> Mesh:
 
 
 def world_box_corners(solids: Sequence[Solid]) -> np.ndarray:
-    """The corners (n, 8, 3) of the boxes around solids, in the world."""
+    """Returns the corners (n, 8, 3) of the bounding boxes of solids, transformed to the world."""
     own = np.array([s.primitive.box_corners for s in solids]).reshape(-1, 8, 3)
     to_world = np.array([s.to_world for s in solids]).reshape(-1, 4, 4)
     return np.asarray(own @ to_world[:, :3, :3].transpose(0, 2, 1) + to_world[:, None, :3, 3])

@@ -1,4 +1,4 @@
-"""The triangles of the result: one mesh for each material and pair of media, with normals and uv."""
+"""Computes the triangles of the result: one mesh for each material and each pair of media, with normals and uv."""
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,10 +22,10 @@ from .solids import world_box_corners
 
 
 class MeshKey(NamedTuple):
-    """The material of a primitive, and the media on both sides: triangles with equal keys share a mesh.
+    """The material of a primitive, and the media on both sides of a face. Triangles with equal keys share a mesh.
 
-    The normal points to ``outside``; None is air. An opaque primitive has ``inside`` None, and ``outside`` None too
-    unless it reflects by Fresnel's equations.
+    The normal of a face points to the medium ``outside``; None is air. For an opaque primitive ``inside`` is None;
+    ``outside`` is None, too, unless the primitive reflects by Fresnel's equations.
     """
 
     material: Hashable
@@ -37,7 +37,7 @@ class MeshKey(NamedTuple):
 class Triangles:
     """Triangles of one material: ``index`` (n, 3) into ``vertices`` (k, 3), unit ``normals`` (k, 3) and ``uv`` (k, 2).
 
-    Equal corners are one vertex.
+    Equal corners of triangles are stored as one vertex.
     """
 
     vertices: np.ndarray
@@ -47,14 +47,16 @@ class Triangles:
 
     @property
     def positions(self) -> np.ndarray:
-        """The positions of the corners (n, 3, 3)."""
+        """The positions (n, 3, 3) of the triangles' corners."""
         return np.asarray(self.vertices[self.index])
 
 
 def corner_keys(vertex: np.ndarray, face: np.ndarray, corners: CornerAttributes, first: int) -> np.ndarray:
-    """Keys (n, 3) of corners, equal for equal numbers ``vertex`` (n, 3), ``face`` (n,) and side of the seam of uv.
+    """Returns keys (n, 3) of triangle corners; corners with equal keys become one vertex.
 
-    Each unshared corner has a unique key; the first one is ``first``.
+    Two corners have equal keys if they have the same number ``vertex`` (n, 3), the same ``face`` (n,), and lie on the
+    same side of the seam of uv. Each unshared corner has a unique key; ``first`` determines the key of the first
+    unshared corner.
     """
     wrapped = (np.floor(corners.uv[..., 0]) > 0).astype(int)
     keys = np.asarray((vertex * 8 + face[:, None]) * 2 + wrapped)
@@ -64,11 +66,11 @@ def corner_keys(vertex: np.ndarray, face: np.ndarray, corners: CornerAttributes,
 
 @dataclass(eq=False)
 class SurfaceMesh:
-    """The boundary of a tree's result without materials: all triangles, sorted by their kinds; those of kind i are
-    number ``starts[i]`` to ``starts[i + 1]``.
+    """The boundary of the evaluated CSG tree, without materials: all triangles, sorted by kind.
 
-    ``kinds`` are the numbers of the leaf and of the media inside and outside. ``visible`` (kinds,) is False for kinds
-    that have only seams of no width.
+    A kind is a combination of a leaf, the medium inside and the medium outside; ``kinds`` has these three numbers for
+    each kind. The triangles of kind i are those from ``starts[i]`` to ``starts[i + 1]``. ``visible`` (kinds,) is False
+    for a kind whose triangles are all seams without width.
     """
 
     triangles: Triangles
@@ -77,14 +79,14 @@ class SurfaceMesh:
     visible: np.ndarray
 
     def of_kinds(self, kinds: list[int]) -> Triangles:
-        """The triangles of these ``kinds``, given by their places in the list of that name."""
-        of = self.triangles
-        chosen = np.concatenate([of.index[self.starts[kind] : self.starts[kind + 1]] for kind in kinds])
+        """Returns the triangles of some ``kinds``, which are positions in the list ``kinds`` of this object."""
+        mesh = self.triangles
+        chosen = np.concatenate([mesh.index[self.starts[kind] : self.starts[kind + 1]] for kind in kinds])
         vertices, index = np.unique(chosen, return_inverse=True)
-        return Triangles(of.vertices[vertices], of.normals[vertices], of.uv[vertices], index.reshape(-1, 3))
+        return Triangles(mesh.vertices[vertices], mesh.normals[vertices], mesh.uv[vertices], index.reshape(-1, 3))
 
 
-BATCH = 1 << 16  # triangles
+BATCH = 1 << 16  # the number of triangles that are processed at a time
 
 
 @garbage_collection_paused()
@@ -98,16 +100,17 @@ def tessellate(
     cached: Callable[[Hashable, Callable[[], SurfaceMesh]], SurfaceMesh] = lambda _, make: make(),
     meshes: Mapping[str, Primitive] | None = None,
 ) -> dict[MeshKey, Triangles]:
-    """The triangles of a document's scene, by material and media.
+    """Returns the triangles of a document's scene, by material and media.
 
-    ``tolerance`` is the largest chord error of curved faces in pixels; ``medium(leaf)`` is a dielectric's medium or
-    None, ``material(leaf)`` a hashable key: faces with the same one, between the same media, share a mesh.
-    ``fresnel(leaf)`` says whether an opaque primitive reflects by Fresnel's equations, which depend on its outside.
-    ``cached(key, make)`` returns ``make()``, or its earlier result for an equal key. ``meshes``: the solids of mesh
-    files, by file name. Raises :class:`SceneError` for a singular transform, and for too many triangles.
+    ``tolerance`` is the largest chord error of curved faces in pixels. ``medium(leaf)`` returns the medium of a
+    dielectric, or None. ``material(leaf)`` returns a hashable key; faces with equal keys and between the same media
+    share a mesh. ``fresnel(leaf)`` returns whether an opaque primitive reflects by Fresnel's equations, which depend on
+    the medium outside. ``cached(key, make)`` returns ``make()``, or an earlier result for an equal key. ``meshes`` are
+    the solids of mesh files, by file name. Raises :class:`SceneError` for a singular transform, and for too many
+    triangles.
     """
-    places = document.scene.leaves
-    leaves = [leaf for _, leaf in places]
+    numbered_leaves = document.scene.leaves
+    leaves = [leaf for _, leaf in numbered_leaves]
     if not leaves:
         return {}
     tree = csg.tree_of(document.scene.csg)
@@ -122,7 +125,7 @@ def tessellate(
         lambda: _surface_mesh(table, _boundary(tree, table, media_of, reflects, cut_media > 0), max(media_of) + 2),
     )
     warn_of_rounding(document, camera, faces.triangles.vertices)
-    visible: set[int] = set()  # leaves
+    visible: set[int] = set()  # leaves that own a visible face
     filling: set[int] = set()  # media that are visible behind faces of other media
     lining: set[int] = set()  # opaque leaves that cut glass, and glass that cuts opaque solids
     kinds_of_key: dict[MeshKey, list[int]] = {}
@@ -135,20 +138,22 @@ def tessellate(
             lining |= {leaf} if (inside == OPAQUE) != (own == OPAQUE) else set()
         sides = [of_number[side] for side in _sides(own, inside, outside, reflects[leaf])]
         kinds_of_key.setdefault(MeshKey(material(leaves[leaf]), *sides), []).append(kind)
-    # The face of a medium that fills a hollow belongs to the cutter; the medium is visible.
+    # A medium that fills a hollow is visible, although its face belongs to the leaf that cut the hollow.
     shown = [leaf in visible or media_of[leaf] in filling for leaf in range(len(leaves))]
-    _report_vanished(document, [place for place, one in zip(places, shown) if not one], not any(shown))
+    _report_vanished(document, [place for place, one in zip(numbered_leaves, shown) if not one], not any(shown))
     first_uses = {(leaves[i].shape, leaves[i].index): i for i in sorted(lining, reverse=True)}
     for i in sorted(first_uses.values()):
-        _warn_of_lining(document, *places[i], media_of[i] == OPAQUE)
+        _warn_of_lining(document, *numbered_leaves[i], media_of[i] == OPAQUE)
     return {key: faces.of_kinds(kinds) for key, kinds in kinds_of_key.items() if faces.visible[kinds].any()}
 
 
 def _boundary(
     tree: csg.Tree, table: Leaves, media_of: list[int], reflects: Sequence[bool], cutters: np.ndarray
 ) -> Boundary:
-    """The boundary of the tree's result. ``media_of[i]`` is the medium of leaf i, ``reflects[i]`` whether it is opaque
-    and reflects by Fresnel's equations, ``cutters[i]`` whether it is in the second operand of - or *.
+    """Evaluates the CSG tree; returns the boundary of the result.
+
+    ``media_of[i]`` is the medium of leaf i. ``reflects[i]`` is whether leaf i is opaque and reflects by Fresnel's
+    equations. ``cutters[i]`` is whether leaf i is in the second operand of an operator - or *.
     """
     table.make_meshes()
     ids = OriginalIds(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
@@ -175,19 +180,22 @@ def _boundary(
     for m in sorted(set(media_of)):
         for group, value in csg.evaluate(tree, groups.tolist(), partial(body, medium=m)).items():
             bodies.setdefault(group, {})[m] = value
-    found: list[Boundary] = []
+    parts: list[Boundary] = []
     for group in sorted(bodies):
         of_group = bodies.pop(group)  # frees memory
-        if alone[group]:  # a leaf that has the number of its group
+        if alone[group]:  # a group of a single leaf has the number of this leaf
             i = int(table.of_leaf[group])
-            found.append(primitive_boundary(table.meshes[i], group, table.first[i], media_of[group]))
+            parts.append(primitive_boundary(table.meshes[i], group, table.first[i], media_of[group]))
         else:
-            found += boundaries(of_group, ids, fresnel)
-    return concatenated(found)
+            parts += boundaries(of_group, ids, fresnel)
+    return concatenated(parts)
 
 
 def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
-    """manifold3d's mesh of a primitive, with an original id; the number of its first facet is ``first``."""
+    """Converts the mesh of a primitive to manifold3d's type, with an original id.
+
+    ``first`` is the number of the mesh's first facet.
+    """
     mesh64 = Mesh64(
         mesh.vertices.astype(np.float64, copy=False),
         mesh.triangles.astype(np.uint64),
@@ -199,7 +207,7 @@ def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
 
 
 def _surface_mesh(table: Leaves, boundary: Boundary, count: int) -> SurfaceMesh:
-    """A boundary with normals and uv; ``count`` is the number of media, with air."""
+    """Computes normals and uv of a boundary; ``count`` is the number of media, including air."""
     vertices, triangles = boundary
     del boundary  # frees memory
     codes = (triangles["leaf"].astype(int) * count + triangles["inside"] + 1) * count + triangles["outside"] + 1
@@ -208,21 +216,21 @@ def _surface_mesh(table: Leaves, boundary: Boundary, count: int) -> SurfaceMesh:
     shape = len(kind), 3
     keys, normals, uv = np.empty(shape, int), np.empty((*shape, 3), "f4"), np.empty((*shape, 2), "f4")
     has_width = np.empty(len(kind), bool)
-    unshared = 0  # so far
+    unshared = 0  # the number of unshared corners in earlier batches
     for start in range(0, len(kind), BATCH):
         batch = slice(start, start + BATCH)
-        some = triangles[batch]
-        positions = vertices[some["index"]]
-        face = table.faces[some["facet"]]
-        corners = table.corner_attributes(positions, some["leaf"], face)
-        keys[batch] = corner_keys(some["index"].astype(int) * len(codes) + kind[batch, None], face, corners, unshared)
+        rows = triangles[batch]
+        positions = vertices[rows["index"]]
+        face = table.faces[rows["facet"]]
+        corners = table.corner_attributes(positions, rows["leaf"], face)
+        keys[batch] = corner_keys(rows["index"].astype(int) * len(codes) + kind[batch, None], face, corners, unshared)
         unshared += int(corners.unshared.sum())
-        normals[batch], uv[batch] = corners.normals * some["sign"][:, None, None], corners.uv
+        normals[batch], uv[batch] = corners.normals * rows["sign"][:, None, None], corners.uv
         has_width[batch] = heights(positions) > 2 * table.step
     _, first, index = np.unique(keys, return_index=True, return_inverse=True)
-    triangle, at = np.divmod(first, 3)
-    positions = vertices[triangles["index"][triangle, at]] + table.origin
-    result = Triangles(positions, normals[triangle, at], uv[triangle, at], index.reshape(-1, 3))
+    triangle, corner = np.divmod(first, 3)
+    positions = vertices[triangles["index"][triangle, corner]] + table.origin
+    result = Triangles(positions, normals[triangle, corner], uv[triangle, corner], index.reshape(-1, 3))
     visible = np.bincount(kind[has_width], minlength=len(codes)) > 0
     leaf, sides = np.divmod(codes, count**2)
     kinds = list(zip(leaf.tolist(), (sides // count - 1).tolist(), (sides % count - 1).tolist()))
@@ -230,10 +238,11 @@ def _surface_mesh(table: Leaves, boundary: Boundary, count: int) -> SurfaceMesh:
 
 
 def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, int]:
-    """The media of a face in its :class:`MeshKey`; ``own`` is the medium of its leaf.
+    """Returns the media inside and outside of a face for its :class:`MeshKey`; ``own`` is the medium of the face's
+    leaf.
 
-    An opaque face has an outer medium only if it ``reflects`` by Fresnel's equations. If a dielectric cuts
-    an opaque solid, the face is still the dielectric's.
+    An opaque face has a medium outside only if it ``reflects`` by Fresnel's equations. If a dielectric cuts an opaque
+    solid, the dielectric owns the face of the cut.
     """
     if own == OPAQUE:
         return own, outside if reflects else AIR
@@ -241,7 +250,10 @@ def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, in
 
 
 def _warn_of_lining(document: Document, number: int, leaf: Leaf, opaque: bool) -> None:
-    """Warns of an opaque leaf that cuts glass, or of glass that cuts an opaque solid: the cutter owns the faces."""
+    """Warns that an opaque leaf cuts glass, or that a glass leaf cuts an opaque solid.
+
+    The leaf that cuts owns the faces of the cut, so they have its material.
+    """
     surface = f"SURFACE {leaf.index}"
     what, problem, expected = "an opaque solid", "is a dieletrico, and the solid looks hollow", "another material"
     if opaque:
@@ -255,7 +267,7 @@ def _warn_of_lining(document: Document, number: int, leaf: Leaf, opaque: bool) -
 
 
 def _report_vanished(document: Document, vanished: list[tuple[int, Leaf]], empty: bool) -> None:
-    """Warns of leaves that the result has no face of; ``empty``: it has no face at all."""
+    """Warns of leaves that have no face in the result; ``empty`` is whether the whole result has no face."""
     if empty:
         document.warn("the tree's result is empty; check its operators and transforms", "csg")
     elif vanished:

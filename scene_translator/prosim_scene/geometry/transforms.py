@@ -1,4 +1,4 @@
-"""TRANSFORM -> matrices."""
+"""Converts TRANSFORM statements to matrices."""
 
 import math
 from collections.abc import Sequence
@@ -8,38 +8,40 @@ import numpy as np
 from .. import model
 from .grouping import group_equal
 
-AXES = {"rotate-x": (1, 2), "rotate-y": (2, 0), "rotate-z": (0, 1)}  # the first axis turns towards the second
+AXES = {"rotate-x": (1, 2), "rotate-y": (2, 0), "rotate-z": (0, 1)}  # turns the first axis towards the second
 
 
 def matrix(transform: model.Transform) -> np.ndarray:
-    """The 4x4 matrix of a TRANSFORM."""
+    """Returns the 4x4 matrix of a TRANSFORM."""
     (result,) = matrices([transform])
     return np.asarray(result)
 
 
 def matrices(transforms: Sequence[model.Transform]) -> np.ndarray:
-    """The matrices (n, 4, 4) of TRANSFORMs: their steps in the order in which they are applied.
+    """Returns the matrices (n, 4, 4) of TRANSFORMs, whose steps are applied in their order.
 
     TRANSFORMs with the same kinds of steps are computed in one batch.
     """
     result = np.tile(np.eye(4), (len(transforms), 1, 1))
     for kinds, numbers in group_equal(tuple(step.kind for step in transform.steps) for transform in transforms).items():
-        some = result[numbers]
+        batch = result[numbers]
         for i, kind in enumerate(kinds):
-            some = _matrices(kind, np.array([transforms[n].steps[i].values for n in numbers])) @ some
-        result[numbers] = some
+            batch = _matrices(kind, np.array([transforms[n].steps[i].values for n in numbers])) @ batch
+        result[numbers] = batch
     return result
 
 
-def _matrices(kind: str, numbers: np.ndarray) -> np.ndarray:
-    """The matrices (n, 4, 4) of steps of one kind, with their ``numbers`` (n, 3), or (n, 1) in degrees."""
-    result = np.tile(np.eye(4), (len(numbers), 1, 1))
+def _matrices(kind: str, values: np.ndarray) -> np.ndarray:
+    """Returns the matrices (n, 4, 4) of steps of one kind; ``numbers`` are their values: (n, 3), or (n, 1) in
+    degrees.
+    """
+    result = np.tile(np.eye(4), (len(values), 1, 1))
     if kind == "scale":
-        result[:, [0, 1, 2], [0, 1, 2]] = numbers
+        result[:, [0, 1, 2], [0, 1, 2]] = values
     elif kind == "translate":
-        result[:, :3, 3] = numbers
+        result[:, :3, 3] = values
     else:
-        quarters, rest = np.divmod(numbers[:, 0], 90)  # a right angle is exact
+        quarters, rest = np.divmod(values[:, 0], 90)  # multiples of 90 degrees have no rounding error
         angles = np.radians(rest).tolist()
         sine, cosine = np.array([(math.sin(a), math.cos(a)) for a in angles]).T
         quarter = (quarters % 4).astype(int)

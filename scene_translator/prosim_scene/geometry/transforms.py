@@ -32,8 +32,9 @@ def matrices(transforms: Sequence[model.Transform]) -> np.ndarray:
 
 
 def _matrices(kind: str, values: np.ndarray) -> np.ndarray:
-    """Returns the matrices (n, 4, 4) of steps of one kind; ``values`` are the numbers of the steps: (n, 3), or (n, 1) in
-    degrees.
+    """Returns the matrices (n, 4, 4) of steps of one kind.
+
+    ``values`` are the numbers of the steps: (n, 3), or (n, 1) in degrees.
     """
     result = np.tile(np.eye(4), (len(values), 1, 1))
     if kind == "scale":

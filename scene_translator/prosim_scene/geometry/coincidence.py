@@ -30,9 +30,10 @@ NEAR = 1e-6  # tolerance of its coefficients in the scene's space, at first; onl
 
 
 def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
-    """The representative of each of n surfaces: the number of an equal surface, that of the largest primitive.
+    """Returns a representative of each of n surfaces: the number of the equal surface that belongs to the largest
+    primitive.
 
-    Surface i is the quadric ``quadrics[i]`` (n, 4, 4) in a primitive's own space, which ``matrices[i]`` (n, 4, 4) maps
+    Surface i is the quadric ``quadrics[i]`` (n, 4, 4) in the space of a primitive, which ``matrices[i]`` (n, 4, 4) maps
     to the world. A representative represents itself.
     """
     sizes = np.linalg.norm(matrices[:, :3, :3], axis=(1, 2))
@@ -40,12 +41,12 @@ def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     order = np.argsort(-sizes, kind="stable")
     result = np.full(len(quadrics), -1)
     canonical = quadrics / np.linalg.norm(quadrics, axis=(1, 2), keepdims=True)
-    while len(order):  # each round finds the surface of the largest primitive of each cluster
+    while len(order):  # each round finds, in each cluster, the surface of the largest primitive
         _, first, cluster = np.unique(_clusters(features[order], near), return_index=True, return_inverse=True)
-        near /= 2  # splits clusters of many different surfaces
+        near /= 2  # the next round splits clusters of many different surfaces
         representative = order[first][cluster]
         inverse = np.linalg.inv(matrices[order[first], :3, :3])[cluster]
-        relative = np.zeros((len(order), 4, 4))  # from the primitive's own space to the representative's
+        relative = np.zeros((len(order), 4, 4))  # from the space of each primitive to the space of the representative
         relative[:, :3, :3] = inverse @ matrices[order, :3, :3]
         relative[:, :3, 3:] = inverse @ (matrices[order] - matrices[representative])[:, :3, 3:]
         relative[:, 3, 3] = 1
@@ -59,7 +60,10 @@ def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
 
 
 def _features(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
-    """Coefficients (n, 10), equal for equal surfaces, in a space where the scene has about the size 1."""
+    """Returns coefficients (n, 10) of the surfaces in a space in which the scene has about the size 1.
+
+    Equal surfaces have equal coefficients, except for rounding.
+    """
     to_unit = np.eye(4)
     center = matrices[:, :3, 3].mean(axis=0)
     scale = max(np.abs(matrices[:, :3, 3] - center).max(), np.abs(matrices[:, :3, :3]).max())
@@ -72,7 +76,7 @@ def _features(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
 
 
 def _clusters(rows: np.ndarray, near: float) -> np.ndarray:
-    """Labels of the rows of an array: rows that differ by less than ``near`` in every column have the same label."""
+    """Labels the rows of an array: rows that differ by less than ``near`` in every column have the same label."""
     label = np.zeros(len(rows), int)
     count = 0
     while count < label.max() + 1:
@@ -94,18 +98,18 @@ Target = Callable[[np.ndarray, np.ndarray], np.ndarray]
 class Planes:
     """The planes that facets share.
 
-    ``planes`` (n, 4) are unit normals and offsets, n.p + d = 0; ``surface`` (n,) is the number of the surface that a
-    plane belongs to. Facet f lies on the plane ``of_facet[f]`` (-1: on no shared plane), and faces the side ``side[f]``
-    of it (1 or -1). ``step`` is the distance of a perturbation.
+    ``planes`` (n, 4) are unit normals and offsets of planes n.p + d = 0. ``surface`` (n,) is the number of the surface
+    to which each plane belongs. Facet f lies on the plane ``of_facet[f]`` (-1: on no shared plane), and faces the side
+    ``side[f]`` (1 or -1) of this plane. ``step`` is the distance of a perturbation.
     """
 
     def __init__(
         self, triangles: np.ndarray, facets: np.ndarray, surface: np.ndarray, rank: np.ndarray, step: float
     ) -> None:
-        """The planes of the ``facets`` (m,) of ``triangles`` (m, 3, 3).
+        """Computes the planes of the ``facets`` (m,) of ``triangles`` (m, 3, 3).
 
-        ``surface`` (n,) and ``rank`` (n,) have the surface of each facet, and the rank of its face. Faces on one
-        surface have the same planes, facet by facet: those of the face with the lowest rank.
+        ``surface`` (n,) is the surface of each facet, ``rank`` (n,) the rank of the face of each facet. Faces on one
+        surface have the same planes, facet by facet: the planes of the face with the lowest rank.
         """
         some = np.unique(facets)
         some = some[np.argsort(rank[some], kind="stable")]
@@ -220,18 +224,22 @@ class Planes:
 
 
 def per_triangle(mesh: Mesh64, values: np.ndarray) -> np.ndarray:
-    """The values (runs,) of the runs of a mesh, for each of their triangles."""
+    """Repeats ``values`` (runs,), one for each run of triangles of a mesh, for each triangle of the run."""
     ends = np.asarray(mesh.run_index, dtype=np.int64) // 3
     return np.repeat(values, ends[1:] - ends[:-1])
 
 
 def signs(mesh: Mesh64) -> np.ndarray:
-    """For each triangle 1, or -1 on the faces of subtracted solids, which look inwards."""
+    """Returns 1 for each triangle, but -1 on the faces of subtracted solids, whose normals point inwards."""
     return per_triangle(mesh, 1 - 2 * (np.asarray(mesh.run_flags, dtype=np.int64) & 1))
 
 
 def _planes(triangles: np.ndarray, facet: np.ndarray) -> np.ndarray:
-    """The planes (k, 4) of facets, each the mean of its triangles (m, 3, 3): outward unit normals and offsets."""
+    """Returns the planes (k, 4) of facets: unit outward normals and offsets, which are means over the triangles of a
+    facet.
+
+    ``triangles`` has the shape (m, 3, 3); ``facet`` (m,) is the number of the facet of each triangle.
+    """
     a, b, c = np.moveaxis(triangles, 1, 0)
     cross = np.cross(b - a, c - a)
     weight = np.linalg.norm(cross, axis=1)

@@ -1,13 +1,14 @@
-"""Evaluates the CSG tree with manifold3d, whose meshes are lazy: they are computed on first access.
+"""Evaluates the CSG tree with manifold3d, which computes a mesh only when its data are needed.
 
-Each connected component of touching boxes is evaluated by itself, once for each medium. For a medium, leaves of other
-media take part only if they cut. If two operands share surfaces, the first is perturbed before the operation, and the
-result is relaxed after it, see :mod:`.coincidence`; manifold3d evaluates all other operations in batches. Chains of +
-and - are evaluated in halves: a step takes X to X - S + P with solids S and P, and two steps merge into one:
+Each connected component of touching boxes is evaluated separately, once for each medium. In the evaluation of a medium,
+a leaf of another medium is used only if it cuts. If two operands share surfaces, the first is perturbed before the
+operation, and the result is relaxed after it, see :mod:`.coincidence`; manifold3d evaluates all other operations in
+batches. Chains of the operators + and - are evaluated in halves. A step changes a solid X to X - S + P with solids S
+and P. Two steps merge into one step:
 
     (X - S + P) - S' + P' = X - (S + S') + ((P - S') + P').
 
-So few operations have the whole result as an operand.
+Therefore only few operations have the whole result as an operand.
 """
 
 from __future__ import annotations
@@ -27,21 +28,23 @@ from .coincidence import Planes
 from .grouping import sweep, touching
 
 T = TypeVar("T")
-#: A tree in prefix order: the symbols of its operators, and the numbers of its leaves.
+#: A CSG tree in prefix order: the symbols of its operators, and the numbers of its leaves.
 Tree = Sequence[str | int]
-#: Of an operand: its media, its first leaf, and the leaf that follows its last one.
+#: An operand: its media, the number of its first leaf, and the number after its last leaf.
 _Operand = tuple[frozenset[int], int, int]
 OPERATIONS = {"+": OpType.Add, "-": OpType.Subtract, "*": OpType.Intersect}
 
 
 def tree_of(nodes: Sequence[Operator | Leaf]) -> Tree:
-    """A scene's tree; leaves are numbered in their order."""
+    """Returns a scene's CSG tree; the leaves are numbered in their order."""
     numbers = iter(range(len(nodes)))
     return [node.symbol if isinstance(node, Operator) else next(numbers) for node in nodes]
 
 
 def fold(tree: Tree, leaf: Callable[[int], T], combine: Callable[[str, T, T], T]) -> T:
-    """The value of a tree: ``leaf(number)`` of a leaf, ``combine(symbol, first, second)`` of an operator."""
+    """Computes the value of a CSG tree: ``leaf(number)`` for a leaf, ``combine(symbol, first, second)`` for an
+    operator.
+    """
     stack: list[T] = []
     for node in reversed(tree):
         stack.append(combine(node, stack.pop(), stack.pop()) if isinstance(node, str) else leaf(node))
@@ -49,8 +52,10 @@ def fold(tree: Tree, leaf: Callable[[int], T], combine: Callable[[str, T, T], T]
 
 
 def count_cut_media(tree: Tree, media_of: Sequence[int]) -> np.ndarray:
-    """For each leaf, how many media it can cut: the greatest number of media in the first operand of a - or * in
-    whose second operand it is.
+    """Returns, for each leaf, how many media the leaf can cut.
+
+    A leaf in the second operand of an operator - or * can cut the media of the first operand. The result is the largest
+    number of such media over all operators.
     """
     result = np.zeros(len(media_of), int)
 
@@ -69,9 +74,11 @@ def count_cut_media(tree: Tree, media_of: Sequence[int]) -> np.ndarray:
 
 @dataclass(eq=False)
 class Body:
-    """A solid of one medium: ``manifold()`` is its lazy mesh, ``boxes`` (n, 10, 3) are those of its leaves (min and max
-    corner, then the corners of the turned box), ``surfaces`` are the shared ones that its faces may lie on. Equal
-    leaves have the same ``solid``.
+    """A solid of one medium.
+
+    ``manifold()`` is its mesh, which manifold3d computes when it is needed. ``boxes`` (n, 10, 3) are the boxes of its
+    leaves: minimum and maximum corner, then the eight corners of the rotated box. ``surfaces`` are the shared surfaces
+    on which its faces may lie. Equal leaves have the same number ``solid``.
     """
 
     manifold: Callable[[], Manifold]
@@ -82,16 +89,16 @@ class Body:
 
     @property
     def box(self) -> np.ndarray:
-        """Its bounding box (2, 3), min and max corner."""
+        """The bounding box (2, 3) of the body: minimum and maximum corner."""
         return np.stack([self.boxes[:, 0].min(axis=0), self.boxes[:, 1].max(axis=0)])
 
     def touches(self, other: Body) -> bool:
-        """Whether a leaf's box of ``other`` touches the bounding box of this body."""
+        """Whether the box of a leaf of ``other`` touches the bounding box of this body."""
         return len(touching(other.boxes, self.box)) > 0
 
 
 def checked(manifold: Manifold) -> Manifold:
-    """Computes and returns a lazy mesh. Raises ArithmeticError if that fails."""
+    """Computes and returns a lazy mesh. Raises ArithmeticError if manifold3d reports an error."""
     status = manifold.status()
     if status != Error.NoError:
         raise ArithmeticError(f"manifold3d: {status}")
@@ -99,9 +106,9 @@ def checked(manifold: Manifold) -> Manifold:
 
 
 def evaluate(tree: Tree, groups: Sequence[int], body: Callable[[int], Body | None]) -> dict[int, Body]:
-    """The solid of each group of leaves that do not touch those of other groups; empty ones are left out.
+    """Evaluates the CSG tree for each connected group of touching leaves; returns the solids that are not empty.
 
-    ``groups`` has the group of each leaf, ``body(number)`` is the solid of a leaf.
+    ``groups`` has the group of each leaf. ``body(number)`` returns the solid of a leaf, or None.
     """
 
     def leaf(number: int) -> dict[int, _Chain]:
@@ -109,7 +116,7 @@ def evaluate(tree: Tree, groups: Sequence[int], body: Callable[[int], Body | Non
         return {groups[number]: _Chain(value)} if value else {}
 
     def combine(symbol: str, left: dict[int, _Chain], right: dict[int, _Chain]) -> dict[int, _Chain]:
-        # A group that one operand lacks: + keeps it, - keeps it if it is the left one's, * drops it.
+        # If only one operand has a group, + keeps the group, - keeps a group of the left operand, * removes the group.
         small, large = sorted((left, right), key=len)
         common = {group: left[group].combined(symbol, right[group]) for group in small if group in large}
         if symbol == "*":
@@ -124,19 +131,22 @@ def evaluate(tree: Tree, groups: Sequence[int], body: Callable[[int], Body | Non
     return {group: chain.value() for group, chain in sorted(fold(tree, leaf, combine).items())}
 
 
-#: A step of a chain: the body that it subtracts first, and the body that it adds then.
+#: A step of a chain: a body that is subtracted first, and a body that is added then.
 Step = tuple[Body | None, Body | None]
 
 
 class _Chain:
-    """A chain of + and -: operands with their signs, the first one positive."""
+    """A chain of the operators + and -: operands with their signs; the first operand is positive."""
 
     def __init__(self, first: Body) -> None:
         self.operands = deque([("+", first)])
         self.has_minus = False
 
     def combined(self, symbol: str, other: _Chain) -> _Chain:
-        """The chain of this one, ``symbol`` and ``other``; A + (B + C) and A - (B + C) are flattened."""
+        """Returns the chain for an operator with this chain and ``other`` as operands.
+
+        A + (B + C) and A - (B + C) are flattened to one chain.
+        """
         if symbol == "*":
             return _Chain(combined("*", self.value(), other.value()))
         right = _Chain(other.value()) if other.has_minus else other
@@ -148,10 +158,10 @@ class _Chain:
         return self
 
     def value(self) -> Body:
-        """The chain evaluated from left to right.
+        """Evaluates the chain from left to right.
 
-        Operands that do not touch commute. So each operand is moved to the earliest possible step: after the steps of
-        all earlier operands that it touches, or in the same step if their signs are equal.
+        Operands that do not touch can be exchanged. So each operand is moved to the earliest possible step: after the
+        steps of all earlier operands that it touches, or to the same step if the signs are equal.
         """
         if len(self.operands) == 1:
             return self.operands[0][1]
@@ -184,13 +194,14 @@ def apply_steps(before: Body | None, steps: list[Step]) -> Step:
 
 
 def _mergeable(before: Body, steps: list[Step]) -> bool:
-    """Whether each face has the same owner if the steps are merged as if they are applied one after the other.
+    """Whether merged steps give each face the same owner as steps that are applied one after the other.
 
-    One step may cover a face of ``before`` or of a subtracted solid, and a later step may subtract a solid with a face
-    on the same surface and uncover it. Step by step, the later solid owns the face; after merging, the earlier one.
-    No face is covered if there is material on one side of the surface only.
+    An earlier step may cover a face of ``before`` or of a subtracted solid. A later step may subtract a solid that has
+    a face on the same surface, and so uncover the covered face. If the steps are applied one after the other, the later
+    solid owns the face; after merging, the earlier solid owns it. No face is covered if there is material on only one
+    side of the surface.
     """
-    surfaces, boxes = before.surfaces, before.boxes  # of the steps so far: of faces, and of what is filled
+    surfaces, boxes = before.surfaces, before.boxes  # of faces, and of solids, in earlier steps
     for subtracted, added in steps:
         if subtracted:
             near = touching(boxes, subtracted.box)
@@ -203,11 +214,11 @@ def _mergeable(before: Body, steps: list[Step]) -> bool:
     return True
 
 
-MAX_BATCH = 500  # the largest number of bodies in one union; of more, each half is computed first, to save memory
+MAX_BATCH = 500  # the largest number of bodies in one union; more bodies are united in two halves, which saves memory
 
 
 def union(bodies: Iterable[Body | None]) -> Body | None:
-    """The union of bodies, or None if there are none; the first body owns a common face."""
+    """Returns the union of bodies, or None if there are none. The first of the bodies owns a common face."""
     solids: dict[int | None, Body] = {}
     distinct = [body for body in bodies if body and (body.solid is None or solids.setdefault(body.solid, body) is body)]
     if len(distinct) < 2:
@@ -230,7 +241,7 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
 
 
 def combined(symbol: str, first: Body, second: Body) -> Body:
-    """The union (+), difference (-) or intersection (*) of two bodies; the first one owns a common face."""
+    """Returns the union (+), difference (-) or intersection (*) of two bodies; the first body owns a common face."""
     if symbol == "-" and not first.touches(second):
         return first
     boxes = np.concatenate([first.boxes, second.boxes]) if symbol == "+" else first.boxes
@@ -238,7 +249,9 @@ def combined(symbol: str, first: Body, second: Body) -> Body:
 
 
 def remainder(first: Body, second: Body) -> Body:
-    """The second body minus the first one. On common surfaces, the faces of the result are the first body's."""
+    """Returns the second body minus the first body. On common surfaces, the faces of the result belong to the first
+    body.
+    """
     return _operation(first, second, None, 1, second.boxes)
 
 
@@ -262,15 +275,16 @@ def _operation(first: Body, second: Body, operation: OpType | None, outwards: in
     return Body(lambda: result, boxes, first.surfaces | second.surfaces, planes)
 
 
-MAX_NEIGHBOURS = 64  # small solids that touch a leaf, per triangle; above it the leaf's mesh is refined
-REFINED_NEIGHBOURS = 32  # small solids per triangle of a refined mesh, approximately
-SMALL = 8  # a solid is small if its box has less than one over this of the volume of the other box
-MIN_TRIANGLES = 4  # of a closed mesh
+MAX_NEIGHBOURS = 64  # a leaf's mesh is refined if more small solids than this touch it, per triangle
+REFINED_NEIGHBOURS = 32  # the approximate number of small solids per triangle of a refined mesh
+SMALL = 8  # a solid is small if its box has less than 1/8 of the volume of the other box
+MIN_TRIANGLES = 4  # the smallest number of triangles of a closed mesh
 
 
 def count_small_neighbours(boxes: np.ndarray) -> np.ndarray:
-    """For each of the ``boxes``, see :class:`Body`, the number of small ones that touch it; 0 if there are too few for
-    a mesh to be refined.
+    """Returns, for each of the ``boxes`` (see :class:`Body`), how many small boxes touch it.
+
+    The result is 0 for all boxes if there are too few boxes to refine a mesh.
     """
     result = np.zeros(len(boxes), int)
     if len(boxes) > MIN_TRIANGLES * MAX_NEIGHBOURS:
@@ -282,9 +296,9 @@ def count_small_neighbours(boxes: np.ndarray) -> np.ndarray:
 
 
 def refined(manifold: Manifold, small_neighbours: int) -> Manifold:
-    """A leaf's mesh, refined if many small solids touch it, such as holes in a plate.
+    """Returns a leaf's mesh, which is refined if many small solids touch it, such as holes in a plate.
 
-    manifold3d triangulates a cut triangle in a time that grows as the square of the number of cuts.
+    The time in which manifold3d triangulates a cut triangle grows as the square of the number of cuts.
     """
     if small_neighbours <= MAX_NEIGHBOURS * manifold.num_tri():
         return manifold

@@ -238,8 +238,8 @@ def choose_segments(
 
     ``bounds`` are balls that contain the active zones of the solids. If only a cap of a ball is in its active zone,
     this function also sets the ball's ``facet_map``. Solids that share a curved face get the same number of segments.
-    If there were more than MAX_TRIANGLES triangles, all solids become coarser, and a :class:`SceneWarning` is emitted.
-    Raises :class:`SceneError` if even the coarsest meshes have too many triangles.
+    If the solids would have more than MAX_TRIANGLES triangles, all solids become coarser, and a :class:`SceneWarning`
+    is emitted. Raises :class:`SceneError` if even the coarsest meshes have too many triangles.
     """
     requested_tolerance = tolerance
     while True:

@@ -80,8 +80,8 @@ class Primitive(ABC):
         """Returns a mesh with ``segments`` around a circle; the vertices of a curved face lie on the quadric.
 
         ``facet_map`` (4, 4) maps the quadric to itself, or another primitive's equal quadric to the quadric of this
-        primitive. It moves the facets of the curved face, and keeps their order. For a sphere, ``facet_map`` may be
-        projective.
+        primitive. ``facet_map`` moves the facets of the curved face, and keeps their order. For a sphere, ``facet_map``
+        may be projective.
         """
 
     @abstractmethod
@@ -109,7 +109,7 @@ class Primitive(ABC):
     def segments(self, to_world: np.ndarray, camera: Camera, tolerance: float) -> list[int]:
         """Returns the number of segments around a circle for each transform (n, 4, 4).
 
-        With this number, the chord error is below ``tolerance`` pixels.
+        For the returned number of segments, the chord error is below ``tolerance`` pixels.
         """
         if self.curved is None:
             return [4] * len(to_world)
@@ -221,7 +221,7 @@ def _subdivided_octahedron(segments: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Sphere(Primitive):
-    """The unit ball. Its only face is curved, and every triangle of its mesh is a facet."""
+    """The unit ball. The only face of the ball is curved, and every triangle of its mesh is a facet."""
 
     name = "sphere"
     quadrics = np.diag([1.0, 1, 1, -1])[None]

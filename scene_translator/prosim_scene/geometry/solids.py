@@ -18,8 +18,8 @@ class Solid:
     """A primitive with its transform; equal leaves of the CSG tree share one solid.
 
     ``to_world`` is a 4x4 matrix. ``segments`` is the number of segments around a circle. ``surfaces`` has for each face
-    the number of the surface that it shares with other solids, or -1. A curved surface that several solids share has an
-    owner, the largest of them, whose facets all of them use; ``facet_map`` maps the owner's space to the space of this
+    the number of the surface that it shares with other solids, or -1. If several solids share a curved surface, all of
+    them use the facets of its owner, the largest solid. ``facet_map`` maps the owner's space to the space of this
     solid. ``shrink`` is a factor of the curved face's size: 1 or slightly less.
     """
 

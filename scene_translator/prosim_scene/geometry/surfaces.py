@@ -241,8 +241,8 @@ def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, in
     """Returns the media inside and outside of a face for its :class:`MeshKey`; ``own`` is the medium of the face's
     leaf.
 
-    An opaque face has a medium outside only if it ``reflects`` by Fresnel's equations. If a dielectric cuts an opaque
-    solid, the dielectric owns the face of the cut.
+    In the key, an opaque face has a medium outside only if the face ``reflects`` by Fresnel's equations. If a
+    dielectric cuts an opaque solid, the dielectric owns the face of the cut.
     """
     if own == OPAQUE:
         return own, outside if reflects else AIR
@@ -252,7 +252,7 @@ def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, in
 def _warn_of_lining(document: Document, number: int, leaf: Leaf, opaque: bool) -> None:
     """Warns that an opaque leaf cuts glass, or that a glass leaf cuts an opaque solid.
 
-    The leaf that cuts owns the faces of the cut, so they have its material.
+    The leaf that cuts owns the faces of the cut, so these faces have the material of this leaf.
     """
     surface = f"SURFACE {leaf.index}"
     what, problem, expected = "an opaque solid", "is a dieletrico, and the solid looks hollow", "another material"

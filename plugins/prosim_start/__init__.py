@@ -37,7 +37,7 @@ def main() -> None:
 def open_if_closed(file: int, name: str) -> None:
     """Opens the null device as the standard file ``file`` (0, 1 or 2), if this file is closed.
 
-    Otherwise the next file that the process opens, perhaps an image, would become the standard file.
+    If the standard file stayed closed, the next file that the process opens, perhaps an image, would take its number.
     """
     try:
         os.fstat(file)

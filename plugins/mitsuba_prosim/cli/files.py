@@ -39,8 +39,8 @@ STATE_SUFFIXES = re.compile(r"(\.state|\.\d+-of-(?P<of>\d+))\.npz$")
 class InputFile(click.Path):
     """The type of an argument that is an existing file. ``kinds`` are the kinds of files that are allowed.
 
-    ``what`` is the name of the allowed files in messages. ``patterns`` match the names of such files. ``writer`` is the
-    command that writes such a file.
+    ``what`` is the name of the allowed files in messages. ``patterns`` match the names of allowed files. ``writer`` is
+    the command that writes allowed files.
     """
 
     def __init__(self, what: str, kinds: Collection[str], patterns: Collection[str], writer: str = "") -> None:

@@ -30,8 +30,8 @@ class Progress(tqdm):
     def show(self, done: float, step: str = "rendering") -> None:
         """Shows the progress ``done`` of a step, or of a frame, in [0, 1]; the bar never moves back.
 
-        The estimate of the remaining time ignores the progress that the first call for a step reports, because it was
-        made before.
+        The estimate of the remaining time ignores the progress that the first call for a step reports, because an
+        earlier render made this progress.
         """
         if step != self.step:
             if self.step:

@@ -55,7 +55,7 @@ class RenderTask:
 
     @cached_property
     def scene(self) -> mi.Scene:
-        """The scene, which is loaded at the first use. Raises the errors of loading its plugins."""
+        """The scene, which is loaded at the first use. Raises the errors of the scene's plugins."""
         return self.file.load()
 
     @cached_property

@@ -57,8 +57,8 @@ class Checkpoint:
 
     ``attributes`` are names and numbers for JSON. ``pixels`` maps names to the values of the pixels that have samples,
     shape (pixels,); the array ``index`` has the indices of these pixels in the plan's domain. ``second`` has the arrays
-    of the second image. ``about`` are further attributes of the caller, for JSON. ``environment`` describes the process
-    that took the samples, see :func:`.this_environment`.
+    of the second image. ``about`` are further attributes for JSON, which the caller adds. ``environment`` describes the
+    process that took the samples, see :func:`.this_environment`.
     """
 
     attributes: Mapping[str, Any]

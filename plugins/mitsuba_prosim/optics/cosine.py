@@ -13,8 +13,8 @@ import mitsuba as mi
 def log1p(x: mi.Float) -> mi.Float:
     """Returns ln(1 + x) for x > -1, precise for small x.
 
-    Below -1 + 1e-8 the result is finite, but not a logarithm. The rounding error of 1 + x is corrected to first order,
-    so that the derivative is precise too.
+    For x below -1 + 1e-8 the result is finite, but it is not ln(1 + x). The rounding error of 1 + x is corrected to
+    first order, so that the derivative is precise too.
     """
     u = dr.maximum(1 + x, 1e-8)
     return dr.log(u) + (x - (u - 1)) / u

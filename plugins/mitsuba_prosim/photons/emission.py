@@ -67,7 +67,7 @@ KINDS = ("point", "surface", "far")
 
 
 def kind(emitter: mi.Emitter) -> str | None:
-    """Returns which of :data:`KINDS` the ``emitter`` is.
+    """Returns the kind of ``emitter``: "point", "surface" or "far" (:data:`KINDS`).
 
     Returns None for ``directionalarea``, and if the flags of ``emitter`` do not tell where the emitter is.
     """

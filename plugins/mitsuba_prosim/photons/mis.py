@@ -11,7 +11,7 @@ to the ray and per solid angle. The density of photons is known where the photon
 of specular surfaces, the choice of a lobe and the reflectance reduce the density. The density of photons also scales
 with the square of the index of refraction, as radiance does: mirrors and lenses do not change the product of the area
 and the solid angle of a beam. The étendue of a camera ray (:class:`RayWithEtendue`) is the area on which photons count
-at G, perpendicular to the ray, divided by the density with which the lobe samples the ray.
+at the glossy surface, perpendicular to the ray, divided by the density with which the lobe samples the ray.
 
 A near-specular surface is a glossy surface whose lobe is much narrower than the lobe of the roughest surface. A chain
 of specular surfaces may contain near-specular surfaces. At a near-specular surface, the density of photons and the

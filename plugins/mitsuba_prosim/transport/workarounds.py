@@ -120,8 +120,8 @@ def sample(
 def eval_pdf(
     lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
 ) -> tuple[mi.Spectrum, mi.Float]:
-    """Returns the value of ``lobe`` of one ``bsdf`` times the cosine for ``wo``, and the density of :func:`sample` for
-    ``wo``.
+    """Returns the value of ``lobe`` of ``bsdf`` times the cosine, and the density of :func:`sample`, both for the
+    direction ``wo``.
     """
     splits_choice = _mixes_ideal_and_smooth(lobe, bsdf) and not _needs_leaves(lobe, bsdf)
     requested = lobes.only(lobe, *lobes.SMOOTH) if splits_choice else lobe

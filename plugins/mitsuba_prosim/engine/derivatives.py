@@ -56,13 +56,13 @@ class Derivatives:
             for pixel, t, count in self.lanes():
                 px, py = dr.gather(mi.Int32, x, pixel), dr.gather(mi.Int32, y, pixel)
                 values, _, position = self.estimator.sample(self.plan, px, py, t)
-                share = dr.rcp(mi.Float(count))
+                inverse_count = dr.rcp(mi.Float(count))
                 splats = []
                 targets = [(px + dx, py + dy) for dy in offsets for dx in offsets]
                 for (tx, ty), (weight, _) in zip(targets, self.estimator.splats([mi.Float(1)], position)):
-                    there = (tx >= left) & (tx < right) & (ty >= top) & (ty < bottom)
-                    weight = dr.select(there, weight * share, 0)
-                    splats.append((weight, dr.select(there, index_within(window, tx, ty), 0)))
+                    in_window = (tx >= left) & (tx < right) & (ty >= top) & (ty < bottom)
+                    weight = dr.select(in_window, weight * inverse_count, 0)
+                    splats.append((weight, dr.select(in_window, index_within(window, tx, ty), 0)))
                 yield values, splats
 
     def lanes(self) -> Iterator[list[mi.UInt32]]:

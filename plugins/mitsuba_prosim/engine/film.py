@@ -153,13 +153,13 @@ def film_values(state: FilmState, own_aovs: Sequence[str], second: Accumulators 
     for dy in reversed(offsets):
         for dx in reversed(offsets):
             sx, sy = x - dx, y - dy
-            there = (sx >= first_x) & (sx < last_x) & (sy >= first_y) & (sy < last_y)
+            in_region = (sx >= first_x) & (sx < last_x) & (sy >= first_y) & (sy < last_y)
             source = mi.UInt32(own_index - dy * width - dx)
-            count = dr.gather(mi.UInt32, accumulators.count, source, there)
+            count = dr.gather(mi.UInt32, accumulators.count, source, in_region)
             weight = dr.select(count > 0, dr.rcp(mi.Float(count)), 0)
             place = ((dy + reach) * (2 * reach + 1) + dx + reach) * len(names)
             for c, sums in enumerate(accumulators.sums[place : place + len(names)]):
-                totals[c] = totals[c] + weight * dr.gather(mi.Float, sums, source, there)
+                totals[c] = totals[c] + weight * dr.gather(mi.Float, sums, source, in_region)
     weight = totals[names.index("W")]
     totals += [weight * mi.Float(dr.gather(type(own[name]), own[name], mi.UInt32(own_index))) for name in own_aovs]
     values = dr.ravel(mi.ArrayXf(totals))

@@ -120,9 +120,9 @@ class Lights:
         self.groups: list[Group] = []
         self.emitters: list[mi.Emitter] = []
         for strategy in STRATEGIES:
-            if own := [e for e, s in strategies.items() if s is strategy]:
-                self.groups.append((strategy(own), len(self.emitters), len(self.emitters) + len(own)))
-                self.emitters += own
+            if members := [e for e, s in strategies.items() if s is strategy]:
+                self.groups.append((strategy(members), len(self.emitters), len(self.emitters) + len(members)))
+                self.emitters += members
         #: Number of lamps, and number of all light sources.
         self.lamps, self.count = len(self.emitters), len(self.emitters) + len(skies)
         self.emitters += skies

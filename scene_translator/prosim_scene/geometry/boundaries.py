@@ -57,10 +57,10 @@ def concatenated(boundaries: Sequence[Boundary]) -> Boundary:
     """Returns one boundary with the triangles of all ``boundaries``."""
     if len(boundaries) == 1:
         return boundaries[0]  # saves the memory of a copy
-    starts = np.cumsum([0, *(len(one.vertices) for one in boundaries)])[:-1]
-    triangles = np.concatenate([np.empty(0, TRIANGLE), *(one.triangles for one in boundaries)], dtype=TRIANGLE)
-    triangles["index"] += np.repeat(starts, np.array([len(one.triangles) for one in boundaries], int))[:, None]
-    return Boundary(np.concatenate([np.empty((0, 3)), *(one.vertices for one in boundaries)]), triangles)
+    starts = np.cumsum([0, *(len(part.vertices) for part in boundaries)])[:-1]
+    triangles = np.concatenate([np.empty(0, TRIANGLE), *(part.triangles for part in boundaries)], dtype=TRIANGLE)
+    triangles["index"] += np.repeat(starts, np.array([len(part.triangles) for part in boundaries], int))[:, None]
+    return Boundary(np.concatenate([np.empty((0, 3)), *(part.vertices for part in boundaries)]), triangles)
 
 
 class OriginalIds:
@@ -109,9 +109,9 @@ def boundaries(bodies: dict[int, Body], ids: OriginalIds, fresnel: Collection[in
             continue
         neighbours = [other for other, _ in layers if other != OPAQUE or fresnel]
         if total and neighbours:
-            found = ids.boundary(remainder(total, body))
+            boundary = ids.boundary(remainder(total, body))
             for other in neighbours:
-                face = Boundary(found.vertices, found.triangles[found.triangles["inside"] == other])
+                face = Boundary(boundary.vertices, boundary.triangles[boundary.triangles["inside"] == other])
                 interfaces[other] += [face.reversed_side(medium)] if len(face.triangles) else []
         total = combined("+", total, body) if total else body
         layers.append((medium, total))
@@ -126,8 +126,8 @@ def boundaries(bodies: dict[int, Body], ids: OriginalIds, fresnel: Collection[in
             for face in interfaces[medium]
         )
         assert total
-        found = ids.boundary(total if touched else body)
-        result.append(Boundary(found.vertices, found.triangles[found.triangles["inside"] == medium]))
+        boundary = ids.boundary(total if touched else body)
+        result.append(Boundary(boundary.vertices, boundary.triangles[boundary.triangles["inside"] == medium]))
         result += interfaces[medium] * touched
     return result
 

@@ -50,9 +50,9 @@ def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
         relative[:, :3, :3] = inverse @ matrices[order, :3, :3]
         relative[:, :3, 3:] = inverse @ (matrices[order] - matrices[representative])[:, :3, 3:]
         relative[:, 3, 3] = 1
-        found = relative.transpose(0, 2, 1) @ quadrics[representative] @ relative
-        found /= np.linalg.norm(found, axis=(1, 2), keepdims=True)
-        same = np.abs(found - canonical[order]).max(axis=(1, 2)) < SAME
+        transformed = relative.transpose(0, 2, 1) @ quadrics[representative] @ relative
+        transformed /= np.linalg.norm(transformed, axis=(1, 2), keepdims=True)
+        same = np.abs(transformed - canonical[order]).max(axis=(1, 2)) < SAME
         same |= order == representative
         result[order[same]] = representative[same]
         order = order[~same]

@@ -72,10 +72,10 @@ def bounding_balls(solids: Sequence[Solid]) -> list[Ball]:
     """Returns the bounding balls of solids, in world coordinates."""
     result = [UNBOUNDED] * len(solids)
     for primitive, numbers in group_equal(s.primitive for s in solids).items():
-        matrices = np.array([solids[i].to_world for i in numbers])
+        matrices = np.array([solids[number].to_world for number in numbers])
         _, center, radius = primitive.ball(matrices[:, :3, :3])
-        for i, (x, y, z), r in zip(numbers, (center + matrices[:, :3, 3]).tolist(), radius.tolist()):
-            result[i] = Ball((x, y, z), r)
+        for number, (x, y, z), r in zip(numbers, (center + matrices[:, :3, 3]).tolist(), radius.tolist()):
+            result[number] = Ball((x, y, z), r)
     return result
 
 

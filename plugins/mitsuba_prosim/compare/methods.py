@@ -109,7 +109,7 @@ class ComparedScene:
         """Returns the first sensor of the scene, with the sampler that is named, or with its own sampler."""
         if sampler not in self._sensors:
             self._sensors[sampler] = self.file.load(sampler).sensors()[0]
-            gc.collect()  # deletes the new scene, because Dr.Jit traces the BSDFs of all scenes that exist
+            gc.collect()  # deletes the loaded scene, because Dr.Jit traces the BSDFs of all existing scenes
         return self._sensors[sampler]
 
     @cached_property

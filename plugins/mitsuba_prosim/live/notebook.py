@@ -116,7 +116,7 @@ class View:
         self._label = widgets.Label("compiling kernels")
         stop = widgets.Button(description="Stop", icon="stop")
         stop.on_click(lambda _: self.stop())
-        # The controls are above the image, so its height does not move them. They wrap in a narrow cell.
+        # The controls are above the image, so the height of the image does not move them. They wrap in a narrow cell.
         controls = widgets.HBox([stop, self._progress, self._label, self._layer], layout={"flex_flow": "row wrap"})
         self._box = widgets.VBox([controls, self._shown], layout={"align_items": "flex-start"})
         self._place = display(self._box, display_id=True)

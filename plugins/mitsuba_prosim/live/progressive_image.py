@@ -111,7 +111,7 @@ def without_maps(layers: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 def integrator_name(integrator: Any) -> str:
     """Returns the name of an integrator, or the name of its nested integrator."""
     integrator = getattr(integrator, "nested", integrator)
-    if hasattr(integrator, "parameter_names"):  # one of ours
+    if hasattr(integrator, "parameter_names"):  # a plugin of this project
         return str(integrator.name)
     return str(integrator.class_name()).removesuffix("Integrator").lower()
 

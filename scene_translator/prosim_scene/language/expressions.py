@@ -155,7 +155,7 @@ def evaluate(source: Source, braces: Span, definitions: Definitions) -> float:
     except UnexpectedInput as error:
         raise _syntax_error(source, braces, error) from None
     values: dict[int, float] = {}
-    for node in tree.iter_subtrees():  # the leaves first
+    for node in tree.iter_subtrees():  # visits the leaves first
         span = Span(first + node.meta.start_pos, first + node.meta.end_pos)
         operands = [values[id(child)] for child in node.children if isinstance(child, Tree)]
         values[id(node)] = _value(source, node, span, operands, definitions)

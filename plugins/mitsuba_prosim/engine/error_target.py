@@ -119,17 +119,9 @@ class SecondImage:
         self.plan = replace(state.plan, seed=seed, photon_seed=int(seed[0]), sampling=sampling)
         self.estimator = state.estimator
         if state.second is None or dr.width(state.second.count) != len(index):  # none, or for other pixels
-            self.accumulators = Accumulators.empty(self.estimator.sums_per_pixel, len(index))
-
-    @property
-    def accumulators(self) -> Accumulators:
-        """The accumulators of the second image, which the state owns and a checkpoint stores."""
-        assert self.state.second is not None
-        return self.state.second
-
-    @accumulators.setter
-    def accumulators(self, sums: Accumulators) -> None:
-        self.state.second = sums
+            state.second = Accumulators.empty(self.estimator.sums_per_pixel, len(index))
+        #: The same object as in the state, which a checkpoint stores.
+        self.accumulators = state.second
 
     @alone()
     def noise(self, state: FilmState) -> tuple[float, float, float]:

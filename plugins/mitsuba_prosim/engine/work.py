@@ -180,7 +180,7 @@ def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, samples: in
     @alone()
     def store(sums: Accumulators) -> None:
         if index is None:
-            pixels.accumulators = sums
+            vars(pixels.accumulators).update(vars(sums))
         else:
             dr.scatter(pixels.accumulators, sums, index, mode=dr.ReduceMode.NoConflicts)
             dr.eval(pixels.accumulators)

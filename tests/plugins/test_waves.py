@@ -13,9 +13,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings
+from mitsuba_prosim.cli.report import summary
 from mitsuba_prosim.compat import take_back_interrupts
 from mitsuba_prosim.engine.work import Executor
-from scenes import COPPER, CROP, alone, loaded, penumbra
+from scenes import COPPER, CROP, alone, loaded, penumbra, rgb, sphere_lamp
 
 LUMINANCE = [0.2126, 0.7152, 0.0722]
 
@@ -271,9 +272,7 @@ def test_an_image_of_one_pixel_grows_step_by_step(variant_rgb):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "ball, nested, asked",
-    [(None, None, 0.006), (COPPER, None, 0.006), (None, "path", 0.015), (COPPER, "path", 0.02)],
-    ids=["matt", "copper", "matt, path", "copper, path"],
+    "ball, nested, asked", [(None, None, 0.006), (COPPER, None, 0.006), (None, "path", 0.015), (COPPER, "path", 0.02)]
 )
 def test_the_noise_that_is_asked_for_is_reached(variant_rgb, ball, nested, asked):
     """Against the mean of 6 images of 256 samples. Of 12 seeds at least 11 lie within 0.7 and 1.05 of what was asked
@@ -299,11 +298,19 @@ def assert_reached(ball, nested, asked):
 
 @pytest.mark.parametrize("adaptive", ["none", "neighbours", "graded"])
 def test_noise_says_what_it_reached_and_ends_at_the_most_samples(variant_rgb, adaptive):
-    scene = loaded(COPPER, adaptive=adaptive, noise=0.02, aovs="samples")
-    assert 0 < reached(scene).noise <= 0.02
+    assert 0 < reached(loaded(COPPER, adaptive=adaptive, noise=0.02)).noise <= 0.02
     scene = loaded(COPPER, adaptive=adaptive, noise=1e-6, max_samples=60, aovs="samples")
     assert reached(scene).noise > 1e-6
     assert np.rint(np.array(scene.sensors()[0].film().develop())[..., -1]).max() == 60
+
+
+def test_the_noise_is_uncertain_if_few_pixels_have_most_of_it(variant_rgb):
+    """A visible lamp smaller than a pixel, wherever the second image has its pixels."""
+    bright = {"light": sphere_lamp([0.9, 1.6, 1.5], 0.02, rgb(20000, 20000, 20000))}
+    tiny, wide = (mi.load_dict(penumbra(size=96, type="prosim", noise=0.1) | lamp) for lamp in (bright, {}))
+    for far, other in ((reached(tiny, seed), reached(wide, seed)) for seed in range(3)):
+        assert f"uncertain: it may be {far.noise_at_most:.2g}" in summary(tiny.integrator(), far, "noise")
+        assert not other.uncertain
 
 
 @pytest.mark.parametrize(

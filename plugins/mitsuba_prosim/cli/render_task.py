@@ -298,7 +298,8 @@ class Snapshots:
                 steps.update_film()
                 seconds = perf_counter() - self.started
                 facts = report.metadata(task.job, task.integrator, reached, False, seconds)
-                facts |= {"prosim.ended": f"snapshot {text}", "prosim.noise_at_most": f"{steps.noise_bound():.6g}"}
+                facts = {"prosim.noise_at_most": f"{steps.noise_bound():.6g}"} | facts
+                facts["prosim.ended"] = f"snapshot {text}"
                 exr = images.encode(task.sensor.film().bitmap(), facts)[".exr"]
                 files.save(task.stem.with_name(f"{task.stem.name}.{text}"), {".exr": exr})
 

@@ -27,8 +27,8 @@ def metadata(
     """Returns the metadata of an EXR image.
 
     For a progressive integrator, ``prosim.samples`` is the mean number of samples per pixel. ``prosim.noise``,
-    ``prosim.noise_99`` and ``prosim.noise_999`` exist if they were measured. ``prosim.ended`` is the result of
-    :func:`end_cause`, if this is not None.
+    ``prosim.noise_99``, ``prosim.noise_999`` and ``prosim.noise_at_most`` exist if they were measured.
+    ``prosim.ended`` is the result of :func:`end_cause`, if this is not None.
     """
     result = {
         "scene": job.scene,
@@ -39,7 +39,7 @@ def metadata(
         "seconds": f"{seconds:.3f}",
     }
     if reached is not None:
-        values = {name: getattr(reached, name) for name in ("samples", *NOISES)}
+        values = {name: getattr(reached, name) for name in ("samples", *NOISES, "noise_at_most")}
         result |= {name: f"{value:.6g}" for name, value in values.items() if not isnan(value)}
         if ended := end_cause(integrator, reached, interrupted):
             result["ended"] = ended
@@ -63,6 +63,8 @@ def summary(
         measured = getattr(reached, name)
         value = "not known yet," if isnan(measured) else f"{below}{measured:.2g}"
         parts.append(f"{NOISES[name]} {value} of {getattr(integrator, name):g}")
+        if name == "noise" and reached.uncertain:
+            parts.append(f"uncertain: it may be {reached.noise_at_most:.2g}")
     if noise_bound is not None:
         value = "not known" if isnan(noise_bound) else f"at most about {noise_bound:.2g}"
         parts.append(f"noise {value} (--noise measures it)")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import mitsuba as mi
 import numpy as np
 
-from ..engine.error_target import AIM, ENOUGH
+from ..engine.error_target import AIM, ENOUGH, Noise
 from ..registry import create
 from ..sampling.hash import combine, hash32
 from ..scene import rendering
@@ -31,9 +31,6 @@ LEAST_SIDE = 64
 
 #: With a probability of about 95 %, the error of the final image is at most this many times the limit.
 TOLERANCE = 1.1
-
-#: RMS error of the displayed image (white = 1), and the bounds of the errors of 99 % and of 99.9 % of its pixels.
-Noise = tuple[float, float, float]
 
 
 def render(
@@ -261,8 +258,8 @@ def features(
 
 
 def scaled(noise: Sequence[float], factor: float) -> Noise:
-    """Returns the three errors of ``noise``, each multiplied by ``factor``."""
-    return noise[0] * factor, noise[1] * factor, noise[2] * factor
+    """Returns the four errors of ``noise``, each multiplied by ``factor``."""
+    return noise[0] * factor, noise[1] * factor, noise[2] * factor, noise[3] * factor
 
 
 def check(film: mi.Film) -> None:

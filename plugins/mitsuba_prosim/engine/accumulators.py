@@ -88,10 +88,9 @@ class FilmState:
         self.outer = widened(plan.region, self.margin, plan.domain)
         self.x, self.y = pixels(self.outer)
         self.accumulators = Accumulators.empty(estimator.sums_per_pixel, area(self.outer))
-        #: RMS error of the displayed image (white = 1), and the bounds of 99 % and of 99.9 % of its pixels, in the last
-        #: measurement by :class:`.SecondImage`.
-        self.noise: tuple[float, float, float] = (float("nan"),) * 3
-        #: Estimates of the error of the denoised image: samples per pixel, the denoiser's networks, and the three
+        #: The last measurement by :class:`.SecondImage`, see :data:`.error_target.Noise`.
+        self.noise: tuple[float, float, float, float] = (float("nan"),) * 4
+        #: Estimates of the error of the denoised image: samples per pixel, the denoiser's networks, and the four
         #: errors as in ``noise``.
         self.estimates = list[Sequence[Any]]()
         #: Number of decisions of the policy so far; 0 before the end of the first pass.

@@ -7,6 +7,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -32,9 +33,17 @@ GROWTH = 4.0
 #: ratio.
 ENOUGH, AIM = 0.97, 0.94
 
+#: Maximum ratio of the upper bound of the error to the target; minimum ratio of the bound to the error if the error is
+#: uncertain because few pixels have most of it.
+TOLERANCE, UNCERTAIN = 1.05 / ENOUGH, 1.2
+
 #: A pass may use a photon pass if the number of its samples is at least that of the photons, or that of one sample of
 #: all pixels per map, divided by this number.
 SPARSE = 2
+
+#: RMS error of the displayed image (white = 1), the bounds of 99 and of 99.9 % of its pixels, and the upper bound of
+#: the RMS error, which the error exceeds with a probability of about 5 %; NaN while they are not known.
+Noise: TypeAlias = "tuple[float, float, float, float]"
 
 
 @dataclass(frozen=True)
@@ -52,8 +61,12 @@ class ErrorTarget:
     denoiser_seconds: float = 0.0
 
     def excess(self, noise: Sequence[float]) -> float:
-        """Returns the largest ratio of a measured error in ``noise`` to its limit; NaN without limits."""
-        ratios = [measured / limit for measured, limit in zip(noise, self.limits) if limit]
+        """Returns the largest ratio of a measured error in ``noise`` to its limit; NaN without limits. The upper bound
+        has a limit, too, unless the error is uncertain.
+        """
+        rms, *tails, bound = noise
+        rms = max(rms, bound / TOLERANCE) if bound <= UNCERTAIN * rms else rms
+        ratios = [measured / limit for measured, limit in zip((rms, *tails), self.limits) if limit]
         return min(max(ratios, default=np.nan), 1e100)
 
     def loosened(self, factor: float) -> ErrorTarget:
@@ -124,9 +137,8 @@ class SecondImage:
         self.accumulators = state.second
 
     @alone()
-    def noise(self, state: FilmState) -> tuple[float, float, float]:
-        """Returns the RMS error of the displayed image (white = 1), and the bounds of the errors of 99 % and of 99.9 %
-        of its pixels.
+    def noise(self, state: FilmState) -> Noise:
+        """Returns the error of the displayed image.
 
         The measured image is the image of ``state``, or the mean of both images if the second image is complete. The
         method replaces the samples of a pixel of the first image by the samples of the second image, and measures the
@@ -152,7 +164,15 @@ class SecondImage:
         part = (0.25 if self.complete else 0.5) * area(plan.region) / area(plan.window)
         errors = np.sqrt(part * np.array(squares, dtype=np.float64))
         tails = np.percentile(errors, [99, 99.9])
-        return float(np.sqrt(np.mean(errors**2))), float(tails[0]), float(tails[1])
+        rms, own = float(np.sqrt(np.mean(errors**2))), display_variance(first) / np.array(first.count, dtype=np.float64)
+        # The second image may lack the brightest pixels; the variance within the pixels shows them.
+        deviation = 0.5 * (concentration(errors**2) + 2 * concentration(state.crop(own, plan.window))) ** 0.5
+        return rms, float(tails[0]), float(tails[1]), rms * (1 + 1.645 * deviation)
+
+
+def concentration(squares: np.ndarray) -> float:
+    """Returns the inverse of the effective number of pixels that have the error; ``squares`` are squared errors."""
+    return float(np.sum(squares**2) / max(np.sum(squares) ** 2, 1e-300))
 
 
 def requested(state: FilmState) -> np.ndarray:

@@ -16,7 +16,7 @@ from ..alone import alone
 from .accumulators import FilmState
 from .checkpoint import Checkpoint
 from .error import in_display_units
-from .error_target import ENOUGH, ErrorTarget, SecondImage, mean, next_counts, remaining_factor
+from .error_target import ENOUGH, UNCERTAIN, ErrorTarget, SecondImage, mean, next_counts, remaining_factor
 from .estimator import Estimator
 from .film import film_values, put
 from .plan import UNLIMITED, Plan, area
@@ -42,8 +42,15 @@ class Reached:
     noise: float
     noise_99: float
     noise_999: float
+    #: Upper bound of the RMS error, which exceeds the bound with a probability of about 5 %.
+    noise_at_most: float
     #: Seconds since the beginning of the render.
     seconds: float
+
+    @property
+    def uncertain(self) -> bool:
+        """Whether the RMS error is uncertain, because few pixels have most of it."""
+        return self.noise_at_most > UNCERTAIN * self.noise
 
 
 class Render(Steps):

@@ -74,7 +74,7 @@ class ProgressiveImage:
                 "raw": result.raw,
                 "denoised": result.denoised,
             }
-            self.render.state.noise, self.new = (result.noise, np.nan, np.nan), True
+            self.render.state.noise, self.new = (result.noise, np.nan, np.nan, result.at_most), True
             yield Step(1.0, True)
 
     def layers(self) -> Mapping[str, np.ndarray]:

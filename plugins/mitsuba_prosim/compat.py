@@ -1,8 +1,8 @@
 """Undocumented properties of Mitsuba and Dr.Jit that this package relies on.
 
-Each function or constant relies on one property. The comment above each function or constant gives the reason, the
-version, and the upstream issue if there is one. Some workarounds are modules of their own: ``alone`` (one thread at a
-time), ``registry`` (variants), ``llvm``, ``transport.workarounds`` (BSDFs that ignore the type mask),
+Each function or constant relies on one property. The comment above a function or constant describes the property, and
+names the version and, if there is one, the upstream issue. Some workarounds are modules of their own: ``alone`` (one
+thread at a time), ``registry`` (variants), ``llvm``, ``transport.workarounds`` (BSDFs that ignore the type mask),
 ``stock_command``.
 """
 

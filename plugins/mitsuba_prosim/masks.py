@@ -20,9 +20,9 @@ def but_not(a: mi.Bool, b: mi.Bool) -> mi.Bool:
 def idle(active: mi.Bool) -> bool:
     """Tells whether ``active`` is known to be false, so that there is nothing to compute.
 
-    In scalar variants the mask is a Python boolean, which is known. If it is false, the shape, BSDF or emitter may be
-    missing and must not be called. In vectorised variants the mask is unknown while a kernel is recorded, so the result
-    is False.
+    In scalar variants the mask is a Python boolean, which is known. If the mask is false, the shape, BSDF or emitter
+    may be missing and must not be called. In vectorised variants the mask is unknown while a kernel is recorded, so the
+    result is False.
     """
     return not dr.is_jit_v(active) and not active
 

@@ -105,8 +105,9 @@ class Checkpoint:
     def restore(self, state: FilmState) -> bool:
         """Copies this checkpoint into ``state``, which has no samples yet.
 
-        Returns whether the image was already finished with the same target. If the target is another one, the policy
-        decides again. Raises ValueError if the checkpoint has the samples of another image.
+        Returns whether the image was already finished with the same target. If the target of ``state`` differs from the
+        target of the checkpoint, the policy decides again. Raises ValueError if the checkpoint has the samples of
+        another image.
         """
         mine, theirs = self.attributes["samples"], json.loads(json.dumps(identity(state)))
         if name := next((name for name, value in theirs.items() if mine.get(name) != value), None):

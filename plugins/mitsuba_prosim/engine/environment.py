@@ -31,7 +31,7 @@ def this_environment() -> dict[str, str]:
 def differences(theirs: Mapping[str, str], names: tuple[str, ...]) -> str:
     """Returns the differences between the environment ``theirs`` and that of this process, in words.
 
-    Only the entries ``names`` are compared. The text is empty if these entries agree.
+    Only the entries ``names`` are compared. The text is empty if all compared entries agree.
     """
     ours = this_environment()
     return ", ".join(

@@ -194,8 +194,8 @@ def requested(state: FilmState) -> np.ndarray:
 def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarray:
     """Returns the counts after the next pass, and sets ``state.effort``.
 
-    The counts are in proportion to the requested samples. They are as high as the target requires, but limited to the
-    size of one pass. ``speed`` is the number of samples per pixel and second; 0 if unknown.
+    The counts are in proportion to the requested samples. The counts are as high as the target requires, but limited to
+    the size of one pass. ``speed`` is the number of samples per pixel and second; 0 if unknown.
     """
     request, count = requested(state), np.array(state.accumulators.count)
     deviation, have = display_variance(state.accumulators), mean(count)
@@ -235,9 +235,9 @@ def remaining_factor(state: FilmState, target: ErrorTarget) -> float:
 def limit_by_photons(count: np.ndarray, wanted: np.ndarray, max_samples: int, maps: int, photons: int) -> int:
     """Returns the maximum number of samples of a pixel in a pass, so that photon passes are worth their cost.
 
-    The result is the maximum of the counts ``wanted``; it is smaller if too few samples would use the last photon
-    passes, and 0 if no photon pass is worth its cost. A photon pass has a fixed cost, so a photon pass waits until
-    enough pixels need it. A photon pass serves ``maps`` samples of each pixel. ``count`` has the samples so far;
+    The result is the maximum of the counts ``wanted``. The result is smaller if too few samples would use the last
+    photon passes, and 0 if no photon pass is worth its cost. A photon pass has a fixed cost, so a photon pass waits
+    until enough pixels need it. A photon pass serves ``maps`` samples of each pixel. ``count`` has the samples so far;
     ``max_samples`` is the maximum number of samples of a pixel.
     """
     last, lacking = int(wanted.max()), wanted > count

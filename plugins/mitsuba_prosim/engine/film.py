@@ -79,7 +79,7 @@ class Channels:
     def luminance(self, values: Sequence[mi.Float]) -> mi.Float:
         """Returns the luminance of the weighted sums ``values`` of a pixel, without the weight.
 
-        If the film stores no colours, this is the mean of its channels.
+        If the film stores no colours, the result is the mean of the channels of the film.
         """
         light = sum(values[:-1]) / (len(values) - 1) if self.special else mi.luminance(mi.Color3f(*values[:3]))
         return light / values[-1]
@@ -107,7 +107,7 @@ def parse_aovs(props: mi.Properties) -> tuple[list[str], mi.Integrator | None]:
     """Reads the parameter ``aovs``, and returns ``(own, mitsuba)``.
 
     ``own`` are the names in :data:`OWN_AOVS`. ``mitsuba`` is an ``aov`` integrator of Mitsuba for the other names, or
-    None. Raises ValueError for a name of neither kind.
+    None. Raises ValueError for a name that is neither in :data:`OWN_AOVS` nor has the form ``name:type``.
     """
     own, others = [], []
     for aov in filter(None, (a.strip() for a in props.get("aovs", "").split(","))):

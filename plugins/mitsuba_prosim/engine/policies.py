@@ -13,7 +13,7 @@ from .plan import Plan
 class Policy:
     """The policy ``none``, by which every pixel gets all samples; base class of the other policies.
 
-    A subclass overrides the attributes and methods in which it differs.
+    A subclass overrides the attributes and methods that differ from those of this class.
     """
 
     #: Distance in pixels up to which the policy looks at neighbours.

@@ -64,8 +64,8 @@ class Render(Steps):
 
     ``denoiser`` is a ``FinalImage``, which estimates the error of the denoised image. The denoiser needs a complete
     second image. The complete second image begins when the denoiser requests it, or at the end if the limits are not
-    reached. It begins at once if there is a time limit, or if the image is so small that the second image has all
-    pixels anyway.
+    reached. The second image begins at once if there is a time limit, or if the image is so small that the second image
+    has all pixels anyway.
 
     Raises ValueError if ``begin`` belongs to another image.
     """
@@ -274,7 +274,7 @@ class Render(Steps):
     def update_film(self, second: bool = False) -> None:
         """Writes the image so far to the film.
 
-        If ``second``, writes the second image instead, which must be complete.
+        If ``second`` is true, writes the second image to the film instead; the second image must be complete.
         """
         sums = self.second.accumulators if second and self.second else None
         values = self._values if sums is None else None
@@ -287,7 +287,7 @@ class Render(Steps):
     def image(self, second: bool = False) -> mi.TensorXf:
         """Returns the developed image so far, shape (height, width, channels).
 
-        If ``second``, returns the second image instead, which must be complete.
+        If ``second`` is true, returns the second image instead; the second image must be complete.
         """
         self.update_film(second)
         return self.film.develop()

@@ -81,7 +81,7 @@ class Prosim(ProgressiveIntegrator):
      * - diffuse_bounces
        - |int|
        - Number of diffuse reflections that are followed. 0: none, as in the thesis; -1: all, which is path tracing.
-         If it is not 0, each vertex samples one lamp, chosen by an estimate of its light. (Default: 0)
+         If the number is not 0, each vertex samples one lamp, chosen by an estimate of its light. (Default: 0)
 
      * - caustics
        - |bool|
@@ -139,10 +139,10 @@ class Prosim(ProgressiveIntegrator):
          (Default: 262144)
 
     Distributed ray tracing as in the thesis. At each surface, the integrator adds the ambient term and the light of
-    *every* source, scattered by the whole BRDF. Then it follows the reflected and the refracted ray, each sampled from
-    its lobe. The integrator follows no rays of diffuse lobes. So caustics and diffuse interreflection are missing,
-    unless :monosp:`caustics` and :monosp:`diffuse_bounces` add them. Multiple importance sampling combines lobes and
-    sources.
+    *every* source, scattered by the whole BRDF. Then the integrator follows the reflected and the refracted ray, each
+    sampled from its lobe. The integrator follows no rays of diffuse lobes. So caustics and diffuse interreflection are
+    missing, unless :monosp:`caustics` and :monosp:`diffuse_bounces` add them. Multiple importance sampling combines
+    lobes and sources.
 
     Two kinds of light are noisy: highlights of smooth surfaces that are seen in rough surfaces, without
     :monosp:`caustics`; and, on diffuse surfaces, the light of sources other than spheres and a constant sky.
@@ -152,28 +152,28 @@ class Prosim(ProgressiveIntegrator):
     count on rough surfaces behind smooth or nearly smooth surfaces, where they share the light with the rays of the
     lobe. Each sample of a pixel has its own photons, so that more samples reduce the noise of the photons. Paths leave
     this light to the photons. In spectral variants all pixels share the wavelengths of the photons. Photons come from
-    all sources of this package and from Mitsuba's :monosp:`area`, :monosp:`point`, :monosp:`spot`,
-    :monosp:`projector`, :monosp:`directional`, :monosp:`constant`, :monosp:`envmap` and :monosp:`sunsky`. Caustics are
-    not possible in scalar variants and within another integrator.
+    all sources of this package and from Mitsuba's :monosp:`area`, :monosp:`point`, :monosp:`spot`, :monosp:`projector`,
+    :monosp:`directional`, :monosp:`constant`, :monosp:`envmap` and :monosp:`sunsky`. Caustics are not possible in
+    scalar variants and within another integrator.
 
     **Samples.** Each space (the pixel, the lens, each source and each lobe at each node) has its own N-rook pattern.
     :monosp:`graded`, :monosp:`noise`, :monosp:`time`, a nonzero :monosp:`spp` and more than :math:`N^2` samples use
-    Owen-scrambled Sobol' points (see :ref:`sampler-owen`). A sample is a pure function of seed, pixel, space and
-    index. So the bits of the image do not depend on crop windows, :monosp:`band` and the number of threads. There are
-    two exceptions: with :monosp:`noise` they depend on the crop window, and with :monosp:`time` on all of these. The
-    reconstruction filter weights each sample by one over the number of samples in its pixel. The sensor's sampler is
-    not used. A nonzero :monosp:`spp` of ``render()`` replaces :math:`N^2`; :monosp:`graded` may take up to four times
-    as many samples in a pixel.
+    Owen-scrambled Sobol' points (see :ref:`sampler-owen`). A sample is a pure function of seed, pixel, space and index.
+    So the bits of the image do not depend on crop windows, :monosp:`band` and the number of threads. There are two
+    exceptions: with :monosp:`noise` the bits depend on the crop window, and with :monosp:`time` the bits depend on crop
+    windows, :monosp:`band` and the number of threads. The reconstruction filter weights each sample by one over the
+    number of samples in its pixel. The sensor's sampler is not used. A nonzero :monosp:`spp` of ``render()`` replaces
+    :math:`N^2`; :monosp:`graded` may take up to four times as many samples in a pixel.
 
     **Lobes** are selected by the type mask of Mitsuba's :monosp:`BSDFContext`. BSDFs without separate lobes
-    (:monosp:`principled`, :monosp:`principledthin`, :monosp:`hair`, :monosp:`pplastic`) are sampled as a whole. Only
-    light sampling finds their light, which is noisy where these BSDFs are smooth. With :monosp:`caustics` they count as
-    diffuse.
+    (:monosp:`principled`, :monosp:`principledthin`, :monosp:`hair`, :monosp:`pplastic`) are sampled as a whole. The
+    light that such a BSDF reflects is found only by light sampling, and is noisy if the BSDF is smooth. With
+    :monosp:`caustics` such a BSDF counts as diffuse.
 
     **Absorption.** The inside of a shape absorbs light by Beer's law if the :monosp:`interior` of the shape is a
-    :monosp:`homogeneous` medium with :monosp:`albedo` 0. Shapes within this medium need it as their
-    :monosp:`exterior`, and a camera within it needs it as its :monosp:`medium`. :monosp:`volpath` renders such a scene
-    equally. All other media count as empty, with a warning.
+    :monosp:`homogeneous` medium with :monosp:`albedo` 0. A shape within this medium must have the medium as its
+    :monosp:`exterior`, and a camera within this medium must have the medium as its :monosp:`medium`. :monosp:`volpath`
+    renders a scene with such a medium equally. All other media count as empty, with a warning.
 
     **Ambient light** needs the attribute :monosp:`ambient` of a BSDF, which the materials of this package have. The
     attribute also works within :monosp:`twosided`, :monosp:`mask`, :monosp:`blendbsdf`, :monosp:`bumpmap` and
@@ -185,8 +185,8 @@ class Prosim(ProgressiveIntegrator):
     :monosp:`time` and :monosp:`caustics` raise an error. Mitsuba's :monosp:`prb` supports the materials and sources of
     this package and is faster.
 
-    In scalar variants, and within another integrator (:monosp:`aov`, :monosp:`moment`), every pixel gets the samples
-    of the sensor's sampler.
+    In scalar variants, and within another integrator (:monosp:`aov`, :monosp:`moment`), every pixel gets the samples of
+    the sensor's sampler.
 
     .. tabs::
         .. code-tab:: xml

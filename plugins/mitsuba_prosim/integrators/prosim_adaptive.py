@@ -35,8 +35,9 @@ class ProsimAdaptive(ProgressiveIntegrator):
 
     Takes more samples where the image is noisy, up to an error target or a time limit, with the engine of
     :ref:`integrator-prosim`. The expected value is that of the nested integrator. The bits of the image do not depend
-    on the crop window, :monosp:`band` and the number of threads. There are two exceptions: with :monosp:`noise` they
-    depend on the crop window, and with :monosp:`time` on all of these. The sensor's sampler is not used.
+    on the crop window, :monosp:`band` and the number of threads. There are two exceptions: with :monosp:`noise` the
+    bits depend on the crop window, and with :monosp:`time` the bits depend on the crop window, :monosp:`band` and the
+    number of threads. The sensor's sampler is not used.
 
     Derivatives are those of the nested integrator with uniform sampling. In scalar variants, and within another
     integrator, every pixel gets the samples of the sensor's sampler.

@@ -40,11 +40,11 @@ class ProsimDenoised(mi.SamplingIntegrator):
     Renders two halves of the samples and applies Open Image Denoise as far as the halves agree (:doc:`/denoising`).
     Further channels are the :monosp:`raw` and the :monosp:`denoised` image, and the estimated standard errors
     :monosp:`error`, :monosp:`error_raw` and :monosp:`error_denoised` of the final, the raw and the denoised image. The
-    parameter :monosp:`noise` of the nested integrator limits the error of the final image. The parameter
-    :monosp:`time` limits the time including the denoiser.
+    parameter :monosp:`noise` of the nested integrator limits the error of the final image. The parameter :monosp:`time`
+    limits the time including the denoiser.
 
     This integrator has no derivatives (use those of the nested integrator), and cannot be nested in another integrator.
-    It needs the package :monosp:`mitsuba-oidn`, which the extra :monosp:`denoise` installs.
+    This integrator needs the package :monosp:`mitsuba-oidn`, which the extra :monosp:`denoise` installs.
 
     .. tabs::
         .. code-tab:: xml

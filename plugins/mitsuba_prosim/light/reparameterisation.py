@@ -1,11 +1,11 @@
 """Reparameterisation: derivatives of a direction towards a light source when the source or the receiver moves.
 
-The method is by Loubet, Holzschuch and Jakob (2019). A sampled direction is fixed while an image is rendered. If a
-sampled direction were fixed in the derivatives too, the derivatives would miss the light that enters and leaves at the
-edge of a moving source. Therefore the direction follows a point of the moving source, and the solid angle of the sample
-is scaled by the Jacobian of this map. Any map from directions to points of the light source is right if the Jacobian of
-the map is known. All samples of a source use the same map, whichever strategy drew them, so that MIS weights can be
-differentiated along the map.
+Reparameterisation was introduced by Loubet, Holzschuch and Jakob (2019). A sampled direction is fixed while an image is
+rendered. If a sampled direction were fixed in the derivatives too, the derivatives would miss the light that enters and
+leaves at the edge of a moving source. Therefore the direction follows a point of the moving source, and the solid angle
+of the sample is scaled by the Jacobian of this map. Any map from directions to points of the light source is right if
+the Jacobian of the map is known. All samples of a source use the same map, whichever strategy drew them, so that MIS
+weights can be differentiated along the map.
 """
 
 from __future__ import annotations

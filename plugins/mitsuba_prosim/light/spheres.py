@@ -42,7 +42,7 @@ class SphereLights(OtherLights):
         return not mi.has_flag(emitter.flags(), mi.EmitterFlags.SpatiallyVarying)
 
     def sphere(self, number: Index, active: mi.Bool = True) -> tuple[mi.Point3f, mi.Float]:
-        """Returns center and radius of the light source ``number``."""
+        """Returns the centre and the radius of the light source ``number``."""
         return self.spheres[number] if isinstance(number, int) else dr.gather(tuple, self.table, number, active)
 
     def sample(

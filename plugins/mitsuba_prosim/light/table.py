@@ -72,8 +72,8 @@ class Lamp:
     def _by_side(self, receiver: Receiver, active: mi.Bool, evaluate: Evaluate) -> Any:
         """Calls ``evaluate`` with the strategy that suits the side of ``receiver`` that light reaches.
 
-        The strategy is :data:`FROM_BOTH_SIDES` where light reaches ``receiver`` from both sides; elsewhere it is the
-        strategy of the lamp.
+        The strategy is :data:`FROM_BOTH_SIDES` where light reaches ``receiver`` from both sides; elsewhere the strategy
+        is that of the lamp.
         """
         both_sides = receiver.both_sides
         below_horizon = all(strategy.samples_below_horizon for strategy, *_ in self.groups)

@@ -55,8 +55,9 @@ def show(
     waits for the end of the render. ``view.wait()`` waits, too, but blocks the notebook. Interrupting the kernel, or
     running the cell again, stops the render. Outside a notebook this function returns at the end of the render.
 
-    At the end of the render, a still image or an error message replaces the controls; the notebook file stores it.
-    ``view.image`` is the linear image. ``view.layers`` contains this image and the maps ``error`` and ``samples``.
+    At the end of the render, a still image or an error message replaces the controls; the notebook file stores the
+    image or message. ``view.image`` is the linear image. ``view.layers`` contains this image and the maps ``error`` and
+    ``samples``.
 
     Raises ImportError if ipywidgets is not installed, RuntimeError if the variant is scalar or not set, and the errors
     of loading the scene.

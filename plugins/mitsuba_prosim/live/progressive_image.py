@@ -128,7 +128,7 @@ def not_compared(integrator: Any) -> str | None:
 
 
 def rendered_by_path(image: ProgressiveImage) -> ProgressiveImage:
-    """Returns the same image rendered by Mitsuba's ``path``, with the same sampling.
+    """Returns a progressive image of the scene of ``image``, with the same sampling, rendered by Mitsuba's ``path``.
 
     The background of the scene's integrator becomes an emitter.
     """

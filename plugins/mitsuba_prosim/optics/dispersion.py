@@ -102,10 +102,10 @@ class Indices:
         return cls(inside, outside, eta)
 
     def etas(self, si: mi.SurfaceInteraction3f) -> list[mi.Float]:
-        """Returns the index inside divided by the index outside, as a list.
+        """Returns the list of the relative indices of refraction: the index inside divided by the index outside.
 
-        The list has one number; if an index depends on the wavelength, it has one number for each channel of a spectrum
-        at ``si``.
+        The list has one number. If an index depends on the wavelength, the list has one number for each channel of a
+        spectrum at ``si``.
         """
         if self.eta is not None:
             return [self.eta]

@@ -1,10 +1,10 @@
 """Photon emission: photons start at the light sources and are aimed at specular surfaces (Jensen 1996).
 
 A photon belongs to a pair of a light source and a target: the photon starts at a point of the source and flies to a
-point of the target. Where one target is behind another target, several pairs could have emitted the same photon. The
-flux of a photon is the radiance divided by the total density of all pairs that could have emitted the photon (the
-balance heuristic of Veach 1997). With this heuristic, no light is counted twice, and the pair with the highest density
-bounds the flux of a photon.
+point of the target. If one target is behind another target, several pairs can emit photons along the same ray. The flux
+of a photon is the radiance divided by the total density of all pairs that can emit photons along its ray (the balance
+heuristic of Veach 1997). With this heuristic, no light is counted twice, and the pair with the highest density bounds
+the flux of a photon.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ def encode(
 def colours(bitmap: mi.Bitmap) -> np.ndarray | None:
     """Returns the linear colours of a film's image, shape (height, width, 3).
 
-    Returns None if the film does not store colours, but spectral bins for example.
+    Returns None if the film stores values that are not colours, such as spectral bins.
     """
     layer = next((layer for name, layer in bitmap.split() if name == "<root>"), bitmap)
     if layer.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:
@@ -44,8 +44,8 @@ def compress(rgb: np.ndarray) -> np.ndarray:
     """Compresses highlights to at most 1, by the tone curve of Reinhard and others (2002, equation 4).
 
     ``rgb`` is the linear radiance, shape (height, width, 3), with white at 1. The curve is applied to the luminance, so
-    the ratios of the channels stay the same. The 99th percentile of the luminance becomes white. An image within the
-    range of the screen stays the same.
+    the ratios of the channels do not change. The 99th percentile of the luminance becomes white. An image whose values
+    are at most 1 does not change.
     """
     light = np.maximum(luminance(rgb), 0)[..., None]
     white = max(1.0, float(np.percentile(light, 99)))

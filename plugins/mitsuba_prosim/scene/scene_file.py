@@ -57,7 +57,7 @@ class SceneFile:
             The arguments :data:`TRANSLATION` of :func:`prosim_scene.translate`.
 
         Raises :class:`prosim_scene.SceneError`, ValueError if the changes do not suit the scene, OutsideError, and the
-        errors of Mitsuba's parser. Warns if another resolution distorts the image of a scene in the scene language.
+        errors of Mitsuba's parser. Warns if ``resolution`` distorts the image of a scene in the scene language.
         """
         if unknown := sorted(translation.keys() - {*TRANSLATION}):
             raise TypeError(f"no such argument: {', '.join(unknown)}; integrator={{...}} takes samples and the like")

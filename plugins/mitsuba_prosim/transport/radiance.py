@@ -107,7 +107,7 @@ class ByLight(Layers):
 
 
 class ByLevel(Layers):
-    """One layer for each level of the ray tree or path."""
+    """Names one layer for each level of the ray tree or path."""
 
     def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:  # noqa: D102
         return dr.maximum(ray.level, 1) - 1 if term == "emitted" else ray.level

@@ -111,8 +111,8 @@ class Scattering:
         return at.bsdf.eval_pdf(lobe, at.si, wo, active)
 
     def replace_inseparable(self, f: mi.Spectrum, at: Surface, wo: mi.Vector3f, active: mi.Bool) -> mi.Spectrum:
-        """Returns ``f``, but the value of all lobes for ``wo`` where the BSDF can only evaluate all its lobes
-        together.
+        """Returns the value of all lobes for ``wo`` where the BSDF can only evaluate all its lobes together; elsewhere
+        returns ``f``.
         """
         if not self.any_inseparable:
             return f

@@ -21,7 +21,7 @@
     ``principledthin`` and ``hair`` follow the type mask.
 ``Scene.ray_intersect(skip_area_emitters)``
     measures distances from the last skipped emitter, and ignores ``maxt``. Delete :func:`past_emitters` when Mitsuba
-    corrects both.
+    corrects these two errors.
 """
 
 from __future__ import annotations
@@ -82,8 +82,8 @@ def _mixes_ideal_and_smooth(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
 def _needs_leaves(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
     """Tells whether :func:`sample_leaves` must sample the BSDFs that ``bsdf`` blends.
 
-    The function :func:`sample_leaves` is needed if ``lobe`` is all lobes and ``bsdf`` blends ideal lobes with a BSDF
-    without separable lobes.
+    The function :func:`sample_leaves` is needed if ``lobe`` stands for all lobes and ``bsdf`` blends ideal lobes with a
+    BSDF without separable lobes.
     """
     return lobes.is_all_lobes(lobe) and _mixes_ideal_and_smooth(lobe, bsdf) and is_inseparable(bsdf)
 

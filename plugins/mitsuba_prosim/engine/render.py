@@ -136,24 +136,19 @@ class Render(Steps):
     # ---------------------------------------------------------------- the passes
 
     def _pass(
-        self,
-        pixels: Pixels,
-        wanted: np.ndarray,
-        expected: float = 0.0,
-        shown: bool = True,
-        timed: bool = False,
-        stoppable: bool = True,
+        self, pixels: Pixels, wanted: np.ndarray, expected: float = 0.0, stoppable: bool = True
     ) -> Generator[Step, None, bool]:
         """Takes the samples that ``pixels`` lack to the counts ``wanted``; returns whether all of them were taken.
 
         ``expected`` is the estimated number of samples at the end of the image; if it is 0, the progress stays the
-        same. ``shown`` tells whether the image is shown after the pass. ``timed`` tells whether the time limit may end
-        the pass, and ``stoppable`` whether :meth:`stop` may end the pass.
+        same. ``stoppable`` tells whether :meth:`stop` may end the pass. The time limit may end each pass but the first
+        sample of the pixels. With an error target, later passes are shown when their error is known.
         """
-        target = self.target
+        target, timed = self.target, np.any(wanted > 1)
+        shown = self.state.rounds == 0 or not self.state.plan.sampling.has_target
 
         def must_end() -> bool:
-            return (stoppable and self._stopped) or (timed and target.time_is_up)
+            return bool((stoppable and self._stopped) or (timed and target.time_is_up))
 
         count, taken = np.array(pixels.accumulators.count, dtype=np.int64), 0
         missing = int(np.maximum(wanted - count, 0).sum())
@@ -199,10 +194,10 @@ class Render(Steps):
         most = float(plan.max_samples * np.count_nonzero(first))
         if state.rounds == 0:
             if self.target.seconds:  # shows an image after one sample per pixel
-                yield from self._pass(state, np.minimum(first, 1), shown=False)
-            complete = yield from self._pass(state, first, most, timed=True)
+                yield from self._pass(state, np.minimum(first, 1))
+            complete = yield from self._pass(state, first, most)
             if not complete and np.any(state.accumulators.count):
-                yield from self._pass(state, np.minimum(first, 1), shown=False, stoppable=False)
+                yield from self._pass(state, np.minimum(first, 1), stoppable=False)
             if not complete or (policy.first_samples == plan.max_samples and not any(self.target.limits)):
                 return
         if plan.sampling.has_target:
@@ -258,7 +253,7 @@ class Render(Steps):
                     continue
             have, started = mean(count), time.perf_counter()
             expected = max(have * remaining_factor(state, target), mean(state.wanted)) if any(target.limits) else np.inf
-            if not (yield from self._pass(state, state.wanted, expected * len(count), shown=False, timed=True)):
+            if not (yield from self._pass(state, state.wanted, expected * len(count))):
                 return
             state.wanted = None
 
@@ -266,7 +261,7 @@ class Render(Steps):
         """Takes the samples that the second image lacks, up to ``most`` samples of a pixel."""
         assert self.second is not None
         wanted = np.minimum(np.array(self.state.accumulators.count)[self.second.index], np.uint32(most))
-        return self._pass(self.second, wanted, shown=False, timed=most > 1)
+        return self._pass(self.second, wanted)
 
     # ---------------------------------------------------------------- the image so far
 

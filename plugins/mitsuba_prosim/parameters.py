@@ -72,6 +72,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _bounds(low: float, high: float, open_below: bool) -> str:
+    """Returns the allowed range as text, such as ``" > 0 and <= 1"``; an empty text without bounds."""
     parts = [f">{'' if open_below else '='} {low}"] * (low > -inf) + [f"<= {high}"] * (high < inf)
     return " " + " and ".join(parts) if parts else ""
 

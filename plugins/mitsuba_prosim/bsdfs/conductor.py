@@ -122,6 +122,9 @@ class Conductor(Material):
         sample2: mi.Point2f,
         active: mi.Bool = True,
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+        """Samples the reflected direction; returns ``(bs, weight)``, where the weight is value times cosine over
+        density.
+        """
         bs = dr.zeros(mi.BSDFSample3f)
         active = active & (si.wi.z > GRAZING)
         if active is False or not any(self.enabled(ctx)):
@@ -148,6 +151,9 @@ class Conductor(Material):
     def eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
     ) -> tuple[mi.Spectrum, mi.Float]:
+        """Returns the BRDF times the cosine of ``wo``, and the density of :meth:`sample`; both are 0 for a smooth
+        metal.
+        """
         active = active & (si.wi.z > GRAZING) & (wo.z > 0)
         if active is False or self.roughness is None or not any(self.enabled(ctx)):
             return mi.Spectrum(0), mi.Float(0)

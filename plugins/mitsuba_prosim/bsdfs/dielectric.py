@@ -239,6 +239,9 @@ class Dielectric(Material):
     def eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
     ) -> tuple[mi.Spectrum, mi.Float]:
+        """Returns the BSDF times the cosine of ``wo``, and the density of :meth:`sample`; both are 0 for
+        smooth glass.
+        """
         # Each wavelength has its own facet and its own value. The density is the mean of their densities.
         reflected = (si.wi.z > 0) == (wo.z > 0)
         reflection, transmission = self.enabled(ctx)

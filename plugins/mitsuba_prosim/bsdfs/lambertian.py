@@ -66,6 +66,7 @@ class Lambertian(Material):
         sample2: mi.Point2f,
         active: mi.Bool = True,
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+        """Samples a direction with a density proportional to the cosine; returns ``(bs, weight)``."""
         bs = dr.zeros(mi.BSDFSample3f)
         if not ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 0):
             return bs, mi.Spectrum(0)
@@ -80,6 +81,7 @@ class Lambertian(Material):
     def eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
     ) -> tuple[mi.Spectrum, mi.Float]:
+        """Returns the BRDF times the cosine of ``wo``, and the density of :meth:`sample`."""
         if not ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 0):
             return mi.Spectrum(0), mi.Float(0)
         active = active & (si.wi.z > 0) & (wo.z > 0)

@@ -31,6 +31,7 @@ def interruptible(stop: Callable[[], None], received_signals: list[int] | None =
     # A thread watches for signals: Python calls handlers only in the main thread, which Mitsuba's own integrators
     # block.
     def watch() -> None:
+        """Waits for the numbers of signals on the socket, and calls ``stop`` or ends the process."""
         while True:
             try:
                 received = reader.recv(1)
@@ -50,6 +51,7 @@ def interruptible(stop: Callable[[], None], received_signals: list[int] | None =
             reader.settimeout(AGAIN)
 
     def handle(number: int, _: object) -> None:
+        """Handles a signal in the main thread: records the number of the signal, and calls ``stop``."""
         received_signals.append(number)
         stop()
 

@@ -180,6 +180,7 @@ def job_options(*names: str) -> Callable[[Callable], Callable]:
     """Returns a decorator that adds the options of these fields of a :class:`Job` to a command."""
 
     def decorate(command: Callable) -> Callable:
+        """Adds one option to ``command`` for each of the field names."""
         for name in reversed(names):
             settings = dict(Job.__dataclass_fields__[name].metadata)
             flags = settings.pop("flags")

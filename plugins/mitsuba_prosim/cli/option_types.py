@@ -88,12 +88,16 @@ class Number(click.FloatRange):
 
 
 def _resolution(*size: str) -> tuple[int, ...]:
+    """Converts the texts of width and height to integers; raises ValueError for a size that is not allowed."""
     width, height = map(int, size)
     overrides.check_size(width, height)
     return width, height
 
 
 def _frames(begin: str, end: str | None, step: str | None) -> range:
+    """Returns the numbers of the frames ``begin``, ``begin + step``, ... below ``end``; only ``begin`` if ``end`` is
+    None.
+    """
     frames = range(int(begin), int(begin) + 1 if end is None else int(end), int(step or 1))
     if not frames:
         raise ValueError("frame B is not rendered, so B must be greater than A")
@@ -111,6 +115,7 @@ def _snapshots(text: str) -> tuple[str, ...]:
 
 
 def _roots(text: str) -> tuple[int, ...]:
+    """Converts integers separated by commas to a sorted tuple of different integers."""
     roots = sorted(set(map(int, text.split(","))))
     if len(roots) < 2:
         raise ValueError("a curve needs two numbers or more")

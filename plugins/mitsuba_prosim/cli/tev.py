@@ -37,6 +37,7 @@ class TevClient(ExitStack):
             self._connect(*job.view)
 
     def _connect(self, host: str, port: int) -> None:
+        """Connects to tev and creates an image there; raises ClickException if tev cannot be reached."""
         require_extra("tev", "--view tev (Python 3.11 or later)")
         import tevclient
 

@@ -60,6 +60,7 @@ def watch(job: Job, port: int, browser: bool) -> None:
         view = viewer.Viewer(Path(job.scene), open_scene, job.spp or 0, job.seed, job.denoise)
 
         def encode(exposure: float, factors: Any) -> dict[str, bytes]:
+            """Returns the files of the image by their suffixes, with the layers multiplied by ``factors``."""
             state, bitmap, integrator, reached = view.result(factors)
             facts = metadata(job, integrator, reached, state.status != "done", state.seconds)
             if factors:

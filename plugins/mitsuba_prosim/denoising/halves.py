@@ -210,7 +210,7 @@ class FinalImage:
             render.begin_complete_second()
             return raw
         if not state.estimates:
-            self._record("probe", raw, self._probed())
+            self._record("probe", raw, self._predicted_ratio())
         while True:
             last, networks, *error = state.estimates[-1]
             noise = scaled(error, (last / samples) ** 0.5)
@@ -225,15 +225,15 @@ class FinalImage:
             result = self._latest(networks, samples)
             self._record(networks, raw, max(result.noise, result.at_most * ENOUGH / TOLERANCE) / result.raw_noise)
 
-    def _probed(self) -> float:
+    def _predicted_ratio(self) -> float:
         """Returns the predicted error of the final image, divided by the error of the raw image.
 
         The prediction denoises the middle of the image by the smallest networks, without features.
         """
-        both = self.colours
-        sides = [(n, max(n // 3, min(n, LEAST_SIDE))) for n in both[0].shape[:2]]
-        part = tuple(slice((n - side) // 2, (n + side) // 2) for n, side in sides)
-        result = denoise_halves(both[0][part], both[1][part], Denoiser(fast=True))
+        halves = self.colours
+        sides = [(n, max(n // 3, min(n, LEAST_SIDE))) for n in halves[0].shape[:2]]
+        middle = tuple(slice((n - side) // 2, (n + side) // 2) for n, side in sides)
+        result = denoise_halves(halves[0][middle], halves[1][middle], Denoiser(fast=True))
         return result.at_most / max(result.raw_noise, 1e-30)
 
     def _record(self, networks: str, raw: Noise, ratio: float) -> None:

@@ -126,6 +126,7 @@ class Area(Source):
     def sample_direction(
         self, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+        """Samples a point of the source as seen from ``it``; returns ``(ds, weight)``: radiance over density."""
         # Dr.Jit traces every emitter that exists, also an emitter without a shape.
         if self.get_shape() is None:
             return dr.zeros(mi.DirectionSample3f), mi.Spectrum(0)
@@ -145,6 +146,7 @@ class Area(Source):
         return ds, self.eval_direction(it, ds, active) / dr.select(active, ds.pdf, 1)
 
     def pdf_direction(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool = True) -> mi.Float:
+        """Returns the density per solid angle with which :meth:`sample_direction` samples ``ds``."""
         if self.get_shape() is None:
             return mi.Float(0)
         cos = -dr.dot(ds.d, ds.n)
@@ -172,6 +174,7 @@ class Area(Source):
     def sample_position(
         self, time: mi.Float, sample: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.PositionSample3f, mi.Float]:
+        """Samples a point of the source; returns the point, and one over its density per area."""
         if self.get_shape() is None:
             return dr.zeros(mi.PositionSample3f), mi.Float(0)
         sample_position = self.sample_texture if self.textured else self.get_shape().sample_position
@@ -207,6 +210,7 @@ class Area(Source):
     def sample_ray(
         self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
+        """Samples a ray that the source emits; returns ``(ray, weight)``."""
         if self.unattenuated:
             raise RuntimeError(f"{self.id()} (prosim_area): an unattenuated source has no rays of definite power.")
         ps, weight = self.sample_position(time, sample2, active)
@@ -224,6 +228,7 @@ class Area(Source):
     def sample_wavelengths(
         self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool = True
     ) -> tuple[mi.Color0f, mi.Spectrum]:
+        """Samples wavelengths; returns the wavelengths, and the emitted radiance divided by their density."""
         wavelengths, weight = self.sample_spectrum(si, sample, active)
         # Only the particle tracer calls this; its si.wi is the direction to the camera, in world coordinates.
         return wavelengths, weight * self.towards(si.wi)

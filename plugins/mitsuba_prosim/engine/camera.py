@@ -43,6 +43,9 @@ def ray_sampler(sensor: mi.Sensor) -> RaySampler:
     def sample_ray(
         time: mi.Float, wavelength_sample: mi.Float, position: mi.Point2f, _: mi.Point2f
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
+        """Returns the camera ray through ``position``, in [0, 1)² on the film, and the weight of the sampled
+        wavelengths.
+        """
         wavelengths, weight = sensor.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), wavelength_sample)
         on_near = to_camera @ mi.Point3f(position.x + offset.x, position.y + offset.y, 0)
         d = dr.normalize(mi.Vector3f(on_near))

@@ -211,6 +211,7 @@ def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarr
     caustics = state.estimator.transport.caustics
 
     def after(effort: float) -> np.ndarray:
+        """Returns the counts after a pass in which each pixel gets its requested samples times ``effort``."""
         counts = state.counts_for(request * np.float32(effort))
         if caustics is not None:
             plan = state.plan
@@ -219,6 +220,7 @@ def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarr
         return np.maximum(counts, count)
 
     def reaches(effort: float) -> bool:
+        """Tells whether a pass with this ``effort`` reaches the goal of the error, or the maximum size of a pass."""
         counts = np.float32(after(effort))
         return mean(counts) >= most or (goal is not None and mean(deviation / counts) <= goal)
 

@@ -118,10 +118,14 @@ class Estimator:
 
         # ``end`` is no loop variable, because Dr.Jit traces a loop twice if an iteration leaves a variable unchanged.
         def unfinished(sums: Accumulators) -> mi.Bool:
+            """Returns the lanes whose pixel needs further samples in this pass."""
             converged = policy.converged(sums.total, sums.squares, sums.count)
             return (sums.count < end) & ~((sums.count % n == 0) & converged)
 
         def step(sums: Accumulators, active: mi.Bool) -> tuple[Accumulators, mi.Bool]:
+            """Adds one sample to the sums of each active pixel; returns the sums, and the pixels that are
+            unfinished.
+            """
             t = sums.count
             values, Y, position = self.sample(plan, x, y, t)
             filtered = [s + w * v for s, (w, v) in zip(sums.sums, self.splats(values, position))]

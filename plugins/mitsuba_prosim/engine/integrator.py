@@ -106,6 +106,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         develop: bool = True,
         evaluate: bool = True,
     ) -> mi.TensorXf:
+        """Renders the whole image, and returns the developed image, shape (height, width, channels)."""
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         if not dr.is_jit_v(mi.Float):
@@ -206,6 +207,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
     def render_forward(
         self, scene: mi.Scene, params: Any, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0
     ) -> mi.TensorXf:
+        """Returns the derivative of the image along the gradients of the scene parameters."""
         derivatives = self._derivatives(scene, sensor, seed, spp)
         storage, gradient = mi.TensorXf(derivatives.storage), derivatives.forward()
         dr.enable_grad(storage)
@@ -223,6 +225,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         seed: int | mi.UInt32 = 0,
         spp: int = 0,
     ) -> None:
+        """Adds the gradients of the scene parameters for ``grad_in``, the gradient of the image."""
         derivatives = self._derivatives(scene, sensor, seed, spp)
         storage = mi.TensorXf(derivatives.storage)
         dr.enable_grad(storage)
@@ -231,6 +234,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         derivatives.backward(dr.grad(storage))
 
     def _derivatives(self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int) -> Derivatives:
+        """Renders the image, and returns the derivatives of its samples; raises RuntimeError with a time limit."""
         from .derivatives import Derivatives
 
         if self.time:

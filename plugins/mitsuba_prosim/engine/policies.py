@@ -124,14 +124,15 @@ def mean_around(plane: np.ndarray, reach: int) -> np.ndarray:
         steps = (k for k in range(-reach, reach + 1) if k)
         return sum((padded[reach + k : reach + k + height] for k in steps), np.zeros_like(plane))
 
-    def others(plane: np.ndarray) -> np.ndarray:
+    def sum_around(plane: np.ndarray) -> np.ndarray:
+        """Returns, for each pixel, the sum of ``plane`` over the pixels around the pixel."""
         # Adds along the rows, and then along the columns of these sums. The middle row is added without the pixel
         # itself.
         in_row = along_columns(plane.T).T
         return in_row + along_columns(in_row + plane)
 
-    number = others(np.ones_like(plane))
-    return np.where(number > 0, others(plane) / number, np.float32(np.inf))
+    number = sum_around(np.ones_like(plane))
+    return np.where(number > 0, sum_around(plane) / number, np.float32(np.inf))
 
 
 #: Allowed values of the integrator's parameter ``adaptive`` -> policy; the default is first.

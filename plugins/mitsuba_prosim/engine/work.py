@@ -179,6 +179,7 @@ def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, samples: in
 
     @alone()
     def store(sums: Accumulators) -> None:
+        """Writes the sums of the work item to the accumulators of its pixels."""
         if index is None:
             vars(pixels.accumulators).update(vars(sums))
         else:

@@ -256,6 +256,7 @@ class Prosim(ProgressiveIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
+        """Returns the radiance along ``ray``, whether the ray meets a surface, and the further channels."""
         self._refuse_layers_and_caustics("are for its own render() alone, not within another integrator")
         transport = self._scalar or Transport(self._settings(), scene, camera_medium=medium)
         L, hit, _ = transport(ray, SamplerPoints(sampler), active)
@@ -266,6 +267,7 @@ class Prosim(ProgressiveIntegrator):
         return Settings(**{name: getattr(self, name) for name in SETTINGS})
 
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Transport:
+        """Returns the light transport for ``sensor``; ``attached`` tells whether derivatives are wanted."""
         caustics = self._caustics(scene, sensor) if self.caustics else None
         transport = Transport(self._settings(), scene, attached, sensor.get_medium(), caustics)
         self._layer_channels = transport.aov_names
@@ -276,6 +278,7 @@ class Prosim(ProgressiveIntegrator):
         return super()._derivatives(scene, sensor, seed, spp)
 
     def _refuse_layers_and_caustics(self, why: str) -> None:
+        """Raises RuntimeError with the reason ``why`` if layers or caustics are requested."""
         if self.layers != "none" or self.caustics:
             raise RuntimeError(f"prosim: layers and caustics {why}; leave them out there.")
 

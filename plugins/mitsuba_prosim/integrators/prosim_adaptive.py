@@ -82,6 +82,7 @@ class ProsimAdaptive(ProgressiveIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
+        """Returns the result of the nested integrator along ``ray``, with the further channels of this integrator."""
         L, hit, others = InnerIntegrator(self.nested, scene).radiance(sampler, ray, medium, active)
         aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
         return L, hit, others + aovs
@@ -92,6 +93,7 @@ class ProsimAdaptive(ProgressiveIntegrator):
     def render_forward(
         self, scene: mi.Scene, params: Any, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0
     ) -> mi.TensorXf:
+        """Returns the derivative of the image along the gradients of the scene parameters, by the nested integrator."""
         gradient = self.nested.render_forward(scene, params, sensor, seed, spp or self.samples**2)
         return append_channels(gradient, len(self.aov_names()) - len(self.nested.aov_names()))
 
@@ -104,6 +106,9 @@ class ProsimAdaptive(ProgressiveIntegrator):
         seed: int | mi.UInt32 = 0,
         spp: int = 0,
     ) -> None:
+        """Adds the gradients of the scene parameters for ``grad_in``, the gradient of the image, by the nested
+        integrator.
+        """
         own = len(self.aov_names()) - len(self.nested.aov_names())
         grad_in = grad_in[:, :, : grad_in.shape[2] - own]
         self.nested.render_backward(scene, params, grad_in, sensor, seed, spp or self.samples**2)

@@ -93,6 +93,7 @@ class ProsimDenoised(mi.SamplingIntegrator):
         develop: bool = True,
         evaluate: bool = True,
     ) -> mi.TensorXf:
+        """Renders and denoises the whole image, and returns the developed image."""
         # Imported for the first image: few users denoise, and the denoiser is slow to load.
         from ..denoising import halves, layers
 
@@ -103,6 +104,7 @@ class ProsimDenoised(mi.SamplingIntegrator):
             return final.sensor.film().develop() if develop else mi.TensorXf()
 
     def sample(self, *_: Any, **__: Any) -> NoReturn:
+        """Raises RuntimeError, because the denoiser cannot compute a single ray."""
         raise RuntimeError(
             "prosim_denoised: the denoiser needs all pixels at once, so this integrator can't be nested in another "
             "integrator; nest the other integrator in prosim_denoised."

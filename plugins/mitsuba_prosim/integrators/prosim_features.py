@@ -54,6 +54,7 @@ class ProsimFeatures(mi.SamplingIntegrator):
         return list(features.NAMES)
 
     def render(self, *arguments: Any, **more: Any) -> mi.TensorXf:
+        """Renders the features. In vectorised variants, no other thread of this package renders at the same time."""
         # All renders share the film. In scalar variants other threads take the samples, and these threads use the lock
         # themselves.
         with alone() if dr.is_jit_v(mi.Float) else nullcontext():
@@ -71,6 +72,7 @@ class ProsimFeatures(mi.SamplingIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
+        """Returns the albedo along ``ray``, whether the ray meets a surface, and the channels of albedo and normal."""
         albedo, normal, hit = features.features(scene, sampler, mi.Ray3f(ray), active, self.hide_emitters, medium)
         return albedo, hit, [*features.colour(albedo, ray.wavelengths), *normal]
 

@@ -214,6 +214,7 @@ def emitted_ray(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, mi.P
     """
 
     def sample(one: mi.Emitter, *u: mi.Float) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
+        """Returns brightness, origin and direction of a ray that the emitter ``one`` emits."""
         try:
             ray, weight = one.sample_ray(mi.Float(0), u[0], mi.Point2f(*u[1:3]), mi.Point2f(*u[3:5]))
         except RuntimeError:  # Dr.Jit calls all emitters of the process, also those of other scenes

@@ -112,6 +112,7 @@ class LoadedScene:
             self._resize(self.size)
 
     def _resize(self, size: Sequence[int]) -> None:
+        """Sets the size of the film and of the crop window to ``size``, (width, height) in pixels."""
         self._params["film.size"] = self._params["film.crop_size"] = mi.ScalarVector2u(size)
         self._params.update()
 
@@ -128,6 +129,9 @@ class LoadedScene:
         return self._name(shape) if shape is not None else "a shape nested in another one"
 
     def _name(self, shape: mi.Shape) -> str:
+        """Returns the name of ``shape`` for the user: kind and id, or, in the scene language, the surface and
+        its line.
+        """
         name = shape.id()
         if shape.is_emitter():
             return f"source {name}"

@@ -207,6 +207,7 @@ class View:
             self._shown.value = png(compress(values * self._factor), effort=FAST)
 
     def _status(self) -> str:
+        """Returns the mean number of samples per pixel and the seconds so far, as text."""
         samples = self._layers.get("samples")
         count = "the first pass" if samples is None else f"{samples.mean():.1f} samples a pixel"
         return f"{count}, {time.perf_counter() - self._started:.1f} s"

@@ -61,6 +61,7 @@ class ProgressiveImage:
         return self.new and (step.complete or self.throttle.due)
 
     def _run(self) -> Iterator[Step]:
+        """Renders and, if requested, denoises the image; yields the progress after each step."""
         begin = halves.denoised_progressive if self.denoise else rendering.progressive
         self.render = begin(self.scene, self.sensor, self.integrator, self.seed, self.spp, executor=Executor(SECONDS))
         for step in self.render:

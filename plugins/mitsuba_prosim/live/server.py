@@ -93,6 +93,7 @@ def guard(token: str) -> Callable[[Request, RequestResponseEndpoint], Any]:
     """
 
     async def dispatch(request: Request, call_next: RequestResponseEndpoint) -> Response:
+        """Answers a request whose address has the token and whose headers name this machine; refuses other requests."""
         host, origin = request.headers.get("host", ""), request.headers.get("origin")
         first_folder = request.scope["path"].lstrip("/").partition("/")[0]
         authorised = secrets.compare_digest(first_folder.encode(), token.encode())

@@ -40,6 +40,7 @@ def interface(cos_i: mi.Float, eta: mi.Float) -> Interface:
     c, t = dr.abs(cos_i), dr.abs(cos_t)
     eta2 = dr.square(eta_it)
     difference = contrast(cos_i, eta)
+    # The amplitudes that s- and p-polarised light have after reflection.
     s = difference / dr.maximum(dr.square(c + eta_it * t), 1e-30)
     p = difference * (c * c * (eta2 + 1) - 1) / dr.maximum(eta2 * dr.square(eta_it * c + t), 1e-30)
     return Interface(dr.select(t > 0, 0.5 * (s * s + p * p), 1), cos_t, eta_it, eta_ti)

@@ -138,27 +138,28 @@ class Pigmented(Material):
         sample2: mi.Point2f,
         active: mi.Bool = True,
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+        """Samples the specular or the diffuse component; returns ``(bs, weight)``."""
         bs = dr.zeros(mi.BSDFSample3f)
         active = active & (si.wi.z > GRAZING)
         specular, diffuse = self.enabled(ctx)
         if active is False or not (specular or diffuse):
             return bs, mi.Spectrum(0)
         kd = self.diffuse_reflectance.eval(si, active)
-        p = self.specular_probability(ctx, si, kd, active)
-        chosen = sample1 < p  # the specular component
+        p_specular = self.specular_probability(ctx, si, kd, active)
+        is_specular = sample1 < p_specular
         bs.eta = 1
-        bs.sampled_component = dr.select(chosen, mi.UInt32(0), mi.UInt32(1))
-        bs.sampled_type = dr.select(chosen, *(mi.UInt32(+kind) for kind in self.types))
+        bs.sampled_component = dr.select(is_specular, mi.UInt32(0), mi.UInt32(1))
+        bs.sampled_type = dr.select(is_specular, *(mi.UInt32(+kind) for kind in self.types))
         mirror = self.roughness is None
         wo = mi.warp.square_to_cosine_hemisphere(sample2) if diffuse else mi.Vector3f(0, 0, 1)
         if specular:
             lobe = mi.reflect(si.wi) if mirror else self.specular_sample(si, sample2, active)
-            wo = dr.select(chosen, lobe, wo)
+            wo = dr.select(is_specular, lobe, wo)
         bs.wo = wo
         value, pdf = self.eval_pdf(ctx, si, wo, active)
         if mirror and specular:
-            value = dr.select(chosen, mi.depolarizer(self.specular_weight(si, active)), value)
-            pdf = dr.select(chosen, p, pdf)
+            value = dr.select(is_specular, mi.depolarizer(self.specular_weight(si, active)), value)
+            pdf = dr.select(is_specular, p_specular, pdf)
         active = active & (pdf > 0) & (wo.z > 0)
         bs.pdf = dr.select(active, pdf, 0)
         return bs, value / dr.select(active, pdf, 1) & active
@@ -166,21 +167,22 @@ class Pigmented(Material):
     def eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
     ) -> tuple[mi.Spectrum, mi.Float]:
+        """Returns the BRDF of the enabled components times the cosine of ``wo``, and the density of :meth:`sample`."""
         specular, diffuse = self.enabled(ctx)
         active = active & (si.wi.z > GRAZING) & (wo.z > 0)
         value, pdf = mi.UnpolarizedSpectrum(0), mi.Float(0)
         if active is False or not (specular or diffuse):
             return mi.Spectrum(0), pdf
         kd = self.diffuse_reflectance.eval(si, active)
-        p = self.specular_probability(ctx, si, kd, active)
+        p_specular = self.specular_probability(ctx, si, kd, active)
         if diffuse:
             density = mi.warp.square_to_cosine_hemisphere_pdf(wo)
             value += kd * density
-            pdf += (1 - p) * density
+            pdf += (1 - p_specular) * density
         if specular and self.roughness is not None:
             lobe, density = self.specular_eval_pdf(si, wo, active)
             value += lobe
-            pdf += p * density
+            pdf += p_specular * density
         # The integrator prb divides the remaining radiance of a path by this value. If the lobe is nearly 0 and a
         # channel has no pigment, the result would be rounding error divided by 1e-30. prb skips a value of 0.
         value -= dr.detach(dr.select(value > LEAST_WEIGHT * pdf * wo.z, 0, value))

@@ -184,6 +184,7 @@ class PhotonMIS:
         area, etendue = self.footprint.area(si.p), dr.select(self.near_specular(bsdf, active), etendue_of(ray), 0)
 
         def value(i: mi.UInt32, d: mi.Vector3f, in_reach: mi.Bool) -> mi.Spectrum:
+            """Returns the BSDF of the glossy lobes for photon ``i`` from ``d``, times the MIS weight of the photon."""
             in_reach = in_reach & (ray.level + dr.gather(mi.UInt32, photons.landed.level, i, in_reach) < self.deepest)
             wo = si.to_local(d)
             density, f = dr.gather(mi.Float, photons.landed.density, i, in_reach), mi.Spectrum(0)

@@ -24,6 +24,7 @@ def square_wave(x: mi.Float, duty: mi.Float, width: mi.Float) -> mi.Float:
     low = 0.5 - duty / 2
 
     def integral(x: mi.Float) -> mi.Float:
+        """Returns the integral of the wave from 0 to ``x``, where the wave is 1 from ``low`` to ``low`` + ``duty``."""
         whole = dr.floor(x)
         return whole * duty + dr.clip(x - whole - low, 0, duty)
 

@@ -64,6 +64,7 @@ class NRookSampler(PureSampler):
         self.permutations = Permutations(n)
 
     def fork(self) -> NRookSampler:
+        """Returns a sampler with the same jitter and permutations that is not seeded."""
         copy = super().fork()
         copy.jitter, copy.permutations = self.jitter, self.permutations
         return copy

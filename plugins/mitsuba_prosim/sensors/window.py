@@ -89,6 +89,9 @@ class Window(mi.Sensor):
     def sample_ray(
         self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
+        """Returns ``(ray, weight)``: the camera ray through the film position ``sample2`` in [0, 1)², in world
+        coordinates.
+        """
         wavelengths, weight = self.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), sample1, active)
         d = self.direction(sample2)
         to_world = world_transform(self, time)

@@ -30,6 +30,7 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
     space = context.space(ray.node, NODE_SPACES)
 
     def add(lamp: Lamp, L: Radiance) -> Radiance:
+        """Returns ``L`` plus the light of ``lamp`` that the vertex scatters."""
         sample = sample_lamp(context, vertex, lamp, points(space + lamp.k, active))
         return L + lamp_light(context, vertex, points, lamp.k, sample)
 

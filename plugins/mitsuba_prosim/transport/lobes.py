@@ -74,6 +74,7 @@ def with_null_lobes(context: mi.BSDFContext) -> mi.BSDFContext:
 
 
 def _context(type_mask: int, mode: mi.TransportMode | None = None) -> mi.BSDFContext:
+    """Returns a BSDF context that asks for the lobes in ``type_mask``."""
     context = all_lobes(mode)
     context.type_mask = type_mask
     return context

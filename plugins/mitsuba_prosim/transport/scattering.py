@@ -92,6 +92,7 @@ class Scattering:
         def sample(
             one: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, weights: list[mi.Float] | None, active: mi.Bool
         ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+            """Returns a sample of ``lobe`` for the BSDF ``one`` of the dispatched lanes."""
             if getattr(one, "disperses", False):
                 return one.sample(lobe, si, *u, active, weights, undispersed=weights is None)
             return workarounds.sample(lobe, one, si, u, active)

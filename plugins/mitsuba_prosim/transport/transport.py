@@ -51,6 +51,7 @@ class Transport(Context):
         walk: Any = tree if self.settings.follows_tree else path
 
         def step(state: State) -> State:
+            """Follows one ray: adds the light at the end of the ray, and finds the next ray."""
             L, vertex = shade(self, state.ray, ray, points, state.active)
             hit = state.hit | (state.ray.level == 0) & vertex.active
             following, going, progress = walk.proceed(self, vertex, points, state.active, state.progress)

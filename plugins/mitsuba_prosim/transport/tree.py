@@ -71,6 +71,7 @@ def proceed(
     """
 
     def branch(follows: bool, lobe: mi.BSDFContext) -> tuple[Ray, mi.Bool]:
+        """Returns the next ray of ``lobe``, and its lanes after Russian roulette; no lanes if ``follows`` is false."""
         if not follows:
             return vertex.ray, mi.Bool(False)
         ray, active, _ = next_ray(context, lobe, vertex, points, vertex.active)

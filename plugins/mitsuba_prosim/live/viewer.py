@@ -69,7 +69,6 @@ class Viewer:
         #: The images by name: ``own``, by the scene's integrator, and perhaps ``path``, by Mitsuba's path tracer.
         self._images: dict[str, ProgressiveImage] = {}
         self._integrator: Any = None
-        self._not_compared: str | None = None
         #: Samples and noise of the last picture of the image ``own``.
         self._reached: Any = None
         self._numbers, self._seconds = itertools.count(1), 0.0
@@ -192,13 +191,12 @@ class Viewer:
         integrator = scene.scene.integrator()
         image = ProgressiveImage(integrator, scene.scene, scene.sensor, self._spp, self._seed, self._denoise)
         self._images, self._integrator = {"own": image}, image.integrator
-        self._not_compared = not_compared(self._integrator)
         self._publish(
             error=None,
             black=None,
             view=scene.view(),
             integrator=integrator_name(self._integrator),
-            not_compared=self._not_compared,
+            not_compared=not_compared(self._integrator),
         )
         if scene.whole:
             with scene.coarse():
@@ -211,7 +209,7 @@ class Viewer:
         request, own = self._request, self._images.get("own")
         if own is not None:
             if request.compared != self._shown.compared:
-                compared = request.compared and self._not_compared is None
+                compared = request.compared and not_compared(self._integrator) is None
                 self._images = {"path": rendered_by_path(own), "own": own} if compared else {"own": own}
             for image in self._images.values():
                 if request.paused and image.new:
@@ -250,7 +248,7 @@ class Viewer:
         self.publisher.publish(
             pictures if "own" in pictures else None,
             status="done" if self._done else "paused" if self._request.paused else "rendering",
-            compared=self._request.compared and self._not_compared is None,
+            compared=self._request.compared and not_compared(self._integrator) is None,
             progress=sum(image.progress for image in images.values()) / len(images),
             samples=reached.samples if reached else None,
             noise=None if reached is None or isnan(reached.noise) else reached.noise,

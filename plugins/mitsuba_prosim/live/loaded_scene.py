@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from math import ceil, radians, sqrt, tan
-from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
@@ -29,12 +28,7 @@ class LoadedScene:
         self.file, self.scene = file, file.load()
         self.sensor = pick_sensor(self.scene, sensor)
         #: The files that the scene uses, without the files that the translator wrote.
-        self.files = self.file.sources()
-        if self.file.document is None:
-            self.files += [Path(str(path)) for path in self.file.state.files]
-        else:
-            translation_folder = self.file.xml.parent.resolve()
-            self.files = [path for path in map(Path.resolve, self.files) if translation_folder not in path.parents]
+        self.files = file.sources()
         film = self.sensor.film()
         self.size = (int(film.crop_size()[0]), int(film.crop_size()[1]))
         #: Whether the film has no crop window.

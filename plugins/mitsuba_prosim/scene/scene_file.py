@@ -148,9 +148,12 @@ class SceneFile:
                 yield from self._spectra(Path(place), search, values, within)
 
     def sources(self) -> list[Path]:
-        """Returns the paths of the files that the scene names, and of the meshes that a translation has read."""
-        files = [path for _, path in self.named_files()]
-        return files + [located(self.path.parent, name) for name in (meshes(self.document) if self.document else ())]
+        """Returns the paths of the files that the scene uses, without the files that the translator wrote."""
+        files = [*map(Path, map(str, self.state.files)), *(path for _, path in self.named_files())]
+        if self.document is None:
+            return files
+        files += [located(self.path.parent, name) for name in meshes(self.document)]
+        return [path for path in map(Path.resolve, files) if self.xml.parent.resolve() not in path.parents]
 
     def _strings(self, state: mi.parser.ParserState) -> Iterator[tuple[mi.Properties, str, Path]]:
         """Yields the parameters of the scene that name a file: the properties, the parameter's name, and the path."""

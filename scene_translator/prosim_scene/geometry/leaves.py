@@ -128,7 +128,7 @@ class Leaves:
         self.faces = np.concatenate([m.faces for m in meshes])
         ends = np.cumsum([0, *(len(m.vertices) for m in meshes)])
         vertices = np.concatenate([m.vertices for m in meshes])
-        surface = np.full(len(self.faces), -1)  # of facets
+        surface = np.full(len(self.faces), -1)  # the surface of each facet
         sharing = [i for i, s in enumerate(self.solids) if (s.surfaces >= 0).any()]
         for i in sharing:
             surface[self.first[i] : self.first[i + 1]] = self.solids[i].surfaces[meshes[i].faces]

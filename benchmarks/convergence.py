@@ -53,6 +53,7 @@ def slope(curve: list[Run]) -> np.ndarray:
     """Returns the slope of log error over log cost, with its 95 % interval: shape (3,)."""
 
     def fitted(k: np.ndarray) -> np.ndarray:
+        """Returns the slope for the rounds with the indices ``k``."""
         costs = [np.median(np.array(run.seconds)[k]) for run in curve]
         return np.array(measures.slope(costs, [rms(run, k) for run in curve]))
 

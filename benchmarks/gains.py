@@ -104,6 +104,7 @@ class OtherLights(Run):
     """A run in which the plugin of each light samples the light, instead of the project's strategies."""
 
     def render(self, seed: int) -> tuple[np.ndarray, float]:
+        """Renders with the light sampling of each light's own plugin."""
         with mock.patch.object(lights, "STRATEGIES", lights.STRATEGIES[-1:]):
             return super().render(seed)
 

@@ -94,6 +94,7 @@ def main() -> None:
         images = renders(pair, options.rounds)
 
         def quotients(k: np.ndarray) -> np.ndarray:
+            """Returns the ratios of times and of variances for the rounds with the indices ``k``."""
             seconds = [np.median(np.array(run.seconds)[k]) for run in pair]  # noqa: B023  (used at once)
             noise = [np.array(of)[k].var(axis=0).mean() / np.mean(of) ** 2 for of in images]  # noqa: B023
             return np.array([seconds[0] / seconds[1], noise[0] / max(noise[1], 1e-12)])

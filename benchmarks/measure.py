@@ -120,6 +120,7 @@ def gain(a: Run, b: Run, cost: str = "seconds") -> np.ndarray:
     samples = [run.samples().mean() for run in (a, b)] if cost == "samples" else [1.0, 1.0]
 
     def ratio(k: np.ndarray) -> np.ndarray:
+        """Returns the gain for the rounds with the indices ``k``, for each measure."""
         costs = samples if cost == "samples" else [np.median(s[k]) for s in seconds]
         return errors[1][k].mean(axis=0) * costs[1] / (errors[0][k].mean(axis=0) * costs[0])
 

@@ -72,10 +72,12 @@ def main() -> None:
             run.errors = [[np.mean(t**2), np.percentile(t, 99.9) ** 2] for t in tone]
 
         def difference(k: np.ndarray) -> np.ndarray:
+            """Returns the difference of the mean images in per cent, for the rounds with the indices ``k``."""
             a, b = (np.mean([of[i] for i in k]) for of in images)  # noqa: B023  (used at once)
             return np.array(100 * (a / b - 1))
 
         def gains(k: np.ndarray) -> np.ndarray:
+            """Returns the gain for each measure, for the rounds with the indices ``k``."""
             a, b = (np.array(run.errors)[k].mean(axis=0) * np.median(np.array(run.seconds)[k]) for run in pair)  # noqa: B023
             return b / a
 

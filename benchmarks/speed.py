@@ -42,11 +42,13 @@ def probe(name: str, size: int, rounds: int) -> dict[str, Any]:
     sensor = scene.sensors()[0]
 
     def render(seed: int = 0, spp: int = 0) -> None:
+        """Renders an image, and waits for its end."""
         image = integrator.render(scene, sensor, seed=seed, spp=spp)
         dr.eval(image)
         dr.sync_thread()
 
     def resize(width: int, height: int, crop: tuple[int, int]) -> None:
+        """Sets the size of the film and of its crop window."""
         film = mi.traverse(sensor)
         film["film.size"], film["film.crop_size"] = mi.ScalarVector2u(width, height), mi.ScalarVector2u(*crop)
         film["film.crop_offset"] = mi.ScalarPoint2u(0)
@@ -61,6 +63,7 @@ def probe(name: str, size: int, rounds: int) -> dict[str, Any]:
             return dr.kernel_history(), time.perf_counter() - begun
 
     def compiled(action: Callable[[], None]) -> int:
+        """Returns how many kernels an action compiles."""
         return sum(e["type"] == dr.KernelType.JIT and not e["cache_hit"] for e in history(action)[0])
 
     first = history(render)[1]

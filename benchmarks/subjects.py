@@ -157,6 +157,7 @@ class Subject:
         return mi.load_dict({"type": "scene"} | scene)
 
     def _external(self, sampler: str) -> mi.Scene:
+        """Loads a scene by other authors, with a box filter, the requested width and the requested sampler."""
         if self.folder is None:
             raise SystemExit(f"{self.name} is a scene by others: name the folder that has it with --folder.")
         config = mi.parser.ParserConfig(mi.variant())

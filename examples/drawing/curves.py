@@ -72,6 +72,9 @@ def albedo(bsdf, incidence, alpha, eta=None, n=256):
     i_m = dr.dot(si.wi, m)
 
     def total(wo, jacobian, side):
+        """Integrates the BSDF over the facets; ``jacobian`` is the solid angle of ``wo`` per solid angle of the
+        facet.
+        """
         lit = (i_m * si.wi.z > 0) & (wo.z * si.wi.z * side > 0)
         value = dr.mean(mi.unpolarized_spectrum(bsdf.eval(context, si, wo, lit)))
         return dr.sum(dr.select(lit, value * jacobian * area, 0))

@@ -11,6 +11,7 @@ RGB = ("#c33", "#393", "#33c")
 
 
 def fresnel_axes(figure, title):
+    """Axes for the reflectance over the angle of incidence."""
     axes = figure.add_subplot(
         xlim=(0, 90),
         ylim=(0, 1),
@@ -24,6 +25,7 @@ def fresnel_axes(figure, title):
 
 
 def dielectric_outside(figure):
+    """Reflectance of dielectrics for light from air (figure 2.4)."""
     axes = fresnel_axes(figure, "From air into a dielectric")
     angles = np.linspace(0, 89.99, 200)
     for n in (1.3, 1.5, 2.0, 2.5):
@@ -33,6 +35,7 @@ def dielectric_outside(figure):
 
 
 def dielectric_inside(figure):
+    """Reflectance of dielectrics for light from inside, with total reflection (figure 2.5)."""
     axes = fresnel_axes(figure, "From a dielectric into air")
     angles = np.linspace(0, 89.99, 500)
     for n in (1.3, 1.5, 2.0, 2.5):
@@ -46,6 +49,7 @@ def dielectric_inside(figure):
 
 
 def copper(figure):
+    """Reflectance of copper in red, green and blue: exact, and by the thesis's approximation (figure 2.6)."""
     axes = fresnel_axes(figure, "Copper in air")
     angles = np.linspace(0, 89.99, 200)
     for fresnel, style in (("exact", "-"), ("thesis", ":")):
@@ -67,6 +71,7 @@ def half_circle(figure, place, title):
 
 
 def beckmann(figure):
+    """Beckmann's distribution of facet normals for two values of the RMS slope m (figure 3.3)."""
     angles = np.radians(np.linspace(-89.9, 89.9, 601))
     m = mi.Vector3f(np.sin(angles), 0, np.cos(angles))
     for place, alpha in ((121, 0.2), (122, 0.6)):

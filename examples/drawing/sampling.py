@@ -9,6 +9,7 @@ from . import patterns
 
 
 def square(figure, place, strata=0, title=None):
+    """Axes of the unit square at ``place`` in the figure, with a grid of strata."""
     axes = figure.add_subplot(*place, xlim=(0, 1), ylim=(0, 1), aspect="equal", xticks=[], yticks=[], title=title)
     for x in np.arange(1, strata) / max(strata, 1):
         axes.axhline(x, color="0.8", lw=0.8, zorder=0)
@@ -17,17 +18,20 @@ def square(figure, place, strata=0, title=None):
 
 
 def numbered(axes, points, color="C0"):
+    """Draws the numbers of points at their positions."""
     for i, (x, y) in enumerate(np.clip(points, 0.04, 0.96)):  # keeps the numbers inside the frame
         axes.text(x, y, str(i + 1), color=color, ha="center", va="center", weight="bold")
 
 
 def strategy(figure, name, n, strata=0):
+    """Draws n samples of the sampling strategy ``name``."""
     axes = square(figure, (1, 1, 1), strata)
     axes.plot(*getattr(patterns, name)(n, np.random.default_rng(1992)).T, "o", ms=4, color="C0")
     return axes
 
 
 def jittering(figure):
+    """Draws 16 jittered samples and the centres of their cells (figure 4.4)."""
     axes = strategy(figure, "jittered", 16, 4)
     axes.plot(*patterns.regular(16, None).T, "+", color="0.4", zorder=0)
     axes.set_xlabel("+ regular   ● jittered")
@@ -46,6 +50,7 @@ def equal_regions(axes, x, density, regions):
 
 
 def importance(figure):
+    """Draws importance sampling: one random sample in each of eight regions of equal probability (figure 4.5)."""
     axes = figure.add_subplot(xlabel="X", ylabel="P(X)")
     x = np.linspace(0, 1, 2001)
     edges = equal_regions(
@@ -67,6 +72,7 @@ def source_strata(figure):
 
 
 def uncorrelated(figure):
+    """Draws the numbers of uncorrelated jittered samples in two spaces (figure 4.6)."""
     rng = np.random.default_rng(6)
     for i, name in enumerate(("pixel", "direction of reflection")):
         numbered(square(figure, (1, 2, i + 1), 3, name), patterns.uncorrelated_jittered(9, rng))
@@ -79,11 +85,13 @@ def nrook_points(n, r, space, pixel=0):
 
 
 def association(figure):
+    """Draws the numbers of the renderer's samples in two spaces: pixel and source (figure 5.10)."""
     for space, name in enumerate(("pixel", "source")):
         numbered(square(figure, (1, 2, space + 1), 5, name), nrook_points(5, 0, space))
 
 
 def rotation(figure):
+    """Draws the samples of one, two and three passes of the renderer for N = 3 (figure 5.11)."""
     n = 3
     for last in range(n):
         axes = square(figure, (1, n, last + 1), n, f"{n * (last + 1)} samples")

@@ -68,6 +68,7 @@ def prosim() -> None:
     shown_warnings = set()
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
+        """Prints each warning once, above the progress bar."""
         from tqdm import tqdm  # imported only if there is a warning
 
         if str(message) not in shown_warnings:  # Python would show a message again after a change of its filters

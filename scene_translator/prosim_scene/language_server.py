@@ -37,6 +37,7 @@ class OpenDocument:
     """One version of a document that is open in an editor, and the ``pending`` task or timer for this version."""
 
     def __init__(self, document: TextDocument) -> None:
+        """Stores the text of a document, and the offsets of its lines."""
         self.uri, self.version, self.text = document.uri, document.version, document.source
         self.filename = to_fs_path(document.uri) or document.uri
         self.codec, self.lines = document.position_codec, LINE.split(self.text)

@@ -30,6 +30,7 @@ class Film:
     """The frames of one job, which are rendered in order. Frames that exist are not rendered again."""
 
     def __init__(self, job: Job, stem: Path) -> None:
+        """Raises InputError if the scene uses neither $frame nor $time, so that several frames would be equal."""
         self.job, self.stem, self.frames = job, stem, job.frames or range(0)
         self.cache = prosim_scene.TranslationCache()
         self.rendered = self.left = self.black = 0

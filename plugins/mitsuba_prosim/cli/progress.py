@@ -20,6 +20,7 @@ class Progress(tqdm):
     """
 
     def __init__(self, doing: str, frames: int = 1, timed: bool = True) -> None:
+        """Starts the progress bar."""
         self.on_terminal, self.next_line = sys.stderr.isatty(), SHORTEST
         form = "{l_bar}{bar}| {elapsed}, {remaining} left" if timed else "{desc}"
         self.step, self.finished = "", 0

@@ -128,6 +128,7 @@ class Resources(ExitStack):
         self.dask: DaskExecutor | None = None
 
     def __enter__(self) -> Resources:
+        """Opens the log, sets the number of threads, and makes the temporary folder."""
         self.enter_context(log(self.job.verbose))
         self.enter_context(session.threads(self.job.threads))
         self.folder = self.enter_context(atomic.scratch())

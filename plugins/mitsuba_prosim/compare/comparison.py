@@ -40,6 +40,7 @@ class Comparison:
     """Compares the methods ``a`` and ``b`` on a scene called ``name``. ``exposure`` is in stops."""
 
     def __init__(self, scene: ComparedScene, name: str, a: Spec, b: Spec, effort: Effort, exposure: float) -> None:
+        """``effort`` is the amount of work; :meth:`run` does the work."""
         self.scene, self.a, self.b, self.effort, self.scale = scene, a, b, effort, 2.0**exposure
         #: Results that can be written as JSON, and images by name; both are complete after :meth:`run`.
         self.facts: dict[str, Any] = {
@@ -185,6 +186,7 @@ def equal_cost_methods(scene: ComparedScene, a: Method, b: Spec, transport: str)
     samples = max(round(float(np.mean(a.render(0)[1]))), 1)
 
     def processor_seconds(method: Method) -> float:
+        """Returns the median processor seconds of three renders."""
         method.render(0)  # compiles the kernels
         return float(np.median([method.render(0)[3] for _ in range(3)]))
 

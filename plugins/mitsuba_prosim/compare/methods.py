@@ -27,6 +27,7 @@ class Spec:
     """
 
     def __init__(self, text: str, **changes: Any) -> None:
+        """Raises ValueError if ``text`` does not have the form :data:`FORM`."""
         head, *parameters = text.split(",")
         self.text = text
         self.integrator, _, sampler = head.partition(":")
@@ -95,6 +96,7 @@ class ComparedScene:
     """A scene that different methods render, so that the methods can be compared."""
 
     def __init__(self, file: scene_file.SceneFile) -> None:
+        """Loads the scene of ``file``. Raises the errors of loading plugins."""
         self.file, self.scene = file, file.load()
         self._sensors: dict[str | None, mi.Sensor] = {None: scene_file.pick_sensor(self.scene, 0)}
         integrator: Any = self.scene.integrator()

@@ -98,6 +98,7 @@ class View:
     """A progressive image in a notebook, which :func:`show` makes."""
 
     def __init__(self, image: ProgressiveImage, exposure: float) -> None:
+        """Displays the widgets of the view. Raises ImportError if ipywidgets is not installed."""
         try:
             import ipywidgets as widgets
         except ImportError as error:

@@ -94,6 +94,7 @@ def as_view(view: View, home: Camera, moved: Camera) -> str:
     motion = moved.to_world @ np.linalg.inv(home.to_world)
 
     def vector(value: tuple[float, float, float], homogeneous: float) -> str:
+        """Formats a vector after the motion of the camera; ``homogeneous`` is 1 for a point, 0 for a direction."""
         return numbers((motion @ [*value, homogeneous])[:3], size if homogeneous else 1.0)
 
     # The view plane and the window keep their position relative to the eye, also after a change of the distance.

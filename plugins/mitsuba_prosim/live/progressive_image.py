@@ -33,6 +33,7 @@ class ProgressiveImage:
     def __init__(
         self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, spp: int, seed: int, denoise: bool = False
     ) -> None:
+        """Prepares the render; :meth:`step` renders. ``seed`` is the seed of the samples."""
         if not rendering.is_progressive(integrator):
             integrator = create("prosim_adaptive", nested=integrator, adaptive="none")
             spp = spp or sensor.sampler().sample_count()

@@ -53,6 +53,7 @@ class SceneWatcher:
         self._watch({*self._stamps, folder, *islice(chain(folder.glob("*"), folder.glob("*/*")), MAX_WATCHED_FILES)})
 
     def _watch(self, files: set[Path]) -> None:
+        """Watches these files, and keeps the known stamps of files that are watched already."""
         self._stamps = {path: self._stamps[path] if path in self._stamps else stamp(path) for path in files}
 
     def changed(self) -> bool:

@@ -128,6 +128,7 @@ class Pages:
         """Streams the state, and each change of it, to the page."""
 
         async def stream() -> AsyncIterator[str]:
+            """Yields each state as a server-sent event."""
             async for state in self._publisher.follow():
                 yield f"data: {json.dumps(asdict(state))}\n\n"
 

@@ -55,6 +55,7 @@ class Viewer:
     def __init__(
         self, path: Path, open_scene: Callable[[], LoadedScene], spp: int = 0, seed: int = 0, denoise: bool = False
     ) -> None:
+        """Makes the viewer; :meth:`run` opens the scene and renders."""
         self.publisher, self.watcher = Publisher(State(path.name)), SceneWatcher(path)
         #: The open scene; None if it could not be opened.
         self.scene: LoadedScene | None = None
@@ -142,10 +143,12 @@ class Viewer:
 
     @property
     def _done(self) -> bool:
+        """Whether all images are finished."""
         return all(image.done for image in self._images.values())
 
     @property
     def _idle(self) -> bool:
+        """Whether there is nothing to do for the current request."""
         return self._request == self._shown and (self._request.paused or self._done)
 
     def _advance(self) -> None:

@@ -60,6 +60,7 @@ def count_cut_media(tree: Tree, media_of: Sequence[int]) -> np.ndarray:
     result = np.zeros(len(media_of), int)
 
     def combine(symbol: str, first: _Operand, second: _Operand) -> _Operand:
+        """Returns the operand that an operator produces; updates the numbers of the leaves that cut."""
         media, begin, _ = first
         if symbol == "+":
             media = media | second[0]
@@ -112,10 +113,12 @@ def evaluate(tree: Tree, groups: Sequence[int], body: Callable[[int], Body | Non
     """
 
     def leaf(number: int) -> dict[int, _Chain]:
+        """Returns the chain of a single leaf, by the group of the leaf; empty if the leaf has no solid."""
         value = body(number)
         return {groups[number]: _Chain(value)} if value else {}
 
     def combine(symbol: str, left: dict[int, _Chain], right: dict[int, _Chain]) -> dict[int, _Chain]:
+        """Applies an operator to the chains of two operands, separately for each group."""
         # If only one operand has a group, + keeps the group, - keeps a group of the left operand, * removes the group.
         small, large = sorted((left, right), key=len)
         common = {group: left[group].combined(symbol, right[group]) for group in small if group in large}
@@ -139,6 +142,7 @@ class _Chain:
     """A chain of the operators + and -: operands with their signs; the first operand is positive."""
 
     def __init__(self, first: Body) -> None:
+        """Makes a chain with the single operand ``first``."""
         self.operands = deque([("+", first)])
         self.has_minus = False
 
@@ -227,6 +231,7 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
 
     @cache
     def manifold() -> Manifold:
+        """Computes the union: in one batch if the bodies share no surfaces and are few, otherwise in two halves."""
         middle = len(distinct) // 2
         if len(distinct) <= MAX_BATCH and len(surfaces) == sum(len(body.surfaces) for body in distinct):
             result = Manifold.batch_boolean([body.manifold() for body in distinct], OpType.Add)

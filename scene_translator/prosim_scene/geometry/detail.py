@@ -101,6 +101,7 @@ def intersection_ball(a: Ball, b: Ball) -> Ball:
 
 
 def _between(a: Ball, b: Ball, fraction: float) -> tuple[float, float, float]:
+    """Returns the point at a ``fraction`` of the way from the centre of a to the centre of b."""
     x, y, z = (p + fraction * (q - p) for p, q in zip(a.center, b.center))
     return x, y, z
 

@@ -196,6 +196,7 @@ class Cube(Primitive):
     ]
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
+        """Returns the mesh of the cube: two triangles for each face."""
         triangles = np.array([t for a, b, c, d in self.squares for t in ((a, b, c), (a, c, d))])
         return Mesh(box_corners(self.box), triangles, np.repeat(np.arange(6), 2), np.arange(6))
 
@@ -203,6 +204,7 @@ class Cube(Primitive):
         return 12
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
+        """Returns normals and uv; uv are the two coordinates along the face."""
         normals = np.zeros_like(p)
         axis = face % 3
         normals[np.arange(len(p)), :, axis] = np.where(face < 3, -1, 1)[:, None]
@@ -232,6 +234,7 @@ class Sphere(Primitive):
     segment_factor = 1.64  # the largest triangles lie at the centres of the octahedron's faces
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
+        """Returns a subdivided octahedron, whose vertices are mapped by ``facet_map``."""
         vertices, triangles = _subdivided_octahedron(segments)
         placed = vertices @ facet_map[:3, :3].T
         if facet_map[3, :3].any():  # a projective map
@@ -242,10 +245,14 @@ class Sphere(Primitive):
         return max(segments, MIN_SEGMENTS) ** 2 // 2
 
     def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns the size of the curved face, which MAX_ASPECT limits, and the centre and the radius of a bounding
+        ball.
+        """
         longest, second = np.moveaxis(np.linalg.svd(linear, compute_uv=False)[..., :2], -1, 0)
         return np.minimum(longest, MAX_ASPECT * second), np.zeros(linear.shape[:-1]), longest
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
+        """Returns normals and uv: azimuth and polar angle, scaled to [0, 1]."""
         radius = np.linalg.norm(p, axis=2)
         u, pole = azimuth(p)
         v = np.arccos(np.clip(p[..., 2] / radius, -1, 1)) / math.pi
@@ -261,6 +268,7 @@ class _OfRevolution(Primitive):
     curved = 0
 
     def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns the size of the curved face, and the centre and the radius of a bounding ball."""
         size = longest_axis(linear[..., :2])
         center = linear[..., 2] / 2
         return size, center, np.linalg.norm(center, axis=-1) + size
@@ -289,6 +297,7 @@ class Cylinder(_OfRevolution):
     lines = np.stack([np.append(circle(64), np.full((64, 1), z), axis=1) for z in (0, 1)], axis=1)
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
+        """Returns the mesh of the cylinder: two discs, and two triangles for each segment of the side."""
         around = circle(segments) @ facet_map[:2, :2].T  # facet_map keeps lines parallel to z
         ring = np.append(around / np.linalg.norm(around, axis=1, keepdims=True), np.ones((segments, 1)), axis=1)
         upper, disc = np.arange(segments), fan(segments)
@@ -312,6 +321,7 @@ class Cone(_OfRevolution):
     lines = np.stack([np.append(circle(64), np.ones((64, 1)), axis=1) * z for z in (0, 1)], axis=1)
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
+        """Returns the mesh of the cone: a disc, and one triangle for each segment of the side."""
         generators = np.append(circle(segments), np.ones((segments, 1)), axis=1) @ facet_map[:3, :3].T
         ring = np.append(generators[:, :2] / generators[:, 2:], np.ones((segments, 1)), axis=1)
         i = np.arange(segments)
@@ -324,6 +334,7 @@ class Cone(_OfRevolution):
         return 2 * max(segments, MIN_SEGMENTS) - 2
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
+        """Returns normals and uv as for other solids of revolution, and special normals at the apex."""
         side = super().corner_attributes(p, face)
         apex = (np.linalg.norm(p, axis=2) < ON_AXIS) & (face == 0)[:, None]
         tips = apex.any(axis=1)

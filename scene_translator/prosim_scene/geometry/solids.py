@@ -79,6 +79,7 @@ class Solid:
 
 @lru_cache(maxsize=64)
 def _unit_mesh(primitive: Primitive, segments: int) -> Mesh:
+    """Returns the mesh of a primitive in its own space; the result is cached for equal solids."""
     return primitive.mesh(segments, IDENTITY)
 
 

@@ -165,12 +165,14 @@ def _boundary(
     small_neighbours = csg.count_small_neighbours(boxes)
 
     def body(number: int, medium: int) -> csg.Body | None:
+        """Returns the solid of a leaf for the evaluation of ``medium``; None if the leaf has no effect there."""
         if medium != media_of[number] and not cutters[number]:
             return None
         i = int(table.of_leaf[number])
         surfaces = frozenset(table.solids[i].surfaces.tolist()) - {-1}
 
         def mesh() -> Manifold:
+            """Returns the leaf's mesh for manifold3d, refined if many small solids touch the leaf."""
             own = manifold(table.meshes[i], table.first[i], ids.id_of(number, medium))
             return csg.refined(own, small_neighbours[number])
 

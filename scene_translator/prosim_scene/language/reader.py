@@ -74,6 +74,7 @@ class Reader(Scanner):
     """
 
     def __init__(self, text: str, filename: str = "<string>", define: Mapping[str, object] | None = None) -> None:
+        """Reads the whole text. Raises SceneError for a wrong name or value in ``define``."""
         source = Source(text, filename)
         super().__init__(source, Definitions(source, define))
         self.fields: dict[str, Any] = {"solids": {}, "surfaces": {}, "transforms": {}, "patterns": {}}

@@ -191,14 +191,14 @@ def equal_cost_methods(scene: ComparedScene, a: Method, b: Spec, transport: str)
         return float(np.median([method.render(0)[3] for _ in range(3)]))
 
     target_seconds = processor_seconds(a)
-    spp, equal = samples, scene.method(b, transport, spp=samples)
+    spp, at_equal_time = samples, scene.method(b, transport, spp=samples)
     for _ in range(4):  # repeated, because a part of a render's time does not depend on the sample count
-        ratio = target_seconds / processor_seconds(equal)
+        ratio = target_seconds / processor_seconds(at_equal_time)
         if 0.9 < ratio < 1.1:
             break
         spp = min(max(round(spp * ratio), 1), 4096)
-        equal = scene.method(b, transport, spp=spp)
-    return scene.method(b, transport, spp=samples), equal
+        at_equal_time = scene.method(b, transport, spp=spp)
+    return scene.method(b, transport, spp=samples), at_equal_time
 
 
 def equal_error(points: list[dict[str, Any]], cost: str, measure: str, row: dict[str, Any]) -> dict[str, Any]:

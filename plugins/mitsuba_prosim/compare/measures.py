@@ -91,7 +91,7 @@ def cost_at(error: float, costs: Sequence[float], errors: Sequence[float]) -> fl
     """
     order = np.argsort(costs)
     x, y = np.log(np.asarray(costs, float)[order]), np.log(np.asarray(errors, float)[order])
-    # The true error never grows with the cost; where the measured error does, the smaller error is used.
+    # The true error never grows with the cost. Where the measured error grows, the smaller error is used.
     y = np.minimum.accumulate(y)
     log_error = np.log(error)
     if not y[-1] <= log_error <= y[0]:

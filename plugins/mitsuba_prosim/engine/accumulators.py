@@ -49,8 +49,8 @@ class Accumulators:
     @classmethod
     def empty(cls, sums_per_pixel: int, pixels: int) -> Accumulators:
         """Returns accumulators of ``pixels`` pixels without samples."""
-        a, b, c, d, *sums = (dr.zeros(mi.Float, pixels) for _ in range(sums_per_pixel + 4))
-        result = cls(sums, a, b, c, d, dr.zeros(mi.UInt32, pixels))
+        total, squares, pass_squares, in_pass, *sums = (dr.zeros(mi.Float, pixels) for _ in range(sums_per_pixel + 4))
+        result = cls(sums, total, squares, pass_squares, in_pass, dr.zeros(mi.UInt32, pixels))
         dr.make_opaque(result)
         return result
 
@@ -68,7 +68,7 @@ class Accumulators:
         error. Otherwise the single samples give the error.
         """
         (total, squares, count), share = self.statistics(), np.float32(1 / n)
-        with np.errstate(all="ignore"):  # without samples it is NaN
+        with np.errstate(all="ignore"):  # the error is NaN without samples
             between = standard_error(total * share, np.array(self.pass_squares), count * share)
             return np.where((count > n) & (count % n == 0), between, standard_error(total, squares, count))
 
@@ -130,7 +130,7 @@ class FilmState:
         """Returns the samples that the policy requests for each pixel within ``margin`` of the region, and 0 for other
         pixels.
         """
-        with np.errstate(all="ignore"):  # without samples it is NaN
+        with np.errstate(all="ignore"):  # the error is NaN without samples
             values = self.policy.request(*(self.crop(sums, self.outer) for sums in self.accumulators.statistics()))
         there, result = widened(self.plan.region, margin, self.plan.domain), np.zeros(area(self.outer), np.float32)
         self.crop(result, there)[:] = self.crop(values, there)

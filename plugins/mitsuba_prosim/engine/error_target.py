@@ -239,14 +239,15 @@ def limit_by_photons(count: np.ndarray, wanted: np.ndarray, max_samples: int, ma
 
     The result is the maximum of the counts ``wanted``. The result is smaller if too few samples would use the last
     photon passes, and 0 if no photon pass is worth its cost. A photon pass has a fixed cost, so a photon pass waits
-    until enough pixels need it. A photon pass serves ``maps`` samples of each pixel. ``count`` has the samples so far;
-    ``max_samples`` is the maximum number of samples of a pixel.
+    until enough pixels need it. A photon pass emits ``photons`` photons, and serves ``maps`` samples of each pixel.
+    ``count`` has the samples so far; ``max_samples`` is the maximum number of samples of a pixel.
     """
     last, lacking = int(wanted.max()), wanted > count
     if last == max_samples or not lacking.any():
         return last  # this is the last pass
     passes = -(-last // maps)
     starts, ends = (np.bincount(counts[lacking], minlength=passes * maps + 1) for counts in (count, wanted))
+    # The cumulative sum has, for each t, the number of pixels that take the t-th sample.
     samples = np.cumsum(starts - ends)[: passes * maps].reshape(passes, maps).sum(axis=1)
     enough = np.flatnonzero(samples >= min(photons, count.size * maps) / SPARSE)
     return (int(enough[-1]) + 1) * maps if enough.size else 0

@@ -57,8 +57,8 @@ class SphereLights(OtherLights):
         to_center = center - receiver.si.p
         inv_d2 = dr.rcp(dr.squared_norm(to_center))
         cos_n = dr.dot(receiver.n, to_center) * dr.sqrt(inv_d2)
-        across = dr.cross(receiver.n, to_center)
-        y = dr.dot(ds.d, across) * dr.rsqrt(dr.maximum(dr.squared_norm(across), 1e-30))
+        y_axis = dr.cross(receiver.n, to_center)
+        y = dr.dot(ds.d, y_axis) * dr.rsqrt(dr.maximum(dr.squared_norm(y_axis), 1e-30))
         return pdf_projected_cap(cos_n, dr.square(radius) * inv_d2, y, dr.dot(receiver.n, ds.d))
 
     def reparameterised(

@@ -39,9 +39,10 @@ def pdf_projected_cap(cos_n: mi.Float, sin2_theta_max: mi.Float, y: mi.Float, z:
     """
     region = _Region(cos_n, sin2_theta_max)
     eta = dr.minimum(dr.abs(y) / dr.maximum(region.s * region.t, _TINY), 1)
-    circle2 = 1 - dr.square(y)
-    left = dr.square(z) / (dr.safe_sqrt(circle2) + dr.safe_sqrt(circle2 - dr.square(z)))
-    in_ellipse = left > dr.square(region.s) * region.width(eta)
+    circle_x2 = 1 - dr.square(y)
+    # The distance of the point (x, y) from the unit circle, along x. z² is circle_x2 minus x².
+    to_circle = dr.square(z) / (dr.safe_sqrt(circle_x2) + dr.safe_sqrt(circle_x2 - dr.square(z)))
+    in_ellipse = to_circle > dr.square(region.s) * region.width(eta)
     return dr.maximum(z, 0) * region.pdf(in_ellipse, eta)
 
 
@@ -130,9 +131,10 @@ class _Region:
     def direction_in_crescent(self, eta: mi.Float, v: mi.Float) -> mi.Vector3f:
         """Returns the direction to the point at the signed ordinate ``eta``; ``v`` is uniform across the crescent."""
         circle = self.circle(eta)
-        left = (1 - v) * self.width(eta) * dr.square(self.s)  # distance to the circle, along x
-        x = circle - left
-        return mi.Vector3f(x, self.s * self.t * eta, dr.safe_sqrt(left * (x + circle)))
+        # The distance of the point from the unit circle, along x.
+        to_circle = (1 - v) * self.width(eta) * dr.square(self.s)
+        x = circle - to_circle
+        return mi.Vector3f(x, self.s * self.t * eta, dr.safe_sqrt(to_circle * (x + circle)))
 
     def pdf(self, in_ellipse: mi.Bool, eta: mi.Float) -> mi.Float:
         """Returns the density of a sample per area of the plane."""

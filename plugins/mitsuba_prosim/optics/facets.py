@@ -94,8 +94,8 @@ def gaussian_limits(alpha: mi.Float) -> tuple[mi.Float, mi.Float, mi.Float]:
     degrees.
     """
     alpha2 = dr.square(dr.clip(alpha, 1e-4, 2))  # above 2, cancellation becomes visible in single precision
-    low = gaussian_tail(dr.square(0.5 * dr.pi) / alpha2, alpha2)
-    return alpha2, low, gaussian_tail(0, alpha2) - low
+    tail = gaussian_tail(dr.square(0.5 * dr.pi) / alpha2, alpha2)
+    return alpha2, tail, gaussian_tail(0, alpha2) - tail
 
 
 def gaussian(m: mi.Vector3f, alpha: mi.Float) -> mi.Float:

@@ -25,6 +25,8 @@ def _callback(variant: str) -> type:
     """
 
     class Parts(mi.TraversalCallback):
+        """Stores the parameters of an object by their names."""
+
         def __init__(self) -> None:
             super().__init__()
             self.found: dict[str, Any] = {}

@@ -244,13 +244,13 @@ class PhotonMIS:
         receiver = Receiver(camera_si, viewer_side(camera_si), lobes.has_any(hit.bsdf.flags(), *lobes.BOTH_SIDES))
         lit = quotient(self.lights.pdf(receiver, ds, active & first), pdf)
         landed = quotient(self.footprint.area(hit.si.p) * hit.cos, pdf) * density
-        beyond = effective_photons(density, dr.select(first, lit, landed)) * kept_fraction(f, pdf)
+        next_density = effective_photons(density, dr.select(first, lit, landed)) * kept_fraction(f, pdf)
         # Only light sampling finds light that comes directly from a point light, and only rays find light directly from
         # a sky.
         single_strategy = density > MAX_DENSITY
         if self.lights.sky is not None:
             single_strategy |= ds.emitter.is_environment()
-        return dr.select(first & single_strategy, 0, beyond)
+        return dr.select(first & single_strategy, 0, next_density)
 
 
 def etendue_of(ray: Ray) -> mi.Float:

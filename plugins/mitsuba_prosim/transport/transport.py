@@ -54,8 +54,8 @@ class Transport(Context):
             """Follows one ray: adds the light at the end of the ray, and finds the next ray."""
             L, vertex = shade(self, state.ray, ray, points, state.active)
             hit = state.hit | (state.ray.level == 0) & vertex.active
-            following, going, progress = walk.proceed(self, vertex, points, state.active, state.progress)
-            return State(state.L + L, hit, following, going, progress, state.sampler)
+            next_ray, next_active, progress = walk.proceed(self, vertex, points, state.active, state.progress)
+            return State(state.L + L, hit, next_ray, next_active, progress, state.sampler)
 
         first, sampler = self.first(ray), points.sampler if isinstance(points, SamplerPoints) else None
         state = State(self.layers.none(), mi.Bool(False), first, mi.Bool(active), walk.start(self, first), sampler)

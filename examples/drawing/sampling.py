@@ -80,7 +80,7 @@ def uncorrelated(figure):
 
 def nrook_points(n, r, space, pixel=0):
     """The samples of pass ``r`` of the renderer in one space, in their order: shape (n, 2)."""
-    sample = NRook(Permutations(n), pixel_key(7, pixel), mi.UInt32(r), dr.arange(mi.UInt32, n), "uniform")
+    sample = NRook(Permutations(n), pixel_key(7, pixel), r * n + dr.arange(mi.UInt32, n), "uniform")
     return np.array(sample(space)).T
 
 

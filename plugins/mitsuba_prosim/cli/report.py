@@ -27,8 +27,8 @@ def metadata(
     """Returns the metadata of an EXR image.
 
     For a progressive integrator, ``prosim.samples`` is the mean number of samples per pixel. ``prosim.noise``,
-    ``prosim.noise_99``, ``prosim.noise_999`` and ``prosim.noise_at_most`` exist if they were measured.
-    ``prosim.ended`` is the result of :func:`end_cause`, if this is not None.
+    ``prosim.noise_99``, ``prosim.noise_999`` and ``prosim.noise_at_most`` exist if they were measured. ``prosim.ended``
+    is the result of :func:`end_cause`, if the result is not None.
     """
     result = {
         "scene": job.scene,

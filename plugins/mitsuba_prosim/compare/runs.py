@@ -68,8 +68,8 @@ def interleaved(runs: Sequence[Runs], rounds: int) -> Iterator[float]:
 class Reference:
     """A converged image. It is complete after :meth:`converge`.
 
-    Each of the ``estimators``, methods with the same expected image, renders many images. The reference is the mean of
-    the estimators' mean images, weighted by the inverse of their variances.
+    The ``estimators`` are methods with the same expected image; each of the methods renders many images. The reference
+    is the mean of the estimators' mean images, weighted by the inverse of their variances.
     """
 
     def __init__(self, estimators: Sequence[Method]) -> None:

@@ -82,7 +82,7 @@ class FilmState:
 
     def __init__(self, plan: Plan, estimator: Estimator, part: Part | None = None) -> None:
         self.plan, self.estimator, self.policy, self.part = plan, estimator, policy_of(plan), part
-        #: Width in pixels of the margin around the image at which decisions look.
+        #: Width in pixels of the margin around the image whose samples the policy uses.
         self.margin = self.policy.rounds * self.policy.reach
         #: The rectangle of the pixels in the arrays, row by row.
         self.outer = widened(plan.region, self.margin, plan.domain)

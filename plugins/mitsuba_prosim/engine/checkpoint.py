@@ -127,7 +127,7 @@ class Checkpoint:
         state.plan = replace(state.plan, uses_sobol=state.plan.uses_sobol or self.attributes["uses_sobol"])
         for name in (*MEASURED, *(DECIDED if decided else ())):
             setattr(state, name, self.attributes[name])
-        # Policies look at different numbers of pixels around a crop window.
+        # Different policies use different numbers of pixels around a crop window.
         _, mine, theirs = np.intersect1d(self.pixels["index"], index(state), True, return_indices=True)
         pixels = {name: np.zeros(len(index(state)), values.dtype) for name, values in self.pixels.items()}
         for name, values in pixels.items():

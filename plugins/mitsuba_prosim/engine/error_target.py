@@ -33,8 +33,8 @@ GROWTH = 4.0
 #: ratio.
 ENOUGH, AIM = 0.97, 0.94
 
-#: Maximum ratio of the upper bound of the error to the target; minimum ratio of the bound to the error if the error is
-#: uncertain because few pixels have most of it.
+#: Maximum ratio of the upper bound of the error to the target. Minimum ratio of this bound to the error for an error
+#: that is uncertain because few pixels have most of the error.
 TOLERANCE, UNCERTAIN = 1.05 / ENOUGH, 1.2
 
 #: A pass may use a photon pass if the number of its samples is at least that of the photons, or that of one sample of
@@ -61,8 +61,9 @@ class ErrorTarget:
     denoiser_seconds: float = 0.0
 
     def excess(self, noise: Sequence[float]) -> float:
-        """Returns the largest ratio of a measured error in ``noise`` to its limit; NaN without limits. The upper bound
-        has a limit, too, unless the error is uncertain.
+        """Returns the largest ratio of a measured error in ``noise`` to its limit; NaN without limits.
+
+        The upper bound of the error has a limit, too, unless the error is uncertain.
         """
         rms, *tails, bound = noise
         rms = max(rms, bound / TOLERANCE) if bound <= UNCERTAIN * rms else rms
@@ -100,8 +101,8 @@ class SecondImage:
 
     The difference between the first and the second image shows the error of both, however well the samples are
     distributed in the scene. The variance of the samples within a pixel does not show the error of the image: well
-    distributed samples can be ten times better. ``complete`` tells whether the second image has all pixels; the result
-    is then the mean of both images.
+    distributed samples can be ten times better. ``complete`` tells whether the second image has all pixels; if so, the
+    final image is the mean of the two images.
     """
 
     #: One pixel of this many is in the second image, and at least this number of pixels.
@@ -114,7 +115,8 @@ class SecondImage:
     def __init__(self, state: FilmState, complete: bool = False) -> None:
         """Begins the second image of ``state``.
 
-        If the accumulators that ``state`` stores have the right number of pixels, the second image continues from them.
+        If ``state`` stores accumulators with the right number of pixels, the second image continues from these
+        accumulators.
         """
         self.state, self.complete = state, complete
         index, seed = state.crop(np.arange(area(state.outer)), state.plan.region).ravel(), state.plan.seed + 1
@@ -133,7 +135,7 @@ class SecondImage:
         self.estimator = state.estimator
         if state.second is None or dr.width(state.second.count) != len(index):  # none, or for other pixels
             state.second = Accumulators.empty(self.estimator.sums_per_pixel, len(index))
-        #: The same object as in the state, which a checkpoint stores.
+        #: The sums of the second image: the object ``state.second``, which a checkpoint stores.
         self.accumulators = state.second
 
     @alone()
@@ -165,7 +167,7 @@ class SecondImage:
         errors = np.sqrt(part * np.array(squares, dtype=np.float64))
         tails = np.percentile(errors, [99, 99.9])
         rms, own = float(np.sqrt(np.mean(errors**2))), display_variance(first) / np.array(first.count, dtype=np.float64)
-        # The second image may lack the brightest pixels; the variance within the pixels shows them.
+        # The second image may lack the brightest pixels. The variance of the samples within a pixel shows such pixels.
         deviation = 0.5 * (concentration(errors**2) + 2 * concentration(state.crop(own, plan.window))) ** 0.5
         return rms, float(tails[0]), float(tails[1]), rms * (1 + 1.645 * deviation)
 

@@ -138,11 +138,13 @@ class Render(Steps):
     def _pass(
         self, pixels: Pixels, wanted: np.ndarray, expected: float = 0.0, stoppable: bool = True
     ) -> Generator[Step, None, bool]:
-        """Takes the samples that ``pixels`` lack to the counts ``wanted``; returns whether all of them were taken.
+        """Takes the samples that ``pixels`` lack to the counts ``wanted``; returns whether all these samples were
+        taken.
 
-        ``expected`` is the estimated number of samples at the end of the image; if it is 0, the progress stays the
-        same. ``stoppable`` tells whether :meth:`stop` may end the pass. The time limit may end each pass but the first
-        sample of the pixels. With an error target, later passes are shown when their error is known.
+        ``expected`` is the estimated number of samples at the end of the image; if the number is 0, the progress stays
+        the same. ``stoppable`` tells whether :meth:`stop` may end the pass. The time limit may end every pass, except a
+        pass that takes only the first sample of each pixel. With an error target, later passes are shown when their
+        error is known.
         """
         target, timed = self.target, np.any(wanted > 1)
         shown = self.state.rounds == 0 or not self.state.plan.sampling.has_target
@@ -208,7 +210,7 @@ class Render(Steps):
             left = policy.rounds - state.rounds
             if state.wanted is None:
                 left -= 1
-                # The next decision looks at neighbouring pixels: their samples must be those of the whole image.
+                # The policy uses neighbouring pixels: the samples of these pixels must be those of the whole image.
                 wanted = state.counts_for(state.request(left * policy.reach))
                 if left:  # few samples give unreliable estimates
                     wanted = np.minimum(wanted, np.maximum(GROWTH * np.array(state.accumulators.count), plan.n**2))

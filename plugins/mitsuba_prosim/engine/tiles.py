@@ -9,7 +9,7 @@ import numpy as np
 
 from .plan import Rectangle, area
 
-#: Minimum side of a tile in pixels; maximum side of a tile, as a multiple of the margin at which decisions look;
+#: Minimum side of a tile in pixels; maximum side of a tile, as a multiple of the margin whose samples are used;
 #: minimum number of tiles of a part. A part also takes the first samples of the pixels around its tiles: large tiles
 #: have fewer of these pixels, small tiles divide the work more equally.
 SMALLEST, LARGEST, TILES = 8, 12, 16
@@ -37,8 +37,8 @@ class Part:
 def part_numbers(region: Rectangle, parts: int, margin: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Returns the number of the part that owns each pixel (x, y) of ``region``; x and y are integer arrays.
 
-    Tiles are assigned to the ``parts`` in turn. The size of a tile depends on ``margin``, the width of the
-    neighbourhood at which decisions look. If decisions look at no neighbours, the smallest tiles are best.
+    Tiles are assigned to the ``parts`` in turn. The size of a tile depends on ``margin``, the width in pixels of the
+    neighbourhood whose samples the policy uses. If the policy uses no neighbours, the smallest tiles are best.
     """
     left, top, right, bottom = region
     side = max(min(int((area(region) / (TILES * parts)) ** 0.5), LARGEST * margin), SMALLEST)

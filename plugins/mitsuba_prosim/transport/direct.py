@@ -23,8 +23,8 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
     """Returns the direct light that ``vertex`` scatters into its ray.
 
     Every light source gets one sample and one shadow ray (section 4.1), or only one randomly chosen lamp gets a sample
-    and a shadow ray. All lobes scatter direct light, except that only diffuse lobes scatter it after an earlier vertex
-    of the path gathered photons.
+    and a shadow ray. Usually all lobes scatter direct light. After an earlier vertex of the path has gathered photons,
+    only diffuse lobes scatter direct light.
     """
     lights, ray, active = context.lights, vertex.ray, vertex.smooth
     space = context.space(ray.node, NODE_SPACES)

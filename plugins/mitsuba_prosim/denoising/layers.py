@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import mitsuba as mi
 import numpy as np
 
+from ..engine.film import put
 from .halves import FinalImage
 
 
@@ -45,9 +46,7 @@ def update_film(final: FinalImage, names: Sequence[str]) -> None:
     planes["W"] = np.ones(planes["R"].shape)
     alpha = ["A"] * bool(mi.has_flag(film.flags(), mi.FilmFlags.Alpha))
     values = np.stack([planes[name] for name in (*"RGB", *alpha, "W", *names)], axis=2, dtype=np.float32)
-    film.prepare(names)
-    film.clear()
-    film.put_block(mi.ImageBlock(mi.TensorXf(values), mi.ScalarPoint2i(film.crop_offset()), border=False))
+    put(film, mi.TensorXf(values), names)
 
 
 def mixed(

@@ -30,7 +30,7 @@ def read(path: AnyPath) -> str:
     except UnicodeDecodeError:
         text = data.decode("latin-1")
     if "\0" in text[:2]:  # probably UTF-16 without a byte order mark
-        raise SceneError(f"{path}: the text is not UTF-8; save it in that encoding", str(path))
+        raise SceneError(f"{path}: the text is not UTF-8; save the file as UTF-8", str(path))
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 

@@ -78,7 +78,7 @@ def translate(
     checked = Options(**options)
     opened, source_path = _document_and_path(source, define)
     if not is_valid_in_xml(source_path.stem):
-        reason = "the translation's files have this name, and it is not valid in XML; "
+        reason = "the translation's files would have this name, which is not valid in XML; "
         reason += "expected a name without control characters, in UTF-8"
         raise SceneError(f"{str(source_path)!r}: {reason}", str(source_path))
     folder = Path(out_dir) if out_dir is not None else source_path.parent

@@ -123,7 +123,7 @@ TURNED = [SQUARES[0][::-1], *SQUARES[1:]]
 WRONG = {
     "none.ply": (None, "the mesh 'none.ply' does not exist in the scene's folder"),
     "open.ply": (ply("ascii", SQUARES[1:]), "not closed: 4 of its .* belong to one face alone"),
-    "turned.obj": (obj(TURNED), "not closed: 4 of its .* wound to different sides"),
+    "turned.obj": (obj(TURNED), "not closed: 4 of its .* different orientations"),
     "flat.obj": (obj([SQUARES[0], SQUARES[0][::-1]]), "encloses nothing"),
     "empty.obj": (b"", "cannot be read: it has no faces; expected a whole file, PLY or OBJ"),
     "picture.ply": (b"\x89PNG\r\n\x1a\n\0v\xff", "expected a whole file, PLY or OBJ"),

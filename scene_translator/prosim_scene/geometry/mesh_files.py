@@ -120,12 +120,12 @@ def _check_closed(points: np.ndarray, triangles: np.ndarray) -> None:
     wrong = np.flatnonzero(np.bincount(number, np.sign(b - a)) != 0)
     if len(wrong):
         open_edges = wrong[np.bincount(number)[wrong] % 2 == 1]
-        problem = "belong to one face alone" if len(open_edges) else "have faces that are wound to different sides"
+        problem = "belong to one face alone" if len(open_edges) else "have faces with different orientations"
         shown = open_edges if len(open_edges) else wrong
         start, end = (" ".join(f"{x:g}" for x in points[i]) for i in divmod(int(edges[shown[0]]), len(points)))
         raise ValueError(
             f"is not closed: {len(shown)} of its {len(edges)} edges {problem}, such as that from ({start}) to ({end}); "
-            "expected a closed mesh: fill its holes, and turn its faces outwards, in the program that made it"
+            "expected a closed mesh: fill its holes, and turn its faces outwards, in the program that wrote the file"
         )
 
 

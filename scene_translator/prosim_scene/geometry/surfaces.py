@@ -257,9 +257,9 @@ def _warn_of_lining(document: Document, number: int, leaf: Leaf, opaque: bool) -
     The leaf that cuts owns the faces of the cut, so these faces have the material of this leaf.
     """
     surface = f"SURFACE {leaf.index}"
-    what, problem, expected = "an opaque solid", "is a dieletrico, and the solid looks hollow", "another material"
+    what, problem, expected = "an opaque solid", "is a dieletrico, so the solid looks hollow", "another material"
     if opaque:
-        what, problem, expected = "glass", "is opaque, and lines the glass", "material dieletrico"
+        what, problem, expected = "glass", "is opaque, so the cut looks opaque", "material dieletrico"
     document.warn(
         f"{leaf.shape.upper()} {leaf.index} cuts {what} and owns the faces of the cut: {surface} {problem}; "
         f"expected {expected} in {surface}",
@@ -275,5 +275,5 @@ def _report_vanished(document: Document, vanished: list[tuple[int, Leaf]], empty
     elif vanished:
         names = [f"{leaf.shape.upper()} {leaf.index} (line {document.line('csg', n)})" for n, leaf in vanished[:10]]
         more = f" and {len(vanished) - 10} more" if len(vanished) > 10 else ""
-        reason = f"nothing is visible of {', '.join(names)}{more}: the result has no face of it"
+        reason = f"nothing is visible of {', '.join(names)}{more}: the result contains no face of this primitive"
         document.warn(reason + document.operands_note(vanished[0][0]), "csg", vanished[0][0])

@@ -175,7 +175,7 @@ def _materials_problems(document: Document) -> Iterator[Problem]:
         elif s.material == "dielectric" and (s.eta or s.abbe if s.glass else not s.eta):
             wrong = "a dieletrico has either a glass's name, or n-refr; expected one of the two"
         elif s.material == "composite" and not s.eta:
-            wrong = "a composto lacks its index; expected n-refr"
+            wrong = "this composto has no index of refraction; expected n-refr"
         elif s.material == "composite" and s.ks and max(map(sum, zip(s.kd or GREY, s.ks))) > 1 + 1e-6:
             wrong = "kd + ks is above 1 in a composto; expected s + d = 1 at most"
         if wrong:
@@ -241,7 +241,7 @@ def _textures_problems(document: Document) -> Iterator[SceneError]:
             reason = f"unknown texture {quote(name)}; expected {listing(names[:20])}, an image file or NULL"
             yield document.error(reason + nearest(name, [*names, *ALIASES]), *path, code="unknown-name")
         if slot == 1 and texture and texture.image:
-            reason = "the second texture slot is solid and takes no image; expected it in the first"
+            reason = "the second texture slot is for solid textures; expected the image in the first slot"
             yield document.error(reason, *path, code="texture")
 
 

@@ -218,6 +218,6 @@ def _syntax_error(source: Source, braces: Span, error: UnexpectedInput) -> Scene
     start = braces.start + 1 + (error.pos_in_stream or 0)
     span = Span(start, start + len(token or " "))
     found = source.text[slice(*span)]
-    hint = "a fraction has a point, as in 0.5" if found == "," else BRACES
+    hint = "a decimal number has a point, as in 0.5" if found == "," else BRACES
     reason = f"found {quote(found)} in an expression; expected {expected_text}; {hint}"
     return source.error(span, reason, "expression")

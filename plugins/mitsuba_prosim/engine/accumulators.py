@@ -103,6 +103,8 @@ class FilmState:
         self.requested: np.ndarray | None = None
         #: Accumulators of the :class:`.SecondImage`.
         self.second: Accumulators | None = None
+        #: Indices of its pixels in the arrays of this state.
+        self.second_index: np.ndarray | None = None
 
     def crop(self, values: mi.Float | mi.UInt32 | np.ndarray, rectangle: Rectangle) -> np.ndarray:
         """Returns the entries of the pixels of ``rectangle``, shape (height, width).
@@ -130,8 +132,13 @@ class FilmState:
         """Returns the samples that the policy requests for each pixel within ``margin`` of the region, and 0 for other
         pixels.
         """
+        statistics = self.accumulators.statistics()
+        # Either image may have met a rare bright light. Policies that decide once use the first pass alone.
+        if self.second is not None and self.second_index is not None and self.policy.rounds > 1:
+            for first, second in zip(statistics, self.second.statistics()):
+                np.add.at(first, self.second_index, second)
         with np.errstate(all="ignore"):  # the error is NaN without samples
-            values = self.policy.request(*(self.crop(sums, self.outer) for sums in self.accumulators.statistics()))
+            values = self.policy.request(*(self.crop(sums, self.outer) for sums in statistics))
         there, result = widened(self.plan.region, margin, self.plan.domain), np.zeros(area(self.outer), np.float32)
         self.crop(result, there)[:] = self.crop(values, there)
         return result

@@ -27,6 +27,8 @@ SHARE, SHORTEST, LONGEST = 0.01, 0.01, 0.5
 #: Maximum ratio of the samples after a pass to the samples before. A greater ratio is unsafe, because few samples
 #: estimate the error badly.
 GROWTH = 4.0
+#: The same ratio after an uncertain estimate, which may be too large.
+UNCERTAIN_GROWTH = 1.4
 
 #: Ratio of the estimated error to the target at which a render ends. The ratio is below 1 because the estimate is
 #: uncertain: an image whose estimate is too small by chance would end too early. A pass aims at the second, lower
@@ -127,6 +129,7 @@ class SecondImage:
             seed = seed + dr.arange(mi.UInt32, len(index) * copies) // len(index)
             index = np.tile(index, copies)
         self.index, seed = index, hash32(seed)
+        state.second_index = index
         chosen = dr_array(index.astype(np.uint32))
         self.x, self.y = (dr.gather(mi.Int32, v, chosen) for v in (state.x, state.y))
         dr.make_opaque(seed, self.x, self.y)
@@ -201,7 +204,7 @@ def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarr
     """
     request, count = requested(state), np.array(state.accumulators.count)
     deviation, have = display_variance(state.accumulators), mean(count)
-    most, goal = GROWTH * have, None
+    most, goal = (UNCERTAIN_GROWTH if state.noise[3] > UNCERTAIN * state.noise[0] else GROWTH) * have, None
     if target.seconds:
         share = 0.9 if target.seconds_left < target.seconds / 5 else 0.5  # the last pass uses the rest of the time
         most = min(most, have + speed * target.seconds_left * share) if speed else 2 * have

@@ -537,7 +537,7 @@ class Reader(Scanner):
         return self.source.error(span, found + reason, code)
 
     def expected_words(self, roles: frozenset[str]) -> list[str]:
-        """Lists the words that have one of the grammar ``roles``, for the part "expected ..." of an error message.
+        """Lists the words of the language that have one of the grammar ``roles``, for error messages.
 
         The list ends with "the next statement" if ``roles`` contains roles of statements.
         """

@@ -68,8 +68,8 @@ class Scanner(ABC):
 
     ``pieces`` lists the tokens that were read, with comments; ``last`` is the last token that is not a comment.
     ``token`` is the current token, ``expected`` is the set of grammar roles that may stand at its place, and
-    ``keyword`` is the first token of the current statement. A name without a value is read as a token of an expected
-    role.
+    ``keyword`` is the first token of the current statement. A ``$name`` without a value is replaced by a placeholder: a
+    token with a role that the grammar expects.
     """
 
     def __init__(self, source: Source, definitions: Definitions) -> None:
@@ -116,8 +116,8 @@ class Scanner(ABC):
 
     @abstractmethod
     def expected_token(self, token: Token) -> Token:
-        """Returns the token with an expected role instead of its own role; raises SceneError if no expected role
-        fits.
+        """Returns the token with a role that the grammar expects here; raises SceneError if no expected role fits the
+        token.
         """
 
     def read_plain_numbers(self) -> list[Token]:
@@ -172,7 +172,7 @@ class Scanner(ABC):
         """Returns the token of a ``$name``: after DEFAULT a token of role VARIABLE, elsewhere the token of the name's
         value.
 
-        A name without a value gets a placeholder, a token of an expected role.
+        For a name without a value, the result is a placeholder: a token with a role that the grammar expects.
         """
         if not NAME.fullmatch(name, 1):
             reason = "expected letters, digits and _ after $, and arithmetic in braces: {$x - 1}"
@@ -211,7 +211,8 @@ class Scanner(ABC):
 
 @lru_cache(maxsize=1 << 12)
 def role_of(text: str, expected: frozenset[str], statement: str) -> str:
-    """Returns the grammar role of a word: the role of an expected keyword, else of a name, else the most likely role.
+    """Returns the grammar role of a word: the role of an expected keyword, else of a name, else of an unexpected
+    keyword.
 
     A word that may continue the current ``statement`` or begin the next statement continues the current statement.
     """

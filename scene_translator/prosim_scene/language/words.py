@@ -234,7 +234,7 @@ def canonical_spelling(role: str) -> str:
 
 
 def role_in_words(role: str) -> list[str]:
-    """Lists the words or tokens that have a grammar role, for the part "expected ..." of an error message."""
+    """Lists the words or tokens of the language that have a grammar role, for error messages."""
     return [TOKEN_NAMES[role]] if role in TOKEN_NAMES else [word.canonical for word in words_of(role)]
 
 

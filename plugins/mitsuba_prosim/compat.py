@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     import numpy as np
 
 # ---------------------------------------------------------------- transforms
-# Up to Mitsuba 3.9 the transform of a sensor or a shape is an AffineTransform4f. From 3.10 on it is an
-# AnimatedTransform4f, which has `eval(time)`, but no `matrix`, `@` or `translation()`. Its parameter is called
-# `to_world.transform` (https://github.com/mitsuba-renderer/mitsuba3/pull/1869).
+# Up to Mitsuba 3.9 the transform of a sensor or a shape is an AffineTransform4f. From 3.10 on the transform is an
+# AnimatedTransform4f, which has `eval(time)`, but no `matrix`, `@` or `translation()`. The parameter of the transform
+# is called `to_world.transform` (https://github.com/mitsuba-renderer/mitsuba3/pull/1869).
 
 #: Names of the parameter with the transform, newest first.
 TO_WORLD = ("to_world.transform", "to_world")
@@ -166,11 +166,11 @@ def _content(shape: mi.Shape) -> list[tuple[str, bytes]]:
 
 
 # ---------------------------------------------------------------- loading
-# Mitsuba 3.9 makes the objects of a scene in parallel. With plugins in Python it then fails now and then with a
-# meaningless string or allocation, most often in the first scene of a process.
+# Mitsuba 3.9 makes the objects of a scene in parallel. If a scene has plugins in Python, this
+# sometimes fails with a meaningless string or allocation, most often in the first scene of a process.
 #
-# Its integrators choose an emitter by its number, and merging gives meshes another order in every process, as above. So
-# shapes that emit are not merged.
+# Mitsuba's integrators choose an emitter by the number of the emitter, and merging gives meshes another order in every
+# process, as above. So shapes that emit are not merged.
 
 
 def instantiate(config: mi.parser.ParserConfig, state: mi.parser.ParserState, in_python: Collection[str]) -> mi.Scene:
@@ -200,7 +200,8 @@ def _children(props: mi.Properties) -> list[tuple[str, Any]]:
 
 
 # ---------------------------------------------------------------- pointers
-# A ShapePtr has no way back to the object in Python. Its bits are the number of the shape in Dr.Jit's registry (1.5).
+# A ShapePtr has no way back to the object in Python. The bits of a ShapePtr are the number of the shape in Dr.Jit's
+# registry (1.5).
 
 
 def met_shape(scene: mi.Scene, si: mi.SurfaceInteraction3f) -> mi.Shape | None:
@@ -221,7 +222,7 @@ def _number(pointer: mi.ShapePtr) -> int:
 INSTANCE, SPHERE, PERSPECTIVE = "Instance", "Sphere", "PerspectiveCamera"
 CONSTANT, DIRECTIONAL, DIRECTIONAL_AREA = "ConstantBackgroundEmitter", "DirectionalEmitter", "DirectionalArea"
 
-#: BSDFs that contain others, and those of them that change the normal by a texture.
+#: BSDFs that contain other BSDFs; of these, the last two change the normal by a texture.
 MASK, BLEND, TWO_SIDED, MAPS = "MaskBSDF", "BlendBSDF", "TwoSidedBRDF", ("BumpMap", "NormalMap")
 
 #: BSDFs that name their components, but evaluate all of them together; BSDFs whose diffuse lobe is Lambert's.
@@ -269,7 +270,7 @@ RESERVED = ("config", "filename")
 MATERIAL_FILES = ("data/ior/{}.eta.spd", "data/ior/{}.k.spd")
 
 
-#: The plugins of Mitsuba 3.9 that are written in Python, which its command can't run.
+#: The plugins of Mitsuba 3.9 that are written in Python, which the command ``mitsuba`` can't run.
 PLUGINS_IN_PYTHON = (
     "prb",
     "prb_basic",

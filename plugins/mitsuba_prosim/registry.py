@@ -18,7 +18,7 @@ import mitsuba as mi
 
 from . import llvm
 
-#: Modules of base classes. They depend on the variant as well, and are executed first.
+#: Modules of base classes. These modules depend on the variant like the plugins, and are executed first.
 BASES = ("optics.material", "light.source", "procedural.mixture", "sampling.sampler", "engine.integrator")
 
 #: The folders of plugins, in the order of the thesis: 5.1 materials, 5.2 light sources, textures, sensors, 5.3

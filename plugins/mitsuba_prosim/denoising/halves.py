@@ -198,8 +198,8 @@ class FinalImage:
         if not excess > ENOUGH:  # the excess is NaN without limits
             return raw
         by_raw = samples * (excess / AIM) ** 2
-        # The second half of the samples doubles their number. The error after the first pass predicts too many samples,
-        # so it does not decide.
+        # The second half doubles the number of samples. The error after the first pass predicts too many samples, so
+        # this error does not decide.
         left = by_raw - samples * (1 if second.complete else 2) if state.effort else 0.0
         if not state.estimates and left < 2 * self.CALL_COST:
             return raw

@@ -258,7 +258,7 @@ class CheckpointWriter:
     Warns only the first time that writing fails. ``about`` are the further attributes of the :class:`Checkpoint`.
     """
 
-    #: Minimum seconds between two checkpoints; maximum fraction of the time for writing them.
+    #: Minimum seconds between two checkpoints; maximum fraction of the time for writing checkpoints.
     SHORTEST, SHARE = 4.0, 0.02
 
     def __init__(self, path: Path, about: Mapping[str, Any]) -> None:

@@ -52,7 +52,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         self.noise_99 = number(props, "noise_99", 0.0, 0)
         self.noise_999 = number(props, "noise_999", 0.0, 0)
         self.time = number(props, "time", 0.0, 0)
-        # ``graded`` is the best policy for many samples. So it is the default if a pixel may get many samples.
+        # ``graded`` is the best policy for many samples. So ``graded`` is the default if a pixel may get many samples.
         has_target = bool(self.noise or self.noise_99 or self.noise_999 or self.time)
         default = "graded" if has_target else "neighbours"
         self.adaptive = choice(props, "adaptive", (default, *(name for name in POLICIES if name != default)))

@@ -91,8 +91,8 @@ class Graded(Policy):
 
     def request(self, total: np.ndarray, squares: np.ndarray, count: np.ndarray) -> np.ndarray:
         """Requests samples in proportion to the standard deviation."""
-        # This is the mean of the variances within pixels. Differences between pixels may be an edge or a texture, which
-        # is no noise.
+        # The mean of the variances within pixels. Differences between pixels may be an edge or a texture, which is no
+        # noise.
         within = mean_around(variance(total, squares, count), Graded.reach)
         error = in_display_units(np.sqrt(within), mean_around(total / count, Graded.reach))
         return np.float32(self.n / max(self.threshold, 1e-9)) * np.where(np.isfinite(within), error, np.float32(np.inf))

@@ -37,7 +37,7 @@ CLASSES_PER_OCTAVE = 4
 class Step(NamedTuple):
     """The progress that :class:`.Render` yields after each work item."""
 
-    #: Finished fraction of the image, 0 to 1. This is an estimate, which may decrease.
+    #: Finished fraction of the image, 0 to 1: an estimate, which may decrease.
     done: float
     #: Whether a pass over the image is complete, so that every pixel has all samples of this pass.
     complete: bool

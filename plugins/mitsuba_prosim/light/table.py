@@ -136,7 +136,7 @@ class Lights:
         if self.jit and self.emitters:
             #: The emitters; and their numbers, indexed by Dr.Jit's identity of an emitter.
             self.pointers = emitter_pointers(scene, self.emitters)
-            # A scatter would not work: Dr.Jit would postpone it within the loop of another integrator.
+            # Dr.Jit would postpone a scatter within the loop of another integrator, so a list gives the numbers.
             identity = list(dr.reinterpret_array(mi.UInt32, self.pointers))
             numbers = {which: number for number, which in enumerate(identity)}
             self.numbers = mi.UInt32([numbers.get(which, self.lamps) for which in range(max(identity) + 1)])

@@ -41,7 +41,7 @@ class ProgressiveImage:
         self.denoise, self.done = denoise, False
         #: Whether samples were taken since the last call of :meth:`layers`; whether a pass over the image is complete.
         self.new = self.complete = False
-        #: Progress, 0 to 1. It never decreases, even if the renderer's estimate does.
+        #: Progress, 0 to 1, which never decreases, even if the renderer's estimate decreases.
         self.progress = 0.0
         #: The picture that was published last, and the limit for the rate of drawing.
         self.picture: Picture | None = None

@@ -32,8 +32,8 @@ from .viewer import Viewer
 #: Maximum number of seconds to wait for a result of the thread that renders.
 PATIENCE = 60.0
 
-#: A function of the exposure and the factors of layers. It returns the contents of the image's files by suffix, and
-#: is called in the thread that renders.
+#: A function of the exposure and the factors of layers, which is called in the thread that renders. The function
+#: returns the contents of the image's files by suffix.
 Encoder = Callable[[float, Factors], dict[str, bytes]]
 
 #: Name of an action of the page -> the function that changes the view request. Two numbers describe a camera motion.

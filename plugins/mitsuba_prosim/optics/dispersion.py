@@ -19,7 +19,8 @@ from ..parameters import number, reject
 D, F, C = 587.5618, 486.1327, 656.2725
 
 #: Wavelengths in nm that represent r, g and b: the centroids of sRGB's colour matching functions, negative parts
-#: included (CIE 1931, equal energy). So dispersion displaces each channel by as much as the mean over its wavelengths.
+#: included (CIE 1931, equal energy). With these wavelengths, the displacement of a channel by dispersion is about the
+#: mean displacement over the wavelengths of the channel.
 RGB = (635.0, 544.0, 437.0)
 
 #: Range of the formulas in nm. A wavelength outside the range counts as the nearer end.
@@ -88,7 +89,7 @@ class Indices:
 
     inside: float | Dispersion
     outside: float | Dispersion
-    #: The index inside divided by the index outside; None if one of them depends on the wavelength.
+    #: The index inside divided by the index outside; None if an index depends on the wavelength.
     eta: mi.Float | None
 
     @classmethod

@@ -28,7 +28,8 @@ class Material(mi.BSDF):
     The class does not use ``abc``, because Mitsuba's classes have another metaclass.
     """
 
-    #: Names of the attributes that ``to_string`` shows; ``mi.traverse`` shows those that are textures or Dr.Jit values.
+    #: Names of the attributes that ``to_string`` shows; ``mi.traverse`` shows the attributes that are textures or
+    #: Dr.Jit values.
     PARAMETERS: tuple[str, ...] = ()
     #: The type of each component, in the order of the components.
     types: tuple[mi.BSDFFlags, ...] = ()

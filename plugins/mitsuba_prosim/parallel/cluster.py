@@ -52,7 +52,7 @@ def workers(number: int, threads: int | None = None) -> Iterator[distributed.Cli
             silence_logs=logging.CRITICAL,
         )
     with cluster:
-        # Without this, Dask does not replace a worker that is lost at its start.
+        # Without adaptive scaling, Dask does not replace a worker that is lost at its start.
         cluster.adapt(minimum=number, maximum=number, interval=REPLACE_INTERVAL)
         with distributed.Client(cluster, set_as_default=False) as client:
             yield client

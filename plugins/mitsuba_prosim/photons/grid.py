@@ -263,8 +263,8 @@ def gather(
     """
     footprint = photons.footprint
     width, n2 = footprint.width(si.p), dr.square(si.n)
-    # The photons lie between two planes parallel to the surface. So they mostly lie in one cell along the normal, not
-    # in two.
+    # The photons lie between two planes parallel to the surface. So the photons mostly lie in one cell along the
+    # normal, not in two.
     off_axis = dr.minimum(dr.safe_sqrt(1 - n2) + MAX_PLANE_DISTANCE * dr.sqrt(n2), 1) * (1 + 1e-3)
     first_of_map, size = photons.map_range(number, active)
 
@@ -280,7 +280,8 @@ def gather(
         inv_reach2 = dr.rcp(dr.square(reach))
         low_corner, high_corner = si.p - off_axis * reach, si.p + off_axis * reach
 
-        # The number of cells along y and along z, minus one: 0 or 1. This is a mask of one bit of a row's number.
+        # The number of cells along y and along z, minus one: 0 or 1. This number is a mask of one bit of a row's
+        # number.
         cells = zip(cell(low_corner, first)[1:], cell(high_corner, first)[1:])
         bits_y, bits_z = (dr.select((low != high) | (first < last), mi.UInt32(1), 0) for low, high in cells)
         rows = dr.select(active, mi.UInt32(last - first + 1) << (bits_y + bits_z), 0)

@@ -59,8 +59,8 @@ class PureSampler(mi.Sampler):
             dr.make_opaque(key)
             lane = dr.arange(mi.UInt32, self.wavefront_size())
         if self.samples_per_wavefront is None:
-            # Integrators in C++ seed with an array. They tell only the base class how many samples of a pixel are in
-            # adjacent lanes: all of them, if the wavefront has less than 2^32 lanes.
+            # Integrators in C++ seed with an array. These integrators tell only the base class how many samples of a
+            # pixel are in adjacent lanes: all of them, if the wavefront has less than 2^32 lanes.
             separate = isinstance(seed, int) or self.wavefront_size() % self.sample_count() > 0
             self.samples_per_wavefront = 1 if separate else self.sample_count()
         self.pixel = pixel_key(key, lane // self.samples_per_wavefront)

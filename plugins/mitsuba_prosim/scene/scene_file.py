@@ -20,7 +20,7 @@ from . import overrides, session
 from .confinement import ATTRIBUTE, ELEMENT, Confinement
 from .errors import check_images
 
-#: Arguments of :func:`prosim_scene.translate`: those that only the scene language has, and all.
+#: Arguments of :func:`prosim_scene.translate`: the arguments that only the scene language has, and all arguments.
 LANGUAGE = ("light_units", "tolerance")
 TRANSLATION = (*LANGUAGE, "allow_outside", "cache")
 
@@ -73,7 +73,7 @@ class SceneFile:
             left, bottom, right, top = self.document.scene.view.window
             if resolution and (wrong := prosim_scene.distortion_message(*resolution, (right - left) / (top - bottom))):
                 warnings.warn(prosim_scene.SceneWarning(f"{self.path}: {wrong}"), stacklevel=2)
-            definitions = resolution = None  # the translated file already contains these
+            definitions = resolution = None  # the translated file already contains both
         elif unfit := [f"--{name.replace('_', '-')}" for name in LANGUAGE if translation.get(name)]:
             raise ValueError(f"{', '.join(unfit)}: only for scenes in the thesis's language; {self.path} is XML")
         #: The arguments with which the XML file makes the same scene.

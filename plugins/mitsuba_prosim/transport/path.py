@@ -42,7 +42,7 @@ def proceed(
     else:
         ray, going, eta, bounces = specular_or_diffuse(context, vertex, points, bounces)
     ray.node = node + 1
-    # The index of glass, squared, scales the radiance inside. The radiance loses this factor when it leaves the glass.
+    # The square of the index of refraction scales the radiance inside glass. Light that leaves glass loses this factor.
     eta *= progress.eta
     ray, going = roulette(context, ray, going, eta, points.choice(context.space(node, ROULETTE)))
     return ray, going, Progress(bounces, eta)
@@ -59,8 +59,8 @@ def specular_or_diffuse(
     specular, reflects, eta = next_ray(context, lobes.specular(), vertex, points, vertex.active)
     may_scatter = vertex.active & (bounces < context.settings.diffuse_bounces)
     diffuse, scatters, _ = next_ray(context, lobes.diffuse(), vertex, points, may_scatter)
-    # Light sampling and photons already found all light of the diffuse lobe: emission that this ray meets does not
-    # count.
+    # Light sampling and photons already found all light of the diffuse lobe: emission that the diffuse ray meets does
+    # not count.
     diffuse = replace(diffuse, sees_emission=mi.Bool(False))
     if diffuse.gathered_photons is not None:
         diffuse.gathered_photons = mi.Bool(True)

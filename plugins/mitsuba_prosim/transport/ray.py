@@ -35,8 +35,8 @@ class Ray:
     uses_mis: mi.Bool
     #: Normal of the surface that the ray leaves, on the viewer's side.
     n: mi.Normal3f
-    #: Whether emission at the end of the ray counts. False where light sampling at its origin took the light of all
-    #: lobes. None: emission always counts.
+    #: Whether emission at the end of the ray counts. False where light sampling at the ray's origin took the light of
+    #: all lobes. None: emission always counts.
     sees_emission: mi.Bool | None = None
     #: Whether light sampling at the ray's origin took light from both sides of the surface; None where no surface is
     #: lit from both sides.

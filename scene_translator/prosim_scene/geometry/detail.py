@@ -276,9 +276,9 @@ def choose_segments(
 
 
 def warn_of_rounding(document: Document, camera: Camera, vertices: np.ndarray) -> None:
-    """Warns if single precision, which the renderer has, rounds coordinates by more than a tenth of a pixel.
+    """Warns if single precision, which the renderer has, rounds the eye's coordinates by more than a tenth of a pixel.
 
-    The size of a pixel is measured at the nearest vertex.
+    The size of a pixel is measured at the vertex that is nearest to the eye.
     """
     distances = np.linalg.norm(vertices - camera.eye, axis=1)
     pixel = float(camera.footprint(distances.min(initial=math.inf)))

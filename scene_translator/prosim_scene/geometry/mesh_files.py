@@ -147,8 +147,8 @@ def _ply(data: bytes) -> Raw:
             elements.append((line[1], int(line[2]), []))
         elif line[:1] == ["property"]:
             types = line[2:4] if line[1] == "list" else line[1:2]
-            order = [ORDERS[kind] + ("f8" if kind == "ascii" else TYPES[name]) for name in types]
-            elements[-1][2].append((line[-1], order))
+            formats = [ORDERS[kind] + ("f8" if kind == "ascii" else TYPES[name]) for name in types]
+            elements[-1][2].append((line[-1], formats))
     body, position, values = data[header.end() :], 0, dict[str, dict[str, Any]]()
     if kind == "ascii":
         body = np.array(body.split(), "<f8").tobytes()

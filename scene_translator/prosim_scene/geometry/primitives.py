@@ -169,12 +169,12 @@ def azimuth(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     The azimuth is in [0, 1], or up to 2 in triangles that cross the seam. The azimuth of a corner on the axis is the
     mean of the azimuths of the triangle's other corners.
     """
-    pole = np.hypot(p[..., 0], p[..., 1]) < ON_AXIS
+    on_axis = np.hypot(p[..., 0], p[..., 1]) < ON_AXIS
     u = np.arctan2(p[..., 1], p[..., 0]) / (2 * math.pi) % 1.0
-    width = np.where(pole, -np.inf, u).max(axis=1) - np.where(pole, np.inf, u).min(axis=1)
+    width = np.where(on_axis, -np.inf, u).max(axis=1) - np.where(on_axis, np.inf, u).min(axis=1)
     u = np.where((width > 0.5)[:, None] & (u < 0.5), u + 1, u)
-    mean_of_others = np.where(pole, 0, u).sum(axis=1) / np.maximum((~pole).sum(axis=1), 1)
-    return np.where(pole, mean_of_others[:, None], u), pole
+    mean_of_others = np.where(on_axis, 0, u).sum(axis=1) / np.maximum((~on_axis).sum(axis=1), 1)
+    return np.where(on_axis, mean_of_others[:, None], u), on_axis
 
 
 class Cube(Primitive):
@@ -254,9 +254,9 @@ class Sphere(Primitive):
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
         """Returns normals and uv: azimuth and polar angle, scaled to [0, 1]."""
         radius = np.linalg.norm(p, axis=2)
-        u, pole = azimuth(p)
+        u, on_axis = azimuth(p)
         v = np.arccos(np.clip(p[..., 2] / radius, -1, 1)) / math.pi
-        return CornerAttributes(p, np.stack([u, v], axis=2), pole)
+        return CornerAttributes(p, np.stack([u, v], axis=2), on_axis)
 
 
 class _OfRevolution(Primitive):
@@ -275,12 +275,12 @@ class _OfRevolution(Primitive):
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
         """Returns normals and uv: uv is (azimuth, z) on the side, and (x, y) mapped to the unit square on a disc."""
-        u, pole = azimuth(p)
+        u, on_axis = azimuth(p)
         normals, uv = p * np.diag(self.quadrics[0])[:3], np.stack([u, p[..., 2]], axis=2)
-        flat = face > 0
-        normals[flat] = np.where(face[flat] == 1, 1, -1)[:, None, None] * [0, 0, 1]
-        uv[flat] = p[flat][..., :2] / 2 + 0.5
-        return CornerAttributes(normals, uv, pole & ~flat[:, None])
+        on_disc = face > 0
+        normals[on_disc] = np.where(face[on_disc] == 1, 1, -1)[:, None, None] * [0, 0, 1]
+        uv[on_disc] = p[on_disc][..., :2] / 2 + 0.5
+        return CornerAttributes(normals, uv, on_axis & ~on_disc[:, None])
 
 
 def fan(segments: int) -> np.ndarray:

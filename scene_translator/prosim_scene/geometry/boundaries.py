@@ -77,7 +77,7 @@ class OriginalIds:
 
     def boundary(self, body: Body) -> Boundary:
         """The boundary of a body, snapped onto the shared planes. A triangle's id gives its leaf and medium."""
-        mesh = checked(body.planes.snap(checked(body.manifold()), body.surfaces)).to_mesh64()
+        mesh = checked(body.planes.snap(checked(body.manifold()))).to_mesh64()
         ids = per_triangle(mesh, np.asarray(mesh.run_original_id, dtype=np.int64))
         medium, leaf = np.divmod(ids - self.base, self.leaves)
         return Boundary.from_columns(

@@ -1,10 +1,10 @@
-"""Coincident faces: common planes are perturbed before a Boolean operation, relaxed after it, and snapped at the end.
+"""Coincident faces: facets on common planes are separated before a Boolean operation, and snapped at the end.
 
 If two faces lie on the same plane except for rounding, an operation on their meshes leaves films without thickness, and
 faces of the wrong owner. So every facet on a surface that several primitives share has the number of its plane, and its
-vertices are snapped onto that plane. Before an operation the first solid's facets on common planes are perturbed: they
-move by a distance that is large against rounding and small against everything else. After the operation they are
-relaxed, almost back to their places. The final result is snapped onto the planes:
+vertices are snapped onto that plane. Before an operation the facets of both solids on common planes are separated: they
+move apart by a gap that is large against rounding and small against everything else. So facets on one plane are layers,
+whose order stays. The final result is snapped onto the planes:
 
 - in A + B, A grows: faces that look to the same side belong to A, faces that look to opposite sides vanish;
 - in A - B and A * B, A shrinks: a flush cut is open, faces that touch leave no film, and faces that look to the same
@@ -20,7 +20,8 @@ of one of the two primitives, where rounding is small and a visible difference i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
+from typing import NamedTuple
 
 import numpy as np
 from manifold3d import Manifold, Mesh64
@@ -88,11 +89,20 @@ def _clusters(rows: np.ndarray, near: float) -> np.ndarray:
     return label
 
 
-STEP = 2.0**-26  # of the scene's size (a power of two): the perturbation, below single precision
-GRAIN = 2.0**-36  # of the same size: the distance of relaxed facets; manifold3d's tolerance is 1e-12
+STEP = 2.0**-26  # of the scene's size (a power of two): the thickness of all layers on a plane, approximately
+GAP = 2.0**-10  # of a step: the distance of two layers; manifold3d's tolerance is 1e-12 of the scene's size
 
-#: Heights of facets over their planes, and the sides that they face -> new heights.
-Target = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+class Facets(NamedTuple):
+    """The triangles of a solid on shared planes: the numbers (k, 3) of their ``corners`` among all vertices, ``plane``
+    (k,), ``side`` (k,), 1 or -1, and ``height`` (k, 3), that of the corners over the plane.
+    """
+
+    vertices: np.ndarray
+    corners: np.ndarray
+    plane: np.ndarray
+    side: np.ndarray
+    height: np.ndarray
 
 
 class Planes:
@@ -100,7 +110,7 @@ class Planes:
 
     ``planes`` (n, 4) are unit normals and offsets of planes n.p + d = 0. ``surface`` (n,) is the number of the surface
     to which each plane belongs. Facet f lies on the plane ``of_facet[f]`` (-1: on no shared plane), and faces the side
-    ``side[f]`` (1 or -1) of this plane. ``step`` is the distance of a perturbation.
+    ``side[f]`` (1 or -1) of this plane. ``step`` and ``gap``: see STEP and GAP.
     """
 
     def __init__(
@@ -120,42 +130,76 @@ class Planes:
         at = np.empty(len(surface), int)
         at[some] = np.arange(len(some))
         own = _planes(triangles, at[facets])
-        self.planes, self.surface, self.step, self.grain = own[first], surface[some[first]], step, step * GRAIN / STEP
+        self.planes, self.surface, self.step, self.gap = own[first], surface[some[first]], step, step * GAP
         self.of_facet, self.side = np.full(len(surface), -1), np.ones(len(surface))
         self.of_facet[some] = plane
         self.side[some] = np.sign(np.einsum("ij,ij->i", own[:, :3], own[first[plane], :3]))
 
-    def perturb(self, solid: Manifold, surfaces: Collection[int], outwards: int) -> Manifold:
-        """A solid with its facets on ``surfaces`` moved by one step, outwards (1) or inwards (-1)."""
-        return self._moved(solid, surfaces, lambda height, side: height + outwards * self.step * side)
+    def separate(self, first: Manifold, second: Manifold, outwards: int) -> list[Manifold]:
+        """Two solids, moved so that on common planes the facets of the first one are further out (1), or further in
+        (-1), than those of the second one near them.
 
-    def relax(self, solid: Manifold, surfaces: Collection[int]) -> Manifold:
-        """The result of an operation on a perturbed solid, with its facets moved back, but still in their order.
-
-        Strips between moved and unmoved facets keep a width, because manifold3d may remove triangles without area.
+        The smaller solid moves. If facets of the first one face both sides of a plane, those of one side move, too.
         """
+        own, other = self._facets(first), self._facets(second)
+        low, high = self._range(other.plane, other.vertices[other.corners])
+        points, margin = own.vertices[own.corners], 8 * self.step
+        near = (points.min(axis=1) <= high[own.plane] + margin) & (points.max(axis=1) >= low[own.plane] - margin)
+        upper = own.side * outwards > 0  # must be above the second solid's facets
+        ranges = [
+            self._range(own.plane[some], own.height[some]) for some in near.all(axis=1) & np.stack([upper, ~upper])
+        ]
+        bottom, top = ranges[0][0], ranges[1][1]
+        low, high = self._range(other.plane, other.height)
+        least, most = top + self.gap - low, bottom - self.gap - high  # of the second solid's possible shifts
+        shift, apart = np.maximum(np.minimum(most, 0), least), np.maximum(least - most, 0)
+        by = [np.where(upper, apart[own.plane], 0.0), np.zeros(len(other.plane))]
+        if len(other.plane) <= len(own.plane):
+            by[1] = shift[other.plane]
+        else:
+            by[0] -= shift[own.plane]
+        return [self._moved(first, own, by[0][:, None]), self._moved(second, other, by[1][:, None])]
 
-        def target(height: np.ndarray, side: np.ndarray) -> np.ndarray:
-            moved = np.abs(height) > self.step / 2
-            drift = np.abs(height[~moved]).max(initial=0.0)
-            shortfall = self.step - np.abs(height[moved]).min(initial=np.inf)
-            back = self.step - self.grain - drift - max(shortfall, 0.0)
-            if drift > self.step / 4 or back < self.step / 2:
-                return np.zeros_like(height)  # after hundreds of operations on one plane
-            return np.where(moved, height - back * np.sign(height), height)
+    def _range(self, plane: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Minimum and maximum (n, ...) for each plane of ``values`` (k, 3, ...) of triangles on ``plane`` (k,)."""
+        lowest, highest = (np.full((len(self.planes), *values.shape[2:]), sign * np.inf) for sign in (1, -1))
+        np.minimum.at(lowest, plane, values.min(axis=1))
+        np.maximum.at(highest, plane, values.max(axis=1))
+        return lowest, highest
 
-        return self._moved(solid, surfaces, target)
+    def snap(self, solid: Manifold) -> Manifold:
+        """A solid with the vertices of its facets on shared planes snapped onto them."""
+        facets = self._facets(solid)
+        return self._moved(solid, facets, -facets.height)
 
-    def snap(self, solid: Manifold, surfaces: Collection[int]) -> Manifold:
-        """A solid with the vertices of its facets on ``surfaces`` snapped onto their planes."""
-        return self._moved(solid, surfaces, lambda height, side: np.zeros_like(height))
+    def _facets(self, solid: Manifold) -> Facets:
+        mesh = solid.to_mesh64()
+        facets = np.asarray(mesh.face_id, dtype=np.int64)
+        on = self.of_facet[facets] >= 0
+        facets, corners = facets[on], np.asarray(mesh.tri_verts, dtype=np.int64)[on]
+        vertices, plane = np.array(mesh.vert_properties)[:, :3], self.of_facet[facets]
+        height = np.einsum("tij,tj->ti", vertices[corners], self.planes[plane, :3]) + self.planes[plane, 3, None]
+        return Facets(vertices, corners, plane, self.side[facets] * signs(mesh)[on], height)
+
+    def _moved(self, solid: Manifold, facets: Facets, by: np.ndarray) -> Manifold:
+        """A solid with the corners of its ``facets`` moved along their normals ``by`` (k, 3) or (k, 1)."""
+        if not by.any():
+            return solid
+        touched = np.zeros(len(facets.vertices), bool)
+        touched[facets.corners[(by != 0).any(axis=1)]] = True
+        triangle, corner = np.nonzero(touched[facets.corners])
+        vertex, plane = facets.corners[triangle, corner], facets.plane[triangle]
+        by = np.broadcast_to(by, facets.corners.shape)[triangle, corner]
+        return solid.warp_batch(lambda points: self._move_points(np.array(points), vertex, plane, by))
 
     def snap_vertices(self, vertices: np.ndarray, triangles: np.ndarray, facets: np.ndarray) -> np.ndarray:
         """Vertices (n, 3) snapped onto the planes of the ``facets`` (m,) of their ``triangles`` (m, 3)."""
         if not len(facets):
             return vertices
         pairs = np.unique(triangles * len(self.planes) + self.of_facet[facets, None])
-        return self.move_points(vertices, *np.divmod(pairs, len(self.planes)), 0.0)
+        vertex, plane = np.divmod(pairs, len(self.planes))
+        height = np.einsum("ij,ij->i", self.planes[plane, :3], vertices[vertex]) + self.planes[plane, 3]
+        return self._move_points(vertices, vertex, plane, -height)
 
     def one_sided(self, surfaces: Collection[int], boxes: np.ndarray) -> bool:
         """Whether all ``boxes``, see :class:`.Body`, are certainly on one side of each of the ``surfaces``."""
@@ -165,59 +209,15 @@ class Planes:
         height = boxes[:, 2:].reshape(-1, 3) @ planes[:, :3].T + planes[:, 3]
         return bool(((height <= 8 * self.step).all(axis=0) | (height >= -8 * self.step).all(axis=0)).all())
 
-    def hold(self, solid: Manifold) -> bool:
-        """Whether each facet of a solid on a shared plane is parallel to it."""
-        mesh = solid.to_mesh64()
-        plane = self.of_facet[np.asarray(mesh.face_id, dtype=np.int64)]
-        corners = np.array(mesh.vert_properties)[np.asarray(mesh.tri_verts, dtype=np.int64)[plane >= 0], :3]
-        heights = np.einsum("tij,tj->ti", corners, self.planes[plane[plane >= 0], :3])
-        return bool((np.ptp(heights, axis=1) < 8 * self.step).all())
-
-    def _moved(self, solid: Manifold, surfaces: Collection[int], target: Target) -> Manifold:
-        """A solid with its facets on ``surfaces`` moved to new heights over their planes.
-
-        ``target`` maps their present heights and sides to the new heights. Facets on other shared planes do not move.
-        """
-        if not surfaces:
-            return solid
-        mesh = solid.to_mesh64()
-        facets = np.asarray(mesh.face_id, dtype=np.int64)
-        plane, side = self.of_facet[facets], self.side[facets] * signs(mesh)
-        selected_facets = (plane >= 0) & np.isin(self.surface[plane], list(surfaces))
-        if not selected_facets.any():
-            return solid
-        triangles = np.asarray(mesh.tri_verts, dtype=np.int64)
-        vertices = np.array(mesh.vert_properties)[:, :3]
-        touched = np.zeros(len(vertices), bool)
-        touched[triangles[selected_facets]] = True
-        close = (plane >= 0) & touched[triangles].any(axis=1)
-        triangles, plane, side, selected_facets = triangles[close], plane[close], side[close], selected_facets[close]
-        height = (
-            np.einsum("tij,tj->ti", vertices[triangles], self.planes[plane, :3]).mean(axis=1) + self.planes[plane, 3]
-        )
-        height[selected_facets] = target(height[selected_facets], side[selected_facets])
-        pairs = triangles.ravel() * len(self.planes) + np.repeat(plane, 3)
-        pairs, first = np.unique(pairs, return_index=True)
-        vertex, on = np.divmod(pairs, len(self.planes))
-        moving = touched[vertex]
-
-        def warp(points: np.ndarray) -> np.ndarray:
-            return self.move_points(np.array(points), vertex[moving], on[moving], height[first[moving] // 3])
-
-        return solid.warp_batch(warp)
-
-    def move_points(
-        self, points: np.ndarray, vertex: np.ndarray, plane: np.ndarray, distance: np.ndarray | float
-    ) -> np.ndarray:
-        """Moves each point ``vertex[i]`` by the shortest way to the signed ``distance[i]`` from ``plane[i]``; changes
-        ``points`` and returns it.
+    def _move_points(self, points: np.ndarray, vertex: np.ndarray, plane: np.ndarray, by: np.ndarray) -> np.ndarray:
+        """Moves each point ``vertex[i]`` by the shortest way that leads ``by[i]`` along the normal of ``plane[i]``;
+        changes ``points`` and returns it.
         """
         touched, index = np.unique(vertex, return_inverse=True)
-        normal, offset = self.planes[plane, :3], self.planes[plane, 3]
-        height = distance - (np.einsum("ij,ij->i", normal, points[vertex]) + offset)
+        normal = self.planes[plane, :3]
         normals, heights = np.zeros((len(touched), 3, 3)), np.zeros((len(touched), 3, 1))
         np.add.at(normals, index, normal[:, :, None] * normal[:, None])
-        np.add.at(heights, index, (normal * height[:, None])[:, :, None])
+        np.add.at(heights, index, (normal * by[:, None])[:, :, None])
         # Tikhonov's regularisation: few planes leave directions free, more than three are overdetermined.
         points[touched] += np.linalg.solve(normals + 1e-12 * np.eye(3), heights)[..., 0]
         return points

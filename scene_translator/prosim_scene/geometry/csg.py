@@ -1,10 +1,10 @@
 """Evaluates the CSG tree with manifold3d, which computes a mesh only when its data are needed.
 
 Each connected component of touching boxes is evaluated separately, once for each medium. In the evaluation of a medium,
-a leaf of another medium is used only if it cuts. If two operands share surfaces, the first is perturbed before the
-operation, and the result is relaxed after it, see :mod:`.coincidence`; manifold3d evaluates all other operations in
-batches. Chains of the operators + and - are evaluated in halves. A step changes a solid X to X - S + P with solids S
-and P. Two steps merge into one step:
+a leaf of another medium is used only if it cuts. If two operands share surfaces, their facets there are separated
+before the operation, see :mod:`.coincidence`; manifold3d evaluates all other operations in batches. Chains of the
+operators + and - are evaluated in halves. A step changes a solid X to X - S + P with solids S and P. Two steps merge
+into one step:
 
     (X - S + P) - S' + P' = X - (S + S') + ((P - S') + P').
 
@@ -263,20 +263,13 @@ def remainder(first: Body, second: Body) -> Body:
 def _operation(first: Body, second: Body, operation: OpType | None, outwards: int, boxes: np.ndarray) -> Body:
     """The result of a Boolean operation on two bodies, with these ``boxes``; None: the second body minus the first.
 
-    The first body's common surfaces are perturbed before the operation, outwards (1) or inwards (-1). manifold3d may
-    move a vertex far away when it removes edges; it seldom does so again if all surfaces are perturbed.
+    On common surfaces the first body grows (``outwards`` 1) or shrinks (-1) before the operation.
     """
     planes = first.planes
-    common = first.surfaces & second.surfaces if first.touches(second) else frozenset()
-    manifold, surfaces = first.manifold(), common
-    for _ in range(2):
-        pair = [planes.perturb(manifold, surfaces, outwards), second.manifold()]
-        result = Manifold.batch_boolean(pair if operation else pair[::-1], operation or OpType.Subtract)
-        if not common or planes.hold(checked(result)):
-            break
-        manifold, surfaces = planes.snap(manifold, first.surfaces), first.surfaces
-    if common and not result.is_empty():
-        result = planes.relax(result, surfaces)
+    pair = [first.manifold(), second.manifold()]
+    if first.surfaces & second.surfaces and first.touches(second):
+        pair = planes.separate(pair[0], pair[1], outwards)
+    result = Manifold.batch_boolean(pair if operation else pair[::-1], operation or OpType.Subtract)
     return Body(lambda: result, boxes, first.surfaces | second.surfaces, planes)
 
 

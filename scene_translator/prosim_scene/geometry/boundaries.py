@@ -76,7 +76,10 @@ class OriginalIds:
         return self.base + medium * self.leaves + leaf
 
     def boundary(self, body: Body) -> Boundary:
-        """The boundary of a body, snapped onto the shared planes. A triangle's id gives its leaf and medium."""
+        """Returns the boundary of a body, whose vertices are snapped onto the shared planes.
+
+        The original id of a triangle gives its leaf and its medium.
+        """
         mesh = checked(body.planes.snap(checked(body.manifold()))).to_mesh64()
         ids = per_triangle(mesh, np.asarray(mesh.run_original_id, dtype=np.int64))
         medium, leaf = np.divmod(ids - self.base, self.leaves)

@@ -1,21 +1,22 @@
-"""Coincident faces: facets on common planes are separated before a Boolean operation, and snapped at the end.
+"""Separates coincident faces before a Boolean operation, and snaps faces onto their planes at the end.
 
-If two faces lie on the same plane except for rounding, an operation on their meshes leaves films without thickness, and
-faces of the wrong owner. So every facet on a surface that several primitives share has the number of its plane, and its
-vertices are snapped onto that plane. Before an operation the facets of both solids on common planes are separated: they
-move apart by a gap that is large against rounding and small against everything else. So facets on one plane are layers,
-whose order stays. The final result is snapped onto the planes:
+If two faces lie on the same plane except for rounding, a Boolean operation on their meshes leaves films without
+thickness, and faces with the wrong owner. Therefore every facet on a surface that several primitives share has the
+number of its plane, and the vertices of the facet are snapped onto this plane. Before an operation, the facets of the
+two solids on common planes are separated: they move apart by a gap that is large compared with rounding, and small
+compared with all other lengths. Thus the facets on one plane form layers, whose order never changes. At the end, the
+final result is snapped onto the planes.
 
-- in A + B, A grows: faces that look to the same side belong to A, faces that look to opposite sides vanish;
-- in A - B and A * B, A shrinks: a flush cut is open, faces that touch leave no film, and faces that look to the same
-  side belong to A.
+- In A + B, A grows. Faces with the same orientation belong to A, and faces with opposite orientations vanish.
+- In A - B and A * B, A shrinks. A flush cut is open, faces that touch leave no film, and faces with the same
+  orientation belong to A.
 
-So the first primitive in the tree owns a common face, and the result is regularized (Requicha and Voelcker 1985): it
-has no film and no dangling face. Facets of curved faces are treated in the same way; all solids on one quadric have the
-same facets, see :mod:`.leaves`.
+Therefore the first primitive in the CSG tree owns a common face. The result is regularized (Requicha and Voelcker
+1985): it has no films and no dangling faces. Facets of curved faces are treated in the same way, because all solids on
+one quadric have the same facets (see :mod:`.leaves`).
 
-Equal surfaces differ by the rounding of transforms and of decimal fractions. Their equations are compared in the space
-of one of the two primitives, where rounding is small and a visible difference is large.
+Two equal surfaces differ by the rounding of transforms and of decimal fractions. The equations of two surfaces are
+compared in the space of one of the two primitives, where rounding is small and a visible difference is large.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ import numpy as np
 from manifold3d import Manifold, Mesh64
 
 SAME = 1e-7  # tolerance of a quadric's coefficients in a primitive's own space
-NEAR = 1e-6  # tolerance of its coefficients in the scene's space, at first; only surfaces within it are compared
+NEAR = 1e-6  # first tolerance of the coefficients in the scene's space, which selects the surfaces to compare
 
 
 def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
@@ -89,13 +90,16 @@ def _clusters(rows: np.ndarray, near: float) -> np.ndarray:
     return label
 
 
-STEP = 2.0**-26  # of the scene's size (a power of two): the thickness of all layers on a plane, approximately
-GAP = 2.0**-10  # of a step: the distance of two layers; manifold3d's tolerance is 1e-12 of the scene's size
+STEP = 2.0**-26  # the approximate thickness of all layers on a plane, relative to the scene's size (a power of two)
+GAP = 2.0**-10  # the distance of two layers, relative to STEP; manifold3d's tolerance is 1e-12 of the scene's size
 
 
 class Facets(NamedTuple):
-    """The triangles of a solid on shared planes: the numbers (k, 3) of their ``corners`` among all vertices, ``plane``
-    (k,), ``side`` (k,), 1 or -1, and ``height`` (k, 3), that of the corners over the plane.
+    """The triangles of a solid that lie on shared planes.
+
+    ``corners`` (k, 3) are the numbers of the triangles' corners in ``vertices``. ``plane`` (k,) is the plane of each
+    triangle, ``side`` (k,) is the side of this plane that the triangle faces (1 or -1), and ``height`` (k, 3) are the
+    heights of the corners over the plane.
     """
 
     vertices: np.ndarray
@@ -110,7 +114,7 @@ class Planes:
 
     ``planes`` (n, 4) are unit normals and offsets of planes n.p + d = 0. ``surface`` (n,) is the number of the surface
     to which each plane belongs. Facet f lies on the plane ``of_facet[f]`` (-1: on no shared plane), and faces the side
-    ``side[f]`` (1 or -1) of this plane. ``step`` and ``gap``: see STEP and GAP.
+    ``side[f]`` (1 or -1) of this plane. ``step`` is STEP in the unit of the scene, ``gap`` is GAP times ``step``.
     """
 
     def __init__(
@@ -121,58 +125,64 @@ class Planes:
         ``surface`` (n,) is the surface of each facet, ``rank`` (n,) the rank of the face of each facet. Faces on one
         surface have the same planes, facet by facet: the planes of the face with the lowest rank.
         """
-        some = np.unique(facets)
-        some = some[np.argsort(rank[some], kind="stable")]
-        begins = np.flatnonzero(np.diff(rank[some], prepend=-1))  # of faces
-        within = np.arange(len(some)) - np.repeat(begins, np.diff(np.append(begins, len(some))))
-        keys = surface[some] * (within.max(initial=0) + 1) + within
+        shared = np.unique(facets)
+        shared = shared[np.argsort(rank[shared], kind="stable")]
+        face_starts = np.flatnonzero(np.diff(rank[shared], prepend=-1))  # the first facet of each face
+        number_in_face = np.arange(len(shared)) - np.repeat(face_starts, np.diff(np.append(face_starts, len(shared))))
+        keys = surface[shared] * (number_in_face.max(initial=0) + 1) + number_in_face
         _, first, plane = np.unique(keys, return_index=True, return_inverse=True)
-        at = np.empty(len(surface), int)
-        at[some] = np.arange(len(some))
-        own = _planes(triangles, at[facets])
-        self.planes, self.surface, self.step, self.gap = own[first], surface[some[first]], step, step * GAP
+        position = np.empty(len(surface), int)
+        position[shared] = np.arange(len(shared))
+        own = _planes(triangles, position[facets])
+        self.planes, self.surface, self.step, self.gap = own[first], surface[shared[first]], step, step * GAP
         self.of_facet, self.side = np.full(len(surface), -1), np.ones(len(surface))
-        self.of_facet[some] = plane
-        self.side[some] = np.sign(np.einsum("ij,ij->i", own[:, :3], own[first[plane], :3]))
+        self.of_facet[shared] = plane
+        self.side[shared] = np.sign(np.einsum("ij,ij->i", own[:, :3], own[first[plane], :3]))
 
     def separate(self, first: Manifold, second: Manifold, outwards: int) -> list[Manifold]:
-        """Two solids, moved so that on common planes the facets of the first one are further out (1), or further in
-        (-1), than those of the second one near them.
+        """Moves two solids apart on their common planes; returns the two moved solids.
 
-        The smaller solid moves. If facets of the first one face both sides of a plane, those of one side move, too.
+        Afterwards, the facets of the first solid are further outwards (``outwards`` 1) or further inwards (-1) than the
+        nearby facets of the second solid. The solid with fewer triangles on shared planes moves. If there is not enough
+        room for the second solid's facets between facets of the first solid, the facets of the first solid that face
+        one side of the plane move, too.
         """
         own, other = self._facets(first), self._facets(second)
         low, high = self._range(other.plane, other.vertices[other.corners])
         points, margin = own.vertices[own.corners], 8 * self.step
         near = (points.min(axis=1) <= high[own.plane] + margin) & (points.max(axis=1) >= low[own.plane] - margin)
-        upper = own.side * outwards > 0  # must be above the second solid's facets
+        upper = own.side * outwards > 0  # facets that must be above the second solid's facets
         ranges = [
-            self._range(own.plane[some], own.height[some]) for some in near.all(axis=1) & np.stack([upper, ~upper])
+            self._range(own.plane[mask], own.height[mask]) for mask in near.all(axis=1) & np.stack([upper, ~upper])
         ]
         bottom, top = ranges[0][0], ranges[1][1]
         low, high = self._range(other.plane, other.height)
-        least, most = top + self.gap - low, bottom - self.gap - high  # of the second solid's possible shifts
-        shift, apart = np.maximum(np.minimum(most, 0), least), np.maximum(least - most, 0)
-        by = [np.where(upper, apart[own.plane], 0.0), np.zeros(len(other.plane))]
+        least, most = top + self.gap - low, bottom - self.gap - high  # limits for a shift of the second solid
+        shift, missing_room = np.maximum(np.minimum(most, 0), least), np.maximum(least - most, 0)
+        shifts = [np.where(upper, missing_room[own.plane], 0.0), np.zeros(len(other.plane))]
         if len(other.plane) <= len(own.plane):
-            by[1] = shift[other.plane]
+            shifts[1] = shift[other.plane]
         else:
-            by[0] -= shift[own.plane]
-        return [self._moved(first, own, by[0][:, None]), self._moved(second, other, by[1][:, None])]
+            shifts[0] -= shift[own.plane]
+        return [self._moved(first, own, shifts[0][:, None]), self._moved(second, other, shifts[1][:, None])]
 
     def _range(self, plane: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Minimum and maximum (n, ...) for each plane of ``values`` (k, 3, ...) of triangles on ``plane`` (k,)."""
+        """Returns the minimum and the maximum (n, ...), for each plane, of ``values`` at the corners of triangles.
+
+        ``values`` (k, 3, ...) are three values for each triangle, ``plane`` (k,) is the plane of each triangle.
+        """
         lowest, highest = (np.full((len(self.planes), *values.shape[2:]), sign * np.inf) for sign in (1, -1))
         np.minimum.at(lowest, plane, values.min(axis=1))
         np.maximum.at(highest, plane, values.max(axis=1))
         return lowest, highest
 
     def snap(self, solid: Manifold) -> Manifold:
-        """A solid with the vertices of its facets on shared planes snapped onto them."""
+        """Returns the solid with the vertices of its facets on shared planes moved onto these planes."""
         facets = self._facets(solid)
         return self._moved(solid, facets, -facets.height)
 
     def _facets(self, solid: Manifold) -> Facets:
+        """Returns the triangles of a solid that lie on shared planes."""
         mesh = solid.to_mesh64()
         facets = np.asarray(mesh.face_id, dtype=np.int64)
         on = self.of_facet[facets] >= 0
@@ -182,7 +192,10 @@ class Planes:
         return Facets(vertices, corners, plane, self.side[facets] * signs(mesh)[on], height)
 
     def _moved(self, solid: Manifold, facets: Facets, by: np.ndarray) -> Manifold:
-        """A solid with the corners of its ``facets`` moved along their normals ``by`` (k, 3) or (k, 1)."""
+        """Returns the solid with the corners of its ``facets`` moved along the normals of their planes.
+
+        ``by`` (k, 3) or (k, 1) are the signed distances of the moves.
+        """
         if not by.any():
             return solid
         touched = np.zeros(len(facets.vertices), bool)
@@ -193,7 +206,10 @@ class Planes:
         return solid.warp_batch(lambda points: self._move_points(np.array(points), vertex, plane, by))
 
     def snap_vertices(self, vertices: np.ndarray, triangles: np.ndarray, facets: np.ndarray) -> np.ndarray:
-        """Vertices (n, 3) snapped onto the planes of the ``facets`` (m,) of their ``triangles`` (m, 3)."""
+        """Returns the vertices (n, 3), moved onto the planes of the facets of which they are corners.
+
+        ``triangles`` (m, 3) are triangles of these vertices, ``facets`` (m,) is the facet of each triangle.
+        """
         if not len(facets):
             return vertices
         pairs = np.unique(triangles * len(self.planes) + self.of_facet[facets, None])
@@ -202,23 +218,25 @@ class Planes:
         return self._move_points(vertices, vertex, plane, -height)
 
     def one_sided(self, surfaces: Collection[int], boxes: np.ndarray) -> bool:
-        """Whether all ``boxes``, see :class:`.Body`, are certainly on one side of each of the ``surfaces``."""
+        """Whether all ``boxes`` (see :class:`.Body`) are certainly on one side of each of the ``surfaces``."""
         planes = self.planes[np.isin(self.surface, list(surfaces))]
-        if len(planes) > len(surfaces):  # a curved surface
+        if len(planes) > len(surfaces):  # a surface with several planes is curved
             return False
         height = boxes[:, 2:].reshape(-1, 3) @ planes[:, :3].T + planes[:, 3]
         return bool(((height <= 8 * self.step).all(axis=0) | (height >= -8 * self.step).all(axis=0)).all())
 
     def _move_points(self, points: np.ndarray, vertex: np.ndarray, plane: np.ndarray, by: np.ndarray) -> np.ndarray:
-        """Moves each point ``vertex[i]`` by the shortest way that leads ``by[i]`` along the normal of ``plane[i]``;
-        changes ``points`` and returns it.
+        """Moves points by given signed distances along normals of planes; changes ``points`` and returns it.
+
+        For each i, the point ``vertex[i]`` moves by ``by[i]`` along the normal of the plane ``plane[i]``. Each point
+        moves by the shortest way that satisfies all its planes.
         """
         touched, index = np.unique(vertex, return_inverse=True)
         normal = self.planes[plane, :3]
         normals, heights = np.zeros((len(touched), 3, 3)), np.zeros((len(touched), 3, 1))
         np.add.at(normals, index, normal[:, :, None] * normal[:, None])
         np.add.at(heights, index, (normal * by[:, None])[:, :, None])
-        # Tikhonov's regularisation: few planes leave directions free, more than three are overdetermined.
+        # Tikhonov's regularisation: fewer than three planes leave directions free, more than three are overdetermined.
         points[touched] += np.linalg.solve(normals + 1e-12 * np.eye(3), heights)[..., 0]
         return points
 

@@ -1,10 +1,10 @@
 """Evaluates the CSG tree with manifold3d, which computes a mesh only when its data are needed.
 
 Each connected component of touching boxes is evaluated separately, once for each medium. In the evaluation of a medium,
-a leaf of another medium is used only if it cuts. If two operands share surfaces, their facets there are separated
-before the operation, see :mod:`.coincidence`; manifold3d evaluates all other operations in batches. Chains of the
-operators + and - are evaluated in halves. A step changes a solid X to X - S + P with solids S and P. Two steps merge
-into one step:
+a leaf of another medium is used only if it cuts. If two operands share surfaces, their facets on these surfaces are
+separated before the operation (see :mod:`.coincidence`). manifold3d evaluates all other operations in batches. Chains
+of the operators + and - are evaluated in halves. A step changes a solid X to X - S + P with solids S and P. Two steps
+merge into one step:
 
     (X - S + P) - S' + P' = X - (S + S') + ((P - S') + P').
 
@@ -261,9 +261,11 @@ def remainder(first: Body, second: Body) -> Body:
 
 
 def _operation(first: Body, second: Body, operation: OpType | None, outwards: int, boxes: np.ndarray) -> Body:
-    """The result of a Boolean operation on two bodies, with these ``boxes``; None: the second body minus the first.
+    """Returns the result of a Boolean operation on two bodies; the operation None is the second body minus the first
+    body.
 
-    On common surfaces the first body grows (``outwards`` 1) or shrinks (-1) before the operation.
+    ``boxes`` are the boxes of the result. On common surfaces, the first body grows (``outwards`` 1) or shrinks (-1)
+    before the operation.
     """
     planes = first.planes
     pair = [first.manifold(), second.manifold()]

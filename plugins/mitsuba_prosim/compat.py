@@ -328,6 +328,20 @@ def dr_array(values: np.ndarray) -> Any:
     return kinds.get(values.dtype, mi.Float)(own)
 
 
+# ---------------------------------------------------------------- textures
+
+
+def samples_elsewhere(parameters: mi.SceneParameters, prefix: str = "") -> bool:
+    """Tells whether the texture with these ``parameters`` is a bitmap with a ``to_uv``.
+
+    The bitmaps of Mitsuba 3.9 ignore ``to_uv`` when they are sampled, so they sample other points than they light.
+    """
+    if prefix + "data" not in parameters:
+        return False
+    to_uv = parameters[prefix + "to_uv"].matrix
+    return not dr.allclose(to_uv, dr.identity(type(to_uv)))
+
+
 # ---------------------------------------------------------------- signals
 
 

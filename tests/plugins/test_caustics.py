@@ -196,7 +196,7 @@ def test_each_sample_has_photons_of_its_own(variant_rgb):
     assert errors[1] < 0.7 * errors[0]
 
 
-@pytest.mark.parametrize("more", ({"max_samples": 8, "noise": 1e-4}, {"max_samples": 32, "adaptive": "none"}))
+@pytest.mark.parametrize("more", ({"max_samples": 8, "noise": 1e-4}, {"samples": 12, "adaptive": "thesis"}))
 def test_an_image_by_another_process_in_small_work_items_has_the_same_photons(variant_rgb, more):
     """Also that of the second image of a few pixels, which has several copies of them with a seed each."""
     world = small(6, integrator={"type": "prosim", "samples": 2, "caustics": True, "caustic_photons": 1 << 10} | more)

@@ -101,6 +101,19 @@ def test_textured_radiance_equal_to_mitsuba(variant_rgb, shape):
         assert np.allclose(image(textured(shape, to_world), integrator), expected, rtol=1e-4, atol=1e-5)
 
 
+def test_a_moved_texture_lights_with_all_of_its_points(variant_rgb, logged):
+    """Mitsuba's ``area`` samples such a texture as if it were not moved: ``prosim`` warns of it."""
+    moved = {"filter_type": "nearest", "to_uv": mi.ScalarTransform3f().scale([2, 1])}
+    radiance = bitmap([[[0] * 3, [4] * 3]]) | moved
+    place = {"type": "rectangle", "id": "lamp", "to_world": T().translate(CENTRE).rotate([1, 0, 0], 90)}
+    path, ours, theirs = (
+        image(place | {"emitter": {"type": plugin, "radiance": radiance}}, integrator, samples=1024, hide_emitters=True).mean()
+        for integrator, plugin in (("direct", "area"), ("prosim", "prosim_area"), ("prosim", "area"))
+    )
+    assert ours == pytest.approx(path, rel=0.03) and theirs < 0.9 * path
+    assert ["'lamp'" in text and "prosim_area" in text for _, text in logged] == [True]
+
+
 # Physics
 
 

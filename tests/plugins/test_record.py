@@ -25,8 +25,8 @@ def copper(size=40, rfilter="gaussian", **settings):
 def finished(scene, **how):
     """The image, and how far it came."""
     render = scene.integrator().progressive(scene, seed=3, **how).run()
-    reached = render.reached
-    return np.array(scene.sensors()[0].film().develop()), (reached.samples, str(reached.noise))
+    assert render.finished
+    return np.array(scene.sensors()[0].film().develop()), (render.reached.samples, str(render.reached.noise))
 
 
 def checkpoints(scene, **how):

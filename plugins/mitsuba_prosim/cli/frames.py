@@ -27,7 +27,10 @@ DIGEST = "prosim.digest"
 
 
 class Film:
-    """The frames of one job, which are rendered in order. Frames that exist are not rendered again."""
+    """The frames of one job, which are rendered in order.
+
+    A frame whose file exists and has the current digest is not rendered again, unless the job has ``overwrite``.
+    """
 
     def __init__(self, job: Job, stem: Path) -> None:
         """Raises InputError if the scene uses neither $frame nor $time, so that several frames would be equal."""
@@ -44,8 +47,9 @@ class Film:
                 )
 
     def render(self) -> str | None:
-        """Renders the missing frames; returns the cause of an interruption, in words, or None. Raises
-        ClickException.
+        """Renders the frames that have no complete file with the current digest; with ``overwrite``, all frames.
+
+        Returns the cause of an interruption, in words, or None. Raises ClickException.
         """
         with Resources(self.job) as resources, self.bar:
             signals = resources.enter_context(interruptible(lambda: None))  # active until the workers have ended

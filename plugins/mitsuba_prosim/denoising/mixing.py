@@ -105,8 +105,8 @@ def inputs(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarra
 def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_second: np.ndarray) -> Denoised:
     """Returns the mixture of (first + second) / 2 and (near_first + near_second) / 2 with the least expected error.
 
-    ``near_first`` and ``near_second`` are the denoised images of :func:`inputs`. All arrays have the shape (height,
-    width, channels) and finite values. The halves ``first`` and ``second`` are independent.
+    ``near_first`` and ``near_second`` are the denoised images of :func:`inputs`. All four arguments have the same
+    shape (height, width, channels), and only finite values. The halves ``first`` and ``second`` are independent.
     """
     raw, noise = (first + second) / 2, (first - second) / 2
     denoised, followed = (near_first + near_second) / 2, near_first - near_second

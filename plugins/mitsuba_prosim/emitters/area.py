@@ -5,7 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import SPHERE
+from ..compat import SPHERE, samples_elsewhere
 from ..light.source import Source
 from ..registry import plugin
 
@@ -58,8 +58,9 @@ class Area(Source):
     With only a radiance, this is Mitsuba's :ref:`area <emitter-area>`.
 
     A sphere is sampled over the solid angle that it subtends (section 4.2.2.1). Other shapes are sampled by their own
-    method. A textured radiance is sampled in proportion to the texture. For an unoccluded, uniform sphere of radius r
-    at distance d, wholly above the horizon, the irradiance is exactly :math:`\pi L (r/d)^2 \cos \theta`.
+    method. A textured radiance without :monosp:`to_uv` is sampled by the texture's own method: a bitmap in proportion
+    to its brightness. For an unoccluded, uniform sphere of radius r at distance d, wholly above the horizon, the
+    irradiance is exactly :math:`\pi L (r/d)^2 \cos \theta`.
 
     An unattenuated source has the radiance :math:`4 E d^2 / A` for a receiver at distance d of its centre, where A is
     the area of the shape (:math:`E d^2 / \pi r^2` for a sphere). As the radiance depends on the receiver, such a source
@@ -102,8 +103,10 @@ class Area(Source):
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props, "radiance", "that of the shape")
-        self.textured = self.emission.is_spatially_varying()
-        self.m_flags = mi.EmitterFlags.Surface | (mi.EmitterFlags.SpatiallyVarying if self.textured else 0)
+        varies = self.emission.is_spatially_varying()
+        self.m_flags = mi.EmitterFlags.Surface | (mi.EmitterFlags.SpatiallyVarying if varies else 0)
+        #: Whether the texture samples the points.
+        self.textured = varies and not samples_elsewhere(mi.traverse(self.emission))
 
     def emitted(
         self, si: mi.SurfaceInteraction3f, d: mi.Vector3f, receiver: mi.Point3f, active: mi.Bool
@@ -187,7 +190,7 @@ class Area(Source):
         return self.pdf_texture(ps.uv, active) if self.textured else self.get_shape().pdf_position(ps, active)
 
     def sample_texture(self, time: mi.Float, sample: mi.Point2f, active: mi.Bool) -> mi.PositionSample3f:
-        """Samples a point with a density proportional to the texture, and computes its density per area."""
+        """Samples a point by the texture's own method, and computes the density per surface area."""
         uv, pdf = self.emission.sample_position(sample, active)
         si, density = self.at_texture(uv, pdf, active & (pdf > 0))
         ps = mi.PositionSample3f(si)

@@ -181,16 +181,18 @@ def concentration(squares: np.ndarray) -> float:
 
 
 def requested(state: FilmState) -> np.ndarray:
-    """Returns the samples that the policy of ``state`` requests, in any unit.
+    """Returns the samples that the policy of ``state`` requests for each pixel of the plan's region.
+
+    The result has an arbitrary unit, and is 0 for the other pixels of ``state.outer``.
 
     The policy decides once, or after each pass.
     """
     if state.requested is not None:
         return state.requested
     result = np.minimum(state.request(), np.float32(UNLIMITED))
-    image = state.crop(result, state.plan.region)
-    # All samples of a pixel so far may agree by chance. So every pixel of the image gets samples from time to time.
-    image += np.float32(mean(image.ravel()) / 20)
+    region = state.crop(result, state.plan.region)
+    # All samples of a pixel so far may agree by chance. So every pixel of the region gets samples from time to time.
+    region += np.float32(mean(region.ravel()) / 20)
     if state.policy.rounds == 1:
         state.requested = result
     return result

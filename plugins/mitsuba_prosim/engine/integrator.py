@@ -106,13 +106,18 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         develop: bool = True,
         evaluate: bool = True,
     ) -> mi.TensorXf:
-        """Renders the whole image, and returns the developed image, shape (height, width, channels)."""
+        """Renders the whole image.
+
+        Returns the developed image, shape (height, width, channels), or an empty tensor without ``develop``. A nonzero
+        ``spp`` replaces N²; with 0, N is the parameter ``samples``. In scalar variants, the sensor's sampler sets the
+        number of samples, and a nonzero ``spp`` replaces that number.
+        """
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         if not dr.is_jit_v(mi.Float):
             return self._render_scalar(scene, sensor, seed, spp, develop, evaluate)
         render = self.progressive(scene, sensor, seed, spp).run()
-        with alone():  # another thread may have changed the film
+        with alone():  # ``image`` writes the film again, which another thread may have changed
             image = render.image() if develop else mi.TensorXf()
             if evaluate:
                 dr.eval(image)

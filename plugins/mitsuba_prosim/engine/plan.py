@@ -108,8 +108,8 @@ class Plan:
     def of(cls, sampling: Sampling, film: mi.Film, seed: int | mi.UInt32, spp: int) -> Plan:
         """Returns the plan for an image on ``film``.
 
-        A nonzero ``spp`` is the number N² of samples of a pixel, and replaces the parameters ``samples`` and
-        ``max_samples``.
+        A nonzero ``spp`` replaces N², the square of the parameter ``samples``. Then ``max_samples`` is used only with
+        an error target.
         """
         noisy = spp or sampling.samples**2
         n = grid_size(spp) if spp else min(sampling.samples, sampling.max_samples or noisy)

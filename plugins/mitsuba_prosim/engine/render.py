@@ -152,9 +152,11 @@ class Render(Steps):
         def must_end() -> bool:
             return bool((stoppable and self._stopped) or (timed and target.time_is_up))
 
-        count, taken = np.array(pixels.accumulators.count, dtype=np.int64), 0
-        missing = int(np.maximum(wanted - count, 0).sum())
+        missing = taken = 0
         for batch in photon_batches(pixels, wanted):
+            # A pixel that converged in the previous batch still lacks samples, and takes none.
+            count, taken = np.array(pixels.accumulators.count, dtype=np.int64), 0
+            missing = int(np.maximum(wanted - count, 0).sum())
             items = work_items(pixels, batch, self.executor, target.item_seconds)
             with closing(self.executor(items)) as results:
                 for result in results if not must_end() else ():
@@ -290,9 +292,10 @@ class Render(Steps):
         return self.film.develop()
 
     def half_images(self) -> list[np.ndarray]:
-        """Returns the developed image so far, and the second image if it is complete.
+        """Returns a list of one or two images of shape (height, width, channels).
 
-        Each image has the shape (height, width, channels).
+        These are the developed image so far, and the second image if it is complete and each of its pixels has a
+        sample.
         """
         second = self.second
         both = second is not None and second.complete and np.all(np.array(second.accumulators.count) > 0)

@@ -1,4 +1,7 @@
-"""The stochastic ray tracer of the thesis, with adaptive N-rook sampling (chapter 4, sections 5.3 and 5.4)."""
+"""The stochastic ray tracer of the thesis (chapter 4, sections 5.3 and 5.4); photons and path tracing are options.
+
+The number of samples may adapt to each pixel. Every space of the samples has its own N-rook pattern, or Sobol' points.
+"""
 
 from __future__ import annotations
 

@@ -8,10 +8,10 @@ plane region is the projection of the visible part of the sphere's cap onto the 
 
 The plane region is composed of two pieces here, each sampled without rejection:
 
-- the ellipse that is the projection of the whole cap, if the centre is above the horizon;
-- the crescent between the ellipse and the unit circle, where the horizon cuts the cap. The ellipse and the circle are
-  tangent to each other at the crescent's ends. A sphere with its centre at height -c has only the crescent, which
-  is equal to the crescent of a sphere at height c: the projections of mirrored caps are equal.
+- the ellipse whose border is the projection of the cap's boundary circle, if the centre is above the horizon;
+- the crescent between the ellipse and the unit circle, where the horizon cuts the cap. The ellipse lies
+  inside the circle, and touches the circle at the crescent's two ends. A sphere with its centre at height -c has only
+  the crescent, which is equal to the crescent of a sphere at height c: the projections of mirrored caps are equal.
 
 The ellipse is sampled uniformly. The crescent is sampled with a triangular density of the ordinate, which is close to
 the crescent's width. The variance due to the approximate width is at most 0.05 of the squared mean for spheres that

@@ -29,7 +29,10 @@ TIMEOUT, REPLACE_INTERVAL = 10, "2s"
 
 
 def silence() -> None:
-    """Silences Dask's messages about lost workers and schedulers, because this package prints its own messages."""
+    """Silences all messages of the package ``distributed`` below the level CRITICAL.
+
+    This package prints its own messages about lost workers and schedulers.
+    """
     for name in ("distributed", "distributed.client", "distributed.scheduler", "distributed.nanny"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
 

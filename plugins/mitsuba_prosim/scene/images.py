@@ -15,7 +15,8 @@ def encode(
 ) -> dict[str, bytes]:
     """Returns an EXR with the metadata ``facts``, and a PNG with the metadata ``shown``: suffix -> content of the file.
 
-    The PNG is brighter by ``exposure`` stops, and its highlights are compressed. A film without colours has no PNG.
+    The PNG is brighter by ``exposure`` stops. Its highlights are compressed by :func:`compress`, and values that are
+    still above 1 are clipped. The EXR has the film's values. A film without colours has no PNG.
     """
     images = {".exr": exr(bitmap, facts)}
     linear = colours(bitmap)
@@ -41,11 +42,12 @@ def luminance(rgb: np.ndarray) -> np.ndarray:
 
 
 def compress(rgb: np.ndarray) -> np.ndarray:
-    """Compresses highlights to at most 1, by the tone curve of Reinhard and others (2002, equation 4).
+    """Compresses highlights by the tone curve of Reinhard and others (2002, equation 4).
 
     ``rgb`` is the linear radiance, shape (height, width, 3), with white at 1. The curve is applied to the luminance, so
-    the ratios of the channels do not change. The 99th percentile of the luminance becomes white. An image whose values
-    are at most 1 does not change.
+    the ratios of the channels do not change. The 99th percentile of the luminance, or 1 if that is more, becomes 1.
+    Brighter pixels, and single channels of saturated colours, may stay above 1. An image whose values are at most 1
+    does not change.
     """
     light = np.maximum(luminance(rgb), 0)[..., None]
     white = max(1.0, float(np.percentile(light, 99)))

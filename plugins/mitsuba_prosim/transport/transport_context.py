@@ -14,7 +14,7 @@ from .absorption import absorbs_any, pointer
 from .radiance import layers_of
 from .ray import Ray
 from .scattering import Scattering
-from .workarounds import warn_of_dim_lobes
+from .workarounds import warn_of_dim_lobes, warn_of_lost_light
 
 #: Maximum level of a ray tree: its nodes are numbered as in a heap, in 32 bits.
 DEEPEST_TREE = 24
@@ -79,6 +79,8 @@ class Context:
             # cannot.
             settings = replace(settings, diffuse_bounces=UNLIMITED)
         warn_of_dim_lobes(scene)
+        if settings.diffuse_bounces >= 0:
+            warn_of_lost_light(scene)
         self.scene, self.settings, self.attached, self.camera_medium = scene, settings, attached, camera_medium
         #: The photons, which must be emitted before the first sample; and their MIS with rays, or None.
         self.caustics, self.photon_mis = caustics, None if caustics is None else caustics.mis

@@ -22,6 +22,9 @@
 ``Scene.ray_intersect(skip_area_emitters)``
     measures distances from the last skipped emitter, and ignores ``maxt``. Delete :func:`past_emitters` when Mitsuba
     corrects these two errors.
+``area`` with a ``bitmap`` that has a ``to_uv``
+    samples points as if there were no ``to_uv``. Delete :func:`warn_of_lost_light` when ``bitmap`` samples its own
+    points.
 """
 
 from __future__ import annotations
@@ -31,7 +34,7 @@ from collections.abc import Iterator
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import BLEND, EVALUATED_TOGETHER, MAPS, MASK
+from ..compat import BLEND, EVALUATED_TOGETHER, MAPS, MASK, samples_elsewhere
 from ..masks import but_not, idle
 from ..optics.nested import all_shapes, all_within, leaves
 from . import lobes
@@ -63,6 +66,22 @@ def warn_of_dim_lobes(scene: mi.Scene) -> None:
             f"prosim: the ideal lobes of {', '.join(map(repr, dim))} are too dark: a bumpmap or normalmap holds a "
             "blendbsdf that mixes them with a BSDF without separable lobes, such as principled. Put a bumpmap or "
             "normalmap into each BSDF of the blendbsdf instead.",
+        )
+
+
+def warn_of_lost_light(scene: mi.Scene) -> None:
+    """Warns of emitters ``area`` whose own samples miss a part of their light."""
+    varying = [e for e in scene.emitters() if mi.has_flag(e.flags(), mi.EmitterFlags.SpatiallyVarying)]
+    lost = [
+        e.get_shape().id()
+        for e in varying
+        if e.class_name() == "AreaLight" and samples_elsewhere(mi.traverse(e), "radiance.")
+    ]
+    if lost:
+        mi.Log(
+            mi.LogLevel.Warn,
+            f"prosim: {', '.join(map(repr, lost))} may light too little: Mitsuba's area ignores the to_uv of a bitmap "
+            "when it is sampled. Use prosim_area in its place.",
         )
 
 

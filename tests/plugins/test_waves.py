@@ -15,6 +15,7 @@ import pytest
 from image_statistics import renderings
 from mitsuba_prosim.cli.report import summary
 from mitsuba_prosim.compat import take_back_interrupts
+from mitsuba_prosim.engine.camera import sees_tiny_lamp
 from mitsuba_prosim.engine.work import Executor
 from scenes import COPPER, CROP, alone, loaded, penumbra, rgb, sphere_lamp
 
@@ -316,6 +317,7 @@ def test_the_noise_is_uncertain_if_few_pixels_have_most_of_it(variant_rgb):
     """A visible lamp smaller than a pixel, wherever the second image has its pixels."""
     bright = {"light": sphere_lamp([0.9, 1.6, 1.5], 0.02, rgb(20000, 20000, 20000))}
     tiny, wide = (mi.load_dict(penumbra(size=96, type="prosim", noise=0.1) | lamp) for lamp in (bright, {}))
+    assert sees_tiny_lamp(tiny, tiny.sensors()[0]) and not sees_tiny_lamp(wide, wide.sensors()[0])
     for far, other in ((reached(tiny, seed), reached(wide, seed)) for seed in range(3)):
         assert f"uncertain: it may be {far.noise_at_most:.2g}" in summary(tiny.integrator(), far, "noise")
         assert not other.uncertain

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from ..compat import PERSPECTIVE, world_transform
 
@@ -20,6 +21,19 @@ if TYPE_CHECKING:
 def is_perspective(sensor: mi.Sensor) -> bool:
     """Tells whether ``sensor`` is Mitsuba's perspective camera, whose rays :func:`ray_sampler` computes itself."""
     return bool(sensor.class_name() == PERSPECTIVE)
+
+
+def sees_tiny_lamp(scene: mi.Scene, sensor: mi.Sensor) -> bool:
+    """Tells whether a lamp is smaller than about a pixel of the perspective camera ``sensor``.
+
+    Few rays may find such a lamp, and its images in mirrors, which may be smaller.
+    """
+    if not is_perspective(sensor):
+        return False
+    pixel = 2 * np.tan(np.radians(float(mi.traverse(sensor)["x_fov"][0])) / 2) / sensor.film().size()[0]
+    eye = np.ravel(world_transform(sensor, mi.Float(sensor.shutter_open())).translation())
+    boxes = (emitter.get_shape().bbox() for emitter in scene.emitters() if emitter.get_shape() is not None)
+    return any(np.linalg.norm(box.extents()) < 2 * pixel * np.linalg.norm(box.center() - eye) for box in boxes)
 
 
 def ray_sampler(sensor: mi.Sensor) -> RaySampler:

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..alone import alone
 from .accumulators import FilmState
+from .camera import sees_tiny_lamp
 from .checkpoint import Checkpoint
 from .error import in_display_units
 from .error_target import ENOUGH, UNCERTAIN, ErrorTarget, SecondImage, mean, next_counts, remaining_factor
@@ -44,13 +45,15 @@ class Reached:
     noise_999: float
     #: Upper bound of the RMS error, which exceeds the bound with a probability of about 5 %.
     noise_at_most: float
+    #: Whether rays may miss a lamp, see :func:`.sees_tiny_lamp`.
+    tiny_lamp: bool
     #: Seconds since the beginning of the render.
     seconds: float
 
     @property
     def uncertain(self) -> bool:
-        """Whether the RMS error is uncertain, because few pixels have most of it."""
-        return self.noise_at_most > UNCERTAIN * self.noise
+        """Whether the RMS error is uncertain, because few pixels have most of it or rays may miss a lamp."""
+        return self.tiny_lamp or self.noise_at_most > UNCERTAIN * self.noise
 
 
 class Render(Steps):
@@ -95,6 +98,7 @@ class Render(Steps):
         #: Factor on the limits for the next pass: the pass may end with an error of this many times the limits. The
         #: denoiser sets this factor.
         self.loosening = 1.0
+        self._tiny_lamp = sees_tiny_lamp(estimator.scene, estimator.sensor)
         self.second: SecondImage | None = None
         if any(self.target.limits) or (denoiser is not None and self.target.seconds):
             pixel_count, restored = area(plan.region), self.state.second
@@ -307,7 +311,7 @@ class Render(Steps):
     def reached(self) -> Reached:
         """Samples, error and time so far."""
         counts = self.counts()
-        return Reached(mean(counts), int(counts.min()), *self.state.noise, self.target.elapsed)
+        return Reached(mean(counts), int(counts.min()), *self.state.noise, self._tiny_lamp, self.target.elapsed)
 
     @alone()
     def error(self) -> np.ndarray:

@@ -122,8 +122,8 @@ def load(
 ) -> Node:
     """Translates a scene file to a dictionary for ``mi.load_dict``; :func:`translate` describes the options.
 
-    The meshes are written to a temporary folder. The folder is removed when the dictionary and its copies are deleted,
-    or when the process ends. ``transform`` converts a 4x4 array to Mitsuba's type for a transform. The default of
+    The meshes are written to a temporary folder, which is kept until the dictionary and its copies are deleted, or the
+    process ends. ``transform`` converts a 4x4 array to Mitsuba's type for a transform. The default of
     ``transform`` is ``mitsuba.ScalarTransform4f`` of the active variant if Mitsuba is imported; otherwise arrays are
     not converted.
     """

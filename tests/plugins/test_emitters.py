@@ -107,8 +107,8 @@ def test_a_moved_texture_lights_with_all_of_its_points(variant_rgb, logged):
     radiance = bitmap([[[0] * 3, [4] * 3]]) | moved
     place = {"type": "rectangle", "id": "lamp", "to_world": T().translate(CENTRE).rotate([1, 0, 0], 90)}
     path, ours, theirs = (
-        image(place | {"emitter": {"type": plugin, "radiance": radiance}}, integrator, samples=1024, hide_emitters=True).mean()
-        for integrator, plugin in (("direct", "area"), ("prosim", "prosim_area"), ("prosim", "area"))
+        image(place | {"emitter": {"type": name, "radiance": radiance}}, kind, samples=1024, hide_emitters=True).mean()
+        for kind, name in (("direct", "area"), ("prosim", "prosim_area"), ("prosim", "area"))
     )
     assert ours == pytest.approx(path, rel=0.03) and theirs < 0.9 * path
     assert ["'lamp'" in text and "prosim_area" in text for _, text in logged] == [True]

@@ -90,8 +90,8 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
 def merge(job: Job, part_files: tuple[Path, ...], moved: Path | None) -> None:
     """Merge the PARTs of an image, files that prosim render --part has written.
 
-    The image has the same bits as an image that is rendered at once. Each part must be given once; the order of the
-    parts does not matter. The command renders nothing.
+    The image has the same bits as an image that is rendered at once, if all parts were rendered on the same kind of
+    processor. Each part must be given once; the order of the parts does not matter. The command renders nothing.
     """
     record, before = checkpoint_and_job(part_files[0], moved, lambda _: checkpoint.merge(part_files))
     target = files.output_stem(job.output, image_stem(part_files[0]), SUFFIXES)

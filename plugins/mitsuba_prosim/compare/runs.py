@@ -25,7 +25,8 @@ class Runs:
     """The runs of one method.
 
     ``values`` are the results of all rounds, by name: "seconds", "cpu" and each measure of error against ``reference``.
-    ``image`` is the last image multiplied by ``scale``. ``counts`` is the number of samples of each pixel.
+    ``image`` is the last image multiplied by ``scale``. ``counts`` is the number of samples of each pixel of the last
+    image.
     """
 
     method: Method
@@ -45,8 +46,8 @@ class Runs:
                 self.values.setdefault(name, []).append(value)
 
     def facts(self) -> dict[str, Any]:
-        """Returns the mean number of samples per pixel, and the median, minimum and maximum of each result over the
-        rounds.
+        """Returns the mean number of samples per pixel of the last image; and the median, minimum and maximum of each
+        result over the rounds.
         """
         return {"samples": float(np.mean(self.counts))} | {
             name: {"median": float(np.median(values)), "least": min(values), "most": max(values)}

@@ -59,8 +59,9 @@ class Channels:
     ) -> list[mi.Float]:
         """Returns the values of all channels for a sample of weight 1.
 
-        ``L`` is the radiance along the camera ray ``ray``; ``hit`` is 1 if the ray met a surface, else 0.
-        ``integrator_values`` are further values that the integrator returned.
+        ``L`` is the radiance along the camera ray ``ray``, times the weight of the ray. ``hit`` is the alpha of the
+        sample: 1 if the integrator reports a hit, else 0. ``integrator_values`` are further values that the integrator
+        returned.
         """
         if self.special:
             values = self.film.prepare_sample(L, ray.wavelengths, self.film.base_channels_count() + 1, 1.0, hit)

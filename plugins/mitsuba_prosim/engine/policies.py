@@ -82,8 +82,8 @@ class Graded(Policy):
 
     The deviation is in display units. Samples in proportion to the standard deviation minimise the total variance
     (Neyman 1934). A pixel gets N² samples if N² samples reduce the standard error to the threshold. The policy decides
-    after each pass, because the first pass misses rare events. The policy looks at 7 x 7 pixels, because few samples
-    tell little about a variance.
+    after the first and after the second pass, because the first pass misses rare events; with an error target, it
+    decides after every pass. The policy looks at 7 x 7 pixels, because few samples tell little about a variance.
     """
 
     reach = 3
@@ -101,9 +101,9 @@ class Graded(Policy):
 def error_of_neighbours(total: np.ndarray, squares: np.ndarray, count: int) -> np.ndarray:
     """Returns the standard error, in display units, that the 24 pixels around each pixel suggest.
 
-    Near the border of the sampled pixels, fewer than 24 pixels count; the error is infinite if no pixel around was
-    sampled. ``total`` and ``squares`` are the sums of the luminance and of its square over ``count`` samples, shape
-    (height, width).
+    The variance is that of all samples of these pixels together, so differences between the pixels count, too. Near
+    the border of the arrays, fewer than 24 pixels count; the error is infinite if there are none. ``total`` and
+    ``squares`` are the sums of the luminance and of its square over ``count`` samples, shape (height, width).
     """
     share = np.float32(1 / count)
     first, second = (mean_around(sums * share, Neighbours.reach) for sums in (total, squares))
@@ -112,10 +112,10 @@ def error_of_neighbours(total: np.ndarray, squares: np.ndarray, count: int) -> n
 
 
 def mean_around(plane: np.ndarray, reach: int) -> np.ndarray:
-    """Returns, for each pixel, the mean of ``plane`` over the sampled pixels around it, shape (height, width).
+    """Returns, for each pixel, the mean of ``plane`` over the pixels around it, shape (height, width).
 
     The pixels around a pixel are those within ``reach`` rows and columns, without the pixel itself: a decision by a
-    pixel's own samples would bias the image (Kirk and Arvo 1991). The mean is infinite if no pixel around was sampled.
+    pixel's own samples would bias the image (Kirk and Arvo 1991). The mean is infinite if there are none.
     """
 
     def along_columns(plane: np.ndarray) -> np.ndarray:
@@ -125,7 +125,7 @@ def mean_around(plane: np.ndarray, reach: int) -> np.ndarray:
         return sum((padded[reach + k : reach + k + height] for k in steps), np.zeros_like(plane))
 
     def sum_around(plane: np.ndarray) -> np.ndarray:
-        """Returns, for each pixel, the sum of ``plane`` over the pixels around the pixel."""
+        """Returns, for each pixel, the sum over the pixels within ``reach`` rows and columns, without the pixel."""
         # Adds along the rows, and then along the columns of these sums. The middle row is added without the pixel
         # itself.
         in_row = along_columns(plane.T).T

@@ -142,13 +142,13 @@ class Render(Steps):
     def _pass(
         self, pixels: Pixels, wanted: np.ndarray, expected: float = 0.0, stoppable: bool = True
     ) -> Generator[Step, None, bool]:
-        """Takes the samples that ``pixels`` lack to the counts ``wanted``; returns whether all these samples were
-        taken.
+        """Takes the samples that ``pixels`` lack to the counts ``wanted``, fewer where a pixel converges; returns
+        whether the pass came to its end.
 
-        ``expected`` is the estimated number of samples at the end of the image; if the number is 0, the progress stays
-        the same. ``stoppable`` tells whether :meth:`stop` may end the pass. The time limit may end every pass, except a
-        pass that takes only the first sample of each pixel. With an error target, later passes are shown when their
-        error is known.
+        ``expected`` is the estimated number of samples of all pixels together at the end of the image; if the number is
+        0, the samples of this pass do not count as progress. ``stoppable`` tells whether :meth:`stop` may end the pass.
+        The time limit may end every pass, except a pass that takes only the first sample of each pixel. With an error
+        target, later passes are shown when their error is known.
         """
         target, timed = self.target, np.any(wanted > 1)
         shown = self.state.rounds == 0 or not self.state.plan.sampling.has_target

@@ -225,10 +225,11 @@ def emitted_ray(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, mi.P
 
 
 def light_in_scene(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
-    """Returns the irradiance by ``emitter`` at a random point of the scene, the point, and the direction to the
-    emitter.
+    """Returns an estimate of the irradiance by ``emitter`` at a random point of the scene's bounding box, the point,
+    and the direction to the emitter.
 
-    The irradiance is that of a surface which faces the emitter.
+    The estimate is one sample without shadows, for a surface that faces the emitter. It is the mean of the channels or
+    wavelengths.
     """
     u = [to_unit(combine(key, j)) for j in range(6)]
     box = scene.bbox()

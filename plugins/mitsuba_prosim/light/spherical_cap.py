@@ -103,7 +103,8 @@ class _Region:
         self.t2 = dr.minimum((1 - self.m) * (1 + self.m) / self.sin2_n, 1)
         self.t = dr.sqrt(self.t2)
         self.middle = self.t2 * (1 - self.m) / ((1 + self.x_t) * (1 + self.m * self.x_t))
-        # The mean width divided by the width in the middle is 2/3 for a parabola, and 8/15 for a squared parabola.
+        # The mean width divided by the width in the middle. For a small sphere with m = 0, the width is nearly a
+        # parabola in eta, and the ratio is 2/3. For m near 1, it is nearly a squared parabola, and the ratio is 8/15.
         self.mean = (10 - 2 * self.m) / 15
         outside = sin2_theta_max < 1
         self.ellipse = dr.select(outside, dr.pi * dr.maximum(cos_n, 0), 0)

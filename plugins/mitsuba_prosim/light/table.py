@@ -54,20 +54,22 @@ class Lamp:
 
         ``sample`` is a point in [0, 1)².
         """
-        return self._by_side(receiver, active, lambda s, k, mine: s.sample(k, self.emitter, receiver, sample, mine))
+        return self._by_side(receiver, active, lambda way, k, mine: way.sample(k, self.emitter, receiver, sample, mine))
 
     def pdf(self, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
         """Returns the density per solid angle with which :meth:`sample` samples the direction ``ds``."""
-        return self._by_side(receiver, active, lambda s, k, mine: s.pdf(k, receiver, ds, mine))
+        return self._by_side(receiver, active, lambda strategy, k, mine: strategy.pdf(k, receiver, ds, mine))
 
     def reparameterised(
         self, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f | None, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Float]:
-        """Returns ``(ds, jacobian)``, both with derivatives: a direction that moves with this lamp.
+        """Returns ``(ds, jacobian)``, both with derivatives.
+
+        The value of ``ds.d`` is ``d``, and the derivatives of ``ds.d`` follow this lamp.
 
         :meth:`.OtherLights.reparameterised` describes the arguments.
         """
-        return self._by_strategy(active, lambda s, k, mine: s.reparameterised(k, receiver, d, met, mine))
+        return self._by_strategy(active, lambda strategy, k, mine: strategy.reparameterised(k, receiver, d, met, mine))
 
     def _by_side(self, receiver: Receiver, active: mi.Bool, evaluate: Evaluate) -> Any:
         """Calls ``evaluate`` with the strategy that suits the side of ``receiver`` that light reaches.

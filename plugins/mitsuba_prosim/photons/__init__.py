@@ -5,7 +5,8 @@ Photons find the caustics. Photons follow Arvo's illumination maps (1986), which
 Jensen's photon maps (1996).
 
 - :mod:`.targets` and :mod:`.emission`: the light sources emit photons towards spheres around the specular surfaces.
-- :mod:`.tracing`: specular surfaces reflect or refract photons until the photons land on a diffuse or glossy surface.
+- :mod:`.tracing`: specular surfaces, ideal or glossy, reflect or refract photons. After at least one such surface, a
+  photon may land on a diffuse or glossy surface. A glossy surface may also reflect or refract a landed photon further.
 - :mod:`.grid`: each landed photon gets a radius, one pixel wide or more where photons are sparse. A grid with cells of
   about this size sorts the photons.
 - :mod:`.caustics`: a visible diffuse surface collects the photons whose radius reaches the surface. Each sample of a

@@ -1,4 +1,4 @@
-"""Photon tracing: specular surfaces scatter photons until the photons land on diffuse or glossy surfaces."""
+"""Photon tracing: specular surfaces, ideal or glossy, scatter photons, which land on diffuse or glossy surfaces."""
 
 from __future__ import annotations
 

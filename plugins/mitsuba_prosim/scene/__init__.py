@@ -1,7 +1,7 @@
 """Scene files and image files, for the rooms ``cli``, ``live``, ``compare`` and ``parallel``.
 
-The module ``session`` sets up Mitsuba. ``scene_file`` reads a scene once, and ``overrides`` changes parameters of the
-scene. ``confinement`` checks that the files which a scene names are in the scene's folder. ``errors`` improves messages
-of Mitsuba. ``rendering`` starts progressive renders. ``black`` finds the reason why an image is black. ``images``
-writes EXR and PNG files.
+The module ``session`` sets up Mitsuba. ``scene_file`` parses a scene file once and makes scenes from the result;
+``overrides`` changes the film and the integrators of the parsed scene. ``confinement`` checks that the files which a
+scene names are in the scene's folder. ``errors`` improves messages of Mitsuba. ``rendering`` starts progressive
+renders. ``black`` finds the reason why an image is black. ``images`` writes EXR and PNG files.
 """

@@ -62,7 +62,8 @@ class Confinement:
     def check_text(self, path: Path) -> None:
         """Checks all files that Mitsuba's parser may open for the XML file ``path``.
 
-        Raises OutsideError, and OSError if a file cannot be read.
+        Raises OutsideError if a file is not allowed or a name cannot be checked, and OSError if ``path`` or an XML file
+        that it includes cannot be read.
         """
         folders, texts = [self._installed[0], *self._folders], [path]
         for file in texts:  # the list grows in the loop

@@ -114,7 +114,10 @@ class SceneFile:
         return hashlib.sha256(f"{versions}\n{mi.parser.write_string(state)}".encode()).hexdigest()
 
     def named_files(self) -> list[tuple[str, Path]]:
-        """Returns ``(name, path)`` for each file that the scene names; XML files are left out."""
+        """Returns ``(name, path)`` for each file that the scene names; included XML files are left out.
+
+        ``name`` is the name of the file as the XML writes it.
+        """
         files = [(props[name], path) for props, name, path in self._strings(self.state)]
         return files + sorted(set(self._spectra(self.xml, self._folders, dict(self.changes["definitions"]))))
 

@@ -55,7 +55,7 @@ def plugin_names() -> list[str]:
 
 
 def compiler() -> list[str]:
-    """Returns the command line that starts the C compiler."""
+    """Returns the words of the command that starts the C compiler: the variable CC of the environment, or ``cc``."""
     return (os.environ.get("CC") or "cc").split()
 
 

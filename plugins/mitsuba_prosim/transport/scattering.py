@@ -59,7 +59,8 @@ class Scattering:
         """Returns ``(bs, weight, belongs)``: a BSDF sample by the random numbers ``u``, and whether the sample is of
         ``lobe``.
 
-        ``throughput`` is the throughput of the ray, by which dispersive glass chooses a wavelength. In the lanes
+        ``throughput`` is the throughput of the arriving ray, or the flux of the arriving photon: smooth dispersive
+        glass chooses a wavelength with a probability proportional to ``throughput``. In the lanes
         ``at.inseparable`` the BSDF samples all lobes together, and :func:`.belongs_to` decides whether the sample
         belongs to ``lobe``.
         """

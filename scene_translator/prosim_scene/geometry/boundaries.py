@@ -97,12 +97,12 @@ class OriginalIds:
 def boundaries(bodies: dict[int, Body], ids: OriginalIds, fresnel: Collection[int]) -> list[Boundary]:
     """Returns the surfaces to render, for ``bodies`` by medium. A medium with a lower number has precedence.
 
-    An opaque solid keeps its whole surface. Opaque solids, and dielectrics that are earlier in the CSG tree, cut a
-    dielectric. A dielectric keeps the part of its surface that lies on the boundary of the union of the dielectric and
-    all media with precedence. So each interface exists exactly once, and every ray that leaves a dielectric crosses the
-    dielectric's own surface or an interface. Where another dielectric touches the surface, the surface is an interface
-    between the two dielectrics. ``fresnel`` are the opaque leaves that reflect by Fresnel's equations: where a
-    dielectric touches such a leaf, the surface is an interface, too.
+    An opaque solid keeps its whole surface, part of which may become interfaces. Opaque solids, and dielectrics that
+    are earlier in the CSG tree, cut a dielectric. A dielectric keeps the part of its surface that lies on the boundary
+    of the union of the dielectric and all media with precedence. So each interface exists exactly once, and every ray
+    that leaves a dielectric crosses the dielectric's own surface or an interface. Where another dielectric touches the
+    surface, the surface is an interface between the two dielectrics. ``fresnel`` are the opaque leaves that reflect by
+    Fresnel's equations: where a dielectric touches such a leaf, the surface is an interface, too.
     """
     total: Body | None = None
     layers: list[tuple[int, Body]] = []  # each medium, and the union of this medium and all media with precedence

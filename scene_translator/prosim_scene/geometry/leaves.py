@@ -97,8 +97,9 @@ class Leaves:
         """Splits flat surfaces into connected components of faces whose boxes touch; returns the surface (n,) of each
         face.
 
-        ``surface`` (n,) and ``solid`` (n,) are the surface and the solid of each face. The number of a surface is the
-        number of its face on the largest solid.
+        The n faces are the quadrics of all solids, such as the six sides of a cube. ``surface`` (n,) has the number of
+        the surface of each face; ``solid`` (n,) has the number of the solid of each face. The number of a surface is
+        the number of its face on the largest solid.
         """
         boxes = world_box_corners(self.solids)[solid]
         low, high = boxes.min(axis=1) - self.step, boxes.max(axis=1) + self.step

@@ -46,7 +46,7 @@ def radiance_or_intensity(context: Context, number: int, light: Light, units: st
 
 
 def facing_irradiance(light: Light, distance: float) -> float:
-    """Returns the irradiance that a spherical light of radiance 1 causes on a surface that faces the light.
+    """Returns the irradiance that a spherical light, whose radiance is 1 along its axis, causes on a facing surface.
 
     The surface is on the axis of the light, at ``distance`` from its centre. A ray at the angle t to the axis has the
     radiance cos^n t, so the irradiance is the integral of 2 pi cos^(n+1) t sin t dt over the sphere. If the cone of the

@@ -10,7 +10,10 @@ SAMPLER = "nrook"
 
 
 def settings(context: Context) -> Node:
-    """Returns the integrator of a scene, with a comment."""
+    """Returns the integrator of a scene, with a comment.
+
+    Colours are divided by the language's full scale, 65535; a background image is not.
+    """
     scene = context.scene
     background = rgb(lights.from_full_scale(scene.background.color))
     if scene.background.image is not None:

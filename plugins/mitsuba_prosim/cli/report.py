@@ -66,7 +66,7 @@ def summary(
         if name == "noise" and reached.uncertain:
             parts.append(f"uncertain: it may be {reached.noise_at_most:.2g}")
             if reached.tiny_lamp:
-                parts[-1] += " or more, as a lamp is smaller than a pixel"
+                parts[-1] += " or more, as glossy surfaces reflect a lamp smaller than a pixel"
     if noise_bound is not None:
         value = "not known" if isnan(noise_bound) else f"at most about {noise_bound:.2g}"
         parts.append(f"noise {value} (--noise measures it)")

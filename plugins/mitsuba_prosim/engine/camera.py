@@ -11,6 +11,8 @@ import mitsuba as mi
 import numpy as np
 
 from ..compat import PERSPECTIVE, world_transform
+from ..optics.nested import all_flags
+from ..transport import lobes
 
 if TYPE_CHECKING:
     #: Function that returns a ray and its weight, given the time, a number for the wavelengths, the position on the
@@ -24,11 +26,11 @@ def is_perspective(sensor: mi.Sensor) -> bool:
 
 
 def sees_tiny_lamp(scene: mi.Scene, sensor: mi.Sensor) -> bool:
-    """Tells whether a lamp is smaller than about a pixel of the perspective camera ``sensor``.
+    """Tells whether the perspective camera ``sensor`` may see a lamp smaller than about a pixel in a glossy surface.
 
-    Few rays may find such a lamp, and its images in mirrors, which may be smaller.
+    Few rays may find the image of such a lamp.
     """
-    if not is_perspective(sensor):
+    if not is_perspective(sensor) or not lobes.has_any(all_flags(scene), *lobes.REFLECTED, *lobes.REFRACTED):
         return False
     pixel = 2 * np.tan(np.radians(float(mi.traverse(sensor)["x_fov"][0])) / 2) / sensor.film().size()[0]
     eye = np.ravel(world_transform(sensor, mi.Float(sensor.shutter_open())).translation())

@@ -14,7 +14,7 @@ _lock = threading.RLock()
 def alone() -> Iterator[None]:
     """Acquires the lock, and pauses Python's garbage collector.
 
-    Do not hold the lock while the user's code runs, nor across a ``yield``.
+    Do not hold the lock while the user's code runs, nor across the ``yield`` of an iterator.
 
     Mitsuba 3.9 has one search path per process, which loading a scene replaces, and one number of threads. Kernels call
     the objects of all scenes, including a scene that another thread is still loading: such a kernel would call

@@ -100,7 +100,7 @@ class Symbols:
             yield Occurrence(Symbol("solid", words.normalise(token.text)), *token.span, before == "SOLID", before)
 
     def occurrences(self, symbol: Symbol) -> list[Occurrence]:
-        """Lists the occurrences of a symbol in the text."""
+        """Lists the uses and definitions of a symbol (index, texture, solid or ``$name``) in the order of the text."""
         return self.table.get(symbol, [])
 
     def occurrence_at(self, offset: int) -> Occurrence | None:

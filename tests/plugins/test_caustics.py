@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from mitsuba_prosim.alone import alone
 from mitsuba_prosim.engine.error_target import limit_by_photons
-from mitsuba_prosim.engine.work import Executor, photon_batches, work_items
 from mitsuba_prosim.light.strategy import Receiver
 from mitsuba_prosim.light.table import Lights
 from mitsuba_prosim.photons import grid
@@ -202,19 +201,6 @@ def test_an_image_by_another_process_in_small_work_items_has_the_same_photons(va
     world = small(6, integrator={"type": "prosim", "samples": 2, "caustics": True, "caustic_photons": 1 << 10} | more)
     expected = finished(world)
     assert finished(world, executor=Elsewhere(world, most=500))[1] == expected[1]
-
-
-def test_no_photons_are_emitted_for_no_samples(variant_rgb, monkeypatch):
-    """Neither between the samples of two pixels, nor without samples."""
-    world = small(4, integrator={"type": "prosim", "samples": 2, "caustics": True, "caustic_photons": 64})
-    state, drawn = world.integrator().progressive(world).state, []
-    draw = state.estimator.transport.caustics.draw
-    monkeypatch.setattr(Caustics, "draw", lambda _, *which: drawn.append(which[1]) or draw(*which))
-    state.accumulators.count = mi.UInt32([1, 13] + [0] * 14)
-    for batch in photon_batches(state, np.uint32([3, 14] + [0] * 14)):
-        for item in work_items(state, batch, Executor()):
-            item.store(item.compute())
-    assert drawn == [0, 3]
 
 
 def test_a_pass_takes_as_many_samples_as_most_pixels_request():

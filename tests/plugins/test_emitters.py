@@ -103,8 +103,7 @@ def test_textured_radiance_equal_to_mitsuba(variant_rgb, shape):
 
 def test_a_moved_texture_lights_with_all_of_its_points(variant_rgb, logged):
     """Mitsuba's ``area`` samples such a texture as if it were not moved: ``prosim`` warns of it."""
-    moved = {"filter_type": "nearest", "to_uv": mi.ScalarTransform3f().scale([2, 1])}
-    radiance = bitmap([[[0] * 3, [4] * 3]]) | moved
+    radiance = {"filter_type": "nearest", "to_uv": mi.ScalarTransform3f().scale([2, 1])} | bitmap([[[0] * 3, [4] * 3]])
     place = {"type": "rectangle", "id": "lamp", "to_world": T().translate(CENTRE).rotate([1, 0, 0], 90)}
     path, ours, theirs = (
         image(place | {"emitter": {"type": name, "radiance": radiance}}, kind, samples=1024, hide_emitters=True).mean()

@@ -87,15 +87,6 @@ def test_diffuse_bounces_make_it_a_path_tracer(variant_rgb, bounces):
     assert same_expectation(path, ours)
 
 
-def test_thin_lens_equals_direct(variant_rgb):
-    images = []
-    for integrator in ({"type": "direct"}, {"type": "prosim", "adaptive": "none"}):
-        scene = penumbra(**integrator)
-        scene["sensor"] |= {"type": "thinlens", "aperture_radius": 0.3, "focus_distance": 5.0}
-        images.append(renderings(scene, 16, spp=36))
-    assert same_expectation(*images)
-
-
 @pytest.mark.slow
 def test_every_kind_of_source_equals_path(variant_rgb):
     """A sphere, a point, a rectangle, an environment and a spot at once; more sources than are unrolled.

@@ -145,7 +145,7 @@ class ComparedScene:
 
 
 def can_light(background: Any) -> bool:
-    """Whether ``background``, a texture or None, can be converted to an emitter."""
+    """Whether ``background`` is None, or a texture that can be converted to an emitter: a colour or a bitmap."""
     return background is None or not background.is_spatially_varying() or "data" in mi.traverse(background)
 
 

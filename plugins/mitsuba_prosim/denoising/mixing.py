@@ -74,12 +74,12 @@ class Denoised:
 
     @property
     def raw_noise(self) -> float:
-        """Estimated RMS error of the displayed raw image (white = 1)."""
+        """Estimated RMS error of the displayed luminance of the raw image (white = 1)."""
         return float(self.raw_squares.mean()) ** 0.5
 
     @property
     def noise(self) -> float:
-        """Estimated RMS error of the displayed final image (white = 1)."""
+        """Estimated RMS error of the displayed luminance of the final image (white = 1)."""
         return max(float(self.final_squares.mean()), 0.0) ** 0.5
 
     @property

@@ -147,7 +147,7 @@ class FilmState:
         """Converts requested samples to counts of samples.
 
         The count of a pixel is the count of the first pass, or the next power of two, for which Sobol' points are best.
-        The plan limits the count.
+        The count is at most the maximum of the plan.
         """
         plan, clipped = self.plan, np.clip(np.nan_to_num(request, nan=1), 1, UNLIMITED)
         power_of_two = np.left_shift(1, np.frexp(np.ceil(clipped) - 1)[1])

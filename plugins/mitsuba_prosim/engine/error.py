@@ -30,9 +30,9 @@ def standard_error(total: Any, squares: Any, count: Any) -> Any:
 
 
 def displayed(mean: Any) -> Any:
-    """Returns the displayed value of a radiance up to a constant, with white at 1.
+    """Returns the displayed value of a radiance: 0.1 for black, about 1 for white (radiance 1).
 
-    The tone curve is a square root, which is close to the curve of sRGB.
+    The tone curve is sqrt(radiance + 0.01), which is close to the curve of sRGB except near black.
     """
     return library(mean).sqrt(library(mean).maximum(mean, 0) + 0.01)
 

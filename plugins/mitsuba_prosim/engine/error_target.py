@@ -65,7 +65,8 @@ class ErrorTarget:
     def excess(self, noise: Sequence[float]) -> float:
         """Returns the largest ratio of a measured error in ``noise`` to its limit; NaN without limits.
 
-        The upper bound of the error has a limit, too, unless the error is uncertain.
+        The upper bound of the RMS error, divided by :data:`TOLERANCE`, counts too, unless the bound is more than
+        :data:`UNCERTAIN` times the error.
         """
         rms, *tails, bound = noise
         rms = max(rms, bound / TOLERANCE) if bound <= UNCERTAIN * rms else rms

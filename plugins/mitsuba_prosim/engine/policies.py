@@ -36,7 +36,7 @@ class Policy:
         """Returns the total number of samples that each pixel should get, shape (height, width).
 
         ``total`` and ``squares`` are the sums of the luminance and of its square over ``count`` samples, 32-bit floats
-        of this shape. The plan rounds the result up to a power of two, and limits it.
+        of this shape. :meth:`.FilmState.counts_for` rounds the result up, and limits it.
         """
         return np.full(count.shape, self.noisy_samples)
 

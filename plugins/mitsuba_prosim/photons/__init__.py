@@ -7,8 +7,8 @@ Jensen's photon maps (1996).
 - :mod:`.targets` and :mod:`.emission`: the light sources emit photons towards spheres around the specular surfaces.
 - :mod:`.tracing`: specular surfaces, ideal or glossy, reflect or refract photons. After at least one such surface, a
   photon may land on a diffuse or glossy surface. A glossy surface may also reflect or refract a landed photon further.
-- :mod:`.grid`: each landed photon gets a radius, one pixel wide or more where photons are sparse. A grid with cells of
-  about this size sorts the photons.
+- :mod:`.grid`: each landed photon gets a radius, one pixel wide or more where photons are sparse. The photons
+  are sorted into grids by their radius; a cell is about two radii wide.
 - :mod:`.caustics`: a visible diffuse surface collects the photons whose radius reaches the surface. Each sample of a
   pixel has its own photon map. The noise of photons is like any other noise of samples: adaptive sampling measures the
   noise, and more samples reduce the noise.

@@ -83,7 +83,7 @@ def medium_beyond(
 
     The medium stays the same if the surface has no media.
     """
-    if idle(active):
+    if idle(active):  # only in scalar variants
         return medium
     return dr.select(active & si.is_medium_transition(), si.target_medium(d), medium)
 

@@ -81,7 +81,7 @@ class Layers:
         return Radiance(mi.Spectrum(0), [mi.Spectrum(0) for _ in self.names])
 
     def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:
-        """Returns the layer of a ``term`` of the light at the vertex that ``ray`` meets.
+        """Returns the number of the layer of a ``term`` of the light at the vertex that ``ray`` meets.
 
         The terms are "emitted", "background", "ambient", "diffuse", "glossy" and "caustics". ``source`` is the number
         of the light source from which the light comes.

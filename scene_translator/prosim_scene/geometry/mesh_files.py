@@ -191,7 +191,7 @@ def _rows(body: bytes, position: int, count: int, properties: Properties) -> tup
 
 
 def _obj(text: str) -> Raw:
-    """Parses the content of an OBJ file. Raises ValueError or IndexError."""
+    """Parses the content of an OBJ file. Raises ValueError or OverflowError."""
     tables: dict[str, list[list[float]]] = {"v": [], "vt": [], "vn": []}
     polygons: list[list[list[int]]] = []
     for line in re.sub(r"\\\r?\n", " ", text).replace("\r", "\n").split("\n"):

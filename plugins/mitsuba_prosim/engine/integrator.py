@@ -116,7 +116,9 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         if not dr.is_jit_v(mi.Float):
             return self._render_scalar(scene, sensor, seed, spp, develop, evaluate)
-        render = self.progressive(scene, sensor, seed, spp).run()
+        render = self.progressive(scene, sensor, seed, spp)
+        for _ in render:
+            pass
         with alone():  # ``image`` writes the film again, which another thread may have changed
             image = render.image() if develop else mi.TensorXf()
             if evaluate:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Generator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
@@ -56,6 +56,22 @@ class Reached:
         return self.tiny_lamp or self.noise_at_most > UNCERTAIN * self.noise
 
 
+class Pass(NamedTuple):
+    """The samples that ``pixels`` lack to the counts ``wanted``, fewer where a pixel converges."""
+
+    pixels: Pixels
+    wanted: np.ndarray
+    #: Estimated number of samples of all pixels together at the end of the image; if the number is 0, the samples of
+    #: this pass do not count as progress.
+    expected: float = 0.0
+    #: Whether :meth:`Render.stop` may end the pass.
+    stoppable: bool = True
+
+
+#: Passes, and steps that show the image between two passes. Whether a pass came to its end is sent back.
+Passes = Generator["Pass | Step", "bool | None", None]
+
+
 class Render(Steps):
     """The image of ``plan``, or of a ``part`` of it, in progress: an iterator over :class:`Step` objects.
 
@@ -90,7 +106,7 @@ class Render(Steps):
         #: Whether the image has all requested samples.
         self.finished = False
         #: Whether :meth:`stop` was called; whether the last pass took all its samples; the progress, 0 to 1.
-        self._stopped, self._complete, self._done = False, True, 0.0
+        self._stopped, self._done = False, 0.0
         #: The film's values after the end of the render; None before.
         self._values: mi.TensorXf | None = None
         self._finished_before = begin is not None and begin.restore(self.state)
@@ -120,10 +136,42 @@ class Render(Steps):
         self.run()
 
     def _run(self) -> Generator[Step, None, None]:
-        """Runs all passes; afterwards the film holds the image."""
+        """Takes the samples of all passes; afterwards the film holds the image."""
+        passes, complete, target = self._passes(), None, self.target
         try:
-            yield from self._passes()
-            self.finished = not self._stopped and (self._complete or self.target.time_is_up)
+            while True:
+                try:
+                    current = passes.send(complete)
+                except StopIteration:
+                    break
+                if isinstance(current, Step):
+                    yield current
+                    complete = None
+                    continue
+                pixels, wanted, expected, _ = current
+                shown = self.state.rounds == 0 or not self.state.plan.sampling.has_target
+                missing = taken = 0
+                for batch in photon_batches(pixels, wanted):
+                    # A pixel that converged in the previous batch still lacks samples, and takes none.
+                    count, taken = np.array(pixels.accumulators.count, dtype=np.int64), 0
+                    missing = int(np.maximum(wanted - count, 0).sum())
+                    items = work_items(pixels, batch, self.executor, target.item_seconds)
+                    with closing(self.executor(items)) as results:
+                        for result in results if not self._must_end(current) else ():
+                            if result is not None:
+                                item, sums = result
+                                item.store(sums)
+                                taken += item.samples
+                                done = (int(count.sum()) + taken) / expected if expected else self._done
+                                by_time = 1 - target.seconds_left / target.seconds if target.seconds else 0.0
+                                self._done = min(max(done, by_time), 1.0)
+                            yield Step(self._done, False)
+                            if taken < missing and self._must_end(current):
+                                break
+                complete = taken == missing
+                if (shown or not complete) and np.all(self.state.counts > 0):
+                    yield Step(self._done, True)
+            self.finished = not self._stopped and (complete is not False or target.time_is_up)
             if self.finished and self._done < 1:
                 yield Step(1.0, True)
         except (Exception, KeyboardInterrupt):
@@ -133,54 +181,19 @@ class Render(Steps):
         self._values = film_values(self.state, self.own_aovs)
         self.update_film()
 
+    def _must_end(self, current: Pass) -> bool:
+        """Tells whether the pass ends now. The time limit cannot end a pass of only the first sample of each pixel."""
+        timed = np.any(current.wanted > 1) and self.target.time_is_up
+        return bool((current.stoppable and self._stopped) or timed)
+
     def begin_complete_second(self) -> None:
         """Begins a complete second image, which does not keep the samples of a partial second image."""
         self.second = SecondImage(self.state, complete=True)
 
     # ---------------------------------------------------------------- the passes
 
-    def _pass(
-        self, pixels: Pixels, wanted: np.ndarray, expected: float = 0.0, stoppable: bool = True
-    ) -> Generator[Step, None, bool]:
-        """Takes the samples that ``pixels`` lack to the counts ``wanted``, fewer where a pixel converges; returns
-        whether the pass came to its end.
-
-        ``expected`` is the estimated number of samples of all pixels together at the end of the image; if the number is
-        0, the samples of this pass do not count as progress. ``stoppable`` tells whether :meth:`stop` may end the pass.
-        The time limit may end every pass, except a pass that takes only the first sample of each pixel. With an error
-        target, later passes are shown when their error is known.
-        """
-        target, timed = self.target, np.any(wanted > 1)
-        shown = self.state.rounds == 0 or not self.state.plan.sampling.has_target
-
-        def must_end() -> bool:
-            return bool((stoppable and self._stopped) or (timed and target.time_is_up))
-
-        missing = taken = 0
-        for batch in photon_batches(pixels, wanted):
-            # A pixel that converged in the previous batch still lacks samples, and takes none.
-            count, taken = np.array(pixels.accumulators.count, dtype=np.int64), 0
-            missing = int(np.maximum(wanted - count, 0).sum())
-            items = work_items(pixels, batch, self.executor, target.item_seconds)
-            with closing(self.executor(items)) as results:
-                for result in results if not must_end() else ():
-                    if result is not None:
-                        item, sums = result
-                        item.store(sums)
-                        taken += item.samples
-                        done = (int(count.sum()) + taken) / expected if expected else self._done
-                        by_time = 1 - target.seconds_left / target.seconds if target.seconds else 0.0
-                        self._done = min(max(done, by_time), 1.0)
-                    yield Step(self._done, False)
-                    if taken < missing and must_end():
-                        break
-        self._complete = taken == missing
-        if (shown or not self._complete) and np.all(self.state.counts > 0):
-            yield Step(self._done, True)
-        return self._complete
-
-    def _passes(self) -> Generator[Step, None, None]:
-        """Runs the passes over the image.
+    def _passes(self) -> Passes:
+        """Yields the passes over the image.
 
         If the image does not reach the target, passes over a second image for the denoiser follow.
         """
@@ -189,23 +202,23 @@ class Render(Steps):
         within = self.target.excess(self.state.noise) <= ENOUGH
         if self.denoiser is not None and not within and not self._stopped:
             self.begin_complete_second()
-            yield from self._second_pass(1)  # the time limit cannot end this pass: each pixel gets a sample
-            yield from self._second_pass()
+            yield self._second_pass(1)  # the time limit cannot end this pass: each pixel gets a sample
+            yield self._second_pass()
             if any(self.target.limits) and self.second and not self._stopped:
                 self.state.noise = self.second.noise(self.state)
 
-    def _image_passes(self) -> Generator[Step, None, None]:
-        """Runs the passes over the image; a restored state continues with its samples and decisions."""
+    def _image_passes(self) -> Passes:
+        """Yields the passes over the image; a restored state continues with its samples and decisions."""
         state, plan, policy = self.state, self.state.plan, self.state.policy
         first = state.counts_of_part(np.full(dr.width(state.x), policy.first_samples, np.uint32), state.margin)
         # While later passes are not decided, the upper bound serves as the estimate.
         most = float(plan.max_samples * np.count_nonzero(first))
         if state.rounds == 0:
             if self.target.seconds:  # shows an image after one sample per pixel
-                yield from self._pass(state, np.minimum(first, 1))
-            complete = yield from self._pass(state, first, most)
+                yield Pass(state, np.minimum(first, 1))
+            complete = yield Pass(state, first, most)
             if not complete and np.any(state.accumulators.count):
-                yield from self._pass(state, np.minimum(first, 1), stoppable=False)
+                yield Pass(state, np.minimum(first, 1), stoppable=False)
             if not complete or (policy.first_samples == plan.max_samples and not any(self.target.limits)):
                 return
         if plan.sampling.has_target:
@@ -222,12 +235,12 @@ class Render(Steps):
                     wanted = np.minimum(wanted, np.maximum(GROWTH * np.array(state.accumulators.count), plan.n**2))
                 state.wanted, state.rounds = state.counts_of_part(wanted, left * policy.reach), state.rounds + 1
             expected = most if left else float(state.wanted.sum(dtype=np.int64))
-            if not (yield from self._pass(state, state.wanted, expected)):
+            if not (yield Pass(state, state.wanted, expected)):
                 return
             state.wanted = None
 
-    def _refine(self) -> Generator[Step, None, None]:
-        """Runs the passes until the error target is reached; after each pass, the error is measured.
+    def _refine(self) -> Passes:
+        """Yields the passes until the error target is reached; after each pass, the error is measured.
 
         In each pass, the number of samples of a pixel is the number that the policy requests, times a factor that
         depends on the error target and the time limit.
@@ -239,7 +252,7 @@ class Render(Steps):
             count = np.array(state.accumulators.count)
             if state.wanted is None:
                 if (second := self.second) is not None:
-                    if not (yield from self._second_pass()):
+                    if not (yield self._second_pass()):
                         return
                     self.loosening = 1.0
                     state.noise = self.denoiser.estimate(self) if self.denoiser else second.noise(state)
@@ -261,15 +274,15 @@ class Render(Steps):
                     continue
             have, started = mean(count), time.perf_counter()
             expected = max(have * remaining_factor(state, target), mean(state.wanted)) if any(target.limits) else np.inf
-            if not (yield from self._pass(state, state.wanted, expected * len(count))):
+            if not (yield Pass(state, state.wanted, expected * len(count))):
                 return
             state.wanted = None
 
-    def _second_pass(self, most: int = UNLIMITED) -> Generator[Step, None, bool]:
-        """Takes the samples that the second image lacks, up to ``most`` samples of a pixel."""
+    def _second_pass(self, most: int = UNLIMITED) -> Pass:
+        """Returns the pass of the samples that the second image lacks, up to ``most`` samples of a pixel."""
         assert self.second is not None
         wanted = np.minimum(np.array(self.state.accumulators.count)[self.second.index], np.uint32(most))
-        return self._pass(self.second, wanted)
+        return Pass(self.second, wanted)
 
     # ---------------------------------------------------------------- the image so far
 

@@ -137,7 +137,7 @@ class Render(Steps):
 
     def _run(self) -> Generator[Step, None, None]:
         """Takes the samples of all passes; afterwards the film holds the image."""
-        passes, complete, target = self._passes(), None, self.target
+        passes, complete = self._passes(), None
         try:
             while True:
                 try:
@@ -148,7 +148,7 @@ class Render(Steps):
                     yield current
                     complete = None
                     continue
-                pixels, wanted, expected, _ = current
+                (pixels, wanted, expected, _), target = current, self.target  # the denoiser replaces the target
                 shown = self.state.rounds == 0 or not self.state.plan.sampling.has_target
                 missing = taken = 0
                 for batch in photon_batches(pixels, wanted):
@@ -171,7 +171,7 @@ class Render(Steps):
                 complete = taken == missing
                 if (shown or not complete) and np.all(self.state.counts > 0):
                     yield Step(self._done, True)
-            self.finished = not self._stopped and (complete is not False or target.time_is_up)
+            self.finished = not self._stopped and (complete is not False or self.target.time_is_up)
             if self.finished and self._done < 1:
                 yield Step(1.0, True)
         except (Exception, KeyboardInterrupt):

@@ -26,7 +26,7 @@ SHARE, SHORTEST, LONGEST = 0.01, 0.01, 0.5
 
 #: Maximum ratio of the samples after a pass to the samples before. A greater ratio is unsafe, because few samples
 #: estimate the error badly.
-GROWTH = 4.0
+GROWTH = 4
 #: The same ratio after an uncertain estimate, which may be too large.
 UNCERTAIN_GROWTH = 1.4
 

@@ -17,7 +17,7 @@ from .accumulators import FilmState
 from .camera import sees_tiny_lamp
 from .checkpoint import Checkpoint
 from .error import in_display_units
-from .error_target import ENOUGH, UNCERTAIN, ErrorTarget, SecondImage, mean, next_counts, remaining_factor
+from .error_target import ENOUGH, GROWTH, UNCERTAIN, ErrorTarget, SecondImage, mean, next_counts, remaining_factor
 from .estimator import Estimator
 from .film import film_values, put
 from .plan import UNLIMITED, Plan, area
@@ -26,9 +26,6 @@ from .work import Executor, Step, Steps, photon_batches, work_items
 
 if TYPE_CHECKING:
     from .work import Pixels
-
-#: Maximum ratio of a pixel's samples after a pass to its samples before the pass. The last pass may exceed this ratio.
-GROWTH = 4
 
 
 @dataclass(frozen=True)

@@ -166,6 +166,14 @@ class SceneFile:
                 if path.is_file():
                     yield props, name, path
 
+    def _reads_exr(self) -> bool:
+        """Tells whether the scene names an OpenEXR file. The content counts, as in Mitsuba, and not the suffix."""
+        for _, _, path in self._strings(self.state):
+            with open(path, "rb") as file:
+                if file.read(4) == b"v/1\x01":
+                    return True
+        return False
+
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene from the parsed file.
 
@@ -180,7 +188,7 @@ class SceneFile:
                 props["sample_count"] = node.props.get("sample_count", 4)
                 node.props = props
         try:
-            with session.resolving(self._resolver), session.enough_threads():
+            with session.resolving(self._resolver), session.enough_threads(self._reads_exr()):
                 return instantiate(state)
         except RuntimeError:
             if self.document is not None:

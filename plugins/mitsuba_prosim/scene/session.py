@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -106,6 +106,9 @@ def threads(count: int | None) -> Iterator[None]:
         dr.set_thread_count(before)
 
 
-def enough_threads() -> AbstractContextManager[None]:
-    """Sets the number of threads to at least :data:`~mitsuba_prosim.compat.EXR_THREADS` within the context."""
-    return threads(max(dr.thread_count(), EXR_THREADS))
+def enough_threads(reads_exr: bool = True) -> AbstractContextManager[None]:
+    """Sets the number of threads to at least :data:`~mitsuba_prosim.compat.EXR_THREADS` within the context.
+
+    Without ``reads_exr``, the number does not change: Dr.Jit 1.5 may, very rarely, wait forever when threads end.
+    """
+    return threads(max(dr.thread_count(), EXR_THREADS)) if reads_exr else nullcontext()

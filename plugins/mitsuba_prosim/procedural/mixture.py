@@ -38,7 +38,7 @@ class Mixture(mi.Texture):
         self.to_local = mi.AffineTransform4f(props.get("to_local", mi.ScalarTransform4f()).matrix)
         self.smoothing = mi.Float(number(props, "smoothing", 0.0, 0))
 
-    # A subclass defines the next two methods.
+    # A subclass defines the next two methods. Mitsuba's classes cannot be abstract by abc: their metaclass is another.
 
     def value(self, si: mi.SurfaceInteraction3f) -> mi.Float:
         """Returns the value of the pattern at ``si``, in [0, 1]."""

@@ -103,7 +103,7 @@ class Pigmented(Material):
         front = mi.BSDFFlags.FrontSide
         self.set_components({self.specular_type(): front, mi.BSDFFlags.DiffuseReflection: front})
 
-    # A subclass defines the next three methods. Mitsuba's classes cannot be abstract by abc: their metaclass is another.
+    # A subclass defines the next three methods. (abc cannot say so: Mitsuba's classes have another metaclass.)
 
     def specular_weight(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         """Returns the fraction of light that the specular component reflects: exactly for a mirror, else an

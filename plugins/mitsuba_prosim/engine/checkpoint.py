@@ -152,6 +152,7 @@ def identity(state: FilmState) -> dict[str, Any]:
     return {
         "samples of a pass": plan.n,
         "samples that every pixel gets": plan.min_samples,
+        "binary logarithm of the samples of a shared sequence": plan.shared_bits,
         "jitter": plan.sampling.jitter,
         "photons of a set": None if caustics is None else caustics.count,
         "seed": int(plan.seed[0]),

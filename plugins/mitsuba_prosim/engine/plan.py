@@ -9,7 +9,7 @@ import mitsuba as mi
 
 from ..compat import dr_array
 from ..sampling.nrook import NRook, Permutations, grid_size, pixel_key
-from ..sampling.sobol import Sobol
+from ..sampling.sobol import Sobol, z_curve
 
 #: Left, top, right and bottom, in pixels of the whole film.
 Rectangle = tuple[int, int, int, int]
@@ -19,6 +19,8 @@ Rectangle = tuple[int, int, int, int]
 UNLIMITED = 1 << 20
 #: Default maximum number of samples of a pixel with the policy ``graded``, in multiples of N².
 GRADED_PATTERNS = 4
+#: Numbers of samples of a pixel with which the pixels share one sequence; the position is the binary logarithm.
+SHARED = (1, 2, 4, 8, 16)
 #: Parameters of the integrator that end a render.
 TARGETS = ("noise", "noise_99", "noise_999", "time")
 
@@ -79,6 +81,10 @@ class Plan:
 
     The samples are the N-rook patterns of the thesis if a pixel gets at most N² samples. If a pixel may get more than
     N² samples, the samples are Owen-scrambled Sobol' points, whose number is unlimited.
+
+    If the user asks for 1, 2, 4, 8 or 16 samples of every pixel, the pixels share one sequence, along a Z-shaped curve
+    through the image (Ahmed and Wonka 2020, Screen-space blue-noise diffusion of Monte Carlo sampling error). Each
+    pixel has as much noise as with its own sequence, but the means of neighbouring pixels have less.
     """
 
     #: The number N of samples of a pass.
@@ -90,6 +96,8 @@ class Plan:
     max_samples: int
     #: Whether the points are Sobol' points.
     uses_sobol: bool
+    #: Binary logarithm of the number of samples of a pixel, if all pixels share one Sobol' sequence; else None.
+    shared_bits: int | None
     permutations: Permutations
     seed: mi.UInt32
     #: The film's crop window.
@@ -125,12 +133,17 @@ class Plan:
         border = reach if film.sample_border() else 0
         seed = mi.UInt32(seed)
         dr.make_opaque(seed)  # a constant seed would be a part of the kernel
+        least = min(sampling.min_passes * n, highest)
+        # A policy that decides by neighbours needs neighbours with independent samples.
+        uniform = not sampling.has_target and (sampling.adaptive == "none" or least == highest)
+        shares = uniform and spp in SHARED and not mi.is_spectral
         return cls(
             n,
-            min(sampling.min_passes * n, highest),
+            least,
             min(noisy, highest),
             highest,
             bool(spp) or sampling.has_target or sampling.adaptive == "graded" or highest > n * n,
+            SHARED.index(spp) if shares else None,
             Permutations(n),
             seed,
             (x, y, x + w, y + h),
@@ -152,10 +165,12 @@ class Plan:
         """
         # Each coordinate has 16 bits, so that the samples of a pixel do not depend on the film's size.
         pixel = (mi.UInt32(y) << 16) | (mi.UInt32(x) & 0xFFFF)
-        key = pixel_key(self.seed, pixel)
-        if self.uses_sobol:
-            return Sobol(key, t, dr.opaque(mi.UInt32, self.n))
-        return NRook(self.permutations, key, t, self.sampling.jitter)
+        if self.uses_sobol:  # one kernel for shared and for own sequences
+            bits, shares = self.shared_bits or 0, self.shared_bits is not None
+            own = dr.opaque(mi.UInt32, 0 if shares else 0xFFFFFFFF)
+            index = ((z_curve(x, y) & ~own) << dr.opaque(mi.UInt32, bits)) | t
+            return Sobol(pixel_key(self.seed, pixel & own), index, dr.opaque(mi.UInt32, self.n))
+        return NRook(self.permutations, pixel_key(self.seed, pixel), t, self.sampling.jitter)
 
 
 def widened(rectangle: Rectangle, reach: int, domain: Rectangle) -> Rectangle:

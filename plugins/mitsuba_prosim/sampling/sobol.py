@@ -59,6 +59,14 @@ def pascal(i: Any) -> Any:
     return i
 
 
+def z_curve(x: mi.Int32, y: mi.Int32) -> mi.UInt32:
+    """Returns the position of the pixel (x, y) on the Z-shaped curve: the bits of x and y in turn, 14 of each."""
+    result = [mi.UInt32(x) & 0x3FFF, mi.UInt32(y) & 0x3FFF]
+    for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
+        result = [(v | (v << shift)) & mask for v in result]
+    return result[0] | (result[1] << 1)
+
+
 def scrambled(x: Any, key: Any) -> Any:
     """Returns Owen's scrambling of a number whose bits are in reverse order.
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import mitsuba as mi
 import numpy as np
 
-from ..engine.error_target import AIM, ENOUGH, Noise
+from ..engine.error_target import AIM, Noise
 from ..registry import create
 from ..sampling.hash import combine, hash32
 from ..scene import rendering
@@ -148,7 +148,7 @@ class FinalImage:
         """
         if self.render.second is not None:
             state, target = self.render.state, self.render.target
-            if target.excess(self.render.second.noise(state)) <= ENOUGH:
+            if target.excess(self.render.second.noise(state)) <= 1:
                 return "none"
             samples, networks, *_ = state.estimates[-1] if state.estimates else (0, "probe")
             if networks != "probe" and samples == self._samples:
@@ -195,7 +195,7 @@ class FinalImage:
             self.denoised()
             render.target = target = dataclasses.replace(target, denoiser_seconds=1.2 * (time.perf_counter() - started))
         excess = target.excess(raw)
-        if not excess > ENOUGH:  # the excess is NaN without limits
+        if not excess > 1:  # the excess is NaN without limits
             return raw
         by_raw = samples * (excess / AIM) ** 2
         # The second half doubles the number of samples. The error after the first pass predicts too many samples, so
@@ -215,7 +215,7 @@ class FinalImage:
             last, networks, *error = state.estimates[-1]
             noise = scaled(error, (last / samples) ** 0.5)
             excess, called = target.excess(noise), last == samples and networks != "probe"
-            if called and excess <= ENOUGH:
+            if called and excess <= 1:
                 return noise
             if by_raw - samples * (excess / AIM) ** 2 < self.CALL_COST or len(state.estimates) > self.CALLS:
                 return raw
@@ -223,7 +223,7 @@ class FinalImage:
                 return noise
             networks = "fast" if self.fast or by_raw < self.MIN_SAMPLES_FOR_BEST else "best"
             result = self._latest(networks, samples)
-            self._record(networks, raw, max(result.noise, result.at_most * ENOUGH / TOLERANCE) / result.raw_noise)
+            self._record(networks, raw, max(result.noise, result.at_most / TOLERANCE) / result.raw_noise)
 
     def _predicted_ratio(self) -> float:
         """Returns the predicted error of the final image, divided by the error of the raw image.

@@ -151,7 +151,7 @@ def identity(state: FilmState) -> dict[str, Any]:
     plan, caustics = state.plan, state.estimator.transport.caustics
     return {
         "samples of a pass": plan.n,
-        "samples that every pixel gets": plan.min_samples,
+        "passes that every pixel gets": plan.sampling.min_passes,
         "binary logarithm of the samples of a shared sequence": plan.shared_bits,
         "jitter": plan.sampling.jitter,
         "photons of a set": None if caustics is None else caustics.count,

@@ -30,14 +30,17 @@ GROWTH = 4
 #: The same ratio after an uncertain estimate, which may be too large.
 UNCERTAIN_GROWTH = 1.4
 
-#: Ratio of the estimated error to the target at which a render ends. The ratio is below 1 because the estimate is
-#: uncertain: an image whose estimate is too small by chance would end too early. A pass aims at the second, lower
-#: ratio.
-ENOUGH, AIM = 0.97, 0.94
+#: Ratio of the error to the target at which a pass aims. A ratio of 1 would often be missed.
+AIM = 0.98
+
+#: Exponent of the power law by which more samples reduce the error. Sobol' points are better than independent samples,
+#: whose exponent is 1/2. A pass that falls short is followed by another pass; a pass that takes too many samples wastes
+#: them.
+RATE = 2 / 3
 
 #: Maximum ratio of the upper bound of the error to the target. Minimum ratio of this bound to the error for an error
 #: that is uncertain because few pixels have most of the error.
-TOLERANCE, UNCERTAIN = 1.05 / ENOUGH, 1.2
+TOLERANCE, UNCERTAIN = 1.05, 1.2
 
 #: A pass may use a photon pass if the number of its samples is at least that of the photons, or that of one sample of
 #: all pixels per map, divided by this number.
@@ -212,10 +215,7 @@ def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarr
         share = 0.9 if target.seconds_left < target.seconds / 5 else 0.5  # the last pass uses the rest of the time
         most = min(most, have + speed * target.seconds_left * share) if speed else 2 * have
     if any(target.limits):
-        # The first samples underestimate how good further samples are. So a long way to the target is not taken in one
-        # pass.
-        way = remaining_factor(state, target)
-        goal = mean(deviation / np.float32(count)) / (way if way < 2 else way**0.7)
+        goal = mean(deviation / np.float32(count)) / remaining_factor(state, target)
     caustics = state.estimator.transport.caustics
 
     def after(effort: float) -> np.ndarray:
@@ -239,7 +239,7 @@ def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarr
 
 def remaining_factor(state: FilmState, target: ErrorTarget) -> float:
     """Returns the ratio of the samples at the end to the samples so far, estimated by the power law of the error."""
-    return (target.excess(state.noise) / AIM) ** 2
+    return (target.excess(state.noise) / AIM) ** (1 / RATE)
 
 
 def limit_by_photons(count: np.ndarray, wanted: np.ndarray, max_samples: int, maps: int, photons: int) -> int:

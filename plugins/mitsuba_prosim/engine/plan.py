@@ -121,8 +121,10 @@ class Plan:
         """
         noisy = spp or sampling.samples**2
         n = grid_size(spp) if spp else min(sampling.samples, sampling.max_samples or noisy)
+        least = sampling.min_passes * n
         if sampling.has_target:
             highest = sampling.max_samples or UNLIMITED
+            least = 1 << (least.bit_length() - 1)  # a power of two, for which Sobol' points are best
         elif sampling.adaptive == "graded":
             highest = (0 if spp else sampling.max_samples) or GRADED_PATTERNS * noisy
         else:
@@ -133,7 +135,7 @@ class Plan:
         border = reach if film.sample_border() else 0
         seed = mi.UInt32(seed)
         dr.make_opaque(seed)  # a constant seed would be a part of the kernel
-        least = min(sampling.min_passes * n, highest)
+        least = min(least, highest)
         # A policy that decides by neighbours needs neighbours with independent samples.
         uniform = not sampling.has_target and (sampling.adaptive == "none" or least == highest)
         shares = uniform and spp in SHARED and not mi.is_spectral

@@ -17,7 +17,7 @@ from .accumulators import FilmState
 from .camera import sees_tiny_lamp
 from .checkpoint import Checkpoint
 from .error import in_display_units
-from .error_target import ENOUGH, GROWTH, UNCERTAIN, ErrorTarget, SecondImage, mean, next_counts, remaining_factor
+from .error_target import GROWTH, UNCERTAIN, ErrorTarget, SecondImage, mean, next_counts, remaining_factor
 from .estimator import Estimator
 from .film import film_values, put
 from .plan import UNLIMITED, Plan, area
@@ -116,7 +116,7 @@ class Render(Steps):
         if any(self.target.limits) or (denoiser is not None and self.target.seconds):
             pixel_count, restored = area(plan.region), self.state.second
             begun = restored is not None and dr.width(restored.count) == pixel_count
-            reached = self.target.excess(self.state.noise) <= ENOUGH
+            reached = self.target.excess(self.state.noise) <= 1
             complete = (bool(self.target.seconds) and not reached) or pixel_count < 2 * SecondImage.MIN_PIXELS or begun
             self.second = SecondImage(self.state, complete and denoiser is not None)
         super().__init__(self._run())
@@ -196,7 +196,7 @@ class Render(Steps):
         """
         if not self._finished_before:
             yield from self._image_passes()
-        within = self.target.excess(self.state.noise) <= ENOUGH
+        within = self.target.excess(self.state.noise) <= 1
         if self.denoiser is not None and not within and not self._stopped:
             self.begin_complete_second()
             yield self._second_pass(1)  # the time limit cannot end this pass: each pixel gets a sample
@@ -259,7 +259,7 @@ class Render(Steps):
                     speed = more / max(time.perf_counter() - started, 1e-9)
                 yield Step(self._done, True)  # lets consumers show the image with its error
             target = self.target
-            if target.time_is_up or target.excess(state.noise) <= ENOUGH:
+            if target.time_is_up or target.excess(state.noise) <= 1:
                 return
             if state.wanted is None:
                 state.wanted = next_counts(state, target.loosened(self.loosening), speed)

@@ -38,7 +38,8 @@ class Prosim(ProgressiveIntegrator):
 
      * - samples
        - |int|
-       - :math:`N`: number of samples of a pass; :math:`N` passes fill a pattern of :math:`N^2` (Default: 5)
+       - :math:`N`: number of samples of a pass; :math:`N` passes fill a pattern of :math:`N^2`. With
+         :monosp:`noise` or :monosp:`time`, the first pass has the largest power of two up to :math:`N`. (Default: 5)
 
      * - adaptive
        - |string|

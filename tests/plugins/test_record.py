@@ -4,13 +4,12 @@ import gc
 import itertools
 import pickle
 import random
-from dataclasses import replace
 
 import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.alone import alone
-from mitsuba_prosim.engine.checkpoint import CheckpointError, put_together
+from mitsuba_prosim.engine.checkpoint import put_together
 from mitsuba_prosim.engine.tiles import Part, part_numbers
 from mitsuba_prosim.parallel import worker
 from scenes import COPPER, in_threads, loaded, penumbra, slow
@@ -109,13 +108,6 @@ def test_any_number_of_parts_makes_the_image(variant_rgb, adaptive):
     for film, of, rfilter in [({}, 7, "box"), (CROP, 4, "gaussian"), ({"sample_border": True}, 2, "gaussian")]:
         scene = copper(28, rfilter=rfilter, adaptive=adaptive, film=film, max_level=1)
         assert np.array_equal(in_parts(scene, of), finished(scene)[0]), of
-
-
-def test_parts_with_different_arrays_are_refused(variant_rgb):
-    first, second = (checkpoints(copper(size=8), part=Part(number, 2))[-1] for number in (1, 2))
-    other = replace(second, pixels=dict(second.pixels, wanted=second.pixels["count"]))
-    with pytest.raises(CheckpointError, match=r"part 2-of-2 has other arrays than the parts before \(wanted\)"):
-        put_together([first, other])
 
 
 def test_a_stopped_part_is_resumed(variant_rgb):

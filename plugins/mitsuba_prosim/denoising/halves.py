@@ -200,7 +200,7 @@ class FinalImage:
         by_raw = samples * (excess / AIM) ** 2
         # The second half doubles the number of samples. The error after the first pass predicts too many samples, so
         # this error does not decide.
-        left = by_raw - samples * (1 if second.complete else 2) if state.effort else 0.0
+        left = by_raw - samples * (1 if second.complete else 2) if samples > state.plan.min_samples else 0.0
         if not state.estimates and left < 2 * self.CALL_COST:
             return raw
         if excess > self.FAR:

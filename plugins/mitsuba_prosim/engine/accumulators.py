@@ -97,10 +97,6 @@ class FilmState:
         self.rounds = 0
         #: The counts of the current pass; None during the first pass and between two passes.
         self.wanted: np.ndarray | None = None
-        #: With an error target: the samples per requested sample; and the requested samples, if the policy decides only
-        #: once.
-        self.effort = 0.0
-        self.requested: np.ndarray | None = None
         #: Accumulators of the :class:`.SecondImage`.
         self.second: Accumulators | None = None
         #: Indices of its pixels in the arrays of this state.
@@ -133,8 +129,8 @@ class FilmState:
         pixels.
         """
         statistics = self.accumulators.statistics()
-        # Either image may have met a rare bright light. Policies that decide once use the first pass alone.
-        if self.second is not None and self.second_index is not None and self.policy.rounds > 1:
+        # Either image may have met a rare bright light.
+        if self.second is not None and self.second_index is not None:
             for first, second in zip(statistics, self.second.statistics()):
                 np.add.at(first, self.second_index, second)
         with np.errstate(all="ignore"):  # the error is NaN without samples

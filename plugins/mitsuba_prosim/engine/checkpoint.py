@@ -11,6 +11,7 @@ import json
 import time
 import warnings
 import zipfile
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -26,7 +27,7 @@ from .plan import TARGETS, index_within
 from .tiles import Part
 
 #: Version of the format.
-FORMAT = 10
+FORMAT = 11
 
 #: Parameters of sampling that decide how many samples a pixel gets. A render may continue from a checkpoint with other
 #: values of these parameters, and with other :data:`.TARGETS`.
@@ -37,10 +38,6 @@ ANY = ("scene", "exposure", "band", *MAY_DIFFER)
 
 #: The groups of arrays in a checkpoint.
 GROUPS = ("pixels", "second")
-
-#: Attributes of a :class:`.FilmState`: its measured errors; its decisions; and its arrays with one decision for each
-#: pixel.
-MEASURED, DECIDED, ADAPTIVE = ("noise", "estimates"), ("rounds", "effort"), ("requested", "wanted")
 
 
 class CheckpointError(ValueError):
@@ -79,12 +76,15 @@ class Checkpoint:
             "sampling": asdict(state.plan.sampling),
             "part": None if state.part is None else (state.part.number, state.part.of),
             "uses_sobol": state.plan.uses_sobol,
-            **{name: getattr(state, name) for name in (*MEASURED, *DECIDED)},
+            "noise": state.noise,
+            "estimates": state.estimates,
+            "rounds": state.rounds,
             "seconds": seconds,
             "finished": finished,
         }
         pixels = arrays(state.accumulators) | {"index": index(state)}
-        pixels |= {name: values for name in ADAPTIVE if (values := getattr(state, name)) is not None}
+        if state.wanted is not None:
+            pixels["wanted"] = state.wanted
         stored = pixels["count"] > 0
         if finished:
             stored &= state.counts_of_part(pixels["count"], 0) > 0
@@ -125,8 +125,7 @@ class Checkpoint:
         # A render may continue with Sobol' points after N-rook patterns, but not with N-rook patterns after Sobol'
         # points.
         state.plan = replace(state.plan, uses_sobol=state.plan.uses_sobol or self.attributes["uses_sobol"])
-        for name in (*MEASURED, *(DECIDED if decided else ())):
-            setattr(state, name, self.attributes[name])
+        state.noise, state.estimates = self.attributes["noise"], self.attributes["estimates"]
         # Different policies use different numbers of pixels around a crop window.
         _, mine, theirs = np.intersect1d(self.pixels["index"], index(state), True, return_indices=True)
         pixels = {name: np.zeros(len(index(state)), values.dtype) for name, values in self.pixels.items()}
@@ -135,7 +134,7 @@ class Checkpoint:
         state.accumulators = accumulators(pixels)
         state.second = accumulators(self.second) if self.second else None
         if decided:
-            state.requested, state.wanted = (pixels.get(name) for name in ADAPTIVE)
+            state.rounds, state.wanted = self.attributes["rounds"], pixels.get("wanted")
         return decided and self.finished and changed.isdisjoint(TARGETS)
 
     def write(self, path: Path) -> None:
@@ -300,18 +299,13 @@ def merge(paths: Sequence[str | Path]) -> Checkpoint:
 def put_together(parts: Iterable[Checkpoint]) -> Checkpoint:
     """Returns the checkpoint of a whole image from the checkpoints of all its finished parts, in any order.
 
-    The second image is left out; a render takes the samples of the second image again. Raises CheckpointError if the
-    parts have arrays with different names.
+    The second image is left out; a render takes the samples of the second image again.
     """
-    headers, arrays = [], dict[str, list[np.ndarray]]()
+    headers, arrays = [], defaultdict[str, list[np.ndarray]](list)
     for part in parts:
         headers.append(replace(part, pixels={}, second={}))
-        if different := sorted(part.pixels.keys() ^ arrays.keys()) if arrays else []:
-            raise CheckpointError(
-                f"part {part.part} has other arrays than the parts before ({', '.join(different)}); render it again"
-            )
         for name, values in part.pixels.items():
-            arrays.setdefault(name, []).append(values)
+            arrays[name].append(values)
     seconds = sum(header.attributes["seconds"] for header in headers)
     attributes = {**headers[0].attributes, "part": None, "seconds": seconds}
     # The arrays of the parts are released as soon as the array of the image is made.

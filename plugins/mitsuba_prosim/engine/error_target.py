@@ -188,22 +188,16 @@ def requested(state: FilmState) -> np.ndarray:
     """Returns the samples that the policy of ``state`` requests for each pixel of the plan's region.
 
     The result has an arbitrary unit, and is 0 for the other pixels of ``state.outer``.
-
-    The policy decides once, or after each pass.
     """
-    if state.requested is not None:
-        return state.requested
     result = np.minimum(state.request(), np.float32(UNLIMITED))
     region = state.crop(result, state.plan.region)
     # All samples of a pixel so far may agree by chance. So every pixel of the region gets samples from time to time.
     region += np.float32(mean(region.ravel()) / 20)
-    if state.policy.rounds == 1:
-        state.requested = result
     return result
 
 
 def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarray:
-    """Returns the counts after the next pass, and sets ``state.effort``.
+    """Returns the counts after the next pass.
 
     The counts are in proportion to the requested samples. The counts are as high as the target requires, but limited to
     the size of one pass. ``speed`` is the number of samples per pixel and second; 0 if unknown.
@@ -232,9 +226,7 @@ def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarr
         counts = np.float32(after(effort))
         return mean(counts) >= most or (goal is not None and mean(deviation / counts) <= goal)
 
-    # The policy may request more samples now than before, so the search begins at a smaller effort.
-    state.effort = smallest_effort(reaches, state.effort / (4 if state.policy.rounds > 1 else 1))
-    return after(state.effort)
+    return after(smallest_effort(reaches))
 
 
 def remaining_factor(state: FilmState, target: ErrorTarget) -> float:
@@ -267,15 +259,13 @@ def display_variance(accumulators: Accumulators) -> np.ndarray:
     return np.square(in_display_units(np.sqrt(variance(total, squares, count)), total / count))
 
 
-def smallest_effort(reaches: Callable[[float], bool], begin: float) -> float:
-    """Returns the smallest effort for which ``reaches`` is true, within 0.1 %.
+def smallest_effort(reaches: Callable[[float], bool]) -> float:
+    """Returns the smallest effort from 2^-20 to 2^40 for which ``reaches`` is true, within 0.1 %.
 
-    The effort is the number of samples per requested sample. The search begins at ``begin`` and ends at 2^60.
+    The effort is the number of samples per requested sample.
     """
-    low, high = max(begin, 2.0**-20), max(2 * begin, 2.0**-19)
-    while not reaches(high) and high < 2.0**60:
-        low, high = high, 4 * high
-    for _ in range(12):
+    low, high = 2.0**-20, 2.0**40
+    for _ in range(16):
         middle = (low * high) ** 0.5
         low, high = (low, middle) if reaches(middle) else (middle, high)
     return high

@@ -73,7 +73,8 @@ class Neighbours(Policy):
 
     def request(self, total: np.ndarray, squares: np.ndarray, count: np.ndarray) -> np.ndarray:
         """Requests all samples for noisy pixels, and the first samples for the others."""
-        error = error_of_neighbours(total, squares, self.first_samples)
+        share = self.first_samples / count
+        error = error_of_neighbours(total * share, squares * share, self.first_samples)
         return np.where(error <= self.threshold, self.first_samples, self.noisy_samples)  # NaN counts as noisy
 
 

@@ -244,7 +244,7 @@ class Render(Steps):
         """
         state, started = self.state, time.perf_counter()
         have = mean(state.counts)
-        speed = have / self.target.elapsed if state.effort else 0.0  # the first pass also compiles
+        speed = have / self.target.elapsed if have > state.plan.min_samples else 0.0  # the first pass also compiles
         while True:
             count = np.array(state.accumulators.count)
             if state.wanted is None:

@@ -89,6 +89,8 @@ class FinalImage:
 
     #: Maximum ratio of the raw image's error to the target at which the denoiser is called.
     FAR = 3.0
+    #: Factor on the target for a pass after which the denoiser is called: a call costs more than some samples too many.
+    MARGIN = 0.92
     #: Maximum number of calls of the denoiser for all pixels before the call for the final image.
     CALLS = 3
     #: Cost of a call of the denoiser, in samples per pixel.
@@ -220,6 +222,7 @@ class FinalImage:
             if by_raw - samples * (excess / AIM) ** 2 < self.CALL_COST or len(state.estimates) > self.CALLS:
                 return raw
             if called or (excess > 1 and networks != "probe"):
+                render.loosening = self.MARGIN
                 return noise
             networks = "fast" if self.fast or by_raw < self.MIN_SAMPLES_FOR_BEST else "best"
             result = self._latest(networks, samples)

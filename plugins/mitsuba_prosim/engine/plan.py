@@ -170,7 +170,7 @@ class Plan:
         if self.uses_sobol:  # one kernel for shared and for own sequences
             bits, shares = self.shared_bits or 0, self.shared_bits is not None
             own = dr.opaque(mi.UInt32, 0 if shares else 0xFFFFFFFF)
-            index = ((z_curve(x, y) & ~own) << dr.opaque(mi.UInt32, bits)) | t
+            index = ((z_curve(mi.UInt32(x), mi.UInt32(y)) & ~own) << dr.opaque(mi.UInt32, bits)) | t
             return Sobol(pixel_key(self.seed, pixel & own), index, dr.opaque(mi.UInt32, self.n))
         return NRook(self.permutations, pixel_key(self.seed, pixel), t, self.sampling.jitter)
 

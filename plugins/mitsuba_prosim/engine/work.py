@@ -14,6 +14,7 @@ import numpy as np
 
 from ..alone import alone
 from ..compat import dr_array
+from ..sampling.sobol import z_curve
 from .accumulators import Accumulators
 from .camera import is_perspective, without_crop_window
 from .estimator import Estimator
@@ -151,12 +152,14 @@ def work_items(pixels: Pixels, wanted: np.ndarray, executor: Executor, seconds: 
     """Yields the samples that ``pixels`` lack to the counts ``wanted``, divided into work items for ``executor``.
 
     A work item takes at most about ``seconds``. Pixels with most missing samples come first, so that the noisiest
-    pixels have improved if the render stops. Pixels with similar numbers of missing samples are together, row by row,
-    because the lanes of a kernel wait for the slowest lane.
+    pixels have improved if the render stops. Pixels with similar numbers of missing samples are together, because the
+    lanes of a kernel wait for the slowest lane. Among them, neighbours are together, because their rays are similar.
     """
     lack = wanted - np.array(pixels.accumulators.count, dtype=np.int64)
     order = np.flatnonzero(lack > 0)
-    order = order[np.argsort(-np.floor(CLASSES_PER_OCTAVE * np.log2(lack[order])), kind="stable")]
+    place = z_curve(*(np.array(v).astype(np.uint32)[order] for v in (pixels.x, pixels.y)))
+    kind = np.floor(CLASSES_PER_OCTAVE * np.log2(lack[order])).astype(np.int64)
+    order = order[np.argsort(place - (kind << 32))]
     ends = np.cumsum(lack[order])
     begin = before = 0
     while begin < len(order):

@@ -59,12 +59,15 @@ def pascal(i: Any) -> Any:
     return i
 
 
-def z_curve(x: mi.Int32, y: mi.Int32) -> mi.UInt32:
-    """Returns the position of the pixel (x, y) on the Z-shaped curve: the bits of x and y in turn, 14 of each."""
-    result = [mi.UInt32(x) & 0x3FFF, mi.UInt32(y) & 0x3FFF]
+def z_curve(x: Any, y: Any) -> Any:
+    """Returns the position of the pixel (x, y) on the Z-shaped curve through an image: the bits of x and y in turn.
+
+    ``x`` and ``y`` are arrays of unsigned integers of 32 bits, of Dr.Jit or NumPy; their lowest 14 bits count.
+    """
+    spread = [x & 0x3FFF, y & 0x3FFF]
     for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
-        result = [(v | (v << shift)) & mask for v in result]
-    return result[0] | (result[1] << 1)
+        spread = [(v | (v << shift)) & mask for v in spread]
+    return spread[0] | (spread[1] << 1)
 
 
 def scrambled(x: Any, key: Any) -> Any:

@@ -12,7 +12,7 @@ from ..alone import alone
 from ..compat import dr_array
 from ..parameters import reject
 from ..registry import create
-from .plan import index_within, pixels
+from .plan import pixels
 
 if TYPE_CHECKING:
     from .accumulators import Accumulators, FilmState
@@ -149,8 +149,10 @@ def film_values(state: FilmState, own_aovs: Sequence[str], second: Accumulators 
     if "error" in own_aovs:
         own["error"] = dr_array(accumulators.error(plan.n))
     totals = [mi.Float(0) for _ in names]
-    own_index = mi.Int32(index_within(outer, x, y))
-    first_x, first_y, last_x, last_y, width = (dr.opaque(mi.Int32, v) for v in (*plan.region, outer[2] - outer[0]))
+    first_x, first_y, last_x, last_y, x0, y0, width = (
+        dr.opaque(mi.Int32, v) for v in (*plan.region, *outer[:2], outer[2] - outer[0])
+    )
+    own_index = (y - y0) * width + x - x0
     for dy in reversed(offsets):
         for dx in reversed(offsets):
             sx, sy = x - dx, y - dy

@@ -168,10 +168,9 @@ class Plan:
         # Each coordinate has 16 bits, so that the samples of a pixel do not depend on the film's size.
         pixel = (mi.UInt32(y) << 16) | (mi.UInt32(x) & 0xFFFF)
         if self.uses_sobol:  # one kernel for shared and for own sequences
-            bits, shares = self.shared_bits or 0, self.shared_bits is not None
-            own = dr.opaque(mi.UInt32, 0 if shares else 0xFFFFFFFF)
-            index = ((z_curve(mi.UInt32(x), mi.UInt32(y)) & ~own) << dr.opaque(mi.UInt32, bits)) | t
-            return Sobol(pixel_key(self.seed, pixel & own), index, dr.opaque(mi.UInt32, self.n))
+            shared = dr.opaque(mi.UInt32, 0 if self.shared_bits is None else 1 << self.shared_bits)
+            index = z_curve(mi.UInt32(x), mi.UInt32(y)) * shared + t
+            return Sobol(pixel_key(self.seed, dr.select(shared == 0, pixel, 0)), index, dr.opaque(mi.UInt32, self.n))
         return NRook(self.permutations, pixel_key(self.seed, pixel), t, self.sampling.jitter)
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .coincidence import per_triangle, signs
-from .csg import Body, checked, combined, remainder
+from .csg import Body, checked, remainder, union
 from .primitives import Mesh
 
 OPAQUE = 0
@@ -116,7 +116,7 @@ def boundaries(bodies: dict[int, Body], ids: OriginalIds, fresnel: Collection[in
             for other in neighbours:
                 face = Boundary(boundary.vertices, boundary.triangles[boundary.triangles["inside"] == other])
                 interfaces[other] += [face.reversed_side(medium)] if len(face.triangles) else []
-        total = combined("+", total, body) if total else body
+        total = union([total, body]) or body
         layers.append((medium, total))
     result: list[Boundary] = []
     for medium, body in layers:

@@ -21,7 +21,7 @@ compared in the space of one of the two primitives, where rounding is small and 
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -139,32 +139,43 @@ class Planes:
         self.of_facet[shared] = plane
         self.side[shared] = np.sign(np.einsum("ij,ij->i", own[:, :3], own[first[plane], :3]))
 
-    def separate(self, first: Manifold, second: Manifold, outwards: int) -> list[Manifold]:
-        """Moves two solids apart on their common planes; returns the two moved solids.
+    def separate(self, solids: Sequence[Manifold], outwards: int) -> list[Manifold]:
+        """Moves solids apart on their common planes; returns the moved solids.
 
-        Afterwards, the facets of the first solid are further outwards (``outwards`` 1) or further inwards (-1) than the
-        nearby facets of the second solid. The solid with fewer triangles on shared planes moves. If there is not enough
-        room for the second solid's facets between facets of the first solid, the facets of the first solid that face
-        one side of the plane move, too.
+        Each solid grows relative to all later solids; the first solid shrinks if ``outwards`` is -1. So nearby facets
+        of earlier solids must be above or below each solid, which moves into the room between them. If the room is too
+        small, the facets above move, too. The solid with most triangles on shared planes moves least.
         """
-        own, other = self._facets(first), self._facets(second)
-        low, high = self._range(other.plane, other.vertices[other.corners])
-        points, margin = own.vertices[own.corners], 8 * self.step
-        near = (points.min(axis=1) <= high[own.plane] + margin) & (points.max(axis=1) >= low[own.plane] - margin)
-        upper = own.side * outwards > 0  # facets that must be above the second solid's facets
-        ranges = [
-            self._range(own.plane[mask], own.height[mask]) for mask in near.all(axis=1) & np.stack([upper, ~upper])
-        ]
-        bottom, top = ranges[0][0], ranges[1][1]
-        low, high = self._range(other.plane, other.height)
-        least, most = top + self.gap - low, bottom - self.gap - high  # limits for a shift of the second solid
-        shift, missing_room = np.maximum(np.minimum(most, 0), least), np.maximum(least - most, 0)
-        shifts = [np.where(upper, missing_room[own.plane], 0.0), np.zeros(len(other.plane))]
-        if len(other.plane) <= len(own.plane):
-            shifts[1] = shift[other.plane]
-        else:
-            shifts[0] -= shift[own.plane]
-        return [self._moved(first, own, shifts[0][:, None]), self._moved(second, other, shifts[1][:, None])]
+        facets = [self._facets(solid) for solid in solids]
+        near: list[np.ndarray] = []  # from the last solid to the first
+        low, high = np.full((len(self.planes), 3), np.inf), np.full((len(self.planes), 3), -np.inf)
+        for own in reversed(facets):
+            points, margin = own.vertices[own.corners], 8 * self.step
+            close = (points.min(axis=1) <= high[own.plane] + margin) & (points.max(axis=1) >= low[own.plane] - margin)
+            near.append(close.all(axis=1))
+            lowest, highest = self._range(own.plane, points)
+            low, high = np.minimum(low, lowest), np.maximum(high, highest)
+        # The lowest facet of earlier solids that must be above the next solid, and the highest that must be below.
+        bottom, top = np.full(len(self.planes), np.inf), np.full(len(self.planes), -np.inf)
+        raised, fixed = np.zeros(len(self.planes)), np.zeros(len(self.planes))
+        largest = max(facets, key=lambda own: len(own.plane))
+        moves: list[np.ndarray] = []
+        uppers = [own.side * (1 if k else outwards) > 0 for k, own in enumerate(facets)]
+        for own, upper in zip(facets, uppers):
+            low, high = self._range(own.plane, own.height)
+            least, most = top + self.gap - low, bottom - self.gap - high  # limits for the move of this solid
+            move, missing_room = np.maximum(np.minimum(most, 0), least), np.maximum(least - most, 0)
+            raised += missing_room
+            moves.append(move[own.plane] - np.where(upper, raised[own.plane], 0.0))
+            fixed = move if own is largest else fixed
+            height = own.height + move[own.plane, None]
+            above, below = near[-1] & upper, near.pop() & ~upper
+            low, _ = self._range(own.plane[above], height[above])
+            _, high = self._range(own.plane[below], height[below])
+            bottom, top = np.minimum(bottom + missing_room, low), np.maximum(top, high)
+        for own, upper, by in zip(facets, uppers, moves):
+            by += np.where(upper, raised[own.plane], 0.0) - fixed[own.plane]
+        return self._moved(solids, facets, [by[:, None] for by in moves])
 
     def _range(self, plane: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns the minimum and the maximum (n, ...), for each plane, of ``values`` at the corners of triangles.
@@ -179,7 +190,8 @@ class Planes:
     def snap(self, solid: Manifold) -> Manifold:
         """Returns the solid with the vertices of its facets on shared planes moved onto these planes."""
         facets = self._facets(solid)
-        return self._moved(solid, facets, -facets.height)
+        (result,) = self._moved([solid], [facets], [-facets.height])
+        return result
 
     def _facets(self, solid: Manifold) -> Facets:
         """Returns the triangles of a solid that lie on shared planes."""
@@ -191,19 +203,26 @@ class Planes:
         height = np.einsum("tij,tj->ti", vertices[corners], self.planes[plane, :3]) + self.planes[plane, 3, None]
         return Facets(vertices, corners, plane, self.side[facets] * signs(mesh)[on], height)
 
-    def _moved(self, solid: Manifold, facets: Facets, by: np.ndarray) -> Manifold:
-        """Returns the solid with the corners of its ``facets`` moved along the normals of their planes.
+    def _moved(
+        self, solids: Sequence[Manifold], facets: Sequence[Facets], moves: Sequence[np.ndarray]
+    ) -> list[Manifold]:
+        """Returns solids with the corners of their ``facets`` moved along the normals of their planes.
 
-        ``by`` (k, 3) or (k, 1) are the signed distances of the moves.
+        For each solid, ``moves`` (k, 3) or (k, 1) are the signed distances.
         """
-        if not by.any():
-            return solid
-        touched = np.zeros(len(facets.vertices), bool)
-        touched[facets.corners[(by != 0).any(axis=1)]] = True
-        triangle, corner = np.nonzero(touched[facets.corners])
-        vertex, plane = facets.corners[triangle, corner], facets.plane[triangle]
-        by = np.broadcast_to(by, facets.corners.shape)[triangle, corner]
-        return solid.warp_batch(lambda points: self._move_points(np.array(points), vertex, plane, by))
+        ends = np.cumsum([len(own.vertices) for own in facets])
+        corners = np.concatenate([own.corners + end - len(own.vertices) for own, end in zip(facets, ends)])
+        by = np.concatenate([np.broadcast_to(move, own.corners.shape) for own, move in zip(facets, moves)])
+        touched = np.zeros(ends[-1], bool)
+        touched[corners[(by != 0).any(axis=1)]] = True
+        triangle, corner = np.nonzero(touched[corners])
+        plane = np.concatenate([own.plane for own in facets])[triangle]
+        vertices = np.concatenate([own.vertices for own in facets])
+        vertices = self._move_points(vertices, corners[triangle, corner], plane, by[triangle, corner])
+        return [
+            solid.warp_batch(lambda _, points=points: points) if moved.any() else solid
+            for solid, points, moved in zip(solids, np.split(vertices, ends[:-1]), np.split(touched, ends[:-1]))
+        ]
 
     def snap_vertices(self, vertices: np.ndarray, triangles: np.ndarray, facets: np.ndarray) -> np.ndarray:
         """Returns the vertices (n, 3), moved onto the planes of the facets of which they are corners.

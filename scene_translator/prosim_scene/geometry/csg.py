@@ -2,13 +2,10 @@
 
 Each connected component of touching boxes is evaluated separately, once for each medium. In the evaluation of a medium,
 a leaf of another medium is used only if it cuts. If two operands share surfaces, their facets on these surfaces are
-separated before the operation (see :mod:`.coincidence`). manifold3d evaluates all other operations in batches. Chains
-of the operators + and - are evaluated in halves. A step changes a solid X to X - S + P with solids S and P. Two steps
-merge into one step:
-
-    (X - S + P) - S' + P' = X - (S + S') + ((P - S') + P').
-
-Therefore only few operations have the whole result as an operand.
+separated before the operation (see :mod:`.coincidence`). manifold3d evaluates all other operations in batches. In
+chains of the operators + and -, each added body is cut by the later subtracted bodies that touch it; the union of these
+parts is the result. If many bodies touch, a chain is evaluated in halves. The first half computes a solid X, the second
+half changes X to X - S + P with solids S and P, and P is evaluated like a chain.
 """
 
 from __future__ import annotations
@@ -17,7 +14,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -30,9 +27,8 @@ from .grouping import sweep, touching
 T = TypeVar("T")
 #: A CSG tree in prefix order: the symbols of its operators, and the numbers of its leaves.
 Tree = Sequence[str | int]
-#: An operand: its media, the number of its first leaf, and the number after its last leaf.
+#: An operand of an operator: its media, the number of its first leaf, and the number after its last leaf.
 _Operand = tuple[frozenset[int], int, int]
-OPERATIONS = {"+": OpType.Add, "-": OpType.Subtract, "*": OpType.Intersect}
 
 
 def tree_of(nodes: Sequence[Operator | Leaf]) -> Tree:
@@ -88,14 +84,10 @@ class Body:
     planes: Planes
     solid: int | None = None
 
-    @property
+    @cached_property
     def box(self) -> np.ndarray:
         """The bounding box (2, 3) of the body: minimum and maximum corner."""
         return np.stack([self.boxes[:, 0].min(axis=0), self.boxes[:, 1].max(axis=0)])
-
-    def touches(self, other: Body) -> bool:
-        """Whether the box of a leaf of ``other`` touches the bounding box of this body."""
-        return len(touching(other.boxes, self.box)) > 0
 
 
 def checked(manifold: Manifold) -> Manifold:
@@ -134,8 +126,8 @@ def evaluate(tree: Tree, groups: Sequence[int], body: Callable[[int], Body | Non
     return {group: chain.value() for group, chain in sorted(fold(tree, leaf, combine).items())}
 
 
-#: A step of a chain: a body that is subtracted first, and a body that is added then.
-Step = tuple[Body | None, Body | None]
+#: An operand of a chain: its sign + or -, and the body.
+Operand = tuple[str, Body]
 
 
 class _Chain:
@@ -152,7 +144,8 @@ class _Chain:
         A + (B + C) and A - (B + C) are flattened to one chain.
         """
         if symbol == "*":
-            return _Chain(combined("*", self.value(), other.value()))
+            first = self.value()
+            return _Chain(_body([first, other.value()], OpType.Intersect, -1, first.boxes))
         right = _Chain(other.value()) if other.has_minus else other
         if symbol == "+" and not self.has_minus and len(self.operands) < len(right.operands):
             right.operands.extendleft(reversed(self.operands))
@@ -167,58 +160,73 @@ class _Chain:
         Operands that do not touch can be exchanged. So each operand is moved to the earliest possible step: after the
         steps of all earlier operands that it touches, or to the same step if the signs are equal.
         """
-        if len(self.operands) == 1:
-            return self.operands[0][1]
-        adds = np.array([sign == "+" for sign, _ in self.operands])
-        boxes = np.array([body.box for _, body in self.operands])
-        step = np.zeros(len(adds), int)
-        for i in range(1, len(adds) if self.has_minus else 0):
-            earlier = touching(boxes[:i], boxes[i])
-            step[i] = (step[earlier] + (adds[earlier] & ~adds[i])).max(initial=0)
-        steps: list[tuple[list[Body], list[Body]]] = [([], []) for _ in range(step.max() + 1)]
-        for (sign, body), number in zip(self.operands, step.tolist()):
-            steps[number][sign == "+"].append(body)
-        _, result = apply_steps(None, [(union(subtracted), union(added)) for subtracted, added in steps])
+        operands = list(self.operands)
+        if self.has_minus:
+            adds = np.array([sign == "+" for sign, _ in operands])
+            boxes = np.array([body.box for _, body in operands])
+            step = np.zeros(len(adds), int)
+            for i in range(1, len(adds)):
+                earlier = touching(boxes[:i], boxes[i])
+                step[i] = (step[earlier] + (adds[earlier] & ~adds[i])).max(initial=0)
+            operands = [operands[i] for i in np.argsort(2 * step + adds, kind="stable")]
+        _, result = apply(operands)
         assert result
         return result
 
 
-def apply_steps(before: Body | None, steps: list[Step]) -> Step:
-    """Applies a sequence of steps to a body; returns the union of all subtracted bodies, and the result."""
-    if len(steps) == 1:
-        ((subtracted, added),) = steps
-        rest = combined("-", before, subtracted) if before and subtracted else before
-        return subtracted, union([rest, added])
-    if before and _mergeable(before, steps):
-        return apply_steps(before, [apply_steps(None, steps)])
-    middle = len(steps) // 2
-    subtracted, rest = apply_steps(before, steps[:middle])
-    also_subtracted, result = apply_steps(rest, steps[middle:])
-    return union([subtracted, also_subtracted]), result
+def apply(operands: list[Operand]) -> tuple[Body | None, Body | None]:
+    """Evaluates a part of a chain; returns the union of all subtracted bodies, and the result.
 
-
-def _mergeable(before: Body, steps: list[Step]) -> bool:
-    """Whether merged steps give each face the same owner as steps that are applied one after the other.
-
-    An earlier step may cover a face of ``before`` or of a subtracted solid. A later step may subtract a solid that has
-    a face on the same surface, and so uncover the covered face. If the steps are applied one after the other, the later
-    solid owns the face; after merging, the earlier solid owns it. No face is covered if there is material on only one
-    side of the surface.
+    If few bodies touch, each added body is cut by the later subtracted bodies that touch it. Otherwise the chain is
+    evaluated in halves.
     """
-    surfaces, boxes = before.surfaces, before.boxes  # of faces, and of solids, in earlier steps
-    for subtracted, added in steps:
-        if subtracted:
-            near = touching(boxes, subtracted.box)
-            may_uncover = (near >= len(before.boxes)).any()
-            if may_uncover and not before.planes.one_sided(surfaces & subtracted.surfaces, boxes[near]):
+    subtracted = [body for sign, body in operands if sign == "-"]
+    boxes = np.array([body.box for body in subtracted]).reshape(-1, 2, 3)
+    cuts: list[tuple[Body, list[Body]]] = []
+    passed = count = 0  # the numbers of subtracted bodies before this operand, and of all cuts
+    for sign, body in operands:
+        passed += sign == "-"
+        if sign == "+" and count <= len(operands):
+            cuts.append((body, [subtracted[passed + k] for k in touching(boxes[passed:], body.box)]))
+            count += len(cuts[-1][1])
+    if count <= len(operands) and _mergeable(operands, True):
+        return union(subtracted), union(difference(body, cutters) for body, cutters in cuts)
+    changes = [i for i in range(2, len(operands)) if operands[i - 1][0] == "+" and operands[i][0] == "-"]
+    middle = changes[len(changes) // 2]
+    first, rest = apply(operands[:middle])
+    later_operands = operands[middle:]
+    if rest and not _mergeable([("+", rest), *later_operands]):
+        second, result = apply([("+", rest), *later_operands])
+    else:
+        second, result = apply(later_operands)
+        result = union([difference(rest, [second]) if rest and second else rest, result])
+    return union([first, second]), result
+
+
+def _mergeable(operands: list[Operand], all_faces: bool = False) -> bool:
+    """Whether merged operations give each face the same owner as operations that are applied one after the other.
+
+    An added body may cover a face of the first body or of a subtracted body; if ``all_faces``, also of another added
+    body. A later body may be subtracted that has a face on the same surface, and so uncover the covered face. If the
+    operations are applied one after the other, the later body owns the face; after merging, the earlier body owns it.
+    No face is covered if there is material on only one side of the surface.
+    """
+    (_, first), *later = operands
+    surfaces, boxes = first.surfaces, first.boxes  # of faces, and of solids, in earlier operations
+    for sign, body in later:
+        if sign == "-" and (common := surfaces & body.surfaces):
+            near = touching(boxes, body.box)
+            if (near >= len(first.boxes)).any() and not first.planes.one_sided(common, boxes[near]):
                 return False
-            surfaces = surfaces | subtracted.surfaces
-        if added:
-            boxes = np.concatenate([boxes, added.boxes])
+        if sign == "+":
+            boxes = np.concatenate([boxes, body.boxes])
+        if sign == "-" or all_faces:
+            surfaces = surfaces | body.surfaces
     return True
 
 
 MAX_BATCH = 500  # the largest number of bodies in one union; more bodies are united in two halves, which saves memory
+MAX_PAIRED = 32  # no more bodies that share surfaces are united in pairs, which is slower, but more reliable
 
 
 def union(bodies: Iterable[Body | None]) -> Body | None:
@@ -227,52 +235,60 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
     distinct = [body for body in bodies if body and (body.solid is None or solids.setdefault(body.solid, body) is body)]
     if len(distinct) < 2:
         return distinct[0] if distinct else None
-    surfaces = frozenset().union(*(body.surfaces for body in distinct))
 
     @cache
     def manifold() -> Manifold:
-        """Computes the union: in one batch if the bodies share no surfaces and are few, otherwise in two halves."""
-        middle = len(distinct) // 2
-        if len(distinct) <= MAX_BATCH and len(surfaces) == sum(len(body.surfaces) for body in distinct):
-            result = Manifold.batch_boolean([body.manifold() for body in distinct], OpType.Add)
-        else:
-            first, second = union(distinct[:middle]), union(distinct[middle:])
-            assert first and second
-            result = checked(combined("+", first, second).manifold())
+        """Computes the union, in one batch or in two halves."""
+        count, parts = len(distinct), distinct
+        if count > MAX_BATCH or (2 < count <= MAX_PAIRED and _share_surfaces(distinct)):
+            halves = union(distinct[: count // 2]), union(distinct[count // 2 :])
+            parts = [half for half in halves if half]
+        result = _operation(parts, OpType.Add, 1)
+        if parts is not distinct:
+            checked(result)
         distinct.clear()  # frees memory: this function outlives the operands
         return result
 
-    return Body(manifold, np.concatenate([body.boxes for body in distinct]), surfaces, distinct[0].planes)
+    boxes = np.concatenate([body.boxes for body in distinct])
+    return Body(manifold, boxes, frozenset().union(*(body.surfaces for body in distinct)), distinct[0].planes)
 
 
-def combined(symbol: str, first: Body, second: Body) -> Body:
-    """Returns the union (+), difference (-) or intersection (*) of two bodies; the first body owns a common face."""
-    if symbol == "-" and not first.touches(second):
-        return first
-    boxes = np.concatenate([first.boxes, second.boxes]) if symbol == "+" else first.boxes
-    return _operation(first, second, OPERATIONS[symbol], 1 if symbol == "+" else -1, boxes)
+def difference(first: Body, others: Sequence[Body]) -> Body:
+    """Returns the first body minus the other bodies; an earlier body owns a common face."""
+    near = [body for body in others if len(touching(body.boxes, first.box))]
+    if len(near) > MAX_BATCH and (body := union(near)):
+        near = [body]
+    return _body([first, *near], OpType.Subtract, -1, first.boxes) if near else first
 
 
 def remainder(first: Body, second: Body) -> Body:
     """Returns the second body minus the first body. On common surfaces, the faces of the result belong to the first
     body.
     """
-    return _operation(first, second, None, 1, second.boxes)
+    return _body([first, second], None, 1, second.boxes)
 
 
-def _operation(first: Body, second: Body, operation: OpType | None, outwards: int, boxes: np.ndarray) -> Body:
-    """Returns the result of a Boolean operation on two bodies; the operation None is the second body minus the first
-    body.
+def _body(bodies: Sequence[Body], operation: OpType | None, outwards: int, boxes: np.ndarray) -> Body:
+    """Returns the result of :func:`_operation` as a body with these ``boxes``."""
+    result = _operation(bodies, operation, outwards)
+    return Body(lambda: result, boxes, frozenset().union(*(body.surfaces for body in bodies)), bodies[0].planes)
 
-    ``boxes`` are the boxes of the result. On common surfaces, the first body grows (``outwards`` 1) or shrinks (-1)
-    before the operation.
+
+def _operation(bodies: Sequence[Body], operation: OpType | None, outwards: int) -> Manifold:
+    """Returns the result of a Boolean operation on bodies; the operation None is the second body minus the first body.
+
+    On common surfaces, the first body grows (``outwards`` 1) or shrinks (-1) before the operation, see
+    :meth:`.Planes.separate`.
     """
-    planes = first.planes
-    pair = [first.manifold(), second.manifold()]
-    if first.surfaces & second.surfaces and first.touches(second):
-        pair = planes.separate(pair[0], pair[1], outwards)
-    result = Manifold.batch_boolean(pair if operation else pair[::-1], operation or OpType.Subtract)
-    return Body(lambda: result, boxes, first.surfaces | second.surfaces, planes)
+    solids = [body.manifold() for body in bodies]
+    if _share_surfaces(bodies):
+        solids = bodies[0].planes.separate(solids, outwards)
+    return Manifold.batch_boolean(solids if operation else solids[::-1], operation or OpType.Subtract)
+
+
+def _share_surfaces(bodies: Sequence[Body]) -> bool:
+    """Whether two of the bodies have a common surface."""
+    return sum(len(body.surfaces) for body in bodies) > len(frozenset().union(*(body.surfaces for body in bodies)))
 
 
 MAX_NEIGHBOURS = 64  # a leaf's mesh is refined if more small solids than this touch it, per triangle

@@ -1,7 +1,6 @@
 """The ``prosim`` command: what it writes, says and exits with."""
 
 import sys
-from importlib.metadata import distribution
 
 import mitsuba as mi
 import numpy as np
@@ -138,24 +137,15 @@ def test_doctor(monkeypatch):
 
 @compiled
 def test_link_and_unlink(tmp_path, monkeypatch):
-    """What is linked is in the list of files that pip removes: here that of a package "own"."""
-    info, folder = tmp_path / "own-1.dist-info", tmp_path / "plugins"
-    for made in info, folder:
-        made.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: own\nVersion: 1\n")
-    (info / "RECORD").write_text("own-1.dist-info/RECORD,,\n")
-    (folder / "path.so").write_bytes(b"Mitsuba's own")
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(stand_ins, "distribution", lambda _: distribution("own"))
-    monkeypatch.setattr(stand_ins, "plugin_folder", lambda: folder)
+    """The plugins of Mitsuba stay."""
+    (tmp_path / "path.so").write_bytes(b"Mitsuba's own")
+    monkeypatch.setattr(stand_ins, "plugin_folder", lambda: tmp_path)
     for _ in range(2):
         done("link")
-    linked = {*names(folder)} - {"path.so"}
+    linked = {*names(tmp_path)} - {"path.so"}
     assert {"prosim_conductor", "nrook", "prb"} <= set(stand_ins.installed()) == {name[:-3] for name in linked}
-    lines = (info / "RECORD").read_text().splitlines()[1:]
-    assert sorted(lines) == sorted(f"plugins/{name},," for name in linked)
     done("link", "--remove")
-    assert names(folder) == ["path.so"]
+    assert names(tmp_path) == ["path.so"]
 
 
 @pytest.mark.parametrize("compiler", ["/nowhere/cc", "false"])

@@ -7,7 +7,6 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterable
 from functools import partial
-from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
 
@@ -85,19 +84,6 @@ def install(names: Iterable[str], folder: Path) -> list[Path]:
         return atomic.write(dict.fromkeys(paths, (scratch / "stand_in.so").read_bytes()))
 
 
-def add_to_pip_record(paths: Iterable[Path]) -> None:
-    """Adds ``paths`` to the files that pip removes together with this package.
-
-    The list of the files that pip removes is the package's file RECORD.
-    """
-    files = distribution("mitsuba-prosim").files or []
-    listing = next(Path(str(file.locate())) for file in files if file.name == "RECORD")
-    known = {file.as_posix() for file in files}
-    new = [name for path in paths if (name := os.path.relpath(path, listing.parents[1])) not in known]
-    with listing.open("a", encoding="utf-8") as file:
-        file.writelines(f"{name},,\n" for name in new)
-
-
 @click.command()
 @click.option("--remove", is_flag=True, help="Remove the stand-ins.")
 def link(remove: bool) -> None:
@@ -105,7 +91,7 @@ def link(remove: bool) -> None:
 
     Writes a stand-in for each plugin of every installed package (this one, and Mitsuba's own prb and the like) to
     Mitsuba's folder of plugins. Needs Linux and a C compiler. Run `prosim link` once after each installation of a
-    package with plugins. Uninstalling removes the stand-ins.
+    package with plugins, and `prosim link --remove` before you uninstall this package.
     """
     if sys.platform != "linux":
         raise click.ClickException("the stand-ins exist for Linux only; use prosim render.")
@@ -118,7 +104,6 @@ def link(remove: bool) -> None:
             click.echo(f"{len(paths)} stand-ins removed from {folder}")
         else:
             paths = install(plugin_names(), folder)
-            add_to_pip_record(paths)
             click.echo(f"{len(paths)} stand-ins in {folder}: {', '.join(path.stem for path in paths)}")
     except (RuntimeError, OSError) as error:
         raise click.ClickException(str(error)) from None

@@ -82,7 +82,7 @@ class Estimator:
         """
         points = plan.points(x, y, t)
         if self.transport.caustics is not None:  # the sample and its photons divide the spectrum together
-            points.division = self.transport.caustics.division(t)
+            points.division = t, self.transport.caustics.n
         ray, weight, position = self.camera_ray(x, y, points)
         L, hit, others = self.transport(ray, points, True)
         L *= weight

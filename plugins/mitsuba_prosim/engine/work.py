@@ -92,7 +92,7 @@ class WorkItem:
         with alone(), dr.suspend_grad(), window:
             if (caustics := self.estimator.transport.caustics) is not None:
                 number = (int(np.max(self.end)) - 1) // caustics.maps(self.plan.n)
-                caustics.draw(self.plan.photon_seed, number, self.plan.n)
+                caustics.use_pass(self.plan.photon_seed, number, self.plan.n)
             sums = self.estimator.accumulate(self.plan, self.x, self.y, self.start, self.end)
             dr.eval(sums)
         return sums

@@ -35,9 +35,12 @@ class Caustics:
     """Photons of the light ``sources`` in ``scene`` for the image of ``sensor``: ``count`` photons in each photon pass.
 
     A photon pass has several photon maps (:meth:`maps`). Each sample of a pixel gathers photons from one map: the
-    ``t``-th sample uses the map ``t % maps`` of the pass ``t // maps``, which :meth:`draw` must have emitted. In
-    spectral variants, the photons of a map have the same wavelengths as the samples that gather them (:attr:`key`,
-    :meth:`division`).
+    ``t``-th sample uses the map ``t % maps`` of the pass ``t // maps``, which :meth:`use_pass` must have selected.
+    ``deepest`` is the maximum number of specular surfaces that a photon passes. ``tree`` tells whether the rays of the
+    camera form a tree (:class:`.PhotonTracer`).
+
+    In spectral variants, the photons of a map have the same wavelengths as the samples that gather them: ``key`` is the
+    hash key of the wavelengths of all pixels and photons, and ``n`` samples of a pixel divide the spectrum.
     """
 
     def __init__(
@@ -51,12 +54,11 @@ class Caustics:
         self.mis = mis if mis.needed else None
         self.tracer = PhotonTracer(scene, limit, tree, self.mis)
         self.gathering = Gathering(scene)
-        #: Arguments of :meth:`draw` -> photon pass: its photons on diffuse surfaces, and those on glossy surfaces if
-        #: these gather photons. The oldest pass is first.
+        #: Arguments of :meth:`use_pass` -> photon pass: its photons on diffuse surfaces, and those on glossy surfaces
+        # if : these gather photons. The oldest pass is first.
         self._passes: dict[tuple[int, int, int], tuple[Photons, Photons | None]] = {}
         self._current: tuple[Photons, Photons | None] | None = None
-        #: The hash key by which all pixels and photons share wavelengths.
-        self.key, self._n = mi.UInt32(0), mi.UInt32(1)
+        self.key, self.n = mi.UInt32(0), mi.UInt32(1)
 
     @classmethod
     def of(cls, scene: mi.Scene, sensor: mi.Sensor, count: int, deepest: int, tree: bool) -> Caustics | None:
@@ -76,13 +78,16 @@ class Caustics:
 
     @staticmethod
     def maps(n: int) -> int:
-        """Returns the number of photon maps of a photon pass, for sampling patterns of ``n``² samples."""
+        """Returns the number of photon maps of a photon pass: ``n``², one for each sample of a sampling pattern, but at
+        most :data:`MAPS`.
+        """
         return min(n * n, MAPS)
 
-    def draw(self, seed: int, number: int, n: int) -> None:
-        """Makes the photon pass ``number`` under ``seed`` current, so that samples gather from it.
+    def use_pass(self, seed: int, number: int, n: int) -> None:
+        """Selects the photon pass ``number`` under ``seed``, from which samples then gather photons.
 
-        The pass is emitted unless the cache holds it. ``n`` samples divide the spectrum.
+        The photons of the pass are emitted and traced, unless the cache holds them. A sampling pattern has ``n``²
+        samples, and ``n`` samples of a pixel divide the spectrum.
         """
         which = seed, number, n
         if which not in self._passes:
@@ -92,19 +97,14 @@ class Caustics:
         self._current = self._passes[which]
         if self.mis is not None:
             self.mis.per_pair = dr.opaque(mi.Float, self.per_pair(n))
-        self.key, self._n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, n)
-
-    def division(self, t: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
-        """Returns ``(t, n)``: the ``t``-th sample of a pixel is one of ``n`` that divide the spectrum
-        (:attr:`.NRook.division`).
-        """
-        return t, self._n
+        self.key, self.n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, n)
 
     def add_to(self, L: mi.Spectrum, vertex: Vertex, t: mi.UInt32) -> mi.Spectrum:
-        """Returns ``L`` plus the radiance that ``vertex`` scatters from photons.
+        """Returns the radiance ``L`` plus the radiance that ``vertex`` scatters from photons.
 
-        The photons belong to the photon map of the ``t``-th sample of a pixel. After a diffuse reflection, glossy lobes
-        gather no photons.
+        The photons are those of the photon map of the ``t``-th sample of a pixel. Diffuse lobes gather the photons that
+        landed on diffuse surfaces. Glossy lobes gather the photons that landed on glossy surfaces, with MIS weights,
+        but not after a diffuse reflection of the path.
         """
         assert self._current is not None, "no photons have been emitted"
         diffuse, glossy = self._current
@@ -117,28 +117,30 @@ class Caustics:
         return max(self.count // (self.maps(n) * self.sources.pairs), 1)
 
     def _emit(self, seed: int, number: int, n: int) -> tuple[Photons, Photons | None]:
-        """Emits the photon pass ``number``; returns the photons that land on diffuse surfaces and, with MIS, those on
-        glossy surfaces.
+        """Emits and traces the photons of the pass ``number``, and sorts them into photon maps.
+
+        Returns the photons that land on diffuse surfaces and, with MIS, those that land on glossy surfaces.
         """
-        maps, of_pair = self.maps(n), dr.opaque(mi.UInt32, self.per_pair(n))
+        maps, per_pair = self.maps(n), dr.opaque(mi.UInt32, self.per_pair(n))
+        # Photon i belongs to one map and to one pair of a light source and a target.
         i = dr.arange(mi.UInt32, maps * self.sources.pairs * self.per_pair(n))
-        # The points of a pair continue from map to map, so that the points of all maps together are evenly spread too.
-        k = i // of_pair
-        map_of = k // dr.opaque(mi.UInt32, self.sources.pairs)
-        pair = k - map_of * dr.opaque(mi.UInt32, self.sources.pairs)
+        pair_of_map = i // per_pair
+        map_of = pair_of_map // dr.opaque(mi.UInt32, self.sources.pairs)
+        pair = pair_of_map - map_of * dr.opaque(mi.UInt32, self.sources.pairs)
         key = combine(combine(hash32(dr.opaque(mi.UInt32, seed)), dr.opaque(mi.UInt32, number)), 0)
-        points = start_points(combine(key, pair), map_of * of_pair + i - k * of_pair)
+        # The points of a pair continue from map to map, so that the points of all maps together are evenly spread too.
+        points = start_points(combine(key, pair), map_of * per_pair + i - pair_of_map * per_pair)
         wavelengths = self._wavelengths(seed, dr.opaque(mi.UInt32, number * maps) + map_of, n)
-        start = self.sources.start(pair, mi.Float(of_pair), *points, wavelengths)
+        start = self.sources.start(pair, mi.Float(per_pair), *points, wavelengths)
         diffuse, glossy = self.tracer(start, combine(key, i + 1))
         dr.eval(diffuse, glossy, map_of)
         rest = map_of, maps, self.footprint
         return Photons.of(diffuse, *rest), None if glossy is None else Photons.of(glossy, *rest)
 
     def _wavelengths(self, seed: int, t: mi.UInt32, n: int) -> mi.Color0f:
-        """Returns the wavelengths in nm of the ``t``-th samples, as the sensor samples them.
+        """Returns the wavelengths in nm that the sensor samples for the ``t``-th sample of every pixel.
 
-        The result is empty except in spectral variants.
+        ``n`` samples of a pixel divide the spectrum. The result is empty except in spectral variants.
         """
         if not mi.is_spectral:
             return dr.zeros(mi.Color0f)

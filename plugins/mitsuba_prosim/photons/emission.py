@@ -42,17 +42,17 @@ class Start:
 
 
 @dataclass(frozen=True)
-class Draw:
-    """The random numbers and targets of photons to emit.
+class EmissionSample:
+    """The targets, random numbers and wavelengths of photons to emit; each array has one entry per photon."""
 
-    The fields are the number of each photon's target, the number of photons per pair of emitter and target, the points
-    in [0, 1)² that choose the start and the direction, and the wavelengths.
-    """
-
+    #: Number of the target at which the photon is aimed.
     target: mi.UInt32
+    #: Number of photons of each pair of a light source and a target, the same for all photons.
     per_pair: mi.Float
-    position: mi.Point2f
-    aimed: mi.Point2f
+    #: Points in [0, 1)² that sample the light source, and the place on the target.
+    on_source: mi.Point2f
+    on_target: mi.Point2f
+    #: Wavelengths in nm; empty except in spectral variants.
     wavelengths: mi.Color0f
 
     def receiver(self, p: mi.Point3f) -> mi.SurfaceInteraction3f:
@@ -113,63 +113,70 @@ class Sources:
         dr.make_opaque(self.pointers, self.kind, self.middle, self.far_distance)
 
     def start(
-        self, pair: mi.UInt32, per_pair: mi.Float, position: mi.Point2f, aimed: mi.Point2f, wavelengths: mi.Color0f
+        self, pair: mi.UInt32, per_pair: mi.Float, on_source: mi.Point2f, on_target: mi.Point2f, wavelengths: mi.Color0f
     ) -> Start:
-        """Emits photons that belong to the pairs ``pair``, and returns them as :class:`Start`.
+        """Emits one photon for each entry of ``pair``, the number of a pair of a light source and a target.
 
-        ``per_pair`` is the number of photons of each pair. ``position`` and ``aimed`` are points in [0, 1)² that choose
-        the start and the direction. ``wavelengths`` are the wavelengths of the photons, in nm.
+        :class:`EmissionSample` explains the other arguments. A photon whose power is not finite gets the power 0.
         """
         number = pair // self.targets.count
         target = pair - number * self.targets.count
         emitter, kinds = dr.gather(mi.EmitterPtr, self.pointers, number), dr.gather(mi.UInt32, self.kind, number)
-        draw = Draw(target, per_pair, position, aimed, wavelengths)
+        sample = EmissionSample(target, per_pair, on_source, on_target, wavelengths)
         start = Start(dr.zeros(mi.Ray3f), mi.Spectrum(0), mi.Float(0))
         for k, (name, method) in enumerate(zip(KINDS, (self._point, self._surface, self._far))):
             if name in self.kinds:
                 active = kinds == k
-                start = dr.select(active, method(emitter, draw, active), start)
+                start = dr.select(active, method(emitter, sample, active), start)
         start.flux = dr.select(dr.all(dr.isfinite(start.flux)), start.flux, 0)
         start.ray.wavelengths = wavelengths
         return start
 
-    def _point(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
+    def _point(self, emitter: mi.EmitterPtr, sample: EmissionSample, active: mi.Bool) -> Start:
         """Emits photons from point lights towards the targets."""
-        # The flux of a light source without falloff depends on the distance of the first hit.
-        center, radius = self.targets.at(draw.target)
-        x = emitter.sample_direction(draw.receiver(center), draw.position, active)[0].p
-        ray = mi.Ray3f(x, aim.direction(x, center, radius, draw.aimed))
-        density = draw.per_pair * self.targets.density(x, ray.d, False, active, draw.target)
-        hit, lit = self._first_hit(draw, ray, active)
-        weight = emitter.sample_direction(hit, draw.position, lit)[1]
+        # Mitsuba tells the light that arrives at a surface, so the intensity is computed at the first surface. The
+        # power of an ``unattenuated`` source depends on the distance of this surface.
+        center, radius = self.targets.at(sample.target)
+        x = emitter.sample_direction(sample.receiver(center), sample.on_source, active)[0].p
+        ray = mi.Ray3f(x, aim.direction(x, center, radius, sample.on_target))
+        density = sample.per_pair * self.targets.density(x, ray.d, False, active, sample.target)
+        hit, lit = self._first_hit(sample, ray, active)
+        weight = emitter.sample_direction(hit, sample.on_source, lit)[1]
         flux = dr.select(lit, weight * (dr.squared_norm(hit.p - x) / density), 0)
         return Start(ray, flux, mi.Float(DELTA_DENSITY))
 
-    def _surface(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
-        """Emits photons from surfaces that emit light, towards the targets."""
-        center, radius = self.targets.at(draw.target)
-        ps, _ = emitter.sample_position(0.0, draw.position, active)
+    def _surface(self, emitter: mi.EmitterPtr, sample: EmissionSample, active: mi.Bool) -> Start:
+        """Emits photons from points on emitting surfaces towards the targets.
+
+        The flux is 0 for a photon that starts towards the back of its surface, or meets no surface.
+        """
+        center, radius = self.targets.at(sample.target)
+        ps, _ = emitter.sample_position(0.0, sample.on_source, active)
         x, per_area = ps.p, mi.Float(ps.pdf)
-        d = aim.direction(x, center, radius, draw.aimed)
-        density = per_area * draw.per_pair * self.targets.density(x, d, False, active, draw.target)
+        d = aim.direction(x, center, radius, sample.on_target)
+        density = per_area * sample.per_pair * self.targets.density(x, d, False, active, sample.target)
         cos = dr.dot(ps.n, d)
         active = active & (cos > 0) & (density > 0)
-        ray = mi.SurfaceInteraction3f(ps, draw.wavelengths).spawn_ray(d)
-        met, lit = self._first_hit(draw, ray, active)
+        ray = mi.SurfaceInteraction3f(ps, sample.wavelengths).spawn_ray(d)
+        met, lit = self._first_hit(sample, ray, active)
         ds = mi.DirectionSample3f(ps)
         ds.d, ds.dist, ds.emitter = -d, dr.norm(met.p - x), emitter
         L = eval_direction(emitter, met, ds, lit)
         flux = dr.select(lit, L * (cos / dr.select(lit, density, 1)), 0)
         return Start(ray, flux, density / dr.select(lit, cos, 1))
 
-    def _far(self, emitter: mi.EmitterPtr, draw: Draw, active: mi.Bool) -> Start:
-        """Emits photons from distant light sources, such as the sky or the sun, towards the targets."""
-        center, radius = self.targets.at(draw.target)
-        ds, weight = emitter.sample_direction(draw.receiver(center), draw.position, active)
+    def _far(self, emitter: mi.EmitterPtr, sample: EmissionSample, active: mi.Bool) -> Start:
+        """Emits photons from distant light sources, such as the sky or the sun, towards the targets.
+
+        The photons start outside the scene, on lines through random points of the disk that a target shows to the
+        source.
+        """
+        center, radius = self.targets.at(sample.target)
+        ds, weight = emitter.sample_direction(sample.receiver(center), sample.on_source, active)
         d = -ds.d
-        disk = mi.warp.square_to_uniform_disk_concentric(draw.aimed) * radius
+        disk = mi.warp.square_to_uniform_disk_concentric(sample.on_target) * radius
         x = center + mi.Frame3f(d).to_world(mi.Vector3f(disk.x, disk.y, 0))
-        density = draw.per_pair * self.targets.density(x, d, True, active, draw.target)
+        density = sample.per_pair * self.targets.density(x, d, True, active, sample.target)
         back = dr.dot(x - self.middle, d) + self.far_distance
         flux = dr.select(active, weight / density, 0)
         density = dr.select(ds.delta, DELTA_DENSITY, density * ds.pdf)
@@ -201,7 +208,9 @@ class Sources:
             result = dr.select(lit, pdf * self.targets.density(it.p, d, True, lit), result)
         return per_pair * result
 
-    def _first_hit(self, draw: Draw, ray: mi.Ray3f, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
+    def _first_hit(
+        self, sample: EmissionSample, ray: mi.Ray3f, active: mi.Bool
+    ) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
         """Returns the surface point that ``ray`` meets, as a receiver of light, and whether the ray meets a surface.
 
         The flux of a photon may depend on the distance to the first surface: an unattenuated light source lights
@@ -209,7 +218,7 @@ class Sources:
         """
         pi = self.scene.ray_intersect_preliminary(ray, active=active)
         lit = active & pi.is_valid()
-        return draw.receiver(ray(dr.select(lit, pi.t, 1))), lit
+        return sample.receiver(ray(dr.select(lit, pi.t, 1))), lit
 
 
 def start_points(key: mi.UInt32, i: mi.UInt32) -> tuple[mi.Point2f, mi.Point2f]:

@@ -65,7 +65,12 @@ def sample_lamp(
 
 
 def lamp_light(context: Context, vertex: Vertex, points: Points, k: Index, sample: LightSample) -> Radiance:
-    """Returns the radiance that ``vertex`` scatters from one ``sample`` of the lamp of number ``k``."""
+    """Returns the radiance that ``vertex`` scatters from one ``sample`` of the lamp of number ``k``, by layers.
+
+    The radiance includes the visibility of the sampled point, by a shadow ray. Glossy lobes have MIS weights, because
+    their rays, and perhaps photons, find the same light. After an earlier vertex of the path has gathered photons, only
+    diffuse lobes count.
+    """
     (ds, weight), layers = sample, context.layers
     si, bsdf, ray, gathered = vertex.si, vertex.bsdf, vertex.ray, vertex.ray.gathered_photons
     lit = vertex.smooth & (ds.pdf > 0)

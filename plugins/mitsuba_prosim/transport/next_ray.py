@@ -22,7 +22,9 @@ def next_ray(
 ) -> tuple[Ray, mi.Bool, mi.Float]:
     """Samples the ray that leaves ``vertex`` through ``lobe``, and returns ``(ray, active, eta)``.
 
-    ``active`` has the lanes of the new ray. ``eta`` is the ratio of the indices of refraction that the ray crosses.
+    The returned ``active`` has the lanes in which the ray is worth following: those of the argument ``active`` where
+    the sample belongs to ``lobe`` and the throughput is above the integrator's ``cutoff``. ``eta`` is the ratio of the
+    indices of refraction that the ray crosses, 1 for a reflection.
     """
     ray, si, space = vertex.ray, vertex.si, direction_space(lobe)
     if idle(active):
@@ -33,26 +35,26 @@ def next_ray(
     if context.attached:
         o = dr.replace_grad(o, si.p)
     active = active & belongs & (bs.pdf > 0) & (dr.max(throughput) > context.settings.cutoff)
-    following = replace(ray, o=o, d=d, throughput=throughput, pdf=bs.pdf, uses_mis=but_not(mi.Bool(True), ideal))
-    following.level, following.node = ray.level + 1, ray.node * 2 + (space == REFRACTED)
-    following.n, following.importance = vertex.receiver.n, vertex.receiver.importance
+    result = replace(ray, o=o, d=d, throughput=throughput, pdf=bs.pdf, uses_mis=but_not(mi.Bool(True), ideal))
+    result.level, result.node = ray.level + 1, ray.node * 2 + (space == REFRACTED)
+    result.n, result.importance = vertex.receiver.n, vertex.receiver.importance
     by_all_lobes = but_not(vertex.inseparable, ideal)  # light sampling and photons took the light of all lobes
     if ray.sees_emission is not None:
-        following.sees_emission = but_not(mi.Bool(True), by_all_lobes)
+        result.sees_emission = but_not(mi.Bool(True), by_all_lobes)
     if ray.gathered_photons is not None:
-        following.gathered_photons = ray.gathered_photons | by_all_lobes
-        following.sees_emission = but_not(following.sees_emission, following.gathered_photons)
+        result.gathered_photons = ray.gathered_photons | by_all_lobes
+        result.sees_emission = but_not(result.sees_emission, result.gathered_photons)
     if context.both_sides:
-        following.both_sides = lobes.has_any(vertex.bsdf.flags(), *lobes.BOTH_SIDES)
+        result.both_sides = lobes.has_any(vertex.bsdf.flags(), *lobes.BOTH_SIDES)
     if context.layers.splits_lobes:
         through = mi.Frame3f.cos_theta(si.wi) * mi.Frame3f.cos_theta(bs.wo) < 0
-        following.branch = context.layers.branch(ray, space == DIFFUSE, through)
+        result.branch = context.layers.branch(ray, space == DIFFUSE, through)
     if context.photon_mis is not None:
-        following = context.photon_mis.next(vertex, following, bs, weight)
+        result = context.photon_mis.next(vertex, result, bs, weight)
     if context.absorbs:
-        following.medium = medium_beyond(si, ray.medium, dr.detach(d), active)
-        following.offset = dr.dot(o - si.p, d)
-    return following, active, bs.eta
+        result.medium = medium_beyond(si, ray.medium, dr.detach(d), active)
+        result.offset = dr.dot(o - si.p, d)
+    return result, active, bs.eta
 
 
 def sample_direction(
@@ -60,9 +62,11 @@ def sample_direction(
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Vector3f, mi.Bool]:
     """Samples ``lobe`` at ``vertex``, and returns ``(bs, weight, d, belongs)``.
 
-    ``d`` is the direction in world coordinates. ``belongs`` tells whether the sample ``bs`` is a sample of ``lobe``,
-    not of another lobe of the BSDF. If derivatives are wanted, the density, the weight and the direction have the
-    derivatives of a direction that is fixed or moves with the light source that the ray meets.
+    ``bs`` and ``weight`` are the BSDF sample, in the form of ``mi.BSDF.sample``; the sample that light sampling has
+    drawn already (``vertex.drawn``) is used if there is one. ``d`` is the direction in world coordinates. ``belongs``
+    tells whether ``bs`` is a sample of ``lobe``, not of another lobe of the BSDF. If derivatives are wanted, the
+    density, the weight and the direction have the derivatives of a direction that is fixed or moves with the light
+    source that the ray meets.
     """
     si, scattering, throughput = vertex.si, context.scattering, vertex.ray.throughput
     if lobe.type_mask in vertex.drawn:
@@ -92,7 +96,7 @@ def sample_direction(
 
 
 def lobe_point(context: Context, lobe: mi.BSDFContext, vertex: Vertex, points: Points, active: mi.Bool) -> LobePoint:
-    """Returns the random numbers that sample the ray of ``lobe`` at ``vertex``."""
+    """Returns the random numbers ``(choice, point)`` that sample the ray of ``lobe`` at ``vertex``."""
     space = context.space(vertex.ray.node, CHOICE)
     # A stratified choice reduces the variance only with dispersion, or where all lobes are sampled together.
     stratified = lobes.is_all_lobes(lobe) or context.scattering.disperses

@@ -33,19 +33,21 @@ def start(context: Context, ray: Ray) -> Progress:
 def proceed(
     context: Context, vertex: Vertex, points: Points, active: mi.Bool, progress: Progress
 ) -> tuple[Ray, mi.Bool, Progress]:
-    """Returns ``(ray, active, progress)``: the ray that continues the path after ``vertex``, its active lanes, and the
-    counters.
+    """Samples the ray that continues the path after ``vertex``, and returns ``(ray, active, progress)``.
+
+    The returned ``active`` has the lanes whose path continues after Russian roulette; ``progress`` has the new counters
+    of the path. The argument ``active`` is unused: it gives this function the signature of :func:`.tree.proceed`.
     """
     bounces, node = progress.bounces, vertex.ray.node
     if bounces is None:
-        ray, going, eta = next_ray(context, lobes.all_lobes(), vertex, points, vertex.active)
+        ray, continues, eta = next_ray(context, lobes.all_lobes(), vertex, points, vertex.active)
     else:
-        ray, going, eta, bounces = specular_or_diffuse(context, vertex, points, bounces)
+        ray, continues, eta, bounces = specular_or_diffuse(context, vertex, points, bounces)
     ray.node = node + 1
     # The square of the index of refraction scales the radiance inside glass. Light that leaves glass loses this factor.
     eta *= progress.eta
-    ray, going = roulette(context, ray, going, eta, points.choice(context.space(node, ROULETTE)))
-    return ray, going, Progress(bounces, eta)
+    ray, continues = roulette(context, ray, continues, eta, points.choice(context.space(node, ROULETTE)))
+    return ray, continues, Progress(bounces, eta)
 
 
 def specular_or_diffuse(
@@ -54,7 +56,9 @@ def specular_or_diffuse(
     """Returns ``(ray, active, eta, bounces)`` of a specular or a diffuse ray that leaves ``vertex``.
 
     A specular and a diffuse ray are sampled; one of the two is chosen with a probability proportional to its
-    throughput. After ``diffuse_bounces`` diffuse reflections the ray is always specular.
+    throughput, and its throughput is divided by this probability. After ``diffuse_bounces`` diffuse reflections the ray
+    is always specular. ``bounces`` is the number of diffuse reflections of the path, ``eta`` the ratio of the indices
+    of refraction that the ray crosses.
     """
     specular, reflects, eta = next_ray(context, lobes.specular(), vertex, points, vertex.active)
     may_scatter = vertex.active & (bounces < context.settings.diffuse_bounces)
@@ -78,7 +82,11 @@ def specular_or_diffuse(
 
 
 def roulette(context: Context, ray: Ray, active: mi.Bool, eta: mi.Float, sample: mi.Float) -> tuple[Ray, mi.Bool]:
-    """Returns ``(ray, active)`` after Russian roulette, which begins at level ``rr_depth`` of the path."""
+    """Returns ``(ray, active)`` after Russian roulette, which begins at level ``rr_depth`` of the path.
+
+    A path survives if ``sample``, a random number in [0, 1), is below its throughput without the factor ``eta``² of
+    refractions; the throughput of the survivor is divided by this probability, which is at most 0.95.
+    """
     survival = dr.detach(dr.minimum(dr.max(ray.throughput) * dr.square(eta), 0.95))
     plays = ray.level >= context.settings.rr_depth
     throughput = dr.select(plays, ray.throughput / dr.maximum(survival, 1e-8), ray.throughput)

@@ -51,7 +51,7 @@ class Transport(Context):
         walk: Any = tree if self.settings.follows_tree else path
 
         def step(state: State) -> State:
-            """Follows one ray: adds the light at the end of the ray, and finds the next ray."""
+            """Follows one ray: adds the light at its end to the radiance, and samples the next ray."""
             L, vertex = shade(self, state.ray, ray, points, state.active)
             hit = state.hit | (state.ray.level == 0) & vertex.active
             next_ray, next_active, progress = walk.proceed(self, vertex, points, state.active, state.progress)
@@ -107,8 +107,9 @@ class InnerIntegrator:
 
 
 def sampler_of(points: NRook | Sobol) -> Any:
-    """Returns a ``mi.Sampler`` that takes random numbers from ``points``, one space of the sampling pattern after the
-    other.
+    """Returns a ``mi.Sampler`` whose random numbers are those of ``points``.
+
+    Each number that is drawn belongs to the next space of the sampling pattern; the camera's spaces are skipped.
     """
     sampler = create("owen")
     sampler.points, sampler.dimension = lambda: points, mi.UInt32(CAMERA_SPACES)

@@ -116,7 +116,10 @@ class Context:
         )
 
     def first(self, camera: mi.Ray3f) -> Ray:
-        """Returns the first :class:`.Ray` of a tree or path, which continues the ``mi.Ray3f`` of the camera."""
+        """Returns the ray ``camera`` as the first :class:`.Ray` of a tree or path.
+
+        The fields of the ray that this render does not need stay None.
+        """
         ray = Ray.first(camera)
         if self.scattering.any_inseparable or self.settings.diffuse_bounces > 0:
             ray.sees_emission = mi.Bool(True)
@@ -138,7 +141,7 @@ class Context:
 
 
 def direction_space(lobe: mi.BSDFContext) -> int:
-    """Returns which space of a node samples the direction of the ray of ``lobe``."""
+    """Returns which of a node's spaces of the sampling pattern samples the direction of the ray through ``lobe``."""
     if lobe.type_mask & lobes.mask(*lobes.DIFFUSE):
         return DIFFUSE
     return REFLECTED if lobe.type_mask & lobes.mask(*lobes.REFLECTED) else REFRACTED

@@ -38,17 +38,17 @@ class Stack:
         pushed onto the stack. If the surface has only one of the two, this ray is next. Otherwise the last ray of the
         stack is next.
         """
-        following, continues = dr.select(reflects, reflected, refracted), reflects | refracts
+        next_ray, continues = dr.select(reflects, reflected, refracted), reflects | refracts
         if self.count is None:
-            return following, continues, self
+            return next_ray, continues, self
         both = reflects & refracts
         resumes = but_not(active & (self.count > 0), continues)
         rays = []
         for slot, ray in enumerate(self.rays):
-            following = dr.select(resumes & (self.count == slot + 1), ray, following)
+            next_ray = dr.select(resumes & (self.count == slot + 1), ray, next_ray)
             rays.append(dr.select(both & (self.count == slot), refracted, ray))
         count = dr.select(both, self.count + 1, dr.select(resumes, self.count - 1, self.count))
-        return following, continues | resumes, Stack(rays, count)
+        return next_ray, continues | resumes, Stack(rays, count)
 
 
 def start(context: Context, ray: Ray) -> Stack:
@@ -65,13 +65,17 @@ def branches(context: Context) -> bool:
 def proceed(
     context: Context, vertex: Vertex, points: Points, active: mi.Bool, stack: Stack
 ) -> tuple[Ray, mi.Bool, Stack]:
-    """Returns ``(ray, active, stack)``: the next ray to follow after ``vertex``, its lanes, and the new stack.
+    """Samples the reflected and the refracted ray at ``vertex``, and returns ``(ray, active, stack)``.
 
-    ``active`` has the lanes whose ray tree is not finished.
+    ``ray`` is the next ray to follow: one of these two rays, or a ray from the stack. The returned ``active`` has the
+    lanes that have such a ray, and the argument ``active`` has the lanes whose ray tree was not finished before.
     """
 
     def branch(follows: bool, lobe: mi.BSDFContext) -> tuple[Ray, mi.Bool]:
-        """Returns the next ray of ``lobe``, and its lanes after Russian roulette; no lanes if ``follows`` is false."""
+        """Returns the ray that leaves the vertex through ``lobe``, and the lanes in which it survives Russian roulette.
+
+        No lane has such a ray if ``follows`` is false.
+        """
         if not follows:
             return vertex.ray, mi.Bool(False)
         ray, active, _ = next_ray(context, lobe, vertex, points, vertex.active)
@@ -90,6 +94,6 @@ def roulette(context: Context, ray: Ray, active: mi.Bool, points: Points) -> tup
     if context.settings.rr_throughput == 0:
         return ray, active
     survival = dr.detach(dr.max(ray.throughput) / dr.opaque(mi.Float, context.settings.rr_throughput))
-    going = points.choice(context.space(ray.node, ROULETTE)) < survival
-    throughput = dr.select(going, ray.throughput / dr.minimum(survival, 1), 0)
-    return replace(ray, throughput=throughput), active & going
+    survives = points.choice(context.space(ray.node, ROULETTE)) < survival
+    throughput = dr.select(survives, ray.throughput / dr.minimum(survival, 1), 0)
+    return replace(ray, throughput=throughput), active & survives

@@ -57,7 +57,11 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
 
 
 def vertex_at(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Vertex:
-    """Returns the :class:`.Vertex` at the surface interaction ``si``, where ``ray`` ends."""
+    """Returns the :class:`.Vertex` at the surface interaction ``si``, where ``ray`` ends.
+
+    ``active`` has the lanes in which the ray met a surface. If light sampling chooses one lamp, the total importance of
+    all lamps at the vertex is computed here.
+    """
     if idle(active):
         return Vertex(si, None, active, active, active, ray, Receiver(si, ray.n))
     bsdf = si.bsdf()
@@ -105,9 +109,10 @@ def last_emission(context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool)
 
 
 def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Bool) -> tuple[mi.Spectrum, Layer]:
-    """Returns ``(radiance, layer)`` of a light source that ``ray`` meets.
+    """Returns ``(radiance, layer)`` of the light source that ``ray`` meets at ``si``; 0 where it meets none.
 
-    The radiance contains the MIS weight against light sampling at the ray's origin.
+    The radiance is multiplied by its MIS weight against light sampling at the ray's origin and, perhaps, against
+    photons. The radiance is 0 where the emission does not count (:attr:`.Ray.sees_emission`, ``hide_emitters``).
     """
     lights = context.lights
     emitter = si.emitter(context.scene)

@@ -83,7 +83,11 @@ class PhotonTracer:
         return state.landed, state.glossy
 
     def _step(self, state: State, key: mi.UInt32) -> State:
-        """Moves each photon to the next surface, where it lands, continues, or ends."""
+        """Moves each photon to the next surface, where it lands, continues, or ends.
+
+        Russian roulette lets a photon continue with the probability ``p_continue``. A photon that does not continue
+        lands if the surface gathers photons, else it ends. ``key`` is the hash key of each photon.
+        """
         hit, medium = self._intersect(state)
         flags, first_number = hit.bsdf.flags(), hit.level * NUMBERS
         lands = hit.active & (hit.level > 0) & lobes.has_any(flags, *lobes.DIFFUSE)
@@ -97,25 +101,29 @@ class PhotonTracer:
         # A photon either lands or continues, with about the same flux.
         flux = hit.flux * (weight * adjoint_correction(hit.si, bs.wo, d))
         flux_ratio = dr.select(scatters, dr.max(flux) / dr.max(state.flux), 0)
-        stays = lands | (hit.near_specular & (hit.level > 0))
-        p = dr.select(stays, flux_ratio / (1 + flux_ratio), dr.minimum(flux_ratio, dr.select(hit.level < 4, 1, 0.95)))
+        may_land = lands | (hit.near_specular & (hit.level > 0))
+        survival = dr.minimum(flux_ratio, dr.select(hit.level < 4, 1, 0.95))
+        p_continue = dr.select(may_land, flux_ratio / (1 + flux_ratio), survival)
         if self.mis is not None:  # a varnish would reflect too few photons to glossy surfaces
-            p = dr.select((hit.level == 0) & (flux_ratio > 0) & (flux_ratio < FAINT), 1, p)
-        scatters &= number(key, first_number + ROULETTE) < p
+            p_continue = dr.select((hit.level == 0) & (flux_ratio > 0) & (flux_ratio < FAINT), 1, p_continue)
+        scatters &= number(key, first_number + ROULETTE) < p_continue
         lands = but_not(lands, scatters) & (hit.cos > 0)
-        density, glossy, land_weight = state.density, state.glossy, dr.rcp(dr.maximum(1 - p, 1e-6))
+        density, glossy, land_weight = state.density, state.glossy, dr.rcp(dr.maximum(1 - p_continue, 1e-6))
         if self.mis is not None:
             assert density is not None and glossy is not None
             density, glossy = self.mis.scatter(density, glossy, hit, bs, weight, land_weight, scatters)
         landed = dr.select(lands, hit.landed(land_weight, mi.Float(0)), state.landed)
-        flux = dr.select(scatters, flux / dr.select(scatters, p, 1), state.flux)
+        flux = dr.select(scatters, flux / dr.select(scatters, p_continue, 1), state.flux)
         medium = medium_beyond(hit.si, medium, d, scatters) if self.absorbs else None
         from_inseparable = None if state.from_inseparable is None else state.from_inseparable | by_all_lobes
         ray, level = hit.si.spawn_ray(d), hit.level + 1
         return State(ray, flux, scatters, medium, from_inseparable, density, glossy, level, landed)
 
     def _intersect(self, state: State) -> tuple[Hit, mi.MediumPtr | None]:
-        """Returns the surface points that the photons meet, and the medium in which the photons arrive."""
+        """Returns the surface points that the photons meet, and the medium in which the photons arrive.
+
+        The flux of a hit is reduced by the absorption of the medium.
+        """
         si, d = self.scene.ray_intersect(state.ray, state.active), state.ray.d
         surface, medium, flux = state.active & si.is_valid(), state.medium, state.flux
         if self.absorbs:

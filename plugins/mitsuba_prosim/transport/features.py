@@ -91,9 +91,9 @@ def features(
         throughput = throughput * weight
         if media:
             medium = medium_beyond(si, medium, d, surface)
-        going = surface & (state.level < MAX_LEVEL) & (dr.max(throughput) > MIN_THROUGHPUT)
+        continues = surface & (state.level < MAX_LEVEL) & (dr.max(throughput) > MIN_THROUGHPUT)
         ray, level = si.spawn_ray(d), state.level + 1
-        return State(ray, albedo, throughput, normal, going, level, state.sampler, medium)
+        return State(ray, albedo, throughput, normal, continues, level, state.sampler, medium)
 
     medium = pointer(camera_medium) if media else None
     black, none = mi.Spectrum(0), mi.Normal3f(0)

@@ -36,7 +36,7 @@ import mitsuba as mi
 
 from ..compat import BLEND, EVALUATED_TOGETHER, MAPS, MASK, samples_elsewhere
 from ..masks import but_not, idle
-from ..optics.nested import all_shapes, all_within, leaves
+from ..optics.nested import Leaf, all_shapes, all_within, leaves
 from . import lobes
 from .lobes import LobePoint
 
@@ -110,9 +110,10 @@ def _needs_leaves(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
 def sample(
     lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """Returns ``(bs, weight)``: a sample of ``lobe`` of one ``bsdf``, in the form of ``mi.BSDF.sample``.
+    """Returns ``(bs, weight)``: a sample of ``lobe`` of ``bsdf``, in the form of ``mi.BSDF.sample``.
 
-    ``bs.pdf`` is 0 if the sample belongs to another lobe.
+    The function applies the workarounds of this module for ``mask`` and ``blendbsdf``, if ``bsdf`` contains one. ``u``
+    are the random numbers of the sample. ``bs.pdf`` is 0 if the sample belongs to another lobe.
     """
     if _needs_leaves(lobe, bsdf):
         return sample_leaves(lobe, bsdf, si, u, active)
@@ -139,8 +140,11 @@ def sample(
 def eval_pdf(
     lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
 ) -> tuple[mi.Spectrum, mi.Float]:
-    """Returns the value of ``lobe`` of ``bsdf`` times the cosine, and the density of :func:`sample`, both for the
-    direction ``wo``.
+    """Returns the value of ``lobe`` of ``bsdf`` times the cosine of ``wo``, and the density with which :func:`sample`
+    samples ``wo``.
+
+    Where :func:`sample` requests only the smooth lobes, with probability 1/2, the density is half the density of the
+    smooth lobes.
     """
     splits_choice = _mixes_ideal_and_smooth(lobe, bsdf) and not _needs_leaves(lobe, bsdf)
     requested = lobes.only(lobe, *lobes.SMOOTH) if splits_choice else lobe
@@ -192,10 +196,10 @@ def blend_share(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, ac
 def sample_leaves(
     lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """Returns ``(bs, weight)``: a sample of one of the BSDFs that ``bsdf`` blends.
+    """Returns ``(bs, weight)``: a sample of one of the BSDFs that ``bsdf`` blends, in the form of ``mi.BSDF.sample``.
 
-    For an ideal lobe, ``bs.pdf`` is the probability of the lobe. For a smooth lobe, ``bs.pdf`` is the density of all
-    smooth lobes together.
+    A BSDF is chosen with the probability that is its weight in the blend. For an ideal lobe, ``bs.pdf`` is the
+    probability of the lobe. For a smooth lobe, ``bs.pdf`` is the density of all smooth lobes of the blend together.
     """
     (choice, point), bs, weight, interval_begin = u, dr.zeros(mi.BSDFSample3f), mi.Spectrum(0), mi.Float(0)
     bs.wo = -si.wi
@@ -215,14 +219,22 @@ def sample_leaves(
         bs, weight = dr.select(chosen, one, bs), dr.select(chosen, value * dr.relative_grad(leaf.share), weight)
         interval_begin += probability
     smooth = active & mi.has_flag(bs.sampled_type, mi.BSDFFlags.Smooth) & (bs.pdf > 0)
+    f, pdf = eval_leaves(lobe, all_leaves, si, bs.wo, smooth)
+    bs.pdf = dr.select(smooth, pdf, bs.pdf)
+    return bs, dr.select(smooth, f / dr.select(pdf > 0, pdf, 1), weight)
+
+
+def eval_leaves(
+    lobe: mi.BSDFContext, all_leaves: list[Leaf], si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
+) -> tuple[mi.Spectrum, mi.Float]:
+    """Returns the value of ``lobe`` times the cosine, and the density, of a blend of BSDFs for the direction ``wo``."""
     f, pdf = mi.Spectrum(0), mi.Float(0)
     for leaf in all_leaves:
         if leaf.bsdf is not None:
-            wo = mi.Vector3f(bs.wo.x, bs.wo.y, dr.mulsign(bs.wo.z, si.wi.z)) if leaf.turned else bs.wo
-            f_leaf, pdf_leaf = leaf.bsdf.eval_pdf(lobe, leaf.seen_by(si), wo, smooth)
+            wo_leaf = mi.Vector3f(wo.x, wo.y, dr.mulsign(wo.z, si.wi.z)) if leaf.turned else wo
+            f_leaf, pdf_leaf = leaf.bsdf.eval_pdf(lobe, leaf.seen_by(si), wo_leaf, active)
             f, pdf = f + leaf.share * f_leaf, pdf + leaf.share * pdf_leaf
-    bs.pdf = dr.select(smooth, pdf, bs.pdf)
-    return bs, dr.select(smooth, f / dr.select(pdf > 0, pdf, 1), weight)
+    return f, pdf
 
 
 def past_emitters(

@@ -6,7 +6,7 @@ import json
 import os
 import sys
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -193,31 +193,18 @@ def render_image(
     :func:`.interruptible` describes ``received_signals``. Raises InputError (then no file has been written) and
     ClickException. If a single image is interrupted before its first sample, the process ends.
     """
-    job, is_frame, film = task.job, bool(task.facts), task.sensor.film()
+    job, is_frame = task.job, bool(task.facts)
     task.check_place()
     state = Path(f"{task.stem}{task.state_suffix}")
-    consumers: list[Any] = [CheckpointWriter(state, task.about)] if task.state_suffix else []
     snapshots = Snapshots(task)
-    with TevClient(job, film) as viewer, interruptible(task.integrator.cancel, received_signals) as signals:
-        consumers += [snapshots, viewer.update]
-        executor = resources.executor(task.file)
-        started = perf_counter()
-        start = halves.denoised_progressive if job.denoise else rendering.progressive
-        options: dict[str, Any] = {"begin": task.begin, "part": job.part, "executor": executor}
-        try:
-            steps = start(task.scene, task.sensor, task.integrator, job.seed, job.spp or 0, **options)
-            while not (signals or resources.loss_reason) and (step := next(steps, None)) is not None:
-                bar.show(step.done)
-                for consume in consumers:
-                    consume(steps)
-            steps.close()
-            snapshots(steps)
-        except ValueError as error:
-            raise InputError(str(error)) from None
-        except (RuntimeError, MemoryError) as error:
-            raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
-        seconds, reached = perf_counter() - started, steps.reached
-        lost = resources.loss_reason
+    consumers: list[Any] = [CheckpointWriter(state, task.about)] if task.state_suffix else []
+    with (
+        TevClient(job, task.sensor.film()) as viewer,
+        interruptible(task.integrator.cancel, received_signals) as signals,
+    ):
+        steps, seconds = run_steps(task, bar, resources, [*consumers, snapshots, viewer.update], signals)
+        snapshots(steps)
+        reached, lost = steps.reached, resources.loss_reason
         interruption = lost or ("interrupted" if signals else None)
         if interruption and not is_frame and reached is not None and reached.samples == 0:
             nothing = "before the first sample; nothing was written."
@@ -237,19 +224,53 @@ def render_image(
         partial = image.contents and reached is not None and reached.min_samples == 0
         viewer.show()
         written = [*files.save(task.stem, image.contents | unsaved), *saved]
-    width, height = film.crop_size()
-    first = (
-        f"{' and '.join(map(str, written))}: "
-        + (f"part {job.part.number} of {job.part.of}, " if job.part else "")
-        + f"{width} x {height} pixels, {job.variant}, {seconds:.2f} s"
-        + (f", {task.file.wrapped} within prosim_adaptive" if task.file.wrapped else "")
-    )
+    first = written_line(task, written, seconds)
     image.lines, image.interruption = [first, *image.lines], interruption
     if interruption:
         first += ", interrupted" + (": pixels without a sample are black" if partial else "")
         how_to_continue = f"To continue it: prosim resume {state}" if task.state_suffix else None
         image.lines = [first, lost, *image.lines[1:], how_to_continue]
     return image
+
+
+def run_steps(
+    task: RenderTask,
+    bar: Progress,
+    resources: Resources,
+    consumers: Sequence[Callable[[Any], None]],
+    signals: list[int],
+) -> tuple[Any, float]:
+    """Renders a task until its end, a signal, or the loss of the cluster; returns the render and the elapsed seconds.
+
+    Each of the ``consumers``, such as the writer of checkpoints, is called with the render after each step. ``signals``
+    is the list to which :func:`.interruptible` adds the signals that arrive. Raises InputError and ClickException.
+    """
+    job, executor, started = task.job, resources.executor(task.file), perf_counter()
+    begin = halves.denoised_progressive if job.denoise else rendering.progressive
+    options: dict[str, Any] = {"begin": task.begin, "part": job.part, "executor": executor}
+    try:
+        steps = begin(task.scene, task.sensor, task.integrator, job.seed, job.spp or 0, **options)
+        while not (signals or resources.loss_reason) and (step := next(steps, None)) is not None:
+            bar.show(step.done)
+            for consume in consumers:
+                consume(steps)
+        steps.close()
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    except (RuntimeError, MemoryError) as error:
+        raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
+    return steps, perf_counter() - started
+
+
+def written_line(task: RenderTask, written: Sequence[Path], seconds: float) -> str:
+    """Returns the first line of a report: the written files, the part, the size, the variant and the seconds."""
+    job, (width, height) = task.job, task.sensor.film().crop_size()
+    return (
+        f"{' and '.join(map(str, written))}: "
+        + (f"part {job.part.number} of {job.part.of}, " if job.part else "")
+        + f"{width} x {height} pixels, {job.variant}, {seconds:.2f} s"
+        + (f", {task.file.wrapped} within prosim_adaptive" if task.file.wrapped else "")
+    )
 
 
 def write_image(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:

@@ -70,7 +70,11 @@ class Picture:
 
 
 def layers_of_render(render: Render, integrator: mi.Integrator) -> dict[str, np.ndarray]:
-    """Returns the :data:`LAYERS` of a render, and the layers of the integrator's parameter ``layers``."""
+    """Returns the :data:`LAYERS` of a render, and the layers of the integrator's parameter ``layers``: name -> array.
+
+    The layers of the integrator get names such as ``lights.lamp1``. They are channels of the developed image, before
+    the other AOVs.
+    """
     kind, image = getattr(integrator, "layers", "none"), np.array(render.image())
     layers = {"final": colours(image), "error": render.error(), "samples": render.counts().astype(np.float32)}
     if kind != "none":

@@ -306,7 +306,9 @@ def quotient(value: mi.Float, pdf: mi.Float) -> mi.Float:
 def near_specular_bsdfs(scene: mi.Scene) -> frozenset[mi.BSDF]:
     """Returns the near-specular BSDFs of ``scene``, including the BSDFs within instances.
 
-    A dispersive BSDF, or a BSDF with inseparable lobes, is never near-specular.
+    A glossy BSDF is near-specular if its sampled rays are much denser than those of the roughest glossy BSDF of the
+    scene (:data:`MIN_DENSITY_RATIO`, :data:`MIN_DENSITY`). A dispersive BSDF, or a BSDF with inseparable lobes, is
+    never near-specular.
     """
     glossy = [b for b in all_bsdfs(scene) if lobes.has_any(int(b.flags()), *lobes.GLOSSY) and not is_inseparable(b)]
     if len(glossy) < 2:

@@ -84,8 +84,9 @@ def specular_or_diffuse(
 def roulette(context: Context, ray: Ray, active: mi.Bool, eta: mi.Float, sample: mi.Float) -> tuple[Ray, mi.Bool]:
     """Returns ``(ray, active)`` after Russian roulette, which begins at level ``rr_depth`` of the path.
 
-    A path survives if ``sample``, a random number in [0, 1), is below its throughput without the factor ``eta``² of
-    refractions; the throughput of the survivor is divided by this probability, which is at most 0.95.
+    A path survives with the probability max(throughput) ``eta``², at most 0.95, and its throughput is divided by this
+    probability. The factor ``eta``² makes up for the scaling of radiance inside glass, which is not a loss of light.
+    ``sample`` is a random number in [0, 1) that decides.
     """
     survival = dr.detach(dr.minimum(dr.max(ray.throughput) * dr.square(eta), 0.95))
     plays = ray.level >= context.settings.rr_depth

@@ -115,7 +115,7 @@ class Reader(Scanner):
         """Reads END and the text after END; a text that ends without END is an error."""
         if not self.keyword.role:
             reason = "the file ends here and END is missing; expected END as the last statement"
-            self.add_error(self.last.separated()[-1].span, reason, "no-end")
+            self.add_error(self.last.span, reason, "no-end")
         elif rest := self.read_rest():
             reason = "the text after END is ignored; delete it"
             self.warnings.append(self.source.warning(rest.span, reason, "after-end"))
@@ -137,8 +137,8 @@ class Reader(Scanner):
         start = max(error.span.start if error.span else 0, self.keyword.start)
         next_statement = STATEMENT_LINE.search(self.source.text, start + 1)
         self.position = next_statement.start() if next_statement else len(self.source.text)
-        while self.pieces and self.pieces[-1].end > self.position:
-            self.pieces.pop()
+        while self.tokens and self.tokens[-1].end > self.position:
+            self.tokens.pop()
         self.skipped, self.token = min(self.skipped, start), START
         return next_statement is not None
 
@@ -151,7 +151,7 @@ class Reader(Scanner):
         """
         if "USE" not in self.expected or normalise(token.text) not in self.fields["solids"]:
             raise self.unexpected_token(token)
-        self.pieces[-1] = self.last = token._replace(role="USE")
+        self.tokens[-1] = self.last = token._replace(role="USE")
         return self.last
 
     def add_error(self, span: Span, reason: str, code: str) -> None:
@@ -200,7 +200,6 @@ class Reader(Scanner):
         allowed = words.INDEX if keyword.role == "USE" else find_word(keyword.role, keyword.text).numbers
         self.wanted, self.number_tokens = (keyword.text, allowed), [first] if first and first.role == "NUMBER" else []
         if self.number_tokens or not first:
-            self.number_tokens += self.read_plain_numbers()
             expected = _or_number(follow)
             while self.read_token(expected).role in ("NUMBER", "BOOL"):
                 self.number_tokens.append(self.token)
@@ -214,10 +213,9 @@ class Reader(Scanner):
         tokens = self.number_tokens
         if self.definitions.undefined and any(self.source.text[token.start] in "${" for token in tokens):
             return None  # the undefined name is reported as an error
-        value = allowed.value([text for token in tokens for text in token.text.split()])
+        value = allowed.value([token.text for token in tokens])
         if value is not None:
             return value
-        tokens = [number for token in tokens for number in token.separated()]
         first, last = (tokens[0], tokens[-1]) if tokens else (keyword, keyword)
         wrong = next((token for token in tokens if not allowed.allows(allowed.parse(token.text))), None)
         if not allowed.allows_count(len(tokens)):
@@ -407,7 +405,7 @@ class Reader(Scanner):
 
     def read_tree(self) -> Tree:
         """Reads a CSG tree: operators and primitives in prefix order. The nodes of a named solid replace its name."""
-        error_count, first_token = len(self.errors), len(self.pieces)
+        error_count, first_token = len(self.errors), len(self.tokens)
         nodes: list[model.Operator | model.Leaf] = []
         self.read_token(TREE)
         while (token := self.token).role not in STATEMENT_END:
@@ -420,7 +418,7 @@ class Reader(Scanner):
                 nodes.append(OPERATORS[token.text])
                 self.read_token(TREE)
         # Parentheses are comments, so a tree that is written in parentheses was read as an empty tree.
-        for token in self.pieces[first_token:] if not nodes else ():
+        for token in self.tokens[first_token:] if not nodes else ():
             if token.role == "COMMENT" and token.text[0] == "(" and PRIMITIVE.search(token.text):
                 raise self.source.error(token.span, f"this tree is a comment; {PREFIX}", "tree-in-comment")
         if nodes and len(self.errors) == error_count:
@@ -497,9 +495,7 @@ class Reader(Scanner):
         """Returns the error about a token with an unexpected role: the token, the expected input, and a suggestion."""
         roles, text, span = self.expected, token.text, token.span
         keyword, wanted = self.wanted or ("", words.NO_NUMBERS)
-        lacks_numbers = bool(self.wanted) and not wanted.allows_count(
-            sum(len(token.text.split()) for token in self.number_tokens)
-        )
+        lacks_numbers = bool(self.wanted) and not wanted.allows_count(len(self.number_tokens))
         if lacks_numbers:
             expected, reason, code = wanted.count_in_words(), f" after {keyword}", "count"
         else:
@@ -510,7 +506,7 @@ class Reader(Scanner):
             return self.source.error(self.parenthesis, "this '(' is not closed; expected ')'", "unclosed")
         if not token.role:
             reason = f"the file ends after this; expected {expected}"
-            return self.source.error(self.last.separated()[-1].span, reason, "unexpected-end")
+            return self.source.error(self.last.span, reason, "unexpected-end")
         if mark := mark_hint(self.source.text, token.start):
             reason, code = mark, "foreign"
         elif "NUMBER" in self.expected and token.role in LIKE_NUMBERS and LIKE_NUMBER.search(text):

@@ -22,9 +22,6 @@ PIECE = re.compile(
     r'|(?P<word>[^\s()#":={$][^\s()#":=]*)|(?P<equals>[:=])|(?P<comment>\#[^\n]*)'
     r'|(?P<expression>\{[^{}\n]*\}?)|(?P<name>\$[^\s()#":=]*)|(?P<string>"[^"\n]*"?))'
 )
-#: Matches the next one to four plain numbers, which must end at white space or at a mark.
-NUMBERS = re.compile(rf'\s*({NUMBER}(?:\s+{NUMBER}){{0,3}})(?![^\s()#":=])')
-EQUALS = re.compile(r"\s*[:=]")
 PARENTHESIS = re.compile(r"[()]")
 #: The roles of the tokens that a ``$name`` may stand for: values, and no keyword of a statement.
 VALUES = frozenset(
@@ -37,8 +34,7 @@ class Token(NamedTuple):
 
     ``role`` is the grammar role of the token. Three roles are special: COMMENT, REST (the text after END) and EQUALS (a
     misplaced ``=`` or ``:``). At the end of the text the role is ``""``. ``text`` is the content of the token: the
-    value of a name or an expression, a string without its quotes. Successive plain numbers may be one token of role
-    NUMBERS.
+    value of a name or an expression, a string without its quotes.
     """
 
     role: str
@@ -51,13 +47,6 @@ class Token(NamedTuple):
         """The range of text offsets that the token covers."""
         return Span(self.start, self.end)
 
-    def separated(self) -> list["Token"]:
-        """Splits a token of role NUMBERS into one token for each number; returns any other token in a list."""
-        if self.role != "NUMBERS":
-            return [self]
-        numbers = ((number[0], *number.span()) for number in re.finditer(r"\S+", self.text))
-        return [Token("NUMBER", text, self.start + start, self.start + end) for text, start, end in numbers]
-
 
 #: The value of "the previous token" before the first token is read.
 START = Token("", "", 0, 0)
@@ -66,7 +55,7 @@ START = Token("", "", 0, 0)
 class Scanner(ABC):
     """Reads the tokens of a text, in order.
 
-    ``pieces`` lists the tokens that were read, with comments; ``last`` is the last token that is not a comment.
+    ``tokens`` lists the tokens that were read, with comments; ``last`` is the last token that is not a comment.
     ``token`` is the current token, ``expected`` is the set of grammar roles that may stand at its place, and
     ``keyword`` is the first token of the current statement. A ``$name`` without a value is replaced by a placeholder: a
     token with a role that the grammar expects.
@@ -74,15 +63,10 @@ class Scanner(ABC):
 
     def __init__(self, source: Source, definitions: Definitions) -> None:
         self.source, self.definitions = source, definitions
-        self.pieces: list[Token] = []
+        self.tokens: list[Token] = []
         self.position = 0
         self.last = self.token = self.keyword = START
         self.expected = frozenset[str]()
-
-    @property
-    def tokens(self) -> list[Token]:
-        """All tokens that were read, with comments, and with a separate token for each number."""
-        return [token for piece in self.pieces for token in piece.separated()]
 
     def read_token(self, expected: frozenset[str]) -> Token:
         """Reads and returns the next token that is not a comment.
@@ -92,10 +76,11 @@ class Scanner(ABC):
         """
         text, match_piece, self.expected = self.source.text, PIECE.match, expected
         while found := match_piece(text, self.position):
-            kind, group = found.lastgroup or "", found.lastindex or 0
-            start, self.position = found.span(group)
-            piece = found[group]
-            if kind == "word":
+            kind = str(found.lastgroup)
+            piece, start, self.position = found[kind], found.start(kind), found.end()
+            if kind == "number":
+                token = Token("NUMBER", piece, start, self.position)
+            elif kind == "word":
                 token = Token(role_of(piece, expected, self.keyword.role), piece, start, self.position)
             elif kind == "equals" and (self.last.role in ROLES or self.last.role == "VARIABLE"):
                 continue
@@ -106,7 +91,7 @@ class Scanner(ABC):
                 token = Token(MARKS[piece], piece, start, self.position)
             else:
                 token = self.rare_token(kind, piece, Span(start, self.position))
-            self.pieces.append(token)
+            self.tokens.append(token)
             self.last = token
             break
         else:
@@ -120,21 +105,6 @@ class Scanner(ABC):
         token.
         """
 
-    def read_plain_numbers(self) -> list[Token]:
-        """Reads the plain numbers that follow, as one token; returns a list of this token, or an empty list.
-
-        A ``$name`` or an expression is not a plain number and ends the list.
-        """
-        text = self.source.text
-        if self.last.role in ROLES and (mark := EQUALS.match(text, self.position)):
-            self.position = mark.end()
-        if (match := NUMBERS.match(text, self.position)) is None:
-            return []
-        start, self.position = match.span(1)
-        self.last = Token("NUMBERS", match[1], start, self.position)
-        self.pieces.append(self.last)
-        return [self.last]
-
     def read_comment(self, kind: str, start: int) -> None:
         """Reads the comment that begins at ``start``; a comment in parentheses may contain parentheses."""
         if kind == "mark":
@@ -147,14 +117,12 @@ class Scanner(ABC):
             else:
                 reason = "this comment is not closed; expected ')'"
                 raise self.source.error(Span(start, start + 1), reason, "unclosed")
-        self.pieces.append(Token("COMMENT", self.source.text[start : self.position], start, self.position))
+        self.tokens.append(Token("COMMENT", self.source.text[start : self.position], start, self.position))
 
     def rare_token(self, kind: str, piece: str, span: Span) -> Token:
         """Returns the token of a less frequent kind; ``kind`` is the name of the group of :data:`PIECE` that
         matched.
         """
-        if kind == "number":
-            return Token("NUMBER", piece, *span)
         if kind == "mark":
             raise self.source.error(span, "found ')' without its '('; expected it after a '('", "unclosed")
         if kind == "equals":
@@ -204,7 +172,7 @@ class Scanner(ABC):
                 with suppress(SceneError):  # an unclosed parenthesis
                     self.read_comment(kind, start)
                     continue
-            self.pieces.append(Token("REST", text[start:], start, len(text)))
+            self.tokens.append(Token("REST", text[start:], start, len(text)))
             return Token("REST", match[kind], start, self.position)
         return None
 

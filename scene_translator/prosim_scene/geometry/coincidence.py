@@ -27,37 +27,44 @@ from typing import NamedTuple
 import numpy as np
 from manifold3d import Manifold, Mesh64
 
+from .grouping import components
+
 SAME = 1e-7  # tolerance of a quadric's coefficients in a primitive's own space
-NEAR = 1e-6  # first tolerance of the coefficients in the scene's space, which selects the surfaces to compare
+NEAR = 1e-6  # tolerance of the coefficients in the scene's space, which selects the surfaces to compare
 
 
-def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
-    """Returns a representative of each of n surfaces: the number of the equal surface that belongs to the largest
-    primitive.
+def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Returns a representative of each of n faces: the face of the largest primitive among the connected faces.
 
-    Surface i is the quadric ``quadrics[i]`` (n, 4, 4) in the space of a primitive, which ``matrices[i]`` (n, 4, 4) maps
-    to the world. A representative represents itself.
+    Two faces are connected if their surfaces are equal and their boxes touch. The surface of face i is the quadric
+    ``quadrics[i]`` (n, 4, 4) in the space of a primitive, which ``matrices[i]`` (n, 4, 4) maps to the world; its box in
+    the world has the corners ``low[i]`` and ``high[i]`` (n, 3). A representative represents itself.
     """
     sizes = np.linalg.norm(matrices[:, :3, :3], axis=(1, 2))
-    features, near = _features(quadrics, matrices), NEAR
-    order = np.argsort(-sizes, kind="stable")
-    result = np.full(len(quadrics), -1)
-    canonical = quadrics / np.linalg.norm(quadrics, axis=(1, 2), keepdims=True)
-    while len(order):  # each round finds, in each cluster, the surface of the largest primitive
-        _, first, cluster = np.unique(_clusters(features[order], near), return_index=True, return_inverse=True)
-        near /= 2  # the next round splits clusters of many different surfaces
-        representative = order[first][cluster]
-        inverse = np.linalg.inv(matrices[order[first], :3, :3])[cluster]
-        relative = np.zeros((len(order), 4, 4))  # from the space of each primitive to the space of the representative
-        relative[:, :3, :3] = inverse @ matrices[order, :3, :3]
-        relative[:, :3, 3:] = inverse @ (matrices[order] - matrices[representative])[:, :3, 3:]
+    features, inverse = _features(quadrics, matrices), np.linalg.inv(matrices[:, :3, :3])
+
+    def equal(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        """Whether pairs of faces have equal surfaces; compares them in the space of the larger primitive."""
+        result = np.asarray(np.abs(features[first] - features[second]).max(axis=1) < NEAR)
+        first, second = first[result], second[result]
+        large = np.where(sizes[first] < sizes[second], second, first)
+        small = first + second - large
+        relative = np.zeros((len(small), 4, 4))  # from the space of the small primitive to that of the large one
+        relative[:, :3, :3] = inverse[large] @ matrices[small, :3, :3]
+        relative[:, :3, 3:] = inverse[large] @ (matrices[small] - matrices[large])[:, :3, 3:]
         relative[:, 3, 3] = 1
-        transformed = relative.transpose(0, 2, 1) @ quadrics[representative] @ relative
-        transformed /= np.linalg.norm(transformed, axis=(1, 2), keepdims=True)
-        same = np.abs(transformed - canonical[order]).max(axis=(1, 2)) < SAME
-        same |= order == representative
-        result[order[same]] = representative[same]
-        order = order[~same]
+        compared = np.stack([relative.transpose(0, 2, 1) @ quadrics[large] @ relative, quadrics[small]])
+        compared /= np.linalg.norm(compared, axis=(2, 3), keepdims=True)
+        result[result] = np.abs(compared[0] - compared[1]).max(axis=(1, 2)) < SAME
+        return result
+
+    # An offset along x separates the boxes of different surfaces, so one call finds the components of all surfaces.
+    offset = np.outer(_clusters(features) * 2 * np.ptp([low[:, 0], high[:, 0]]), [1, 0, 0])
+    group = components(low + offset, high + offset, equal)
+    order = np.argsort(-sizes, kind="stable")
+    _, largest, number = np.unique(group[order], return_index=True, return_inverse=True)
+    result = np.empty_like(order)
+    result[order] = order[largest][number]
     return result
 
 
@@ -77,15 +84,15 @@ def _features(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     return np.asarray(world[:, row, column])
 
 
-def _clusters(rows: np.ndarray, near: float) -> np.ndarray:
-    """Labels the rows of an array: rows that differ by less than ``near`` in every column have the same label."""
+def _clusters(rows: np.ndarray) -> np.ndarray:
+    """Labels the rows of an array: rows that differ by less than NEAR in every column have the same label."""
     label = np.zeros(len(rows), int)
     count = 0
     while count < label.max() + 1:
         count = label.max() + 1
         for column in rows.T:
             order = np.lexsort([column, label])
-            new = (np.diff(label[order]) != 0) | (np.diff(column[order]) > near)
+            new = (np.diff(label[order]) != 0) | (np.diff(column[order]) > NEAR)
             label[order] = np.concatenate([[0], np.cumsum(new)])
     return label
 

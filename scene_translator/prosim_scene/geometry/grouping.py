@@ -1,6 +1,6 @@
 """Finds equal keys, and boxes that overlap or touch."""
 
-from collections.abc import Hashable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from typing import TypeVar
 
 import numpy as np
@@ -16,7 +16,7 @@ def group_equal(keys: Iterable[K]) -> dict[K, list[int]]:
     return groups
 
 
-MAX_PAIRS = 1 << 20  # the largest number of pairs that are tested at a time
+MAX_PAIRS = 1 << 16  # the largest number of pairs that are tested at a time
 
 
 def sweep(low: np.ndarray, high: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -50,10 +50,18 @@ def touching(boxes: np.ndarray, box: np.ndarray) -> np.ndarray:
     return np.flatnonzero(((boxes[:, 0] <= box[1]) & (boxes[:, 1] >= box[0])).all(axis=1))
 
 
-def components(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Labels the connected components of boxes that touch; the label is the smallest box number in the component."""
+def components(
+    low: np.ndarray, high: np.ndarray, connected: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+) -> np.ndarray:
+    """Labels the connected components of boxes that touch; the label is the smallest box number in the component.
+
+    ``connected(first, second)`` returns which of several pairs of touching boxes are connected; the default is all.
+    """
     label = np.arange(len(low))
     for first, second in sweep(low, high):
+        if connected:
+            pairs = np.stack([first, second])[:, label[first] != label[second]]
+            first, second = pairs[:, connected(*pairs)]
         while True:
             a, b = label[first], label[second]
             if (a == b).all():

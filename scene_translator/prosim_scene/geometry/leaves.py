@@ -10,7 +10,7 @@ from ..language.document import Document
 from ..view import Camera
 from .coincidence import STEP, Planes, same_surfaces
 from .detail import active_zones, choose_segments, shrink_inscribed
-from .grouping import components, group_equal
+from .grouping import group_equal
 from .primitives import PRIMITIVES, CornerAttributes, Primitive
 from .solids import Solid, world_box_corners
 from .transforms import matrices
@@ -79,8 +79,10 @@ class Leaves:
             return
         solid = np.repeat(np.arange(len(self.solids)), counts)
         to_world_matrices = np.array([s.to_world for s in self.solids])[solid]
-        surface = same_surfaces(np.concatenate([s.primitive.quadrics for s in self.solids]), to_world_matrices)
-        surface = self._split_flat_surfaces(surface, solid)
+        boxes = world_box_corners(self.solids)[solid]
+        low, high = boxes.min(axis=1) - self.step, boxes.max(axis=1) + self.step
+        quadrics = np.concatenate([s.primitive.quadrics for s in self.solids])
+        surface = same_surfaces(quadrics, to_world_matrices, low, high)
         users = np.bincount(surface, uses[solid])
         shared = np.where(users[surface] > 1, surface, -1)
         for s, surfaces in zip(self.solids, np.split(shared, np.cumsum(counts)[:-1])):
@@ -92,27 +94,6 @@ class Leaves:
         distinct, renumbered = np.unique(first, return_inverse=True)
         self.solids = [self.solids[i] for i in distinct]
         self.of_leaf = renumbered[self.of_leaf]
-
-    def _split_flat_surfaces(self, surface: np.ndarray, solid: np.ndarray) -> np.ndarray:
-        """Splits flat surfaces into connected components of faces whose boxes touch; returns the surface (n,) of each
-        face.
-
-        The n faces are the quadrics of all solids, such as the six sides of a cube. ``surface`` (n,) has the number of
-        the surface of each face; ``solid`` (n,) has the number of the solid of each face. The number of a surface is
-        the number of its face on the largest solid.
-        """
-        boxes = world_box_corners(self.solids)[solid]
-        low, high = boxes.min(axis=1) - self.step, boxes.max(axis=1) + self.step
-        curved = [face == s.primitive.curved for s in self.solids for face in range(len(s.primitive.quadrics))]
-        low[curved], high[curved] = low.min(axis=0), high.max(axis=0)
-        # An offset along x separates the boxes of different surfaces, so one call finds the components of all surfaces.
-        offset = np.unique(surface, return_inverse=True)[1] * 2 * np.ptp([low[:, 0], high[:, 0]])
-        group = components(low + np.outer(offset, [1, 0, 0]), high + np.outer(offset, [1, 0, 0]))
-        order = np.argsort(-_sizes(self.solids)[solid], kind="stable")
-        _, largest, number = np.unique(group[order], return_index=True, return_inverse=True)
-        result = np.empty_like(order)
-        result[order] = order[largest][number]
-        return result
 
     def cache_key(self) -> Hashable:
         """A hashable key, equal for equal tables."""
@@ -136,7 +117,8 @@ class Leaves:
         triangles = np.concatenate([np.empty((0, 3), int), *(meshes[i].triangles + ends[i] for i in sharing)])
         facets = np.concatenate([np.empty(0, int), *(meshes[i].facets + self.first[i] for i in sharing)])
         on = surface[facets] >= 0
-        rank = np.argsort(np.argsort(-_sizes(self.solids), kind="stable"))
+        sizes = np.linalg.norm([s.to_world[:3, :3] for s in self.solids], axis=(1, 2))
+        rank = np.argsort(np.argsort(-sizes, kind="stable"))
         owner = np.repeat(rank, np.diff(self.first)) * (self.faces.max() + 1) + self.faces
         self.planes = Planes(vertices[triangles[on]], facets[on], surface, owner, self.step)
         vertices = self.planes.snap_vertices(vertices, triangles[on], facets[on])
@@ -164,11 +146,6 @@ class Leaves:
         normals = result.normals @ inverse[:, :, :3]  # normals are transformed by the transposed inverse matrix
         length = np.linalg.norm(normals, axis=2, keepdims=True)
         return replace(result, normals=normals * (1 / np.where(length > 0, length, 1)))
-
-
-def _sizes(solids: Sequence[Solid]) -> np.ndarray:
-    """Returns a measure of the size of each solid (n,), by which solids are compared."""
-    return np.asarray(np.linalg.norm([s.to_world[:3, :3] for s in solids], axis=(1, 2)))
 
 
 def _check_transforms(document: Document, indices: Sequence[int], matrices: np.ndarray, boxes: np.ndarray) -> None:

@@ -16,9 +16,9 @@ def alone() -> Iterator[None]:
 
     Do not hold the lock while the user's code runs, nor across the ``yield`` of an iterator.
 
-    Mitsuba 3.9 has one search path per process, which loading a scene replaces, and one number of threads. Kernels call
-    the objects of all scenes, including a scene that another thread is still loading: such a kernel would call
-    functions of incomplete objects.
+    Mitsuba 3.9 has only one search path and one number of threads per process, and each loading of a scene replaces the
+    search path. Kernels call the objects of all scenes, including a scene that another thread is still loading: such a
+    kernel would call functions of incomplete objects.
 
     The garbage collector frees scenes in reference cycles. If the collector frees a scene while a kernel is traced,
     virtual function calls before and after this moment differ in the number of instances. After such a difference,

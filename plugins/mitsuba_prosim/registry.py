@@ -2,7 +2,7 @@
 
 A plugin class derives from a class of one variant (``mi.BSDF`` of ``llvm_ad_rgb``, for example). Therefore a module
 that defines a plugin is executed again when the variant changes, as Mitsuba's own Python integrators are. Modules of
-pure functions look up ``mi`` at each call and are executed once.
+pure functions use the active variant of ``mi`` at each call, and are executed once.
 """
 
 from __future__ import annotations

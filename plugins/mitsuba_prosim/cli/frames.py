@@ -65,7 +65,11 @@ class Film:
             return "interrupted" if signals else None
 
     def render_frame(self, number: int, resources: Resources, signals: list[int]) -> str | None:
-        """Renders a frame that is missing; returns the cause of an interruption, or None. Raises ClickException."""
+        """Renders a frame, unless its complete file exists; returns the cause of an interruption, or None.
+
+        The values of $frame and $time, and the seed, depend on ``number``. The first black frame causes a warning.
+        Raises ClickException.
+        """
         self.bar.begin(number)
         values = {name: value for name, value in self.definitions(number).items() if name in self.names}
         job = replace(self.job, definitions={**self.job.definitions, **values}, seed=(self.job.seed + number) % 2**32)

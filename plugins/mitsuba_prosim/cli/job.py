@@ -180,7 +180,7 @@ def job_options(*names: str) -> Callable[[Callable], Callable]:
     """Returns a decorator that adds the options of these fields of a :class:`Job` to a command."""
 
     def decorate(command: Callable) -> Callable:
-        """Adds one option to ``command`` for each of the field names."""
+        """Adds one option to ``command`` for each of the field names; the field describes its option."""
         for name in reversed(names):
             settings = dict(Job.__dataclass_fields__[name].metadata)
             flags = settings.pop("flags")
@@ -241,7 +241,12 @@ CONFLICTS = (
 
 
 def make_job(options: dict[str, Any]) -> Job:
-    """Makes the job for these options, and sets its variant. Raises UsageError if options contradict each other."""
+    """Makes the job for these options; sets the variant and loads the plugins, if ``options`` has a variant.
+
+    ``options`` maps fields of a :class:`Job` to the values on the command line. If the only target is a list of
+    snapshots, the last of them becomes the target. Raises UsageError if options contradict each other, and InputError
+    if an option needs another variant.
+    """
     given = {name for name, value in options.items() if value}
     for option, others, message in CONFLICTS:
         if option in given and given & set(others.split()):

@@ -142,7 +142,8 @@ class Resources(ExitStack):
     def executor(self, file: scene_file.SceneFile) -> DaskExecutor | None:
         """Returns the executor that renders the image of ``file`` on workers; None if this process renders it.
 
-        Raises InputError if the scene cannot be sent to workers, and ClickException.
+        The first call starts the workers, or connects to the cluster; later calls send the new scene to the same
+        workers. Raises InputError if the scene cannot be sent to workers, and ClickException.
         """
         job, option = self.job, self.job.distributed
         if option is None:

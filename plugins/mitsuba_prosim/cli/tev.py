@@ -37,7 +37,10 @@ class TevClient(ExitStack):
             self._connect(*job.view)
 
     def _connect(self, host: str, port: int) -> None:
-        """Connects to tev and creates an image there; raises ClickException if tev cannot be reached."""
+        """Connects to tev, with a timeout, and creates an image there.
+
+        Raises ClickException if tev cannot be reached, or if the package tevclient is missing.
+        """
         require_extra("tev", "--view tev (Python 3.11 or later)")
         import tevclient
 

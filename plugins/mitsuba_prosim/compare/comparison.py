@@ -54,7 +54,12 @@ class Comparison:
         self.images: dict[str, np.ndarray] = {}
 
     def run(self) -> Iterator[tuple[str, float]]:
-        """Renders all images; yields the name of the current work, and its progress, 0 to 1."""
+        """Renders the references and all images, and fills ``facts`` and ``images``.
+
+        Yields the name of the current work, and its progress, 0 to 1. The first section compares the methods with light
+        paths that both can simulate. If these are not the paths that the scene selects, a second section renders the
+        method that can simulate the latter.
+        """
         a, b = self.a, self.b
         transport = b.transport or a.transport or "scene"
         any_transport = next((spec for spec in (a, b) if spec.transport is None), None)
@@ -91,7 +96,10 @@ class Section:
         self.reference = Reference([reference_estimator(scene, spec, transport) for spec in specs.values()])
 
     def prepare(self) -> Iterator[tuple[str, float]]:
-        """Renders the reference, and makes the methods; yields the name of the current work, and its progress."""
+        """Renders the reference, and makes the methods of ``rows`` and ``curves``.
+
+        Yields the name of the current work, and its progress, 0 to 1.
+        """
         scene, transport, effort = self.scene, self.transport, self.effort
         for progress in self.reference.converge(effort.seconds):
             yield f"reference of {LIGHT[transport]}", progress
@@ -163,7 +171,7 @@ def median(facts: Mapping[str, Any], name: str) -> float:
 
 
 def at_level(scene: ComparedScene, spec: Spec, transport: str, n: int) -> Method:
-    """Returns the method with n * n samples per pixel; an adaptive method takes at most this number."""
+    """Returns the method of ``spec`` with ``n``² samples per pixel; an adaptive method takes at most this number."""
     if not spec.is_adaptive:
         return scene.method(spec, transport, spp=n * n)
     integrator: Any = scene.method(spec, transport).integrator
@@ -182,6 +190,9 @@ def reference_estimator(scene: ComparedScene, spec: Spec, transport: str) -> Met
 def equal_cost_methods(scene: ComparedScene, a: Method, b: Spec, transport: str) -> tuple[Method, Method]:
     """Returns two variants of the method ``b``: with the same number of samples as ``a``, and with the same time as
     ``a``.
+
+    The function renders ``a`` and ``b`` several times to measure their processor time. The times differ by at most 10
+    %, if four trials find such a sample count.
     """
     samples = max(round(float(np.mean(a.render(0)[1]))), 1)
 

@@ -37,7 +37,10 @@ class Runs:
     counts: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def measure(self, turn: int) -> None:
-        """Renders an image and measures it. Turn 0 only warms up; its results are not stored."""
+        """Renders an image with the seed ``turn``, and stores its time and its errors in ``values``.
+
+        Turn 0 only compiles the kernels; its time and errors are not stored.
+        """
         image, self.counts, seconds, cpu = self.method.render(turn)
         self.image = image * self.scale
         if turn > 0:

@@ -166,7 +166,7 @@ def falls_with_distance(emitter: mi.Emitter) -> bool:
 
 
 def nearby_lamp_model(power: np.ndarray, origins: np.ndarray, directions: np.ndarray, size: float) -> np.ndarray:
-    """Returns the model of a nearby lamp, computed from sampled rays that the lamp emits.
+    """Returns the model of a nearby lamp, a row of :func:`lamp_models`, computed from rays that the lamp emits.
 
     The rays have ``power``, shape (rays,), and ``origins`` and ``directions``, shape (rays, 3). ``size`` is the scene's
     radius.

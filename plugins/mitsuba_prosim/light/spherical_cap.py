@@ -76,7 +76,10 @@ _TINY = 1e-35
 def _direction_in_ellipse(
     cos_n: mi.Float, sin_n: mi.Float, sin2_theta_max: mi.Float, sample: mi.Point2f
 ) -> mi.Vector3f:
-    """Returns the direction to a point of the ellipse; the points are uniform in area."""
+    """Returns the local unit direction to the point of the ellipse that ``sample``, a point in [0, 1)², selects.
+
+    The points are uniform in area. The other arguments are those of `sample_projected_cap`.
+    """
     # Seen from above, the point's height is the height of the cap's boundary circle plus the bulge inside the circle.
     s, cos_max = dr.sqrt(sin2_theta_max), dr.safe_sqrt(1 - sin2_theta_max)
     p = mi.warp.square_to_uniform_disk_concentric(sample)

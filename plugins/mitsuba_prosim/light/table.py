@@ -1,4 +1,4 @@
-"""The light sources of a scene, in the form that surfaces sample.
+"""The light sources of a scene, grouped by the strategies that sample them.
 
 A surface samples every light source (sections 4.1, 5.2), or one source that the :mod:`.light_sampler` chooses.
 """

@@ -168,7 +168,11 @@ class Viewer:
     # ---------------------------------------------------------------- a new scene or view
 
     def _open(self) -> None:
-        """Opens the scene file, or opens it again after a change."""
+        """Opens the scene file, or opens it again after a change, and begins to render its image.
+
+        The translator's warnings are published. A camera that the user has moved stays, unless the file describes
+        another view than before.
+        """
         # Dr.Jit's kernels contain the materials of all loaded scenes, so the previous scene must be deleted first.
         self.scene, self._images = None, {}
         self.change(paused=False)
@@ -188,7 +192,10 @@ class Viewer:
         self._begin(scene)
 
     def _begin(self, scene: LoadedScene) -> None:
-        """Begins to render the image of the scene."""
+        """Begins to render the requested view of ``scene`` from the first sample; the image by ``path`` is dropped.
+
+        If the film has no crop window, a coarse image is rendered and published at once.
+        """
         self._shown = replace(self._request, compared=False, paused=False)
         self._reached, self._seconds = None, 0.0
         integrator = scene.scene.integrator()
@@ -223,7 +230,7 @@ class Viewer:
     # ---------------------------------------------------------------- work item after work item
 
     def _step(self, scene: LoadedScene) -> None:
-        """Renders a work item of the image whose last work item is the oldest."""
+        """Renders a work item of the unfinished image that has waited longest, and publishes the progress."""
         started, changes = time.perf_counter(), dict[str, Any]()
         image_name, image = next((name, image) for name, image in self._images.items() if not image.done)
         if image.step():

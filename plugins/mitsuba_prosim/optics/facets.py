@@ -204,7 +204,8 @@ def g1(cos_w: mi.Float, cos_m: mi.Float, w_m: mi.Float) -> mi.Float:
 def g(cos_i: mi.Float, cos_o: mi.Float, cos_m: mi.Float, i_m: mi.Float) -> mi.Float:
     """Returns the fraction of a reflecting facet that is both lit and visible.
 
-    The cosine w·m of a reflecting facet is the same for both directions.
+    ``cos_i``, ``cos_o`` and ``cos_m`` are the cosines between the surface's normal and the two directions and the
+    facet's normal. ``i_m`` is the cosine between a direction and the facet's normal, the same for both directions.
     """
     return g1(dr.minimum(cos_i, cos_o), cos_m, i_m)
 
@@ -215,9 +216,9 @@ def torrance_sparrow(
     """Evaluates the microfacet BRDF of Torrance and Sparrow, and returns ``(i_m, value, pdf)``.
 
     ``wi`` and ``wo`` are unit directions above the surface; the cosine of ``wi`` is above `GRAZING`. ``i_m`` is the
-    cosine between ``wi`` and the facet, which Fresnel's equations need. ``value`` is the BRDF without Fresnel's
-    reflectance, times the cosine of ``wo``: D G / (4 cos_i). ``pdf`` is the density per solid angle with which
-    :func:`sample_visible` leads to ``wo``.
+    cosine between ``wi`` and the facet's normal, which Fresnel's equations need. ``value`` is the BRDF without
+    Fresnel's reflectance, times the cosine of ``wo``: D G / (4 cos_i). ``pdf`` is the density per solid angle with
+    which :func:`sample_visible` leads to ``wo``.
     """
     m, i_m = reflecting(wi, wo)
     density = distribution.D(m, roughness) / (4 * wi.z)

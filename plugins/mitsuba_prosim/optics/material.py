@@ -112,7 +112,7 @@ class Pigmented(Material):
         raise NotImplementedError
 
     def specular_sample(self, si: mi.SurfaceInteraction3f, sample2: mi.Point2f, active: mi.Bool) -> mi.Vector3f:
-        """Returns a direction that is sampled from the specular lobe."""
+        """Returns a direction, in the local frame, that is sampled from the specular lobe by ``sample2`` in [0, 1)²."""
         raise NotImplementedError
 
     def specular_eval_pdf(self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:

@@ -266,18 +266,19 @@ def etendue_of(ray: Ray) -> mi.Float:
 
 
 def effective_photons(photons: mi.Float, others: mi.Float) -> mi.Float:
-    """Returns the number of photons that replaces two competitors of a ray in the power heuristic.
+    """Returns P / √(1 + O²), where P is the expected number of ``photons`` per ray, and O the number of ``others``.
 
-    The competitors of a ray are the expected number of ``photons`` and the number of ``others``, both per ray. The
-    result may also be a density, if ``photons`` is a density.
+    The others are samples of a third strategy that finds the same light, per ray. With this result :func:`ray_weight`
+    returns (1 + O²) / (1 + O² + P²): the joint MIS weight of the ray and the others. The result is a density if
+    ``photons`` is a density.
     """
     return photons * dr.rsqrt(1 + dr.square(others))
 
 
 def ray_weight(photons: mi.Float) -> mi.Float:
-    """Returns the MIS weight of a ray that competes with this expected number of ``photons``.
+    """Returns the MIS weight of a ray by the power heuristic, 1 / (1 + P²), if P ``photons`` per ray are expected.
 
-    The photons have one minus this weight.
+    The photons together have the weight 1 minus this weight.
     """
     return dr.rcp(1 + dr.square(photons))
 

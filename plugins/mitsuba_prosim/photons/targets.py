@@ -142,7 +142,7 @@ def sphere_around(spheres: np.ndarray) -> tuple[float, ...]:
 def versine(x: mi.Point3f, center: mi.Point3f, radius: mi.Float) -> mi.Float:
     """Returns 1 - cos of half the angle that a sphere subtends, seen from the point ``x``.
 
-    The value is 2 if ``x`` lies inside the sphere.
+    The value is 2, for all directions, if ``x`` lies inside the sphere.
     """
     sin2 = dr.square(radius) / dr.maximum(dr.squared_norm(center - x), 1e-30)
     return dr.select(sin2 < 1, sin2 / (1 + dr.safe_sqrt(1 - sin2)), 2)

@@ -139,7 +139,8 @@ def emitter_pointers(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> mi.Emit
 def _meshes_in_order(things: Sequence[tuple[Any, mi.Shape | None]]) -> list[Any]:
     """Returns ``things`` in an order that is the same in every process.
 
-    Each thing is given with its shape. Things whose shapes are no meshes are first.
+    Each thing is given with its shape. Things whose shapes are no meshes are first, in their own order. The others
+    follow, sorted by the ids and places of their meshes; equal meshes are sorted by their content.
     """
     import numpy as np
 

@@ -28,7 +28,7 @@ class Commands(click.Group):
     """A group of commands that lists and suggests commands without importing them."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Returns the command with this name, or None."""
+        """Imports the module of the command with this name, and returns the command; None for an unknown name."""
         if cmd_name not in COMMANDS:
             return None
         module, _, name = COMMANDS[cmd_name][0].partition(":")

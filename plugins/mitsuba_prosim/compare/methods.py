@@ -27,7 +27,10 @@ class Spec:
     """
 
     def __init__(self, text: str, **changes: Any) -> None:
-        """Raises ValueError if ``text`` does not have the form :data:`FORM`."""
+        """Parses ``text``; a value that is not a Python number or a boolean is a string.
+
+        Raises ValueError if ``text`` does not have the form :data:`FORM`.
+        """
         head, *parameters = text.split(",")
         self.text = text
         self.integrator, _, sampler = head.partition(":")

@@ -80,7 +80,7 @@ class ProgressiveImage:
             yield Step(1.0, True)
 
     def layers(self) -> Mapping[str, np.ndarray]:
-        """Returns the layers of the current image, for a :class:`.Picture`.
+        """Returns the layers of the current image, for a :class:`.Picture`, and sets :attr:`new` to False.
 
         The layers ``raw`` and ``denoised`` exist only after denoising; the final image is a mixture of them. During the
         first pass over the image the maps are missing, and pixels without a sample are taken from the coarse image, or

@@ -71,7 +71,7 @@ class Publisher:
         self.state = replace(self.state, **changes)
 
     async def follow(self) -> AsyncIterator[State]:
-        """Yields the current state, and then the latest state after each change."""
+        """Yields the current state, and then the latest state after each change, until the publisher is closed."""
         last = None
         while not self.closed:
             if self.state is not last:

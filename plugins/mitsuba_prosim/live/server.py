@@ -114,7 +114,7 @@ class Pages:
         self._viewer, self._publisher, self._encode = viewer, viewer.publisher, encode
 
     def routes(self) -> list[BaseRoute]:
-        """Returns the routes of the page's files and requests."""
+        """Returns the routes of the requests that the page sends, and of the page's own files."""
         return [
             Route("/events", self.events),
             Route("/layer/{image}/{layer}", self.layer),

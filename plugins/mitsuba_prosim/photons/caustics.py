@@ -86,8 +86,8 @@ class Caustics:
     def use_pass(self, seed: int, number: int, n: int) -> None:
         """Selects the photon pass ``number`` under ``seed``, from which samples then gather photons.
 
-        The photons of the pass are emitted and traced, unless the cache holds them. A sampling pattern has ``n``²
-        samples, and ``n`` samples of a pixel divide the spectrum.
+        The photons of the pass are emitted and traced, unless the cache holds them. If the cache is full, the oldest
+        pass is deleted. A sampling pattern has ``n``² samples, and ``n`` samples of a pixel divide the spectrum.
         """
         which = seed, number, n
         if which not in self._passes:

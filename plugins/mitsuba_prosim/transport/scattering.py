@@ -41,7 +41,8 @@ class Scattering:
     def of(cls, scene: mi.Scene, separate: bool = True) -> Scattering:
         """Returns the :class:`Scattering` for the BSDFs of ``scene``.
 
-        ``separate`` tells whether the integrator evaluates lobes separately.
+        ``separate`` tells whether the integrator evaluates lobes separately. If it does not, BSDFs without separable
+        lobes need no special treatment.
         """
         bsdfs = all_bsdfs(scene)
         inseparable = separate and any(map(workarounds.is_inseparable, bsdfs))
@@ -93,7 +94,7 @@ class Scattering:
         def sample(
             one: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, weights: list[mi.Float] | None, active: mi.Bool
         ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-            """Returns a sample of ``lobe`` for the BSDF ``one`` of the dispatched lanes."""
+            """Samples ``lobe`` of ``one``, the BSDF of all lanes of this call, and returns ``(bs, weight)``."""
             if getattr(one, "disperses", False):
                 return one.sample(lobe, si, *u, active, weights, undispersed=weights is None)
             return workarounds.sample(lobe, one, si, u, active)

@@ -43,7 +43,10 @@ class Camera:
         return np.asarray(self.eye + self.distance * self.to_world[:3, 2])
 
     def orbited(self, right: float, up: float) -> Camera:
-        """Returns the camera after rotations about the pivot by ``right`` and ``up`` degrees."""
+        """Returns the camera after rotations about the pivot by ``right`` and ``up`` degrees.
+
+        The rotation upwards or downwards ends at :data:`STEEPEST`.
+        """
         level = np.degrees(np.arcsin(np.clip(-self.to_world[:3, 2] @ self.up, -1, 1)))
         # A camera that is already steeper than STEEPEST may stay so, but must not become steeper.
         low, high = min(-STEEPEST, level), max(STEEPEST, level)

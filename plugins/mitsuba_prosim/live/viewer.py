@@ -215,7 +215,7 @@ class Viewer:
             self._publish()
 
     def _pause_or_compare(self) -> None:
-        """Adds or removes the image by ``path``, and draws all samples of images that are paused."""
+        """Adds or removes the image by ``path``; if rendering pauses, draws pictures of all samples taken so far."""
         request, own = self._request, self._images.get("own")
         if own is not None:
             if request.compared != self._shown.compared:

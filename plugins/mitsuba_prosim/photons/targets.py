@@ -58,7 +58,7 @@ class Targets:
         """Returns the density of the ray from ``x`` in the direction ``d`` if one photon is aimed at each sphere.
 
         The density is per solid angle from ``x``, or per area of parallel rays if ``far``. ``own`` is the sphere at
-        which the ray was aimed: the ray always counts as meeting this sphere, whatever rounding says.
+        which the ray was aimed: the ray always counts as meeting this sphere, even if rounding errors say otherwise.
         """
 
         def add(k: mi.UInt32, total: mi.Float) -> mi.Float:

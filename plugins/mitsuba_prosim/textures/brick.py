@@ -101,7 +101,7 @@ class Brick(Mixture):
         self.parameters_changed([])
 
     def value(self, si: mi.SurfaceInteraction3f) -> mi.Float:
-        """Returns the share of brick at ``si``: 1 in a brick, 0 in the mortar, and between at a smoothed edge."""
+        """Returns the fraction of brick at ``si``: 1 in a brick, 0 in the mortar, in (0, 1) at a smoothed edge."""
         p, width = self.lookup(si)
         pitch_x, pitch_y = self.brick_width + self.mortar_width, self.brick_height + self.mortar_width
         duty_x, duty_y = self.brick_width / pitch_x, self.brick_height / pitch_y
@@ -115,7 +115,7 @@ class Brick(Mixture):
         return value
 
     def average(self) -> mi.Float:
-        """Returns the mean of the pattern: the share of the area, or of the volume of a solid, that is brick."""
+        """Returns the mean of the pattern: the fraction of the area, or of the volume of a solid, that is brick."""
         share = self.brick_width / (self.brick_width + self.mortar_width)
         rows = self.brick_height / (self.brick_height + self.mortar_width)
         return rows * share * (share if self.solid else 1)

@@ -99,9 +99,8 @@ class Stripes(Mixture):
         self.parameters_changed([])
 
     def value(self, si: mi.SurfaceInteraction3f) -> mi.Float:
-        """Returns the share of the stripe at ``si``: 1 in a stripe, 0 between stripes, and between at a
-        smoothed edge.
-        """
+        """Returns the fraction of ``color0`` at ``si``: 1 in its stripes, 0 in the others, in (0, 1) at a smoothed
+        edge."""
         p, width = self.lookup(si)
         axis = dr.normalize(self.axis) * self.frequency
         return square_wave(dr.dot(p, axis), self.duty, dr.dot(width, dr.abs(axis)))

@@ -34,9 +34,10 @@ class Stack:
     ) -> tuple[Ray, mi.Bool, Stack]:
         """Returns ``(ray, active, stack)``: the next ray to follow, its active lanes, and the new stack.
 
-        If the surface has both a reflected and a refracted ray, the reflected ray is next, and the refracted ray is
-        pushed onto the stack. If the surface has only one of the two, this ray is next. Otherwise the last ray of the
-        stack is next.
+        ``reflects`` and ``refracts`` have the lanes in which the two rays exist, ``active`` the lanes whose tree was
+        not finished before. If the surface has both a reflected and a refracted ray, the reflected ray is next, and the
+        refracted ray is pushed onto the stack. If the surface has only one of the two, this ray is next. Otherwise the
+        last ray of the stack is next.
         """
         next_ray, continues = dr.select(reflects, reflected, refracted), reflects | refracts
         if self.count is None:

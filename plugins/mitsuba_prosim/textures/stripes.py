@@ -100,7 +100,8 @@ class Stripes(Mixture):
 
     def value(self, si: mi.SurfaceInteraction3f) -> mi.Float:
         """Returns the fraction of ``color0`` at ``si``: 1 in its stripes, 0 in the others, in (0, 1) at a smoothed
-        edge."""
+        edge.
+        """
         p, width = self.lookup(si)
         axis = dr.normalize(self.axis) * self.frequency
         return square_wave(dr.dot(p, axis), self.duty, dr.dot(width, dr.abs(axis)))

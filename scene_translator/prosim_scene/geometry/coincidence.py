@@ -160,8 +160,8 @@ class Planes:
             points, margin = own.vertices[own.corners], 8 * self.step
             close = (points.min(axis=1) <= high[own.plane] + margin) & (points.max(axis=1) >= low[own.plane] - margin)
             near.append(close.all(axis=1))
-            lowest, highest = self._range(own.plane, points)
-            low, high = np.minimum(low, lowest), np.maximum(high, highest)
+            np.minimum.at(low, own.plane, points.min(axis=1))
+            np.maximum.at(high, own.plane, points.max(axis=1))
         # The lowest facet of earlier solids that must be above the next solid, and the highest that must be below.
         bottom, top = np.full(len(self.planes), np.inf), np.full(len(self.planes), -np.inf)
         raised, fixed = np.zeros(len(self.planes)), np.zeros(len(self.planes))
@@ -169,30 +169,24 @@ class Planes:
         moves: list[np.ndarray] = []
         uppers = [own.side * (1 if k else outwards) > 0 for k, own in enumerate(facets)]
         for own, upper in zip(facets, uppers):
-            low, high = self._range(own.plane, own.height)
-            least, most = top + self.gap - low, bottom - self.gap - high  # limits for the move of this solid
+            plane, index = np.unique(own.plane, return_inverse=True)
+            lowest, highest = np.full(len(plane), np.inf), np.full(len(plane), -np.inf)
+            np.minimum.at(lowest, index, own.height.min(axis=1))
+            np.maximum.at(highest, index, own.height.max(axis=1))
+            least, most = top[plane] + self.gap - lowest, bottom[plane] - self.gap - highest  # limits for the move
             move, missing_room = np.maximum(np.minimum(most, 0), least), np.maximum(least - most, 0)
-            raised += missing_room
-            moves.append(move[own.plane] - np.where(upper, raised[own.plane], 0.0))
-            fixed = move if own is largest else fixed
-            height = own.height + move[own.plane, None]
+            raised[plane] += missing_room
+            bottom[plane] += missing_room
+            moves.append(move[index] - np.where(upper, raised[own.plane], 0.0))
+            if own is largest:
+                fixed[plane] = move
+            height = own.height + move[index, None]
             above, below = near[-1] & upper, near.pop() & ~upper
-            low, _ = self._range(own.plane[above], height[above])
-            _, high = self._range(own.plane[below], height[below])
-            bottom, top = np.minimum(bottom + missing_room, low), np.maximum(top, high)
+            np.minimum.at(bottom, own.plane[above], height[above].min(axis=1))
+            np.maximum.at(top, own.plane[below], height[below].max(axis=1))
         for own, upper, by in zip(facets, uppers, moves):
             by += np.where(upper, raised[own.plane], 0.0) - fixed[own.plane]
         return self._moved(solids, facets, [by[:, None] for by in moves])
-
-    def _range(self, plane: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the minimum and the maximum (n, ...), for each plane, of ``values`` at the corners of triangles.
-
-        ``values`` (k, 3, ...) are three values for each triangle, ``plane`` (k,) is the plane of each triangle.
-        """
-        lowest, highest = (np.full((len(self.planes), *values.shape[2:]), sign * np.inf) for sign in (1, -1))
-        np.minimum.at(lowest, plane, values.min(axis=1))
-        np.maximum.at(highest, plane, values.max(axis=1))
-        return lowest, highest
 
     def snap(self, solid: Manifold) -> Manifold:
         """Returns the solid with the vertices of its facets on shared planes moved onto these planes."""

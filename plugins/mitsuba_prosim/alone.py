@@ -21,9 +21,9 @@ def alone() -> Iterator[None]:
     kernel would call functions of incomplete objects.
 
     The garbage collector frees scenes in reference cycles. If the collector frees a scene while a kernel is traced,
-    virtual function calls before and after this moment differ in the number of instances. After such a difference,
-    Dr.Jit 1.5 writes a function twice, and LLVM aborts the process. The pause sets the collector's threshold, because
-    :mod:`prosim_scene` may enable the collector in another thread.
+    virtual function calls before and after this moment differ in the number of instances. Then Dr.Jit 1.5 writes a
+    function twice, and LLVM aborts the process. The pause sets the collector's threshold, because :mod:`prosim_scene`
+    may enable the collector in another thread.
     """
     with _lock:
         thresholds = gc.get_threshold()

@@ -27,7 +27,7 @@ class Effort:
     """How much work a comparison does.
 
     ``sqrt_spp`` are the square roots of the sample counts of the error curves. ``rounds`` is the number of measured
-    runs. ``seconds`` is the time for each reference. ``denoise`` is whether each image is also denoised.
+    runs. ``seconds`` is the time for each reference. ``denoise`` tells whether each image is also denoised.
     """
 
     sqrt_spp: tuple[int, ...]

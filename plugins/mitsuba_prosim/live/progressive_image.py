@@ -26,7 +26,7 @@ SECONDS = 0.4
 class ProgressiveImage:
     """A progressive image by ``integrator``, which is nested in ``prosim_adaptive`` if it is not progressive.
 
-    ``spp`` is the number of samples per pixel; 0 means the scene's number. ``denoise`` is whether the final image is
+    ``spp`` is the number of samples per pixel; 0 means the scene's number. ``denoise`` tells whether the final image is
     denoised.
     """
 

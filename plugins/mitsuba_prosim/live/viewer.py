@@ -87,11 +87,13 @@ class Viewer:
         self._closed = True
 
     def change(self, **changes: Any) -> None:
-        """Changes the request. Call this method only by means of :meth:`call`."""
+        """Changes the request. Only functions that are given to :meth:`call` may call this method."""
         self._request = replace(self._request, **changes)
 
     def move(self, motion: Callable[[Camera], Camera]) -> None:
-        """Moves the camera, if the scene's camera can be moved. Call this method only by means of :meth:`call`."""
+        """Moves the camera, if the scene's camera can be moved. Only functions that are given to :meth:`call` may call
+        this method.
+        """
         if self._home is not None:
             self.change(camera=motion(self._request.camera or self._home), paused=False)
 
@@ -99,7 +101,7 @@ class Viewer:
         """Returns ``(state, bitmap, integrator, reached)`` of the image that the page shows.
 
         The layers of the image are weighted by ``factors``. ``reached`` has the samples, the error and the time of the
-        render. Call this method only by means of :meth:`call`.
+        render. Only functions that are given to :meth:`call` may call this method.
         """
         picture = self.publisher.pictures["own"].mixed(factors)
         channels = dict[str, np.ndarray]()

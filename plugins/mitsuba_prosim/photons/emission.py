@@ -148,7 +148,7 @@ class Sources:
     def _surface(self, emitter: mi.EmitterPtr, sample: EmissionSample, active: mi.Bool) -> Start:
         """Emits photons from points on emitting surfaces towards the targets.
 
-        The flux is 0 for a photon that starts towards the back of its surface, or meets no surface.
+        The flux is 0 for a photon that would start behind its surface, or that meets no surface.
         """
         center, radius = self.targets.at(sample.target)
         ps, _ = emitter.sample_position(0.0, sample.on_source, active)

@@ -19,6 +19,8 @@ from scenes import (
     film,
     in_threads,
     kernels,
+    load_scene,
+    mesh,
     penumbra,
     rectangle,
     rgb,
@@ -197,6 +199,22 @@ def test_bands_crops_and_threads_do_not_change_a_bit(variant_rgb, spp, adaptive,
     assert np.array_equal(whole, image(band=67)) and np.array_equal(whole, image(band=333))
     for threads in (1, 2, 5):
         assert np.array_equal(whole[11:20, 7:27], in_threads(threads, image, **CROP))
+
+
+def test_at_common_edges_of_triangles_other_rays_do_not_change_a_bit(variant_rgb):
+    """From above, exactly on the ridge of a roof with one side in the shade."""
+    positions = [(x, y, -abs(x)) for y in np.linspace(-1, 1, 101) for x in (-1, 0, 1)]
+    faces = [face for k in range(300) if k % 3 < 2 for face in ((k, k + 1, k + 4), (k, k + 4, k + 3))]
+    lamp = {"type": "point", "position": [-9, 0, 1]}
+    scene = load_scene(lamp=lamp, roof=mesh(positions, faces, bsdf={"type": "diffuse"}), integrator={"type": "prosim"})
+
+    def radiance(o, d):
+        ray = mi.RayDifferential3f(mi.Point3f(o.T), dr.normalize(mi.Vector3f(d.T)))
+        return np.array(scene.integrator().sample(scene, mi.load_dict({"type": "independent"}), ray)[0])[0]
+
+    o, d = np.random.default_rng(0).uniform(-0.9, 0.9, (2, 32000, 3))
+    o[::16], d[::16] = o[::16] * (0, 1, 0) + (0, 0, 3), d[::16] * (0, 1, 0) - (0, 0, 3)
+    assert np.array_equal(radiance(o[::16], d[::16]), radiance(o, d)[::16])
 
 
 def test_nothing_is_compiled_again(variant_rgb):

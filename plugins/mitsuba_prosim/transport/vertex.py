@@ -18,7 +18,7 @@ from .direct import direct_light
 from .radiance import Layer, Radiance
 from .ray import Ray, Vertex, mis, viewer_side
 from .transport_context import Context
-from .workarounds import past_emitters
+from .workarounds import first_hit, past_emitters
 
 
 def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: mi.Bool) -> tuple[Radiance, Vertex]:
@@ -83,7 +83,8 @@ def intersect(
     """
     ray3 = mi.Ray3f(ray.o, ray.d, camera.time, camera.wavelengths)
     ray3.maxt = dr.select(ray.level == 0, camera.maxt, ray3.maxt)  # up to the camera's far_clip
-    return ray3, context.scene.ray_intersect(ray3, mi.RayFlags.All, ray.level == 0, active=active)
+    hit = first_hit(context.scene, ray3, ray.level == 0, active)
+    return ray3, hit.compute_surface_interaction(ray3, mi.RayFlags.All, active)
 
 
 def attenuated_at(context: Context, ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Ray:

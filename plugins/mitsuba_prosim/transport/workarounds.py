@@ -22,6 +22,9 @@
 ``Scene.ray_intersect(skip_area_emitters)``
     measures distances from the last skipped emitter, and ignores ``maxt``. Delete :func:`past_emitters` when Mitsuba
     corrects these two errors.
+``Scene.ray_intersect(coherent=True)``
+    is quick, but chooses one of two triangles at a common edge by the rays that are traced at the same time, so the
+    image would depend on the crop window. Delete :func:`first_hit` when Embree chooses by the ray alone.
 ``area`` with a ``bitmap`` that has a ``to_uv``
     samples points as if there were no ``to_uv``. Delete :func:`warn_of_lost_light` when ``bitmap`` samples its own
     points.
@@ -39,6 +42,9 @@ from ..masks import but_not, idle
 from ..optics.nested import Leaf, all_shapes, all_within, leaves
 from . import lobes
 from .lobes import LobePoint
+
+#: Barycentric coordinate below which a hit is near an edge of its triangle.
+EDGE = 1e-3
 
 
 def has_mask_or_blend(bsdf: mi.BSDF) -> bool:
@@ -235,6 +241,24 @@ def eval_leaves(
             f_leaf, pdf_leaf = leaf.bsdf.eval_pdf(lobe, leaf.seen_by(si), wo_leaf, active)
             f, pdf = f + leaf.share * f_leaf, pdf + leaf.share * pdf_leaf
     return f, pdf
+
+
+def first_hit(scene: mi.Scene, ray: mi.Ray3f, coherent: mi.Bool, active: mi.Bool) -> mi.PreliminaryIntersection3f:
+    """Returns the first intersection of ``ray``, which does not depend on other rays, even if ``coherent`` is true.
+
+    A ray that hits a triangle near its edge is traced again without ``coherent``.
+    """
+    hit = scene.ray_intersect_preliminary(ray, coherent, active=active)
+    u, v = hit.prim_uv
+    distance = dr.minimum(dr.minimum(dr.abs(u), dr.abs(v)), dr.abs(1 - u - v))
+    # Both coordinates of a sphere are 0.
+    near_edge = active & coherent & hit.is_valid() & (distance < EDGE) & ((u != 0) | (v != 0))
+
+    def again(_: mi.PreliminaryIntersection3f, near_edge: mi.Bool) -> mi.PreliminaryIntersection3f:
+        """Returns the intersection without ``coherent``."""
+        return scene.ray_intersect_preliminary(ray, False, active=near_edge)
+
+    return dr.if_stmt((hit, near_edge), near_edge, again, lambda hit, _: hit)
 
 
 def past_emitters(

@@ -20,7 +20,7 @@ from .differentiable_loop import differentiable_loop
 from .radiance import Radiance
 from .ray import Ray
 from .transport_context import CAMERA_SPACES, Context
-from .vertex import last_emission, shade
+from .vertex import shade
 
 
 @dataclass
@@ -61,9 +61,6 @@ class Transport(Context):
         state = State(self.layers.none(), mi.Bool(False), first, mi.Bool(active), walk.start(self, first), sampler)
         if walk is tree and not (self.reflects or self.refracts):
             state = step(state)
-        elif self.settings.max_level == 0 and not (walk is tree and tree.branches(self)):
-            state = step(state)  # no loop: the second ray can only end in a light source
-            state.L += last_emission(self, state.ray, ray, state.active)
         elif self.attached:
             state = differentiable_loop(state, step)
         else:

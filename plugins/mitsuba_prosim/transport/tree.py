@@ -54,13 +54,8 @@ class Stack:
 
 def start(context: Context, ray: Ray) -> Stack:
     """Returns the empty stack of a ray tree. Any ``ray`` can fill the unused slots."""
-    rays = [ray] * (context.settings.max_level + 1) if branches(context) else []
+    rays = [ray] * (context.settings.max_level + 1) if context.reflects and context.refracts else []
     return Stack(rays, mi.UInt32(0) if rays else None)
-
-
-def branches(context: Context) -> bool:
-    """Tells whether a node of the ray tree may have two child rays."""
-    return context.reflects and context.refracts
 
 
 def proceed(

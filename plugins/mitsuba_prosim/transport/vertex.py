@@ -96,19 +96,6 @@ def attenuated_at(context: Context, ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInte
     return replace(ray, throughput=ray.throughput * transmitted, medium=medium)
 
 
-def last_emission(context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> Radiance:
-    """Returns the emitted radiance at the end of a ray that is one level deeper than the maximum level.
-
-    A ray beyond the maximum level is not shaded: it only adds the emission of a light source that it meets.
-    """
-    if context.lights.all_delta:
-        return context.layers.none()
-    ray3, si = intersect(context, ray, camera, active)
-    if context.absorbs:
-        ray = attenuated_at(context, ray, ray3, si, active)
-    return context.layers.none().plus(*emission(context, ray, si, active)).scaled(ray.throughput)
-
-
 def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Bool) -> tuple[mi.Spectrum, Layer]:
     """Returns ``(radiance, layer)`` of the light source that ``ray`` meets at ``si``; 0 where it meets none.
 

@@ -212,16 +212,17 @@ def _mergeable(operands: list[Operand], all_faces: bool = False) -> bool:
     No face is covered if there is material on only one side of the surface.
     """
     (_, first), *later = operands
-    surfaces, boxes = first.surfaces, first.boxes  # of faces, and of solids, in earlier operations
+    boxes = np.concatenate([first.boxes, *(body.boxes for sign, body in later if sign == "+")])
+    surfaces, end = set(first.surfaces), len(first.boxes)  # of faces, and of boxes, in earlier operations
     for sign, body in later:
         if sign == "-" and (common := surfaces & body.surfaces):
-            near = touching(boxes, body.box)
+            near = touching(boxes[:end], body.box)
             if (near >= len(first.boxes)).any() and not first.planes.one_sided(common, boxes[near]):
                 return False
         if sign == "+":
-            boxes = np.concatenate([boxes, body.boxes])
+            end += len(body.boxes)
         if sign == "-" or all_faces:
-            surfaces = surfaces | body.surfaces
+            surfaces |= body.surfaces
     return True
 
 

@@ -13,7 +13,7 @@ from .language.diagnostics import USE
 from .language.expressions import CONSTANTS, FRAME, FUNCTIONS, TIME
 from .language.reader import Reader
 from .language.tokens import Token
-from .language.words import NAMED, NO_NUMBERS, ROLES, STATEMENTS, Flags, Word, find_word
+from .language.words import NAMED, NO_NUMBERS, ROLES, STATEMENTS, Word, find_word
 
 #: The grammar roles of keywords before an index.
 INDEXED = ("SURFACE", "TRANSFORM", "PRIMITIVE", "USE")
@@ -169,7 +169,7 @@ class Symbols:
         if last.role in INDEXED:
             return [*self._index_completions(last.role, start), *self._name_completions(start)]
         numbers = find_word(last.role, last.text).numbers if last.role in ROLES else NO_NUMBERS
-        if numbers.count and not isinstance(numbers, Flags):
+        if numbers.count and not numbers.flags:
             return self._name_completions(start)
         fitting = [role for role in words.ORDER if role in expected and role in ROLES]
         result = [one for role in fitting for one in _keyword_completions(role, start)]
@@ -215,13 +215,13 @@ def _keyword_completions(role: str, start: int) -> Iterator[Completion]:
 
 def _numbers_in_words(word: Word) -> str:
     """Returns the names of the numbers after a word, such as ``x y z``, or TRUE for each flag."""
-    return " ".join(["TRUE"] * word.numbers.count) if isinstance(word.numbers, Flags) else word.numbers.names
+    return " ".join(["TRUE"] * word.numbers.count) if word.numbers.flags else word.numbers.names
 
 
 def description(word: Word) -> str:
     """Describes a word, as Markdown: its meaning, its values with their range, and its other spellings."""
     lines = [f"**{word.canonical}** {_numbers_in_words(word)}".rstrip(), word.meaning]
-    if word.numbers.count and not isinstance(word.numbers, Flags):
+    if word.numbers.count and not word.numbers.flags:
         each = "each " if word.numbers.count > 1 else ""
         lines.append(f"{word.numbers.names}: {each}{word.numbers.range_in_words()}")
     lines += ["Of: " + ", ".join(word.kinds)] if word.kinds else []

@@ -19,7 +19,7 @@ from .document import Path, subtree_ends
 from .expressions import Definitions
 from .suggestions import ARITHMETIC, BRACES, NUMBER, mark_hint, nearest, suggestion_for, unknown_name, word_hint
 from .tokens import START, Scanner, Token
-from .words import NAMED, STATEMENTS, Flags, Numbers, find_word, normalise
+from .words import NAMED, STATEMENTS, Numbers, find_word, normalise
 
 #: The largest number of nodes of a CSG tree in which named solids are replaced by their own trees.
 MAX_NODES = 10**5
@@ -219,7 +219,7 @@ class Reader(Scanner):
         first, last = (tokens[0], tokens[-1]) if tokens else (keyword, keyword)
         wrong = next((token for token in tokens if not allowed.allows(allowed.parse(token.text))), None)
         if not allowed.allows_count(len(tokens)):
-            noun = allowed.noun + "s" * (len(tokens) != 1)
+            noun = ("word" if allowed.flags else "number") + "s" * (len(tokens) != 1)
             reason = f"found {len(tokens)} {noun} after {keyword.text}; expected {allowed.count_in_words()}"
             if comment := COMMENT.match(self.source.text, last.end):
                 reason += f"; {quote(comment[1])} is a comment; write the numbers without parentheses and commas"
@@ -274,9 +274,7 @@ class Reader(Scanner):
         """Reads a statement that has one keyword and its numbers, or TRUE and FALSE."""
         word = find_word(self.keyword.role, self.keyword.text)
         self.begin_value(word.name)
-        return self.read_numbers(
-            self.keyword, STATEMENT_END | {"BOOL"} if isinstance(word.numbers, Flags) else STATEMENT_END
-        )
+        return self.read_numbers(self.keyword, STATEMENT_END | {"BOOL"} if word.numbers.flags else STATEMENT_END)
 
     def read_name(self) -> str:
         """Reads a NAME statement."""

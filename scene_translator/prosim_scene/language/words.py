@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 #: Lengths in a scene are between 1 / LARGE and LARGE, so that single precision (in Mitsuba) can hold their squares.
 LARGE = 1e15
@@ -30,16 +30,18 @@ class Numbers:
     direction: bool = False  #: whether the numbers are a vector that may not have length 0
     least: float = 0  #: the smallest magnitude of a number that is not 0
     nonzero: bool = False  #: whether 0 is an error
-
-    noun: ClassVar = "number"
-    whole_type: ClassVar[type[int]] = int
+    flags: bool = False  #: whether the words TRUE and FALSE stand for the numbers 1 and 0, which are allowed, too
 
     def count_in_words(self) -> str:
         """Describes the count and the names of the numbers, for error messages."""
+        if self.flags:
+            return f"{self.count} words, each TRUE or FALSE ({self.names})" if self.count > 1 else self.range_in_words()
         return f"{self.count} number{'s' * (self.count > 1)} ({self.names})" + ", or 1 for all channels" * self.channels
 
     def range_in_words(self) -> str:
         """Describes the allowed values of the numbers, for error messages."""
+        if self.flags:
+            return "TRUE or FALSE"
         kind = "a whole number, " if self.whole else ""
         magnitude = "a magnitude of " if self.low < 0 else ""
         low = max(self.low, self.least)
@@ -51,10 +53,9 @@ class Numbers:
         """Whether the word may have this count of numbers."""
         return count == self.count or (self.channels and count == 1)
 
-    @staticmethod
-    def parse(text: str) -> float:
-        """Converts a text to a number."""
-        return float(text)
+    def parse(self, text: str) -> float:
+        """Converts a text to a number; a text that is no flag becomes -1, which is not allowed."""
+        return FLAGS.get(normalise(text), -1) if self.flags else float(text)
 
     def allows(self, *numbers: float) -> bool:
         """Whether all these numbers are allowed."""
@@ -73,27 +74,8 @@ class Numbers:
         if self.direction and math.hypot(*numbers) < 1 / LARGE:
             return None
         if self.whole:
-            numbers = tuple(map(self.whole_type, numbers))
+            numbers = tuple(map(bool if self.flags else int, numbers))
         return numbers[0] if self.count == 1 else numbers * (self.count // len(numbers))
-
-
-class Flags(Numbers):
-    """Describes the flags (TRUE or FALSE, 1 or 0) that follow a word: their count, and their names in messages."""
-
-    noun, whole_type = "word", bool
-
-    def count_in_words(self) -> str:
-        """Describes the count and the names of the flags, for error messages."""
-        return f"{self.count} words, each TRUE or FALSE ({self.names})" if self.count > 1 else self.range_in_words()
-
-    def range_in_words(self) -> str:
-        """Describes the allowed values of a flag, for error messages."""
-        return "TRUE or FALSE"
-
-    @staticmethod
-    def parse(text: str) -> float:
-        """Returns 1 for TRUE, 0 for FALSE, and -1 for any other text."""
-        return FLAGS.get(normalise(text), -1)
 
 
 NO_NUMBERS = Numbers(0)
@@ -106,7 +88,7 @@ def _numbers(cell: str) -> Numbers:
     count_and_names, allowed = cell.split(": ")
     count, _, names = count_and_names.partition(" ")
     if allowed == "TRUE or FALSE":
-        return Flags(int(count), names, whole=True)
+        return Numbers(int(count), names, whole=True, flags=True)
     bounds, *rules = allowed.split(", ")
     low, high = map(float, bounds.split(" to "))
     rule_values: dict[str, Any] = {rule: float(*value) if value else True for rule, *value in map(str.split, rules)}

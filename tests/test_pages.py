@@ -1,6 +1,5 @@
 """What the pages name exists: options, modules and files; their examples work, their tables and pictures are right."""
 
-import html
 import importlib
 import re
 import sys
@@ -101,13 +100,6 @@ def test_everything_public_is_on_the_page_and_documented():
     assert not [name for name in prosim_scene.__all__ if not re.search(rf"\b{name}\b", PYTHON)]
     functions = [getattr(prosim_scene, name) for name in prosim_scene.__all__]
     assert all(one.__doc__ for one in functions if callable(one))
-
-
-def test_a_scene_shows_itself_in_its_own_language():
-    scene = prosim_scene.parse(prosim_scene.read(ROOT / "examples/palito.scn"), "palito.scn")
-    shown = scene._repr_html_()
-    text = html.unescape(shown.removeprefix("<pre>").removesuffix("</pre>"))
-    assert shown.startswith("<pre>NAME: palito") and prosim_scene.parse(text, "shown") == scene
 
 
 # ---- Each step of docs/walkthrough.md gives a scene, and its picture is of that scene

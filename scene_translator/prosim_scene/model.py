@@ -2,7 +2,6 @@
 text.
 """
 
-import html
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -129,7 +128,7 @@ class Scene:
 
     ``csg`` is the CSG tree in prefix order, so a deeply nested tree needs no recursion. The keys of ``surfaces`` and
     ``transforms`` are the indices of the leaves. The keys of ``patterns`` are the names of textures. Each use of a part
-    of a named solid has a separate index. ``text`` is the text of the scene.
+    of a named solid has a separate index.
     """
 
     name: str
@@ -147,13 +146,8 @@ class Scene:
     surfaces: dict[int, Surface] = field(default_factory=dict)
     transforms: dict[int, Transform] = field(default_factory=dict)
     patterns: dict[str, Pattern] = field(default_factory=dict)
-    text: str = field(default="", compare=False, repr=False)
 
     @cached_property
     def leaves(self) -> list[tuple[int, Leaf]]:
         """The primitives of the CSG tree, each with its position in ``csg``."""
         return [(number, node) for number, node in enumerate(self.csg) if isinstance(node, Leaf)]
-
-    def _repr_html_(self) -> str:
-        """Returns the text of the scene as HTML, for notebooks."""
-        return f"<pre>{html.escape(self.text or repr(self))}</pre>"

@@ -17,15 +17,15 @@ from .language.words import NAMED, NO_NUMBERS, ROLES, STATEMENTS, Word, find_wor
 
 #: The grammar roles of keywords before an index.
 INDEXED = ("SURFACE", "TRANSFORM", "PRIMITIVE", "USE")
-#: Matches the word before the cursor.
-WORD = re.compile(r'[^\s()#":=]*\Z')
+#: Matches a character before a word.
+BEFORE_WORD = re.compile(r'[\s()#":=]')
 OPERATORS = {
     "PLUS": "`+` A B: the union of two solids.",
     "MINUS": "`-` A B: the difference of two solids.",
     "TIMES": "`*` A B: the intersection of two solids.",
 }
 #: Matches the arithmetic in braces before the cursor.
-BRACES = re.compile(r"\{[^{}\n]*?([$\w]*)\Z")
+BRACES = re.compile(r"\{(?:[^{}\n]*[^{}\n$\w])?([$\w]*)\Z")
 
 
 class Symbol(NamedTuple):
@@ -72,7 +72,7 @@ class Symbols:
     @cached_property
     def tokens(self) -> list[Token]:
         """All tokens of the text except comments."""
-        return [token for token in self.reader.tokens if token.role not in ("COMMENT", "REST")]
+        return [token for token in self.reader.tokens if token.role != "COMMENT"]
 
     @cached_property
     def table(self) -> dict[Symbol, list[Occurrence]]:
@@ -159,7 +159,7 @@ class Symbols:
             start = offset - len(braces[1])
             functions = [Completion(name, "Function", start, rank=2) for name in (*FUNCTIONS, *CONSTANTS)]
             return [*self._name_completions(start), *functions]
-        start = offset - len((WORD.search(line) or [""])[0])
+        start = offset - len(BEFORE_WORD.split(line)[-1])
         reader = Reader(self.text[:start])
         last, expected = reader.last, reader.expected
         unclosed = any(one.code == "unclosed" for one in reader.errors[-1:]) and "RPAR" not in expected

@@ -190,9 +190,9 @@ def test_a_use_of_a_named_solid_is_its_tree_written_out(write_scene):
 
 
 def test_solids_of_solids_do_not_grow_without_a_limit(monkeypatch):
-    monkeypatch.setattr(reader, "MAX_NODES", 1000)
+    monkeypatch.setattr(reader, "MAX_PRIMITIVES", 1000)
     text = "SOLID s0 + CUBE 1 CUBE 1\n" + "".join(f"SOLID s{i} + s{i - 1} 1 s{i - 1} 1\n" for i in range(1, 60))
-    with pytest.raises(SceneError, match="more than 1000 nodes"):
+    with pytest.raises(SceneError, match="more than 1000 primitives"):
         prosim_scene.parse(text + "SURFACE 1 TRANSFORM 1 CSG-TREE s59 1 END")
 
 

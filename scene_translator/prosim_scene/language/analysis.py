@@ -17,11 +17,9 @@ from .suggestions import nearest
 from .words import ALIASES, BUILT_IN, KINDS, PIXELS, WORDS, words_of
 
 #: The largest size of the text of a scene in bytes; a scene of 10,000 primitives has about 2 MiB.
-SIZE_LIMIT = 16 * 2**20
+SIZE_LIMIT = 4 * 2**20
 #: A light, an AMBIENT or a BACKGROUND below this intensity causes a warning.
 DARK = 256
-#: Characters that are not allowed in the name of a scene.
-NO_NAME = frozenset('/\\:*?<>|"')
 #: (field of the model, parameter) -> the kinds of lights, materials or textures that have this parameter.
 #: A parameter that all kinds have is not in this table.
 LIMITED = {(words_of(word.statement)[0].name, word.name): word.kinds for word in WORDS if word.kinds}
@@ -89,7 +87,7 @@ def _document(reader: Reader) -> Document:
     """Makes the document of a text. If the text has errors, values in the document are missing or None."""
     fields: dict[str, Any] = {"name": PurePath(reader.source.filename).stem or "scene"} | reader.fields
     del fields["solids"]
-    scene = Scene(**fields, text=reader.source.text)
+    scene = Scene(**fields)
     for _, leaf in scene.leaves:
         for texture in leaf.textures:
             if texture and texture.name in BUILT_IN:
@@ -134,14 +132,10 @@ def _scene_problems(document: Document) -> Iterator[Problem]:
 
 
 def _settings_problems(document: Document) -> Iterator[SceneError]:
-    """Yields errors about the channels, the name and the resolution of a scene."""
-    scene, name = document.scene, document.scene.name
+    """Yields errors about the channels and the resolution of a scene."""
+    scene = document.scene
     if not any(scene.channels):
         yield document.error("found FALSE for all channels; expected TRUE for one at least", "channels", code="range")
-    allowed = name.isprintable() and len(name) <= 200 and not NO_NAME & {*name}
-    if document.is_given("name") and (not allowed or name.strip() == "" or name in (".", "..")):
-        reason = f"found {quote(name)}; expected the base name of a file: without a folder, 200 characters at most"
-        yield document.error(reason, "name", "text")
     if scene.view.resolution[0] * scene.view.resolution[1] > PIXELS:
         reason = f"these are too many pixels; expected {PIXELS} at most"
         yield document.error(reason, "view", "resolution", code="range")

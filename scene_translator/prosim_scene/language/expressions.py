@@ -24,6 +24,8 @@ NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
 FRAME, TIME = "frame", "time"
 #: The default number of frames per second, as in cinema.
 FPS = 24.0
+#: The largest number of characters of an expression: more would take seconds.
+MAX_LENGTH = 10_000
 
 
 def _in_degrees(function: Callable[[float], float], exact: tuple[float, ...]) -> Callable[[float], float]:
@@ -145,9 +147,11 @@ def evaluate(source: Source, braces: Span, definitions: Definitions) -> float:
 
     ``braces`` is the span of the expression with its braces.
 
-    Raises SceneError for wrong syntax, and if the result is not finite.
+    Raises SceneError for wrong syntax, for more than MAX_LENGTH characters, and if the result is not finite.
     """
     first, inside = braces.start + 1, source.text[braces.start + 1 : braces.end - 1]
+    if len(inside) > MAX_LENGTH:
+        raise source.error(braces, f"this expression is longer than {MAX_LENGTH} characters; use names", "expression")
     if source.text[braces.end - 1] != "}":
         raise source.error(braces, f"this '{{' is not closed on its line; {BRACES}", "expression")
     try:

@@ -111,8 +111,6 @@ class _Layout:
                 if self.missing_operands[-1]:
                     break
                 self.missing_operands.pop()
-        elif kind == "REST":
-            self.add_line(0, token.text.rstrip(), 0)
         else:
             # The parameters of a light are below the kind of the light, one step to the right.
             depth = 2 if kind in ("LIGHT_PARAMETER", "DISTRIBUTION") else 1

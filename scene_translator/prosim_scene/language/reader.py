@@ -21,8 +21,8 @@ from .suggestions import ARITHMETIC, BRACES, NUMBER, mark_hint, nearest, suggest
 from .tokens import START, Scanner, Token
 from .words import NAMED, STATEMENTS, Numbers, find_word, normalise
 
-#: The largest number of nodes of a CSG tree in which named solids are replaced by their own trees.
-MAX_NODES = 10**5
+#: The largest number of primitives in all uses of named solids. A primitive counts once for each solid around it.
+MAX_PRIMITIVES = 2 * 10**5
 #: Matches the beginning of a line that starts with the keyword of a statement.
 STATEMENT_LINE = re.compile(
     rf"^[ \t]*(?:{'|'.join(sorted(map(re.escape, words.spellings_of(*STATEMENTS)), key=len, reverse=True))})(?![\w.-])",
@@ -45,6 +45,8 @@ TEXTURE = STATEMENT_END | {"PARAMETER"}
 
 #: Matches a comment that stands where the values of a keyword should be.
 COMMENT = re.compile(r"[\s:=]*(\([^()\n]*\)|#\w+)")
+#: Matches the comments and the white space at the beginning of a text.
+COMMENTS = re.compile(r"\A(?:\s|#[^\n]*(?:\n|\Z)|\((?:[^()]|\([^()]*\))*\))*")
 PERCENTAGE = re.compile(rf"({NUMBER})%")
 PRIMITIVE = re.compile(rf"(?:{'|'.join(words.spellings_of('PRIMITIVE'))})\s+\d+", re.IGNORECASE)
 PREFIX = "operators come before their operands, as in - CUBE 1 SPHERE 2, and parentheses are comments"
@@ -68,7 +70,7 @@ class Reader(Scanner):
     ``fields`` are the values of the fields of a Scene, and the named ``solids``. ``spans`` maps the path of each value
     to its position in the text. ``errors`` and ``warnings`` are the problems within single statements. ``skipped`` is
     the offset of the first part of the text that was skipped because of an error, or infinity. The list ``tokens`` ends
-    with END and the comments after END; any other text after END is one token of role REST.
+    with END and a comment: all text after END.
 
     ``define``: values of ``$names`` that the caller sets.
     """
@@ -82,6 +84,8 @@ class Reader(Scanner):
         self.errors: list[SceneError] = []
         self.warnings: list[SceneWarning] = []
         self.skipped = math.inf
+        #: The number of primitives of the uses of named solids so far; :data:`MAX_PRIMITIVES` is the limit.
+        self.used_primitives = 0
         #: The path of the value that the current statement sets.
         self.path = Path()
         #: While the reader reads numbers: the keyword before the numbers, and the numbers that it allows.
@@ -116,9 +120,13 @@ class Reader(Scanner):
         if not self.keyword.role:
             reason = "the file ends here and END is missing; expected END as the last statement"
             self.add_error(self.last.span, reason, "no-end")
-        elif rest := self.read_rest():
-            reason = "the text after END is ignored; delete it"
-            self.warnings.append(self.source.warning(rest.span, reason, "after-end"))
+        elif rest := self.source.text[self.position :].lstrip():
+            end = len(self.source.text)
+            self.tokens.append(Token("COMMENT", rest.rstrip(), end - len(rest), end))
+            start = end - len(COMMENTS.sub("", rest, count=1))
+            if start < end:
+                reason = "the text after END is ignored; delete it"
+                self.warnings.append(self.source.warning(Span(start, end), reason, "after-end"))
 
     def store_value(self, value: Any) -> None:
         """Stores the value of a statement; a second statement of the same kind, or one with a wrong index, is
@@ -155,8 +163,9 @@ class Reader(Scanner):
         return self.last
 
     def add_error(self, span: Span, reason: str, code: str) -> None:
-        """Adds an error about the text at ``span``."""
-        self.errors.append(self.source.error(span, reason, code))
+        """Adds an error about the text at ``span``, unless there are more than MAX_ERRORS errors."""
+        if len(self.errors) <= MAX_ERRORS:
+            self.errors.append(self.source.error(span, reason, code))
 
     def begin_value(self, *path: str | int, at: Token | None = None) -> None:
         """Sets the path and the span of the statement's value, and reports a second statement for the same value.
@@ -280,7 +289,6 @@ class Reader(Scanner):
         """Reads a NAME statement."""
         self.begin_value("name")
         token = self.read_token(FILE | {"WORD", "TEXTURE_NAME", "NUMBER"})
-        self.store_span(token.span, "text")
         self.read_token(STATEMENT_END)
         return token.text
 
@@ -453,8 +461,9 @@ class Reader(Scanner):
         """
         keyword, solid = self.token, self.fields["solids"][normalise(self.token.text)]
         index = self.read_numbers(keyword, TREE)
-        if number + len(solid) > MAX_NODES:
-            reason = f"found a tree of more than {MAX_NODES} nodes; expected fewer uses of {keyword.text}"
+        self.used_primitives += sum(1 + len(node.within) for node in solid if isinstance(node, model.Leaf))
+        if self.used_primitives > MAX_PRIMITIVES:
+            reason = f"the solids have more than {MAX_PRIMITIVES} primitives; expected fewer uses of {keyword.text}"
             raise self.source.error(keyword.span, reason, "range")
         span = self.span_with_numbers(keyword)
         for position in range(len(solid)):
@@ -478,7 +487,7 @@ class Reader(Scanner):
         while (token := self.token).role not in TREE:
             if len(slots) == 2:
                 reason = f"found {quote(token.text)}, a third texture; expected two at most"
-                self.add_error(token.span, reason, "count")
+                raise self.source.error(token.span, reason, "count")
             self.store_span(token.span, number, "textures", len(slots))
             slots.append(_texture(token))
             span = Span(keyword.start, token.end)
@@ -533,11 +542,12 @@ class Reader(Scanner):
     def expected_words(self, roles: frozenset[str]) -> list[str]:
         """Lists the words of the language that have one of the grammar ``roles``, for error messages.
 
-        The list ends with "the next statement" if ``roles`` contains roles of statements.
+        The list has at most 20 names of solids. It ends with "the next statement" if ``roles`` contains roles of
+        statements.
         """
         inner = [role for role in words.ORDER if role in roles - STATEMENTS]
         names = [name for role in inner for name in words.role_in_words(role)]
-        names += self.fields["solids"] if "USE" in roles else ()
+        names += list(self.fields["solids"])[:20] if "USE" in roles else ()
         return names + ["the next statement" if inner else "a statement"] * bool(roles & STATEMENTS)
 
 

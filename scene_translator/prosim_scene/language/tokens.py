@@ -7,11 +7,10 @@ roles may come next.
 import math
 import re
 from abc import ABC, abstractmethod
-from contextlib import suppress
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
-from .diagnostics import SceneError, Source, Span, quote
+from .diagnostics import Source, Span, quote
 from .expressions import NAME, Definitions, evaluate, number_text
 from .suggestions import NUMBER
 from .words import MARKS, ROLES, STATEMENT_OF, WORDS_BY_SPELLING, canonical_spelling, normalise
@@ -28,13 +27,16 @@ VALUES = frozenset(
     ("NUMBER", "WORD", "FILE", "TEXTURE_NAME", "BOOL", "NULL", "MATERIAL_KIND", "CONDUCTOR", "DIELECTRIC", "KIND")
 )
 
+#: The roles of the placeholder for a ``$name`` without a value; the first role that the grammar expects is used.
+PLACEHOLDERS = ("NUMBER", "WORD", *sorted(VALUES))
+
 
 class Token(NamedTuple):
     """A token: the piece of the text from ``start`` to ``end``.
 
-    ``role`` is the grammar role of the token. Three roles are special: COMMENT, REST (the text after END) and EQUALS (a
-    misplaced ``=`` or ``:``). At the end of the text the role is ``""``. ``text`` is the content of the token: the
-    value of a name or an expression, a string without its quotes.
+    ``role`` is the grammar role of the token. Two roles are special: COMMENT, and EQUALS (a misplaced ``=`` or ``:``).
+    At the end of the text the role is ``""``. ``text`` is the content of the token: the value of a name or an
+    expression, a string without its quotes.
     """
 
     role: str
@@ -105,18 +107,25 @@ class Scanner(ABC):
         token.
         """
 
+    @cached_property
+    def closings(self) -> dict[int, int]:
+        """The offset of each ``(`` that is closed -> the offset after its ``)``."""
+        open_starts: list[int] = []
+        closings: dict[int, int] = {}
+        for parenthesis in PARENTHESIS.finditer(self.source.text):
+            if parenthesis[0] == "(":
+                open_starts.append(parenthesis.start())
+            elif open_starts:
+                closings[open_starts.pop()] = parenthesis.end()
+        return closings
+
     def read_comment(self, kind: str, start: int) -> None:
         """Reads the comment that begins at ``start``; a comment in parentheses may contain parentheses."""
         if kind == "mark":
-            depth = 0
-            for parenthesis in PARENTHESIS.finditer(self.source.text, start):
-                depth += 1 if parenthesis[0] == "(" else -1
-                if depth == 0:
-                    self.position = parenthesis.end()
-                    break
-            else:
+            if start not in self.closings:
                 reason = "this comment is not closed; expected ')'"
                 raise self.source.error(Span(start, start + 1), reason, "unclosed")
+            self.position = self.closings[start]
         self.tokens.append(Token("COMMENT", self.source.text[start : self.position], start, self.position))
 
     def rare_token(self, kind: str, piece: str, span: Span) -> Token:
@@ -150,7 +159,7 @@ class Scanner(ABC):
             return Token("VARIABLE", name, *span)
         text = self.definitions.value_text(name[1:], span)
         if text is None:
-            role = next((role for role in ("NUMBER", "WORD", *sorted(VALUES)) if role in expected), "WORD")
+            role = next((role for role in PLACEHOLDERS if role in expected), "WORD")
             return Token(role, canonical_spelling(role) if role in ROLES else "1" if role == "NUMBER" else name, *span)
         piece = PIECE.fullmatch(text)
         if piece is None or piece.lastgroup not in ("word", "number") or piece.start(piece.lastgroup) > 0:
@@ -161,20 +170,6 @@ class Scanner(ABC):
             reason = f"{name} stands for {value}, a keyword; expected a number, or a word that is a value"
             raise self.source.error(span, reason, "name")
         return Token(role, text, *span)
-
-    def read_rest(self) -> Token | None:
-        """Reads the comments after END; returns any other text after END as one token of role REST, or None."""
-        text = self.source.text
-        while match := PIECE.match(text, self.position):
-            kind = str(match.lastgroup)
-            start, self.position = match.span(kind)
-            if kind == "comment" or match[kind] == "(":
-                with suppress(SceneError):  # an unclosed parenthesis
-                    self.read_comment(kind, start)
-                    continue
-            self.tokens.append(Token("REST", text[start:], start, len(text)))
-            return Token("REST", match[kind], start, self.position)
-        return None
 
 
 @lru_cache(maxsize=1 << 12)

@@ -36,6 +36,7 @@ WRONG = [
     (3, "VIEW OBS 0 9", 10, "count", "3 numbers (x y z)"),
     (6, "TRANSFORM 0 ROTATE-X ()", 13, "count", "1 number (degrees)"),
     (1, "CAUSTICS", 1, "count", "TRUE or FALSE"),
+    (1, "SAVE-RGB TRUE TRUE: TRUE", 19, "count", ""),
     (4, "CSG-TREE CUBE 0 NULL NULL NULL", 27, "count", ""),
     # numbers that are none, or not allowed
     (3, "VIEW OBS 0 nan 9", 12, "unknown-word", ""),

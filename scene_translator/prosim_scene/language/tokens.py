@@ -21,6 +21,8 @@ PIECE = re.compile(
     r'|(?P<word>[^\s()#":={$][^\s()#":=]*)|(?P<equals>[:=])|(?P<comment>\#[^\n]*)'
     r'|(?P<expression>\{[^{}\n]*\}?)|(?P<name>\$[^\s()#":=]*)|(?P<string>"[^"\n]*"?))'
 )
+#: The roles of the tokens after which a ``=`` or ``:`` may stand.
+BEFORE_EQUALS = {*ROLES, "VARIABLE"} - {"BOOL", "NULL"}
 PARENTHESIS = re.compile(r"[()]")
 #: The roles of the tokens that a ``$name`` may stand for: values, and no keyword of a statement.
 VALUES = frozenset(
@@ -84,7 +86,7 @@ class Scanner(ABC):
                 token = Token("NUMBER", piece, start, self.position)
             elif kind == "word":
                 token = Token(role_of(piece, expected, self.keyword.role), piece, start, self.position)
-            elif kind == "equals" and (self.last.role in ROLES or self.last.role == "VARIABLE"):
+            elif kind == "equals" and self.last.role in BEFORE_EQUALS:
                 continue
             elif kind == "comment" or (piece == "(" and "LPAR" not in expected):
                 self.read_comment(kind, start)

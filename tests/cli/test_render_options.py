@@ -106,7 +106,7 @@ def test_the_command_goes_before_the_scene_in_caustics(palito, tmp_path, variant
 
 def test_the_command_line_makes_a_job(scene, monkeypatch):
     jobs = []
-    monkeypatch.setattr(render_commands, "write_image", lambda job, *_, **__: jobs.append(job))
+    monkeypatch.setattr(render_commands, "render_and_write", lambda job, *_, **__: jobs.append(job))
     for options in "", "--caustics", "--no-caustics --noise 0.01", "-D a=1 -D b=2=3 --noise-99.9 0.5 -vv":
         assert prosim("render", scene, *options.split()).exit_code == 0
     expected = {}, {"caustics": True}, {"caustics": False, "noise": 0.01, "adaptive": "graded"}

@@ -18,7 +18,7 @@ from . import files, frames
 from .files import PART_FILE, SCENE_FILE, STATE_FILE, image_stem, quoted_path
 from .job import OPTIONS, RUNNING, Command, Job, choose_variant, job_options
 from .option_types import input_errors, option
-from .render_task import STATE, SUFFIXES, write_image
+from .render_task import STATE, SUFFIXES, render_and_write
 
 #: Policies that use only the first samples of each pixel for their decision. If ``prosim resume`` gets a new target,
 #: ``graded`` replaces them.
@@ -43,11 +43,11 @@ def render(job: Job) -> None:
 
     The options --noise, --time and --spp set the quality. By default, the scene sets the quality.
     """
-    target = files.output_stem(job.output, Path(job.scene).with_suffix(""), SUFFIXES)
+    stem = files.output_stem(job.output, Path(job.scene).with_suffix(""), SUFFIXES)
     if job.frames is None:
-        write_image(job, target)
+        render_and_write(job, stem)
     else:
-        frames.render(job, target)
+        frames.render(job, stem)
 
 
 @click.command(cls=Command)
@@ -74,7 +74,7 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
         policy = record.attributes["sampling"]["adaptive"]
         target = {"adaptive": "graded" if policy in BY_FIRST else policy} | target
     job = continued_job(before, job, checkpoint=True, part=record.part, **target)
-    write_image(job, files.output_stem(job.output, image_stem(state), SUFFIXES), record)
+    render_and_write(job, files.output_stem(job.output, image_stem(state), SUFFIXES), record)
     if record.finished and not target:
         click.echo(
             f"The render was finished before. When all parts are finished: prosim merge {quoted_path(state)}"
@@ -94,10 +94,10 @@ def merge(job: Job, part_files: tuple[Path, ...], moved: Path | None) -> None:
     processor. Each part must be given once; the order of the parts does not matter. The command renders nothing.
     """
     record, before = checkpoint_and_job(part_files[0], moved, lambda _: checkpoint.merge(part_files))
-    target = files.output_stem(job.output, image_stem(part_files[0]), SUFFIXES)
-    write_image(continued_job(before, job), target, record)
+    stem = files.output_stem(job.output, image_stem(part_files[0]), SUFFIXES)
+    render_and_write(continued_job(before, job), stem, record)
     click.echo(
-        f"The parts can be removed: {target}{STATE} stores all of them."
+        f"The parts can be removed: {stem}{STATE} stores all of them."
         if job.checkpoint
         else "The parts can be removed, unless the image is to be continued: --checkpoint makes a state of them."
     )

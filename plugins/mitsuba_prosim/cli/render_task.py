@@ -203,9 +203,9 @@ def render_image(
         TevClient(job, task.sensor.film()) as viewer,
         interruptible(task.integrator.cancel, received_signals) as signals,
     ):
-        steps, seconds = run_steps(task, bar, resources, [*consumers, snapshots, viewer.update], signals)
-        snapshots(steps)
-        reached, lost = steps.reached, resources.loss_reason
+        render, seconds = run_steps(task, bar, resources, [*consumers, snapshots, viewer.update], signals)
+        snapshots(render)
+        reached, lost = render.reached, resources.loss_reason
         interruption = lost or ("interrupted" if signals else None)
         if interruption and not is_frame and reached is not None and reached.samples == 0:
             nothing = "before the first sample; nothing was written."
@@ -215,13 +215,13 @@ def render_image(
             sys.exit(128 + signals[0])
         image, saved, unsaved = Image(), list[Path](), {}
         if task.state_suffix:  # writes the state before denoising, which may fail or be interrupted
-            content = replace(steps.checkpoint(), about=task.about).write
+            content = replace(render.checkpoint(), about=task.about).write
             try:
                 saved = atomic.write({state: content})
             except OSError:
                 unsaved = {task.state_suffix: content}
         if job.part is None and not (is_frame and interruption):
-            image = finished_image(task, steps, seconds, interruption is not None)
+            image = finished_image(task, render, seconds, interruption is not None)
         partial = image.contents and reached is not None and reached.min_samples == 0
         viewer.show()
         written = [*files.save(task.stem, image.contents | unsaved), *saved]
@@ -247,20 +247,20 @@ def run_steps(
     is the list to which :func:`.interruptible` adds the signals that arrive. Raises InputError and ClickException.
     """
     job, executor, started = task.job, resources.executor(task.file), perf_counter()
-    begin = halves.denoised_progressive if job.denoise else rendering.progressive
+    begin_render = halves.denoised_progressive if job.denoise else rendering.progressive
     options: dict[str, Any] = {"begin": task.begin, "part": job.part, "executor": executor}
     try:
-        steps = begin(task.scene, task.sensor, task.integrator, job.seed, job.spp or 0, **options)
-        while not (signals or resources.loss_reason) and (step := next(steps, None)) is not None:
+        render = begin_render(task.scene, task.sensor, task.integrator, job.seed, job.spp or 0, **options)
+        while not (signals or resources.loss_reason) and (step := next(render, None)) is not None:
             bar.show(step.done)
             for consume in consumers:
-                consume(steps)
-        steps.close()
+                consume(render)
+        render.close()
     except ValueError as error:
         raise InputError(str(error)) from None
     except (RuntimeError, MemoryError) as error:
         raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
-    return steps, perf_counter() - started
+    return render, perf_counter() - started
 
 
 def written_line(task: RenderTask, written: Sequence[Path], seconds: float) -> str:
@@ -274,7 +274,7 @@ def written_line(task: RenderTask, written: Sequence[Path], seconds: float) -> s
     )
 
 
-def write_image(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
+def render_and_write(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
     """Renders the image of a job, or its part of the image, writes the files, and prints a report.
 
     ``stem`` is the path of the files without suffix. ``begin`` is a checkpoint from which the render continues. Raises
@@ -308,9 +308,9 @@ class Snapshots:
     def __init__(self, task: RenderTask) -> None:
         self.task, self.left, self.started = task, sorted(task.job.snapshots or ()), perf_counter()
 
-    def __call__(self, steps: Any) -> None:
+    def __call__(self, render: Any) -> None:
         """Writes the snapshots whose error or time has been reached."""
-        reached, task = steps.reached if self.left else None, self.task
+        reached, task = render.reached if self.left else None, self.task
         if reached is None or not reached.min_samples:
             return
         for text in list(self.left):
@@ -318,25 +318,25 @@ class Snapshots:
             due = reached.seconds >= (1 - SHARE) * amount if text.endswith("s") else reached.noise <= amount
             if due:
                 self.left.remove(text)
-                steps.update_film()
+                render.update_film()
                 seconds = perf_counter() - self.started
                 facts = report.metadata(task.job, task.integrator, reached, False, seconds)
-                facts = {"prosim.noise_at_most": f"{steps.noise_bound():.6g}"} | facts
+                facts = {"prosim.noise_at_most": f"{render.noise_bound():.6g}"} | facts
                 facts["prosim.ended"] = f"snapshot {text}"
                 exr = images.encode(task.sensor.film().bitmap(), facts)[".exr"]
                 files.save(task.stem.with_name(f"{task.stem.name}.{text}"), {".exr": exr})
 
 
-def finished_image(task: RenderTask, steps: Any, seconds: float, interrupted: bool) -> Image:
+def finished_image(task: RenderTask, render: Any, seconds: float, interrupted: bool) -> Image:
     """Returns the image of a render that has ended; the image is denoised if the job requires this."""
-    job, integrator, film, reached = task.job, task.integrator, task.sensor.film(), steps.reached
+    job, integrator, film, reached = task.job, task.integrator, task.sensor.film(), render.reached
     header = report.metadata(job, integrator, reached, interrupted, seconds)
     only_time = rendering.is_progressive(integrator) and integrator.time and not report.noise_goals(integrator)
-    bound = steps.noise_bound() if only_time and not job.denoise else None
+    bound = render.noise_bound() if only_time and not job.denoise else None
     lines, added = [report.summary(integrator, reached, header.get("prosim.ended"), bound)], dict[str, str]()
     bitmap = film.bitmap()
     if job.denoise:
-        final = steps.denoiser
+        final = render.denoiser
         if interrupted and len(final.images) == 1:
             added, line = {"prosim.denoised": "no, interrupted"}, "not denoised: interrupted"
         else:

@@ -99,7 +99,7 @@ class Estimator:
 
     def splats(self, values: list[mi.Float], position: mi.Point2f) -> list[tuple[mi.Float, mi.Float]]:
         """Returns ``(weight, value)`` for each pixel within the filter's reach, row by row, and for each of
-        ``values``.
+        ``values``: what a sample at ``position`` adds to each of these pixels. :func:`.film_values` adds it later.
         """
         if self.rfilter.is_box_filter():
             return [(mi.Float(1), v) for v in values]

@@ -71,7 +71,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         self._scalar: Any = None  # the transport during a render in a scalar variant
 
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Any:
-        """Returns the estimator of the radiance along rays of ``sensor`` in ``scene`` (:class:`.Transport`).
+        """Returns the :class:`.Transport`, which estimates the radiance along rays of ``sensor`` in ``scene``.
 
         ``attached`` tells whether derivatives are wanted.
         """

@@ -102,7 +102,7 @@ class Render(Steps):
         self.target = ErrorTarget(plan.sampling.noises, plan.sampling.time, time.perf_counter() - elapsed)
         #: Whether the image has all requested samples.
         self.finished = False
-        #: Whether :meth:`stop` was called; whether the last pass took all its samples; the progress, 0 to 1.
+        #: Whether :meth:`stop` was called; the progress, 0 to 1.
         self._stopped, self._done = False, 0.0
         #: The film's values after the end of the render; None before.
         self._values: mi.TensorXf | None = None
@@ -128,7 +128,7 @@ class Render(Steps):
         self._stopped = True
 
     def close(self) -> None:
-        """Ends the render with the image so far."""
+        """Ends the render; if it has started, takes the first sample of the pixels that have none."""
         self.stop()
         self.run()
 

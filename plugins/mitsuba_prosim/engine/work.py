@@ -77,7 +77,7 @@ class WorkItem:
     y: mi.Int32
     start: Accumulators
     end: mi.UInt32
-    #: Approximate number of samples.
+    #: Number of samples, if no pixel converges before.
     samples: int = 0
     #: Function that stores the sums in the image.
     store: Callable[[Accumulators], None] = lambda sums: None

@@ -15,7 +15,7 @@ from .transport_context import CHOICE, REFRACTED, ROULETTE, Context
 
 
 @dataclass
-class Progress:
+class Counters:
     """Counters of a path."""
 
     #: Number of diffuse reflections so far. None where this number is unlimited: a variable that no iteration changes
@@ -25,14 +25,14 @@ class Progress:
     eta: mi.Float
 
 
-def start(context: Context, ray: Ray) -> Progress:
+def start(context: Context, ray: Ray) -> Counters:
     """Returns the counters of a path that begins with the camera's ``ray``."""
-    return Progress(mi.UInt32(0) if context.settings.diffuse_bounces >= 0 else None, mi.Float(1))
+    return Counters(mi.UInt32(0) if context.settings.diffuse_bounces >= 0 else None, mi.Float(1))
 
 
 def proceed(
-    context: Context, vertex: Vertex, points: Points, active: mi.Bool, progress: Progress
-) -> tuple[Ray, mi.Bool, Progress]:
+    context: Context, vertex: Vertex, points: Points, active: mi.Bool, progress: Counters
+) -> tuple[Ray, mi.Bool, Counters]:
     """Samples the ray that continues the path after ``vertex``, and returns ``(ray, active, progress)``.
 
     The returned ``active`` has the lanes whose path continues after Russian roulette; ``progress`` has the new counters
@@ -47,7 +47,7 @@ def proceed(
     # The square of the index of refraction scales the radiance inside glass. Light that leaves glass loses this factor.
     eta *= progress.eta
     ray, continues = roulette(context, ray, continues, eta, points.choice(context.space(node, ROULETTE)))
-    return ray, continues, Progress(bounces, eta)
+    return ray, continues, Counters(bounces, eta)
 
 
 def specular_or_diffuse(

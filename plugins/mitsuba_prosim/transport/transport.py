@@ -31,7 +31,7 @@ class State:
     hit: mi.Bool
     ray: Ray
     active: mi.Bool
-    progress: tree.Stack | path.Progress
+    progress: tree.Stack | path.Counters
     #: The ``mi.Sampler`` that draws the sampling points; None where the points have no state.
     sampler: mi.Sampler | None
 

@@ -20,7 +20,7 @@ from .workarounds import warn_of_dim_lobes, warn_of_lost_light
 DEEPEST_TREE = 24
 
 #: Maximum number of diffuse reflections of a path that stands for no limit.
-UNLIMITED = (1 << 31) - 1
+UNLIMITED_BOUNCES = (1 << 31) - 1
 
 #: Spaces of the sampling pattern for the camera. The spaces of the nodes follow.
 PIXEL, LENS, TIME_AND_WAVELENGTH, CAMERA_SPACES = 0, 1, 2, 3
@@ -77,7 +77,7 @@ class Context:
         if caustics is not None and settings.diffuse_bounces < 0:
             # With photons, a path must distinguish diffuse from other reflections. A ray that samples the whole BRDF
             # cannot.
-            settings = replace(settings, diffuse_bounces=UNLIMITED)
+            settings = replace(settings, diffuse_bounces=UNLIMITED_BOUNCES)
         warn_of_dim_lobes(scene)
         if settings.diffuse_bounces >= 0:
             warn_of_lost_light(scene)

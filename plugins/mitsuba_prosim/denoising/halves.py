@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import mitsuba as mi
 import numpy as np
 
-from ..engine.error_target import AIM, Noise
+from ..engine.error_target import AIM, RATE, Noise
 from ..registry import create
 from ..sampling.hash import combine, hash32
 from ..scene import rendering
@@ -25,9 +25,6 @@ if TYPE_CHECKING:
 
 #: Square root of the number of samples of a pixel's features.
 FEATURE_SAMPLES = 4
-
-#: Minimum width and height of the part of the image that is denoised to decide whether denoising is worth its time.
-LEAST_SIDE = 64
 
 #: With a probability of about 95 %, the error of the final image is at most this many times the limit.
 TOLERANCE = 1.1
@@ -80,28 +77,30 @@ class FinalImage:
     """Denoises the two halves of a ``render`` at its end, and earlier to estimate the error of the final image.
 
     With an error target, the render begins as without a denoiser. If the raw image reaches the target, the render ends
-    and the raw image is the result. The second half of the samples and the denoiser begin only if the denoised image
-    will probably reach the target with far fewer samples than the raw image. The denoiser is first called with the
-    smallest networks for a ninth of the pixels, then for all pixels. The decisions about the denoiser depend only on
-    samples and rounded errors. The image does not depend on measured times, nor on bits of the denoiser that differ
-    with the number of threads.
+    and the raw image is the result. If the raw image lacks many samples, the second half of the samples begins when the
+    error is at most 2 ``FAR`` times the target. The denoiser is first called when the error is at most ``FAR`` times
+    the target. The estimated error of the denoised image then decides how many samples the next pass takes. The
+    decisions depend only on samples and rounded errors. The image does not depend on measured times, nor on bits of the
+    denoiser that differ with the number of threads.
+
+    With an error target, the denoiser uses the smallest networks without features, which cost little ("plain"). It uses
+    the best networks if the image needs many samples even so.
     """
 
     #: Maximum ratio of the raw image's error to the target at which the denoiser is called.
     FAR = 3.0
-    #: Factor on the target for a pass after which the denoiser is called: a call costs more than some samples too many.
-    MARGIN = 0.92
-    #: Maximum number of calls of the denoiser for all pixels before the call for the final image.
-    CALLS = 3
-    #: Cost of a call of the denoiser, in samples per pixel.
+    #: Maximum number of calls of the denoiser that estimate the error.
+    CALLS = 5
+    #: Cost of a call of the denoiser with the smallest networks, in rays per pixel.
     CALL_COST = 64
-    #: Minimum number of samples per pixel for which the best networks are worth their time.
-    MIN_SAMPLES_FOR_BEST = 512
+    #: Minimum number of samples that the raw image lacks when the second half begins, and minimum number of samples of
+    #: the final image for which the best networks are worth their time, in multiples of the cost of a call.
+    BEGIN, BEST = 5, 32
 
     def __init__(self, scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int, fast: bool) -> None:
         self.scene, self.sensor, self.integrator, self.seed, self.fast = scene, sensor, integrator, seed, fast
         self.render: Any = None
-        self._denoiser = cache(lambda networks: Denoiser(*self.features, fast=networks == "fast"))
+        self._denoiser = cache(self._load)
         self._latest = lru_cache(maxsize=1)(self._denoise)
 
     @cached_property
@@ -142,18 +141,24 @@ class FinalImage:
         """Albedo and normal of the view, see the function :func:`features`."""
         return features(self.scene, self.sensor, self.seed, getattr(self.integrator, "hide_emitters", False))
 
+    def _load(self, networks: str) -> Denoiser:
+        """Returns a denoiser with these ``networks``, see :attr:`networks`."""
+        albedo, normal = (None, None) if networks == "plain" else self.features
+        return Denoiser(albedo, normal, networks != "best")
+
     @property
     def networks(self) -> str:
-        """Which networks of the denoiser suit the samples so far: "fast" or "best".
+        """Which networks of the denoiser suit the samples so far: "plain", "fast" or "best".
 
-        The value is "none" if the raw image has reached the error target.
+        "plain" are the fast networks without features. The value is "none" if the raw image has reached the error
+        target.
         """
         if self.render.second is not None:
             state, target = self.render.state, self.render.target
             if target.excess(self.render.second.noise(state)) <= 1:
                 return "none"
-            samples, networks, *_ = state.estimates[-1] if state.estimates else (0, "probe")
-            if networks != "probe" and samples == self._samples:
+            samples, networks, *_ = state.estimates[-1] if state.estimates else (0, "")
+            if samples == self._samples:
                 return str(networks)
         return "fast" if self.fast else "best"
 
@@ -199,45 +204,46 @@ class FinalImage:
         excess = target.excess(raw)
         if not excess > 1:  # the excess is NaN without limits
             return raw
-        by_raw = samples * (excess / AIM) ** 2
-        # The second half doubles the number of samples. The error after the first pass predicts too many samples, so
-        # this error does not decide.
-        left = by_raw - samples * (1 if second.complete else 2) if samples > state.plan.min_samples else 0.0
-        if not state.estimates and left < 2 * self.CALL_COST:
+        by_raw, cost, estimates = samples * (excess / AIM) ** (1 / RATE), self._call_cost, state.estimates
+        # The second half doubles the number of samples.
+        if not second.complete and by_raw - 2 * samples < self.BEGIN * cost:
             return raw
-        if excess > self.FAR:
-            render.loosening = self.FAR
+        far = self.FAR if second.complete else 2 * self.FAR
+        if not estimates and excess > far:
+            render.loosening = far
             return raw
         if not second.complete:
             render.begin_complete_second()
             return raw
-        if not state.estimates:
-            self._record("probe", raw, self._predicted_ratio())
+        networks = estimates[-1][1] if estimates else "plain"
         while True:
-            last, networks, *error = state.estimates[-1]
-            noise = scaled(error, (last / samples) ** 0.5)
-            excess, called = target.excess(noise), last == samples and networks != "probe"
-            if called and excess <= 1:
-                return noise
-            if by_raw - samples * (excess / AIM) ** 2 < self.CALL_COST or len(state.estimates) > self.CALLS:
-                return raw
-            if called or (excess > 1 and networks != "probe"):
-                render.loosening = self.MARGIN
-                return noise
-            networks = "fast" if self.fast or by_raw < self.MIN_SAMPLES_FOR_BEST else "best"
+            if estimates:
+                last, _, *error = estimates[-1]
+                noise = scaled(error, (last / samples) ** 0.5)
+                excess = target.excess(noise)
+                by_final = samples * (excess / AIM) ** 2
+                if last == samples and excess <= 1:
+                    return noise
+                if by_raw - by_final < cost or len(estimates) >= self.CALLS:
+                    return raw
+                if by_final > self.BEST * cost and not self.fast and networks == "plain":
+                    networks = "best"
+                elif last == samples or excess > 1:
+                    return noise
             result = self._latest(networks, samples)
             self._record(networks, raw, max(result.noise, result.at_most / TOLERANCE) / result.raw_noise)
 
-    def _predicted_ratio(self) -> float:
-        """Returns the predicted error of the final image, divided by the error of the raw image.
+    @property
+    def _call_cost(self) -> float:
+        """Cost of a call of the denoiser with the smallest networks, in samples per pixel.
 
-        The prediction denoises the middle of the image by the smallest networks, without features.
+        The number of rays of a sample is estimated from the scene, because measured times differ.
         """
-        halves = self.colours
-        sides = [(n, max(n // 3, min(n, LEAST_SIDE))) for n in halves[0].shape[:2]]
-        middle = tuple(slice((n - side) // 2, (n + side) // 2) for n, side in sides)
-        result = denoise_halves(halves[0][middle], halves[1][middle], Denoiser(fast=True))
-        return result.at_most / max(result.raw_noise, 1e-30)
+        transport = self.render.state.estimator.transport
+        if not hasattr(transport, "lights") or not transport.settings.follows_tree:  # follows paths
+            return self.CALL_COST / 8
+        follows = transport.settings.max_level > 0 and (transport.reflects or transport.refracts)
+        return self.CALL_COST / (1 + transport.lights.lamps) / (2 if follows else 1)
 
     def _record(self, networks: str, raw: Noise, ratio: float) -> None:
         """Stores the errors of the raw image multiplied by ``ratio``, rounded, as an estimate of ``networks``."""

@@ -114,9 +114,8 @@ def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_seco
     slope = 1 / average(displayed_squared(denoised))
     image, left = combined(raw, denoised, noise, followed, slope)
     # The mixture is computed again with noise like d added to the samples, because the shares depend on the noise too.
-    above, below = (
-        combined(raw + k * noise, denoised + k * followed, noise, followed, slope)[0] for k in (STEP, -STEP)
-    )
+    above = combined(raw + STEP * noise, denoised + STEP * followed, noise, followed, slope)[0]
+    response = (above - image) / (2 * STEP)
     removed = raw - denoised
     own = noise * noise
     error = removed * removed - own + 2 * noise * followed
@@ -126,7 +125,7 @@ def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_seco
     final_error, denoised_error = np.maximum(mean[0], mean[1]), np.maximum(mean[3], mean[4])
     image = with_light(image, raw, final_error)
     errors = np.sqrt(mean[2]), np.sqrt(denoised_error), np.sqrt(final_error)
-    return Denoised(raw, denoised, image, *errors, *squares(image, first, second, (above - below) / (4 * STEP)))
+    return Denoised(raw, denoised, image, *errors, *squares(image, first, second, response))
 
 
 def unmixed(raw: np.ndarray, error: np.ndarray, noise: float) -> Denoised:

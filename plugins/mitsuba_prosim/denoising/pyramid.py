@@ -87,7 +87,7 @@ def _doubled(image: np.ndarray, n: int) -> np.ndarray:
     """Returns a smooth array with ``n`` rows, about twice the number of rows of ``image``."""
     padded = np.concatenate([image[:1], image, image[-1:]])
     before, after = padded[:-2], padded[2:]
-    result = np.empty((n, *image.shape[1:]), image.dtype)
+    result = np.empty_like(image, shape=(n, *image.shape[1:]))
     result[::2] = 0.125 * (before + after) + 0.75 * image
     result[1::2] = (0.5 * (image + after))[: n // 2]
     return result

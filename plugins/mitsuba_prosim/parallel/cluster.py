@@ -24,8 +24,9 @@ SETTINGS = {
     "distributed.scheduler.allowed-failures": 10,
 }
 
-#: Timeout for the connection to a scheduler, in seconds; interval at which lost workers are replaced.
-TIMEOUT, REPLACE_INTERVAL = 10, "2s"
+#: Timeout for the connection to a scheduler, in seconds; interval at which lost workers are replaced; maximum number of
+#: attempts to start local workers.
+TIMEOUT, REPLACE_INTERVAL, ATTEMPTS = 10, "2s", 3
 
 
 def silence() -> None:
@@ -45,15 +46,21 @@ def workers(number: int, threads: int | None = None) -> Iterator[distributed.Cli
     threads of all processes together; None for one thread per processor.
     """
     silence()
-    with dask.config.set(SETTINGS), interrupts_blocked():
-        cluster = distributed.LocalCluster(
-            n_workers=number,
-            threads_per_worker=max(1, (threads or os.cpu_count() or 1) // number),
-            host="127.0.0.1",
-            dashboard_address="127.0.0.1:0",
-            memory_limit=0,  # no limit
-            silence_logs=logging.CRITICAL,
-        )
+    for attempts_left in range(ATTEMPTS)[::-1]:
+        try:
+            with dask.config.set(SETTINGS), interrupts_blocked():
+                cluster = distributed.LocalCluster(
+                    n_workers=number,
+                    threads_per_worker=max(1, (threads or os.cpu_count() or 1) // number),
+                    host="127.0.0.1",
+                    dashboard_address="127.0.0.1:0",
+                    memory_limit=0,  # no limit
+                    silence_logs=logging.CRITICAL,
+                )
+            break
+        except RuntimeError:  # a worker was lost at its start
+            if not attempts_left:
+                raise
     with cluster:
         # Without adaptive scaling, Dask does not replace a worker that is lost at its start.
         cluster.adapt(minimum=number, maximum=number, interval=REPLACE_INTERVAL)

@@ -11,6 +11,7 @@ import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
+from unittest import mock
 
 import dask
 import distributed
@@ -97,17 +98,12 @@ def test_a_scene_travels_with_the_files_that_it_names(lamp, tmp_path):
 
 def test_without_workers_nothing_is_begun(lamp, monkeypatch):
     """Where they can't be started in three attempts, where the package lacks, and where no scheduler answers."""
-    attempts = []
-
-    def fails(**_):
-        attempts.append(1)
-        raise RuntimeError("Nanny failed to start.")
-
+    fails = mock.Mock(side_effect=RuntimeError("Nanny failed to start."))
     monkeypatch.setattr(cluster, "TIMEOUT", 0.2)
     refused("no scheduler answers at tcp://127.0.0.1:1", "render", lamp, "--cluster", "tcp://127.0.0.1:1", code=1)
     monkeypatch.setattr(cluster.distributed, "LocalCluster", fails)
     refused("the workers can't be started here (Nanny failed to start.)", "render", lamp, "--workers", 1, code=1)
-    assert len(attempts) == 3  # a worker may be lost at its start
+    assert fails.call_count == 3  # a worker may be lost at its start
     monkeypatch.setitem(sys.modules, "distributed", None)
     refused("to get it: pip install 'mitsuba-prosim[cluster]'", "render", lamp, "--workers", 2, code=1)
 
@@ -177,8 +173,7 @@ def test_workers_that_are_killed_and_scenes_that_are_forgotten(client, lamp):
         for process in client.run(os.getpid).values():
             os.kill(process, signal.SIGKILL)
 
-    acts = [kill_all, lambda: client.run(exec, FORGET), lambda: kill_one(client)]
-    told = []
+    told, acts = [], [kill_all, lambda: client.run(exec, FORGET), lambda: kill_one(client)]
 
     def tell(done):
         told.append(done)

@@ -54,9 +54,6 @@ class SceneBundle:
         Raises the errors of the scene's plugins.
         """
         with atomic.scratch() as folder:
-            for name, content in self.contents.items():
-                path = folder / name
-                path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_bytes(content)
+            atomic.write({folder / name: content for name, content in self.contents.items()})
             scene = scene_file.SceneFile(folder / self.main, folder, **self.changes).load()
             return scene, scene_file.pick_sensor(scene, self.sensor)

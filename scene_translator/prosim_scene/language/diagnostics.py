@@ -90,10 +90,6 @@ class Source:
         line = bisect_right(self.line_starts, offset)
         return line, offset - self.line_starts[line - 1] + 1
 
-    def line(self, span: Span) -> int:
-        """Returns the number, from 1, of the line on which a span begins."""
-        return self.line_column(span.start)[0]
-
     def message(self, span: Span, reason: str) -> str:
         """Returns ``file:line:column: reason``, the source line, and a caret under the span."""
         line, column = self.line_column(span.start)

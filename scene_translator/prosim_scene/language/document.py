@@ -43,7 +43,7 @@ class Document:
 
     def line(self, *path: str | int) -> int:
         """Returns the number, from 1, of the line on which the text states a value."""
-        return self.source.line(self.span(*path))
+        return self.source.line_column(self.span(*path).start)[0]
 
     def error(self, reason: str, *path: str | int, code: str = "") -> SceneError:
         """Returns an error about a value; the default of ``code`` is the first part of the value's path."""

@@ -189,7 +189,8 @@ class Reader(Scanner):
         ``what`` is the name of the part in the error message.
         """
         if first := self.spans.get((*self.path, *path)):
-            reason = f"{what} stands twice; the first is on line {self.source.line(first)}; delete one"
+            line, _ = self.source.line_column(first.start)
+            reason = f"{what} stands twice; the first is on line {line}; delete one"
             self.add_error(token.span, reason, "twice")
         else:
             self.store_span(token.span, *path)

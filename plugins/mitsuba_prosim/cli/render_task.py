@@ -301,8 +301,8 @@ def render_and_write(job: Job, stem: Path, begin: Checkpoint | None = None) -> N
 class Snapshots:
     """Writes intermediate images of a task whose image has the path ``NAME``.
 
-    The image is written to ``NAME.0.04.exr`` when its error is at most 0.04, or to ``NAME.4s.exr`` after 4 seconds. The
-    metadata contain the actual error, sample counts and time.
+    The image is written to ``NAME.0.04.exr`` when ``--noise 0.04`` would end the render, or to ``NAME.4s.exr`` after 4
+    seconds. The metadata contain the actual error, sample counts and time.
     """
 
     def __init__(self, task: RenderTask) -> None:
@@ -315,7 +315,10 @@ class Snapshots:
             return
         for text in list(self.left):
             amount = float(text.removesuffix("s"))
-            due = reached.seconds >= (1 - SHARE) * amount if text.endswith("s") else reached.noise <= amount
+            if text.endswith("s"):
+                due = reached.seconds >= (1 - SHARE) * amount
+            else:  # as a render with --noise would end
+                due = replace(render.target, limits=(amount, 0, 0)).excess(render.state.noise) <= 1
             if due:
                 self.left.remove(text)
                 render.update_film()

@@ -22,7 +22,7 @@ from .tokens import START, Scanner, Token
 from .words import NAMED, STATEMENTS, Numbers, find_word, normalise
 
 #: The largest number of primitives in all uses of named solids. A primitive counts once for each solid around it.
-MAX_PRIMITIVES = 2 * 10**5
+MAX_PRIMITIVES = 500_000
 #: Matches the beginning of a line that starts with the keyword of a statement.
 STATEMENT_LINE = re.compile(
     rf"^[ \t]*(?:{'|'.join(sorted(map(re.escape, words.spellings_of(*STATEMENTS)), key=len, reverse=True))})(?![\w.-])",

@@ -241,7 +241,7 @@ class FinalImage:
         """
         transport = self.render.state.estimator.transport
         if not hasattr(transport, "lights") or not transport.settings.follows_tree:  # follows paths
-            return self.CALL_COST / 8
+            return self.CALL_COST / 10
         follows = transport.settings.max_level > 0 and (transport.reflects or transport.refracts)
         return self.CALL_COST / (1 + transport.lights.lamps) / (2 if follows else 1)
 

@@ -115,3 +115,5 @@ def test_parts_make_the_image_and_it_is_continued(lamp, tmp_path, monkeypatch):
     assert f"finished: prosim merge {tmp_path}/a.*-of-3.npz\n" in done("resume", second).stdout
     assert "can be removed, unless" in done("merge", *parts, "-o", tmp_path / "b").stdout
     assert alike(tmp_path / "whole", tmp_path / "b")
+    done("render", lamp, "-o", tmp_path / "few", *every, "--spp", 4, "--checkpoint")
+    assert "samples a pixel" in done("resume", tmp_path / "few.state.npz", "--noise", 0.0005).stdout

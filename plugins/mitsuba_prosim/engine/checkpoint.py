@@ -76,6 +76,7 @@ class Checkpoint:
             "sampling": asdict(state.plan.sampling),
             "part": None if state.part is None else (state.part.number, state.part.of),
             "uses_sobol": state.plan.uses_sobol,
+            "shared_bits": state.plan.shared_bits,
             "noise": state.noise,
             "estimates": state.estimates,
             "rounds": state.rounds,
@@ -123,8 +124,9 @@ class Checkpoint:
                 "threshold, max_samples or adaptive differ"
             )
         # A render may continue with Sobol' points after N-rook patterns, but not with N-rook patterns after Sobol'
-        # points.
-        state.plan = replace(state.plan, uses_sobol=state.plan.uses_sobol or self.attributes["uses_sobol"])
+        # points. The first samples may be of a shared sequence.
+        uses_sobol = state.plan.uses_sobol or self.attributes["uses_sobol"]
+        state.plan = replace(state.plan, uses_sobol=uses_sobol, shared_bits=self.attributes["shared_bits"])
         state.noise, state.estimates = self.attributes["noise"], self.attributes["estimates"]
         # Different policies use different numbers of pixels around a crop window.
         _, mine, theirs = np.intersect1d(self.pixels["index"], index(state), True, return_indices=True)
@@ -151,7 +153,6 @@ def identity(state: FilmState) -> dict[str, Any]:
     return {
         "samples of a pass": plan.n,
         "passes that every pixel gets": plan.sampling.min_passes,
-        "binary logarithm of the samples of a shared sequence": plan.shared_bits,
         "jitter": plan.sampling.jitter,
         "photons of a set": None if caustics is None else caustics.count,
         "seed": int(plan.seed[0]),

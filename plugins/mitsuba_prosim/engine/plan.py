@@ -96,7 +96,7 @@ class Plan:
     max_samples: int
     #: Whether the points are Sobol' points.
     uses_sobol: bool
-    #: Binary logarithm of the number of samples of a pixel, if all pixels share one Sobol' sequence; else None.
+    #: Binary logarithm of the number of samples of a pixel for which all pixels share one Sobol' sequence, or None.
     shared_bits: int | None
     permutations: Permutations
     seed: mi.UInt32
@@ -167,10 +167,11 @@ class Plan:
         """
         # Each coordinate has 16 bits, so that the samples of a pixel do not depend on the film's size.
         pixel = (mi.UInt32(y) << 16) | (mi.UInt32(x) & 0xFFFF)
-        if self.uses_sobol:  # one kernel for shared and for own sequences
+        if self.uses_sobol:  # one kernel for shared and for own sequences; samples beyond the shared ones are own ones
             shared = dr.opaque(mi.UInt32, 0 if self.shared_bits is None else 1 << self.shared_bits)
-            index = z_curve(mi.UInt32(x), mi.UInt32(y)) * shared + t
-            return Sobol(pixel_key(self.seed, dr.select(shared == 0, pixel, 0)), index, dr.opaque(mi.UInt32, self.n))
+            shares = t < shared
+            index = dr.select(shares, z_curve(mi.UInt32(x), mi.UInt32(y)) * shared, 0) + t
+            return Sobol(pixel_key(self.seed, dr.select(shares, 0, pixel)), index, dr.opaque(mi.UInt32, self.n))
         return NRook(self.permutations, pixel_key(self.seed, pixel), t, self.sampling.jitter)
 
 

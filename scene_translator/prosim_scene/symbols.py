@@ -210,17 +210,17 @@ def _keyword_completions(role: str, start: int) -> Iterator[Completion]:
     kind, rank = ("Keyword", 2) if role in STATEMENTS else ("Property", 0)
     for word in words.words_of(role):
         for i, spelling in enumerate(word.spellings):
-            yield Completion(spelling, kind, start, _numbers_in_words(word), description(word), rank + (i > 0))
+            yield Completion(spelling, kind, start, _names_of_numbers(word), description(word), rank + (i > 0))
 
 
-def _numbers_in_words(word: Word) -> str:
+def _names_of_numbers(word: Word) -> str:
     """Returns the names of the numbers after a word, such as ``x y z``, or TRUE for each flag."""
     return " ".join(["TRUE"] * word.numbers.count) if word.numbers.flags else word.numbers.names
 
 
 def description(word: Word) -> str:
     """Describes a word, as Markdown: its meaning, its values with their range, and its other spellings."""
-    lines = [f"**{word.canonical}** {_numbers_in_words(word)}".rstrip(), word.meaning]
+    lines = [f"**{word.canonical}** {_names_of_numbers(word)}".rstrip(), word.meaning]
     if word.numbers.count and not word.numbers.flags:
         each = "each " if word.numbers.count > 1 else ""
         lines.append(f"{word.numbers.names}: {each}{word.numbers.range_in_words()}")

@@ -88,7 +88,11 @@ def quoted_path(path: Path) -> str:
     The path of a part becomes a pattern that matches all parts of its image, such as ``night.*-of-4.npz``.
     """
     match = STATE_SUFFIXES.search(path.name)
-    return f"{image_stem(path)}.*-of-{match['of']}.npz" if match and match["of"] else shlex.quote(str(path))
+    return (
+        f"{shlex.quote(str(image_stem(path)))}.*-of-{match['of']}.npz"
+        if match and match["of"]
+        else shlex.quote(str(path))
+    )
 
 
 def kind(path: Path) -> str:

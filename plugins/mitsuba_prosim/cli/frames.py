@@ -113,10 +113,10 @@ class Film:
 
 
 def digest(job: Job, file: scene_file.SceneFile) -> str:
-    """Returns the SHA-256 of all data that determine the bytes of a frame.
+    """Returns the SHA-256 of the data that determine a frame, up to rounding errors.
 
-    The data are the scene's content, changes of the scene by options, and the :mod:`..engine.environment`. The digest
-    does not depend on the scene's folder.
+    The data are the scene's content, changes of the scene by options, the variant and the versions of the software. The
+    digest depends neither on the scene's folder nor on the processor.
     """
     environment_facts = environment.this_environment()
     versions = [environment_facts[name] for name in environment.MUST_AGREE]

@@ -113,12 +113,13 @@ def continued_job(saved: Job, requested: Job, **changes: Any) -> Job:
 def checkpoint_and_job(
     state: Path, moved: Path | None, load: Callable[[Path], Checkpoint] = checkpoint.load
 ) -> tuple[Checkpoint, Job]:
-    """Reads a checkpoint and its job, and sets the job's variant.
+    """Returns a checkpoint and its job, with the path at which the job's scene is now; sets the job's variant.
 
     ``moved`` is the new path of the job's scene, if the scene was moved. ``load`` reads the checkpoint. Raises
     InputError.
     """
     with input_errors():
+        # The variant must be set before the arrays are read.
         choose_variant(checkpoint.read(state, arrays=False).environment["variant"])
         record = load(state)
         job = Job.of(record)

@@ -16,7 +16,7 @@ def denoise(
     normal: np.ndarray | None = None,
     fast: bool = False,
 ) -> Denoised:
-    """Denoises an image that consists of two halves of the samples, as far as denoising reduces the error.
+    """Denoises an image that consists of two halves of the samples, and mixes the result with the raw image.
 
     ``first``, ``second``
         Linear images of the same scene, with equally many samples and different seeds: shape (height, width, channels)

@@ -231,7 +231,7 @@ class FinalImage:
                 elif last == samples or excess > 1:
                     return noise
             result = self._latest(networks, samples)
-            self._record(networks, raw, max(result.noise, result.at_most / TOLERANCE) / result.raw_noise)
+            self._record(networks, raw, result.at_most / result.raw_noise)
 
     @property
     def _call_cost(self) -> float:

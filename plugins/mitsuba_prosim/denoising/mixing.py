@@ -54,6 +54,11 @@ LUMINANCE = np.array([0.212671, 0.715160, 0.072169], np.float32)
 LIGHT = 0.02
 
 
+#: Factor on the upper bound of the final error. The denoised halves have a part of their error in common, which their
+#: difference does not show: up to 8 % of the error with 5 samples a pixel in each half.
+COMMON = 1.08
+
+
 @dataclass(frozen=True)
 class Denoised:
     """A denoised image: images of shape (height, width, channels) and maps of shape (height, width)."""
@@ -90,7 +95,7 @@ class Denoised:
         the noise of the two halves; its variance is 4/3 d^4.
         """
         deviation = float(np.sqrt(np.sum(self.raw_squares**2) * 4 / 3)) / self.raw_squares.size
-        return max(float(self.final_squares.mean()) + 1.645 * deviation, 0.0) ** 0.5
+        return COMMON * max(float(self.final_squares.mean()) + 1.645 * deviation, 0.0) ** 0.5
 
 
 def inputs(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -142,8 +142,8 @@ class FilmState:
     def counts_for(self, request: np.ndarray) -> np.ndarray:
         """Converts requested samples to counts of samples.
 
-        The count of a pixel is the count of the first pass, or the next power of two, for which Sobol' points are best.
-        The count is at most the maximum of the plan.
+        The counts are totals. A request below the minimum of the plan becomes this minimum. A larger request is rounded
+        up to a power of two, for which Sobol' points are best, and limited to the maximum of the plan.
         """
         plan, clipped = self.plan, np.clip(np.nan_to_num(request, nan=1), 1, UNLIMITED)
         power_of_two = np.left_shift(1, np.frexp(np.ceil(clipped) - 1)[1])

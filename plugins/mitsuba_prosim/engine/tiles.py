@@ -44,7 +44,8 @@ def part_numbers(region: Rectangle, parts: int, margin: int, x: np.ndarray, y: n
     side = max(min(int((area(region) / (TILES * parts)) ** 0.5), LARGEST * margin), SMALLEST)
     columns, rows = max(1, (right - left) // side), max(1, (bottom - top) // side)
     column, row = (x - left) * columns // (right - left), (y - top) * rows // (bottom - top)
-    # The shift and the number of parts are coprime, so that every part has tiles in every column.
+    # The shift and the number of parts are coprime, so that no part has a second tile in a column before each of the
+    # others has one.
     coprime = (shift for shift in range(1, parts + 1) if gcd(shift, parts) == 1)
     return (column + row * min(coprime, key=lambda shift: abs(shift - SHIFT * parts))) % parts + 1
 

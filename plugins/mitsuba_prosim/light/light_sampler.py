@@ -158,7 +158,10 @@ def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
 
 
 def falls_with_distance(emitter: mi.Emitter) -> bool:
-    """Tells whether the light of ``emitter`` decreases with the square of the distance."""
+    """Tells whether the light of ``emitter`` decreases with the square of the distance.
+
+    The parallel light of a ``directionalarea`` does not, but counts as if it did, because it has a bounded origin.
+    """
     flags, kinds = emitter.flags(), mi.EmitterFlags
     endless = mi.has_flag(flags, kinds.Infinite) or emitter.class_name() == DIRECTIONAL
     bounded = mi.has_flag(flags, kinds.Surface) or mi.has_flag(flags, kinds.DeltaPosition)

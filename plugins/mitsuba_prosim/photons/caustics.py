@@ -55,7 +55,7 @@ class Caustics:
         self.tracer = PhotonTracer(scene, limit, tree, self.mis)
         self.gathering = Gathering(scene)
         #: Arguments of :meth:`use_pass` -> photon pass: its photons on diffuse surfaces, and those on glossy surfaces
-        # if : these gather photons. The oldest pass is first.
+        #: if these gather photons. The oldest pass is first.
         self._passes: dict[tuple[int, int, int], tuple[Photons, Photons | None]] = {}
         self._current: tuple[Photons, Photons | None] | None = None
         self.key, self.n = mi.UInt32(0), mi.UInt32(1)
@@ -117,9 +117,10 @@ class Caustics:
         return max(self.count // (self.maps(n) * self.sources.pairs), 1)
 
     def _emit(self, seed: int, number: int, n: int) -> tuple[Photons, Photons | None]:
-        """Emits and traces the photons of the pass ``number``, and sorts them into photon maps.
+        """Emits and traces the photons of the pass ``number`` under ``seed``, and sorts them into photon maps.
 
-        Returns the photons that land on diffuse surfaces and, with MIS, those that land on glossy surfaces.
+        A sampling pattern has ``n``² samples. Returns the photons that land on diffuse surfaces and, if glossy surfaces
+        gather photons, those that land on glossy surfaces (or else None).
         """
         maps, per_pair = self.maps(n), dr.opaque(mi.UInt32, self.per_pair(n))
         # Photon i belongs to one map and to one pair of a light source and a target.
@@ -134,8 +135,8 @@ class Caustics:
         start = self.sources.start(pair, mi.Float(per_pair), *points, wavelengths)
         diffuse, glossy = self.tracer(start, combine(key, i + 1))
         dr.eval(diffuse, glossy, map_of)
-        rest = map_of, maps, self.footprint
-        return Photons.of(diffuse, *rest), None if glossy is None else Photons.of(glossy, *rest)
+        on_diffuse = Photons.of(diffuse, map_of, maps, self.footprint)
+        return on_diffuse, None if glossy is None else Photons.of(glossy, map_of, maps, self.footprint)
 
     def _wavelengths(self, seed: int, t: mi.UInt32, n: int) -> mi.Color0f:
         """Returns the wavelengths in nm that the sensor samples for the ``t``-th sample of every pixel.

@@ -185,8 +185,8 @@ class Sources:
     def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, per_pair: mi.Float, active: mi.Bool) -> mi.Float:
         """Returns the density of photons (:attr:`Start.density`) on the light ray that arrives at ``it`` along ``ds``.
 
-        The density of photons is 0 on light rays where no photons start. ``per_pair`` is the number of photons of each
-        pair, as in :meth:`start`.
+        The density is 0 on light rays on which no photon can start, and for point lights and light of a single
+        direction. ``per_pair`` is the number of photons of each pair, as in :meth:`start`.
         """
         d, flags, result = -ds.d, ds.emitter.flags(), mi.Float(0)
         if "surface" in self.kinds:

@@ -23,8 +23,8 @@ def reason(
 ) -> str | None:
     """Returns the reason why an image is black, with a remedy; None if the image is not black.
 
-    ``colours`` are the linear colours of the image, displayed with ``exposure`` stops. ``brighter`` is an advice such
-    as :data:`IN_THE_PNG`.
+    ``colours`` are the linear colours of the image, already multiplied by 2^``exposure``. ``brighter`` is an advice
+    such as :data:`IN_THE_PNG`.
     """
     brightest = float(np.fmax.reduce(colours, axis=None, initial=0.0))  # the maximum without NaN values
     if brightest >= BLACK:

@@ -151,7 +151,10 @@ class SceneFile:
                 yield from self._spectra(Path(place), search, values, within)
 
     def sources(self) -> list[Path]:
-        """Returns the paths of the files that the scene uses, without the files that the translator wrote."""
+        """Returns the paths of the files that the scene uses, without the files that the translator wrote.
+
+        The scene file itself is one of them only if it is XML.
+        """
         files = [*map(Path, map(str, self.state.files)), *(path for _, path in self.named_files())]
         if self.document is None:
             return files

@@ -39,7 +39,10 @@ def installed() -> dict[str, Path]:
 
 
 def plugin_names() -> list[str]:
-    """Returns the names of the plugins in Python: those of installed packages, and those of Mitsuba."""
+    """Returns the names of the plugins in Python, which need stand-ins: those of installed packages, and of Mitsuba.
+
+    The function loads the packages, records the names that they register, and sets the variant ``scalar_rgb``.
+    """
     mi.set_variant("scalar_rgb")
     names = {*PLUGINS_IN_PYTHON, *registry.PLUGINS}
 

@@ -1,7 +1,8 @@
 """A loop whose iterations have derivatives.
 
-The loops of Dr.Jit 1.5 do not suit. For a symbolic loop with derivatives, Dr.Jit generates wrong code for masks. The
-backward pass of an evaluated loop visits variables in the order of a hash table, so each iteration is compiled again.
+The loop is a loop of Python, because the two kinds of loops of Dr.Jit 1.5 do not suit. For a symbolic loop with
+derivatives, Dr.Jit generates wrong code for masks. The backward pass of an evaluated loop visits variables in the order
+of a hash table, so each iteration is compiled again.
 """
 
 from __future__ import annotations

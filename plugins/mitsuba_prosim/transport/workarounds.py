@@ -233,7 +233,9 @@ def sample_leaves(
 def eval_leaves(
     lobe: mi.BSDFContext, all_leaves: list[Leaf], si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
 ) -> tuple[mi.Spectrum, mi.Float]:
-    """Returns the value of ``lobe`` times the cosine, and the density, of a blend of BSDFs for the direction ``wo``."""
+    """Returns the value of ``lobe`` times the cosine of ``wo``, and the density of ``wo``: sums over
+    ``all_leaves``, the BSDFs of a blend, weighted by their shares.
+    """
     f, pdf = mi.Spectrum(0), mi.Float(0)
     for leaf in all_leaves:
         if leaf.bsdf is not None:

@@ -110,7 +110,7 @@ def evaluate(tree: Tree, groups: Sequence[int], body: Callable[[int], Body | Non
         return {groups[number]: _Chain(value)} if value else {}
 
     def combine(symbol: str, left: dict[int, _Chain], right: dict[int, _Chain]) -> dict[int, _Chain]:
-        """Applies an operator to the chains of two operands, separately for each group."""
+        """Combines two operands, which have one chain of + and - for each group of touching leaves, group by group."""
         # If only one operand has a group, + keeps the group, - keeps a group of the left operand, * removes the group.
         small, large = sorted((left, right), key=len)
         common = {group: left[group].combined(symbol, right[group]) for group in small if group in large}

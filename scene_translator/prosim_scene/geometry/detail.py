@@ -83,7 +83,7 @@ def union_ball(a: Ball, b: Ball) -> Ball:
     """Returns the bounding ball of two balls."""
     distance = math.dist(a.center, b.center)
     small, large = sorted((a, b), key=lambda ball: ball.radius)
-    if not distance + small.radius > large.radius:
+    if distance + small.radius <= large.radius:  # true for infinite radii, too
         return large
     radius = (distance + a.radius + b.radius) / 2
     return Ball(_between(a, b, (radius - a.radius) / distance), radius)
@@ -217,7 +217,7 @@ def _is_inscribed(inner: Solid, outer: Solid) -> bool:
         return False
     relative = np.linalg.solve(outer.to_world, inner.to_world)
     quadric = outer.primitive.quadrics[outer.primitive.curved]
-    points = inner.primitive.lines.reshape(-1, 3)
+    points = inner.primitive.surface_lines.reshape(-1, 3)
     for tested in (points[:: max(len(points) // 8, 1)], points):  # for most pairs, the first few points suffice
         p = tested @ relative[:3, :3].T + relative[:3, 3]
         if outer.primitive.two_sheets and (p[:, 2] < -INSIDE).any():

@@ -96,7 +96,7 @@ class Leaves:
         self.of_leaf = renumbered[self.of_leaf]
 
     def cache_key(self) -> Hashable:
-        """A hashable key, equal for equal tables."""
+        """Returns a hashable key, equal for leaves with equal tables."""
         solids = tuple(
             (s.primitive.name, s.segments, s.shrink, s.to_world.tobytes(), s.facet_map.tobytes(), s.surfaces.tobytes())
             for s in self.solids

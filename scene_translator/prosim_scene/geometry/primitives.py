@@ -70,7 +70,7 @@ class Primitive(ABC):
     two_sheets: ClassVar[bool] = False
     #: Lines (k, 2, 3) on the curved face. The distance of each point of this face from the nearest line is at most
     #: ``gap`` times the longest semi-axis of the face.
-    lines: ClassVar[np.ndarray]
+    surface_lines: ClassVar[np.ndarray]
     gap: ClassVar[float] = 0.08
     #: The number of segments that a chord error requires, relative to the number for a circle.
     segment_factor: ClassVar[float] = 1.0
@@ -118,8 +118,8 @@ class Primitive(ABC):
         visible = camera.may_see(self.box_corners @ linear.transpose(0, 2, 1) + offset[:, None])
         distance = np.linalg.norm(center + offset - camera.eye, axis=1) - radius
         for i in np.flatnonzero(distance < radius).tolist():
-            # The eye is near the bounding ball, but perhaps not near the surface: a better bound is needed.
-            a, b = (self.lines[:, end] @ linear[i].T + offset[i] for end in range(2))
+            # The eye is near the bounding ball, but perhaps not near the surface: lines on it give a better bound.
+            a, b = (self.surface_lines[:, end] @ linear[i].T + offset[i] for end in range(2))
             distance[i] = max(distance[i], distance_to_segments(a, b, camera.eye) - self.gap * size[i])
         error = np.where(visible, 1, OUTSIDE_TOLERANCE) * tolerance * camera.footprint(distance) / size
         max_segments = np.where(visible, MAX_SEGMENTS, OUTSIDE_SEGMENTS)
@@ -230,7 +230,7 @@ class Sphere(Primitive):
     box = np.array([[-1.0, -1, -1], [1, 1, 1]])
     curved = 0
     axes = 3
-    lines = np.repeat(_subdivided_octahedron(64)[0][:, None], 2, axis=1)  # points, less than 0.05 apart
+    surface_lines = np.repeat(_subdivided_octahedron(64)[0][:, None], 2, axis=1)  # points, less than 0.05 apart
     segment_factor = 1.64  # the largest triangles lie at the centres of the octahedron's faces
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
@@ -294,7 +294,7 @@ class Cylinder(_OfRevolution):
 
     name = "cylinder"
     quadrics = np.array([np.diag([1.0, 1, 0, -1]), plane(0, 0, 1, -1), plane(0, 0, 1, 0)])
-    lines = np.stack([np.append(circle(64), np.full((64, 1), z), axis=1) for z in (0, 1)], axis=1)
+    surface_lines = np.stack([np.append(circle(64), np.full((64, 1), z), axis=1) for z in (0, 1)], axis=1)
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
         """Returns the mesh of the cylinder: two discs, and two triangles for each segment of the side."""
@@ -318,7 +318,7 @@ class Cone(_OfRevolution):
     name = "cone"
     quadrics = np.array([np.diag([1.0, 1, -1, 0]), plane(0, 0, 1, -1)])
     two_sheets = True
-    lines = np.stack([np.append(circle(64), np.ones((64, 1)), axis=1) * z for z in (0, 1)], axis=1)
+    surface_lines = np.stack([np.append(circle(64), np.ones((64, 1)), axis=1) * z for z in (0, 1)], axis=1)
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
         """Returns the mesh of the cone: a disc, and one triangle for each segment of the side."""

@@ -96,25 +96,23 @@ def test_parts_make_the_image_and_it_is_continued(lamp, tmp_path, monkeypatch):
     every = ["--adaptive", "none"]
     done("render", lamp, "-o", tmp_path / "whole", *every)
     for number in (1, 2, 3):
-        report = done("render", lamp, "-o", tmp_path / "my a", "--part", f"{number}/3", *every).stdout
-        assert report.startswith(f"{tmp_path}/my a.{number}-of-3.npz: part {number} of 3, 32 x 24 pixels")
-    first, second, third = parts = [tmp_path / f"my a.{number}-of-3.npz" for number in (1, 2, 3)]
-    assert not (tmp_path / "my a.exr").exists()
+        report = done("render", lamp, "-o", tmp_path / "a b", "--part", f"{number}/3", *every).stdout
+        assert report.startswith(f"{tmp_path}/a b.{number}-of-3.npz: part {number} of 3, 32 x 24 pixels")
+    first, second, third = parts = [tmp_path / f"a b.{number}-of-3.npz" for number in (1, 2, 3)]
+    assert not (tmp_path / "a b.exr").exists()
     refused("of 3 parts, these are missing: 2", "merge", first, third)
-    assert f"can be removed: {tmp_path}/my a.state.npz" in done("merge", third, first, second, "--checkpoint").stdout
-    assert alike(tmp_path / "whole", tmp_path / "my a")
+    assert f"can be removed: {tmp_path}/a b.state.npz" in done("merge", third, first, second, "--checkpoint").stdout
+    assert alike(tmp_path / "whole", tmp_path / "a b")
     # All that a small noise begins with is in the parts.
-    report = done(
-        "resume", tmp_path / "my a.state.npz", "-o", tmp_path / "on", "--noise", 0.00005, "--adaptive", "graded"
-    )
+    report = done("resume", tmp_path / "a b.state.npz", "-o", tmp_path / "on", "--noise", 5e-5, "--adaptive", "graded")
     assert re.search(r"noise \S+ of 5e-05", report.stdout)
     refused("all parts of an image have one target", "resume", second, "--noise", 0.01)
     with monkeypatch.context() as patch:
         die_after(patch, 2)
-        assert prosim("render", lamp, "-o", tmp_path / "my a", "--part", "2/3", *every).exit_code != 0
-    refused("my a.2-of-3.npz is not finished", "merge", *parts)
+        assert prosim("render", lamp, "-o", tmp_path / "a b", "--part", "2/3", *every).exit_code != 0
+    refused("a b.2-of-3.npz is not finished", "merge", *parts)
     done("resume", second)
-    assert f"finished: prosim merge '{tmp_path}/my a'.*-of-3.npz\n" in done("resume", second).stdout
+    assert f"finished: prosim merge '{tmp_path}/a b'.*-of-3.npz\n" in done("resume", second).stdout
     assert "can be removed, unless" in done("merge", *parts, "-o", tmp_path / "b").stdout
     assert alike(tmp_path / "whole", tmp_path / "b")
     done("render", lamp, "-o", tmp_path / "few", *every, "--spp", 4, "--checkpoint")

@@ -89,6 +89,9 @@ class FinalImage:
 
     #: Maximum ratio of the raw image's error to the target at which the denoiser is called.
     FAR = 3.0
+    #: Ratio of the error to the target at which a pass aims after a call of the denoiser, because a further call costs
+    #: more than some samples.
+    CLOSE = 0.95
     #: Maximum number of calls of the denoiser that estimate the error.
     CALLS = 5
     #: Cost of a call of the denoiser with the smallest networks, in rays per pixel.
@@ -229,6 +232,7 @@ class FinalImage:
                 if by_final > self.BEST * cost and not self.fast and networks == "plain":
                     networks = "best"
                 elif last == samples or excess > 1:
+                    render.loosening = self.CLOSE
                     return noise
             result = self._latest(networks, samples)
             self._record(networks, raw, result.at_most / result.raw_noise)

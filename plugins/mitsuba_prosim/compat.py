@@ -221,7 +221,7 @@ def _number(pointer: mi.ShapePtr) -> int:
 
 #: Shapes, sensors and emitters.
 INSTANCE, SPHERE, PERSPECTIVE = "Instance", "Sphere", "PerspectiveCamera"
-CONSTANT, DIRECTIONAL, DIRECTIONAL_AREA = "ConstantBackgroundEmitter", "DirectionalEmitter", "DirectionalArea"
+CONSTANT, DIRECTIONAL_AREA = "ConstantBackgroundEmitter", "DirectionalArea"
 
 #: BSDFs that contain other BSDFs; of these, the last two change the normal by a texture.
 MASK, BLEND, TWO_SIDED, MAPS = "MaskBSDF", "BlendBSDF", "TwoSidedBRDF", ("BumpMap", "NormalMap")

@@ -105,7 +105,6 @@ def test_class_names_are_those_of_mitsubas_plugins(variant_rgb):
         compat.SPHERE: {"type": "sphere"},
         compat.PERSPECTIVE: {"type": "perspective"},
         compat.CONSTANT: {"type": "constant"},
-        compat.DIRECTIONAL: {"type": "directional"},
         compat.MASK: {"type": "mask", "bsdf": bsdf},
         compat.BLEND: {"type": "blendbsdf", "a": bsdf, "b": {"type": "plastic"}, "weight": 0.5},
         compat.TWO_SIDED: {"type": "twosided", "bsdf": bsdf},

@@ -76,7 +76,7 @@ class Checkpoint:
             "sampling": asdict(state.plan.sampling),
             "part": None if state.part is None else (state.part.number, state.part.of),
             "uses_sobol": state.plan.uses_sobol,
-            "shared_bits": state.plan.shared_bits,
+            "shared": state.plan.shared,
             "noise": state.noise,
             "estimates": state.estimates,
             "rounds": state.rounds,
@@ -126,7 +126,7 @@ class Checkpoint:
         # A render may continue with Sobol' points after N-rook patterns, but not with N-rook patterns after Sobol'
         # points. The first samples may be of a shared sequence.
         uses_sobol = state.plan.uses_sobol or self.attributes["uses_sobol"]
-        state.plan = replace(state.plan, uses_sobol=uses_sobol, shared_bits=self.attributes["shared_bits"])
+        state.plan = replace(state.plan, uses_sobol=uses_sobol, shared=self.attributes["shared"])
         state.noise, state.estimates = self.attributes["noise"], self.attributes["estimates"]
         # Different policies use different numbers of pixels around a crop window.
         _, mine, theirs = np.intersect1d(self.pixels["index"], index(state), True, return_indices=True)

@@ -19,7 +19,7 @@ Rectangle = tuple[int, int, int, int]
 UNLIMITED = 1 << 20
 #: Default maximum number of samples of a pixel with the policy ``graded``, in multiples of N².
 GRADED_PATTERNS = 4
-#: Numbers of samples of a pixel with which the pixels share one sequence; the position is the binary logarithm.
+#: Numbers of samples of a pixel with which the pixels share one sequence.
 SHARED = (1, 2, 4, 8, 16)
 #: Parameters of the integrator that end a render.
 TARGETS = ("noise", "noise_99", "noise_999", "time")
@@ -96,8 +96,8 @@ class Plan:
     max_samples: int
     #: Whether the points are Sobol' points.
     uses_sobol: bool
-    #: Binary logarithm of the number of samples of a pixel for which all pixels share one Sobol' sequence, or None.
-    shared_bits: int | None
+    #: Number of the first samples of a pixel for which all pixels share one Sobol' sequence.
+    shared: int
     permutations: Permutations
     seed: mi.UInt32
     #: The film's crop window.
@@ -145,7 +145,7 @@ class Plan:
             min(noisy, highest),
             highest,
             bool(spp) or sampling.has_target or sampling.adaptive == "graded" or highest > n * n,
-            SHARED.index(spp) if shares else None,
+            spp if shares else 0,
             Permutations(n),
             seed,
             (x, y, x + w, y + h),
@@ -168,7 +168,7 @@ class Plan:
         # Each coordinate has 16 bits, so that the samples of a pixel do not depend on the film's size.
         pixel = (mi.UInt32(y) << 16) | (mi.UInt32(x) & 0xFFFF)
         if self.uses_sobol:  # one kernel for shared and for own sequences; samples beyond the shared ones are own ones
-            shared = dr.opaque(mi.UInt32, 0 if self.shared_bits is None else 1 << self.shared_bits)
+            shared = dr.opaque(mi.UInt32, self.shared)
             shares = t < shared
             index = dr.select(shares, z_curve(mi.UInt32(x), mi.UInt32(y)) * shared, 0) + t
             return Sobol(pixel_key(self.seed, dr.select(shares, 0, pixel)), index, dr.opaque(mi.UInt32, self.n))

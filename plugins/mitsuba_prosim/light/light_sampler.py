@@ -15,7 +15,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compat import DIRECTIONAL, emitter_pointers
+from ..compat import emitter_pointers
 from ..masks import dispatch, fold
 from ..sampling.hash import combine, hash32
 from ..sampling.nrook import to_unit
@@ -163,9 +163,8 @@ def falls_with_distance(emitter: mi.Emitter) -> bool:
     The parallel light of a ``directionalarea`` does not, but counts as if it did, because it has a bounded origin.
     """
     flags, kinds = emitter.flags(), mi.EmitterFlags
-    endless = mi.has_flag(flags, kinds.Infinite) or emitter.class_name() == DIRECTIONAL
     bounded = mi.has_flag(flags, kinds.Surface) or mi.has_flag(flags, kinds.DeltaPosition)
-    return bounded and not endless and not getattr(emitter, "unattenuated", False)
+    return bounded and not mi.has_flag(flags, kinds.Infinite) and not getattr(emitter, "unattenuated", False)
 
 
 def nearby_lamp_model(power: np.ndarray, origins: np.ndarray, directions: np.ndarray, size: float) -> np.ndarray:

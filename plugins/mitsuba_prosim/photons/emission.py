@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import DIRECTIONAL, emitter_pointers, emitters_in_order, eval_direction
+from ..compat import emitter_pointers, emitters_in_order, eval_direction
 from ..masks import but_not
 from ..sampling import sobol
 from ..sampling.hash import combine
@@ -72,7 +72,7 @@ def kind(emitter: mi.Emitter) -> str | None:
     Returns None for ``directionalarea``, and if the flags of ``emitter`` do not tell where the emitter is.
     """
     flags = emitter.flags()
-    if mi.has_flag(flags, mi.EmitterFlags.Infinite) or emitter.class_name() == DIRECTIONAL:
+    if mi.has_flag(flags, mi.EmitterFlags.Infinite):
         return "far"
     if mi.has_flag(flags, mi.EmitterFlags.DeltaPosition):
         return "point"

@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     #: Pixels that are sampled together: an image, or its second image.
     Pixels: TypeAlias = FilmState | SecondImage
 
+#: Maximum number of sums of the pixels of a work item, which limits memory: wide filters have many sums per pixel.
+MOST_SUMS = 1 << 22
+
 #: Number of classes per factor of 2 by which pixels are sorted by their number of missing samples.
 CLASSES_PER_OCTAVE = 4
 
@@ -165,7 +168,7 @@ def work_items(pixels: Pixels, wanted: np.ndarray, executor: Executor, seconds: 
     while begin < len(order):
         most = before + executor.limit(int(ends[-1]) - before, seconds)
         end = max(begin + 1, int(np.searchsorted(ends, most, side="right")))
-        end = min(end, begin + pixels.plan.sampling.band)
+        end = min(end, begin + min(pixels.plan.sampling.band, MOST_SUMS // pixels.estimator.sums_per_pixel))
         samples, before = int(ends[end - 1]) - before, int(ends[end - 1])
         yield _work_item(pixels, order[begin:end], wanted, samples)
         begin = end

@@ -16,7 +16,7 @@ from .language.formatter import format
 from .mitsuba.translation_context import images, located, meshes
 from .model import Leaf, Scene, View
 from .text_files import read, refuse_special, replace, rewrite
-from .translator import check, document, load, sensor, translate
+from .translator import check, document, load, translate
 from .view import distortion_message
 from .writer import TranslationCache
 
@@ -47,6 +47,5 @@ __all__ = [
     "refuse_special",
     "replace",
     "rewrite",
-    "sensor",
     "translate",
 ]

@@ -61,42 +61,39 @@ def rgb_clipped(color: Iterable[float]) -> Node:
     return rgb(min(c, 1.0) for c in color)
 
 
-def plain(node: Node, transform: Callable[[np.ndarray], Any]) -> Node:
-    """Returns a copy of a plugin's dictionary for ``mi.load_dict``.
+def plain(value: Any, transform: Callable[[np.ndarray], Any]) -> Any:
+    """Returns a copy of a plugin's dictionary, or of a value in it, for ``mi.load_dict``.
 
     The copy has no comments. Defaults are replaced by their values, and matrices by the results of ``transform``.
     """
+    if isinstance(value, dict):
+        return {key: plain(part, transform) for key, part in value.items() if not isinstance(part, Comment)}
+    if isinstance(value, Default):
+        return value.value
+    return transform(value) if isinstance(value, np.ndarray) else value
 
-    def plain_value(value: Any) -> Any:
-        """Converts one value of the dictionary."""
+
+def values_in(node: Node) -> Iterator[Any]:
+    """Yields the values in a plugin's dictionary and in its nested dictionaries."""
+    for value in node.values():
         if isinstance(value, dict):
-            return plain(value, transform)
-        return (
-            value.value if isinstance(value, Default) else transform(value) if isinstance(value, np.ndarray) else value
-        )
-
-    return {key: plain_value(value) for key, value in node.items() if not isinstance(value, Comment)}
+            yield from values_in(value)
+        else:
+            yield value
 
 
 def xml(scene: Node) -> str:
     """Returns the XML text of a scene."""
     root = ElementTree.Element("scene", version="3.0.0")
-    for default in {d.name: d for d in _defaults(scene)}.values():
-        ElementTree.SubElement(root, "default", name=default.name, value=xml_number(default.value))
-    statements = []  # position in ``root`` of the comment before each statement
+    for name, value in {d.name: d.value for d in values_in(scene) if isinstance(d, Default)}.items():
+        ElementTree.SubElement(root, "default", name=name, value=xml_number(value))
     for key, value in scene.items():
-        if isinstance(value, Comment):
-            statements.append(len(root))
         if key != "type":
             _append(root, key, value, 1)
     ElementTree.indent(root, INDENT)
-    for i in statements:  # adds a blank line before each statement
-        if i:
-            root[i - 1].tail = f"\n{root[i - 1].tail}"
-        else:
-            root.text = f"\n{root.text}"
     # ElementTree writes "<a />" instead of "<a/>", and "&#10;" for a line end in a matrix.
     text = ElementTree.tostring(root, encoding="unicode").replace(" />", "/>").replace("&#10;", "\n")
+    text = text.replace(f"\n{INDENT}<!--", f"\n\n{INDENT}<!--")  # a blank line before each statement
     return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'
 
 
@@ -108,15 +105,6 @@ def is_valid_in_xml(text: str) -> bool:
 def xml_number(value: float) -> str:
     """Formats a number for XML with ten significant digits; Mitsuba's single precision has fewer."""
     return format(value, ".10g")
-
-
-def _defaults(node: Node) -> Iterator[Default]:
-    """Yields all defaults in a scene's dictionary."""
-    for value in node.values():
-        if isinstance(value, Default):
-            yield value
-        elif isinstance(value, dict):
-            yield from _defaults(value)
 
 
 def _append(parent: ElementTree.Element, name: str, value: Any, depth: int) -> None:

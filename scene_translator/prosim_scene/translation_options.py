@@ -1,13 +1,18 @@
 """The options of a translation: the keyword arguments of :func:`prosim_scene.translate`."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any
 
 from .language.diagnostics import SceneError
 from .language.words import PIXELS, Numbers, numbers_of
-from .mitsuba import TARGETS, lights
+
+#: The plugins that the translation uses: those of this project, or only those of Mitsuba.
+TARGETS = ("prosim", "stock")
+#: The units of the Intensity of a light, which ``mitsuba.lights`` describes.
+UNITS = ("calibrated", "radiance", "unattenuated")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,13 +30,13 @@ class Options:
         """Checks the values of the options."""
         samples, pixels = numbers_of("SETTING", "samples"), numbers_of("VIEW_PARAMETER", "resolution")
         for name, allowed, expected in (
-            ("target", self.target in list(TARGETS), f"one of {', '.join(TARGETS)}"),
-            ("light_units", self.light_units in lights.UNITS, f"one of {', '.join(lights.UNITS)}"),
+            ("target", self.target in TARGETS, f"one of {', '.join(TARGETS)}"),
+            ("light_units", self.light_units in UNITS, f"one of {', '.join(UNITS)}"),
             ("tolerance", self.tolerance is None or _is_positive(self.tolerance), "a number of pixels above 0"),
-            ("samples", self.samples is None or _is_whole(self.samples, samples), samples.range_in_words()),
+            ("samples", self.samples is None or _are_allowed([self.samples], samples), samples.range_in_words()),
             (
                 "resolution",
-                self.resolution is None or _is_size(self.resolution, pixels),
+                self.resolution is None or _are_allowed(self.resolution, pixels),
                 f"width and height, each {pixels.range_in_words()}, and {PIXELS} in all",
             ),
         ):
@@ -44,15 +49,10 @@ def _is_positive(value: Any) -> bool:
     return isinstance(value, Real) and 0 < float(value) < math.inf
 
 
-def _is_size(size: Any, pixels: Numbers) -> bool:
-    """Whether a value is an allowed image size (width, height); ``pixels`` describes the range of each number."""
-    try:
-        width, height = size
-    except (TypeError, ValueError):
-        return False
-    return _is_whole(width, pixels) and _is_whole(height, pixels) and width * height <= PIXELS
-
-
-def _is_whole(value: Any, allowed: Numbers) -> bool:
-    """Whether a value is a whole number in a range."""
-    return isinstance(value, Integral) and allowed.low <= int(value) <= allowed.high
+def _are_allowed(values: Any, allowed: Numbers) -> bool:
+    """Whether ``values`` are whole numbers that a word of the language may have, and whose product is at most
+    :data:`PIXELS`.
+    """
+    numbers = list(values) if isinstance(values, Iterable) else []
+    whole = len(numbers) == allowed.count and all(isinstance(number, Integral) for number in numbers)
+    return whole and allowed.allows(*numbers) and math.prod(numbers) <= PIXELS

@@ -13,7 +13,7 @@ from . import writer
 from .language import document_of
 from .language.diagnostics import AnyPath, SceneError
 from .language.document import Document
-from .mitsuba.assemble import assemble, view_sensor
+from .mitsuba.assemble import assemble
 from .model import Scene
 from .nodes import Comment, Node, is_valid_in_xml, plain, xml
 from .text_files import read
@@ -31,13 +31,14 @@ def document(path: AnyPath, define: Mapping[str, object] | None = None) -> Docum
     return document_of(read(path), path, define)
 
 
-def _document_and_path(source: AnyPath | Document, define: Mapping[str, object] | None) -> tuple[Document, Path]:
-    """Returns the document and the path of a scene file; a ``source`` that is a document is not read again."""
-    if isinstance(source, Document) and define:
+def _opened(source: AnyPath | Document, define: Mapping[str, object] | None) -> Document:
+    """Returns the document of a scene file; a ``source`` that is a document is not read again."""
+    if not isinstance(source, Document):
+        return document(source, define)
+    if define:
         reason = "define has no effect on a document; pass it to prosim_scene.document"
         raise SceneError(f"{source.source.filename}: {reason}")
-    opened = source if isinstance(source, Document) else document(source, define)
-    return opened, Path(opened.source.filename)
+    return source
 
 
 def translate(
@@ -75,8 +76,8 @@ def translate(
     Raises :class:`SceneError` for wrong input, and then writes no file. Emits a :class:`SceneWarning` for a probable
     mistake. Only files of earlier translations are overwritten or removed.
     """
-    checked = Options(**options)
-    opened, source_path = _document_and_path(source, define)
+    checked, opened = Options(**options), _opened(source, define)
+    source_path = Path(opened.source.filename)
     if not is_valid_in_xml(source_path.stem):
         reason = "the translation's files would have this name, which is not valid in XML; "
         reason += "expected a name without control characters, in UTF-8"
@@ -105,7 +106,7 @@ def translate(
         meshes[file := writer.mesh_name(name, content)] = content
         return f"{writer.meshes_folder(stem)}/{file}"
 
-    tree = {"mark": Comment(writer.MARK), **assemble(opened, source_path.parent, checked, store, image_path, cache)}
+    tree = {"mark": Comment(writer.MARK), **assemble(opened, checked, store, image_path, cache)}
     try:
         return writer.write(folder, stem, xml(tree), meshes)
     except OSError as error:
@@ -127,14 +128,17 @@ def load(
     ``transform`` is ``mitsuba.ScalarTransform4f`` of the active variant if Mitsuba is imported; otherwise arrays are
     not converted.
     """
-    checked = Options(**options)
-    opened, path = _document_and_path(source, define)
+    checked, opened = Options(**options), _opened(source, define)
     try:
-        folder = _TemporaryFolder()
-        tree = assemble(opened, path.parent, checked, folder.store, str, cache)
+        tree = assemble(opened, checked, _TemporaryFolder().store, cache=cache)
     except OSError as error:
-        raise SceneError(f"{error.filename or tempfile.gettempdir()}: {error.strerror or error}", str(path)) from None
-    return _plain_dictionary(tree, transform)
+        reason = f"{error.filename or tempfile.gettempdir()}: {error.strerror or error}"
+        raise SceneError(reason, opened.source.filename) from None
+    mitsuba = sys.modules.get("mitsuba")
+    if transform is None and mitsuba is not None and mitsuba.variant() is not None:
+        transform = mitsuba.ScalarTransform4f
+    result: Node = plain(tree, transform or (lambda matrix: matrix))
+    return result
 
 
 class _TemporaryFolder:
@@ -163,36 +167,11 @@ class _FileName(str):
         return self
 
 
-def sensor(
-    source: Document,
-    cache: TranslationCache | None = None,
-    *,
-    transform: Callable[[Any], Any] | None = None,
-    **options: Any,
-) -> Node:
-    """Returns the sensor of a document's VIEW as a dictionary for ``mi.load_dict``, without translating the solids
-    again.
-
-    The options are those of :func:`load`. ``cache`` is the cache of an earlier translation; the clipping planes of the
-    sensor enclose the triangles in this cache. Raises :class:`SceneError` for a degenerate view.
-    """
-    return _plain_dictionary(view_sensor(source, Options(**options), cache), transform)
-
-
-def _plain_dictionary(tree: Node, transform: Callable[[Any], Any] | None) -> Node:
-    """Returns the dictionary for ``mi.load_dict``; :func:`load` describes ``transform``."""
-    mitsuba = sys.modules.get("mitsuba")
-    if transform is None and mitsuba is not None and mitsuba.variant() is not None:
-        transform = mitsuba.ScalarTransform4f
-    return plain(tree, transform or (lambda matrix: matrix))
-
-
 def check(source: AnyPath | Document, *, define: Mapping[str, object] | None = None, **options: Any) -> Scene:
     """Analyses a scene file and evaluates its CSG tree, without writing a file; returns the scene.
 
     Raises :class:`SceneError` and emits :class:`SceneWarning` as :func:`translate` does, for empty solids, too.
     """
-    checked = Options(**options)
-    opened, path = _document_and_path(source, define)
-    assemble(opened, path.parent, checked, lambda name, _: name, str)
+    checked, opened = Options(**options), _opened(source, define)
+    assemble(opened, checked, lambda name, _: name)
     return opened.scene

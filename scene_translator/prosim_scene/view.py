@@ -5,7 +5,6 @@ The ray through pixel (i, j) of a w x h image starts at the eye E. The ray passe
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -57,15 +56,10 @@ class Camera:
 
         The test is conservative: False is certain, True is not.
         """
-        x, y, z = np.moveaxis((corners - self.eye) @ self._axes.T, -1, 0)
+        x, y, z = np.moveaxis((corners - self.eye) @ np.stack([self.u, self.v, -self.n]).T, -1, 0)
         x, y = x * self.depth, y * self.depth  # now x and y can be compared with the window's borders times z
         outside = [z <= 0, x < self.left * z, x > self.right * z, y < self.bottom * z, y > self.top * z]
         return np.asarray(~np.any([side.all(axis=-1) for side in outside], axis=0))
-
-    @cached_property
-    def _axes(self) -> np.ndarray:
-        """The matrix, with the rows right, up and forward, that rotates world coordinates to camera coordinates."""
-        return np.stack([self.u, self.v, -self.n])
 
 
 def distortion_message(width: int, height: int, ratio: float) -> str | None:

@@ -7,7 +7,6 @@ mesh of an earlier translation if the digest in its name agrees with its content
 
 import os
 import re
-import sys
 import time
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
@@ -58,11 +57,6 @@ class TranslationCache:
         self.key: Hashable = None
         self.surface: SurfaceMesh | None = None
         self.evaluations = 0
-
-    @property
-    def triangles(self) -> Triangles | None:
-        """The triangles of the CSG tree that was evaluated last, or None if it has no triangles."""
-        return self.surface.triangles if self.surface and len(self.surface.triangles.vertices) else None
 
     def faces(self, key: Hashable, evaluate: Callable[[], SurfaceMesh]) -> SurfaceMesh:
         """Returns the cached surface if its key equals ``key``, or else the result of ``evaluate``, which is then
@@ -151,31 +145,24 @@ def _locked(folder: Path) -> Iterator[bool]:
     except PermissionError:  # on Windows for every folder
         yield False
         return
-    end = time.monotonic() + LOCK_TIMEOUT
+    import fcntl  # Windows lacks this module, but never opens a folder
+
+    end, locked = time.monotonic() + LOCK_TIMEOUT, False
     try:
-        while (locked := _lock(descriptor)) is None:
-            if time.monotonic() > end:
-                reason = "another translation is writing to this folder; wait for it, or choose another folder"
-                raise TimeoutError(0, reason, folder)
-            time.sleep(0.02)
+        while not locked:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                locked = True
+            except BlockingIOError:
+                if time.monotonic() > end:
+                    reason = "another translation is writing to this folder; wait for it, or choose another folder"
+                    raise TimeoutError(0, reason, folder) from None
+                time.sleep(0.02)
+            except OSError:  # the file system has no locks
+                break
         yield locked
     finally:
         os.close(descriptor)
-
-
-def _lock(descriptor: int) -> bool | None:
-    """Locks an open folder; returns False if the system has no locks, and None if another translation has the lock."""
-    if sys.platform == "win32":
-        return False
-    import fcntl
-
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return None
-    except OSError:
-        return False
-    return True
 
 
 def _has_content(path: Path, content: bytes) -> bool:

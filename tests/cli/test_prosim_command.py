@@ -127,12 +127,12 @@ def test_doctor(monkeypatch):
     monkeypatch.setattr(llvm, "version", lambda: (15, 0, 6))
     monkeypatch.setattr(llvm.platform, "machine", lambda: "x86_64")
     monkeypatch.setattr(session, "has_backend", lambda variant: variant.startswith("scalar"))
-    monkeypatch.setitem(extras.EXTRAS, "compare", {"no_such_module": "no-such-package"})
+    monkeypatch.setitem(extras.EXTRAS, "compare", ["no_such_module"])
     result = prosim("doctor")
     printed = " ".join(result.stdout.split())
     assert result.exit_code == 1 and "abort the process" in printed
     assert "not cuda_ad_rgb" in printed and "which need an NVIDIA GPU with its driver" in printed
-    assert "compare needs no-such-package; to get it: pip install 'mitsuba-prosim[compare]'" in printed
+    assert "compare needs no_such_module; to get it: pip install 'mitsuba-prosim[compare]'" in printed
 
 
 @compiled

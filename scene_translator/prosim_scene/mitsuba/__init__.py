@@ -10,7 +10,7 @@ Each target is a module that defines:
 ``camera(context, camera)``
     Returns the given camera, or the most similar camera that the target supports.
 ``light(context, number, light)``
-    Returns the dictionary of an emitter, or of a shape with an emitter.
+    Returns the dictionary of an emitter, or of a shape with an emitter, for an AREA or POINT light.
 ``surface(context, number, leaf, sides)``
     Returns the entries of a shape's dictionary for the SURFACE of a primitive: ``leaf``, node ``number`` of the CSG
     tree. ``sides`` are the media on both sides of the surface.
@@ -18,7 +18,3 @@ Each target is a module that defines:
 Both targets use the modules ``lights``, ``materials``, ``textures`` and ``sensor``. ``translation_context`` has the
 state of a translation. ``assemble`` makes the dictionary of the whole scene.
 """
-
-from . import prosim_target, stock_target
-
-TARGETS = {"prosim": prosim_target, "stock": stock_target}

@@ -14,7 +14,7 @@ from ..nodes import Comment, Node
 from ..translation_options import Options
 from ..view import camera_of, warn_of_distortion
 from ..writer import TranslationCache, ply_bytes
-from . import TARGETS, lights, materials
+from . import lights, materials, prosim_target, stock_target
 from .materials import MediumInterface
 from .sensor import sensor
 from .translation_context import Context, check_single_precision, meshes
@@ -48,22 +48,18 @@ def appearance_key(scene: Scene, leaf: Leaf) -> Hashable:
 
 def assemble(
     document: Document,
-    folder: Path,
     options: Options,
     store: Callable[[str, bytes], str],
-    image_path: Callable[[Path], str],
+    image_path: Callable[[Path], str] = str,
     cache: TranslationCache | None = None,
 ) -> Node:
     """Returns the dictionary of a scene for the target that ``options`` selects.
 
-    ``folder`` is the scene's folder. ``store(name, content)`` stores the PLY file of a mesh, ``image_path(path)``
-    converts the path of an image; both return the file name for the dictionary. ``cache`` is the translation cache.
+    ``store(name, content)`` stores the PLY file of a mesh, ``image_path(path)`` converts the path of an image; both
+    return the file name for the dictionary. ``cache`` is the translation cache.
     """
-    scene, target = document.scene, TARGETS[options.target]
-    cache = cache or TranslationCache()
-    context = Context(
-        document, folder, options.light_units, options.samples or scene.samples, options.allow_outside, image_path
-    )
+    scene, target = document.scene, prosim_target if options.target == "prosim" else stock_target
+    context = Context(document, options, image_path)
     camera = camera_of(document, options.resolution)
     if options.resolution is None and options.target == "prosim":  # the target stock emits its own warning
         warn_of_distortion(document)
@@ -74,25 +70,20 @@ def assemble(
         lambda leaf: medium_key(scene, leaf),
         lambda leaf: appearance_key(scene, leaf),
         lambda leaf: has_fresnel_reflection(scene, leaf),
-        cache.faces,
+        (cache or TranslationCache()).faces,
         {name: context.read_mesh(name, *place) for name, place in meshes(document).items()},
     )
 
     result: Node = {"type": "scene"} | check_single_precision(document, target.settings(context))
     result["view_comment"] = _comment_with_line(document, "VIEW", "view")
-    result["view"] = view_sensor(document, options, cache if triangles else None)
+    view_sensor = sensor(context, target, camera, triangles.values())
+    result["view"] = check_single_precision(document, view_sensor, "view")
     for i, light in enumerate(scene.lights):
         lights.warn_of_radius(context, i, light)
         result[f"light_{i}_comment_with_line"] = _comment_with_line(document, light.kind.upper(), "lights", i)
-        result[f"light_{i}"] = check_single_precision(document, target.light(context, i, light), "lights", i)
+        emitter = lights.sky_emitter if light.kind == "sky" else target.light
+        result[f"light_{i}"] = check_single_precision(document, emitter(context, i, light), "lights", i)
     return result | _shapes(context, target, triangles, store)
-
-
-def view_sensor(document: Document, options: Options, cache: TranslationCache | None) -> Node:
-    """Returns the sensor of a document's VIEW; the clipping planes enclose the triangles in ``cache``."""
-    context = Context(document, Path(), options.light_units, options.samples or document.scene.samples, False, str)
-    faces, camera = cache.triangles if cache else None, camera_of(document, options.resolution)
-    return check_single_precision(document, sensor(context, TARGETS[options.target], camera, faces), "view")
 
 
 def _shapes(

@@ -20,7 +20,6 @@ from ..nodes import Node, Point, rgb
 from .translation_context import Context
 
 FULL_SCALE = 65535
-UNITS = ("calibrated", "radiance", "unattenuated")
 
 
 def from_full_scale(color: Vector) -> tuple[float, ...]:
@@ -62,27 +61,9 @@ def facing_irradiance(light: Light, distance: float) -> float:
 def warn_of_radius(context: Context, number: int, light: Light) -> None:
     """Warns if the virtual radius of a point light has no effect."""
     path = "lights", number, "radius"
-    if light.kind == "point" and context.light_units != "radiance" and context.document.is_given(*path):
+    if light.kind == "point" and context.options.light_units != "radiance" and context.document.is_given(*path):
         reason = "raio has an effect on a POINT light only with light units 'radiance'; delete it"
         context.document.warn(reason, *path)
-
-
-def emitter(context: Context, number: int, light: Light, units: str) -> Node:
-    """Returns an AREA or POINT light for this project's plugins: an emitter, or a sphere with an emitter."""
-    node: Node = {"type": "prosim_" + light.kind}
-    if light.kind == "point":
-        node["position"] = Point(light.position)
-    color = rgb(radiance_or_intensity(context, number, light, units))
-    node["radiance" if light.kind == "area" else "intensity"] = color
-    if light.distribution != "uniform":
-        node |= {"distribution": light.distribution, "direction": list(light.direction)}
-        if light.angle is not None:
-            node["angle"] = min(light.angle, 90.0) if light.distribution == "spot" else light.angle
-        if light.distribution == "spot":
-            node["exponent"] = light.exponent
-    if units == "unattenuated":
-        node["unattenuated"] = True
-    return emitting_sphere(light, node) if light.kind == "area" else node
 
 
 def sky_emitter(context: Context, number: int, light: Light) -> Node:

@@ -50,11 +50,14 @@ def effective_textures(leaf: Leaf, surface: Surface) -> tuple[Texture | None, Te
     return leaf.textures if surface.material not in ("conductor", "dielectric") else (None, None)
 
 
-def mean_index(context: Context, index: int, surface: Surface) -> float:
-    """Returns the index of refraction of a surface as one number: the mean of the channels.
+def mean_index(context: Context, index: int | None) -> float:
+    """Returns the index of refraction of SURFACE ``index``, or of the air for None: the mean of the channels.
 
     Warns if the channels differ.
     """
+    if index is None:
+        return context.scene.air_index
+    surface = context.scene.surfaces[index]
     if surface.glass:
         return INDICES[surface.glass]
     assert surface.eta is not None
@@ -68,21 +71,12 @@ def refraction_indices(context: Context, sides: MediumInterface) -> Node:
     """Returns a BSDF's parameters for the index of refraction and the dispersion on both sides of a dielectric's
     face.
     """
-    inside, outside = _index_parameters(context, sides.inside, "int"), {"ext_ior": context.scene.air_index}
-    return inside | (outside if sides.outside is None else _index_parameters(context, sides.outside, "ext"))
+    return _index_parameters(context, sides.inside, "int") | _index_parameters(context, sides.outside, "ext")
 
 
 def mean_indices(context: Context, sides: MediumInterface) -> Node:
     """Returns a BSDF's parameters for the indices of refraction on both sides of a face: one number for each side."""
-    inside = mean_index(context, sides.inside, context.scene.surfaces[sides.inside])
-    return {"int_ior": inside, "ext_ior": outside_index(context, sides)}
-
-
-def outside_index(context: Context, sides: MediumInterface) -> float:
-    """Returns the index of refraction outside of a face, as one number."""
-    if sides.outside is None:
-        return context.scene.air_index
-    return mean_index(context, sides.outside, context.scene.surfaces[sides.outside])
+    return {"int_ior": mean_index(context, sides.inside), "ext_ior": mean_index(context, sides.outside)}
 
 
 def has_equal_indices(indices: Node) -> bool:
@@ -104,7 +98,7 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> N
         return textures.reflectance(context, number, leaf, effective_textures(leaf, surface), color)
 
     if surface.material == "conductor":
-        node: Node = {"type": "prosim_conductor", "ext_ior": outside_index(context, sides), **rough}
+        node: Node = {"type": "prosim_conductor", "ext_ior": mean_index(context, sides.outside), **rough}
         if surface.metal:
             node["material"] = surface.metal
         elif surface.eta and surface.k:
@@ -131,16 +125,16 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> N
     return node
 
 
-def _index_parameters(context: Context, index: int, side: str) -> Node:
-    """Returns a BSDF's parameters for the refraction of the medium inside SURFACE ``index``.
+def _index_parameters(context: Context, index: int | None, side: str) -> Node:
+    """Returns a BSDF's parameters for the refraction of the medium inside SURFACE ``index``, or of the air for None.
 
     ``side`` is the prefix of the parameters: "int" for the inner side of a face, "ext" for the outer side.
     """
-    surface = context.scene.surfaces[index]
+    surface = Surface() if index is None else context.scene.surfaces[index]
     if surface.glass:
         return {f"{side}_material": surface.glass}
     dispersion = {} if surface.abbe is None else {f"{side}_abbe": float(surface.abbe)}
-    return {f"{side}_ior": mean_index(context, index, surface), **dispersion}
+    return {f"{side}_ior": mean_index(context, index), **dispersion}
 
 
 def absorbs(surface: Surface) -> bool:
@@ -150,20 +144,17 @@ def absorbs(surface: Surface) -> bool:
 
 def media(context: Context, sides: MediumInterface) -> Node:
     """Returns the absorbing media on both sides of a face, as parameters of the shape."""
-    result = {"interior": _absorbing_medium(context.scene.surfaces[sides.inside])}
-    if sides.outside is not None:
-        result["exterior"] = _absorbing_medium(context.scene.surfaces[sides.outside])
-    return {name: medium for name, medium in result.items() if medium}
+    sides_by_name = {"interior": sides.inside, "exterior": sides.outside}
+    surfaces = {name: context.scene.surfaces[i] for name, i in sides_by_name.items() if i is not None}
+    return {name: _absorbing_medium(surface) for name, surface in surfaces.items() if absorbs(surface)}
 
 
 def _absorbing_medium(surface: Surface) -> Node:
-    """Returns the absorbing medium inside a surface, or an empty dictionary if the medium is clear.
+    """Returns the absorbing medium inside a surface.
 
     By Beer's law, the transmittance T over the thickness d is exp(-s d). Mitsuba's colours are at most 1, so the
     absorption s is divided by ``scale``.
     """
-    if not absorbs(surface):
-        return {}
     assert surface.transmittance is not None
     sigma = [-math.log(t) / surface.thickness for t in surface.transmittance]
     scale = max(sigma)

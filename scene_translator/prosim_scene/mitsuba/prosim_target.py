@@ -1,7 +1,7 @@
 """The target ``prosim``, which uses this project's plugins."""
 
 from ..model import Leaf, Light
-from ..nodes import Comment, Default, Node, rgb
+from ..nodes import Comment, Default, Node, Point, rgb
 from ..view import Camera
 from . import lights, materials
 from .translation_context import Context
@@ -45,10 +45,22 @@ def camera(context: Context, camera: Camera) -> Camera:
 
 
 def light(context: Context, number: int, light: Light) -> Node:
-    """Returns an emitter for a light, or a sphere with an emitter."""
-    if light.kind == "sky":
-        return lights.sky_emitter(context, number, light)
-    return lights.emitter(context, number, light, context.light_units)
+    """Returns an emitter for an AREA or POINT light, or a sphere with an emitter."""
+    node: Node = {"type": "prosim_" + light.kind}
+    if light.kind == "point":
+        node["position"] = Point(light.position)
+    units = context.options.light_units
+    color = rgb(lights.radiance_or_intensity(context, number, light, units))
+    node["radiance" if light.kind == "area" else "intensity"] = color
+    if light.distribution != "uniform":
+        node |= {"distribution": light.distribution, "direction": list(light.direction)}
+        if light.angle is not None:
+            node["angle"] = min(light.angle, 90.0) if light.distribution == "spot" else light.angle
+        if light.distribution == "spot":
+            node["exponent"] = light.exponent
+    if units == "unattenuated":
+        node["unattenuated"] = True
+    return lights.emitting_sphere(light, node) if light.kind == "area" else node
 
 
 def surface(context: Context, number: int, leaf: Leaf, sides: materials.MediumInterface) -> Node:

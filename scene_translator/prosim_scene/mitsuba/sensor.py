@@ -4,7 +4,7 @@ The scene language has no clipping planes, so the clipping planes of the sensor 
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from types import ModuleType
 
 import numpy as np
@@ -19,25 +19,23 @@ from .translation_context import Context
 NEAR, FAR = 1e-3, 1e5
 
 
-def clipping_depths(camera: Camera, faces: Triangles | None, lights: Iterable[Light]) -> tuple[float, float]:
-    """Returns the depths of a near and a far clipping plane that clip no triangle of ``faces`` and no light.
+def clipping_depths(camera: Camera, meshes: Collection[Triangles], lights: Iterable[Light]) -> tuple[float, float]:
+    """Returns the depths of a near and a far clipping plane that clip no triangle of ``meshes`` and no light.
 
     If a triangle may be near the eye, the depth of the near plane is tiny, but never 0.
     """
     near, far = NEAR * camera.depth, FAR * camera.depth
     for light in lights:
-        if light.kind == "sky":
-            continue
-        far = max(far, 2 * (float(_depth(camera, np.array(light.position))) + light.radius))
-    if faces is None:
-        return near, far
-    far = max(far, 2 * float(_depth(camera, faces.vertices).max()))
+        if light.kind != "sky":
+            far = max(far, 2 * (float(_depth(camera, np.array(light.position))) + light.radius))
+    for mesh in meshes:
+        far = max(far, 2 * float(_depth(camera, mesh.vertices).max()))
     corner = np.linalg.norm(
         [max(abs(camera.left), abs(camera.right)), max(abs(camera.bottom), abs(camera.top)), camera.depth]
     )
     slant = float(corner / camera.depth)  # distance over depth, in a corner of the image
-    if _is_near(camera.eye, faces, near * slant):
-        near = 1e-9 * float(np.abs(faces.vertices - camera.eye).max())
+    if any(_is_near(camera.eye, mesh, near * slant) for mesh in meshes):
+        near = 1e-9 * max(float(np.abs(mesh.vertices - camera.eye).max()) for mesh in meshes)
     return near, far
 
 
@@ -52,13 +50,13 @@ def _is_near(point: np.ndarray, mesh: Triangles, distance: float) -> bool:
     return bool(np.all(below[mesh.index].any(axis=1) & above[mesh.index].any(axis=1), axis=1).any())
 
 
-def sensor(context: Context, target: ModuleType, camera: Camera, faces: Triangles | None) -> Node:
+def sensor(context: Context, target: ModuleType, camera: Camera, meshes: Collection[Triangles]) -> Node:
     """Returns the sensor of a camera: Mitsuba's ``perspective`` for square pixels, ``prosim_window`` for other pixels.
 
-    The clipping planes of the sensor clip no triangle of ``faces``.
+    The clipping planes of the sensor clip no triangle of ``meshes``.
     """
     camera = target.camera(context, camera)
-    near, far = clipping_depths(camera, faces, context.scene.lights)
+    near, far = clipping_depths(camera, meshes, context.scene.lights)
     width, height = camera.right - camera.left, camera.top - camera.bottom
     to_world = np.eye(4)
     # Mitsuba's camera looks along +z; its x axis points to the left side of the image.

@@ -74,10 +74,10 @@ def camera(context: Context, camera: Camera) -> Camera:
 
 
 def light(context: Context, number: int, light: Light) -> Node:
-    """Returns an emitter for a light, or a sphere with an emitter; a CONE or a SPOT becomes Mitsuba's ``spot``."""
-    if light.kind == "sky":
-        return lights.sky_emitter(context, number, light)
-    path, units = ("lights", number), context.light_units
+    """Returns an emitter for an AREA or POINT light, or a sphere with an emitter; a CONE or a SPOT becomes Mitsuba's
+    ``spot``.
+    """
+    path, units = ("lights", number), context.options.light_units
     if units == "unattenuated":
         _approximate(context, "lights are attenuated with distance; they are calibrated at VRP", *path)
         units = "calibrated"
@@ -171,7 +171,7 @@ def _bsdf(
     prefix = "rough" if alpha else ""
     if surface.material == "conductor":
         optics: Node = {"material": surface.metal}
-        outside = materials.outside_index(context, sides)
+        outside = materials.mean_index(context, sides.outside)
         if surface.eta and surface.k:  # relative to the medium outside, for which there is no parameter
             optics = {"eta": rgb([x / outside for x in surface.eta]), "k": rgb([x / outside for x in surface.k])}
         elif sides.outside is not None:

@@ -4,7 +4,7 @@ Slot 1 is a pattern or an image in the surface's parameters (u, v). Slot 2 is a 
 primitive's own space. The colours of both textures are multiplied with ka and kd.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -43,7 +43,7 @@ STRIPES_AXIS = {False: (0.0, 1.0, 0.0), True: (0.0, 0.0, 1.0)}
 COLORS = ("brick", "mortar", "color0", "color1")
 
 #: A function that converts a colour of a pattern, which is a factor, to a colour or to a nested texture.
-Colored = Callable[[Iterable[float]], Node]
+Colored = Callable[[Sequence[float]], Node]
 
 
 def parameters(scene: Scene, name: str, solid: bool) -> tuple[str, dict[str, Any]]:
@@ -66,17 +66,12 @@ def reflectance(
     surface_texture, solid_texture = slots
     scene = context.scene
 
-    def product(factor: Iterable[float]) -> list[float]:
-        """Returns the colour multiplied by a factor for each channel."""
-        return [a * b for a, b in zip(color, factor, strict=True)]
-
-    def inner(factor: Iterable[float]) -> Node:
+    def inner(factor: Sequence[float]) -> Node:
         """Returns the colour multiplied by a factor and by the solid texture of the second slot."""
+        product = np.multiply(color, factor)
         if solid_texture is None:
-            return rgb_clipped(product(factor))
-        node = pattern(
-            scene, solid_texture, True, lambda f: rgb_clipped(a * b for a, b in zip(product(factor), f, strict=True))
-        )
+            return rgb_clipped(product)
+        node = pattern(scene, solid_texture, True, lambda other_factor: rgb_clipped(product * other_factor))
         return node | {"solid": True, "to_local": np.linalg.inv(matrix(scene.transforms[leaf.index]))}
 
     if surface_texture is None:

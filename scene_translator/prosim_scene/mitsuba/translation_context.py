@@ -1,10 +1,9 @@
 """The state of a translation, which a target's functions share; files that a scene uses; limits of single precision."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,21 +14,19 @@ from ..language.diagnostics import quote
 from ..language.document import Document
 from ..language.document import Path as ValuePath
 from ..model import Scene
-from ..nodes import Default, Node
+from ..nodes import Node, plain, values_in
+from ..translation_options import Options
 
 
 @dataclass(frozen=True)
 class Context:
     """A document, the options of its translation, and the set of approximations that have been ``reported``.
 
-    ``folder`` is the scene's folder. ``image_path`` converts the path of an image to its file name in the translation.
+    ``image_path`` converts the path of an image to its file name in the translation.
     """
 
     document: Document
-    folder: Path
-    light_units: str
-    samples: int
-    allow_outside: bool
+    options: Options
     image_path: Callable[[Path], str]
     reported: set[str] = field(default_factory=set)
 
@@ -37,6 +34,11 @@ class Context:
     def scene(self) -> Scene:
         """The scene of the document."""
         return self.document.scene
+
+    @property
+    def samples(self) -> int:
+        """N: an image has N² samples per pixel."""
+        return self.options.samples or self.scene.samples
 
     def approximate(self, reason: str, *path: str | int) -> None:
         """Warns of an approximation; each ``reason`` is reported only once."""
@@ -83,13 +85,14 @@ class Context:
         if not name:
             article = "an" if kind == "image" else "a"
             raise self.document.error(f"this file name is empty; expected {article} {kind} file", *path)
+        folder = Path(self.document.source.filename).parent
         try:
-            full = Path(os.path.realpath(located(self.folder, name)))  # realpath also accepts circular links
+            full = Path(os.path.realpath(located(folder, name)))  # realpath also accepts circular links
             exists = full.is_file()
         except (OSError, ValueError) as error:  # the name is too long, or has invalid characters
             problem = f"is not a valid file name: {getattr(error, 'strerror', None) or error}"
         else:
-            if not self.allow_outside and not full.is_relative_to(self.folder.resolve()):
+            if not self.options.allow_outside and not full.is_relative_to(folder.resolve()):
                 problem = "is outside the scene's folder; move it there, or use the option --allow-outside, "
                 problem += "in Python allow_outside=True"
             elif exists:
@@ -106,24 +109,12 @@ MESH_LIMIT = 2**27
 
 def check_single_precision(document: Document, node: Node, *path: str | int) -> Node:
     """Returns ``node`` unchanged; raises a SceneError about ``path`` if a number in it exceeds single precision."""
-    for number in _numbers(node):
-        if not abs(number) <= LARGEST:
-            reason = f"this gives {number:g}, which is beyond Mitsuba's single precision; expected less extreme numbers"
-            raise document.error(reason, *path)
+    for value in values_in(plain(node, np.asarray)):
+        for number in () if isinstance(value, str) else np.ravel(value).tolist():
+            if not abs(number) <= LARGEST:
+                reason = f"this gives {number:g}, which is beyond Mitsuba's single precision; "
+                raise document.error(f"{reason}expected less extreme numbers", *path)
     return node
-
-
-def _numbers(value: Any) -> Iterable[float]:
-    """Yields the numbers in a part of a scene's dictionary."""
-    if isinstance(value, dict):
-        for part in value.values():
-            yield from _numbers(part)
-    elif isinstance(value, Default):
-        yield value.value
-    elif isinstance(value, np.ndarray | list | tuple):
-        yield from np.ravel(value).tolist()
-    elif isinstance(value, int | float):
-        yield value
 
 
 #: Image format -> the possible first bytes of a file.

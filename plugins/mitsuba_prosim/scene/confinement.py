@@ -20,6 +20,10 @@ ATTRIBUTE = re.compile(r"""([^\s=<>"']+)\s*=\s*("[^"]*"|'[^']*')""")
 ENCODED = re.compile(r"""\s*<\?xml[^>]*encoding\s*=\s*["'](?!utf-?8["'])""", re.IGNORECASE)
 
 
+#: The folder of Mitsuba's installation.
+INSTALLED = os.path.dirname(os.path.abspath(mi.__file__))
+
+
 class OutsideError(ValueError):
     """A scene names a file outside its folder."""
 
@@ -45,27 +49,16 @@ class Confinement:
 
     def __init__(self, folders: Iterable[Path]) -> None:
         self._folders = [os.path.realpath(folder) for folder in folders]
-        installed = os.path.dirname(os.path.abspath(mi.__file__))
-        self._installed = [installed, os.path.realpath(installed)]
+        self._installed = [INSTALLED, os.path.realpath(INSTALLED)]
 
-    def search_path(self) -> mi.FileResolver:
-        """Returns the search path: the folder of Mitsuba's installation, then the allowed folders.
-
-        The folder of Mitsuba is first, so that no file of the scene can replace a file of Mitsuba.
-        """
-        resolver = mi.FileResolver()
-        resolver.clear()
-        for folder in (self._installed[0], *self._folders):
-            resolver.append(folder)
-        return resolver
-
-    def check_text(self, path: Path) -> None:
+    def check_text(self, path: Path, resolver: mi.FileResolver) -> None:
         """Checks all files that Mitsuba's parser may open for the XML file ``path``.
 
+        ``resolver`` is Mitsuba's search path before parsing.
         Raises OutsideError if a file is not allowed or a name cannot be checked, and OSError if ``path`` or an XML file
         that it includes cannot be read.
         """
-        folders, texts = [self._installed[0], *self._folders], [path]
+        folders, texts = [str(folder) for folder in resolver], [path]
         for file in texts:  # the list grows in the loop
             folders.append(str(file.parent))
             try:
@@ -107,9 +100,12 @@ class Confinement:
             if re.fullmatch(r"[\w-]+", plugin) and not any(os.path.exists(p) and not self._own(p) for p in libraries):
                 return None
             return f"{plugin} is not a plugin of Mitsuba; use --allow-outside"
-        names = (value, *(file.format(value) for file in MATERIAL_FILES))
-        errors = (self._wrong(f"the {name} of this {plugin}", n, str(resolver.resolve(n))) for n in names)
-        return next(filter(None, errors), None)
+        for file in (value, *(file.format(value) for file in MATERIAL_FILES)):
+            place = str(resolver.resolve(file))
+            is_word = re.fullmatch(r"\w+", file) and os.path.isdir(place)  # a word such as "rgb" names no file
+            if not is_word and (wrong := self._wrong(f"the {name} of this {plugin}", file, place)):
+                return wrong
+        return None
 
     def _wrong(self, what: str, name: str, *places: str) -> str | None:
         """Returns the error message for a file outside the allowed folders, or None if the file is allowed.
@@ -118,8 +114,7 @@ class Confinement:
         may find the file at any of ``places``.
         """
         for path in places:
-            is_word = re.fullmatch(r"\w+", name) and os.path.isdir(path)  # a word such as "rgb" names no file
-            if not os.path.isabs(path) and (is_word or not os.path.exists(path)):
+            if not os.path.isabs(path) and not os.path.exists(path):
                 path = os.path.join(self._folders[0], name)
             real = Path(os.path.realpath(path))
             if not self._own(path) and not any(map(real.is_relative_to, self._folders)):

@@ -60,8 +60,6 @@ def exr(bitmap: mi.Bitmap, facts: Mapping[str, str]) -> bytes:
     The channels keep their names and their precision. OpenEXR's own library writes the file, because Mitsuba 3.9 hangs
     with fewer than three threads.
     """
-    if bitmap.component_format() not in (mi.Struct.Type.Float16, mi.Struct.Type.Float32, mi.Struct.Type.UInt32):
-        bitmap = bitmap.convert(component_format=mi.Struct.Type.Float32, srgb_gamma=False)
     pixels = np.atleast_3d(np.array(bitmap))
     # The name of a file may contain bytes that are not UTF-8.
     header = {name: fact.encode("utf-8", "backslashreplace").decode("utf-8") for name, fact in facts.items()}

@@ -46,25 +46,23 @@ def apply(
         _set(props, zip(("width", "height"), resolution or ()))
         _set(props, zip(("crop_offset_x", "crop_offset_y", "crop_width", "crop_height"), crop or ()))
         check_size(props.get("width", 768), props.get("height", 576))
-    if state.root.type == mi.ObjectType.Scene and _integrator_key(state) is None:
+    if state.root.type == mi.ObjectType.Scene and not _integrators(state):
         state.root.props["integrator"] = _add(state, mi.Properties("path"))  # Mitsuba's default
     sampling = {name: value for name, value in parameters.items() if name in SAMPLING}
     others = {name: value for name, value in parameters.items() if name not in SAMPLING}
-    integrators = [node.props for node in state.nodes if node.type == mi.ObjectType.Integrator]
-    ours = [props for props in integrators if props.plugin_name() == "prosim"]
-    named = ", ".join(props.plugin_name() for props in integrators) or "none"
+    integrators = _integrators(state)
+    ours = [node.props for node in integrators if node.props.plugin_name() == "prosim"]
+    named = ", ".join(node.props.plugin_name() for node in integrators) or "none"
     if others and not ours:
         raise ValueError(f"only the integrator prosim has {', '.join(others)}; this scene's is {named}")
     for props in ours:
         _set(props, others.items())
-    name = _integrator_key(state)
-    if not sampling or name is None:
+    if not sampling or not integrators:
         return None
-    inner = state.root.props[name]
-    props = state.nodes[inner.index()].props
+    props = mi.Properties(integrators[0].props)  # the parser puts an object before the objects nested in it
     plugin = props.plugin_name()
     if plugin in ("prosim", "prosim_adaptive"):
-        _set(props, sampling.items())
+        _set(integrators[0].props, sampling.items())
         return None
     if not set(sampling) & set(WRAPPING):
         raise ValueError(
@@ -72,20 +70,14 @@ def apply(
             f"of {', '.join(WRAPPING)} puts it inside prosim_adaptive"
         )
     wrapper = mi.Properties("prosim_adaptive")
-    _set(wrapper, [("nested", inner), *sampling.items()])
-    state.root.props[name] = _add(state, wrapper)
+    _set(wrapper, [("nested", _add(state, props)), *sampling.items()])
+    _integrators(state)[0].props = wrapper
     return plugin
 
 
-def _integrator_key(state: mi.parser.ParserState) -> str | None:
-    """Returns the name of the scene's integrator among the scene's properties, or None."""
-    integrators = (
-        name
-        for name, value in state.root.props.items()
-        if isinstance(value, mi.Properties.ResolvedReference)
-        and state.nodes[value.index()].type == mi.ObjectType.Integrator
-    )
-    return next(integrators, None)
+def _integrators(state: mi.parser.ParserState) -> list[mi.parser.SceneNode]:
+    """Returns the nodes of all integrators; the outermost integrator is first."""
+    return [node for node in state.nodes if node.type == mi.ObjectType.Integrator]
 
 
 def _add(state: mi.parser.ParserState, props: mi.Properties) -> mi.Properties.ResolvedReference:

@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
+import OpenEXR
 import prosim_scene
 from prosim_scene import Document, located, meshes
 
 from .. import compat, registry
 from . import overrides, session
-from .confinement import ATTRIBUTE, ELEMENT, Confinement
+from .confinement import ATTRIBUTE, ELEMENT, INSTALLED, Confinement
 from .errors import check_images
 
 #: Arguments of :func:`prosim_scene.translate`: the arguments that only the scene language has, and all arguments.
@@ -85,11 +86,12 @@ class SceneFile:
         }
         folders = [self.xml.parent, self.path.parent]
         confinement = Confinement(reversed(folders)) if confined else None
-        resolver = confinement.search_path() if confinement else session.resolver(folders)
+        # A file of a confined scene cannot replace a file of Mitsuba, because the folder of Mitsuba is first.
+        resolver = session.resolver([INSTALLED, *folders] if confined else folders)
         self._folders = [str(folder) for folder in resolver]  # elements <path> add folders to the search path
         with session.resolving(resolver):
             if confinement and self.xml is self.path:
-                confinement.check_text(self.xml)
+                confinement.check_text(self.xml, resolver)
             self.state = parse(self.xml, definitions or {})
             self._resolver = mi.file_resolver()
             if confinement:
@@ -121,9 +123,7 @@ class SceneFile:
         files = [(props[name], path) for props, name, path in self._strings(self.state)]
         return files + sorted(set(self._spectra(self.xml, self._folders, dict(self.changes["definitions"]))))
 
-    def _spectra(
-        self, text: Path, folders: list[str], values: dict[str, str], within: tuple[str, ...] = ()
-    ) -> Iterator[tuple[str, Path]]:
+    def _spectra(self, text: Path, folders: list[str], values: dict[str, str]) -> Iterator[tuple[str, Path]]:
         """Yields ``(name, path)`` for each spectrum file that an XML text names.
 
         Mitsuba's parser replaces the names of spectrum files by the content of these files, so this method searches the
@@ -131,24 +131,23 @@ class SceneFile:
         counts, and the first value of a parameter counts. An included text is found and read with the folder of the
         including text first in the search path.
         """
-        folders, within = [*folders], (*within, os.path.realpath(text))
+        folders = [*folders]
         for found in ELEMENT.finditer(COMMENT.sub("", text.read_text(encoding="utf-8", errors="replace"))):
             attributes = {key: html.unescape(value[1:-1]) for key, value in ATTRIBUTE.findall(found[2])}
             for key in sorted(values, key=len, reverse=True):
                 attributes = {name: value.replace(f"${key}", values[key]) for name, value in attributes.items()}
-            if found[1] == "default":
-                values.setdefault(attributes.get("name", ""), attributes.get("value", ""))
+            tag, name = found[1], attributes.get("filename", attributes.get("value", ""))
+            if tag == "default":
+                values.setdefault(attributes.get("name", ""), name)
                 continue
-            name = attributes.get("value" if found[1] == "path" else "filename", "")
-            search = [str(text.parent), *folders] if found[1] == "include" else folders
-            places = (os.path.join(folder, name) for folder in (*search, ""))
-            place = next(filter(os.path.exists, places), "")
-            if found[1] == "path" and place:
+            search = [str(text.parent), *folders] if tag == "include" else folders
+            place = next(filter(os.path.exists, (os.path.join(folder, name) for folder in search)), "")
+            if tag == "path" and place:
                 folders.insert(0, place)
-            elif found[1] == "spectrum" and os.path.isfile(place):
+            elif tag == "spectrum" and os.path.isfile(place):
                 yield name, Path(place)
-            elif found[1] == "include" and os.path.isfile(place) and os.path.realpath(place) not in within:
-                yield from self._spectra(Path(place), search, values, within)
+            elif tag == "include" and os.path.isfile(place):
+                yield from self._spectra(Path(place), search, values)
 
     def sources(self) -> list[Path]:
         """Returns the paths of the files that the scene uses, without the files that the translator wrote.
@@ -171,11 +170,7 @@ class SceneFile:
 
     def _reads_exr(self) -> bool:
         """Tells whether the scene names an OpenEXR file. The content counts, as in Mitsuba, and not the suffix."""
-        for _, _, path in self._strings(self.state):
-            with open(path, "rb") as file:
-                if file.read(4) == b"v/1\x01":
-                    return True
-        return False
+        return any(OpenEXR.isOpenExrFile(str(path)) for _, _, path in self._strings(self.state))
 
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene from the parsed file.

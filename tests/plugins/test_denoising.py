@@ -231,14 +231,14 @@ def test_features_look_past_sources_that_are_hidden(variant_rgb):
     assert not hidden.any() and not normal.any()
 
 
-@pytest.mark.parametrize("integrator", ["prosim", "prosim_adaptive", "path"])
-def test_halves_are_two_renders(variant_rgb, integrator):
+@pytest.mark.parametrize("integrator, spp", [("prosim", 0), ("prosim", 16), ("prosim_adaptive", 0), ("path", 0)])
+def test_halves_are_two_renders(variant_rgb, integrator, spp):
     nested = {"nested": {"type": "path"}} if integrator == "prosim_adaptive" else {}
     ours = {"samples": 4, "aovs": "samples"} if integrator != "path" else {}
     scene = mi.load_dict(penumbra(size=16, type=integrator, **nested, **ours))
     sensor, own = scene.sensors()[0], scene.integrator()
     before = str(own)
-    render = halves.denoised_progressive(scene, sensor, own, 5)
+    render = halves.denoised_progressive(scene, sensor, own, 5, spp)
     told, both = [step.done for step in render], render.denoiser
     assert str(own) == before and told == sorted(told) and told[-1] == 1
     one, other = both.images
@@ -248,7 +248,7 @@ def test_halves_are_two_renders(variant_rgb, integrator):
         half.threshold = own.threshold * 2**0.5
         assert np.all(both.other_channels()["samples"] <= 18)
         assert np.array_equal(one[..., 3], other[..., 3])
-    first = half.render(scene, sensor, seed=5, spp=0 if ours else 8)
+    first = half.render(scene, sensor, seed=5, spp=spp and 9 if ours else 8)
     np.testing.assert_array_equal(one, np.array(first))
     assert not np.array_equal(one[..., :3], other[..., :3])
     assert [feature.shape for feature in render.denoiser.features] == 2 * [(16, 16, 3)]
@@ -350,6 +350,7 @@ def cornell(size, **settings):
     return scene | {"sensor": scene["sensor"] | {"film": film(size, pixel_format="rgb")}}
 
 
+@pytest.mark.slow
 def test_the_error_of_the_final_image_ends_the_render(variant_rgb, denoiser):
     """By fewer samples than the raw image needs. The same bits from a checkpoint, before the second half and in it, and
     by the work items of others.
@@ -378,8 +379,8 @@ def test_where_the_denoiser_does_not_pay_the_result_is_the_image_without_it(vari
     assert render.denoiser.networks == "none" and not render.state.estimates
     assert np.array_equal(result.final, result.raw) and np.array_equal(result.final, alone[..., :3])
     assert result.noise == result.raw_noise == pytest.approx(render.reached.noise) and result.noise <= 0.006
-    both = render.denoiser
-    assert all(np.array_equal(both.other_channels()[name], alone[..., k]) for name, k in (("samples", 3), ("error", 4)))
+    others = render.denoiser.other_channels()
+    assert all(np.array_equal(others[name], alone[..., k]) for name, k in (("samples", 3), ("error", 4)))
 
 
 def test_the_error_beyond_the_limit_is_that_of_the_image(variant_rgb, denoiser):

@@ -99,7 +99,7 @@ class FilmState:
         self.wanted: np.ndarray | None = None
         #: Accumulators of the :class:`.SecondImage`.
         self.second: Accumulators | None = None
-        #: Indices of its pixels in the arrays of this state.
+        #: Indices of the pixels of the :class:`.SecondImage` in the arrays of this state.
         self.second_index: np.ndarray | None = None
 
     def crop(self, values: mi.Float | mi.UInt32 | np.ndarray, rectangle: Rectangle) -> np.ndarray:
@@ -129,7 +129,7 @@ class FilmState:
         pixels.
         """
         statistics = self.accumulators.statistics()
-        # Either image may have met a rare bright light.
+        # The statistics of both images are added, because either image may have met a rare bright light.
         if self.second is not None and self.second_index is not None:
             for first, second in zip(statistics, self.second.statistics()):
                 np.add.at(first, self.second_index, second)
@@ -143,9 +143,10 @@ class FilmState:
         """Converts requested samples to counts of samples.
 
         The counts are totals. A request below the minimum of the plan becomes this minimum. A larger request is rounded
-        up to a power of two, for which Sobol' points are best, and limited to the maximum of the plan.
+        up to a power of two, for which Sobol' points are best, and limited to the maximum of the plan. NaN becomes 1.
         """
         plan, clipped = self.plan, np.clip(np.nan_to_num(request, nan=1), 1, UNLIMITED)
+        # The exponent of frexp(m - 1) is the smallest e with 2^e >= m, for whole numbers m >= 1.
         power_of_two = np.left_shift(1, np.frexp(np.ceil(clipped) - 1)[1])
         counts = np.where(request <= plan.min_samples, plan.min_samples, power_of_two)
         return np.minimum(counts, plan.max_samples).astype(np.uint32)

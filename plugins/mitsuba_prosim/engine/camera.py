@@ -26,9 +26,10 @@ def is_perspective(sensor: mi.Sensor) -> bool:
 
 
 def sees_tiny_lamp(scene: mi.Scene, sensor: mi.Sensor) -> bool:
-    """Tells whether the perspective camera ``sensor`` may see a lamp smaller than about a pixel in a glossy surface.
+    """Tells whether the perspective camera ``sensor`` may see a tiny lamp in a glossy surface.
 
-    Few rays may find the image of such a lamp.
+    Few rays may find the image of such a lamp. A lamp is tiny if the diagonal of its bounding box is less than two
+    pixels at its distance from the camera. The scene has any glossy or specular lobe; its place does not matter.
     """
     if not is_perspective(sensor) or not lobes.has_any(all_flags(scene), *lobes.REFLECTED, *lobes.REFRACTED):
         return False

@@ -34,7 +34,7 @@ FORMAT = 11
 DECIDING = ("adaptive", "threshold", "max_samples")
 
 #: Attributes in which the parts of one image may differ.
-ANY = ("scene", "exposure", "band", *MAY_DIFFER)
+PARTS_MAY_DIFFER = ("scene", "exposure", "band", *MAY_DIFFER)
 
 #: The groups of arrays in a checkpoint.
 GROUPS = ("pixels", "second")
@@ -91,6 +91,7 @@ class Checkpoint:
             stored &= state.counts_of_part(pixels["count"], 0) > 0
         if not stored.all():
             pixels = {name: values[stored] for name, values in pixels.items()}
+        # The attributes are those that a file would give back: lists in place of tuples.
         return cls(json.loads(json.dumps(attributes)), pixels, {} if state.second is None else arrays(state.second))
 
     @property
@@ -106,9 +107,9 @@ class Checkpoint:
     def restore(self, state: FilmState) -> bool:
         """Copies this checkpoint into ``state``, which has no samples yet.
 
-        Returns whether the image was already finished with the same target. If the target of ``state`` differs from the
-        target of the checkpoint, the policy decides again. Raises ValueError if the checkpoint has the samples of
-        another image.
+        If one of the parameters :data:`DECIDING` differs, the policy decides again. Returns whether the image needs no
+        more samples: the checkpoint is finished, and neither :data:`DECIDING` nor :data:`.TARGETS` differ. Raises
+        ValueError if the checkpoint has the samples of another image.
         """
         mine, theirs = self.attributes["samples"], json.loads(json.dumps(identity(state)))
         if name := next((name for name, value in theirs.items() if mine.get(name) != value), None):
@@ -124,7 +125,7 @@ class Checkpoint:
                 "threshold, max_samples or adaptive differ"
             )
         # A render may continue with Sobol' points after N-rook patterns, but not with N-rook patterns after Sobol'
-        # points. The first samples may be of a shared sequence.
+        # points. ``shared`` comes from the checkpoint, because its first samples may be those of a shared sequence.
         uses_sobol = state.plan.uses_sobol or self.attributes["uses_sobol"]
         state.plan = replace(state.plan, uses_sobol=uses_sobol, shared=self.attributes["shared"])
         state.noise, state.estimates = self.attributes["noise"], self.attributes["estimates"]
@@ -288,8 +289,8 @@ class CheckpointWriter:
 def merge(paths: Sequence[str | Path]) -> Checkpoint:
     """Returns the checkpoint of a whole image, whose parts are in the files ``paths``, in any order.
 
-    Warns once if parts were made with different processors. Raises the errors of :func:`load`, and CheckpointError if a
-    part is missing, given twice, not finished, or of another image.
+    Warns once if parts were made with another processor or LLVM than this process has. Raises the errors of
+    :func:`load`, and CheckpointError if a part is missing, given twice, not finished, or of another image.
     """
     parts = {Path(path): read(path, arrays=False) for path in paths}
     check_parts(parts)
@@ -344,5 +345,5 @@ def common_attributes(checkpoint: Checkpoint) -> dict[str, Any]:
     return {
         "number of parts": attributes["part"] and attributes["part"][1],
         "content of the scene": about.get("digest", "unknown")[:12],
-        **{name: value for name, value in everything.items() if name not in ANY},
+        **{name: value for name, value in everything.items() if name not in PARTS_MAY_DIFFER},
     }

@@ -42,11 +42,12 @@ class Derivatives:
         return self.film.develop()
 
     def samples(self) -> Iterator[tuple[list[mi.Float], list[tuple[mi.Float, mi.UInt32]]]]:
-        """Yields ``(values, weights)``: up to ``LANES`` samples, with derivatives.
+        """Yields ``(values, splats)``: up to ``LANES`` samples, with derivatives.
 
-        ``values`` are the film's values, with one sample per lane. ``weights`` has two arrays for each pixel within the
-        filter's reach: the weight of the sample in this pixel, which is 0 outside the window, and the pixel's index in
-        the window.
+        ``values`` are the film's values, with one sample per lane. ``splats`` has ``(weight, index)`` for each pixel
+        within the filter's reach: the weight of the filter divided by the number of samples of the sample's own pixel,
+        or 0 outside the window; and the index of the pixel in the window. (:meth:`.Estimator.splats` is different: it
+        returns ``(weight, value)``.)
         """
         window, reach = self.plan.window, self.plan.reach
         left, top, right, bottom = (dr.opaque(mi.Int32, v) for v in window)
@@ -87,25 +88,26 @@ class Derivatives:
             for c, value in enumerate(values):
                 if dr.grad_enabled(value):
                     loss += value * sum(w * dr.gather(mi.Float, gradient, p * channels + c) for w, p in splats)
-            # All lanes share the graph behind the scene's parameters, so the edges of this graph must stay. The
-            # gradient is that of a sum of all lanes; computing the sum itself would be another kernel.
+            # All samples share the part of the graph from the user's variables to the scene's parameters, so the edges
+            # of this part must stay. ``backward_from`` starts with the gradient 1 in each lane. This is the gradient of
+            # the sum of all lanes; to compute the sum itself would need another kernel.
             dr.backward_from(loss, flags=dr.ADFlag.ClearVertices)
             dr.eval()  # evaluates the derivatives of the parameters, so that all iterations have the same kernels
 
     def forward(self) -> mi.TensorXf:
-        """Returns the derivatives of the film's values, by the derivatives of the scene's parameters."""
+        """Propagates the derivatives of the scene's parameters forward to the film's values, and returns the latter."""
         total = dr.zeros(mi.Float, len(self.storage.array))
         channels = self.storage.shape[2]
-        # Symbolic calls are off: from a variable that one call reads (a blend's weight), Dr.Jit 1.5 also propagates
-        # derivatives into variables that other calls have left behind. Symbolic branches are off because every call
-        # within one is symbolic.
+        # Symbolic calls are off because of an error of Dr.Jit 1.5: if a call reads a variable, such as the weight of a
+        # blend, then the derivatives of this variable also reach variables of earlier calls. Symbolic branches are off
+        # because every call within a symbolic branch is symbolic.
         calls, branches = dr.JitFlag.SymbolicCalls, dr.JitFlag.SymbolicConditionals
         with dr.scoped_set_flag(calls, False), dr.scoped_set_flag(branches, False):
             for values, splats in self.samples():
                 values = [(c, value) for c, value in enumerate(values) if dr.grad_enabled(value)]
                 if values:
-                    # The part of the graph that all lanes share, behind the scene's parameters, is traversed once and
-                    # keeps its derivatives.
+                    # All samples share the part of the graph from the user's variables to the scene's parameters. This
+                    # part is traversed only in the first iteration, and its variables keep their derivatives.
                     dr.forward_to([value for _, value in values], flags=dr.ADFlag.ClearEdges)
                 for c, value in values:
                     for w, p in splats:

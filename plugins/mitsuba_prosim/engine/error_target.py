@@ -69,18 +69,19 @@ class ErrorTarget:
     def excess(self, noise: Sequence[float]) -> float:
         """Returns the largest ratio of a measured error in ``noise`` to its limit; NaN without limits.
 
-        The upper bound of the RMS error, divided by :data:`TOLERANCE`, counts too, unless the bound is more than
-        :data:`UNCERTAIN` times the error.
+        The upper bound of the RMS error, divided by :data:`TOLERANCE`, counts too. If the bound is more than
+        :data:`UNCERTAIN` times the error, it does not count: few pixels have most of the error, and
+        :attr:`.Reached.uncertain` reports this.
         """
         rms, *tails, bound = noise
         rms = max(rms, bound / TOLERANCE) if bound <= UNCERTAIN * rms else rms
         ratios = [measured / limit for measured, limit in zip((rms, *tails), self.limits) if limit]
-        return min(max(ratios, default=np.nan), 1e100)
+        return min(max(ratios, default=np.nan), 1e100)  # finite even if an error is infinite
 
     def loosened(self, factor: float) -> ErrorTarget:
         """Returns a target whose limits are multiplied by ``factor``."""
-        rms, most, nearly_all = self.limits
-        return replace(self, limits=(factor * rms, factor * most, factor * nearly_all))
+        rms, error_99, error_999 = self.limits
+        return replace(self, limits=(factor * rms, factor * error_99, factor * error_999))
 
     @property
     def elapsed(self) -> float:
@@ -89,17 +90,17 @@ class ErrorTarget:
 
     @property
     def seconds_left(self) -> float:
-        """Seconds until the time limit; infinite without a time limit."""
+        """Seconds that are left for samples, without the denoiser's seconds; infinite without a time limit."""
         return self.seconds - self.denoiser_seconds - self.elapsed if self.seconds else np.inf
 
     @property
     def time_is_up(self) -> bool:
-        """Whether the time limit is reached."""
+        """Whether the time limit is reached, except for :data:`SHARE` of it, about the time of one work item."""
         return self.seconds_left <= self.seconds * SHARE
 
     @property
     def item_seconds(self) -> float:
-        """Maximum duration of a work item in seconds."""
+        """Maximum seconds of a work item: :data:`SHARE` of the limit, within bounds; infinite without a time limit."""
         return min(LONGEST, max(self.seconds * SHARE, SHORTEST)) if self.seconds else np.inf
 
 
@@ -120,15 +121,15 @@ class SecondImage:
 
     @alone()
     def __init__(self, state: FilmState, complete: bool = False) -> None:
-        """Begins the second image of ``state``.
+        """Begins the second image of ``state``: all pixels of the region if ``complete``, else a random choice of them.
 
-        If ``state`` stores accumulators with the right number of pixels, the second image continues from these
-        accumulators.
+        If only few pixels are chosen, each of them is sampled several times with different seeds. If ``state`` stores
+        accumulators with the right number of pixels, the second image continues from these accumulators.
         """
         self.state, self.complete = state, complete
         index, seed = state.crop(np.arange(area(state.outer)), state.plan.region).ravel(), state.plan.seed + 1
         one_in = 1 if complete else max(1, min(self.ONE_IN, len(index) // self.MIN_PIXELS))
-        index = index[hash32(hash32(index.astype(np.uint64)) + 1) % one_in == 0]
+        index = index[hash32(hash32(index.astype(np.uint64)) + 1) % one_in == 0]  # a pseudo-random choice
         copies = 1 if complete else min(-(-self.FEW // len(index)), self.MAX_COPIES)
         if copies > 1:
             seed = seed + dr.arange(mi.UInt32, len(index) * copies) // len(index)
@@ -150,10 +151,11 @@ class SecondImage:
     def noise(self, state: FilmState) -> Noise:
         """Returns the error of the displayed image.
 
-        The measured image is the image of ``state``, or the mean of both images if the second image is complete. The
-        method replaces the samples of a pixel of the first image by the samples of the second image, and measures the
-        change in the displayed values of all pixels within the filter's reach. An error by the slope of the tone curve
-        would depend mostly on bright spots.
+        The displayed image is the image of ``state``, or the mean of both images if the second image is complete. For
+        each pixel of the second image, the method replaces the samples of this pixel in the first image by those of the
+        second image, and sums the squared changes of the displayed values of all pixels within the filter's reach. The
+        tone curve is applied before the difference. A difference of radiances times the slope of the tone curve would
+        depend mostly on bright spots.
         """
         plan, channels, own = state.plan, state.estimator.channels, mi.UInt32(self.index)
         film, of_pixel, stored = film_values(state, ()), len(channels.names), channels.names.index("W") + 1
@@ -170,13 +172,16 @@ class SecondImage:
             change = displayed(channels.luminance(before)) - displayed(channels.luminance(after))
             squares += dr.select(seen, dr.square(change), 0)
             dr.eval(squares)
+        # The difference of two images has twice the variance of one image, and four times the variance of their mean.
         # Pixels around a crop window also cause errors in the window, by the filter.
-        part = (0.25 if self.complete else 0.5) * area(plan.region) / area(plan.window)
-        errors = np.sqrt(part * np.array(squares, dtype=np.float64))
+        factor = (0.25 if self.complete else 0.5) * area(plan.region) / area(plan.window)
+        errors = np.sqrt(factor * np.array(squares, dtype=np.float64))
         tails = np.percentile(errors, [99, 99.9])
-        rms, own = float(np.sqrt(np.mean(errors**2))), display_variance(first) / np.array(first.count, dtype=np.float64)
-        # The second image may lack the brightest pixels. The variance of the samples within a pixel shows such pixels.
-        deviation = 0.5 * (concentration(errors**2) + 2 * concentration(state.crop(own, plan.window))) ** 0.5
+        rms, within = float(np.sqrt(np.mean(errors**2))), display_variance(first) / np.float64(np.array(first.count))
+        # Relative standard deviation of the RMS error. The second image may lack the brightest pixels. The variance of
+        # the samples within a pixel shows such pixels.
+        deviation = 0.5 * (concentration(errors**2) + 2 * concentration(state.crop(within, plan.window))) ** 0.5
+        # 95 % of a normal distribution are below its mean plus 1.645 standard deviations.
         return rms, float(tails[0]), float(tails[1]), rms * (1 + 1.645 * deviation)
 
 
@@ -193,6 +198,7 @@ def requested(state: FilmState) -> np.ndarray:
     result = np.minimum(state.request(), np.float32(UNLIMITED))
     region = state.crop(result, state.plan.region)
     # All samples of a pixel so far may agree by chance. So every pixel of the region gets samples from time to time.
+    # ``region`` is a view of ``result``.
     region += np.float32(mean(region.ravel()) / 20)
     return result
 
@@ -201,16 +207,18 @@ def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarr
     """Returns the counts after the next pass.
 
     The counts are in proportion to the requested samples. The counts are as high as the target requires, but limited to
-    the size of one pass. ``speed`` is the number of samples per pixel and second; 0 if unknown.
+    the size of one pass (``most``, the mean number of samples of a pixel after the pass). ``goal`` is the mean variance
+    of the pixels' means at which the target is reached. ``speed`` is the number of samples per pixel and second; 0 if
+    unknown.
     """
     request, count = requested(state), np.array(state.accumulators.count)
-    deviation, have = display_variance(state.accumulators), mean(count)
+    variances, have = display_variance(state.accumulators), mean(count)
     most, goal = (UNCERTAIN_GROWTH if state.noise[3] > UNCERTAIN * state.noise[0] else GROWTH) * have, None
     if target.seconds:
         share = 0.9 if target.seconds_left < target.seconds / 5 else 0.5  # the last pass uses the rest of the time
         most = min(most, have + speed * target.seconds_left * share) if speed else 2 * have
     if any(target.limits):
-        goal = mean(deviation / np.float32(count)) / remaining_factor(state, target)
+        goal = mean(variances / np.float32(count)) / remaining_factor(state, target)
     caustics = state.estimator.transport.caustics
 
     def after(effort: float) -> np.ndarray:
@@ -225,30 +233,34 @@ def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarr
     def reaches(effort: float) -> bool:
         """Tells whether a pass with this ``effort`` reaches the goal of the error, or the maximum size of a pass."""
         counts = np.float32(after(effort))
-        return mean(counts) >= most or (goal is not None and mean(deviation / counts) <= goal)
+        return mean(counts) >= most or (goal is not None and mean(variances / counts) <= goal)
 
     return after(smallest_effort(reaches))
 
 
 def remaining_factor(state: FilmState, target: ErrorTarget) -> float:
-    """Returns the ratio of the samples at the end to the samples so far, estimated by the power law of the error."""
+    """Returns the ratio of the samples needed for :data:`AIM` times the target to the samples so far.
+
+    The error is assumed to fall as samples to the power of -:data:`RATE`.
+    """
     return (target.excess(state.noise) / AIM) ** (1 / RATE)
 
 
 def limit_by_photons(count: np.ndarray, wanted: np.ndarray, max_samples: int, maps: int, photons: int) -> int:
     """Returns the maximum number of samples of a pixel in a pass, so that photon passes are worth their cost.
 
-    The result is the maximum of the counts ``wanted``. The result is smaller if too few samples would use the last
-    photon passes, and 0 if no photon pass is worth its cost. A photon pass has a fixed cost, so a photon pass waits
-    until enough pixels need it. A photon pass emits ``photons`` photons, and serves ``maps`` samples of each pixel.
-    ``count`` has the samples so far; ``max_samples`` is the maximum number of samples of a pixel.
+    A photon pass emits ``photons`` photons, and has the photon maps of ``maps`` successive samples of each pixel. Its
+    cost is fixed. So the last photon passes are left out if few samples would use them (:data:`SPARSE`); a later pass
+    over the image takes these samples. The result is the maximum of the counts ``wanted``, or less if photon passes are
+    left out, or 0 if all are. ``count`` has the samples so far; ``max_samples`` is the maximum number of samples of a
+    pixel, after which no photon pass is left out.
     """
     last, lacking = int(wanted.max()), wanted > count
     if last == max_samples or not lacking.any():
         return last  # this is the last pass
     passes = -(-last // maps)
     starts, ends = (np.bincount(counts[lacking], minlength=passes * maps + 1) for counts in (count, wanted))
-    # The cumulative sum has, for each t, the number of pixels that take the t-th sample.
+    # The cumulative sum has, for each t, the number of pixels that take the t-th sample; each row has one photon pass.
     samples = np.cumsum(starts - ends)[: passes * maps].reshape(passes, maps).sum(axis=1)
     enough = np.flatnonzero(samples >= min(photons, count.size * maps) / SPARSE)
     return (int(enough[-1]) + 1) * maps if enough.size else 0
@@ -261,7 +273,7 @@ def display_variance(accumulators: Accumulators) -> np.ndarray:
 
 
 def smallest_effort(reaches: Callable[[float], bool]) -> float:
-    """Returns the smallest effort from 2^-20 to 2^40 for which ``reaches`` is true, within 0.1 %.
+    """Returns the smallest effort from 2^-20 to 2^40 for which ``reaches`` is true, within 0.1 %; 2^40 if none is.
 
     The effort is the number of samples per requested sample.
     """

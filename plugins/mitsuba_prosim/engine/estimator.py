@@ -43,8 +43,8 @@ class Estimator:
     def filter_weights(self) -> np.ndarray:
         """Weights that the reconstruction filter gives to the pixels around a sample.
 
-        The sample is a quarter of a pixel from the centre of its pixel. The sum of the squared weights is the fraction
-        of the variance that remains after the filter.
+        On each axis, the sample is a quarter of a pixel from the centre of its pixel: the mean distance of a random
+        sample. The sum of the squared weights is the fraction of the variance that remains after the filter.
         """
         f = np.array(self.rfilter.eval(mi.Float(np.arange(-self.reach, self.reach + 1) + 0.25)), dtype=np.float64)
         return np.outer(f, f) / np.sum(f) ** 2
@@ -52,7 +52,7 @@ class Estimator:
     def camera_ray(self, x: mi.Int32, y: mi.Int32, points: NRook | Sobol) -> tuple[mi.Ray3f, mi.Spectrum, mi.Point2f]:
         """Returns ``(ray, weight, position)`` for a camera ray through the pixel (x, y).
 
-        ``position`` is relative to the pixel.
+        ``position`` is relative to the pixel's upper left corner, in [0, 1)².
         """
         position = points(PIXEL)
         lens = points(LENS) if self.sensor.needs_aperture_sample() else mi.Point2f(0.5)
@@ -68,8 +68,8 @@ class Estimator:
         """Returns the number in [0, 1) by which the sensor samples wavelengths.
 
         With caustics, all pixels share this number with the photons of the photon map; otherwise each pixel has its own
-        number. The number is in order of the samples. This order does no harm, because each pass has new strata in
-        every space.
+        number. Within a pass the number rises with the index of the sample; it is not shuffled. So it does not become
+        correlated with other dimensions, because these get new random strata in each pass.
         """
         caustics = self.transport.caustics
         key = combine(points.key, TIME_AND_WAVELENGTH) if caustics is None else caustics.key
@@ -78,10 +78,12 @@ class Estimator:
     def sample(self, plan: Plan, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> tuple[list[mi.Float], mi.Float, mi.Point2f]:
         """Takes the ``t``-th sample of the pixels (x, y), and returns ``(values, luminance, position)``.
 
-        ``values`` are the values that the film stores for a sample of weight 1.
+        ``values`` are the values of all channels, before they are multiplied by the filter's weights. ``luminance`` is
+        that of the radiance; ``position`` is relative to the pixel's corner, in [0, 1)².
         """
         points = plan.points(x, y, t)
-        if self.transport.caustics is not None:  # the sample and its photons divide the spectrum together
+        # The t-th sample has the same wavelengths as its photons, even if ``points`` has another index: a shared one.
+        if self.transport.caustics is not None:
             points.division = t, self.transport.caustics.n
         ray, weight, position = self.camera_ray(x, y, points)
         L, hit, others = self.transport(ray, points, True)
@@ -94,12 +96,15 @@ class Estimator:
             others = [value for layer in layers for value in self.channels.rgb(layer, ray.wavelengths)]
         alpha = dr.select(hit, mi.Float(1), 0)
         values = self.channels.values(self.scene, self.sensor.sampler(), ray, L, alpha, others)
+        # Without denormal numbers, see :data:`.accumulators.DARKEST_SUM`.
         values = [dr.select(dr.abs(v) < DARKEST_SUM, 0, v) for v in values]
         return values, luminance(L, ray.wavelengths), position
 
     def splats(self, values: list[mi.Float], position: mi.Point2f) -> list[tuple[mi.Float, mi.Float]]:
-        """Returns ``(weight, value)`` for each pixel within the filter's reach, row by row, and for each of
-        ``values``: what a sample at ``position`` adds to each of these pixels. :func:`.film_values` adds it later.
+        """Returns what a sample at ``position`` adds to the pixels within the filter's reach: ``(weight, value)`` for
+        each pixel, row by row, and within a pixel for each of ``values``. The sum gets ``weight`` times ``value``.
+
+        The sums stay with the sample's own pixel; :func:`.film_values` adds them to the other pixels later.
         """
         if self.rfilter.is_box_filter():
             return [(mi.Float(1), v) for v in values]
@@ -116,7 +121,8 @@ class Estimator:
         """
         n, policy = plan.n, policy_of(plan)
 
-        # ``end`` is no loop variable, because Dr.Jit traces a loop twice if an iteration leaves a variable unchanged.
+        # ``end`` is not a part of the loop's state: Dr.Jit traces a loop twice if the body leaves a state variable
+        # unchanged.
         def unfinished(sums: Accumulators) -> mi.Bool:
             """Returns the lanes whose pixel needs further samples in this pass."""
             converged = policy.converged(sums.total, sums.squares, sums.count)

@@ -153,6 +153,7 @@ def film_values(state: FilmState, own_aovs: Sequence[str], second: Accumulators 
         dr.opaque(mi.Int32, v) for v in (*plan.region, *outer[:2], outer[2] - outer[0])
     )
     own_index = (y - y0) * width + x - x0
+    # The offsets are reversed, so that the source pixels (x - dx, y - dy) come row after row.
     for dy in reversed(offsets):
         for dx in reversed(offsets):
             sx, sy = x - dx, y - dy

@@ -64,7 +64,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         self.channels = props.get("channels", "rgb").lower()
         if set(self.channels) - set("rgb"):
             raise reject(props, "channels", self.channels, "some of the letters r, g, b")
-        self.band = whole(props, "band", 1 << 18, 1)
+        self.band = whole(props, "band", 1 << 18, 1)  # maximum number of pixels of a work item
         self.own_aovs, self.mitsuba_aovs = parse_aovs(props)
         #: The renders that :meth:`cancel` ends.
         self._renders: weakref.WeakSet[Render] = weakref.WeakSet()
@@ -79,7 +79,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         raise NotImplementedError
 
     def parameter_names(self) -> list[str]:
-        """Returns the names of the parameters that ``str()`` shows."""
+        """Returns the names of the parameters that ``str()`` shows; ``band`` does not change the image."""
         return [*(name for name in SAMPLING if name != "band"), "channels"]
 
     def to_string(self) -> str:
@@ -164,7 +164,8 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             sensor = scene.sensors()[sensor]
         sampling, spp = self.sampling.halved(spp) if denoiser is not None else (self.sampling, spp)
         if denoiser is not None and begin is not None and not spp:
-            # A render without a limit continues with a limit. Its passes had half the samples.
+            # With a limit, :meth:`.Sampling.halved` does not halve ``samples``. But the checkpoint may be from a render
+            # without a limit, whose passes had half of the samples; then this N continues.
             sampling = replace(sampling, samples=begin.attributes["sampling"]["samples"])
         if (part or (begin and begin.part)) and sampling.has_target:
             raise ValueError(
@@ -197,7 +198,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
 
     def _render_scalar(self, scene: mi.Scene, sensor: mi.Sensor, *arguments: Any) -> mi.TensorXf:
         """Renders by Mitsuba's own loop over pixels and samples."""
-        if self._scalar is not None:  # the call below calls this method again
+        if self._scalar is not None:  # this is the second call, from Mitsuba's ``render`` below
             return super().render(scene, sensor, *arguments)
         if self.sampling.has_target:
             mi.Log(mi.LogLevel.Warn, f"{self.name}: noise and time end nothing in scalar variants; the samples do.")

@@ -54,16 +54,14 @@ class Sampling:
     def halved(self, spp: int) -> tuple[Sampling, int]:
         """Returns ``(sampling, spp)`` for two images, each with about half of the samples; ``spp`` 0 stays 0.
 
-        The threshold is multiplied by the square root of 2, because the mean of both images has half the variance of
-        one image. With a limit of noise or time, only ``max_samples`` is halved, because the first image may be
-        sufficient.
+        With a limit of noise or time, ``samples`` is not halved, because the first image may be sufficient. Without a
+        limit, the threshold is multiplied by the square root of 2, because the mean of both images has half the
+        variance of one image.
         """
-        if spp:
-            return self, half_pattern(spp**0.5) ** 2
         half = replace(self, max_samples=(self.max_samples + 1) // 2)
-        if self.has_target:
-            return half, 0
-        return replace(half, samples=half_pattern(self.samples), threshold=self.threshold * 2**0.5), 0
+        if not self.has_target:
+            half = replace(half, samples=half_pattern(self.samples), threshold=self.threshold * 2**0.5)
+        return half, spp and half_pattern(spp**0.5) ** 2
 
 
 def half_pattern(n: float) -> int:
@@ -116,8 +114,8 @@ class Plan:
     def of(cls, sampling: Sampling, film: mi.Film, seed: int | mi.UInt32, spp: int) -> Plan:
         """Returns the plan for an image on ``film``.
 
-        A nonzero ``spp`` replaces N², the square of the parameter ``samples``. Then ``max_samples`` is used only with
-        an error target.
+        A nonzero ``spp`` replaces N², the square of the parameter ``samples``. Then ``max_samples`` is ignored, except
+        with a limit of noise or time.
         """
         noisy = spp or sampling.samples**2
         n = grid_size(spp) if spp else min(sampling.samples, sampling.max_samples or noisy)
@@ -136,23 +134,24 @@ class Plan:
         seed = mi.UInt32(seed)
         dr.make_opaque(seed)  # a constant seed would be a part of the kernel
         least = min(least, highest)
-        # A policy that decides by neighbours needs neighbours with independent samples.
+        # Pixels that share one sequence have dependent samples. A policy that decides by neighbours needs independent
+        # samples, so pixels share a sequence only if every pixel gets the same number of samples.
         uniform = not sampling.has_target and (sampling.adaptive == "none" or least == highest)
         shares = uniform and spp in SHARED and not mi.is_spectral
         return cls(
-            n,
-            least,
-            min(noisy, highest),
-            highest,
-            bool(spp) or sampling.has_target or sampling.adaptive == "graded" or highest > n * n,
-            spp if shares else 0,
-            Permutations(n),
-            seed,
-            (x, y, x + w, y + h),
-            (-border, -border, width + border, height + border),
-            reach,
-            sampling,
-            int(seed[0]),
+            n=n,
+            min_samples=least,
+            noisy_samples=min(noisy, highest),
+            max_samples=highest,
+            uses_sobol=bool(spp) or sampling.has_target or sampling.adaptive == "graded" or highest > n * n,
+            shared=spp if shares else 0,
+            permutations=Permutations(n),
+            seed=seed,
+            window=(x, y, x + w, y + h),
+            domain=(-border, -border, width + border, height + border),
+            reach=reach,
+            sampling=sampling,
+            photon_seed=int(seed[0]),
         )
 
     @property
@@ -167,7 +166,9 @@ class Plan:
         """
         # Each coordinate has 16 bits, so that the samples of a pixel do not depend on the film's size.
         pixel = (mi.UInt32(y) << 16) | (mi.UInt32(x) & 0xFFFF)
-        if self.uses_sobol:  # one kernel for shared and for own sequences; samples beyond the shared ones are own ones
+        # Sobol' points: the first ``shared`` samples of a pixel come from the sequence that all pixels share, in the
+        # order of the Z curve; later samples come from the pixel's own sequence. Both cases use the same kernel.
+        if self.uses_sobol:
             shared = dr.opaque(mi.UInt32, self.shared)
             shares = t < shared
             index = dr.select(shares, z_curve(mi.UInt32(x), mi.UInt32(y)) * shared, 0) + t
@@ -196,6 +197,7 @@ def pixels(rectangle: Rectangle) -> tuple[mi.Int32, mi.Int32]:
 
 def index_within(rectangle: Rectangle, x: mi.Int32, y: mi.Int32) -> mi.UInt32:
     """Returns the index of the pixel (x, y) among the :func:`pixels` of the rectangle."""
+    # The numbers are opaque, so that one kernel serves all rectangles.
     left, top, width = (dr.opaque(mi.Int32, v) for v in (rectangle[0], rectangle[1], rectangle[2] - rectangle[0]))
     return mi.UInt32((y - top) * width + x - left)
 

@@ -23,10 +23,12 @@ class Policy:
     rounds = 1
 
     def __init__(self, plan: Plan) -> None:
-        #: Number of samples of every pixel in the first pass; number of samples of a noisy pixel.
+        #: Number of samples of every pixel in the first pass; total number of samples of a noisy pixel.
         self.first_samples, self.noisy_samples = plan.min_samples, plan.noisy_samples
+        # The policy ``none`` without an error target decides nothing: the first pass takes all samples.
         if type(self) is Policy and plan.noisy_samples == plan.max_samples:
             self.first_samples = plan.max_samples
+        # After the first pass nothing is decided, so no neighbours are needed.
         if self.first_samples >= plan.max_samples:
             self.reach = 0
         #: The integrator's parameter ``threshold``; the number N of samples of a pass.
@@ -73,6 +75,7 @@ class Neighbours(Policy):
 
     def request(self, total: np.ndarray, squares: np.ndarray, count: np.ndarray) -> np.ndarray:
         """Requests all samples for noisy pixels, and the first samples for the others."""
+        # A pixel may have more samples than the first ones. The sums are scaled to ``first_samples`` samples.
         share = self.first_samples / count
         error = error_of_neighbours(total * share, squares * share, self.first_samples)
         return np.where(error <= self.threshold, self.first_samples, self.noisy_samples)  # NaN counts as noisy
@@ -95,20 +98,21 @@ class Graded(Policy):
         # The mean of the variances within pixels. Differences between pixels may be an edge or a texture, which is no
         # noise.
         within = mean_around(variance(total, squares, count), Graded.reach)
+        # With the factor N / threshold, a deviation of N * threshold requests N² samples.
         error = in_display_units(np.sqrt(within), mean_around(total / count, Graded.reach))
         return np.float32(self.n / max(self.threshold, 1e-9)) * np.where(np.isfinite(within), error, np.float32(np.inf))
 
 
 def error_of_neighbours(total: np.ndarray, squares: np.ndarray, count: int) -> np.ndarray:
-    """Returns the standard error, in display units, that the 24 pixels around each pixel suggest.
+    """Returns the standard error of each pixel in display units, estimated from the 24 pixels around it.
 
     The variance is that of all samples of these pixels together, so differences between the pixels count, too. Near
     the border of the arrays, fewer than 24 pixels count; the error is infinite if there are none. ``total`` and
     ``squares`` are the sums of the luminance and of its square over ``count`` samples, shape (height, width).
     """
-    share = np.float32(1 / count)
-    first, second = (mean_around(sums * share, Neighbours.reach) for sums in (total, squares))
-    error = in_display_units(np.sqrt(np.maximum(second - np.square(first), 0) * share), first)
+    inverse = np.float32(1 / count)
+    first, second = (mean_around(sums * inverse, Neighbours.reach) for sums in (total, squares))  # first two moments
+    error = in_display_units(np.sqrt(np.maximum(second - np.square(first), 0) * inverse), first)
     return np.where(np.isfinite(first), error, np.inf)
 
 

@@ -108,12 +108,13 @@ class Render(Steps):
         self._values: mi.TensorXf | None = None
         self._finished_before = begin is not None and begin.restore(self.state)
         self.denoiser = denoiser
-        #: Factor on the limits for the next pass: the pass may end with an error of this many times the limits. The
-        #: denoiser sets this factor.
+        #: The next pass aims at an error of ``loosening`` times the limits. The denoiser sets this factor.
         self.loosening = 1.0
         self._tiny_lamp = sees_tiny_lamp(estimator.scene, estimator.sensor)
         self.second: SecondImage | None = None
         if any(self.target.limits) or (denoiser is not None and self.target.seconds):
+            # The second image is complete from the beginning if the time is limited (and the error is not reached yet),
+            # if the image is small, or if the checkpoint has a complete second image.
             pixel_count, restored = area(plan.region), self.state.second
             begun = restored is not None and dr.width(restored.count) == pixel_count
             reached = self.target.excess(self.state.noise) <= 1
@@ -128,7 +129,7 @@ class Render(Steps):
         self._stopped = True
 
     def close(self) -> None:
-        """Ends the render; if it has started, takes the first sample of the pixels that have none."""
+        """Ends the render. If any pixel has a sample, the others get their first sample, so no pixel is missing."""
         self.stop()
         self.run()
 
@@ -147,6 +148,8 @@ class Render(Steps):
                     continue
                 (pixels, wanted, expected, _), target = current, self.target  # the denoiser replaces the target
                 shown = self.state.rounds == 0 or not self.state.plan.sampling.has_target
+                # Number of samples that the pass lacks before the current batch, and number taken in this batch. The
+                # pass is complete if both agree in the last batch.
                 missing = taken = 0
                 for batch in photon_batches(pixels, wanted):
                     # A pixel that converged in the previous batch still lacks samples, and takes none.
@@ -166,6 +169,7 @@ class Render(Steps):
                             if taken < missing and self._must_end(current):
                                 break
                 complete = taken == missing
+                # With an error target, :meth:`_refine` yields this step itself, after it has measured the error.
                 if (shown or not complete) and np.all(self.state.counts > 0):
                     yield Step(self._done, True)
             self.finished = not self._stopped and (complete is not False or self.target.time_is_up)
@@ -184,7 +188,7 @@ class Render(Steps):
         return bool((current.stoppable and self._stopped) or timed)
 
     def begin_complete_second(self) -> None:
-        """Begins a complete second image, which does not keep the samples of a partial second image."""
+        """Begins or continues a complete second image; the samples of a partial second image are lost."""
         self.second = SecondImage(self.state, complete=True)
 
     # ---------------------------------------------------------------- the passes
@@ -198,7 +202,7 @@ class Render(Steps):
             yield from self._image_passes()
         within = self.target.excess(self.state.noise) <= 1
         if self.denoiser is not None and not within and not self._stopped:
-            self.begin_complete_second()
+            self.begin_complete_second()  # a complete second image that has begun continues
             yield self._second_pass(1)  # the time limit cannot end this pass: each pixel gets a sample
             yield self._second_pass()
             if any(self.target.limits) and self.second and not self._stopped:
@@ -208,12 +212,13 @@ class Render(Steps):
         """Yields the passes over the image; a restored state continues with its samples and decisions."""
         state, plan, policy = self.state, self.state.plan, self.state.policy
         first = state.counts_of_part(np.full(dr.width(state.x), policy.first_samples, np.uint32), state.margin)
-        # While later passes are not decided, the upper bound serves as the estimate.
+        # Maximum number of samples of the whole image. The progress uses it while later passes are not decided.
         most = float(plan.max_samples * np.count_nonzero(first))
         if state.rounds == 0:
             if self.target.seconds:  # shows an image after one sample per pixel
                 yield Pass(state, np.minimum(first, 1))
             complete = yield Pass(state, first, most)
+            # If the first pass was stopped, pixels without samples get one sample, so that no pixel is missing.
             if not complete and np.any(state.accumulators.count):
                 yield Pass(state, np.minimum(first, 1), stoppable=False)
             if not complete or (policy.first_samples == plan.max_samples and not any(self.target.limits)):
@@ -226,7 +231,8 @@ class Render(Steps):
             left = policy.rounds - state.rounds
             if state.wanted is None:
                 left -= 1
-                # The policy uses neighbouring pixels: the samples of these pixels must be those of the whole image.
+                # The next decisions use neighbouring pixels. The neighbours of a part of an image must have the same
+                # samples as in the whole image. Each decision that is left needs a margin of ``policy.reach``.
                 wanted = state.counts_for(state.request(left * policy.reach))
                 if left:  # few samples give unreliable estimates
                     wanted = np.minimum(wanted, np.maximum(GROWTH * np.array(state.accumulators.count), plan.n**2))
@@ -240,11 +246,14 @@ class Render(Steps):
         """Yields the passes until the error target is reached; after each pass, the error is measured.
 
         In each pass, the number of samples of a pixel is the number that the policy requests, times a factor that
-        depends on the error target and the time limit.
+        depends on the error target and the time limit. If a restored state is within a pass (``state.wanted`` is not
+        None), this pass continues first, without a measurement.
         """
         state, started = self.state, time.perf_counter()
         have = mean(state.counts)
-        speed = have / self.target.elapsed if have > state.plan.min_samples else 0.0  # the first pass also compiles
+        # Samples per pixel and second of a restored render. After the first pass alone the speed is not known (0),
+        # because the first pass also compiles kernels.
+        speed = have / self.target.elapsed if have > state.plan.min_samples else 0.0
         while True:
             count = np.array(state.accumulators.count)
             if state.wanted is None:
@@ -253,7 +262,7 @@ class Render(Steps):
                         return
                     self.loosening = 1.0
                     state.noise = self.denoiser.estimate(self) if self.denoiser else second.noise(state)
-                    if self.second is not second:
+                    if self.second is not second:  # the denoiser has begun a complete second image: take its samples
                         continue
                 if (more := mean(state.counts) - have) > 0:
                     speed = more / max(time.perf_counter() - started, 1e-9)
@@ -289,6 +298,7 @@ class Render(Steps):
 
         If ``second`` is true, writes the second image to the film instead; the second image must be complete.
         """
+        # After the end of the render, the values of the first image are stored; otherwise they are computed now.
         sums = self.second.accumulators if second and self.second else None
         values = self._values if sums is None else None
         names = [*self.state.estimator.channels.aov_names, *self.own_aovs]
@@ -313,8 +323,8 @@ class Render(Steps):
         """
         second = self.second
         both = second is not None and second.complete and np.all(np.array(second.accumulators.count) > 0)
-        # At the end, the film must hold the first image.
-        return [np.array(self.image(k)) for k in ((True, False) if both else (False,))][::-1]
+        # The first image is developed last, because the film must hold it at the end. So the list is reversed.
+        return [np.array(self.image(is_second)) for is_second in ((True, False) if both else (False,))][::-1]
 
     @property
     @alone()
@@ -344,9 +354,9 @@ class Render(Steps):
     def noise_bound(self) -> float:
         """Returns an upper bound of the RMS error of the displayed image (white = 1).
 
-        The bound is estimated from the samples within each pixel. The bound is NaN if a pixel has less than two
-        samples. The bound is the error of independent samples. The error of well-distributed samples is smaller; only a
-        second image can measure this error.
+        The bound is estimated from the samples within each pixel, as if they were independent. The samples are well
+        distributed, so the actual error is smaller; only a second image can measure the actual error. The bound is NaN
+        if a pixel has less than two samples.
         """
         state, sums = self.state, self.state.accumulators
         total, _, count = sums.statistics()

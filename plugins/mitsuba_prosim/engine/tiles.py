@@ -38,14 +38,15 @@ def part_numbers(region: Rectangle, parts: int, margin: int, x: np.ndarray, y: n
     """Returns the number of the part that owns each pixel (x, y) of ``region``; x and y are integer arrays.
 
     Tiles are assigned to the ``parts`` in turn. The size of a tile depends on ``margin``, the width in pixels of the
-    neighbourhood whose samples the policy uses. If the policy uses no neighbours, the smallest tiles are best.
+    neighbourhood whose samples the policy uses. If the policy uses no neighbours, tiles have the smallest size: a part
+    takes no samples around its tiles, and small tiles divide the work most equally.
     """
     left, top, right, bottom = region
     side = max(min(int((area(region) / (TILES * parts)) ** 0.5), LARGEST * margin), SMALLEST)
     columns, rows = max(1, (right - left) // side), max(1, (bottom - top) // side)
     column, row = (x - left) * columns // (right - left), (y - top) * rows // (bottom - top)
-    # The shift and the number of parts are coprime, so that no part has a second tile in a column before each of the
-    # others has one.
+    # From row to row, the owners shift by the number coprime to ``parts`` that is nearest to SHIFT * parts. Because the
+    # numbers are coprime, the tiles of a column belong to all parts in turn.
     coprime = (shift for shift in range(1, parts + 1) if gcd(shift, parts) == 1)
     return (column + row * min(coprime, key=lambda shift: abs(shift - SHIFT * parts))) % parts + 1
 

@@ -43,7 +43,8 @@ class Step(NamedTuple):
 
     #: Finished fraction of the image, 0 to 1: an estimate, which may decrease.
     done: float
-    #: Whether a pass over the image is complete, so that every pixel has all samples of this pass.
+    #: Whether a pass over the image has ended, so that consumers may show the image. The pass may have been stopped
+    #: before its end; every pixel has at least one sample.
     complete: bool
 
 
@@ -88,12 +89,13 @@ class WorkItem:
     def compute(self) -> Accumulators:
         """Takes the samples in this process, and returns the sums.
 
-        All arrays are evaluated, so that the same kernel computes every work item.
+        The returned sums are evaluated, so that the next work item can use the same kernel.
         """
         sensor = self.estimator.sensor
         window = nullcontext() if is_perspective(sensor) else without_crop_window(sensor)
         with alone(), dr.suspend_grad(), window:
             if (caustics := self.estimator.transport.caustics) is not None:
+                # All samples of a work item need the same photon pass, that of the last sample.
                 number = (int(np.max(self.end)) - 1) // caustics.maps(self.plan.n)
                 caustics.use_pass(self.plan.photon_seed, number, self.plan.n)
             sums = self.estimator.accumulate(self.plan, self.x, self.y, self.start, self.end)
@@ -161,6 +163,7 @@ def work_items(pixels: Pixels, wanted: np.ndarray, executor: Executor, seconds: 
     lack = wanted - np.array(pixels.accumulators.count, dtype=np.int64)
     order = np.flatnonzero(lack > 0)
     place = z_curve(*(np.array(v).astype(np.uint32)[order] for v in (pixels.x, pixels.y)))
+    # The key of the sort: first the class of missing samples, in falling order; then the place along the Z curve.
     kind = np.floor(CLASSES_PER_OCTAVE * np.log2(lack[order])).astype(np.int64)
     order = order[np.argsort(place - (kind << 32))]
     ends = np.cumsum(lack[order])
@@ -176,7 +179,10 @@ def work_items(pixels: Pixels, wanted: np.ndarray, executor: Executor, seconds: 
 
 @alone()
 def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, samples: int) -> WorkItem:
-    """Returns the work item for the pixels with the indices ``some``."""
+    """Returns the work item for the pixels with the indices ``some``: at most ``samples`` samples, up to ``wanted``.
+
+    If these are all pixels in their order, the arrays are used without a copy.
+    """
     x, y, start, plan, end = pixels.x, pixels.y, pixels.accumulators, pixels.plan, dr_array(wanted[some])
     index = None
     if len(some) < len(wanted) or np.any(some[1:] < some[:-1]):

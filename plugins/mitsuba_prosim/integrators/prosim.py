@@ -264,6 +264,7 @@ class Prosim(ProgressiveIntegrator):
         self._refuse_layers_and_caustics("are for its own render() alone, not within another integrator")
         transport = self._scalar or Transport(self._settings(), scene, camera_medium=medium)
         L, hit, _ = transport(ray, SamplerPoints(sampler), active)
+        # The own channels (samples, error) are statistics of a pixel, which one ray does not have.
         aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
         return L, hit, aovs
 
@@ -292,5 +293,6 @@ class Prosim(ProgressiveIntegrator):
 
         # Photons may meet as many specular surfaces as a camera ray may meet before a light source.
         deepest = self.max_level + 1 if self.max_level >= 0 else 1 << 31
-        # In a tree, no ray from a diffuse surface reaches a BSDF without separable lobes. So photons may scatter there.
+        # In a ray tree, BSDFs without separable lobes scatter photons by all their specular lobes. No light is counted
+        # twice, because no ray of the tree goes from a diffuse surface to such a BSDF. See :class:`.PhotonTracer`.
         return Caustics.of(scene, sensor, self.caustic_photons, deepest, tree=self.diffuse_bounces == 0)

@@ -98,10 +98,10 @@ class ProsimDenoised(mi.SamplingIntegrator):
         from ..denoising import halves, layers
 
         seed = seed if isinstance(seed, int) else int(dr.slice(seed, 0))
-        final = halves.denoised_progressive(scene, sensor, self.nested, seed, spp, self.fast).run().denoiser
+        final_image = halves.denoised_progressive(scene, sensor, self.nested, seed, spp, self.fast).run().denoiser
         with alone():  # all renders share the film
-            layers.update_film(final, self.aov_names())
-            return final.sensor.film().develop() if develop else mi.TensorXf()
+            layers.update_film(final_image, self.aov_names())
+            return final_image.sensor.film().develop() if develop else mi.TensorXf()
 
     def sample(self, *_: Any, **__: Any) -> NoReturn:
         """Raises RuntimeError, because the denoiser cannot compute a single ray."""

@@ -237,8 +237,7 @@ def test_halves_are_two_renders(variant_rgb, integrator, spp):
     ours = {"samples": 4, "aovs": "samples"} if integrator != "path" else {}
     scene = mi.load_dict(penumbra(size=16, type=integrator, **nested, **ours))
     sensor, own = scene.sensors()[0], scene.integrator()
-    before = str(own)
-    render = halves.denoised_progressive(scene, sensor, own, 5, spp)
+    before, render = str(own), halves.denoised_progressive(scene, sensor, own, 5, spp)
     told, both = [step.done for step in render], render.denoiser
     assert str(own) == before and told == sorted(told) and told[-1] == 1
     one, other = both.images
@@ -257,8 +256,8 @@ def test_halves_are_two_renders(variant_rgb, integrator, spp):
 def test_features_have_other_samples_than_the_halves(variant_rgb):
     """Else the features would have the noise of a half, which the mixture would take for the image."""
     scene = mi.load_dict(penumbra(size=8))
-    nested = {"type": "prosim_features"}
-    same = mi.load_dict({"type": "prosim_adaptive", "nested": nested, "samples": 4, "adaptive": "none"})
+    settings = {"type": "prosim_adaptive", "samples": 4, "adaptive": "none"}
+    same = mi.load_dict(settings | {"nested": {"type": "prosim_features"}})
     albedo, _ = halves.features(scene, scene.sensors()[0], seed=7)
     for seed in (7, combine(hash32(7), 1)):
         assert not np.array_equal(albedo, np.array(same.render(scene, seed=seed))[..., 3:6])
@@ -269,8 +268,7 @@ def test_a_stop_leaves_the_first_half(variant_rgb):
     render = halves.denoised_progressive(scene, scene.sensors()[0], scene.integrator())
     next(render)
     render.close()
-    both = render.denoiser
-    assert both.names == ["R", "G", "B"] and len(both.images) == 1
+    assert render.denoiser.names == ["R", "G", "B"] and len(render.denoiser.images) == 1
     with pytest.raises(RuntimeError, match="stopped before its second half"):
         render.denoiser.denoised()
 

@@ -6,7 +6,7 @@ original id. manifold3d copies the original id of a triangle of an operand to th
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -94,15 +94,16 @@ class OriginalIds:
         )
 
 
-def boundaries(bodies: dict[int, Body], ids: OriginalIds, fresnel: Collection[int]) -> list[Boundary]:
+def boundaries(bodies: dict[int, Body], ids: OriginalIds, fresnel: bool) -> list[Boundary]:
     """Returns the surfaces to render, for ``bodies`` by medium. A medium with a lower number has precedence.
 
     An opaque solid keeps its whole surface, part of which may become interfaces. Opaque solids, and dielectrics that
     are earlier in the CSG tree, cut a dielectric. A dielectric keeps the part of its surface that lies on the boundary
     of the union of the dielectric and all media with precedence. So each interface exists exactly once, and every ray
     that leaves a dielectric crosses the dielectric's own surface or an interface. Where another dielectric touches the
-    surface, the surface is an interface between the two dielectrics. ``fresnel`` are the opaque leaves that reflect by
-    Fresnel's equations: where a dielectric touches such a leaf, the surface is an interface, too.
+    surface, the surface is an interface between the two dielectrics. ``fresnel`` is
+    whether an opaque solid reflects by Fresnel's equations: then the surface is an interface, too, where a dielectric
+    touches an opaque solid.
     """
     total: Body | None = None
     layers: list[tuple[int, Body]] = []  # each medium, and the union of this medium and all media with precedence
@@ -120,18 +121,10 @@ def boundaries(bodies: dict[int, Body], ids: OriginalIds, fresnel: Collection[in
         layers.append((medium, total))
     result: list[Boundary] = []
     for medium, body in layers:
-        width = 2 * body.planes.step
-        touched = any(  # an interface has a triangle that is wider than a seam
-            (
-                (heights(face.vertices[face.triangles["index"]]) > width)
-                & (medium != OPAQUE or np.isin(face.triangles["leaf"], list(fresnel)))
-            ).any()
-            for face in interfaces[medium]
-        )
         assert total
-        boundary = ids.boundary(total if touched else body)
+        boundary = ids.boundary(total if interfaces[medium] else body)
         result.append(Boundary(boundary.vertices, boundary.triangles[boundary.triangles["inside"] == medium]))
-        result += interfaces[medium] * touched
+        result += interfaces[medium]
     return result
 
 

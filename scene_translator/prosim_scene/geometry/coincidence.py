@@ -21,7 +21,7 @@ compared in the space of one of the two primitives, where rounding is small and 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -146,53 +146,40 @@ class Planes:
         self.of_facet[shared] = plane
         self.side[shared] = np.sign(np.einsum("ij,ij->i", own[:, :3], own[first[plane], :3]))
 
-    def separate(self, solids: Sequence[Manifold], outwards: int) -> list[Manifold]:
-        """Moves solids apart on their common planes; returns the moved solids.
+    def separate(self, first: Manifold, second: Manifold, outwards: int) -> list[Manifold]:
+        """Moves two solids apart on their common planes; returns the moved solids.
 
-        Each solid grows relative to all later solids; the first solid shrinks if ``outwards`` is -1. So nearby facets
-        of earlier solids must be above or below each solid, which moves into the room between them. If the room is too
-        small, the facets above move, too. The solid with most triangles on shared planes moves least.
+        The first solid grows (``outwards`` 1) or shrinks (-1) relative to the second. So its facets must be above or
+        below the second solid, which moves into the room between them. If the room is too small, the facets above move,
+        too. The solid with most triangles on shared planes moves least.
         """
-        facets = [self._facets(solid) for solid in solids]
-        near: list[np.ndarray] = []  # from the last solid to the first
-        low, high = np.full((len(self.planes), 3), np.inf), np.full((len(self.planes), 3), -np.inf)
-        for own in reversed(facets):
-            points, margin = own.vertices[own.corners], 8 * self.step
-            close = (points.min(axis=1) <= high[own.plane] + margin) & (points.max(axis=1) >= low[own.plane] - margin)
-            near.append(close.all(axis=1))
-            np.minimum.at(low, own.plane, points.min(axis=1))
-            np.maximum.at(high, own.plane, points.max(axis=1))
-        # The lowest facet of earlier solids that must be above the next solid, and the highest that must be below.
-        bottom, top = np.full(len(self.planes), np.inf), np.full(len(self.planes), -np.inf)
-        raised, fixed = np.zeros(len(self.planes)), np.zeros(len(self.planes))
-        largest = max(facets, key=lambda own: len(own.plane))
-        moves: list[np.ndarray] = []
-        uppers = [own.side * (1 if k else outwards) > 0 for k, own in enumerate(facets)]
-        for own, upper in zip(facets, uppers):
-            plane, index = np.unique(own.plane, return_inverse=True)
-            lowest, highest = np.full(len(plane), np.inf), np.full(len(plane), -np.inf)
-            np.minimum.at(lowest, index, own.height.min(axis=1))
-            np.maximum.at(highest, index, own.height.max(axis=1))
-            least, most = top[plane] + self.gap - lowest, bottom[plane] - self.gap - highest  # limits for the move
-            move, missing_room = np.maximum(np.minimum(most, 0), least), np.maximum(least - most, 0)
-            raised[plane] += missing_room
-            bottom[plane] += missing_room
-            moves.append(move[index] - np.where(upper, raised[own.plane], 0.0))
-            if own is largest:
-                fixed[plane] = move
-            height = own.height + move[index, None]
-            above, below = near[-1] & upper, near.pop() & ~upper
-            np.minimum.at(bottom, own.plane[above], height[above].min(axis=1))
-            np.maximum.at(top, own.plane[below], height[below].max(axis=1))
-        for own, upper, by in zip(facets, uppers, moves):
-            by += np.where(upper, raised[own.plane], 0.0) - fixed[own.plane]
-        return self._moved(solids, facets, [by[:, None] for by in moves])
+        a, b = self._facets(first), self._facets(second)
+        low, high = self._extremes(b.plane, b.vertices[b.corners])
+        points, margin = a.vertices[a.corners], 8 * self.step
+        near = (points.min(axis=1) <= high[a.plane] + margin) & (points.max(axis=1) >= low[a.plane] - margin)
+        near, upper = near.all(axis=1), a.side * outwards > 0
+        bottom, _ = self._extremes(a.plane[near & upper], a.height[near & upper])
+        _, top = self._extremes(a.plane[near & ~upper], a.height[near & ~upper])
+        lowest, highest = self._extremes(b.plane, b.height)
+        least, most = top + self.gap - lowest, bottom - self.gap - highest  # limits for the move of the second solid
+        move, raised = np.maximum(np.minimum(most, 0), least), np.maximum(least - most, 0)
+        by_first, by_second = np.where(upper, raised[a.plane], 0.0), move[b.plane]
+        if len(b.plane) > len(a.plane):  # the first solid moves instead of the second
+            by_first, by_second = by_first - move[a.plane], np.zeros(len(b.plane))
+        return [self._moved(first, a, by_first[:, None]), self._moved(second, b, by_second[:, None])]
+
+    def _extremes(self, plane: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the minimum and the maximum of ``values`` (k, 3, ...) for each plane; by default inf and -inf."""
+        low = np.full((len(self.planes), *values.shape[2:]), np.inf)
+        high = -low
+        np.minimum.at(low, plane, values.min(axis=1))
+        np.maximum.at(high, plane, values.max(axis=1))
+        return low, high
 
     def snap(self, solid: Manifold) -> Manifold:
         """Returns the solid with the vertices of its facets on shared planes moved onto these planes."""
         facets = self._facets(solid)
-        (result,) = self._moved([solid], [facets], [-facets.height])
-        return result
+        return self._moved(solid, facets, -facets.height)
 
     def _facets(self, solid: Manifold) -> Facets:
         """Returns the triangles of a solid that lie on shared planes."""
@@ -204,26 +191,16 @@ class Planes:
         height = np.einsum("tij,tj->ti", vertices[corners], self.planes[plane, :3]) + self.planes[plane, 3, None]
         return Facets(vertices, corners, plane, self.side[facets] * signs(mesh)[on], height)
 
-    def _moved(
-        self, solids: Sequence[Manifold], facets: Sequence[Facets], moves: Sequence[np.ndarray]
-    ) -> list[Manifold]:
-        """Returns solids with the corners of their ``facets`` moved along the normals of their planes.
-
-        For each solid, ``moves`` (k, 3) or (k, 1) are the signed distances.
-        """
-        ends = np.cumsum([len(own.vertices) for own in facets])
-        corners = np.concatenate([own.corners + end - len(own.vertices) for own, end in zip(facets, ends)])
-        by = np.concatenate([np.broadcast_to(move, own.corners.shape) for own, move in zip(facets, moves)])
-        touched = np.zeros(ends[-1], bool)
-        touched[corners[(by != 0).any(axis=1)]] = True
-        triangle, corner = np.nonzero(touched[corners])
-        plane = np.concatenate([own.plane for own in facets])[triangle]
-        vertices = np.concatenate([own.vertices for own in facets])
-        vertices = self._move_points(vertices, corners[triangle, corner], plane, by[triangle, corner])
-        return [
-            solid.warp_batch(lambda _, points=points: points) if moved.any() else solid
-            for solid, points, moved in zip(solids, np.split(vertices, ends[:-1]), np.split(touched, ends[:-1]))
-        ]
+    def _moved(self, solid: Manifold, facets: Facets, by: np.ndarray) -> Manifold:
+        """Returns a solid with the corners of its ``facets`` moved by the signed distances ``by`` (k, 3) or (k, 1)."""
+        touched = np.zeros(len(facets.vertices), bool)
+        touched[facets.corners[(by != 0).any(axis=1)]] = True
+        if not touched.any():
+            return solid
+        triangle, corner = np.nonzero(touched[facets.corners])
+        by, vertex = np.broadcast_to(by, facets.corners.shape)[triangle, corner], facets.corners[triangle, corner]
+        points = self._move_points(facets.vertices, vertex, facets.plane[triangle], by)
+        return solid.warp_batch(lambda _: points)
 
     def snap_vertices(self, vertices: np.ndarray, triangles: np.ndarray, facets: np.ndarray) -> np.ndarray:
         """Returns the vertices (n, 3), moved onto the planes of the facets of which they are corners.

@@ -14,7 +14,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -145,7 +145,7 @@ class _Chain:
         """
         if symbol == "*":
             first = self.value()
-            return _Chain(_body([first, other.value()], OpType.Intersect, -1, first.boxes))
+            return _Chain(_combined([first, other.value()], OpType.Intersect, [first]))
         right = _Chain(other.value()) if other.has_minus else other
         if symbol == "+" and not self.has_minus and len(self.operands) < len(right.operands):
             right.operands.extendleft(reversed(self.operands))
@@ -169,13 +169,13 @@ class _Chain:
                 earlier = touching(boxes[:i], boxes[i])
                 step[i] = (step[earlier] + (adds[earlier] & ~adds[i])).max(initial=0)
             operands = [operands[i] for i in np.argsort(2 * step + adds, kind="stable")]
-        _, result = apply(operands)
+        result = apply(operands)
         assert result
         return result
 
 
-def apply(operands: list[Operand]) -> tuple[Body | None, Body | None]:
-    """Evaluates a part of a chain; returns the union of all subtracted bodies, and the result.
+def apply(operands: list[Operand]) -> Body | None:
+    """Evaluates a part of a chain; returns None if the part adds no body.
 
     If few bodies touch, each added body is cut by the later subtracted bodies that touch it. Otherwise the chain is
     evaluated in halves.
@@ -190,17 +190,13 @@ def apply(operands: list[Operand]) -> tuple[Body | None, Body | None]:
             cuts.append((body, [subtracted[passed + k] for k in touching(boxes[passed:], body.box)]))
             count += len(cuts[-1][1])
     if count <= len(operands) and _mergeable(operands, True):
-        return union(subtracted), union(difference(body, cutters) for body, cutters in cuts)
+        return union(difference(body, cutters) for body, cutters in cuts)
     changes = [i for i in range(2, len(operands)) if operands[i - 1][0] == "+" and operands[i][0] == "-"]
     middle = changes[len(changes) // 2]
-    first, rest = apply(operands[:middle])
-    later_operands = operands[middle:]
-    if rest and not _mergeable([("+", rest), *later_operands]):
-        second, result = apply([("+", rest), *later_operands])
-    else:
-        second, result = apply(later_operands)
-        result = union([difference(rest, [second]) if rest and second else rest, result])
-    return union([first, second]), result
+    rest, later = apply(operands[:middle]), operands[middle:]
+    if rest and not _mergeable([("+", rest), *later]):
+        return apply([("+", rest), *later])
+    return union([rest and difference(rest, [body for sign, body in later if sign == "-"]), apply(later)])
 
 
 def _mergeable(operands: list[Operand], all_faces: bool = False) -> bool:
@@ -226,8 +222,7 @@ def _mergeable(operands: list[Operand], all_faces: bool = False) -> bool:
     return True
 
 
-MAX_BATCH = 500  # the largest number of bodies in one union; more bodies are united in two halves, which saves memory
-MAX_PAIRED = 32  # no more bodies that share surfaces are united in pairs, which is slower, but more reliable
+MAX_BATCH = 500  # the largest number of bodies in one operation; more bodies are united in halves, which saves memory
 
 
 def union(bodies: Iterable[Body | None]) -> Body | None:
@@ -236,55 +231,43 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
     distinct = [body for body in bodies if body and (body.solid is None or solids.setdefault(body.solid, body) is body)]
     if len(distinct) < 2:
         return distinct[0] if distinct else None
-
-    @cache
-    def manifold() -> Manifold:
-        """Computes the union, in one batch or in two halves."""
-        count, parts = len(distinct), distinct
-        if count > MAX_BATCH or (2 < count <= MAX_PAIRED and _share_surfaces(distinct)):
-            halves = union(distinct[: count // 2]), union(distinct[count // 2 :])
-            parts = [half for half in halves if half]
-        result = _operation(parts, OpType.Add, 1)
-        if parts is not distinct:
-            checked(result)
-        distinct.clear()  # frees memory: this function outlives the operands
-        return result
-
-    boxes = np.concatenate([body.boxes for body in distinct])
-    return Body(manifold, boxes, frozenset().union(*(body.surfaces for body in distinct)), distinct[0].planes)
+    if len(distinct) == 2 or (len(distinct) <= MAX_BATCH and not _share_surfaces(distinct)):
+        return _combined(distinct, OpType.Add, distinct)
+    middle = len(distinct) // 2
+    result = union([union(distinct[:middle]), union(distinct[middle:])])
+    if result:
+        checked(result.manifold())  # frees the memory of the operands
+    return result
 
 
 def difference(first: Body, others: Sequence[Body]) -> Body:
     """Returns the first body minus the other bodies; an earlier body owns a common face."""
     near = [body for body in others if len(touching(body.boxes, first.box))]
-    if len(near) > MAX_BATCH and (body := union(near)):
+    if len(near) > 1 and (len(near) > MAX_BATCH or _share_surfaces([first, *near])) and (body := union(near)):
         near = [body]
-    return _body([first, *near], OpType.Subtract, -1, first.boxes) if near else first
+    return _combined([first, *near], OpType.Subtract, [first]) if near else first
 
 
 def remainder(first: Body, second: Body) -> Body:
     """Returns the second body minus the first body. On common surfaces, the faces of the result belong to the first
     body.
     """
-    return _body([first, second], None, 1, second.boxes)
+    return _combined([first, second], None, [second])
 
 
-def _body(bodies: Sequence[Body], operation: OpType | None, outwards: int, boxes: np.ndarray) -> Body:
-    """Returns the result of :func:`_operation` as a body with these ``boxes``."""
-    result = _operation(bodies, operation, outwards)
-    return Body(lambda: result, boxes, frozenset().union(*(body.surfaces for body in bodies)), bodies[0].planes)
+def _combined(bodies: Sequence[Body], operation: OpType | None, around: Sequence[Body]) -> Body:
+    """Returns the result of a Boolean operation, which has the boxes of the bodies ``around``.
 
-
-def _operation(bodies: Sequence[Body], operation: OpType | None, outwards: int) -> Manifold:
-    """Returns the result of a Boolean operation on bodies; the operation None is the second body minus the first body.
-
-    On common surfaces, the first body grows (``outwards`` 1) or shrinks (-1) before the operation, see
-    :meth:`.Planes.separate`.
+    The operation None is the second body minus the first body. If bodies share surfaces, there are only two bodies. On
+    these surfaces, the first body grows; for subtraction and intersection it shrinks, see :meth:`.Planes.separate`.
     """
-    solids = [body.manifold() for body in bodies]
+    solids, planes = [body.manifold() for body in bodies], bodies[0].planes
     if _share_surfaces(bodies):
-        solids = bodies[0].planes.separate(solids, outwards)
-    return Manifold.batch_boolean(solids if operation else solids[::-1], operation or OpType.Subtract)
+        first, second = solids
+        solids = planes.separate(first, second, -1 if operation in (OpType.Subtract, OpType.Intersect) else 1)
+    result = Manifold.batch_boolean(solids if operation else solids[::-1], operation or OpType.Subtract)
+    boxes = np.concatenate([body.boxes for body in around])
+    return Body(lambda: result, boxes, frozenset().union(*(body.surfaces for body in bodies)), planes)
 
 
 def _share_surfaces(bodies: Sequence[Body]) -> bool:

@@ -13,6 +13,7 @@
 """
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -23,8 +24,8 @@ from ..model import Leaf, Operator
 from ..view import Camera
 from .csg import tree_of
 from .grouping import group_equal, sweep
-from .primitives import MAX_SEGMENTS, OUTSIDE_SEGMENTS, OUTSIDE_TOLERANCE, box_corners
-from .solids import IDENTITY, Solid, world_box_corners
+from .primitives import MAX_SEGMENTS, MIN_SEGMENTS, OUTSIDE_SEGMENTS, OUTSIDE_TOLERANCE, box_corners
+from .solids import IDENTITY, Solid, unit_mesh, world_box_corners
 
 
 class Ball(NamedTuple):
@@ -257,10 +258,11 @@ def choose_segments(
                 s.segments, s.facet_map = cap or (s.segments, IDENTITY)
         for s in solids:
             s.segments = segments_of_surface.get(s.curved_surface, s.segments)
-        total = sum(s.primitive.count(s.segments) for s in solids)
+        uses = Counter((s.primitive, s.segments) for s in solids)
+        total = sum(count * len(unit_mesh(*key).triangles) for key, count in uses.items())
         if total <= MAX_TRIANGLES:
             break
-        if total <= sum(s.primitive.count(0) for s in solids):
+        if max(s.segments for s in solids) <= MIN_SEGMENTS:
             raise document.error(
                 f"the tree's {len(solids):,} different primitives have at least {total:,} triangles; "
                 f"expected {MAX_TRIANGLES:,} at most, to limit memory; use fewer primitives",

@@ -76,10 +76,6 @@ class MeshFile(Primitive):
         """Returns the file's mesh, for any number of segments."""
         return self._mesh
 
-    def count(self, segments: int) -> int:
-        """Returns the number of triangles of the mesh."""
-        return len(self._mesh.triangles)
-
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
         """Returns the file's normals and uv, interpolated over the file's triangles ``face``."""
         along = (p - self._origin[face, None]) @ self._dual[face]

@@ -85,10 +85,6 @@ class Primitive(ABC):
         """
 
     @abstractmethod
-    def count(self, segments: int) -> int:
-        """Returns the number of triangles of :meth:`mesh`; fewer than MIN_SEGMENTS segments count as MIN_SEGMENTS."""
-
-    @abstractmethod
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
         """Returns normals and uv of triangles (n, 3, 3) on the faces with the numbers ``face`` (n,)."""
 
@@ -200,9 +196,6 @@ class Cube(Primitive):
         triangles = np.array([t for a, b, c, d in self.squares for t in ((a, b, c), (a, c, d))])
         return Mesh(box_corners(self.box), triangles, np.repeat(np.arange(6), 2), np.arange(6))
 
-    def count(self, segments: int) -> int:
-        return 12
-
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
         """Returns normals and uv; uv are the two coordinates along the face."""
         normals = np.zeros_like(p)
@@ -240,9 +233,6 @@ class Sphere(Primitive):
         if facet_map[3, :3].any():  # a projective map
             placed = (placed + facet_map[:3, 3]) / (vertices @ facet_map[3, :3] + facet_map[3, 3])[:, None]
         return Mesh(placed, triangles, np.arange(len(triangles)), np.zeros(len(triangles), int))
-
-    def count(self, segments: int) -> int:
-        return max(segments, MIN_SEGMENTS) ** 2 // 2
 
     def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns the size of the curved face, which MAX_ASPECT limits, and the centre and the radius of a bounding
@@ -308,9 +298,6 @@ class Cylinder(_OfRevolution):
         faces = np.append([1, 2], np.zeros(segments, int))
         return Mesh(np.concatenate([ring, ring * [1, 1, 0]]), np.concatenate(triangles), facets, faces)
 
-    def count(self, segments: int) -> int:
-        return 4 * max(segments, MIN_SEGMENTS) - 4
-
 
 class Cone(_OfRevolution):
     """A cone with its apex at the origin, whose faces are a side and one disc."""
@@ -329,9 +316,6 @@ class Cone(_OfRevolution):
         facets = np.concatenate([np.zeros(segments - 2, int), i + 1])
         faces = np.append([1], np.zeros(segments, int))
         return Mesh(np.append(ring, np.zeros((1, 3)), axis=0), np.append(fan(segments), side, axis=0), facets, faces)
-
-    def count(self, segments: int) -> int:
-        return 2 * max(segments, MIN_SEGMENTS) - 2
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
         """Returns normals and uv as for other solids of revolution, and special normals at the apex."""

@@ -69,7 +69,7 @@ class Solid:
             a, b, c = (unit.vertices[unit.triangles[:, i]] for i in range(3))
             mirrored ^= np.einsum("ij,ij->", a, np.cross(b, c)) < 0  # the sign of the mesh's volume
         else:
-            unit = _unit_mesh(self.primitive, self.segments)
+            unit = unit_mesh(self.primitive, self.segments)
         vertices = unit.vertices
         if self.shrink < 1:
             vertices = vertices * np.where(np.arange(3) < self.primitive.axes, self.shrink, 1.0)
@@ -78,7 +78,7 @@ class Solid:
 
 
 @lru_cache(maxsize=64)
-def _unit_mesh(primitive: Primitive, segments: int) -> Mesh:
+def unit_mesh(primitive: Primitive, segments: int) -> Mesh:
     """Returns the mesh of a primitive in its own space; the result is cached for equal solids."""
     return primitive.mesh(segments, IDENTITY)
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -159,7 +159,6 @@ def _boundary(
     ids = OriginalIds(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
     boxes = table.boxes + table.step * np.array([[-1.0], [1.0]])
     boxes = np.append(boxes, world_box_corners(table.solids), axis=1)[table.of_leaf]
-    fresnel = np.flatnonzero(reflects).tolist()
     groups = components(boxes[:, 0], boxes[:, 1])
     alone = np.bincount(groups, minlength=len(groups)) == 1
     small_neighbours = csg.count_small_neighbours(boxes)
@@ -171,6 +170,7 @@ def _boundary(
         i = int(table.of_leaf[number])
         surfaces = frozenset(table.solids[i].surfaces.tolist()) - {-1}
 
+        @cache
         def mesh() -> Manifold:
             """Returns the leaf's mesh for manifold3d, refined if many small solids touch the leaf."""
             own = manifold(table.meshes[i], table.first[i], ids.id_of(number, medium))
@@ -189,7 +189,7 @@ def _boundary(
             i = int(table.of_leaf[group])
             parts.append(primitive_boundary(table.meshes[i], group, table.first[i], media_of[group]))
         else:
-            parts += boundaries(of_group, ids, fresnel)
+            parts += boundaries(of_group, ids, any(reflects))
     return concatenated(parts)
 
 

@@ -25,15 +25,13 @@ def check(paths: Iterable[Path], size: int) -> None:
 
     Raises OSError if a name is too long, a folder or a device has the name of a file, or a folder is read-only or full.
     """
-    folders = set()
     for path in map(Path, map(os.path.realpath, paths)):
         with suppress(FileNotFoundError):
             path.lstat()  # raises where a name is too long, or a file is in the place of a folder
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, "this is a folder", str(path))
         refuse_special(path)
-        folders.add(next(folder for folder in path.parents if folder.is_dir()))
-    for folder in folders:
+        folder = next(folder for folder in path.parents if folder.is_dir())
         try:
             tempfile.TemporaryFile(dir=folder).close()
             if shutil.disk_usage(folder).free < size:

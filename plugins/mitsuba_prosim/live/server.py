@@ -29,9 +29,6 @@ from ..engine.accumulators import BRIGHTEST
 from .picture import Factors, Picture
 from .viewer import Viewer
 
-#: Maximum number of seconds to wait for a result of the thread that renders.
-PATIENCE = 60.0
-
 #: A function of the exposure and the factors of layers, which is called in the thread that renders. The function
 #: returns the contents of the image's files by suffix.
 Encoder = Callable[[float, Factors], dict[str, bytes]]
@@ -81,7 +78,7 @@ def served(viewer: Viewer, encode: Encoder, sock: socket.socket) -> Iterator[str
     try:
         yield f"http://127.0.0.1:{sock.getsockname()[1]}/{token}/"
     finally:
-        viewer.publisher.closed = True
+        viewer.close()
         server.should_exit = True
         thread.join(3)
         sock.close()
@@ -175,7 +172,7 @@ class Pages:
 
     async def _call(self, work: Callable[[Viewer], Any]) -> Any:
         """Executes a function in the thread that renders, and returns its result."""
-        return await asyncio.wait_for(asyncio.wrap_future(self._viewer.call(work)), PATIENCE)
+        return await asyncio.wrap_future(self._viewer.call(work))
 
 
 def factors(request: Request, picture: Picture) -> Factors:

@@ -62,7 +62,6 @@ class Viewer:
         self._path, self._open_scene = path, open_scene
         self._spp, self._seed, self._denoise = spp, seed, denoise
         self._calls: SimpleQueue[tuple[Callable[[Viewer], Any], Future[Any]]] = SimpleQueue()
-        self._closed = False
         #: The latest request, and the request that is shown or being rendered.
         self._request = self._shown = ViewRequest()
         #: The camera in the scene file that was opened last; None if its sensor cannot be moved.
@@ -83,8 +82,8 @@ class Viewer:
         return future
 
     def close(self) -> None:
-        """Ends the thread that renders."""
-        self._closed = True
+        """Ends the thread that renders, and the streams of the publisher."""
+        self.publisher.closed = True
 
     def change(self, **changes: Any) -> None:
         """Changes the request. Only functions that are given to :meth:`call` may call this method."""
@@ -132,7 +131,7 @@ class Viewer:
         gc.collect()
         gc.freeze()  # later garbage collections then visit only younger objects
         try:
-            while not self._closed:
+            while not self.publisher.closed:
                 self.run_calls(INTERVAL if self._idle else 0.0)
                 try:
                     self._advance()
@@ -141,7 +140,6 @@ class Viewer:
         finally:
             self._images, self.scene, self._integrator = {}, None, None
             gc.unfreeze()
-            self.publisher.closed = True
 
     @property
     def _done(self) -> bool:

@@ -7,14 +7,11 @@ from typing import Any
 
 import mitsuba as mi
 
-from ..engine.plan import TARGETS
+from ..engine.plan import SAMPLING, TARGETS
 
-#: Parameters that nest an integrator in ``prosim_adaptive``, if the integrator lacks them.
+#: Parameters of sampling that nest an integrator in ``prosim_adaptive``, if the integrator lacks them. The others, such
+#: as ``samples``, do not: a user may give them by mistake.
 WRAPPING = (*TARGETS, "max_samples", "adaptive")
-
-#: Parameters of the outermost integrator. A user may give only ``samples`` and ``threshold`` by mistake, so these two
-#: do not nest an integrator.
-SAMPLING = ("samples", "threshold", *WRAPPING)
 
 #: Limits of a film: pixels per side, and pixels in total. A film counts its values in 32 bits, with several values per
 #: pixel.
@@ -39,8 +36,9 @@ def apply(
     """Changes a parsed scene; returns the name of the integrator that is now nested in ``prosim_adaptive``, or None.
 
     ``resolution`` is (width, height) and ``crop`` is (x, y, width, height), both in pixels. ``parameters`` are
-    parameters of the integrator; the value None deletes a parameter. Parameters in :data:`SAMPLING` go to the outermost
-    integrator, all others to every ``prosim``. Raises ValueError if the changes do not suit the scene.
+    parameters of the integrator; the value None deletes a parameter. Parameters of sampling, such as ``samples``, go to
+    the outermost integrator, which :data:`WRAPPING` may nest in ``prosim_adaptive``. All other parameters go to every
+    ``prosim``. Raises ValueError if the changes do not suit the scene.
     """
     for props in (node.props for node in state.nodes if node.type == mi.ObjectType.Film):
         _set(props, zip(("width", "height"), resolution or ()))

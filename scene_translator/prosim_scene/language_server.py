@@ -63,13 +63,6 @@ class OpenDocument:
         positions = [lsp.Position(line, offset - self.starts[line]) for line, offset in zip(lines, (start, end))]
         return lsp.Range(*(self.codec.position_to_client_units(self.lines, position) for position in positions))
 
-    def locations(self, position: lsp.Position, only_definitions: bool) -> list[lsp.Location]:
-        """Returns the protocol's locations of the symbol at a position: all occurrences, or only its definitions."""
-        at_position = self.symbols.occurrence_at(self.offset(position))
-        occurrences = self.symbols.table[at_position.symbol] if at_position else []
-        occurrences = [one for one in occurrences if one.defines] if only_definitions else occurrences
-        return [lsp.Location(self.uri, self.range(one.start, one.end)) for one in occurrences]
-
     def diagnostic(self, problem: Problem) -> lsp.Diagnostic:
         """Converts an error or a warning to a diagnostic of the protocol.
 
@@ -190,17 +183,16 @@ def hover(ls: SceneServer, params: lsp.HoverParams) -> lsp.Hover | None:
 
 
 @server.feature(lsp.TEXT_DOCUMENT_DEFINITION)
-def definition(ls: SceneServer, params: lsp.DefinitionParams) -> list[lsp.Location]:
-    """Returns the locations that define a symbol: SURFACE or TRANSFORM of an index, TEXTURE, SOLID, or DEFAULT of a
-    name.
-    """
-    return ls.documents[params.text_document.uri].locations(params.position, only_definitions=True)
-
-
 @server.feature(lsp.TEXT_DOCUMENT_REFERENCES)
-def references(ls: SceneServer, params: lsp.ReferenceParams) -> list[lsp.Location]:
-    """Returns the locations of all occurrences of the symbol at a position."""
-    return ls.documents[params.text_document.uri].locations(params.position, only_definitions=False)
+def locations(ls: SceneServer, params: lsp.DefinitionParams | lsp.ReferenceParams) -> list[lsp.Location]:
+    """Returns the locations of all occurrences of the symbol at a position, or only of its definitions: SURFACE or
+    TRANSFORM of an index, TEXTURE, SOLID, or DEFAULT of a name.
+    """
+    document, all_occurrences = ls.documents[params.text_document.uri], isinstance(params, lsp.ReferenceParams)
+    if (at_position := document.symbols.occurrence_at(document.offset(params.position))) is None:
+        return []
+    occurrences = (one for one in document.symbols.table[at_position.symbol] if all_occurrences or one.defines)
+    return [lsp.Location(document.uri, document.range(one.start, one.end)) for one in occurrences]
 
 
 @server.feature(lsp.TEXT_DOCUMENT_FORMATTING)

@@ -99,10 +99,6 @@ class Symbols:
         elif token.role == "USE" or before == "SOLID":
             yield Occurrence(Symbol("solid", words.normalise(token.text)), *token.span, before == "SOLID", before)
 
-    def occurrences(self, symbol: Symbol) -> list[Occurrence]:
-        """Lists the uses and definitions of a symbol (index, texture, solid or ``$name``) in the order of the text."""
-        return self.table.get(symbol, [])
-
     def occurrence_at(self, offset: int) -> Occurrence | None:
         """Returns the occurrence of a symbol that contains an offset or ends there; None if there is no symbol."""
         occurrences = (occurrence for found in self.table.values() for occurrence in found)
@@ -135,8 +131,7 @@ class Symbols:
     @property
     def _textures(self) -> dict[str, str]:
         """The names of the textures that this text may use, each with its kind."""
-        patterns = self.reader.fields["patterns"].items()
-        return words.BUILT_IN | {name: pattern.kind for name, pattern in patterns if pattern.kind}
+        return {name: pattern.kind for name, pattern in self.reader.fields["patterns"].items() if pattern.kind}
 
     def _symbol_markdown(self, symbol: Symbol) -> str:
         """Returns the definition of a symbol, as Markdown."""
@@ -146,7 +141,7 @@ class Symbols:
             return f"**{symbol.key}**: {self._textures.get(symbol.key, 'no TEXTURE has this name')}"
         starts = [token.start for token in self.tokens if token.role in STATEMENTS]
         ends = [*starts[1:], len(self.text)]
-        defining = [bisect_right(starts, use.start) - 1 for use in self.occurrences(symbol) if use.defines]
+        defining = [bisect_right(starts, use.start) - 1 for use in self.table[symbol] if use.defines]
         parts = "\n".join(self.text[starts[i] : ends[i]].strip() for i in defining)
         return f"```scn\n{parts}\n```" if parts else f"no SURFACE or TRANSFORM has the index {symbol.key}"
 

@@ -89,10 +89,10 @@ def test_every_word_has_a_meaning():
 def test_all_occurrences_of_a_symbol_are_found():
     symbols = Symbols(SCENE)
     here = symbols.occurrence_at(SCENE.index("SPHERE 1") + 7)
-    assert [SCENE[: one.start].count("\n") for one in symbols.occurrences(here.symbol) if one.defines] == [7, 9]
+    assert [SCENE[: one.start].count("\n") for one in symbols.table[here.symbol] if one.defines] == [7, 9]
     for word, shift, count in (("SPHERE 1", 7, 4), ("$turn", 1, 4), ("t-mine", 2, 1)):
         here = symbols.occurrence_at(SCENE.index(word) + shift)
-        assert len(symbols.occurrences(here.symbol)) == count
+        assert len(symbols.table[here.symbol]) == count
 
 
 def test_a_symbol_is_found_wherever_it_may_stand():
@@ -102,7 +102,7 @@ CSG-TREE + CUBE: 07 + ESFERA (the (7) one) 7 - CONE # 7
 SURFACE 70 TEXTURE t-7 stripes seed 7 END 7"""
     for mark in ("\n", "\r\n"):
         symbols = Symbols(text.replace("\n", mark))
-        assert len(symbols.table) == 6 and len(symbols.occurrences(Symbol("index", "7"))) == 5
+        assert len(symbols.table) == 6 and len(symbols.table[Symbol("index", "7")]) == 5
 
 
 def test_the_grammar_of_editors_has_the_words_of_the_language():

@@ -200,7 +200,7 @@ def test_an_editor_knows_named_solids():
     symbols = Symbols(NAMED)
     at = NAMED.index("LEG 11")
     symbol = symbols.occurrence_at(at).symbol
-    assert len(symbols.occurrences(symbol)) == 3
+    assert len(symbols.table[symbol]) == 3
     assert "SOLID leg + CYLINDER 1 SPHERE 2" in symbols.hover(at)[2]
     assert {"leg", "CUBE"} <= {one.label for one in symbols.completions(at)}
     assert {"20", "1"} <= {one.label for one in symbols.completions(at + len("LEG "))}

@@ -9,7 +9,7 @@ from pathlib import PurePath
 from typing import Any
 
 from ..garbage_collection import garbage_collection_paused
-from ..model import GREY, Pattern, Scene, Transform, Vector
+from ..model import GREY, Scene, Transform, Vector
 from .diagnostics import MAX_ERRORS, AnyPath, Problem, SceneError, SceneWarning, Span, combined_error, listing, quote
 from .document import Document, Path
 from .reader import Reader
@@ -87,12 +87,7 @@ def _document(reader: Reader) -> Document:
     """Makes the document of a text. If the text has errors, values in the document are missing or None."""
     fields: dict[str, Any] = {"name": PurePath(reader.source.filename).stem or "scene"} | reader.fields
     del fields["solids"]
-    scene = Scene(**fields)
-    for _, leaf in scene.leaves:
-        for texture in leaf.textures:
-            if texture and texture.name in BUILT_IN:
-                scene.patterns.setdefault(texture.name, Pattern(BUILT_IN[texture.name]))
-    return Document(reader.source, reader.spans, scene, frozenset(reader.definitions.uses))
+    return Document(reader.source, reader.spans, Scene(**fields), frozenset(reader.definitions.uses))
 
 
 def _with_separate_indices(document: Document) -> Document:
@@ -225,7 +220,7 @@ def _indices_problems(document: Document) -> Iterator[SceneError]:
 
 def _textures_problems(document: Document) -> Iterator[SceneError]:
     """Yields errors about unknown textures, and about images in the slot of a solid texture."""
-    names, reported = list(dict.fromkeys([*BUILT_IN, *document.scene.patterns])), set[str]()
+    names, reported = list(document.scene.patterns), set[str]()
     slots = ((number, *slot) for number, leaf in document.scene.leaves for slot in enumerate(leaf.textures))
     for number, slot, texture in slots:
         path = "csg", number, "textures", slot

@@ -79,7 +79,8 @@ class Reader(Scanner):
         """Reads the whole text. Raises SceneError for a wrong name or value in ``define``."""
         source = Source(text, filename)
         super().__init__(source, Definitions(source, define))
-        self.fields: dict[str, Any] = {"solids": {}, "surfaces": {}, "transforms": {}, "patterns": {}}
+        patterns = {name: model.Pattern(kind) for name, kind in words.BUILT_IN.items()}
+        self.fields: dict[str, Any] = {"solids": {}, "surfaces": {}, "transforms": {}, "patterns": patterns}
         self.spans: dict[Path, Span] = {}
         self.errors: list[SceneError] = []
         self.warnings: list[SceneWarning] = []

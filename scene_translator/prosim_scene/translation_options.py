@@ -55,4 +55,4 @@ def _are_allowed(values: Any, allowed: Numbers) -> bool:
     """
     numbers = list(values) if isinstance(values, Iterable) else []
     whole = len(numbers) == allowed.count and all(isinstance(number, Integral) for number in numbers)
-    return whole and allowed.allows(*numbers) and math.prod(numbers) <= PIXELS
+    return whole and all(map(allowed.allows, numbers)) and math.prod(numbers) <= PIXELS

@@ -84,11 +84,6 @@ def translate(
         raise SceneError(f"{str(source_path)!r}: {reason}", str(source_path))
     folder = Path(out_dir) if out_dir is not None else source_path.parent
     stem = source_path.stem
-    result = folder / f"{stem}.xml"
-    if os.path.exists(result) and source_path.exists() and result.samefile(source_path):
-        reason = "the translation would overwrite the scene itself; "
-        reason += "give the scene another suffix, such as .scn, or choose another folder"
-        raise SceneError(f"{source_path}: {reason}", str(source_path))
     meshes: dict[str, bytes] = {}
 
     def image_path(path: Path) -> str:

@@ -78,7 +78,7 @@ def test_meshes_of_earlier_translations_are_removed_and_no_others(scene):
         ("s.xml", "is not a translation and is not overwritten"),
         ("link to nowhere", "the folder of the meshes would replace this"),
         ("folder", "the translation would replace this folder"),
-        ("the scene", "would overwrite the scene itself"),
+        ("the scene", "is not a translation and is not overwritten"),
     ],
 )
 def test_a_file_of_the_users_in_the_way_is_an_error(scene, obstacle, message):

@@ -224,11 +224,9 @@ class Reader(Scanner):
         tokens = self.number_tokens
         if self.definitions.undefined and any(self.source.text[token.start] in "${" for token in tokens):
             return None  # the undefined name is reported as an error
-        value = allowed.value([token.text for token in tokens])
-        if value is not None:
-            return value
+        numbers = [allowed.parse(token.text) for token in tokens]
+        wrong = [token for token, number in zip(tokens, numbers) if not allowed.allows(number)]
         first, last = (tokens[0], tokens[-1]) if tokens else (keyword, keyword)
-        wrong = next((token for token in tokens if not allowed.allows(allowed.parse(token.text))), None)
         if not allowed.allows_count(len(tokens)):
             noun = ("word" if allowed.flags else "number") + "s" * (len(tokens) != 1)
             reason = f"found {len(tokens)} {noun} after {keyword.text}; expected {allowed.count_in_words()}"
@@ -236,12 +234,15 @@ class Reader(Scanner):
                 reason += f"; {quote(comment[1])} is a comment; write the numbers without parentheses and commas"
             self.add_error(Span(first.start, last.end), reason, "count")
         elif wrong:
-            reason = f"found {quote(wrong.text)} after {keyword.text}; expected {allowed.range_in_words()}"
-            if allowed.channels and allowed.high == 1 < float(wrong.text) <= 255:
-                reason += f"; {wrong.text} of 255 is {float(wrong.text) / 255:.3g}"
-            self.add_error(wrong.span, reason, "range")
-        else:
+            text = wrong[0].text
+            reason = f"found {quote(text)} after {keyword.text}; expected {allowed.range_in_words()}"
+            if allowed.channels and allowed.high == 1 < float(text) <= 255:
+                reason += f"; {text} of 255 is {float(text) / 255:.3g}"
+            self.add_error(wrong[0].span, reason, "range")
+        elif allowed.direction and math.hypot(*numbers) < 1 / words.LARGE:
             self.add_error(first.span, f"{keyword.text} has length 0; expected a direction", "range")
+        else:
+            return allowed.value(numbers)
         return None
 
     def read_parameters(self, follow: frozenset[str], *owner: str | int) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 textures.
 """
 
-import math
 import re
 import unicodedata
 from collections.abc import Sequence
@@ -57,25 +56,18 @@ class Numbers:
         """Converts a text to a number; a text that is no flag becomes -1, which is not allowed."""
         return FLAGS.get(normalise(text), -1) if self.flags else float(text)
 
-    def allows(self, *numbers: float) -> bool:
-        """Whether all these numbers are allowed."""
-        return (
-            self.low <= min(numbers)
-            and max(numbers) <= self.high
-            and (not self.least or all(abs(n) >= self.least or (n == 0 and not self.nonzero) for n in numbers))
-            and (not self.whole or all(n == int(n) for n in numbers))
-        )
+    def allows(self, number: float) -> bool:
+        """Whether this number is allowed."""
+        if not self.low <= number <= self.high or (self.whole and number != int(number)):
+            return False
+        return abs(number) >= self.least or (number == 0 and not self.nonzero)
 
-    def value(self, texts: Sequence[str]) -> Any:
-        """Converts texts to one number or to a tuple of numbers; returns None for a wrong count or a wrong number."""
-        numbers = tuple(map(self.parse, texts))
-        if not self.allows_count(len(numbers)) or not self.allows(*numbers):
-            return None
-        if self.direction and math.hypot(*numbers) < 1 / LARGE:
-            return None
-        if self.whole:
-            numbers = tuple(map(bool if self.flags else int, numbers))
-        return numbers[0] if self.count == 1 else numbers * (self.count // len(numbers))
+    def value(self, numbers: Sequence[float]) -> Any:
+        """Converts numbers, which are allowed, to one value or to a tuple of ``count`` values: bool for flags, int for
+        whole numbers, else float.
+        """
+        values = tuple(map(bool if self.flags else int, numbers)) if self.whole else tuple(numbers)
+        return values[0] if self.count == 1 else values * (self.count // len(values))
 
 
 NO_NUMBERS = Numbers(0)

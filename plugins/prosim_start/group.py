@@ -1,7 +1,7 @@
 """The commands of ``prosim`` by name; the module of a command is imported when the command is called."""
 
-import importlib
 import os
+import pkgutil
 import sys
 import warnings
 from typing import Any
@@ -10,17 +10,17 @@ import click
 
 #: Name of a command -> (its module and function, its description).
 COMMANDS = {
-    "compare": ("compare_command:compare", "Compare two integrators or samplers on a scene."),
-    "doctor": ("doctor:doctor", "Print versions, backends and problems."),
-    "format": ("translate:format_scene", "Rewrite scenes in canonical layout."),
+    "compare": ("mitsuba_prosim.cli.compare_command:compare", "Compare two integrators or samplers on a scene."),
+    "doctor": ("mitsuba_prosim.cli.doctor:doctor", "Print versions, backends and problems."),
+    "format": ("mitsuba_prosim.cli.translate:format_scene", "Rewrite scenes in canonical layout."),
     "language-server": ("prosim_scene.language_server:language_server", "Help an editor with scenes."),
     "link": ("mitsuba_prosim.stock_command.stand_ins:link", "Let the mitsuba command run plugins in Python."),
-    "merge": ("render_commands:merge", "Merge the separately rendered parts of an image."),
-    "mix": ("mix:mix", "Dim and colour the lamps of a rendered image."),
-    "render": ("render_commands:render", "Render a scene to an EXR and a PNG image."),
-    "resume": ("render_commands:resume", "Continue a render from its saved state."),
-    "translate": ("translate:translate", "Translate the scene language to Mitsuba's XML."),
-    "watch": ("watch:watch", "Show a scene on a page while you edit it."),
+    "merge": ("mitsuba_prosim.cli.render_commands:merge", "Merge the separately rendered parts of an image."),
+    "mix": ("mitsuba_prosim.cli.mix:mix", "Dim and colour the lamps of a rendered image."),
+    "render": ("mitsuba_prosim.cli.render_commands:render", "Render a scene to an EXR and a PNG image."),
+    "resume": ("mitsuba_prosim.cli.render_commands:resume", "Continue a render from its saved state."),
+    "translate": ("mitsuba_prosim.cli.translate:translate", "Translate the scene language to Mitsuba's XML."),
+    "watch": ("mitsuba_prosim.cli.watch:watch", "Show a scene on a page while you edit it."),
 }
 
 
@@ -31,9 +31,7 @@ class Commands(click.Group):
         """Imports the module of the command with this name, and returns the command; None for an unknown name."""
         if cmd_name not in COMMANDS:
             return None
-        module, _, name = COMMANDS[cmd_name][0].partition(":")
-        module = module if "." in module else f"mitsuba_prosim.cli.{module}"
-        command: click.Command = getattr(importlib.import_module(module), name)
+        command: click.Command = pkgutil.resolve_name(COMMANDS[cmd_name][0])
         return command
 
     def resolve_command(

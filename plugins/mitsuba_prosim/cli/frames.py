@@ -37,7 +37,6 @@ class Film:
         self.job, self.stem, self.frames = job, stem, job.frames or range(0)
         self.cache = prosim_scene.TranslationCache()
         self.rendered = self.left = self.black = 0
-        self.bar = Progress("film", len(self.frames))
         with input_errors():
             self.names = scene_file.used_names(job.scene, {**job.definitions, **self.definitions(0)}, (FRAME, TIME))
             if not self.names and len(self.frames) > 1:
@@ -51,26 +50,25 @@ class Film:
 
         Returns the cause of an interruption, in words, or None. Raises ClickException.
         """
-        with Resources(self.job) as resources, self.bar:
-            signals = resources.enter_context(interruptible(lambda: None))  # active until the workers have ended
+        with Resources(self.job) as resources, Progress("film", len(self.frames)) as bar:
+            # Handles signals until the workers have ended.
+            resources.enter_context(interruptible(lambda: None, resources.signals))
             for number in self.frames:
-                if signals:
-                    return "interrupted"
+                if resources.interruption:
+                    break
                 try:
-                    interruption = self.render_frame(number, resources, signals)
+                    self.render_frame(number, bar, resources)
                 except click.ClickException as error:
                     raise type(error)(f"frame {number}: {error.message}") from None
-                if interruption:
-                    return interruption
-            return "interrupted" if signals else None
+            return resources.interruption
 
-    def render_frame(self, number: int, resources: Resources, signals: list[int]) -> str | None:
-        """Renders a frame, unless its complete file exists; returns the cause of an interruption, or None.
+    def render_frame(self, number: int, bar: Progress, resources: Resources) -> None:
+        """Renders a frame, unless its complete file exists.
 
         The values of $frame and $time, and the seed, depend on ``number``. The first black frame causes a warning.
         Raises ClickException.
         """
-        self.bar.begin(number)
+        bar.begin(number, self.rendered, len(self.frames) - self.left)
         values = {name: value for name, value in self.definitions(number).items() if name in self.names}
         job = replace(self.job, definitions={**self.job.definitions, **values}, seed=(self.job.seed + number) % 2**32)
         with input_errors():
@@ -79,21 +77,18 @@ class Film:
             task = RenderTask(job, file, self.path(number), facts=facts)
             if not job.overwrite and is_rendered(task):
                 self.left += 1
-                self.bar.leave_out()
-                return None
+                return
             task.check()
             if job.checkpoint and not job.overwrite:
                 task.begin = task.unfinished()
-        image = render_image(task, self.bar, resources, signals)
-        if image.interruption:
-            return image.interruption
+        outcome = render_image(task, bar, resources)
+        if outcome.interruption:
+            return
         self.rendered += 1
-        self.bar.finish()
-        if image.black and self.black == 0:
-            warnings.warn(f"frame {number}: {image.black}", stacklevel=2)
-        self.black += bool(image.black)
-        self.bar.write(image.report, file=sys.stderr)
-        return None
+        if outcome.why_black and self.black == 0:
+            warnings.warn(f"frame {number}: {outcome.why_black}", stacklevel=2)
+        self.black += bool(outcome.why_black)
+        bar.write(outcome.report, file=sys.stderr)
 
     def definitions(self, number: int) -> dict[str, str]:
         """Returns the values of $frame and $time in a frame."""

@@ -57,8 +57,6 @@ class PatternType(click.ParamType):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Converts the text of the option to its value."""
-        if not isinstance(value, str):
-            return value
         match = re.fullmatch(self.pattern, value, re.DOTALL)
         if not match:
             self.fail(f"'{value}' is not of the form {self.name}, such as {self.example}", param, ctx)
@@ -114,14 +112,6 @@ def _snapshots(text: str) -> tuple[str, ...]:
     return snapshots
 
 
-def _roots(text: str) -> tuple[int, ...]:
-    """Converts integers separated by commas to a sorted tuple of different integers."""
-    roots = sorted(set(map(int, text.split(","))))
-    if len(roots) < 2:
-        raise ValueError("a curve needs two numbers or more")
-    return tuple(roots)
-
-
 RESOLUTION = PatternType("WxH", "640x480", r"(\d+)[xX](\d+)", _resolution)
 CROP = PatternType(
     "X,Y,W,H",
@@ -132,7 +122,9 @@ CROP = PatternType(
 PART = PatternType("K/M", "3/16", r"(\d{1,4})/(\d{1,4})", lambda number, of: Part(int(number), int(of)))
 FRAMES = PatternType("A:B[:STEP]", "0:48, 0:48:2 or 7", r"(\d{1,6})(?::(\d{1,6})(?::0*([1-9]\d*))?)?", _frames)
 SNAPSHOTS = PatternType("X,X,...", "0.04,0.02 or 1s,4s", r"(\d*\.?\d+s?(?:,\d*\.?\d+s?)*)", _snapshots)
-ROOTS = PatternType("N,N,...", "2,3,4", r"(0*[1-9]\d*(?:,0*[1-9]\d*)*)", _roots)
+ROOTS = PatternType(
+    "N,N,...", "2,3,4", r"(0*[1-9]\d*(?:,0*[1-9]\d*)+)", lambda text: tuple(sorted(set(map(int, text.split(",")))))
+)
 DEFINITION = PatternType("key=value", "angle=30", "([^=]+)=(.*)", lambda *pair: pair)
 VIEWER = PatternType(
     "tev[=HOST:PORT]",

@@ -58,17 +58,7 @@ class Progress(tqdm):
         if self.on_terminal:
             super().clear(*how, **more)
 
-    def begin(self, number: int) -> None:
-        """Shows that the frame with this number is being rendered."""
-        self.step = "rendering"
+    def begin(self, number: int, finished: int, total: int) -> None:
+        """Shows that the frame with this number is being rendered; ``finished`` of ``total`` frames are finished."""
+        self.step, self.finished, self.total = "rendering", finished, total
         self.set_description_str(f"frame {number}")
-
-    def finish(self) -> None:
-        """Counts a frame that was rendered."""
-        self.show(1.0)
-        self.finished += 1
-
-    def leave_out(self) -> None:
-        """Removes a frame that exists already from the number of frames to render."""
-        self.total -= 1
-        self.refresh()

@@ -7,12 +7,12 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 import mitsuba as mi
@@ -79,7 +79,8 @@ class RenderTask:
     def check(self) -> None:
         """Raises the errors of loading the scene, and ValueError if the options do not suit the scene.
 
-        Raises ValueError, too, if the checkpoint :attr:`begin` belongs to another scene.
+        Raises ValueError, too, if the checkpoint :attr:`begin` belongs to another scene, and InputError if the files of
+        the image cannot be written.
         """
         job, film, integrator = self.job, self.sensor.film(), self.integrator
         refuse_scalar([name for name in TARGETS if getattr(integrator, name, 0)], job.variant)
@@ -93,19 +94,16 @@ class RenderTask:
                 f"{job.scene} is not the scene of this state: its text has changed, or a mesh or a picture that it "
                 "names. Render it again, or give the right one by --scene."
             )
+        width, height = film.crop_size()
+        # Bytes per pixel: ten channels of 32 bits, the PNG, and the integrator's own channels.
+        size = int(width * height) * (48 + 4 * len(integrator.aov_names())) + 2**16
+        suffixes = [*(() if job.part else SUFFIXES), *filter(None, [self.state_suffix])]
+        files.check(self.stem, suffixes, size, [self.file.path, *self.file.sources()])
 
     @property
     def state_suffix(self) -> str:
         """The suffix of the checkpoint, or "" if the job writes no checkpoint."""
         return f".{self.job.part}.npz" if self.job.part else STATE if self.job.checkpoint else ""
-
-    def check_place(self) -> None:
-        """Raises InputError if the result cannot be written."""
-        width, height = self.sensor.film().crop_size()
-        # Bytes per pixel: ten channels of 32 bits, the PNG, and the integrator's own channels.
-        size = int(width * height) * (48 + 4 * len(self.integrator.aov_names())) + 2**16
-        suffixes = [*(() if self.job.part else SUFFIXES), *filter(None, [self.state_suffix])]
-        files.check(self.stem, suffixes, size, [self.file.path, *self.file.sources()])
 
     def unfinished(self) -> Checkpoint | None:
         """Returns the checkpoint of an interrupted render of the same image, or None."""
@@ -119,12 +117,13 @@ class RenderTask:
 class Resources(ExitStack):
     """Resources that all images of a job share: Mitsuba's log, the threads, a temporary ``folder``, and the workers.
 
-    The workers start when the first image needs workers.
+    The workers start when the first image needs workers. ``signals`` are the numbers of the signals that have arrived
+    to end the job.
     """
 
     def __init__(self, job: Job) -> None:
         super().__init__()
-        self.job = job
+        self.job, self.signals = job, list[int]()
         self.dask: DaskExecutor | None = None
 
     def __enter__(self) -> Resources:
@@ -135,9 +134,9 @@ class Resources(ExitStack):
         return self
 
     @property
-    def loss_reason(self) -> str | None:
-        """Why the connection to the cluster was lost, or None if it was not lost."""
-        return self.dask.loss_reason if self.dask else None
+    def interruption(self) -> str | None:
+        """Why the job must end, in words: the cluster was lost, or a signal has arrived. None if the job continues."""
+        return (self.dask and self.dask.loss_reason) or ("interrupted" if self.signals else None)
 
     def executor(self, file: scene_file.SceneFile) -> DaskExecutor | None:
         """Returns the executor that renders the image of ``file`` on workers; None if this process renders it.
@@ -167,91 +166,61 @@ class Resources(ExitStack):
         return self.dask
 
 
-@dataclass
-class Image:
-    """The image of a render that has ended.
+class Outcome(NamedTuple):
+    """The end of the render of an image."""
 
-    ``contents`` maps the suffix of each file to its content. ``lines`` are the lines that the command prints. ``black``
-    tells why nothing is visible, or is None. ``interruption`` is the cause of an interruption, or None.
-    """
-
-    contents: dict[str, atomic.Content] = field(default_factory=dict)
-    lines: Sequence[str | None] = ()
-    black: str | None = None
-    interruption: str | None = None
-
-    @property
-    def report(self) -> str:
-        """The text that the command prints."""
-        return "\n".join(filter(None, self.lines))
+    #: The lines that the command prints.
+    report: str
+    #: Why nothing is visible; None if something is visible.
+    why_black: str | None
+    #: Why the render ended too early, in words; None if the render is complete.
+    interruption: str | None
 
 
-def render_image(
-    task: RenderTask, bar: Progress, resources: Resources, received_signals: list[int] | None = None
-) -> Image:
+def render_image(task: RenderTask, bar: Progress, resources: Resources) -> Outcome:
     """Renders an image, and writes its files and its checkpoint.
 
-    :func:`.interruptible` describes ``received_signals``. Raises InputError (then no file has been written) and
-    ClickException. If a single image is interrupted before its first sample, the process ends.
+    Raises InputError (then no file has been written) and ClickException. If a single image is interrupted before its
+    first sample, the process ends.
     """
-    job, is_frame = task.job, bool(task.facts)
-    task.check_place()
-    state = Path(f"{task.stem}{task.state_suffix}")
-    snapshots = Snapshots(task)
+    state, snapshots = Path(f"{task.stem}{task.state_suffix}"), Snapshots(task)
     consumers: list[Any] = [CheckpointWriter(state, task.about)] if task.state_suffix else []
-    with (
-        TevClient(job, task.sensor.film()) as viewer,
-        interruptible(task.integrator.cancel, received_signals) as signals,
-    ):
-        render, seconds = run_steps(task, bar, resources, [*consumers, snapshots, viewer.update], signals)
+    with TevClient(task.job, task.sensor.film()) as viewer, interruptible(task.integrator.cancel, resources.signals):
+        render, seconds = run_steps(task, bar, resources, [*consumers, snapshots, viewer.update])
         snapshots(render)
-        reached, lost = render.reached, resources.loss_reason
-        interruption = lost or ("interrupted" if signals else None)
-        if interruption and not is_frame and reached is not None and reached.samples == 0:
-            nothing = "before the first sample; nothing was written."
-            if lost:
-                raise click.ClickException(f"{lost} {nothing}")
-            click.echo(f"Interrupted {nothing}", err=True)
-            sys.exit(128 + signals[0])
-        image, saved, unsaved = Image(), list[Path](), {}
+        viewer.show()  # before denoising, which changes the film
+        reached, interruption = render.reached, resources.interruption
+        if interruption and not task.facts and reached is not None and reached.samples == 0:
+            words = f"{interruption} before the first sample; nothing was written."
+            click.echo(words[0].upper() + words[1:], err=True)
+            sys.exit(128 + resources.signals[0] if resources.signals else 1)
+        saved, unsaved = list[Path](), dict[str, atomic.Content]()
         if task.state_suffix:  # writes the state before denoising, which may fail or be interrupted
-            content = replace(render.checkpoint(), about=task.about).write
-            try:
-                saved = atomic.write({state: content})
-            except OSError:
-                unsaved = {task.state_suffix: content}
-        if job.part is None and not (is_frame and interruption):
-            image = finished_image(task, render, seconds, interruption is not None)
-        partial = image.contents and reached is not None and reached.min_samples == 0
-        viewer.show()
-        written = [*files.save(task.stem, image.contents | unsaved), *saved]
-    first = written_line(task, written, seconds)
-    image.lines, image.interruption = [first, *image.lines], interruption
-    if interruption:
-        first += ", interrupted" + (": pixels without a sample are black" if partial else "")
-        how_to_continue = f"To continue it: prosim resume {state}" if task.state_suffix else None
-        image.lines = [first, lost, *image.lines[1:], how_to_continue]
-    return image
+            unsaved = {task.state_suffix: replace(render.checkpoint(), about=task.about).write}
+            with suppress(OSError):
+                saved, unsaved = atomic.write({state: unsaved[task.state_suffix]}), {}
+        contents, lines, why_black = finished_image(task, render, seconds, interruption is not None)
+        written = [*files.save(task.stem, contents | unsaved), *saved]
+    lines = [written_line(task, written, seconds, interruption), *lines]
+    if interruption and task.state_suffix:
+        lines.append(f"To continue it: prosim resume {state}")
+    return Outcome("\n".join(filter(None, lines)), why_black, interruption)
 
 
 def run_steps(
-    task: RenderTask,
-    bar: Progress,
-    resources: Resources,
-    consumers: Sequence[Callable[[Any], None]],
-    signals: list[int],
+    task: RenderTask, bar: Progress, resources: Resources, consumers: Sequence[Callable[[Any], None]]
 ) -> tuple[Any, float]:
     """Renders a task until its end, a signal, or the loss of the cluster; returns the render and the elapsed seconds.
 
-    Each of the ``consumers``, such as the writer of checkpoints, is called with the render after each step. ``signals``
-    is the list to which :func:`.interruptible` adds the signals that arrive. Raises InputError and ClickException.
+    Each of the ``consumers``, such as the writer of checkpoints, is called with the render after each step. Raises
+    InputError and ClickException.
     """
     job, executor, started = task.job, resources.executor(task.file), perf_counter()
     begin_render = halves.denoised_progressive if job.denoise else rendering.progressive
     options: dict[str, Any] = {"begin": task.begin, "part": job.part, "executor": executor}
     try:
         render = begin_render(task.scene, task.sensor, task.integrator, job.seed, job.spp or 0, **options)
-        while not (signals or resources.loss_reason) and (step := next(render, None)) is not None:
+        while not resources.interruption and (step := next(render, None)) is not None:
             bar.show(step.done)
             for consume in consumers:
                 consume(render)
@@ -263,14 +232,18 @@ def run_steps(
     return render, perf_counter() - started
 
 
-def written_line(task: RenderTask, written: Sequence[Path], seconds: float) -> str:
-    """Returns the first line of a report: the written files, the part, the size, the variant and the seconds."""
+def written_line(task: RenderTask, written: Sequence[Path], seconds: float, interruption: str | None) -> str:
+    """Returns the first line of a report.
+
+    The line has the written files, the part, the size, the variant, the seconds, and the cause of an interruption.
+    """
     job, (width, height) = task.job, task.sensor.film().crop_size()
     return (
         f"{' and '.join(map(str, written))}: "
         + (f"part {job.part.number} of {job.part.of}, " if job.part else "")
         + f"{width} x {height} pixels, {job.variant}, {seconds:.2f} s"
         + (f", {task.file.wrapped} within prosim_adaptive" if task.file.wrapped else "")
+        + (f", {interruption}" if interruption else "")
     )
 
 
@@ -280,21 +253,20 @@ def render_and_write(job: Job, stem: Path, begin: Checkpoint | None = None) -> N
     ``stem`` is the path of the files without suffix. ``begin`` is a checkpoint from which the render continues. Raises
     InputError (then no file has been written) and ClickException. After an interruption the process ends.
     """
-    with ExitStack() as until_reported:
-        with Resources(job) as resources:
-            with input_errors():
-                task = RenderTask(job, job.read_scene(resources.folder), stem, begin)
-                task.check()
-            progressive = rendering.is_progressive(task.integrator)
-            # Handles signals also while the workers end, which takes a second after the image is written.
-            signals = until_reported.enter_context(interruptible(lambda: None))
-            # The first step ends when the kernels are compiled and one work item is rendered.
-            with Progress("compiling kernels" if progressive else "rendering", timed=progressive) as bar:
-                image = render_image(task, bar, resources, signals)
-            if image.black:
-                warnings.warn(image.black, stacklevel=2)
-        click.echo(image.report)
-    if image.interruption:
+    with Resources(job) as resources:
+        with input_errors():
+            task = RenderTask(job, job.read_scene(resources.folder), stem, begin)
+            task.check()
+        progressive = rendering.is_progressive(task.integrator)
+        # Handles signals also while the workers end, which takes a second after the image is written.
+        resources.enter_context(interruptible(lambda: None, resources.signals))
+        # The first step ends when the kernels are compiled and one work item is rendered.
+        with Progress("compiling kernels" if progressive else "rendering", timed=progressive) as bar:
+            outcome = render_image(task, bar, resources)
+        if outcome.why_black:
+            warnings.warn(outcome.why_black, stacklevel=2)
+    click.echo(outcome.report)
+    if outcome.interruption:
         sys.exit(1)
 
 
@@ -306,7 +278,7 @@ class Snapshots:
     """
 
     def __init__(self, task: RenderTask) -> None:
-        self.task, self.left, self.started = task, sorted(task.job.snapshots or ()), perf_counter()
+        self.task, self.left = task, sorted(task.job.snapshots or ())
 
     def __call__(self, render: Any) -> None:
         """Writes the snapshots whose error or time has been reached."""
@@ -322,21 +294,29 @@ class Snapshots:
             if due:
                 self.left.remove(text)
                 render.update_film()
-                seconds = perf_counter() - self.started
-                facts = report.metadata(task.job, task.integrator, reached, False, seconds)
+                facts = report.metadata(task.job, task.integrator, reached, False, reached.seconds)
                 facts = {"prosim.noise_at_most": f"{render.noise_bound():.6g}"} | facts
                 facts["prosim.ended"] = f"snapshot {text}"
                 exr = images.encode(task.sensor.film().bitmap(), facts)[".exr"]
                 files.save(task.stem.with_name(f"{task.stem.name}.{text}"), {".exr": exr})
 
 
-def finished_image(task: RenderTask, render: Any, seconds: float, interrupted: bool) -> Image:
-    """Returns the image of a render that has ended; the image is denoised if the job requires this."""
+def finished_image(
+    task: RenderTask, render: Any, seconds: float, interrupted: bool
+) -> tuple[dict[str, atomic.Content], list[str | None], str | None]:
+    """Returns the image of a render that has ended; the image is denoised if the job requires this.
+
+    The result is the content of each file by suffix, further lines for the report, and the reason why nothing is
+    visible (None if something is visible). The result is empty for a part and for an interrupted frame.
+    """
+    if task.job.part or (task.facts and interrupted):
+        return {}, [], None
     job, integrator, film, reached = task.job, task.integrator, task.sensor.film(), render.reached
     header = report.metadata(job, integrator, reached, interrupted, seconds)
-    only_time = rendering.is_progressive(integrator) and integrator.time and not report.noise_goals(integrator)
-    bound = render.noise_bound() if only_time and not job.denoise else None
-    lines, added = [report.summary(integrator, reached, header.get("prosim.ended"), bound)], dict[str, str]()
+    ended = header.get("prosim.ended")
+    unmeasured = ended is not None and not report.noise_goals(integrator) and not job.denoise
+    bound = render.noise_bound() if unmeasured else None
+    lines, added = [report.summary(integrator, reached, ended, bound)], dict[str, str]()
     bitmap = film.bitmap()
     if job.denoise:
         final = render.denoiser
@@ -350,7 +330,7 @@ def finished_image(task: RenderTask, render: Any, seconds: float, interrupted: b
     colours = images.colours(bitmap)
     displayed = None if colours is None else colours * 2.0**exposure
     why_black = None if displayed is None else black.reason(task.scene, task.sensor, displayed, exposure=exposure)
-    return Image({**images.encode(bitmap, header | added | dict(task.facts), exposure, added)}, lines, why_black)
+    return {**images.encode(bitmap, header | added | dict(task.facts), exposure, added)}, lines, why_black
 
 
 def check_denoising(film: mi.Film, integrator: mi.Integrator | None = None) -> None:

@@ -74,8 +74,6 @@ def summary(
     parts += [f"{reached.samples:.1f} samples a pixel", f"{reached.seconds:.1f} s{limit}"]
     if ended == "samples":
         parts.append(f"ended by the maximum number of samples per pixel, {integrator.max_samples or UNLIMITED}")
-    elif ended == "interrupted":
-        parts.append(ended)
     elif ended == "time" and noise_goals(integrator):
         parts.append("ended by the time")
     return ", ".join(parts)

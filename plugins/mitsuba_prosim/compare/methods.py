@@ -19,6 +19,9 @@ from ..scene import rendering, scene_file
 #: The form of a method's specification on the command line.
 FORM = "INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...]"
 
+#: Light transport -> the parameters of ``prosim`` that select this transport.
+TRANSPORT: dict[str, dict[str, Any]] = {"direct": {"max_level": 0}, "paths": {"max_level": -1, "diffuse_bounces": -1}}
+
 
 class Spec:
     """The specification of a method, such as ``path:multijitter,max_depth=5``, and its parts.
@@ -102,9 +105,9 @@ class ComparedScene:
         """Loads the scene of ``file``. Raises the errors of loading plugins."""
         self.file, self.scene = file, file.load()
         self._sensors: dict[str | None, mi.Sensor] = {None: scene_file.pick_sensor(self.scene, 0)}
-        integrator: Any = self.scene.integrator()
-        #: The ambient term and the background of the scene's ``prosim`` integrator; each is a texture or None.
-        self.ambient, self.background = getattr(integrator, "ambient", None), getattr(integrator, "background", None)
+        textures = {name: getattr(self.scene.integrator(), name, None) for name in ("ambient", "background")}
+        #: The ambient term and the background of the scene's ``prosim`` integrator, as far as it has them.
+        self.textures = {name: texture for name, texture in textures.items() if texture is not None}
         props = next(n.props for n in file.state.nodes if n.type == mi.ObjectType.Integrator)
         #: The plugin of the scene's integrator, and its parameters that are numbers, booleans or strings.
         self.integrator = props.plugin_name()
@@ -120,7 +123,8 @@ class ComparedScene:
     @cached_property
     def lit(self) -> mi.Scene:
         """The scene with the integrator's background as an emitter, because other integrators have no background."""
-        return self.scene if self.background is None else with_background_emitter(self.scene, self.background)
+        background = self.textures.get("background")
+        return self.scene if background is None else with_background_emitter(self.scene, background)
 
     def method(self, spec: Spec, transport: str, **overrides: Any) -> Method:
         """Returns the :class:`Method` of a specification.
@@ -134,11 +138,8 @@ class ComparedScene:
             settings |= self.settings
         if transport != "scene":
             settings.pop("hide_emitters", None)
-        elif spec.integrator == "prosim":
-            textures = {"ambient": self.ambient, "background": self.background}
-            settings |= {name: value for name, value in textures.items() if value is not None}
-        if transport != "scene" and spec.integrator == "prosim":
-            settings |= {"max_level": 0} if transport == "direct" else {"max_level": -1, "diffuse_bounces": -1}
+        if spec.integrator == "prosim":
+            settings |= TRANSPORT.get(transport, self.textures)
         settings |= overrides | spec.parameters
         sensor = self.sensor(spec.sampler)
         if not spec.is_adaptive and not spp:

@@ -20,8 +20,9 @@ COARSE = 1 << 14
 
 
 class LoadedScene:
-    """The scene of ``file`` after loading. ``sensor`` is the number of the sensor. Raises the errors of loading
-    plugins.
+    """A scene that is loaded from ``file``, with the sensor number ``sensor``.
+
+    Raises the errors of loading plugins.
     """
 
     def __init__(self, file: SceneFile, sensor: int = 0) -> None:
@@ -34,8 +35,8 @@ class LoadedScene:
         #: Whether the film has no crop window.
         self.whole = list(film.crop_offset()) == [0, 0] and list(film.crop_size()) == list(film.size())
         self._params = mi.traverse(self.sensor)
+        #: The camera that the scene file describes; None if the sensor cannot be moved.
         self.home = self._home()
-        self.camera = self.home
 
     # ---------------------------------------------------------------- the camera
 
@@ -58,8 +59,10 @@ class LoadedScene:
         return Camera(matrix, self._pivot_distance(matrix), nearest_axis(matrix[:3, 1]), across)
 
     def _pivot_distance(self, matrix: np.ndarray) -> float:
-        """Returns the depth of the pivot, about which the camera rotates: a point of the view plane, or the scene's
-        centre.
+        """Returns the distance from the eye to the pivot, about which the camera rotates.
+
+        The pivot is in the view plane of a scene in the scene language. It is as deep as the centre of another scene.
+        ``matrix`` is the camera's 4x4 matrix to world coordinates.
         """
         if self.file.document is not None:
             view = self.file.document.scene.view
@@ -82,21 +85,20 @@ class LoadedScene:
         else:
             self.sensor.near_clip, self.sensor.far_clip = near, self._far + moved
         self._params.update()
-        self.camera = camera
 
-    def view(self) -> str | None:
-        """Returns the text that describes the moved camera in the scene file; None if the camera was not moved."""
-        if self.home is None or self.camera is None or self.camera is self.home:
+    def view(self, camera: Camera | None) -> str | None:
+        """Returns the text that describes the moved ``camera`` in the scene file; None for the scene file's camera."""
+        if self.home is None or camera is None:
             return None
         if self.file.document is None:
-            return as_xml(self.camera)
-        return as_view(self.file.document.scene.view, self.home, self.camera)
+            return as_xml(camera)
+        return as_view(self.file.document.scene.view, self.home, camera)
 
     @contextmanager
     def coarse(self) -> Iterator[None]:
-        """Reduces the number of pixels of the film within the context, for a :attr:`whole` image.
+        """Within the context, the film has about :data:`COARSE` pixels or fewer. The film must be :attr:`whole`.
 
-        Mitsuba does not need to compile new kernels for the smaller film.
+        Kernels do not depend on the size of the film, so none is compiled.
         """
         try:
             divisor = max(1, ceil(sqrt(self.size[0] * self.size[1] / COARSE)))
@@ -123,8 +125,10 @@ class LoadedScene:
         return self._name(shape) if shape is not None else "a shape nested in another one"
 
     def _name(self, shape: mi.Shape) -> str:
-        """Returns the name of ``shape`` for the user: kind and id, or, in the scene language, the surface and
-        its line.
+        """Returns the name of ``shape`` for the user.
+
+        In the scene language, the name contains the primitives, the number of the surface, and its line in the file.
+        Otherwise the name contains the kinds and ids of the shape and of its BSDF.
         """
         name = shape.id()
         if shape.is_emitter():

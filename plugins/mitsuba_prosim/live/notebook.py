@@ -29,8 +29,8 @@ PAUSE = 0.005
 #: Compression level of zlib for an image that is replaced soon.
 FAST = 1
 
-#: View -> the notebook's cell and the execution of this cell that made the view. If the cell runs again, the view
-#: disappears from the screen.
+#: View -> (id of the notebook's cell, id of the execution of this cell) that made the view. If the cell runs again, the
+#: view disappears from the screen.
 _made: WeakKeyDictionary[View, tuple[str | None, str | None]] = WeakKeyDictionary()
 
 
@@ -83,7 +83,10 @@ def show(
 
 
 def stop_earlier(view: View) -> None:
-    """Stops the views that earlier executions of the same cell made, if the notebook identifies its cells."""
+    """Stops the views that earlier executions of the cell of ``view`` made, and stores the cell of ``view``.
+
+    Does nothing more in a notebook that does not identify its cells.
+    """
     from IPython import get_ipython
 
     request: dict[str, Any] = getattr(get_ipython(), "get_parent", dict)()
@@ -166,7 +169,10 @@ class View:
         return self
 
     async def converge(self) -> None:
-        """Renders one work item after the other. If the task is cancelled, the render stops and the image stays."""
+        """Renders until the end, and lets the notebook run other tasks after each work item.
+
+        If the task is cancelled, the render stops, and the image so far stays on the screen.
+        """
         try:
             for _ in self._steps:
                 await asyncio.sleep(PAUSE)
@@ -175,7 +181,7 @@ class View:
             self.wait()  # executes the last step, which replaces the widgets by the image
 
     def _render(self) -> Iterator[None]:
-        """Renders a work item in each iteration, and replaces the widgets at the end."""
+        """Renders one work item before each ``yield``; at the end, a still image replaces the widgets."""
         try:
             while not self._image.done and not self._stopped:
                 with interrupting(self.stop):
@@ -195,7 +201,10 @@ class View:
             self._replace()
 
     def _draw(self) -> None:
-        """Shows the selected layer. A map is shown in grey; its values are compressed by a square root."""
+        """Shows the selected layer, if it exists.
+
+        A map is shown in grey. Its 99th percentile is white.
+        """
         values = self._layers.get(self._layer.value)
         if values is None:
             return
@@ -214,7 +223,7 @@ class View:
         return f"{count}, {time.perf_counter() - self._started:.1f} s"
 
     def _replace(self) -> None:
-        """Replaces the widgets by a still image, because widgets do not work without a running kernel."""
+        """Replaces the widgets by a still image and the text of the label; widgets need a running kernel."""
         if self._place is None:  # IPython is not running
             return
         still = {"text/plain": self._label.value}
@@ -225,9 +234,9 @@ class View:
 
 @contextmanager
 def interrupting(stop: Callable[[], None]) -> Iterator[None]:
-    """Calls ``stop`` if the notebook's kernel is interrupted within the context.
+    """Within the context, an interruption of the notebook's kernel calls ``stop`` and raises no exception.
 
-    The work item then ends normally. An exception would leave an unfinished trace in Dr.Jit.
+    So the current work item ends normally. An exception would leave an unfinished trace in Dr.Jit.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

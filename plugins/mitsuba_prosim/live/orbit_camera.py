@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from prosim_scene import View
 
-#: The largest ratio between the distance to the pivot and this distance in the scene file's view. A larger ratio would
-#: exceed single precision.
+#: Maximum ratio of the distance to the pivot to this distance in the scene file's view; the minimum is the inverse.
+#: Beyond these limits, single precision is not sufficient.
 FARTHEST = 1e5
 
 #: The steepest viewing direction, in degrees above or below the horizon. Beyond 90 degrees the image would turn upside
@@ -92,12 +92,18 @@ def nearest_axis(direction: np.ndarray) -> np.ndarray:
 
 
 def as_view(view: View, home: Camera, moved: Camera) -> str:
-    """Returns the VIEW statement of the camera ``moved``; ``view`` is the VIEW statement of the camera ``home``."""
+    """Returns the text of a VIEW statement for the camera ``moved``.
+
+    ``view`` is the VIEW statement of the scene file, and ``home`` is the camera that this statement describes.
+    """
     size = float(np.abs([view.eye, view.vrp]).max())
     motion = moved.to_world @ np.linalg.inv(home.to_world)
 
     def vector(value: tuple[float, float, float], homogeneous: float) -> str:
-        """Formats a vector after the motion of the camera; ``homogeneous`` is 1 for a point, 0 for a direction."""
+        """Returns the text of a point or a direction of ``view`` after the motion from ``home`` to ``moved``.
+
+        ``homogeneous`` is the fourth coordinate: 1 for a point, 0 for a direction.
+        """
         return numbers((motion @ [*value, homogeneous])[:3], size if homogeneous else 1.0)
 
     # The view plane and the window keep their position relative to the eye, also after a change of the distance.
@@ -114,13 +120,14 @@ def as_view(view: View, home: Camera, moved: Camera) -> str:
 
 
 def as_xml(moved: Camera) -> str:
-    """Returns the transform of the camera ``moved`` in Mitsuba's XML."""
+    """Returns the element ``transform`` of Mitsuba's XML for the camera ``moved``."""
     rows = "\n            ".join(numbers(row) for row in moved.to_world)
     return f'<transform name="to_world">\n    <matrix value="{rows}"/>\n</transform>'
 
 
 def numbers(values: np.ndarray | tuple[float, ...], size: float = 0.0) -> str:
-    """Formats numbers with seven digits, the precision of 32 bits; numbers that are negligible relative to ``size`` are
-    0.
+    """Returns numbers as text, with seven digits, the precision of 32 bits.
+
+    A number whose magnitude is below 1e-7 ``size`` becomes 0.
     """
     return " ".join(format(0.0 if abs(v) < 1e-7 * size else float(v) + 0.0, ".7g") for v in values)

@@ -23,9 +23,10 @@ Factors: TypeAlias = Sequence[tuple[str, np.ndarray]]
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """Layers by name, as 32-bit arrays: colours (height, width, 3) and maps (height, width).
+    """An image that is ready to be shown: name of a layer -> 32-bit array.
 
-    ``number`` is unique among the pictures of a viewer. Layers of the integrator's parameter ``layers`` have names such
+    Layers are colours, shape (height, width, 3), or maps, shape (height, width). ``number`` is unique among the
+    pictures of a viewer. Layers of the integrator's parameter ``layers`` have names such
     as ``lights.lamp1``.
     """
 
@@ -33,7 +34,9 @@ class Picture:
     layers: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def mixed(self, factors: Factors) -> Picture:
-        """Returns this picture with layers of the integrator multiplied by ``factors``, and with the sum of the layers.
+        """Returns the picture after a multiplication of layers of the integrator by ``factors``.
+
+        The layer ``final`` of the result is the sum of the multiplied layers.
 
         Raises KeyError for a name that is not a layer of the integrator.
         """
@@ -43,9 +46,9 @@ class Picture:
         return replace(self, layers={**self.layers, "final": final, **layers})
 
     def packed(self, layer: str) -> tuple[bytes, dict[str, str]]:
-        """Returns the bytes of a layer, row by row, as 32-bit little-endian numbers, and the HTTP headers for this
-        layer.
+        """Returns ``(content, headers)`` of the HTTP response for a layer.
 
+        ``content`` has the values row by row as 32-bit little-endian numbers.
         The header ``X-White`` is the 99th percentile of the values of a map, or of the luminance of colours.
         """
         values = self.layers[layer]
@@ -56,9 +59,9 @@ class Picture:
         return np.nan_to_num(values).astype("<f4").tobytes(), {f"X-{name}": str(fact) for name, fact in facts.items()}
 
     def at(self, x: int, y: int, size: tuple[int, int]) -> dict[str, list[float | None] | float | None]:
-        """Returns the value of each layer at pixel (x, y) of an image of ``size``, which may be larger than this
-        picture.
+        """Returns the value of each layer at pixel (x, y) of the final image: name of the layer -> value.
 
+        ``size`` is the (width, height) of the final image. A coarse picture has fewer pixels.
         Values that are not finite are None.
         """
         height, width = self.layers["final"].shape[:2]

@@ -24,8 +24,9 @@ SECONDS = 0.4
 
 
 class ProgressiveImage:
-    """A progressive image by ``integrator``, which is nested in ``prosim_adaptive`` if it is not progressive.
+    """The image of ``scene`` by ``integrator``, which is rendered work item by work item.
 
+    An integrator that is not progressive is nested in ``prosim_adaptive``.
     ``spp`` is the number of samples per pixel; 0 means the scene's number. ``denoise`` tells whether the final image is
     denoised.
     """
@@ -52,7 +53,10 @@ class ProgressiveImage:
         self._denoised: dict[str, np.ndarray] = {}
 
     def step(self) -> bool:
-        """Renders a work item; returns whether the image should be drawn now."""
+        """Renders a work item; returns whether a picture of the image should be drawn now.
+
+        A picture is drawn at the end of each pass over the image, and within a pass if the last picture is old enough.
+        """
         step = next(self._steps, None)
         if step is None:
             self.done, self.progress, self.complete = True, 1.0, False
@@ -62,7 +66,7 @@ class ProgressiveImage:
         return self.new and (step.complete or self.throttle.due)
 
     def _run(self) -> Iterator[Step]:
-        """Renders and, if requested, denoises the image; yields the progress after each step."""
+        """Renders and, if requested, denoises the image; yields the progress after each work item."""
         begin = halves.denoised_progressive if self.denoise else rendering.progressive
         self.render = begin(self.scene, self.sensor, self.integrator, self.seed, self.spp, executor=Executor(SECONDS))
         for step in self.render:
@@ -95,9 +99,10 @@ class ProgressiveImage:
         return {name: fill_unknown(known, latest[name], self._coarse.get(name)) for name in without_maps(latest)}
 
     def begin_coarse(self) -> None:
-        """Renders the coarse image, with one sample per pixel; the film must have few pixels during this call.
+        """Renders the coarse image, which :meth:`layers` uses for pixels without a sample.
 
-        With dispersion, a pixel has as many samples as a spectrum has wavelengths.
+        The film must have few pixels during this call. A pixel has one sample, or, in a scene with dispersion, one
+        sample for each wavelength of a spectrum.
         """
         each = dr.size_v(mi.Spectrum) if disperses(self.scene) else 1
         render = self.integrator.progressive(self.scene, self.sensor, self.seed, each**2)
@@ -111,7 +116,7 @@ def without_maps(layers: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def integrator_name(integrator: Any) -> str:
-    """Returns the name of an integrator, or the name of its nested integrator."""
+    """Returns the name of an integrator's plugin, such as ``path``; of the nested integrator, if there is one."""
     integrator = getattr(integrator, "nested", integrator)
     if hasattr(integrator, "parameter_names"):  # a plugin of this project
         return str(integrator.name)
@@ -119,9 +124,7 @@ def integrator_name(integrator: Any) -> str:
 
 
 def not_compared(integrator: Any) -> str | None:
-    """Returns the reason why an image of this integrator cannot be compared with an image of Mitsuba's ``path``, or
-    None.
-    """
+    """Returns the reason why this integrator cannot be compared with Mitsuba's ``path``; None if it can."""
     if integrator_name(integrator) == "path":
         return "the scene's integrator is the path tracer already"
     if not can_light(getattr(integrator, "background", None)):

@@ -71,7 +71,10 @@ class Publisher:
         self.state = replace(self.state, **changes)
 
     async def follow(self) -> AsyncIterator[State]:
-        """Yields the current state, and then the latest state after each change, until the publisher is closed."""
+        """Yields the current state, and each later state, until the publisher is closed.
+
+        If the state changes several times within :data:`INTERVAL`, only the last of these states is yielded.
+        """
         last = None
         while not self.closed:
             if self.state is not last:
@@ -84,7 +87,7 @@ DRAW_INTERVAL, DRAW_SHARE = 0.1, 0.03
 
 
 class Throttle:
-    """Limits how often a picture is drawn. Pictures that take longer to draw are drawn less often."""
+    """Limits how often pictures are drawn, so that drawing takes a small part of the time."""
 
     def __init__(self) -> None:
         self._next = 0.0

@@ -19,7 +19,7 @@ Stamp = tuple[int, ...] | None
 
 
 def stamp(path: Path) -> Stamp:
-    """Returns the stamp of a file or folder, which changes when the file is written."""
+    """Returns the stamp of a file or folder; None if the path does not exist. Writing the file changes its stamp."""
     try:
         status = path.stat()
     except (OSError, ValueError):
@@ -53,13 +53,14 @@ class SceneWatcher:
         self._watch({*self._stamps, folder, *islice(chain(folder.glob("*"), folder.glob("*/*")), MAX_WATCHED_FILES)})
 
     def _watch(self, files: set[Path]) -> None:
-        """Watches these files, and keeps the known stamps of files that are watched already."""
+        """Watches these ``files`` and no others. Files that are watched already keep their known stamps."""
         self._stamps = {path: self._stamps[path] if path in self._stamps else stamp(path) for path in files}
 
     def changed(self) -> bool:
         """Whether a watched file was written, made, removed or renamed since this method last returned True.
 
-        A file that is still being written does not count yet. Call this method often.
+        While a file is still being written, the result is False. Call this method often; it checks the files only from
+        time to time.
         """
         started = clock()
         if started < self._due:

@@ -29,8 +29,8 @@ from ..engine.accumulators import BRIGHTEST
 from .picture import Factors, Picture
 from .viewer import Viewer
 
-#: A function of the exposure and the factors of layers, which is called in the thread that renders. The function
-#: returns the contents of the image's files by suffix.
+#: A function of the exposure in stops and of the factors of layers, which is called in the thread that renders. The
+#: function returns the contents of the image's files: suffix -> content.
 Encoder = Callable[[float, Factors], dict[str, bytes]]
 
 #: Name of an action of the page -> the function that changes the view request. Two numbers describe a camera motion.
@@ -60,7 +60,10 @@ HEADERS = {
 
 @contextmanager
 def served(viewer: Viewer, encode: Encoder, sock: socket.socket) -> Iterator[str]:
-    """Serves the page in a thread; yields the address of the page."""
+    """Serves the page in another thread, and yields the address of the page. The server ends with the context.
+
+    ``encode`` makes the files that the user saves. ``sock`` is the socket that listens.
+    """
     token = secrets.token_urlsafe(24)
     routes = [Mount(f"/{token}", routes=Pages(viewer, encode).routes())]
     config = uvicorn.Config(
@@ -122,7 +125,7 @@ class Pages:
         ]
 
     async def events(self, _: Request) -> Response:
-        """Streams the state, and each change of it, to the page."""
+        """Streams the state of the viewer to the page, at first and after each change."""
 
         async def stream() -> AsyncIterator[str]:
             """Yields each state as a server-sent event."""
@@ -132,7 +135,10 @@ class Pages:
         return StreamingResponse(stream(), media_type="text/event-stream")
 
     async def layer(self, request: Request) -> Response:
-        """Returns a layer of a picture after applying the factors of the request; see :meth:`.Picture.packed`."""
+        """Returns the values of a layer of a picture, see :meth:`.Picture.packed`.
+
+        The request may have factors of layers, see :func:`factors`.
+        """
         picture, name = self._publisher.pictures.get(request.path_params["image"]), request.path_params["layer"]
         if picture is None or name not in picture.layers:
             raise HTTPException(404)
@@ -141,7 +147,7 @@ class Pages:
         return Response(content, media_type="application/octet-stream", headers=facts)
 
     async def pixel(self, request: Request) -> Response:
-        """Returns the values of a pixel in all layers, and the name of its visible surface."""
+        """Returns the values of a pixel in all layers of all pictures, and the name of its visible surface."""
         x, y = (request.path_params[name] for name in "xy")
         width, height = self._publisher.state.size
         if not (x < width and y < height):
@@ -160,7 +166,7 @@ class Pages:
         return Response(files[suffix], media_type="application/octet-stream")
 
     async def act(self, request: Request) -> Response:
-        """Applies one of the :data:`ACTIONS` to the viewer."""
+        """Schedules one of the :data:`ACTIONS`, whose name is in the address, in the thread that renders."""
         name = request.path_params["action"]
         if name not in ACTIONS:
             raise HTTPException(404)
@@ -176,8 +182,9 @@ class Pages:
 
 
 def factors(request: Request, picture: Picture) -> Factors:
-    """Parses the query parameters ``mix`` of a request, such as ``lights.lamp1=0.5`` or ``lights.lamp1=1,0.8,0.6``.
+    """Returns the factors of layers in a request, as arrays of one number or of three (red, green, blue).
 
+    The factors are the query parameters ``mix``, such as ``lights.lamp1=0.5`` or ``lights.lamp1=1,0.8,0.6``.
     Raises HTTPException for wrong parameters, and for a layer that the picture does not have.
     """
     result: dict[str, np.ndarray] = {}

@@ -86,21 +86,22 @@ class Viewer:
         self.publisher.closed = True
 
     def change(self, **changes: Any) -> None:
-        """Changes the request. Only functions that are given to :meth:`call` may call this method."""
+        """Changes fields of the request. Only functions that are given to :meth:`call` may call this method."""
         self._request = replace(self._request, **changes)
 
     def move(self, motion: Callable[[Camera], Camera]) -> None:
-        """Moves the camera, if the scene's camera can be moved. Only functions that are given to :meth:`call` may call
-        this method.
+        """Requests a view from a moved camera, if the scene's camera can be moved.
+
+        ``motion`` returns the moved camera. Only functions that are given to :meth:`call` may call this method.
         """
         if self._home is not None:
             self.change(camera=motion(self._request.camera or self._home), paused=False)
 
     def result(self, factors: Factors = ()) -> tuple[State, mi.Bitmap, Any, Any]:
-        """Returns ``(state, bitmap, integrator, reached)`` of the image that the page shows.
+        """Returns ``(state, bitmap, integrator, reached)`` of the picture that the page shows.
 
-        The layers of the image are weighted by ``factors``. ``reached`` has the samples, the error and the time of the
-        render. Only functions that are given to :meth:`call` may call this method.
+        ``bitmap`` has all layers, after a multiplication by ``factors``. ``reached`` has the samples, the error and the
+        time of the render. Only functions that are given to :meth:`call` may call this method.
         """
         picture = self.publisher.pictures["own"].mixed(factors)
         channels = dict[str, np.ndarray]()
@@ -152,7 +153,7 @@ class Viewer:
         return self._request == self._shown and (self._request.paused or self._done)
 
     def _advance(self) -> None:
-        """Executes the next step that is needed for the requested image."""
+        """Opens the scene, begins or pauses the image, or renders a work item: whatever the request needs next."""
         if not self.publisher.state.opened or self.watcher.changed():
             self._open()
         elif self.scene is None:
@@ -192,9 +193,10 @@ class Viewer:
         self._begin(scene)
 
     def _begin(self, scene: LoadedScene) -> None:
-        """Begins to render the requested view of ``scene`` from the first sample; the image by ``path`` is dropped.
+        """Begins to render the requested view of ``scene`` from the first sample.
 
-        If the film has no crop window, a coarse image is rendered and published at once.
+        If the film has no crop window, this method renders and publishes a coarse image. The image by ``path`` is
+        deleted, and begins again in the next step.
         """
         self._shown = replace(self._request, compared=False, paused=False)
         self._reached, self._seconds = None, 0.0
@@ -204,7 +206,7 @@ class Viewer:
         self._publish(
             error=None,
             black=None,
-            view=scene.view(),
+            view=scene.view(self._request.camera),
             integrator=integrator_name(self._integrator),
             not_compared=not_compared(self._integrator),
         )
@@ -215,7 +217,10 @@ class Viewer:
             self._publish()
 
     def _pause_or_compare(self) -> None:
-        """Adds or removes the image by ``path``; if rendering pauses, draws pictures of all samples taken so far."""
+        """Handles a request that differs from the shown request only in ``compared`` or ``paused``.
+
+        Adds or deletes the image by ``path``. Before a pause, draws pictures of all samples that have been taken.
+        """
         request, own = self._request, self._images.get("own")
         if own is not None:
             if request.compared != self._shown.compared:
@@ -243,9 +248,7 @@ class Viewer:
         self._publish(**changes)
 
     def _draw(self, image: ProgressiveImage) -> None:
-        """Makes a picture of the current image; for the image ``own``, also stores the samples and noise of the
-        render.
-        """
+        """Stores a picture of the current ``image``; for the image ``own``, also the samples and the noise so far."""
         with image.throttle.drawing():
             image.picture = Picture(next(self._numbers), image.layers())
             if image is self._images["own"] and image.render is not None:
@@ -267,7 +270,7 @@ class Viewer:
         )
 
     def _fail(self, error: BaseException) -> None:
-        """Publishes the error. The next change of the scene or of the view starts a new render."""
+        """Publishes an error, and ends the render. The next change of the scene or of the view starts a new render."""
         self._images, self._shown = {}, self._request
         expected = isinstance(error, (RuntimeError, TypeError, ValueError, OSError, MemoryError))
         words = with_suggestion(session.message(error)) if expected else f"{type(error).__name__}: {error}"

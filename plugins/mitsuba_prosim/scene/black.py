@@ -23,8 +23,8 @@ def reason(
 ) -> str | None:
     """Returns the reason why an image is black, with a remedy; None if the image is not black.
 
-    ``colours`` are the linear colours of the image, already multiplied by 2^``exposure``. ``brighter`` is an advice
-    such as :data:`IN_THE_PNG`.
+    ``colours`` are the linear colours of the image, shape (height, width, 3), already multiplied by 2^``exposure``.
+    ``brighter`` is the advice for an image that is only too dark, such as :data:`IN_THE_PNG`.
     """
     brightest = float(np.fmax.reduce(colours, axis=None, initial=0.0))  # the maximum without NaN values
     if brightest >= BLACK:
@@ -42,9 +42,11 @@ def reason(
 
 
 def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
-    """Finds the reason by a grid of camera rays; each ray samples one point of a light source.
+    """Returns the reason why a scene with lights gives a black image, as the end of a sentence.
 
-    The points on light sources are those of Roberts (2018), "The Unreasonable Effectiveness of Quasirandom Sequences".
+    The function traces a grid of camera rays. At each visible point it samples one point on a light source.
+
+    These points follow the sequence of Roberts (2018), "The Unreasonable Effectiveness of Quasirandom Sequences".
     """
     k = dr.arange(mi.Float, SIDE * SIDE)
     x, y = dr.meshgrid(*[dr.arange(mi.Float, SIDE) + 0.5] * 2)

@@ -11,13 +11,13 @@ import mitsuba as mi
 
 from ..compat import LIBRARIES, MATERIAL_FILES
 
-#: Pattern of an element by which Mitsuba's parser opens a file, searches a folder or defines a parameter, at any place
-#: of the text, also within comments; and pattern of one attribute of such an element.
+#: Pattern of an XML element that names a file or a folder, or defines a parameter. The pattern also matches within
+#: comments. And pattern of one attribute of such an element.
 ELEMENT = re.compile(r"""(?=<(include|spectrum|path|default)\b((?:[^<>"']|"[^"]*"|'[^']*')*))""")
 ATTRIBUTE = re.compile(r"""([^\s=<>"']+)\s*=\s*("[^"]*"|'[^']*')""")
 
 #: Pattern of a declared encoding that is not UTF-8.
-ENCODED = re.compile(r"""\s*<\?xml[^>]*encoding\s*=\s*["'](?!utf-?8["'])""", re.IGNORECASE)
+OTHER_ENCODING = re.compile(r"""\s*<\?xml[^>]*encoding\s*=\s*["'](?!utf-?8["'])""", re.IGNORECASE)
 
 
 #: The folder of Mitsuba's installation.
@@ -31,7 +31,8 @@ class OutsideError(ValueError):
 def named(text: str) -> Iterator[tuple[str, str, int]]:
     """Yields ``(element, name, position)`` for each file and each folder that an XML text names.
 
-    The name is as written in the text.
+    An element ``path`` names a folder by its attribute ``value``. Other elements name a file by ``filename``.
+    ``name`` is the attribute as written in the text. ``position`` is the offset of the element in the text.
     """
     for found in ELEMENT.finditer(text):
         for attribute, value in ATTRIBUTE.findall(found[2]):
@@ -65,11 +66,11 @@ class Confinement:
                 text = file.read_text(encoding="utf-8")
             except UnicodeDecodeError:
                 text = "\0"
-            if "\0" in text or ENCODED.match(text):
+            if "\0" in text or OTHER_ENCODING.match(text):
                 raise OutsideError(f"{file} is not in UTF-8, so its names can't be checked; save it in UTF-8")
             for tag, name, position in named(text):
                 found = [place for folder in folders if os.path.exists(place := os.path.join(folder, name))]
-                wrong = self._wrong(f"<{tag}>", name, *(found or [name]))
+                wrong = self._refusal(f"<{tag}>", name, *(found or [name]))
                 if re.search(r"[$&]|[^\S ]", name):
                     wrong = f"<{tag}> names {name!r} by a parameter or a code; write the name, or use --allow-outside"
                 if wrong:
@@ -84,17 +85,21 @@ class Confinement:
         ``resolver`` is Mitsuba's search path after parsing.
         """
         for file in map(str, state.files):
-            if wrong := self._wrong("an <include>", file, file):
+            if wrong := self._refusal("an <include>", file, file):
                 raise OutsideError(f"{file} changed while it was read: {wrong}")
         for node in state.nodes:
             props, plugin = node.props, node.props.plugin_name()
             strings = [(name, props[name]) for name in props if props.type(name) == mi.Properties.Type.String]
             for name, value in [("type", plugin), *strings]:
-                if wrong := self._wrong_value(plugin, name, value, resolver):
+                if wrong := self._refusal_of_value(plugin, name, value, resolver):
                     raise OutsideError(f"At {mi.parser.file_location(state, node)}: {wrong}")
 
-    def _wrong_value(self, plugin: str, name: str, value: str, resolver: mi.FileResolver) -> str | None:
-        """Returns the error message for a parameter that is a string, or None if the parameter is allowed."""
+    def _refusal_of_value(self, plugin: str, name: str, value: str, resolver: mi.FileResolver) -> str | None:
+        """Returns the error message for a parameter that is a string; None if the parameter is allowed.
+
+        ``plugin`` is the plugin with this parameter. ``name`` and ``value`` are those of the parameter; the name "type"
+        stands for the name of the plugin.
+        """
         if name == "type":
             libraries = [str(resolver.resolve(f"plugins/{plugin}{suffix}")) for suffix in LIBRARIES]
             if re.fullmatch(r"[\w-]+", plugin) and not any(os.path.exists(p) and not self._own(p) for p in libraries):
@@ -103,15 +108,15 @@ class Confinement:
         for file in (value, *(file.format(value) for file in MATERIAL_FILES)):
             place = str(resolver.resolve(file))
             is_word = re.fullmatch(r"\w+", file) and os.path.isdir(place)  # a word such as "rgb" names no file
-            if not is_word and (wrong := self._wrong(f"the {name} of this {plugin}", file, place)):
+            if not is_word and (wrong := self._refusal(f"the {name} of this {plugin}", file, place)):
                 return wrong
         return None
 
-    def _wrong(self, what: str, name: str, *places: str) -> str | None:
-        """Returns the error message for a file outside the allowed folders, or None if the file is allowed.
+    def _refusal(self, what: str, name: str, *places: str) -> str | None:
+        """Returns the error message for a file outside the allowed folders; None if the file is allowed.
 
-        ``name`` is the name of the file in the scene, and ``what`` is the element or parameter with this name. Mitsuba
-        may find the file at any of ``places``.
+        ``what`` is the element or the parameter that names the file, in words. ``name`` is the name that the scene
+        gives. ``places`` are all paths at which Mitsuba may find the file.
         """
         for path in places:
             if not os.path.isabs(path) and not os.path.exists(path):

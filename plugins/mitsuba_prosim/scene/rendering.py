@@ -14,9 +14,9 @@ from ..sampling.hash import combine, hash32
 
 
 def is_progressive(integrator: mi.Integrator) -> bool:
-    """Tells whether an integrator renders progressively.
+    """Tells whether an integrator renders progressively, so that the image can be shown before it is finished.
 
-    The integrators of this package render progressively in all variants except scalar ones.
+    Only the integrators of this package do so, and not in scalar variants.
     """
     return hasattr(integrator, "progressive") and dr.is_jit_v(mi.Float)
 
@@ -79,7 +79,10 @@ class Blocking(Steps):
             yield Step(number / len(seeds), number == len(seeds))
 
     def half_images(self) -> list[np.ndarray]:
-        """Returns the developed images so far, each of shape (height, width, channels)."""
+        """Returns the developed images so far, each of shape (height, width, channels).
+
+        With a denoiser, there are at most two images, each with half of the samples. Otherwise there is at most one.
+        """
         return [np.array(image) for image in self._images]
 
     def counts(self) -> np.ndarray:
@@ -93,4 +96,4 @@ class Blocking(Steps):
         return np.full((height, width), sampler.sample_count() * len(self._images))
 
     def update_film(self) -> None:
-        """Does nothing, because the film already holds the image."""
+        """Does nothing: Mitsuba has already stored the image in the film."""

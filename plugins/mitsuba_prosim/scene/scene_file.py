@@ -77,7 +77,7 @@ class SceneFile:
             definitions = resolution = None  # the translated file already contains both
         elif unfit := [f"--{name.replace('_', '-')}" for name in LANGUAGE if translation.get(name)]:
             raise ValueError(f"{', '.join(unfit)}: only for scenes in the thesis's language; {self.path} is XML")
-        #: The arguments with which the XML file makes the same scene.
+        #: Arguments with which :class:`SceneFile` reads the same scene from :attr:`xml`, on a worker for example.
         self.changes: dict[str, Any] = {
             "definitions": dict(definitions or {}),
             "resolution": resolution,
@@ -116,9 +116,9 @@ class SceneFile:
         return hashlib.sha256(f"{versions}\n{mi.parser.write_string(state)}".encode()).hexdigest()
 
     def named_files(self) -> list[tuple[str, Path]]:
-        """Returns ``(name, path)`` for each file that the scene names; included XML files are left out.
+        """Returns ``(name, path)`` for each file that the scene names, except for included XML files.
 
-        ``name`` is the name of the file as the XML writes it.
+        ``name`` is the name of the file in the XML text, after the replacement of parameters.
         """
         files = [(props[name], path) for props, name, path in self._strings(self.state)]
         return files + sorted(set(self._spectra(self.xml, self._folders, dict(self.changes["definitions"]))))
@@ -150,9 +150,9 @@ class SceneFile:
                 yield from self._spectra(Path(place), search, values)
 
     def sources(self) -> list[Path]:
-        """Returns the paths of the files that the scene uses, without the files that the translator wrote.
+        """Returns the paths of the files that the scene uses, except for files that the translator wrote.
 
-        The scene file itself is one of them only if it is XML.
+        A scene file in XML is in the list. A scene file in the scene language is not.
         """
         files = [*map(Path, map(str, self.state.files)), *(path for _, path in self.named_files())]
         if self.document is None:
@@ -161,7 +161,10 @@ class SceneFile:
         return [path for path in map(Path.resolve, files) if self.xml.parent.resolve() not in path.parents]
 
     def _strings(self, state: mi.parser.ParserState) -> Iterator[tuple[mi.Properties, str, Path]]:
-        """Yields the parameters of the scene that name a file: the properties, the parameter's name, and the path."""
+        """Yields ``(properties, name, path)`` for each parameter of the scene whose value is the name of a file.
+
+        ``properties`` are those of the object with the parameter. ``name`` is the name of the parameter.
+        """
         for props in (node.props for node in state.nodes):
             for name in [name for name in props if props.type(name) == mi.Properties.Type.String and props[name]]:
                 path = Path(str(self._resolver.resolve(props[name])))
@@ -169,7 +172,7 @@ class SceneFile:
                     yield props, name, path
 
     def _reads_exr(self) -> bool:
-        """Tells whether the scene names an OpenEXR file. The content counts, as in Mitsuba, and not the suffix."""
+        """Tells whether the scene names an OpenEXR file. The content of a file decides, not its suffix."""
         return any(OpenEXR.isOpenExrFile(str(path)) for _, _, path in self._strings(self.state))
 
     def load(self, sampler: str | None = None) -> mi.Scene:

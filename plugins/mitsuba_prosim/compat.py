@@ -75,6 +75,7 @@ def set_world_transform(sensor: mi.Sensor, parameters: MutableMapping[str, Any],
 
 
 def _at(transform: Any, time: float | mi.Float) -> mi.AffineTransform4f:
+    """Returns the value of a transform at ``time``; the transform may be an AnimatedTransform4f or not."""
     return transform.eval(time) if hasattr(transform, "eval") else transform
 
 
@@ -137,10 +138,11 @@ def emitter_pointers(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> mi.Emit
 
 
 def _meshes_in_order(things: Sequence[tuple[Any, mi.Shape | None]]) -> list[Any]:
-    """Returns ``things`` in an order that is the same in every process.
+    """Returns objects in an order that is the same in every process.
 
-    Each thing is given with its shape. Things whose shapes are no meshes are first, in their own order. The others
-    follow, sorted by the ids and places of their meshes; equal meshes are sorted by their content.
+    ``things`` are pairs of an object and its shape. Objects whose shapes are no meshes are first, in their own order.
+    The others follow, sorted by the ids and the bounding boxes of their meshes. If these are equal, the objects are
+    sorted by the contents of the meshes.
     """
     import numpy as np
 
@@ -159,7 +161,7 @@ def _meshes_in_order(things: Sequence[tuple[Any, mi.Shape | None]]) -> list[Any]
 
 
 def _content(shape: mi.Shape) -> list[tuple[str, bytes]]:
-    """Returns names and values of all parameters of ``shape``, its emitter and its BSDF."""
+    """Returns ``(name, value as bytes)`` for each parameter of ``shape``, of its emitter and of its BSDF."""
     import numpy as np
 
     values = {name: np.array(getattr(value, "matrix", value)) for name, value in mi.traverse(shape)}
@@ -213,6 +215,7 @@ def met_shape(scene: mi.Scene, si: mi.SurfaceInteraction3f) -> mi.Shape | None:
 
 
 def _number(pointer: mi.ShapePtr) -> int:
+    """Returns the number of a shape in Dr.Jit's registry."""
     return int(dr.reinterpret_array(mi.UInt32, pointer)[0])
 
 

@@ -19,8 +19,8 @@ class SceneBundle:
     """A scene in a form that can be sent to a :mod:`.worker`.
 
     ``main`` is the name of the XML file. ``changes`` are further arguments of :class:`.SceneFile`. ``sensor`` is the
-    number of the sensor. ``variant`` is the variant of the process that made the bundle. ``contents`` maps the name of
-    each file, relative to the scene's folder, to the bytes of the file.
+    number of the sensor. ``variant`` is the variant of the process that made the bundle: bundles of two variants are
+    not equal. ``contents`` maps the name of each file, relative to the scene's folder, to the bytes of the file.
     """
 
     main: str

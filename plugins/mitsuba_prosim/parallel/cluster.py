@@ -70,9 +70,9 @@ def workers(number: int, threads: int | None = None) -> Iterator[distributed.Cli
 
 @contextmanager
 def interrupts_blocked() -> Iterator[None]:
-    """Blocks Ctrl-C in all threads and processes that are started in this context.
+    """Blocks the signal of Ctrl-C in all threads and processes that are started within the context.
 
-    A terminal sends Ctrl-C to all processes, but only the rendering process handles it.
+    A terminal sends this signal to all processes, but only the process with the image may handle the signal.
     """
     if sys.platform == "win32":
         yield

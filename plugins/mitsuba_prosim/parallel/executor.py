@@ -39,7 +39,7 @@ class ClusterError(RuntimeError):
 
 
 class DaskExecutor(Executor):
-    """Takes the samples of the scene in ``bundle`` by the workers of ``client``.
+    """Computes work items of the scene in ``bundle`` on the workers of ``client``.
 
     Workers may join and leave the cluster during the render.
     """
@@ -64,7 +64,8 @@ class DaskExecutor(Executor):
     def limit(self, left: int, seconds: float = np.inf) -> int:
         """Returns the maximum number of samples of the next work item.
 
-        A work item takes a worker some seconds, and less time near the end of the pass.
+        ``left`` is the number of samples that the pass lacks. A work item takes a worker at most about ``seconds``, and
+        less time near the end of the pass, so that all workers end at about the same time.
         """
         least = max(int(self.speed * min(self.seconds, seconds)) // FEWER, self.SMALLEST)
         return min(super().limit(left, seconds), max(left // (WINDOW * max(len(self._workers), 1)), least))
@@ -133,7 +134,10 @@ class DaskExecutor(Executor):
         return sums
 
     def _check_workers(self) -> bool:
-        """Updates the list of workers; returns whether the cluster is lost."""
+        """Updates the list of workers, at most once in :data:`CHECK_INTERVAL`; returns whether the cluster is lost.
+
+        Warns if a worker was lost, or if there are no workers for a long time.
+        """
         now, before = time.perf_counter(), self._workers
         if self.loss_reason or now < self._next_check:
             return bool(self.loss_reason)

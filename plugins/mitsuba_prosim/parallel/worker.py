@@ -43,7 +43,9 @@ scenes = dict[str, tuple[bytes, Estimator]]()
 
 
 def load(client: str, content: bytes) -> Estimator:
-    """Returns the estimator of a pickled :class:`.SceneBundle`, ``content``, of a ``client``.
+    """Returns the estimator of a scene; loads the scene if it is not the last one of this client.
+
+    ``client`` is the id of the Dask client. ``content`` is a pickled :class:`.SceneBundle`.
 
     The previous scene of this client is deleted before the new scene is loaded. The new scene then takes the places of
     the previous scene in Dr.Jit's tables, so that kernels are found in the cache.
@@ -62,9 +64,9 @@ def load(client: str, content: bytes) -> Estimator:
 
 
 def pickled(value: Any) -> bytes:
-    """Pickles ``value`` for ``pickle.loads``.
+    """Returns ``value`` in pickled form.
 
-    Unpickled Dr.Jit arrays have the alignment of Dr.Jit's memory, see :func:`..compat.dr_array`.
+    ``pickle.loads`` then makes its Dr.Jit arrays by :func:`..compat.dr_array`, so that kernels are not compiled again.
     """
     content = io.BytesIO()
     pickler = pickle.Pickler(content)

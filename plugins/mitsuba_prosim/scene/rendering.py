@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator
 from typing import Any
 
 import drjit as dr
@@ -58,23 +58,21 @@ class Blocking(Steps):
     def __init__(
         self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, seed: int, spp: int, denoiser: Any = None
     ) -> None:
-        self.denoiser, seeds = denoiser, [seed]
-        if denoiser is not None:
-            spp = ((spp or sensor.sampler().sample_count()) + 1) // 2
-            # The second seed is not a neighbour of the first seed, which may be the seed of another image.
-            seeds.append(combine(hash32(seed), 1))
+        self.denoiser, self._sensor, self._spp = denoiser, sensor, spp
         self._images: list[mi.TensorXf] = []
-        self._sensor, self._spp = sensor, spp
-        super().__init__(self._render(integrator, scene, sensor, seeds, spp))
+        super().__init__(self._render(integrator, scene, seed))
         self.close = self._steps.close
 
-    def _render(
-        self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, seeds: Sequence[int], spp: int
-    ) -> Generator[Step, None, None]:
-        """Renders one image for each seed, and yields a step after each image."""
+    def _render(self, integrator: Any, scene: mi.Scene, seed: int) -> Generator[Step, None, None]:
+        """Renders one image, or two images for the denoiser, and yields a step after each image."""
+        seeds, sensor = [seed], self._sensor
+        if self.denoiser is not None:
+            self._spp = ((self._spp or sensor.sampler().sample_count()) + 1) // 2
+            # The second seed is not a neighbour of the first seed, which may be the seed of another image.
+            seeds.append(combine(hash32(seed), 1))
         # Mitsuba's integrators in Python always develop the film. The film is written in another step.
         for number, seed in enumerate(seeds, 1):
-            self._images.append(integrator.render(scene, sensor, seed=seed, spp=spp, develop=True, evaluate=True))
+            self._images.append(integrator.render(scene, sensor, seed=seed, spp=self._spp, develop=True))
             dr.sync_thread()
             yield Step(number / len(seeds), number == len(seeds))
 

@@ -30,15 +30,15 @@ SSIM_WINDOW = 7
 @job_options("noise", "denoise", "output", "exposure", "definitions", "resolution", "allow_outside")
 @job_options("variant", "samples", "light_units", "tolerance")
 @option("Comparison", "--rounds", type=Integer(min=1), default=5, help="Measured runs of each method, for medians.")
-@option("Comparison", "--sqrt-spp", type=ROOTS, default="2,3,4,6,9", help="Square roots of the curves' sample counts.")
+@option("Comparison", "--sqrt-spp", type=ROOTS, default="2,3,4,6,9", help="Square roots of the samples per pixel.")
 @option("Comparison", "--reference-seconds", type=Number(0), default=60, help="Minimum time for each reference, in s.")
 def compare(job: Job, a: str, b: str, rounds: int, sqrt_spp: tuple[int, ...], reference_seconds: float) -> None:
     """Compare A and B on SCENE, in the thesis's language or XML: error, time and samples.
 
     A and B are each INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...], such as prosim,adaptive=none or
-    path:multijitter,max_depth=5; the default sampler is the scene's. If B is not adaptive, B is rendered with the same
-    number of samples as A, and with the same time as A. Errors are differences from a converged reference image. If
-    only one of A and B is prosim, prosim renders the scene twice: with the light paths of the other integrator, and
+    path:multijitter,max_depth=5; the default sampler is the scene's. If B is not adaptive, B is rendered twice: with
+    the same number of samples as A, and in the same time as A. Errors are differences from a converged reference image.
+    If only one of A and B is prosim, prosim renders the scene twice: with the light paths of the other integrator, and
     with the light paths that the scene selects. The command writes a page, SCENE-compare.html, and its numbers,
     SCENE-compare.json, in the scene's folder.
     """

@@ -61,7 +61,9 @@ class InputFile(click.Path):
         return path
 
     def suggestion(self, path: Path) -> str:
-        """Asks "Did you mean ...?" for the matching file in the same folder whose name is most similar to that of
+        """Returns " Did you mean FILE?", or "" if there is no such file.
+
+        FILE is in the folder of ``path``, matches one of ``patterns``, and has the name most similar to that of
         ``path``.
         """
         candidates = chain.from_iterable(map(path.parent.glob, self.patterns))
@@ -96,7 +98,7 @@ def quoted_path(path: Path) -> str:
 
 
 def kind(path: Path) -> str:
-    """Returns the kind of a file, by its first bytes and its suffix."""
+    """Returns the kind of a file in words, such as "an EXR image"; the first bytes and the suffix decide."""
     begin = b""
     if path.is_file():  # the content of a pipe can be read only once
         with open(path, "rb") as file:

@@ -26,7 +26,7 @@ from .render_task import RenderTask, Resources, render_image
 DIGEST = "prosim.digest"
 
 
-class Film:
+class Animation:
     """The frames of one job, which are rendered in order.
 
     A frame whose file exists and has the current digest is not rendered again, unless the job has ``overwrite``.
@@ -139,9 +139,9 @@ def render(job: Job, stem: Path) -> None:
     """
     if conflict := {FRAME, TIME} & set(job.definitions):
         raise click.UsageError(f"-D {min(conflict)}=... and --frames both define ${min(conflict)}; give one of them.")
-    film = Film(job, stem)
-    interruption = film.render()
+    animation = Animation(job, stem)
+    interruption = animation.render()
     end = f"; {interruption}. The same command renders the missing frames." if interruption else ""
-    click.echo(film.report() + end)
+    click.echo(animation.report() + end)
     if interruption:
         sys.exit(1)

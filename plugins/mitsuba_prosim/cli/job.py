@@ -24,9 +24,9 @@ from .option_types import InputError, Integer, Number
 INTEGRATOR = ("samples", "caustics", "max_level", "layers", "threshold", "max_samples", "adaptive", *TARGETS)
 
 #: Fields of a Job for animations.
-FILM = ("frames", "fps", "overwrite")
+ANIMATION = ("frames", "fps", "overwrite")
 #: Fields of a Job that do not change the image.
-RUNNING = ("output", "checkpoint", "snapshots", "view", "verbose", *FILM, "threads", "workers", "cluster", "part")
+RUNNING = ("output", "checkpoint", "snapshots", "view", "verbose", *ANIMATION, "threads", "workers", "cluster", "part")
 
 POSITIVE = Number(0, min_open=True)
 UNITS = click.Choice(["calibrated", "radiance", "unattenuated"])
@@ -268,9 +268,9 @@ def make_job(options: dict[str, Any]) -> Job:
 
 
 def choose_variant(name: str | None) -> str:
-    """Sets this variant, or the default variant, and loads all plugins; returns the variant's name.
+    """Sets the variant ``name`` (None: the default variant) and loads all plugins; returns the variant's name.
 
-    Raises ImportError and ClickException.
+    Warns if the variant is scalar, because scalar variants are slow. Raises ImportError and ClickException.
     """
     try:
         variant = session.set_variant(name)

@@ -15,18 +15,15 @@ SHORTEST, LONGEST, SHARE = 10.0, 300.0, 0.25
 class Progress(tqdm):
     """The progress of successive steps, or of the frames of an animation, on standard error.
 
-    ``doing`` is the text that is shown until the first step begins. ``frames`` is the number of frames. ``timed`` is
-    whether a step reports progress before its end.
+    ``doing`` is the text that is shown until the first step begins. ``frames`` is the number of frames.
     """
 
-    def __init__(self, doing: str, frames: int = 1, timed: bool = True) -> None:
+    def __init__(self, doing: str, frames: int = 1) -> None:
         """Starts the progress bar."""
         self.on_terminal, self.next_line = sys.stderr.isatty(), SHORTEST
-        form = "{l_bar}{bar}| {elapsed}, {remaining} left" if timed else "{desc}"
         self.step, self.finished = "", 0
-        super().__init__(
-            desc=doing, total=frames, bar_format=form, file=sys.stderr, leave=False, smoothing=0, miniters=0
-        )
+        form = "{l_bar}{bar}| {elapsed}, {remaining} left"
+        super().__init__(None, doing, frames, leave=False, file=sys.stderr, miniters=0, smoothing=0, bar_format=form)
 
     def show(self, done: float, step: str = "rendering") -> None:
         """Shows the progress ``done`` of a step, or of a frame, in [0, 1]; the bar never moves back.

@@ -18,14 +18,14 @@ from . import files, frames
 from .files import PART_FILE, SCENE_FILE, STATE_FILE, image_stem, quoted_path
 from .job import OPTIONS, RUNNING, Command, Job, choose_variant, job_options
 from .option_types import input_errors, option
-from .render_task import STATE, SUFFIXES, render_and_write
+from .render_task import STATE_SUFFIX, SUFFIXES, render_and_write
 
-#: Policies that use only the first samples of each pixel for their decision. If ``prosim resume`` gets a new target,
-#: ``graded`` replaces them.
-BY_FIRST = ("neighbours", "thesis")
+#: Policies that decide only once, by the first samples of each pixel. They cannot decide again after a checkpoint: with
+#: a new target, ``prosim resume`` replaces them by ``graded``.
+FIRST_SAMPLE_POLICIES = ("neighbours", "thesis")
 
 #: Options that change when a render stops.
-TARGET = (*TARGETS, "max_samples", "adaptive")
+TARGET_OPTIONS = (*TARGETS, "max_samples", "adaptive")
 
 #: Decorator that adds the option --scene to a command that opens a state.
 scene_option = option("Scene", "--scene", "moved", type=SCENE_FILE, help="Path of the scene, if it was moved.")
@@ -52,7 +52,7 @@ def render(job: Job) -> None:
 
 @click.command(cls=Command)
 @click.argument("state", type=STATE_FILE)
-@job_options(*TARGET, "output", "exposure", "verbose", "threads", "workers", "cluster")
+@job_options(*TARGET_OPTIONS, "output", "exposure", "verbose", "threads", "workers", "cluster")
 @scene_option
 def resume(job: Job, state: Path, moved: Path | None) -> None:
     """Continue a render from STATE, a file that prosim render --checkpoint has written, until its target.
@@ -62,17 +62,17 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
     scene or version is an error.
     """
     record, before = checkpoint_and_job(state, moved)
-    target: dict[str, Any] = {name: value for name in TARGET if (value := getattr(job, name)) is not None}
+    target: dict[str, Any] = {name: value for name in TARGET_OPTIONS if (value := getattr(job, name)) is not None}
     if record.part and (target or job.distributed):
         raise click.UsageError(
             f"{state} is a part, and all parts of an image have one target; finish it without further options. "
             "prosim merge --checkpoint makes a state of all parts, which can be continued."
         )
-    if target.get("adaptive") in BY_FIRST:
+    if target.get("adaptive") in FIRST_SAMPLE_POLICIES:
         raise click.UsageError(f"--adaptive {target['adaptive']} decides by the first samples, which exist already.")
     if target:
         policy = record.attributes["sampling"]["adaptive"]
-        target = {"adaptive": "graded" if policy in BY_FIRST else policy} | target
+        target = {"adaptive": "graded" if policy in FIRST_SAMPLE_POLICIES else policy} | target
     job = continued_job(before, job, checkpoint=True, part=record.part, **target)
     render_and_write(job, files.output_stem(job.output, image_stem(state), SUFFIXES), record)
     if record.finished and not target:
@@ -97,14 +97,18 @@ def merge(job: Job, part_files: tuple[Path, ...], moved: Path | None) -> None:
     stem = files.output_stem(job.output, image_stem(part_files[0]), SUFFIXES)
     render_and_write(continued_job(before, job), stem, record)
     click.echo(
-        f"The parts can be removed: {stem}{STATE} stores all of them."
+        f"The parts can be removed: {stem}{STATE_SUFFIX} stores all of them."
         if job.checkpoint
         else "The parts can be removed, unless the image is to be continued: --checkpoint makes a state of them."
     )
 
 
 def continued_job(saved: Job, requested: Job, **changes: Any) -> Job:
-    """Returns the job ``saved``, which a state stores, with the output and the workers of the job ``requested``."""
+    """Returns the job ``saved``, which a state stores, with some fields of the job ``requested`` on the command line.
+
+    The fields of ``requested`` are the exposure, if it is given, and the fields that do not change the image, such as
+    the output and the workers. ``changes`` are further fields of the result.
+    """
     running = {name: getattr(requested, name) for name in RUNNING}
     exposure = saved.exposure if requested.exposure is None else requested.exposure
     return replace(saved, exposure=exposure, **running | changes)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from ..parallel.executor import DaskExecutor
 
 #: Suffixes of the files of an image, and of its checkpoint.
-SUFFIXES, STATE = (".exr", ".png"), ".state.npz"
+SUFFIXES, STATE_SUFFIX = (".exr", ".png"), ".state.npz"
 
 
 @dataclass(eq=False)
@@ -70,8 +70,9 @@ class RenderTask:
 
     @cached_property
     def about(self) -> dict[str, Any]:
-        """Facts that a checkpoint stores: the facts identify the image, and another process needs them to continue the
-        job.
+        """The job and the digest of the scene, as a checkpoint stores them.
+
+        The digest identifies the scene. Another process needs the job to continue the render.
         """
         image = self.job.image() | {"scene": os.path.abspath(self.job.scene)}
         return {"job": image, "digest": self.file.digest()}
@@ -102,13 +103,13 @@ class RenderTask:
 
     @property
     def state_suffix(self) -> str:
-        """The suffix of the checkpoint, or "" if the job writes no checkpoint."""
-        return f".{self.job.part}.npz" if self.job.part else STATE if self.job.checkpoint else ""
+        """The suffix of the checkpoint's file, or "" if the job writes no checkpoint."""
+        return f".{self.job.part}.npz" if self.job.part else STATE_SUFFIX if self.job.checkpoint else ""
 
     def unfinished(self) -> Checkpoint | None:
-        """Returns the checkpoint of an interrupted render of the same image, or None."""
+        """Returns the checkpoint that an earlier, interrupted render of the same image has written, or None."""
         try:
-            record = checkpoint.load(f"{self.stem}{STATE}")
+            record = checkpoint.load(f"{self.stem}{STATE_SUFFIX}")
         except (OSError, ValueError):
             return None
         return record if json.dumps(record.about, sort_keys=True) == json.dumps(self.about, sort_keys=True) else None
@@ -257,11 +258,10 @@ def render_and_write(job: Job, stem: Path, begin: Checkpoint | None = None) -> N
         with input_errors():
             task = RenderTask(job, job.read_scene(resources.folder), stem, begin)
             task.check()
-        progressive = rendering.is_progressive(task.integrator)
         # Handles signals also while the workers end, which takes a second after the image is written.
         resources.enter_context(interruptible(lambda: None, resources.signals))
         # The first step ends when the kernels are compiled and one work item is rendered.
-        with Progress("compiling kernels" if progressive else "rendering", timed=progressive) as bar:
+        with Progress("compiling kernels" if rendering.is_progressive(task.integrator) else "rendering") as bar:
             outcome = render_image(task, bar, resources)
         if outcome.why_black:
             warnings.warn(outcome.why_black, stacklevel=2)
@@ -287,7 +287,7 @@ class Snapshots:
             return
         for text in list(self.left):
             amount = float(text.removesuffix("s"))
-            if text.endswith("s"):
+            if text.endswith("s"):  # as a render with --time would end
                 due = reached.seconds >= (1 - SHARE) * amount
             else:  # as a render with --noise would end
                 due = replace(render.target, limits=(amount, 0, 0)).excess(render.state.noise) <= 1

@@ -52,14 +52,16 @@ def described(role: str) -> str:
 
 
 def number(value: float | None, form: str = ".3g") -> str:
-    """Formats a number for the page."""
+    """Returns a number as an HTML element ``<data>``, which has the exact value; "–" for None.
+
+    The reader sees the number in the format ``form``, but never with an exponent.
+    """
     import markupsafe
 
     if value is None:
         return "–"
-    # Replaces a number with an exponent, such as 1.2e+02, by one without.
     text = f"{value:{form}}"
-    if "e" in text:
+    if "e" in text:  # such as 1.2e+02
         text = np.format_float_positional(float(text), trim="-")
     return markupsafe.Markup('<data value="{}">{}</data>').format(repr(value), text)
 

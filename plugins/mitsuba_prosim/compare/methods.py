@@ -130,8 +130,9 @@ class ComparedScene:
         """Returns the :class:`Method` of a specification.
 
         ``transport`` selects the light paths: "scene" (as the scene file says), "paths" (all) or "direct" (direct light
-        only). ``overrides`` are parameters of the integrator, over which the parameters of the specification have
-        priority. The override ``spp`` is the sample count.
+        only). ``overrides`` are further parameters of the integrator; the parameters of the specification
+        replace them. The item ``spp`` of ``overrides`` is the number of samples per pixel. Without it, an adaptive
+        integrator decides, and the sampler has the number for the others.
         """
         spp, settings = overrides.pop("spp", 0), dict[str, Any](type=spec.integrator)
         if spec.integrator == self.integrator:

@@ -40,7 +40,10 @@ def parse_arguments(words: Sequence[str]) -> argparse.Namespace:
 
 
 def run(plugin: str, words: Sequence[str]) -> None:
-    """Renders the scenes of the command line, from the first scene that uses ``plugin`` on."""
+    """Renders the scenes of the command line: the first scene that uses ``plugin``, and all scenes after it.
+
+    ``words`` are the arguments of the command. The native command has rendered the scenes before.
+    """
     options = parse_arguments(words)
     mi.set_log_level(MITSUBA_LEVELS[min(options.verbose, len(MITSUBA_LEVELS) - 1)])
     dr.set_log_level(DRJIT_LEVELS[min(options.verbose, len(DRJIT_LEVELS) - 1)])

@@ -90,12 +90,6 @@ def test_the_judge_finds_a_primitive_in_the_wrong_place(variant_rgb, tmp_path):
 # ---- Chains of + and -
 
 
-@pytest.mark.parametrize("kind", exact_csg.KINDS)
-def test_chains_in_halves_are_what_the_tree_means(variant_rgb, tmp_path, monkeypatch, kind):
-    monkeypatch.setattr(csg, "MAX_BATCH", 1)
-    assert wrong_pixels(exact_csg.KINDS[kind](np.random.default_rng([1, 7])), tmp_path) <= EDGE
-
-
 @pytest.mark.filterwarnings("ignore:.*nothing is visible of CUBE 1")
 def test_a_face_that_was_covered_and_is_laid_bare_again_is_the_cutters():
     # CUBE 1 covers the top of CUBE 0; CUBE 2 takes it away down to just there.
@@ -139,7 +133,6 @@ def test_a_crowd_of_holes_and_of_pegs(monkeypatch, sign, material, result):
     surfaces = ["material condutor n-refr = 1.2 k-abs = 3"] + [material or "kd = .5"] * 64
     text = scene(" ".join([sign] * 64 + [f"CUBE {i}" for i in range(65)]), transforms, surfaces)
     plain = solids(text)
-    monkeypatch.setattr(csg, "MAX_BATCH", 8)
     monkeypatch.setattr(csg, "MAX_NEIGHBOURS", 1)
     monkeypatch.setattr(csg, "REFINED_NEIGHBOURS", 1)
     again = solids(text)

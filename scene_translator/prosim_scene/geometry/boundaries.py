@@ -38,12 +38,6 @@ class Boundary(NamedTuple):
             triangles[name] = values
         return cls(vertices, triangles)
 
-    def reversed_side(self, outside: int) -> Boundary:
-        """Returns the boundary with reversed orientation, and with the medium ``outside`` on its new outer side."""
-        columns = {name: self.triangles[name] for name in ("leaf", "facet", "inside")}
-        index, sign = self.triangles["index"][:, ::-1], -self.triangles["sign"]
-        return Boundary.from_columns(self.vertices, index=index, sign=sign, outside=outside, **columns)
-
 
 def primitive_boundary(mesh: Mesh, leaf: int, first: int, medium: int) -> Boundary:
     """Returns the boundary of a primitive that touches no other primitive; ``first`` is the number of its first
@@ -115,8 +109,9 @@ def boundaries(bodies: dict[int, Body], ids: OriginalIds, fresnel: bool) -> list
         if total and neighbours:
             boundary = ids.boundary(remainder(total, body))
             for other in neighbours:
-                face = Boundary(boundary.vertices, boundary.triangles[boundary.triangles["inside"] == other])
-                interfaces[other] += [face.reversed_side(medium)] if len(face.triangles) else []
+                faces = boundary.triangles[boundary.triangles["inside"] == other]
+                faces["index"], faces["sign"], faces["outside"] = faces["index"][:, ::-1], -faces["sign"], medium
+                interfaces[other] += [Boundary(boundary.vertices, faces)] if len(faces) else []
         total = union([total, body]) or body
         layers.append((medium, total))
     result: list[Boundary] = []

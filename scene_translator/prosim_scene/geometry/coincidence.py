@@ -45,8 +45,6 @@ def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray, low: np.ndarray, h
 
     def equal(first: np.ndarray, second: np.ndarray) -> np.ndarray:
         """Whether pairs of faces have equal surfaces; compares them in the space of the larger primitive."""
-        result = np.asarray(np.abs(features[first] - features[second]).max(axis=1) < NEAR)
-        first, second = first[result], second[result]
         large = np.where(sizes[first] < sizes[second], second, first)
         small = first + second - large
         relative = np.zeros((len(small), 4, 4))  # from the space of the small primitive to that of the large one
@@ -55,8 +53,7 @@ def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray, low: np.ndarray, h
         relative[:, 3, 3] = 1
         compared = np.stack([relative.transpose(0, 2, 1) @ quadrics[large] @ relative, quadrics[small]])
         compared /= np.linalg.norm(compared, axis=(2, 3), keepdims=True)
-        result[result] = np.abs(compared[0] - compared[1]).max(axis=(1, 2)) < SAME
-        return result
+        return np.asarray(np.abs(compared[0] - compared[1]).max(axis=(1, 2)) < SAME)
 
     # An offset along x separates the boxes of different surfaces, so one call finds the components of all surfaces.
     offset = np.outer(_clusters(features) * 2 * np.ptp([low[:, 0], high[:, 0]]), [1, 0, 0])

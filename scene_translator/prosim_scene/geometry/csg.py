@@ -222,28 +222,22 @@ def _mergeable(operands: list[Operand], all_faces: bool = False) -> bool:
     return True
 
 
-MAX_BATCH = 500  # the largest number of bodies in one operation; more bodies are united in halves, which saves memory
-
-
 def union(bodies: Iterable[Body | None]) -> Body | None:
     """Returns the union of bodies, or None if there are none. The first of the bodies owns a common face."""
     solids: dict[int | None, Body] = {}
     distinct = [body for body in bodies if body and (body.solid is None or solids.setdefault(body.solid, body) is body)]
     if len(distinct) < 2:
         return distinct[0] if distinct else None
-    if len(distinct) == 2 or (len(distinct) <= MAX_BATCH and not _share_surfaces(distinct)):
+    if len(distinct) == 2 or not _share_surfaces(distinct):
         return _combined(distinct, OpType.Add, distinct)
     middle = len(distinct) // 2
-    result = union([union(distinct[:middle]), union(distinct[middle:])])
-    if result:
-        checked(result.manifold())  # frees the memory of the operands
-    return result
+    return union([union(distinct[:middle]), union(distinct[middle:])])
 
 
 def difference(first: Body, others: Sequence[Body]) -> Body:
     """Returns the first body minus the other bodies; an earlier body owns a common face."""
     near = [body for body in others if len(touching(body.boxes, first.box))]
-    if len(near) > 1 and (len(near) > MAX_BATCH or _share_surfaces([first, *near])) and (body := union(near)):
+    if _share_surfaces([first, *near]) and (body := union(near)):
         near = [body]
     return _combined([first, *near], OpType.Subtract, [first]) if near else first
 
@@ -278,20 +272,15 @@ def _share_surfaces(bodies: Sequence[Body]) -> bool:
 MAX_NEIGHBOURS = 64  # a leaf's mesh is refined if more small solids than this touch it, per triangle
 REFINED_NEIGHBOURS = 32  # the approximate number of small solids per triangle of a refined mesh
 SMALL = 8  # a solid is small if its box has less than 1/8 of the volume of the other box
-MIN_TRIANGLES = 4  # the smallest number of triangles of a closed mesh
 
 
 def count_small_neighbours(boxes: np.ndarray) -> np.ndarray:
-    """Returns, for each of the ``boxes`` (see :class:`Body`), how many small boxes touch it.
-
-    The result is 0 for all boxes if there are too few boxes to refine a mesh.
-    """
+    """Returns, for each of the ``boxes`` (see :class:`Body`), how many small boxes touch it."""
     result = np.zeros(len(boxes), int)
-    if len(boxes) > MIN_TRIANGLES * MAX_NEIGHBOURS:
-        size = (boxes[:, 1] - boxes[:, 0]).prod(axis=1)
-        for pair in sweep(boxes[:, 0], boxes[:, 1]):
-            for large, small in (pair, pair[::-1]):
-                np.add.at(result, large[size[small] < size[large] / SMALL], 1)
+    size = (boxes[:, 1] - boxes[:, 0]).prod(axis=1)
+    for pair in sweep(boxes[:, 0], boxes[:, 1]):
+        for large, small in (pair, pair[::-1]):
+            np.add.at(result, large[size[small] < size[large] / SMALL], 1)
     return result
 
 

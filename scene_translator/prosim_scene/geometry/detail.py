@@ -46,8 +46,6 @@ def active_zones(csg: Sequence[Operator | Leaf], solids: Sequence[Solid], of_lea
     which it is subtracted. An operand of an intersection has an effect only inside the other operand.
     """
     tree, ends = tree_of(csg), subtree_ends(csg)
-    if not {"-", "*"} & set(tree):
-        return [UNBOUNDED] * len(solids)
     of_solid = bounding_balls(solids)
     value = {"+": union_ball, "-": lambda first, second: first, "*": intersection_ball}
     balls = [UNBOUNDED] * len(tree)  # a bounding ball of the solid that each node of the tree describes

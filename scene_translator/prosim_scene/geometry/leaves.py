@@ -49,11 +49,10 @@ class Leaves:
         indices = [index for *_, index in numbers_of_keys]
         with np.errstate(all="ignore"):
             to_world_matrices = matrices([document.scene.transforms[index] for index in indices])
-        self.solids = [
-            Solid(PRIMITIVES[shape] if file is None else meshes[file], to_world)
-            for (shape, file, _), to_world in zip(numbers_of_keys, to_world_matrices)
-        ]
-        with np.errstate(all="ignore"):
+            self.solids = [
+                Solid(PRIMITIVES[shape] if file is None else meshes[file], to_world)
+                for (shape, file, _), to_world in zip(numbers_of_keys, to_world_matrices)
+            ]
             boxes = world_box_corners(self.solids)
         _check_transforms(document, indices, to_world_matrices, boxes)
         low, high = boxes.min(axis=(0, 1)), boxes.max(axis=(0, 1))

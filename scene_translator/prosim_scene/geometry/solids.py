@@ -64,15 +64,13 @@ class Solid:
         """Returns the mesh of the solid in the world; its triangles are counter-clockwise if seen from outside."""
         linear, offset = self.to_world[:3, :3], self.to_world[:3, 3]
         mirrored = np.linalg.det(linear) < 0
-        if self.primitive.curved is not None and self.facet_map is not IDENTITY:
+        if self.facet_map is not IDENTITY:
             unit = self.primitive.mesh(self.segments, self.facet_map)
             a, b, c = (unit.vertices[unit.triangles[:, i]] for i in range(3))
             mirrored ^= np.einsum("ij,ij->", a, np.cross(b, c)) < 0  # the sign of the mesh's volume
         else:
             unit = unit_mesh(self.primitive, self.segments)
-        vertices = unit.vertices
-        if self.shrink < 1:
-            vertices = vertices * np.where(np.arange(3) < self.primitive.axes, self.shrink, 1.0)
+        vertices = unit.vertices * np.where(np.arange(3) < self.primitive.axes, self.shrink, 1.0)
         triangles = unit.triangles[:, ::-1] if mirrored else unit.triangles
         return Mesh(vertices @ linear.T + offset, triangles, unit.facets, unit.faces)
 

@@ -36,16 +36,12 @@ class Symbol(NamedTuple):
 
 
 class Occurrence(NamedTuple):
-    """A use or a definition of a symbol, from the text offset ``start`` to ``end``.
-
-    ``role_before`` is the grammar role of the previous token.
-    """
+    """A use or a definition of a symbol, from the text offset ``start`` to ``end``."""
 
     symbol: Symbol
     start: int
     end: int
     defines: bool
-    role_before: str
 
 
 class Completion(NamedTuple):
@@ -89,15 +85,13 @@ class Symbols:
         """Yields the occurrences of symbols in a token; ``before`` is the grammar role of the previous token."""
         if self.text[token.start] in "${":
             for match in USE.finditer(self.text, token.start, token.end):
-                yield Occurrence(Symbol("name", match[1]), *match.span(), token.role == "VARIABLE", before)
+                yield Occurrence(Symbol("name", match[1]), *match.span(), token.role == "VARIABLE")
         elif token.role == "NUMBER" and before in INDEXED and re.fullmatch("[0-9]{1,9}", token.text):
-            yield Occurrence(Symbol("index", str(int(token.text))), *token.span, before in STATEMENTS, before)
+            yield Occurrence(Symbol("index", str(int(token.text))), *token.span, before in STATEMENTS)
         elif token.role == "TEXTURE_NAME":
-            yield Occurrence(
-                Symbol("texture", words.texture_name(token.text)), *token.span, before == "TEXTURE", before
-            )
+            yield Occurrence(Symbol("texture", words.texture_name(token.text)), *token.span, before == "TEXTURE")
         elif token.role == "USE" or before == "SOLID":
-            yield Occurrence(Symbol("solid", words.normalise(token.text)), *token.span, before == "SOLID", before)
+            yield Occurrence(Symbol("solid", words.normalise(token.text)), *token.span, before == "SOLID")
 
     def occurrence_at(self, offset: int) -> Occurrence | None:
         """Returns the occurrence of a symbol that contains an offset or ends there; None if there is no symbol."""
@@ -187,14 +181,13 @@ class Symbols:
         completions are the indices with a SURFACE or TRANSFORM statement. If there are no such indices, the completion
         is the next unused index.
         """
-        indices = {symbol.key: uses for symbol, uses in self.table.items() if symbol.kind == "index"}
-        roles = {int(key): {use.role_before for use in uses} for key, uses in indices.items()}
+        spans, indices = self.reader.spans, sorted(int(key) for kind, key in self.table if kind == "index")
         if role in STATEMENTS:
-            fitting = [index for index, before in roles.items() if role not in before]
+            fitting = [i for i in indices if (words.words_of(role)[0].name, i) not in spans]
         else:
-            fitting = [index for index, before in roles.items() if before & STATEMENTS]
-        fitting = fitting or [max(roles, default=-1) + 1]
-        return [Completion(str(i), "Value", start) for i in sorted(fitting)]
+            fitting = [i for i in indices if ("surfaces", i) in spans or ("transforms", i) in spans]
+        fitting = fitting or [max(indices, default=-1) + 1]
+        return [Completion(str(i), "Value", start) for i in fitting]
 
 
 def _keyword_completions(role: str, start: int) -> Iterator[Completion]:

@@ -67,25 +67,9 @@ def mean_index(context: Context, index: int | None) -> float:
     return sum(surface.eta) / 3
 
 
-def refraction_indices(context: Context, sides: MediumInterface) -> Node:
-    """Returns a BSDF's parameters for the index of refraction and the dispersion on both sides of a dielectric's
-    face.
-    """
-    return _index_parameters(context, sides.inside, "int") | _index_parameters(context, sides.outside, "ext")
-
-
 def mean_indices(context: Context, sides: MediumInterface) -> Node:
     """Returns a BSDF's parameters for the indices of refraction on both sides of a face: one number for each side."""
     return {"int_ior": mean_index(context, sides.inside), "ext_ior": mean_index(context, sides.outside)}
-
-
-def has_equal_indices(indices: Node) -> bool:
-    """Whether the parameters describe a face with the same index of refraction on both sides.
-
-    The roughness of a face with equal indices of refraction on both sides has no effect.
-    """
-    inside, outside = ({k[4:]: v for k, v in indices.items() if k.startswith(side)} for side in ("int", "ext"))
-    return inside == outside
 
 
 def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> Node:
@@ -104,8 +88,10 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> N
         elif surface.eta and surface.k:
             node |= {"eta": rgb(surface.eta), "k": rgb(surface.k)}
     elif surface.material == "dielectric":
-        node = {"type": "prosim_dielectric", **(both := refraction_indices(context, sides))}
-        node |= {} if has_equal_indices(both) else rough
+        inside, outside = _refraction(context, sides.inside), _refraction(context, sides.outside)
+        node = {"type": "prosim_dielectric"} | {f"int_{name}": value for name, value in inside.items()}
+        node |= {f"ext_{name}": value for name, value in outside.items()}
+        node |= rough if inside != outside else {}  # the roughness of a face between equal media has no effect
     elif surface.material == "lambertian":
         node = {"type": "prosim_lambertian", "reflectance": textured(kd)}
     elif surface.material == "composite":
@@ -125,16 +111,16 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> N
     return node
 
 
-def _index_parameters(context: Context, index: int | None, side: str) -> Node:
-    """Returns a BSDF's parameters for the refraction of the medium inside SURFACE ``index``, or of the air for None.
+def _refraction(context: Context, index: int | None) -> Node:
+    """Returns the refraction of the medium inside SURFACE ``index``, or of the air for None.
 
-    ``side`` is the prefix of the parameters: "int" for the inner side of a face, "ext" for the outer side.
+    The keys are the BSDF's parameters without the prefix of the side, which is "int" or "ext".
     """
     surface = Surface() if index is None else context.scene.surfaces[index]
     if surface.glass:
-        return {f"{side}_material": surface.glass}
-    dispersion = {} if surface.abbe is None else {f"{side}_abbe": float(surface.abbe)}
-    return {f"{side}_ior": mean_index(context, index), **dispersion}
+        return {"material": surface.glass}
+    dispersion = {} if surface.abbe is None else {"abbe": float(surface.abbe)}
+    return {"ior": mean_index(context, index), **dispersion}
 
 
 def absorbs(surface: Surface) -> bool:

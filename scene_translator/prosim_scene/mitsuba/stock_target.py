@@ -181,7 +181,7 @@ def _bsdf(
         if surface.glass or surface.abbe:
             _approximate(context, "glass has one index for all wavelengths", *path)
         indices = materials.mean_indices(context, sides)
-        if materials.has_equal_indices(indices):  # roughness has no effect
+        if indices["int_ior"] == indices["ext_ior"]:  # roughness has no effect
             return {"type": "dielectric", **indices}
         return {"type": prefix + "dielectric", **indices, **rough}
     if surface.material == "lambertian":
@@ -189,7 +189,7 @@ def _bsdf(
     if surface.material == "composite":
         indices = materials.mean_indices(context, sides)
         _approximate(context, "a composto is a (rough)plastic", *path)
-        if materials.has_equal_indices(indices):  # roughplastic refuses equal indices, and the coat is invisible
+        if indices["int_ior"] == indices["ext_ior"]:  # roughplastic refuses equal indices, and the coat is invisible
             return {"type": "diffuse", "reflectance": diffuse}
         reflectances = {"diffuse_reflectance": diffuse, "specular_reflectance": rgb(ks)}
         return {"type": prefix + "plastic", **reflectances, **indices, **rough}

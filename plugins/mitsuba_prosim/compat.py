@@ -338,7 +338,8 @@ def dr_array(values: np.ndarray) -> Any:
 def samples_elsewhere(parameters: mi.SceneParameters, prefix: str = "") -> bool:
     """Tells whether the texture with these ``parameters`` is a bitmap with a ``to_uv``.
 
-    The bitmaps of Mitsuba 3.9 ignore ``to_uv`` when they are sampled, so they sample other points than they light.
+    Mitsuba 3.9 ignores ``to_uv`` when it samples a bitmap. So it samples other points than those at which the bitmap
+    emits. ``prefix`` is the prefix of the texture's parameters.
     """
     if prefix + "data" not in parameters:
         return False

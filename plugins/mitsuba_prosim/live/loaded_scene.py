@@ -61,8 +61,8 @@ class LoadedScene:
     def _pivot_distance(self, matrix: np.ndarray) -> float:
         """Returns the distance from the eye to the pivot, about which the camera rotates.
 
-        The pivot is in the view plane of a scene in the scene language. It is as deep as the centre of another scene.
-        ``matrix`` is the camera's 4x4 matrix to world coordinates.
+        For a scene in the scene language, the pivot is in the view plane. For another scene, the pivot has the same
+        depth as the centre of the scene. ``matrix`` is the camera's 4x4 matrix to world coordinates.
         """
         if self.file.document is not None:
             view = self.file.document.scene.view

@@ -83,9 +83,9 @@ def show(
 
 
 def stop_earlier(view: View) -> None:
-    """Stops the views that earlier executions of the cell of ``view`` made, and stores the cell of ``view``.
+    """Stops the views that the notebook's cell of ``view`` made when it was executed before.
 
-    Does nothing more in a notebook that does not identify its cells.
+    Some notebooks do not identify their cells; then no view is stopped.
     """
     from IPython import get_ipython
 

@@ -104,13 +104,13 @@ def as_view(view: View, home: Camera, moved: Camera) -> str:
 
         ``homogeneous`` is the fourth coordinate: 1 for a point, 0 for a direction.
         """
-        return numbers((motion @ [*value, homogeneous])[:3], size if homogeneous else 1.0)
+        return format_numbers((motion @ [*value, homogeneous])[:3], size if homogeneous else 1.0)
 
     # The view plane and the window keep their position relative to the eye, also after a change of the distance.
     lines = [
         "VIEW",
         "RESOLUTION {} {}".format(*view.resolution),
-        f"WINDOW {numbers(view.window)}",
+        f"WINDOW {format_numbers(view.window)}",
         f"OBS {vector(view.eye, 1)}",
         f"VPN {vector(view.vpn, 0) if any(view.vpn) else '0 0 0'}",
         f"VRP {vector(view.vrp, 1)}",
@@ -121,11 +121,11 @@ def as_view(view: View, home: Camera, moved: Camera) -> str:
 
 def as_xml(moved: Camera) -> str:
     """Returns the element ``transform`` of Mitsuba's XML for the camera ``moved``."""
-    rows = "\n            ".join(numbers(row) for row in moved.to_world)
+    rows = "\n            ".join(format_numbers(row) for row in moved.to_world)
     return f'<transform name="to_world">\n    <matrix value="{rows}"/>\n</transform>'
 
 
-def numbers(values: np.ndarray | tuple[float, ...], size: float = 0.0) -> str:
+def format_numbers(values: np.ndarray | tuple[float, ...], size: float = 0.0) -> str:
     """Returns numbers as text, with seven digits, the precision of 32 bits.
 
     A number whose magnitude is below 1e-7 ``size`` becomes 0.

@@ -26,8 +26,7 @@ class Picture:
     """An image that is ready to be shown: name of a layer -> 32-bit array.
 
     Layers are colours, shape (height, width, 3), or maps, shape (height, width). ``number`` is unique among the
-    pictures of a viewer. Layers of the integrator's parameter ``layers`` have names such
-    as ``lights.lamp1``.
+    pictures of a viewer. Layers of the integrator's parameter ``layers`` have names such as ``lights.lamp1``.
     """
 
     number: int
@@ -36,9 +35,8 @@ class Picture:
     def mixed(self, factors: Factors) -> Picture:
         """Returns the picture after a multiplication of layers of the integrator by ``factors``.
 
-        The layer ``final`` of the result is the sum of the multiplied layers.
-
-        Raises KeyError for a name that is not a layer of the integrator.
+        The layer ``final`` of the result is the sum of the multiplied layers. Raises KeyError for a name that is not a
+        layer of the integrator.
         """
         if not factors:
             return self
@@ -48,8 +46,8 @@ class Picture:
     def packed(self, layer: str) -> tuple[bytes, dict[str, str]]:
         """Returns ``(content, headers)`` of the HTTP response for a layer.
 
-        ``content`` has the values row by row as 32-bit little-endian numbers.
-        The header ``X-White`` is the 99th percentile of the values of a map, or of the luminance of colours.
+        ``content`` has the values row by row as 32-bit little-endian numbers. The header ``X-White`` is the 99th
+        percentile of the values of a map, or of the luminance of colours.
         """
         values = self.layers[layer]
         height, width = values.shape[:2]
@@ -61,8 +59,8 @@ class Picture:
     def at(self, x: int, y: int, size: tuple[int, int]) -> dict[str, list[float | None] | float | None]:
         """Returns the value of each layer at pixel (x, y) of the final image: name of the layer -> value.
 
-        ``size`` is the (width, height) of the final image. A coarse picture has fewer pixels.
-        Values that are not finite are None.
+        ``size`` is the (width, height) of the final image. A coarse picture has fewer pixels. Values that are not
+        finite are None.
         """
         height, width = self.layers["final"].shape[:2]
         x, y = x * width // size[0], y * height // size[1]

@@ -26,9 +26,8 @@ SECONDS = 0.4
 class ProgressiveImage:
     """The image of ``scene`` by ``integrator``, which is rendered work item by work item.
 
-    An integrator that is not progressive is nested in ``prosim_adaptive``.
-    ``spp`` is the number of samples per pixel; 0 means the scene's number. ``denoise`` tells whether the final image is
-    denoised.
+    An integrator that is not progressive is nested in ``prosim_adaptive``. ``spp`` is the number of samples
+    per pixel; 0 means the scene's number. ``denoise`` tells whether the final image is denoised.
     """
 
     def __init__(

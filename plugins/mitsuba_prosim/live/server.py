@@ -184,8 +184,8 @@ class Pages:
 def factors(request: Request, picture: Picture) -> Factors:
     """Returns the factors of layers in a request, as arrays of one number or of three (red, green, blue).
 
-    The factors are the query parameters ``mix``, such as ``lights.lamp1=0.5`` or ``lights.lamp1=1,0.8,0.6``.
-    Raises HTTPException for wrong parameters, and for a layer that the picture does not have.
+    The factors are the query parameters ``mix``, such as ``lights.lamp1=0.5`` or ``lights.lamp1=1,0.8,0.6``. Raises
+    HTTPException for wrong parameters, and for a layer that the picture does not have.
     """
     result: dict[str, np.ndarray] = {}
     for text in request.query_params.getlist("mix"):

@@ -55,9 +55,8 @@ class Confinement:
     def check_text(self, path: Path, resolver: mi.FileResolver) -> None:
         """Checks all files that Mitsuba's parser may open for the XML file ``path``.
 
-        ``resolver`` is Mitsuba's search path before parsing.
-        Raises OutsideError if a file is not allowed or a name cannot be checked, and OSError if ``path`` or an XML file
-        that it includes cannot be read.
+        ``resolver`` is Mitsuba's search path before parsing. Raises OutsideError if a file is not allowed or a name
+        cannot be checked, and OSError if ``path`` or an XML file that it includes cannot be read.
         """
         folders, texts = [str(folder) for folder in resolver], [path]
         for file in texts:  # the list grows in the loop
@@ -101,8 +100,9 @@ class Confinement:
         stands for the name of the plugin.
         """
         if name == "type":
-            libraries = [str(resolver.resolve(f"plugins/{plugin}{suffix}")) for suffix in LIBRARIES]
-            if re.fullmatch(r"[\w-]+", plugin) and not any(os.path.exists(p) and not self._own(p) for p in libraries):
+            libraries = (str(resolver.resolve(f"plugins/{plugin}{suffix}")) for suffix in LIBRARIES)
+            others = [path for path in libraries if os.path.exists(path) and not self._is_installed(path)]
+            if re.fullmatch(r"[\w-]+", plugin) and not others:
                 return None
             return f"{plugin} is not a plugin of Mitsuba; use --allow-outside"
         for file in (value, *(file.format(value) for file in MATERIAL_FILES)):
@@ -122,14 +122,14 @@ class Confinement:
             if not os.path.isabs(path) and not os.path.exists(path):
                 path = os.path.join(self._folders[0], name)
             real = Path(os.path.realpath(path))
-            if not self._own(path) and not any(map(real.is_relative_to, self._folders)):
+            if not self._is_installed(path) and not any(map(real.is_relative_to, self._folders)):
                 return (
                     f"{what} names {name!r}, which leads to {real}, outside the scene's folder; move the file there, "
                     "or use --allow-outside"
                 )
         return None
 
-    def _own(self, path: str) -> bool:
+    def _is_installed(self, path: str) -> bool:
         """Tells whether a file belongs to Mitsuba's installation.
 
         Symbolic links within the installation may lead anywhere.

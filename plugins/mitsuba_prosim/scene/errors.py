@@ -14,7 +14,7 @@ from .session import message
 
 
 def with_line(words: str, scene: Path | None = None) -> str:
-    """Adds the line of an XML file that a message names, with a caret below the column.
+    """Returns a message with the line of the XML file that the message names, and a caret below the column.
 
     ``words`` is the message. If the message names several places, the last place is shown, because an included file is
     named after the file that includes it. With ``scene``, only lines of this file and of files in its folder are shown,
@@ -41,9 +41,9 @@ def _line(path: Path, line: int, column: int) -> str:
 
 
 def with_suggestion(words: str) -> str:
-    """Adds the name of a similar plugin of the same kind, if a message says that a plugin does not exist.
+    """Returns a message; if the message says that a plugin does not exist, with the name of a similar plugin.
 
-    ``words`` is the message.
+    ``words`` is the message. The similar plugin is of the same kind, a BSDF for example.
     """
     found = NOT_FOUND.search(words)
     if found is None:

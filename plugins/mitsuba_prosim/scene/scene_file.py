@@ -110,7 +110,7 @@ class SceneFile:
         formats of numbers do not matter.
         """
         state = mi.parser.ParserState(self._unchanged)
-        for props, name, path in self._strings(state):
+        for props, name, path in self._file_parameters(state):
             props[name] = hashlib.sha256(path.read_bytes()).hexdigest()
         versions = " ".join(map(str, state.versions))
         return hashlib.sha256(f"{versions}\n{mi.parser.write_string(state)}".encode()).hexdigest()
@@ -120,10 +120,10 @@ class SceneFile:
 
         ``name`` is the name of the file in the XML text, after the replacement of parameters.
         """
-        files = [(props[name], path) for props, name, path in self._strings(self.state)]
-        return files + sorted(set(self._spectra(self.xml, self._folders, dict(self.changes["definitions"]))))
+        files = [(props[name], path) for props, name, path in self._file_parameters(self.state)]
+        return files + sorted(set(self._spectrum_files(self.xml, self._folders, dict(self.changes["definitions"]))))
 
-    def _spectra(self, text: Path, folders: list[str], values: dict[str, str]) -> Iterator[tuple[str, Path]]:
+    def _spectrum_files(self, text: Path, folders: list[str], values: dict[str, str]) -> Iterator[tuple[str, Path]]:
         """Yields ``(name, path)`` for each spectrum file that an XML text names.
 
         Mitsuba's parser replaces the names of spectrum files by the content of these files, so this method searches the
@@ -147,7 +147,7 @@ class SceneFile:
             elif tag == "spectrum" and os.path.isfile(place):
                 yield name, Path(place)
             elif tag == "include" and os.path.isfile(place):
-                yield from self._spectra(Path(place), search, values)
+                yield from self._spectrum_files(Path(place), search, values)
 
     def sources(self) -> list[Path]:
         """Returns the paths of the files that the scene uses, except for files that the translator wrote.
@@ -160,7 +160,7 @@ class SceneFile:
         files += [located(self.path.parent, name) for name in meshes(self.document)]
         return [path for path in map(Path.resolve, files) if self.xml.parent.resolve() not in path.parents]
 
-    def _strings(self, state: mi.parser.ParserState) -> Iterator[tuple[mi.Properties, str, Path]]:
+    def _file_parameters(self, state: mi.parser.ParserState) -> Iterator[tuple[mi.Properties, str, Path]]:
         """Yields ``(properties, name, path)`` for each parameter of the scene whose value is the name of a file.
 
         ``properties`` are those of the object with the parameter. ``name`` is the name of the parameter.
@@ -173,7 +173,7 @@ class SceneFile:
 
     def _reads_exr(self) -> bool:
         """Tells whether the scene names an OpenEXR file. The content of a file decides, not its suffix."""
-        return any(OpenEXR.isOpenExrFile(str(path)) for _, _, path in self._strings(self.state))
+        return any(OpenEXR.isOpenExrFile(str(path)) for _, _, path in self._file_parameters(self.state))
 
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene from the parsed file.

@@ -73,7 +73,7 @@ def message(error: BaseException) -> str:
 
 
 def resolver(first: Sequence[str | Path] = (), last: Sequence[str | Path] = ()) -> mi.FileResolver:
-    """Returns Mitsuba's search path with the folders ``first`` before it and the folders ``last`` after it."""
+    """Returns a copy of Mitsuba's search path with the folders ``first`` before it and ``last`` after it."""
     with alone():
         result = mi.FileResolver(mi.file_resolver())
     for path in reversed(first):

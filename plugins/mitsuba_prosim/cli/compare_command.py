@@ -77,8 +77,8 @@ def compare(job: Job, a: str, b: str, rounds: int, sqrt_spp: tuple[int, ...], re
         effort = comparison.Effort(sqrt_spp, rounds, reference_seconds, job.denoise)
         compared = comparison.Comparison(compared_scene, scene.name, *specs, effort, job.exposure or 0.0)
         with Progress("comparing") as bar:
-            for step, progress in compared.run():
-                bar.show(progress, step)
+            for phase, progress in compared.run():
+                bar.show(progress, phase)
     texts = comparison_page.html(compared.facts, compared.images), comparison_page.json_text(compared.facts)
     written = files.save(stem, {suffix: text.encode("utf-8") for suffix, text in zip(SUFFIXES, texts)})
     click.echo(summary(compared.facts, comparison.LIGHT))

@@ -13,30 +13,30 @@ SHORTEST, LONGEST, SHARE = 10.0, 300.0, 0.25
 
 
 class Progress(tqdm):
-    """The progress of successive steps, or of the frames of an animation, on standard error.
+    """The progress of successive phases of work, or of the frames of an animation, on standard error.
 
-    ``doing`` is the text that is shown until the first step begins. ``frames`` is the number of frames.
+    ``doing`` is the text that is shown until the first phase begins. ``frames`` is the number of frames.
     """
 
     def __init__(self, doing: str, frames: int = 1) -> None:
         """Starts the progress bar."""
         self.on_terminal, self.next_line = sys.stderr.isatty(), SHORTEST
-        self.step, self.finished = "", 0
+        self.phase, self.finished = "", 0
         form = "{l_bar}{bar}| {elapsed}, {remaining} left"
         super().__init__(None, doing, frames, leave=False, file=sys.stderr, miniters=0, smoothing=0, bar_format=form)
 
-    def show(self, done: float, step: str = "rendering") -> None:
-        """Shows the progress ``done`` of a step, or of a frame, in [0, 1]; the bar never moves back.
+    def show(self, done: float, phase: str = "rendering") -> None:
+        """Shows the progress ``done`` of a phase, or of a frame, in [0, 1]; the bar never moves back.
 
-        The estimate of the remaining time ignores the progress that the first call for a step reports, because an
-        earlier render made this progress.
+        ``phase`` is the name of the phase. The estimate of the remaining time ignores the progress that the first call
+        for a phase reports, because an earlier render made this progress.
         """
-        if step != self.step:
-            if self.step:
+        if phase != self.phase:
+            if self.phase:
                 self.reset()
                 self.next_line = SHORTEST
-            self.step, self.initial = step, done
-            self.set_description_str(step, refresh=False)
+            self.phase, self.initial = phase, done
+            self.set_description_str(phase, refresh=False)
         self.update(max(self.finished + done - self.n, 0))  # an estimated progress may decrease
 
     def display(self, msg: str | None = None, pos: int | None = None) -> bool:
@@ -57,5 +57,5 @@ class Progress(tqdm):
 
     def begin(self, number: int, finished: int, total: int) -> None:
         """Shows that the frame with this number is being rendered; ``finished`` of ``total`` frames are finished."""
-        self.step, self.finished, self.total = "rendering", finished, total
+        self.phase, self.finished, self.total = "rendering", finished, total
         self.set_description_str(f"frame {number}")

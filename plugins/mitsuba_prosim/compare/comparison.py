@@ -56,9 +56,9 @@ class Comparison:
     def run(self) -> Iterator[tuple[str, float]]:
         """Renders the references and all images, and fills ``facts`` and ``images``.
 
-        Yields the name of the current work, and its progress, 0 to 1. The first section compares the methods with light
-        paths that both can simulate. If these are not the paths that the scene selects, a second section renders the
-        method that can simulate the latter.
+        Yields the name of the current phase of the work, and its progress, 0 to 1. The first section compares the
+        methods with light paths that both can simulate. If the scene selects other paths, a second section renders
+        these paths by the method that can simulate them.
         """
         a, b = self.a, self.b
         transport = b.transport or a.transport or "scene"
@@ -98,7 +98,7 @@ class Section:
     def prepare(self) -> Iterator[tuple[str, float]]:
         """Renders the reference, and makes the methods of ``rows`` and ``curves``.
 
-        Yields the name of the current work, and its progress, 0 to 1.
+        Yields the name of the current phase of the work, and its progress, 0 to 1.
         """
         scene, transport, effort = self.scene, self.transport, self.effort
         for progress in self.reference.converge(effort.seconds):

@@ -87,8 +87,8 @@ class Method:
     def render(self, seed: int) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Renders an image; returns the image and its cost.
 
-        The result is the image (height, width, 3), the sample counts (height, width), the elapsed seconds, and the CPU
-        seconds per thread.
+        The result is the image (height, width, 3), the sample counts (height, width), the elapsed seconds, and the
+        processor seconds per thread.
         """
         begin = halves.denoised_progressive if self.denoised else rendering.progressive
         start, start_cpu = time.perf_counter(), time.process_time()

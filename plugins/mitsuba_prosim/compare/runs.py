@@ -36,14 +36,14 @@ class Runs:
     image: np.ndarray = field(default_factory=lambda: np.zeros(0))
     counts: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
-    def measure(self, turn: int) -> None:
-        """Renders an image with the seed ``turn``, and stores its time and its errors in ``values``.
+    def measure(self, number: int) -> None:
+        """Renders an image with the seed ``number``, and stores its time and its errors in ``values``.
 
-        Turn 0 only compiles the kernels; its time and errors are not stored.
+        ``number`` is the number of the round. Round 0 only compiles the kernels; its time and errors are not stored.
         """
-        image, self.counts, seconds, cpu = self.method.render(turn)
+        image, self.counts, seconds, cpu = self.method.render(number)
         self.image = image * self.scale
-        if turn > 0:
+        if number > 0:
             errors = {name: measure(self.image, self.reference) for name, measure in measures.ALL.items()}
             for name, value in {"seconds": seconds, "cpu": cpu, **errors}.items():
                 self.values.setdefault(name, []).append(value)
@@ -63,10 +63,10 @@ def interleaved(runs: Sequence[Runs], rounds: int) -> Iterator[float]:
 
     The runs are measured in turn, so that other load of the machine affects all runs equally.
     """
-    for turn in range(rounds + 1):
+    for number in range(rounds + 1):
         for k, run in enumerate(runs):
-            run.measure(turn)
-            yield (turn * len(runs) + k + 1) / ((rounds + 1) * len(runs))
+            run.measure(number)
+            yield (number * len(runs) + k + 1) / ((rounds + 1) * len(runs))
 
 
 class Reference:

@@ -29,7 +29,7 @@ SSIM_WINDOW = 7
 @click.argument("b", default="path:multijitter")
 @job_options("noise", "denoise", "output", "exposure", "definitions", "resolution", "allow_outside")
 @job_options("variant", "samples", "light_units", "tolerance")
-@option("Comparison", "--rounds", type=Integer(min=1), default=5, help="Measured runs of each method, for medians.")
+@option("Comparison", "--rounds", type=Integer(min=1), default=5, help="Number of measured runs of each method.")
 @option("Comparison", "--sqrt-spp", type=ROOTS, default="2,3,4,6,9", help="Square roots of the samples per pixel.")
 @option("Comparison", "--reference-seconds", type=Number(0), default=60, help="Minimum time for each reference, in s.")
 def compare(job: Job, a: str, b: str, rounds: int, sqrt_spp: tuple[int, ...], reference_seconds: float) -> None:
@@ -57,7 +57,7 @@ def compare(job: Job, a: str, b: str, rounds: int, sqrt_spp: tuple[int, ...], re
                 if not any(spec.is_adaptive for spec in specs):
                     raise ValueError(f"--noise needs the integrator prosim, but neither {a} nor {b} is prosim")
                 specs = specs[0].until(job.noise), specs[1].until(job.noise)
-            mi.set_log_level(mi.LogLevel.Error)  # hides warnings about rounded sample counts, which are measured
+            mi.set_log_level(mi.LogLevel.Error)  # hides warnings about rounded sample counts
             compared_scene = methods.ComparedScene(replace(job, noise=None).read_scene(resources.folder))
             if job.denoise:
                 check_denoising(compared_scene.sensor().film())

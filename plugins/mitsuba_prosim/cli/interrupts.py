@@ -28,8 +28,8 @@ def interruptible(stop: Callable[[], None], received_signals: list[int] | None =
     reader, writer = socket.socketpair()  # on Windows, a process cannot wait for a pipe with a timeout
     writer.setblocking(False)
 
-    # A thread watches for signals: Python calls handlers only in the main thread, which Mitsuba's own integrators
-    # block.
+    # A thread watches for signals, because Python calls handlers only in the main thread, and Mitsuba's own integrators
+    # block the main thread.
     def watch() -> None:
         """Waits for the numbers of signals on the socket, and calls ``stop`` or ends the process."""
         while True:

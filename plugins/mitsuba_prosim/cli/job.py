@@ -61,7 +61,7 @@ class Job:
     denoise: bool = _quality(None, "Denoise the image where two halves of its samples agree.")
 
     output: str | None = _output(
-        click.Path(), "Output file or folder; all formats are written.", "-o", show_default="the input's folder"
+        click.Path(), "Name or folder of the output files.", "-o", show_default="the input's folder"
     )
     layers: str | None = _output(
         click.Choice(KINDS[1:]), "Also write layers to the EXR; their sum is the image. See prosim mix."
@@ -77,7 +77,7 @@ class Job:
     definitions: Mapping[str, str] = _scene(
         types.DEFINITION, "Replace $key in the scene; may be repeated.", "-D", "--define", multiple=True
     )
-    sensor: int = _scene(Integer(min=0), "Number of the scene's sensor.", "-s", default=0)
+    sensor: int = _scene(Integer(min=0), "Number of the scene's sensor, from 0.", "-s", default=0)
     resolution: tuple[int, int] | None = _scene(types.RESOLUTION, "Size of the image in pixels, such as 640x480.")
     crop: tuple[int, int, int, int] | None = _scene(types.CROP, "Render only this window of the image, in pixels.")
     paths: bool = _scene(None, "Path tracing: follow diffuse reflections; omit the ambient term.")

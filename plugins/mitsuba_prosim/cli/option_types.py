@@ -49,7 +49,7 @@ def require_extra(extra: str, what: str) -> None:
 class PatternType(click.ParamType):
     """The type of an option whose value is a text that matches a ``pattern``.
 
-    ``make`` converts the groups of the pattern to the value; the user sees the message of a ValueError that it raises.
+    ``make`` converts the groups of the pattern to the value; the user sees the message of a ValueError of ``make``.
     """
 
     def __init__(self, name: str, example: str, pattern: str, make: Callable[..., Any]) -> None:

@@ -7,8 +7,8 @@ from typing import Any
 
 from tqdm import tqdm
 
-#: Without a terminal: the shortest and the longest time in seconds between two lines, and this time as a fraction of
-#: the elapsed time.
+#: Without a terminal, the time between two lines is ``SHARE`` of the elapsed time, but at least ``SHORTEST`` seconds
+#: and at most ``LONGEST`` seconds.
 SHORTEST, LONGEST, SHARE = 10.0, 300.0, 0.25
 
 

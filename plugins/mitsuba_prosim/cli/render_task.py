@@ -189,7 +189,7 @@ def render_image(task: RenderTask, bar: Progress, resources: Resources) -> Outco
     with TevClient(task.job, task.sensor.film()) as viewer, interruptible(task.integrator.cancel, resources.signals):
         render, seconds = run_steps(task, bar, resources, [*consumers, snapshots, viewer.update])
         snapshots(render)
-        viewer.show()  # before denoising, which changes the film
+        viewer.show()  # before denoising, which takes time
         reached, interruption = render.reached, resources.interruption
         if interruption and not task.facts and reached is not None and reached.samples == 0:
             words = f"{interruption} before the first sample; nothing was written."

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..engine.render import Reached
     from .job import Job
 
-#: Noise measure, which is a parameter of an integrator and a measured value of a render -> its name in the report.
+#: Noise measure (a parameter of an integrator, and a measured value of a render) -> its name in the report.
 NOISES = {"noise": "noise", "noise_99": "noise of 99 % of the pixels", "noise_999": "noise of 99.9 %"}
 
 
@@ -57,7 +57,7 @@ def summary(
     if ended is None:
         return None
     parts = []
-    # After an interruption or a time limit, the noise was measured at an earlier image, so it is now lower.
+    # After an interruption or a time limit, the noise was measured at an earlier image; the noise is now lower.
     below = "" if ended in ("noise", "samples") else "below "
     for name in noise_goals(integrator):
         measured = getattr(reached, name)

@@ -18,7 +18,7 @@ LIGHT = {"paths": "all paths", "direct": "direct light", "scene": "the scene's l
 #: Parameters that switch off the error target and the time limit, so that the sample counts end a render.
 UNTARGETED: dict[str, Any] = {"noise": 0.0, "time": 0.0}
 
-#: Kind of a map, which is the end of its name -> its colour map. All maps of one kind have the same scale.
+#: Kind of a map (the last part of its name) -> its colour map. All maps of one kind have the same scale.
 COLOUR_MAPS = {"error": "magma", "flip": "magma", "counts": "viridis"}
 
 

@@ -106,7 +106,7 @@ class ComparedScene:
         self.file, self.scene = file, file.load()
         self._sensors: dict[str | None, mi.Sensor] = {None: scene_file.pick_sensor(self.scene, 0)}
         textures = {name: getattr(self.scene.integrator(), name, None) for name in ("ambient", "background")}
-        #: The ambient term and the background of the scene's ``prosim`` integrator, as far as it has them.
+        #: The ambient term and the background of the scene's ``prosim`` integrator, without missing ones.
         self.textures = {name: texture for name, texture in textures.items() if texture is not None}
         props = next(n.props for n in file.state.nodes if n.type == mi.ObjectType.Integrator)
         #: The plugin of the scene's integrator, and its parameters that are numbers, booleans or strings.
@@ -131,8 +131,8 @@ class ComparedScene:
 
         ``transport`` selects the light paths: "scene" (as the scene file says), "paths" (all) or "direct" (direct light
         only). ``overrides`` are further parameters of the integrator; the parameters of the specification
-        replace them. The item ``spp`` of ``overrides`` is the number of samples per pixel. Without it, an adaptive
-        integrator decides, and the sampler has the number for the others.
+        replace them. The item ``spp`` of ``overrides`` is the number of samples per pixel. Without ``spp``, an
+        adaptive integrator decides the number itself, and the sampler sets the number for other integrators.
         """
         spp, settings = overrides.pop("spp", 0), dict[str, Any](type=spec.integrator)
         if spec.integrator == self.integrator:

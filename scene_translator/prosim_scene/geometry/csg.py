@@ -168,8 +168,9 @@ class _Chain:
             for i in range(1, len(adds)):
                 earlier = touching(boxes[:i], boxes[i])
                 step[i] = (step[earlier] + (adds[earlier] & ~adds[i])).max(initial=0)
-            operands = [operands[i] for i in np.argsort(2 * step + adds, kind="stable")]
-        result = apply(operands)
+            result = apply([operands[i] for i in np.argsort(2 * step + adds, kind="stable")])
+        else:
+            result = union(body for _, body in operands)
         assert result
         return result
 
@@ -182,15 +183,10 @@ def apply(operands: list[Operand]) -> Body | None:
     """
     subtracted = [body for sign, body in operands if sign == "-"]
     boxes = np.array([body.box for body in subtracted]).reshape(-1, 2, 3)
-    cuts: list[tuple[Body, list[Body]]] = []
-    passed = count = 0  # the numbers of subtracted bodies before this operand, and of all cuts
-    for sign, body in operands:
-        passed += sign == "-"
-        if sign == "+" and count <= len(operands):
-            cuts.append((body, [subtracted[passed + k] for k in touching(boxes[passed:], body.box)]))
-            count += len(cuts[-1][1])
-    if count <= len(operands) and _mergeable(operands, True):
-        return union(difference(body, cutters) for body, cutters in cuts)
+    passed = np.cumsum([sign == "-" for sign, _ in operands])  # the number of subtracted bodies before each added body
+    cuts = [(body, n + touching(boxes[n:], body.box)) for (sign, body), n in zip(operands, passed) if sign == "+"]
+    if sum(len(cutters) for _, cutters in cuts) <= len(operands) and _mergeable(operands, True):
+        return union(difference(body, [subtracted[i] for i in cutters]) for body, cutters in cuts)
     changes = [i for i in range(2, len(operands)) if operands[i - 1][0] == "+" and operands[i][0] == "-"]
     middle = changes[len(changes) // 2]
     rest, later = apply(operands[:middle]), operands[middle:]

@@ -69,6 +69,4 @@ def components(
             np.minimum.at(label, np.maximum(a, b), np.minimum(a, b))
             while (label[label] != label).any():
                 label = label[label]
-        if not label.any():
-            break  # all boxes are connected
     return label

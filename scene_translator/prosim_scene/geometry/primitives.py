@@ -136,11 +136,6 @@ def box_corners(box: np.ndarray) -> np.ndarray:
     return np.array([[box[i][0], box[j][1], box[k][2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)
 
 
-def longest_axis(linear: np.ndarray) -> np.ndarray:
-    """Returns the longest semi-axis of the image of the unit ball under linear maps (..., m, n)."""
-    return np.asarray(np.linalg.svd(linear, compute_uv=False)[..., 0])
-
-
 def distance_to_segments(a: np.ndarray, b: np.ndarray, point: np.ndarray) -> float:
     """Returns the distance from a point to the nearest of the line segments from a (n, 3) to b (n, 3)."""
     along, length = b - a, np.maximum(np.sum((b - a) ** 2, axis=1), 1e-300)
@@ -229,10 +224,8 @@ class Sphere(Primitive):
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
         """Returns a subdivided octahedron, whose vertices are mapped by ``facet_map``."""
         vertices, triangles = _subdivided_octahedron(segments)
-        placed = vertices @ facet_map[:3, :3].T
-        if facet_map[3, :3].any():  # a projective map
-            placed = (placed + facet_map[:3, 3]) / (vertices @ facet_map[3, :3] + facet_map[3, 3])[:, None]
-        return Mesh(placed, triangles, np.arange(len(triangles)), np.zeros(len(triangles), int))
+        mapped = np.append(vertices, np.ones((len(vertices), 1)), axis=1) @ facet_map.T  # homogeneous coordinates
+        return Mesh(mapped[:, :3] / mapped[:, 3:], triangles, np.arange(len(triangles)), np.zeros(len(triangles), int))
 
     def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns the size of the curved face, which MAX_ASPECT limits, and the centre and the radius of a bounding
@@ -259,7 +252,7 @@ class _OfRevolution(Primitive):
 
     def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns the size of the curved face, and the centre and the radius of a bounding ball."""
-        size = longest_axis(linear[..., :2])
+        size = np.linalg.norm(linear[..., :2], 2, axis=(-2, -1))  # the longest semi-axis of the discs
         center = linear[..., 2] / 2
         return size, center, np.linalg.norm(center, axis=-1) + size
 

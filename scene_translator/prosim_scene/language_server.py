@@ -101,7 +101,7 @@ class SceneServer(LanguageServer):
             self.publish(document, problems)
 
     def publish(self, document: OpenDocument, problems: list[Problem]) -> None:
-        """Sends the diagnostics of a document to the editor."""
+        """Sends the errors and warnings about a document to the editor."""
         diagnostics = [document.diagnostic(problem) for problem in problems]
         self.text_document_publish_diagnostics(
             lsp.PublishDiagnosticsParams(document.uri, diagnostics, document.version)

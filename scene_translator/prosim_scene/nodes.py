@@ -52,7 +52,7 @@ class Point(list[float]):
 
 
 def rgb(color: Iterable[float]) -> Node:
-    """Returns the dictionary of a colour."""
+    """Returns the dictionary of a colour, which has the channels r, g and b."""
     return {"type": "rgb", "value": [float(c) for c in color]}
 
 

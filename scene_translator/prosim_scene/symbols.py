@@ -144,7 +144,7 @@ class Symbols:
     def completions(self, offset: int) -> list[Completion]:
         """Lists the words that fit at an offset, and that can replace the partial word before this offset."""
         line = self.text[self.text.rfind("\n", 0, offset) + 1 : offset]
-        if braces := BRACES.search(line):
+        if braces := BRACES.search(line):  # arithmetic
             start = offset - len(braces[1])
             functions = [Completion(name, "Function", start, rank=2) for name in (*FUNCTIONS, *CONSTANTS)]
             return [*self._name_completions(start), *functions]
@@ -153,12 +153,12 @@ class Symbols:
         last, expected = reader.last, reader.expected
         unclosed = any(one.code == "unclosed" for one in reader.errors[-1:]) and "RPAR" not in expected
         comment = reader.tokens and reader.tokens[-1].text.startswith("#") and reader.tokens[-1].end == start
-        if unclosed or comment or last.role == "END":
+        if unclosed or comment or last.role == "END":  # no word fits inside a comment or a quote, or after END
             return []
         if last.role in INDEXED:
             return [*self._index_completions(last.role, start), *self._name_completions(start)]
         numbers = find_word(last.role, last.text).numbers if last.role in ROLES else NO_NUMBERS
-        if numbers.count and not numbers.flags:
+        if numbers.count and not numbers.flags:  # only numbers, or names of numbers, fit
             return self._name_completions(start)
         fitting = [role for role in words.ORDER if role in expected and role in ROLES]
         result = [one for role in fitting for one in _keyword_completions(role, start)]

@@ -87,7 +87,10 @@ def translate(
     meshes: dict[str, bytes] = {}
 
     def image_path(path: Path) -> str:
-        """Returns the path of an image for the XML file, relative to its folder if possible."""
+        """Returns the path of an image for the XML file, relative to the folder of the XML file if possible.
+
+        Raises ValueError for a path that is not valid in XML.
+        """
         try:
             relative = Path(os.path.relpath(path, folder.resolve())).as_posix()
         except ValueError:  # on another drive of Windows

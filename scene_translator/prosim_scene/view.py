@@ -48,7 +48,10 @@ class Camera:
         return abs(w / h - 1) * max(self.resolution) < 1e-4
 
     def footprint(self, distance: np.ndarray | float) -> np.ndarray:
-        """Returns the length that the smaller side of a pixel covers at a distance from the eye."""
+        """Returns the length that the smaller side of a pixel covers at a distance from the eye.
+
+        The distance counts as at least ``depth`` / 1000, so the result is never 0.
+        """
         return np.asarray(min(self.pixel) * np.maximum(distance, 1e-3 * self.depth) / self.depth)
 
     def may_see(self, corners: np.ndarray) -> np.ndarray:
@@ -109,7 +112,7 @@ def camera_of(document: Document, resolution: tuple[int, int] | None = None) -> 
     if abs(depth) <= PARALLEL * max(np.linalg.norm(eye - vrp), np.linalg.norm(eye), np.linalg.norm(vrp)):
         reason = "OBS lies on the view plane (through VRP, normal VPN); expected an eye off that plane"
         raise document.error(reason, "view", "eye")
-    if depth < 0:
+    if depth < 0:  # VPN points away from the eye
         n, depth = -n, -depth
     u = np.cross(up, n)
     if np.linalg.norm(u) < PARALLEL:

@@ -22,7 +22,7 @@ from .text_files import PART, refuse_special, replace
 def ply_bytes(triangles: Triangles, with_uv: bool) -> bytes | None:
     """Returns the content of a binary PLY file, or None if no triangle has an area in single precision.
 
-    Triangles without area are left out.
+    Triangles without area are left out. ``with_uv`` is True for a file with texture coordinates.
     """
     vertices, index = triangles.vertices.astype("<f4"), triangles.index
     a, b, c = (vertices[index[:, i]] for i in range(3))
@@ -58,10 +58,8 @@ class TranslationCache:
         self.surface: SurfaceMesh | None = None
         self.evaluations = 0
 
-    def faces(self, key: Hashable, evaluate: Callable[[], SurfaceMesh]) -> SurfaceMesh:
-        """Returns the cached surface if its key equals ``key``, or else the result of ``evaluate``, which is then
-        cached.
-        """
+    def surface_for(self, key: Hashable, evaluate: Callable[[], SurfaceMesh]) -> SurfaceMesh:
+        """Returns the cached surface if its key equals ``key``; otherwise caches and returns ``evaluate()``."""
         if self.surface is None or key != self.key:
             self.surface = None  # frees memory before the evaluation
             self.key, self.surface = key, evaluate()

@@ -54,22 +54,24 @@ def parse(text: str, filename: AnyPath = "<string>", define: Mapping[str, object
 def analyse(
     text: str, filename: AnyPath = "<string>", define: Mapping[str, object] | None = None
 ) -> tuple[Reader, list[Problem], Document | None]:
-    """Reads a text; returns its reader, its errors and warnings in the order of the text, and the document.
+    """Reads a text and checks the scene; returns ``(reader, problems, document)``.
 
-    The document is None if the text has an error. Raises SceneError for a text that is too large.
+    ``problems`` are the errors and warnings in the order of the text. The document is None if there is an error. Raises
+    SceneError for a text that is too large.
     """
     if len(text) > SIZE_LIMIT:
         raise too_large(filename)
     with garbage_collection_paused():
         reader = Reader(text, str(filename), define)
         errors = reader.definitions.undefined.values()
+        # A skipped statement may be the DEFAULT of a name that stands below it.
         undefined = [error for error in errors if error.span and error.span.start < reader.skipped]
         problems: list[Problem] = [*reader.errors, *undefined, *reader.warnings]
         document = _document(reader)
         if not undefined and all(error.code == "no-end" for error in reader.errors):
             # Without END, statements may be missing, so warnings about the whole scene are left out.
             problems += [one for one in _scene_problems(document) if not reader.errors or isinstance(one, SceneError)]
-        elif not undefined and reader.skipped == math.inf:
+        elif not undefined and reader.skipped == math.inf:  # other checks would report consequences of the errors
             problems += _indices_problems(document)
         problems.sort(key=lambda problem: problem.span or Span(0, 0))
         if any(isinstance(problem, SceneError) for problem in problems):
@@ -84,25 +86,31 @@ def too_large(path: AnyPath) -> SceneError:
 
 
 def _document(reader: Reader) -> Document:
-    """Makes the document of a text. If the text has errors, values in the document are missing or None."""
+    """Makes the document of the text that ``reader`` has read.
+
+    If the text has errors, values in the document are missing or None.
+    """
     fields: dict[str, Any] = {"name": PurePath(reader.source.filename).stem or "scene"} | reader.fields
     del fields["solids"]
     return Document(reader.source, reader.spans, Scene(**fields), frozenset(reader.definitions.uses))
 
 
 def _with_separate_indices(document: Document) -> Document:
-    """Gives each use of a part of a named solid its own index, SURFACE and TRANSFORM; returns the changed document."""
+    """Returns a copy of a document in which no primitive is inside a named solid.
+
+    Each primitive of each use of a named solid has a new index, with a SURFACE and a TRANSFORM of its own.
+    """
     scene, spans = document.scene, dict(document.spans)
     surfaces, transforms, csg = scene.surfaces, scene.transforms, list(scene.csg)
     new_index: dict[tuple[int, ...], int] = {}
     free = count(max((*_used_indices(scene), *surfaces, *transforms), default=0) + 1)
     for number, leaf in scene.leaves:
-        indices = leaf.index, *leaf.within
+        indices = leaf.index, *leaf.within  # of the primitive, and of the named solids around it
         if not leaf.within:
             continue
         if indices not in new_index:
             new_index[indices] = index = next(free)
-            surface_index = next(i for i in indices if i in surfaces)
+            surface_index = next(i for i in indices if i in surfaces)  # the innermost SURFACE has an effect
             surfaces[index] = surfaces[surface_index]
             transforms[index] = Transform(tuple(step for i in indices for step in transforms[i].steps))
             spans["surfaces", index] = spans["surfaces", surface_index]
@@ -137,7 +145,7 @@ def _settings_problems(document: Document) -> Iterator[SceneError]:
 
 
 def _lights_problems(document: Document) -> Iterator[Problem]:
-    """Yields errors about lights without a position, and warnings about nearly dark lights."""
+    """Yields errors about lights without a position, and warnings about a nearly dark light, AMBIENT or BACKGROUND."""
     scene = document.scene
     intensities: list[tuple[Vector, Path]] = [(scene.ambient, ("ambient",))]
     intensities += [(scene.background.color, ("background",))] * (scene.background.image is None)
@@ -188,6 +196,7 @@ def _kinds_problems(document: Document) -> Iterator[Problem]:
             yield document.error(reason + nearest(key, BUILT_IN), "patterns", key, code="incomplete")
     for path in document.spans:
         field = str(path[0])
+        # The path of a parameter has three parts: a field of the model, the key of a value there, the parameter.
         kinds = LIMITED.get((field, str(path[2]))) if len(path) == 3 else None
         if kinds is None:
             continue
@@ -201,7 +210,7 @@ def _kinds_problems(document: Document) -> Iterator[Problem]:
 
 def _indices_problems(document: Document) -> Iterator[SceneError]:
     """Yields an error for each index of a primitive that has no SURFACE or no TRANSFORM."""
-    statements = [path for path in document.spans if len(path) == 2]
+    statements = [path for path in document.spans if len(path) == 2]  # also of statements with an error
     surfaces, transforms = ({key for field, key in statements if field == name} for name in ("surfaces", "transforms"))
     reported = set()
     for number, leaf in document.scene.leaves:
@@ -235,7 +244,7 @@ def _textures_problems(document: Document) -> Iterator[SceneError]:
 
 
 def _unused_warnings(document: Document) -> Iterator[SceneWarning]:
-    """Yields warnings about values that the scene does not use, and about missing statements."""
+    """Yields warnings about statements that have no effect, and about a missing CSG-TREE or LIGHTS."""
     scene, used = document.scene, _used_indices(document.scene)
     for field in "surfaces", "transforms":
         for index in getattr(scene, field):

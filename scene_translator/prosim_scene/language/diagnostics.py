@@ -113,7 +113,10 @@ class Source:
         return self._diagnostic(SceneWarning, span, reason, code)
 
     def _diagnostic(self, kind: type[Kind], span: Span, reason: str, code: str) -> Kind:
-        """Returns an error or a warning; its reason ends with the values of the ``$names`` in the span."""
+        """Returns an error or a warning, which is the class ``kind``, about the text at ``span``.
+
+        The reason in its message ends with the values of the ``$names`` in the span.
+        """
         used = dict.fromkeys(USE.findall(self.text[span.start : min(span.end, span.start + MAX_QUOTE)]))
         unexplained = [name for name in used if name in self.names and f"${name}" not in reason]
         values = [f"${name} stands for {self.names[name]}" for name in unexplained]

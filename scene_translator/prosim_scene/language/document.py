@@ -79,5 +79,5 @@ def subtree_ends(csg: Sequence[Operator | Leaf]) -> list[int]:
     ends = list(range(1, 2 * len(csg) + 2))
     for i in reversed(range(len(csg))):
         if isinstance(csg[i], Operator):
-            ends[i] = ends[ends[i + 1]]
+            ends[i] = ends[ends[i + 1]]  # the second operand begins where the first operand ends
     return ends[: len(csg)]

@@ -83,7 +83,7 @@ class Definitions:
 
     def value_text(self, name: str, span: Span) -> str | None:
         """Returns the value of a name as text; for a name without a value returns None and adds an error to
-        ``undefined``.
+        ``undefined``. ``span`` is the position of the name in the text.
         """
         self.uses.add(name)
         if name in self.values:
@@ -212,6 +212,7 @@ def _operation(name: str) -> Callable[..., float]:
 
 def _syntax_error(source: Source, braces: Span, error: UnexpectedInput) -> SceneError:
     """Returns the error about an arithmetic expression whose syntax is wrong."""
+    # The errors of lark about a token and about a character have different attributes.
     expected = set(getattr(error, "accepts", None) or getattr(error, "allowed", None) or ())
     operators = "an operator (+ - * / ^)" + " or ')'" * ("RPAR" in expected)
     expected_text = "a number, a $name, a function or '('" if "NUMBER" in expected else operators

@@ -72,12 +72,14 @@ class _Layout:
         self.missing_operands: list[int] = []  # how many operands each enclosing run of operators still lacks
 
     def add_line(self, depth: int, word: str, comment_depth: int, mark: str = "") -> int:
-        """Adds a line; returns its number, or the number of the first comment that stands directly above the line.
+        """Adds a line that begins with ``word``; returns its number, or the number of the first comment line directly
+        above it.
 
-        The comments directly above the line get the indentation ``comment_depth``.
+        ``depth`` is the indentation of the line. The comment lines directly above get the indentation
+        ``comment_depth``. ``mark`` is the mark between the word and its values: "=", "(" or none.
         """
         at = len(self.lines)
-        while at and not self.lines[at - 1].words:
+        while at and not self.lines[at - 1].words:  # a line without words is a comment
             at -= 1
             self.lines[at].depth = comment_depth
         self.line = _Line(depth, [word], mark)
@@ -85,7 +87,7 @@ class _Layout:
         return at
 
     def add_comment(self, token: Token, same_line: bool) -> None:
-        """Adds a comment after the words of the last line, or on a separate line."""
+        """Adds a comment to the last line if ``same_line`` is True, or else on a separate line."""
         if not (self.lines and same_line):
             self.lines.append(_Line(self.heading in HEADINGS))
         self.lines[-1].comments.append("\n".join(line.rstrip() for line in token.text.split("\n")))

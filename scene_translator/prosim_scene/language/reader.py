@@ -130,8 +130,10 @@ class Reader(Scanner):
                 self.warnings.append(self.source.warning(Span(start, end), reason, "after-end"))
 
     def store_value(self, value: Any) -> None:
-        """Stores the value of a statement; a second statement of the same kind, or one with a wrong index, is
-        ignored.
+        """Stores the value of a statement in ``fields``.
+
+        The value of a second equal statement, or of a statement with a wrong index, is not stored: its path begins with
+        "duplicate" or "unknown", which are no fields.
         """
         field, *key = self.path
         if key:
@@ -153,8 +155,8 @@ class Reader(Scanner):
 
     # ---- Tokens
 
-    def expected_token(self, token: Token) -> Token:
-        """Returns the token of the name of a solid, with the role USE.
+    def with_expected_role(self, token: Token) -> Token:
+        """Returns a copy of the token, which is the name of a solid, with the role USE.
 
         Raises SceneError if the token is not the name of a solid, or if the grammar expects no name of a solid here.
         """
@@ -169,8 +171,9 @@ class Reader(Scanner):
             self.errors.append(self.source.error(span, reason, code))
 
     def begin_value(self, *path: str | int, at: Token | None = None) -> None:
-        """Sets the path and the span of the statement's value, and reports a second statement for the same value.
+        """Sets the path and the span of the statement's value; reports a second statement for the same value.
 
+        A second statement gets a path of its own, so its parts are not compared with the parts of the first statement.
         The span is the span of the token ``at``, or else the span of the statement's keyword.
         """
         token, self.path = at or self.keyword, path
@@ -331,12 +334,12 @@ class Reader(Scanner):
         return model.View(**self.read_parameters(VIEW))
 
     def read_index(self, field: str, follow: frozenset[str]) -> None:
-        """Reads the index after SURFACE or TRANSFORM, and starts an entry with this index in the ``field`` of the
-        model.
+        """Reads the index after SURFACE or TRANSFORM; the statement then sets the value with this index in ``field``,
+        a field of the model. ``follow`` are the grammar roles that the token after the index may have.
         """
         index = self.read_numbers(self.keyword, follow)
         if index is None and not self.definitions.undefined:
-            self.skipped = min(self.skipped, self.keyword.start)
+            self.skipped = min(self.skipped, self.keyword.start)  # any index may be the index of this statement
         self.begin_value(*(("unknown", self.keyword.start) if index is None else (field, index)))
 
     def read_surface(self) -> model.Surface:
@@ -458,9 +461,10 @@ class Reader(Scanner):
         self.add_error(spans[number], reason, code)
 
     def read_use(self, number: int) -> Tree:
-        """Reads the name of a solid and an index; returns the nodes of this solid for the CSG tree that uses it.
+        """Reads the name of a solid and an index; returns the nodes of this solid, for the CSG tree that uses it.
 
-        ``number`` is the position of the first returned node in the CSG tree.
+        ``number`` is the position of the first returned node in that CSG tree. Raises SceneError if the uses of named
+        solids have more than :data:`MAX_PRIMITIVES` primitives.
         """
         keyword, solid = self.token, self.fields["solids"][normalise(self.token.text)]
         index = self.read_numbers(keyword, TREE)

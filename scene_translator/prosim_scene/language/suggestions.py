@@ -43,8 +43,10 @@ def nearest(word: str, words: Iterable[str]) -> str:
 
 
 def suggestion_for(word: str, roles: Collection[str]) -> str:
-    """Returns a suggestion for an unknown word where a word of one of ``roles`` is expected: a hint, or the nearest
-    word.
+    """Returns a suggestion for an unknown word where a word of one of ``roles`` is expected, or an empty string.
+
+    The name of a metal or a glass is suggested together with its material. For other words the suggestion is a hint for
+    users of other languages, or the nearest known word.
     """
     fitting = [*spellings_of(*roles), *(ALIASES if "TEXTURE_NAME" in roles else [])]
     for material, (_, names) in NAMED.items():
@@ -58,6 +60,7 @@ def unknown_name(role: str, word: str) -> str:
     ``role``.
     """
     what, names = NAMED[role]
+    # The message lists one name of each metal or glass: the first one.
     first_names = {table.split("_")[0]: name for name, table in reversed(names.items())}
     allowed = [name for name in names if name in first_names.values()]
     near = nearest(word, [*names, *spellings_of("OPTIC")])

@@ -100,13 +100,13 @@ class Scanner(ABC):
             break
         else:
             token = Token("", "", len(text), len(text))
-        self.token = token if token.role in expected else self.expected_token(token)
+        self.token = token if token.role in expected else self.with_expected_role(token)
         return self.token
 
     @abstractmethod
-    def expected_token(self, token: Token) -> Token:
-        """Returns the token with a role that the grammar expects here; raises SceneError if no expected role fits the
-        token.
+    def with_expected_role(self, token: Token) -> Token:
+        """Returns a copy of the token with a role that the grammar expects here; raises SceneError if no expected role
+        fits the token.
         """
 
     @cached_property
@@ -122,7 +122,11 @@ class Scanner(ABC):
         return closings
 
     def read_comment(self, kind: str, start: int) -> None:
-        """Reads the comment that begins at ``start``; a comment in parentheses may contain parentheses."""
+        """Reads the comment that begins at ``start``.
+
+        ``kind`` is "comment" for a comment that begins with ``#``, and "mark" for a comment in parentheses, which may
+        contain parentheses.
+        """
         if kind == "mark":
             if start not in self.closings:
                 reason = "this comment is not closed; expected ')'"
@@ -163,7 +167,7 @@ class Scanner(ABC):
         if text is None:
             role = next((role for role in PLACEHOLDERS if role in expected), "WORD")
             return Token(role, canonical_spelling(role) if role in ROLES else "1" if role == "NUMBER" else name, *span)
-        piece = PIECE.fullmatch(text)
+        piece = PIECE.fullmatch(text)  # a value that is not a single word or number is read as a string
         if piece is None or piece.lastgroup not in ("word", "number") or piece.start(piece.lastgroup) > 0:
             return Token("STRING", text, *span)
         role = "NUMBER" if piece.lastgroup == "number" else role_of(text, expected, self.keyword.role)
@@ -179,7 +183,8 @@ def role_of(text: str, expected: frozenset[str], statement: str) -> str:
     """Returns the grammar role of a word: the role of an expected keyword, else of a name, else of an unexpected
     keyword.
 
-    A word that may continue the current ``statement`` or begin the next statement continues the current statement.
+    ``expected`` are the roles that the grammar allows here. A word that may continue the current ``statement`` or begin
+    the next statement continues the current statement.
     """
     spelling = normalise(text)
     roles = [word.role for word in WORDS_BY_SPELLING.get(spelling, ())]

@@ -70,7 +70,7 @@ def assemble(
         lambda leaf: medium_key(scene, leaf),
         lambda leaf: appearance_key(scene, leaf),
         lambda leaf: has_fresnel_reflection(scene, leaf),
-        (cache or TranslationCache()).faces,
+        (cache or TranslationCache()).surface_for,
         {name: context.read_mesh(name, *place) for name, place in meshes(document).items()},
     )
 
@@ -91,39 +91,38 @@ def _shapes(
 ) -> Node:
     """Returns the shapes of a scene, in the order of the CSG tree.
 
-    There is one shape for each :class:`MeshKey`. A mesh that is too small for single precision causes a warning
-    instead.
+    There is one shape for each :class:`MeshKey` in ``triangles``. ``store(name, content)`` stores the PLY file of a
+    mesh, and returns its file name. A mesh that is too small for single precision is left out, with a warning.
     """
     document, scene = context.document, context.scene
-    faces, faces_of = list(triangles.items()), group_equal(key.material for key in triangles)
     groups = group_equal(appearance_key(scene, leaf) for _, leaf in scene.leaves)
     first_leaves = [scene.leaves[positions[0]][1] for positions in groups.values()]
+    # Medium -> the index of the first SURFACE in the CSG tree that has this medium.
     surface_of_medium: dict[Hashable, int] = {medium_key(scene, leaf): leaf.index for leaf in reversed(first_leaves)}
     result: Node = {}
-    for appearance, positions in groups.items():
-        leaves = [scene.leaves[i] for i in positions]
+    for key, mesh in sorted(triangles.items(), key=lambda item: groups[item[0].material][0]):
+        leaves = [scene.leaves[i] for i in groups[key.material][:4]]
         number, leaf = leaves[0]
         path = "surfaces", leaf.index
         with_uv = materials.effective_textures(leaf, scene.surfaces[leaf.index])[0] is not None
         leaf_names = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + ", ..." * (len(leaves) > 3)
-        for key, mesh in (faces[i] for i in faces_of.get(appearance, [])):
-            name = f"surface_{leaf.index}"
-            while name in result:
-                name += "_"
-            ply = ply_bytes(mesh, with_uv)
-            if ply is None:
-                reason = "it is too small for Mitsuba's single precision; enlarge it"
-                document.warn(f"nothing is visible of {leaf_names}: {reason}", "transforms", leaf.index)
-                continue
-            sides = MediumInterface(
-                leaf.index if key.inside == medium_key(scene, leaf) else surface_of_medium[key.inside],
-                None if key.outside is None else surface_of_medium[key.outside],
-            )
-            towards = "" if sides.outside is None else f" towards SURFACE {sides.outside}"
-            text = f"SURFACE {leaf.index} of {leaf_names}{towards}"
-            result[name + "_comment"] = _comment_with_line(document, text, *path)
-            optics = check_single_precision(document, target.surface(context, number, leaf, sides), *path)
-            result[name] = {"type": "ply", "filename": store(name, ply), **optics}
+        name = f"surface_{leaf.index}"
+        while name in result:
+            name += "_"
+        ply = ply_bytes(mesh, with_uv)
+        if ply is None:
+            reason = "it is too small for Mitsuba's single precision; enlarge it"
+            document.warn(f"nothing is visible of {leaf_names}: {reason}", "transforms", leaf.index)
+            continue
+        sides = MediumInterface(
+            leaf.index if key.inside == medium_key(scene, leaf) else surface_of_medium[key.inside],
+            None if key.outside is None else surface_of_medium[key.outside],
+        )
+        towards = "" if sides.outside is None else f" towards SURFACE {sides.outside}"
+        text = f"SURFACE {leaf.index} of {leaf_names}{towards}"
+        result[name + "_comment"] = _comment_with_line(document, text, *path)
+        optics = check_single_precision(document, target.surface(context, number, leaf, sides), *path)
+        result[name] = {"type": "ply", "filename": store(name, ply), **optics}
     return result
 
 

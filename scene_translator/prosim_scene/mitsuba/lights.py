@@ -28,8 +28,9 @@ def from_full_scale(color: Vector) -> tuple[float, ...]:
 
 
 def radiance_or_intensity(context: Context, number: int, light: Light, units: str) -> tuple[float, ...]:
-    """Returns the radiance of an area light, or the intensity of a point light, if its Intensity has the unit
-    ``units``.
+    """Returns the radiance of an area light, or the intensity of a point light, as (r, g, b).
+
+    ``units`` defines the meaning of the light's Intensity; the module's docstring describes the possible values.
     """
     factor = 1.0
     if units == "calibrated":

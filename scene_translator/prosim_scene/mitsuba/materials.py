@@ -46,14 +46,14 @@ def reflectances(surface: Surface) -> tuple[Vector, Vector, Vector]:
 
 
 def effective_textures(leaf: Leaf, surface: Surface) -> tuple[Texture | None, Texture | None]:
-    """Returns the two textures of a primitive, or None instead of textures that its material ignores."""
+    """Returns the two textures of a primitive; both are None if its material ignores textures."""
     return leaf.textures if surface.material not in ("conductor", "dielectric") else (None, None)
 
 
 def mean_index(context: Context, index: int | None) -> float:
-    """Returns the index of refraction of SURFACE ``index``, or of the air for None: the mean of the channels.
+    """Returns the index of refraction of the medium inside SURFACE ``index``, or of the air if ``index`` is None.
 
-    Warns if the channels differ.
+    The result is the mean of the channels r, g and b; different channels cause a warning.
     """
     if index is None:
         return context.scene.air_index
@@ -106,15 +106,17 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> N
         node = {"type": "prosim_phong", "diffuse_reflectance": textured(kd), "specular_reflectance": rgb(ks)}
         if (exponent := phong_exponent(surface)) is not None:
             node["exponent"] = exponent
+    # The parameter is left out if it has the plugin's default: kd for lambertiano and composto, else black.
     if any(ka) if surface.material not in ("lambertian", "composite") else surface.ka is not None:
         node["ambient"] = textured(ka)
     return node
 
 
 def _refraction(context: Context, index: int | None) -> Node:
-    """Returns the refraction of the medium inside SURFACE ``index``, or of the air for None.
+    """Returns the refraction of the medium inside SURFACE ``index``, or of the air if ``index`` is None.
 
-    The keys are the BSDF's parameters without the prefix of the side, which is "int" or "ext".
+    The keys of the result are parameters of a BSDF without their prefix, which is "int_" for the inner side of a face
+    and "ext_" for the outer side.
     """
     surface = Surface() if index is None else context.scene.surfaces[index]
     if surface.glass:

@@ -148,13 +148,15 @@ def surface(context: Context, number: int, leaf: Leaf, sides: materials.MediumIn
 
 
 def _mean_color(kind: str, parameters: dict[str, Any]) -> np.ndarray:
-    """Returns the mean colour of a pattern, which is defined by its kind and its parameters."""
+    """Returns the mean colour (r, g, b) of a pattern of this ``kind``; ``parameters`` are the values of all its
+    parameters.
+    """
     if kind == "brick":
         width, height, joint = parameters["brick_width"], parameters["brick_height"], parameters["mortar_width"]
         fraction = width / (width + joint) * height / (height + joint)
         color0, color1 = parameters["brick"], parameters["mortar"]
     else:
-        fraction = parameters.get("duty", 0.5)
+        fraction = parameters.get("duty", 0.5)  # fractal noise has as much of one colour as of the other
         color0, color1 = parameters["color0"], parameters["color1"]
     return np.asarray(fraction * np.array(color0) + (1 - fraction) * np.array(color1))
 
@@ -162,7 +164,10 @@ def _mean_color(kind: str, parameters: dict[str, Any]) -> np.ndarray:
 def _bsdf(
     context: Context, index: int, surface: Surface, sides: materials.MediumInterface, diffuse: Node, ks: Vector
 ) -> Node:
-    """Returns the BSDF of the SURFACE ``index``; ``diffuse`` is the colour or texture of its diffuse reflection."""
+    """Returns the BSDF of ``surface``, which is the SURFACE ``index``.
+
+    ``diffuse`` is the colour or texture of its diffuse reflection, ``ks`` the colour of its specular reflection.
+    """
     path = "surfaces", index
     alpha = materials.beckmann_slope(surface)
     if alpha:

@@ -61,7 +61,8 @@ def reflectance(
 ) -> Node:
     """Returns a colour of a primitive multiplied by its two textures: an rgb dictionary or a (nested) texture.
 
-    The primitive is ``leaf``, node ``number`` of the CSG tree.
+    The primitive is ``leaf``, node ``number`` of the CSG tree. ``slots`` are its two textures. ``color`` is its ka or
+    kd: r, g and b.
     """
     surface_texture, solid_texture = slots
     scene = context.scene
@@ -87,7 +88,8 @@ def reflectance(
 def pattern(scene: Scene, texture: Texture, solid: bool, colored: Colored) -> Node:
     """Returns the plugin of a pattern.
 
-    The colours of the pattern are factors; ``colored`` converts each of them to a colour or a nested texture.
+    The colours of the pattern are factors; ``colored`` converts each of them to a colour or a nested texture. ``solid``
+    is True for a texture in the second slot.
     """
     assert texture.name is not None
     kind, values = parameters(scene, texture.name, solid)

@@ -128,47 +128,32 @@ def output_stem(output: str | None, default: Path, suffixes: Collection[str]) ->
     """Returns the path, without suffix, of the output files, which get the ``suffixes``.
 
     ``output`` is the value of ``-o``: a file name with or without one of the suffixes, a folder, or None for
-    ``default``. Raises BadParameter if ``output`` is empty, names a file of another kind, or names a device.
+    ``default``. Raises the errors of :func:`output_path`.
     """
     if output is None:
         return default
-    path = _expanded(output)
-    suffix = path.suffix.lower()
+    path = output_path(output, suffixes)
     if output.endswith(("/", os.sep)) or os.path.isdir(path):
-        path /= default.name
-    elif suffix in suffixes:
-        while path.suffix.lower() in suffixes:  # image.exr.png
-            path = path.with_suffix("")
-    elif FILE_SUFFIXES.fullmatch(suffix) or output == "-" or (os.path.exists(path) and not path.is_file()):
-        raise click.BadParameter(
-            f"'{output}': the command writes {' and '.join(suffixes)} files; give their name, or a folder.",
-            param_hint="-o",
-        )
-    else:
-        path = path.with_name(path.name.rstrip(".") or path.name)  # removes the dot at the end of the name
-    return path
+        return path / default.name
+    while path.suffix.lower() in suffixes:  # image.exr.png
+        path = path.with_suffix("")
+    return path.with_name(path.name.rstrip(".") or path.name)  # without a dot at the end of the name
 
 
-def output_folder(output: str | None) -> Path | None:
-    """Returns the output folder, the value of ``-o``. Raises BadParameter if the value is empty or looks like a file
-    name.
-    """
-    if output is None:
-        return None
-    path = _expanded(output)
-    if FILE_SUFFIXES.fullmatch(path.suffix.lower()) and not path.exists():
-        raise click.BadParameter(f"'{output}': give a folder; its files get the scene's name.", param_hint="-o")
-    return path
-
-
-def _expanded(output: str) -> Path:
+def output_path(output: str, suffixes: Collection[str] = ()) -> Path:
     """Returns the value of ``-o`` as a path, and replaces ``~`` by the user's home folder.
 
-    The shell does not replace ``~`` in quotes and after ``=``. Raises BadParameter for an empty value.
+    The shell does not replace ``~`` in quotes and after ``=``. The path is a folder, or the name of files with
+    ``suffixes``; without ``suffixes``, only a folder. Raises BadParameter if ``output`` is empty, names a file of
+    another kind, or names a device.
     """
-    if not output:
-        raise click.BadParameter("expected a name or a folder, found nothing.", param_hint="-o")
-    return Path(os.path.expanduser(output))
+    path = Path(os.path.expanduser(output))
+    suffix, is_device = path.suffix.lower(), os.path.exists(path) and not path.is_file()
+    is_other_file = suffix not in suffixes and FILE_SUFFIXES.fullmatch(suffix)
+    if not output or ((is_other_file or is_device or output == "-") and not os.path.isdir(path)):
+        wanted = f"expected a name or a folder for {' and '.join(suffixes)} files" if suffixes else "give a folder"
+        raise click.BadParameter(f"'{output}': {wanted}.", param_hint="-o")
+    return path
 
 
 def with_suffixes(stem: Path, suffixes: Iterable[str]) -> list[Path]:

@@ -8,7 +8,7 @@ import click
 import prosim_scene
 
 from ..stock_command import stand_ins
-from .files import LANGUAGE_FILE, output_folder
+from .files import LANGUAGE_FILE, output_path
 from .job import Command, Job, job_options
 from .option_types import input_errors, option
 
@@ -27,7 +27,7 @@ TARGETS = click.Choice(["prosim", "stock"])
 @option("Output", "--check", is_flag=True, help="Write nothing; only print errors and warnings.")
 def translate(job: Job, target: str, check: bool) -> None:
     """Translate SCENE, in the thesis's scene language, to a Mitsuba scene (.xml) and its meshes (.ply)."""
-    folder = output_folder(job.output)
+    folder = None if job.output is None else output_path(job.output)
     options: dict[str, Any] = {"define": job.definitions, "resolution": job.resolution, "samples": job.samples}
     options |= job.language | {"target": target}
     with input_errors():

@@ -29,26 +29,33 @@ class State:
     opened: int = 0
     #: The message of the error, if the status is ``failed``.
     error: str | None = None
+    #: The translator's warnings about the scene.
     warnings: tuple[str, ...] = ()
     #: Why the picture is black, or None if it is not black.
     black: str | None = None
     #: Final width and height of the picture.
     size: tuple[int, int] = (0, 0)
-    #: The number of the newest picture of each image, by the name of the image ("own" or "path"); the names of the
-    #: layers of the image "own", which the scene's integrator renders.
+    #: Name of the image -> number of its newest picture. The scene's integrator renders the image "own", and Mitsuba's
+    #: path tracer the image "path".
     pictures: Mapping[str, int] = field(default_factory=dict)
+    #: Names of the layers of the image "own".
     layers: tuple[str, ...] = ()
-    #: Mean progress of the images, 0 to 1; samples per pixel and noise of the image "own"; seconds of rendering.
+    #: Mean progress of the images, 0 to 1.
     progress: float = 0.0
+    #: Samples per pixel and noise (RMS error, white = 1) of the image "own"; None if they are not known.
     samples: float | None = None
     noise: float | None = None
+    #: Seconds of rendering.
     seconds: float = 0.0
-    #: Name of the scene's integrator; whether the page also shows the image by ``path``; the reason if it cannot.
+    #: Name of the scene's integrator.
     integrator: str = ""
+    #: Whether the page also shows the image "path".
     compared: bool = False
+    #: Why the image "path" cannot be shown; None if it can.
     not_compared: str | None = None
-    #: The text of the moved view, None if the view is that of the scene file; whether the camera can be moved.
+    #: The text of the moved view for the scene file; None if the camera was not moved.
     view: str | None = None
+    #: Whether the camera can be moved.
     movable: bool = False
 
 

@@ -39,8 +39,9 @@ class ViewRequest:
 
     #: The moved camera; None for the camera of the scene file.
     camera: Camera | None = None
-    #: Whether the image by Mitsuba's ``path`` is also shown; whether rendering pauses.
+    #: Whether the image by Mitsuba's ``path`` is also shown.
     compared: bool = False
+    #: Whether rendering pauses.
     paused: bool = False
 
 

@@ -15,7 +15,7 @@ BLACK = 0.5 / 255 / 12.92
 SIDE = 64
 
 #: Advice for an image that is too dark; ``{}`` is the exposure in stops.
-IN_THE_PNG = "The EXR has it all; --exposure {} makes it bright in the PNG"
+IN_THE_PNG = "The EXR has these values; --exposure {} makes them bright in the PNG"
 
 
 def reason(

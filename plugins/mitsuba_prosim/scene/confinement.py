@@ -71,7 +71,7 @@ class Confinement:
                 found = [place for folder in folders if os.path.exists(place := os.path.join(folder, name))]
                 wrong = self._refusal(f"<{tag}>", name, *(found or [name]))
                 if re.search(r"[$&]|[^\S ]", name):
-                    wrong = f"<{tag}> names {name!r} by a parameter or a code; write the name, or use --allow-outside"
+                    wrong = f"<{tag}> names {name!r} by parameter or entity; write the name, or use --allow-outside"
                 if wrong:
                     line, column = text.count("\n", 0, position) + 1, position - text.rfind("\n", 0, position)
                     raise OutsideError(f"At {file} (line {line}, col {column + 1}): {wrong}")

@@ -46,7 +46,7 @@ class Tev:
 
 def test_waves_are_sent_and_the_last_is_the_image(palito, monkeypatch):
     monkeypatch.setattr(publisher, "DRAW_INTERVAL", 0.0)
-    monkeypatch.setattr(publisher, "DRAW_SHARE", 1e9)
+    monkeypatch.setattr(publisher, "DRAW_FRACTION", 1e9)
     viewer = Tev()
     done("render", palito, "--resolution", "24x16", "--samples", 2, "--view", viewer.place)
     (kind, first), *updates = viewer.packets()

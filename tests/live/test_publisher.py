@@ -26,5 +26,5 @@ def test_pictures_are_drawn_as_often_as_they_are_cheap(monkeypatch):
                     time += took
             time += 0.01
         rate = len(drawn) / 60
-        assert 0.8 < max(rate * publisher.DRAW_INTERVAL, rate * took / publisher.DRAW_SHARE) <= 1
+        assert 0.8 < max(rate * publisher.DRAW_INTERVAL, rate * took / publisher.DRAW_FRACTION) <= 1
         time, another, drawn = 0.0, publisher.Throttle(), []

@@ -37,7 +37,7 @@ def is_done(viewer):
 def all_portions_seen(monkeypatch):
     """However small and quick they are."""
     monkeypatch.setattr(publisher, "DRAW_INTERVAL", 0)
-    monkeypatch.setattr(publisher, "DRAW_SHARE", 1e9)
+    monkeypatch.setattr(publisher, "DRAW_FRACTION", 1e9)
     return lambda samples: monkeypatch.setattr(Executor, "limit", lambda *_: samples)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import mitsuba as mi
@@ -30,7 +30,7 @@ class Picture:
     """
 
     number: int
-    layers: Mapping[str, np.ndarray] = field(default_factory=dict)
+    layers: Mapping[str, np.ndarray]
 
     def mixed(self, factors: Factors) -> Picture:
         """Returns the picture after a multiplication of layers of the integrator by ``factors``.

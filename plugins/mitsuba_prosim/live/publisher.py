@@ -90,7 +90,7 @@ class Publisher:
 
 
 #: Minimum number of seconds between two pictures, and the maximum fraction of the time for drawing pictures.
-DRAW_INTERVAL, DRAW_SHARE = 0.1, 0.03
+DRAW_INTERVAL, DRAW_FRACTION = 0.1, 0.03
 
 
 class Throttle:
@@ -110,4 +110,4 @@ class Throttle:
         started = clock()
         yield
         now = clock()
-        self._next = now + max(DRAW_INTERVAL, (now - started) / DRAW_SHARE)
+        self._next = now + max(DRAW_INTERVAL, (now - started) / DRAW_FRACTION)

@@ -9,7 +9,7 @@ from pathlib import Path
 from time import perf_counter as clock
 
 #: Minimum number of seconds between two checks of the files, and the maximum fraction of the time for checks.
-INTERVAL, SHARE = 0.02, 0.02
+INTERVAL, FRACTION = 0.02, 0.02
 
 #: Maximum number of files in the scene's folder that are watched while the scene cannot be opened.
 MAX_WATCHED_FILES = 1000
@@ -66,7 +66,7 @@ class SceneWatcher:
         if started < self._due:
             return False
         stamps = {path: stamp(path) for path in self._stamps}
-        self._due = clock() + max(INTERVAL, (clock() - started) / SHARE)
+        self._due = clock() + max(INTERVAL, (clock() - started) / FRACTION)
         if stamps == self._stamps:
             return False
         time.sleep(INTERVAL)

@@ -111,14 +111,12 @@ class Viewer:
             channels |= layers.planes(prefix, values) if values.ndim == 3 else {prefix + "Y": values}
         return self.publisher.state, layers.of_channels(channels), self._integrator, self._reached
 
-    def run_calls(self, patience: float = 0.0) -> None:
-        """Executes all functions that were scheduled by :meth:`call`; waits at most ``patience`` seconds for the
-        first.
-        """
+    def run_calls(self, timeout: float = 0.0) -> None:
+        """Executes all functions that :meth:`call` has scheduled. Waits at most ``timeout`` seconds for the first."""
         with suppress(Empty):
             while True:
-                work, future = self._calls.get(timeout=patience)
-                patience = 0.0
+                work, future = self._calls.get(timeout=timeout)
+                timeout = 0.0
                 if not future.set_running_or_notify_cancel():
                     continue  # the caller stopped waiting, for example while a large scene was opened
                 try:

@@ -24,14 +24,14 @@ from ..scene import rendering, scene_file
 from . import worker
 from .bundle import SceneBundle
 
-#: Seconds between two checks of the workers; seconds without workers after which a warning is printed.
+#: Seconds between two checks of the workers; seconds without workers after which a warning is emitted.
 CHECK_INTERVAL, WARNING_DELAY = 0.5, 10.0
 
 #: Number of tasks per worker (one runs and one waits); number of times that Dask repeats a task that fails.
 WINDOW, RETRIES = 2, 2
 
-#: Duration of a work item in seconds; the last work items are shorter, at most by this factor.
-SECONDS, FEWER = 2.0, 8
+#: Duration of a work item in seconds; maximum factor by which the last work items of a pass are shorter.
+SECONDS, MAX_SHORTENING = 2.0, 8
 
 
 class ClusterError(RuntimeError):
@@ -67,7 +67,7 @@ class DaskExecutor(Executor):
         ``left`` is the number of samples that the pass lacks. A work item takes a worker at most about ``seconds``, and
         less time near the end of the pass, so that all workers end at about the same time.
         """
-        least = max(int(self.speed * min(self.seconds, seconds)) // FEWER, self.SMALLEST)
+        least = max(int(self.speed * min(self.seconds, seconds)) // MAX_SHORTENING, self.SMALLEST)
         return min(super().limit(left, seconds), max(left // (WINDOW * max(len(self._workers), 1)), least))
 
     def __call__(self, items: Iterator[WorkItem]) -> Results:

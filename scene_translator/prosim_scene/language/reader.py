@@ -305,7 +305,7 @@ class Reader(Scanner):
         if self.token.role in FILE:
             image = self.token.text
             self.store_span(self.token.span, "image")
-        if self.token.role not in STATEMENT_END:
+        if self.token.role not in STATEMENT_END:  # an image or NULL
             self.read_token(STATEMENT_END)
         return model.Background(color, image)
 
@@ -416,7 +416,10 @@ class Reader(Scanner):
         return nodes
 
     def read_tree(self) -> Tree:
-        """Reads a CSG tree: operators and primitives in prefix order. The nodes of a named solid replace its name."""
+        """Reads a CSG tree: operators and primitives in prefix order. The nodes of a named solid replace its name.
+
+        The result is empty if the tree has an error.
+        """
         error_count, first_token = len(self.errors), len(self.tokens)
         nodes: list[model.Operator | model.Leaf] = []
         self.read_token(TREE)

@@ -30,7 +30,8 @@ def from_full_scale(color: Vector) -> tuple[float, ...]:
 def radiance_or_intensity(context: Context, number: int, light: Light, units: str) -> tuple[float, ...]:
     """Returns the radiance of an area light, or the intensity of a point light, as (r, g, b).
 
-    ``units`` defines the meaning of the light's Intensity; the module's docstring describes the possible values.
+    ``units`` defines the meaning of the light's Intensity: "calibrated", "radiance" or "unattenuated". Raises
+    SceneError for a calibrated light at VRP.
     """
     factor = 1.0
     if units == "calibrated":

@@ -56,8 +56,9 @@ def settings(context: Context) -> Node:
 
 
 def camera(context: Context, camera: Camera) -> Camera:
-    """Returns the given camera with square pixels; the image gets the height that the aspect ratio of the window
-    requires.
+    """Returns a camera with square pixels, which sees the window of the given camera.
+
+    The width of the image stays the same, and the height changes. Raises SceneError if the image is too large.
     """
     if camera.square_pixels:
         return camera

@@ -141,7 +141,7 @@ class _Layout:
     def add_value(self, token: Token) -> None:
         """Adds a value after its keyword; names and expressions stay as they are written."""
         text = self.source[token.start : token.end]
-        if token.role == "VARIABLE":
+        if token.role == "VARIABLE":  # the name after DEFAULT stands before the mark "="
             self.line.words[0] += f" {text}"
             return
         if token.role == "NUMBER" and text[0] not in "${" and self.heading != "NAME" and isfinite(float(text)):

@@ -143,7 +143,7 @@ class Reader(Scanner):
 
     def skip_statement(self, error: SceneError) -> bool:
         """Continues at the next line that begins with the keyword of a statement; returns whether such a line
-        exists.
+        exists. Removes the tokens that were read beyond the beginning of this line.
         """
         start = max(error.span.start if error.span else 0, self.keyword.start)
         next_statement = STATEMENT_LINE.search(self.source.text, start + 1)
@@ -361,7 +361,7 @@ class Reader(Scanner):
         else:
             self.read_token(frozenset(("WORD",)))
             parameters.setdefault("material", "conductor")
-        name, (field, names) = self.token, NAMED[kind.role]
+        name, (field, names) = self.token, NAMED[kind.role]  # a text with "$" is a name without a value
         if normalise(name.text) not in names and not name.text.startswith("$"):
             raise self.source.error(name.span, unknown_name(kind.role, name.text), "unknown-name")
         self.store_span_once(name, f"the {field}", field)

@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings, same_expectation
-from mitsuba_prosim.light.light_sampler import LightSampler
+from mitsuba_prosim.light.light_sampler import LightSampler, lamp_models
 from mitsuba_prosim.light.strategy import Receiver
 from mitsuba_prosim.light.table import Lights
 from scenes import T, area, bitmap, derivative, penumbra, rectangle, rgb, sphere_lamp, without
@@ -135,6 +135,17 @@ def test_scalar_variants_choose_too():
         images.append(np.array(mi.render(mi.load_dict(lit(size=8, **settings)), spp=spp, seed=3)))
     difference = images[0] - images[1]
     assert abs(difference.mean()) < 5 * difference.std() / np.sqrt(difference.size)
+
+
+def test_a_near_lamp_and_the_sky_compare_alike_in_all_variants():
+    shares = []
+    for variant in ("llvm_ad_rgb", "llvm_ad_spectral"):
+        mi.set_variant(variant)
+        lit_by = {name: lamps()[name] for name in ("point", "sky")}
+        scene = mi.load_dict({"type": "scene", "floor": {"type": "rectangle"}} | lit_by)
+        powers = lamp_models(scene, scene.emitters())[:, 4]
+        shares.append(powers[1] / powers[0])
+    assert shares[0] == pytest.approx(shares[1], rel=0.5)
 
 
 @pytest.mark.slow

@@ -230,17 +230,18 @@ def light_in_scene(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, m
     """Returns an estimate of the irradiance by ``emitter`` at a random point of the scene's bounding box, the point,
     and the direction to the emitter.
 
-    The estimate is one sample without shadows, for a surface that faces the emitter. It is the mean of the channels or
-    wavelengths.
+    The estimate is one sample without shadows, for a surface that faces the emitter. It is the mean of the channels, or
+    the integral over the wavelengths, as for a ray that the emitter emits.
     """
     u = [to_unit(combine(key, j)) for j in range(6)]
     box = scene.bbox()
     si = dr.zeros(mi.SurfaceInteraction3f)
     si.p = mi.Point3f(box.min) + mi.Vector3f(*u[:3]) * mi.Vector3f(box.extents())
+    spectrum = mi.MI_CIE_MAX - mi.MI_CIE_MIN if mi.is_spectral else 1
     if mi.is_spectral:
-        si.wavelengths = 400 + 300 * mi.sample_shifted(u[3])
+        si.wavelengths = mi.MI_CIE_MIN + spectrum * mi.sample_shifted(u[3])
     ds, weight = emitter.sample_direction(si, mi.Point2f(*u[4:]), mi.Bool(True))
-    return brightness(weight), si.p, ds.d
+    return spectrum * brightness(weight), si.p, ds.d
 
 
 def brightness(weight: mi.Spectrum) -> mi.Float:

@@ -19,8 +19,9 @@ OPAQUE = 0
 AIR = -1
 
 
-#: A triangle of a result: the numbers of its vertices (``index``), of its leaf and of its facet; the ``sign``, which is
-#: -1 on a subtracted primitive; and the media on its two sides. The normal points to the medium ``outside``.
+#: A triangle of a result: the numbers of its vertices (``index``), of its leaf and of its facet; ``sign``, which is -1
+#: if the triangle's normal is opposite to the outward normal of the leaf's primitive, and otherwise 1; the media on its
+#: two sides. The triangle's normal points to the medium ``outside``.
 TRIANGLE = np.dtype([("index", "i4", 3), *((name, "i4") for name in ("leaf", "facet", "sign", "inside", "outside"))])
 
 
@@ -40,15 +41,17 @@ class Boundary(NamedTuple):
 
 
 def primitive_boundary(mesh: Mesh, leaf: int, first: int, medium: int) -> Boundary:
-    """Returns the boundary of a primitive that touches no other primitive; ``first`` is the number of its first
-    facet.
+    """Returns the boundary of a primitive that touches no other primitive.
+
+    ``mesh`` is the mesh of the primitive in the world, ``first`` is the number of its first facet. ``leaf`` and
+    ``medium`` are the numbers of the primitive's leaf and medium.
     """
     columns = {"index": mesh.triangles, "facet": first + mesh.facets}
     return Boundary.from_columns(mesh.vertices, leaf=leaf, sign=1, inside=medium, outside=AIR, **columns)
 
 
 def concatenated(boundaries: Sequence[Boundary]) -> Boundary:
-    """Returns one boundary with the triangles of all ``boundaries``."""
+    """Returns one boundary that contains the vertices and the triangles of all ``boundaries``."""
     if len(boundaries) == 1:
         return boundaries[0]  # saves the memory of a copy
     starts = np.cumsum([0, *(len(part.vertices) for part in boundaries)])[:-1]
@@ -70,9 +73,9 @@ class OriginalIds:
         return self.base + medium * self.leaves + leaf
 
     def boundary(self, body: Body) -> Boundary:
-        """Returns the boundary of a body, whose vertices are snapped onto the shared planes.
+        """Returns the boundary of a body, with its facets snapped onto the shared planes.
 
-        The original id of a triangle gives its leaf and its medium.
+        The leaf and the inner medium of a triangle follow from its original id. The outer medium is air.
         """
         mesh = checked(body.planes.snap(checked(body.manifold()))).to_mesh64()
         ids = per_triangle(mesh, np.asarray(mesh.run_original_id, dtype=np.int64))
@@ -89,18 +92,18 @@ class OriginalIds:
 
 
 def boundaries(bodies: dict[int, Body], ids: OriginalIds, fresnel: bool) -> list[Boundary]:
-    """Returns the surfaces to render, for ``bodies`` by medium. A medium with a lower number has precedence.
+    """Returns the surfaces to render. ``bodies`` has the solid of each medium.
 
-    An opaque solid keeps its whole surface, part of which may become interfaces. Opaque solids, and dielectrics that
-    are earlier in the CSG tree, cut a dielectric. A dielectric keeps the part of its surface that lies on the boundary
-    of the union of the dielectric and all media with precedence. So each interface exists exactly once, and every ray
-    that leaves a dielectric crosses the dielectric's own surface or an interface. Where another dielectric touches the
-    surface, the surface is an interface between the two dielectrics. ``fresnel`` is
-    whether an opaque solid reflects by Fresnel's equations: then the surface is an interface, too, where a dielectric
-    touches an opaque solid.
+    Where solids overlap, the medium with the lowest number wins. So opaque solids, and dielectrics that are earlier in
+    the CSG tree, cut a dielectric. An opaque solid keeps its whole surface. A dielectric keeps the part of its surface
+    that lies on the boundary of the union of its own medium and all media with lower numbers. Where another dielectric
+    touches this part, the surface is an interface between the two dielectrics. If ``fresnel``, an opaque solid reflects
+    by Fresnel's equations. Then the surface is an interface, too, where a dielectric touches an opaque solid. Each
+    interface exists exactly once. Every ray that leaves a dielectric crosses the dielectric's own surface or an
+    interface.
     """
     total: Body | None = None
-    layers: list[tuple[int, Body]] = []  # each medium, and the union of this medium and all media with precedence
+    layers: list[tuple[int, Body]] = []  # each medium, and the union of this medium and all media with lower numbers
     interfaces: dict[int, list[Boundary]] = {medium: [] for medium in bodies}
     for medium, body in sorted(bodies.items()):
         if checked(body.manifold()).is_empty():

@@ -2,10 +2,10 @@
 
 If two faces lie on the same plane except for rounding, a Boolean operation on their meshes leaves films without
 thickness, and faces with the wrong owner. Therefore every facet on a surface that several primitives share has the
-number of its plane, and the vertices of the facet are snapped onto this plane. Before an operation, the facets of the
-two solids on common planes are separated: they move apart by a gap that is large compared with rounding, and small
-compared with all other lengths. Thus the facets on one plane form layers, whose order never changes. At the end, the
-final result is snapped onto the planes.
+number of its plane, and the vertices of the facet are snapped onto this plane: they move to the nearest point of the
+plane. Before an operation, the facets of the two solids on common planes move apart by a gap. The gap is large compared
+with rounding, and small compared with all other lengths. Thus the facets on one plane form layers, whose order never
+changes. At the end, the vertices of the result are snapped onto the planes.
 
 - In A + B, A grows. Faces with the same orientation belong to A, and faces with opposite orientations vanish.
 - In A - B and A * B, A shrinks. A flush cut is open, faces that touch leave no film, and faces with the same
@@ -94,16 +94,16 @@ def _clusters(rows: np.ndarray) -> np.ndarray:
     return label
 
 
-STEP = 2.0**-26  # the approximate thickness of all layers on a plane, relative to the scene's size (a power of two)
-GAP = 2.0**-10  # the distance of two layers, relative to STEP; manifold3d's tolerance is 1e-12 of the scene's size
+THICKNESS = 2.0**-26  # about the thickness of all layers on a plane, relative to the scene's size (a power of two)
+GAP = 2.0**-10  # the distance of two layers, relative to THICKNESS; manifold3d's tolerance is 1e-12 of the scene's size
 
 
 class Facets(NamedTuple):
-    """The triangles of a solid that lie on shared planes.
+    """The k triangles of a solid that lie on shared planes.
 
-    ``corners`` (k, 3) are the numbers of the triangles' corners in ``vertices``. ``plane`` (k,) is the plane of each
-    triangle, ``side`` (k,) is the side of this plane that the triangle faces (1 or -1), and ``height`` (k, 3) are the
-    heights of the corners over the plane.
+    ``corners`` (k, 3) are the numbers of the triangles' corners in ``vertices`` (n, 3). ``plane`` (k,) is the number of
+    the plane of each triangle. ``side`` (k,) is 1 if the triangle's outward normal is the normal of the plane, and -1
+    if it is the opposite. ``height`` (k, 3) are the signed distances of the corners from the plane.
     """
 
     vertices: np.ndarray
@@ -117,17 +117,19 @@ class Planes:
     """The planes that facets share.
 
     ``planes`` (n, 4) are unit normals and offsets of planes n.p + d = 0. ``surface`` (n,) is the number of the surface
-    to which each plane belongs. Facet f lies on the plane ``of_facet[f]`` (-1: on no shared plane), and faces the side
-    ``side[f]`` (1 or -1) of this plane. ``step`` is STEP in the unit of the scene, ``gap`` is GAP times ``step``.
+    to which each plane belongs. Facet f lies on the plane ``of_facet[f]`` (-1: on no shared plane). Its outward normal
+    is ``side[f]`` (1 or -1) times the normal of this plane. ``thickness`` is THICKNESS in the unit of the scene,
+    ``gap`` is GAP times ``thickness``.
     """
 
     def __init__(
-        self, triangles: np.ndarray, facets: np.ndarray, surface: np.ndarray, rank: np.ndarray, step: float
+        self, triangles: np.ndarray, facets: np.ndarray, surface: np.ndarray, rank: np.ndarray, thickness: float
     ) -> None:
-        """Computes the planes of the ``facets`` (m,) of ``triangles`` (m, 3, 3).
+        """Computes the planes on which ``triangles`` (m, 3, 3) lie; ``facets`` (m,) are the numbers of their facets.
 
-        ``surface`` (n,) is the surface of each facet, ``rank`` (n,) the rank of the face of each facet. Faces on one
-        surface have the same planes, facet by facet: the planes of the face with the lowest rank.
+        ``surface`` (n,) has the surface of each facet, ``rank`` (n,) has the rank of the facet's face. Faces on one
+        surface have equally many facets. The i-th facets of all these faces get one plane, that of the face with the
+        lowest rank. ``thickness`` is THICKNESS in the unit of the scene.
         """
         shared = np.unique(facets)
         shared = shared[np.argsort(rank[shared], kind="stable")]
@@ -138,21 +140,23 @@ class Planes:
         position = np.empty(len(surface), int)
         position[shared] = np.arange(len(shared))
         own = _planes(triangles, position[facets])
-        self.planes, self.surface, self.step, self.gap = own[first], surface[shared[first]], step, step * GAP
+        self.planes, self.surface = own[first], surface[shared[first]]
+        self.thickness, self.gap = thickness, thickness * GAP
         self.of_facet, self.side = np.full(len(surface), -1), np.ones(len(surface))
         self.of_facet[shared] = plane
         self.side[shared] = np.sign(np.einsum("ij,ij->i", own[:, :3], own[first[plane], :3]))
 
     def separate(self, first: Manifold, second: Manifold, outwards: int) -> list[Manifold]:
-        """Moves two solids apart on their common planes; returns the moved solids.
+        """Moves the facets of two solids apart on their common planes; returns the moved solids.
 
-        The first solid grows (``outwards`` 1) or shrinks (-1) relative to the second. So its facets must be above or
-        below the second solid, which moves into the room between them. If the room is too small, the facets above move,
-        too. The solid with most triangles on shared planes moves least.
+        The first solid grows (``outwards`` 1) or shrinks (-1) relative to the second. For each plane this decides which
+        facets of the first solid must be above all facets of the second solid, and which below; above is the direction
+        of the plane's normal. The facets of the second solid move into the room between. If the room is too small, the
+        facets above it move up. Distances are at least ``gap``. The solid with fewer triangles on shared planes moves.
         """
         a, b = self._facets(first), self._facets(second)
         low, high = self._extremes(b.plane, b.vertices[b.corners])
-        points, margin = a.vertices[a.corners], 8 * self.step
+        points, margin = a.vertices[a.corners], 8 * self.thickness
         near = (points.min(axis=1) <= high[a.plane] + margin) & (points.max(axis=1) >= low[a.plane] - margin)
         near, upper = near.all(axis=1), a.side * outwards > 0
         bottom, _ = self._extremes(a.plane[near & upper], a.height[near & upper])
@@ -166,7 +170,11 @@ class Planes:
         return [self._moved(first, a, by_first[:, None]), self._moved(second, b, by_second[:, None])]
 
     def _extremes(self, plane: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the minimum and the maximum of ``values`` (k, 3, ...) for each plane; by default inf and -inf."""
+        """Returns the minima and the maxima, for each plane, of the ``values`` (k, 3, ...) of the corners of triangles.
+
+        ``plane`` (k,) is the plane of each triangle. A plane without triangles has the minimum inf and the maximum
+        -inf.
+        """
         low = np.full((len(self.planes), *values.shape[2:]), np.inf)
         high = -low
         np.minimum.at(low, plane, values.min(axis=1))
@@ -174,7 +182,7 @@ class Planes:
         return low, high
 
     def snap(self, solid: Manifold) -> Manifold:
-        """Returns the solid with the vertices of its facets on shared planes moved onto these planes."""
+        """Returns the solid with its facets on shared planes moved exactly onto these planes."""
         facets = self._facets(solid)
         return self._moved(solid, facets, -facets.height)
 
@@ -189,7 +197,10 @@ class Planes:
         return Facets(vertices, corners, plane, self.side[facets] * signs(mesh)[on], height)
 
     def _moved(self, solid: Manifold, facets: Facets, by: np.ndarray) -> Manifold:
-        """Returns a solid with the corners of its ``facets`` moved by the signed distances ``by`` (k, 3) or (k, 1)."""
+        """Returns a solid with the corners of its ``facets`` moved along the normals of their planes.
+
+        ``by`` are the signed distances of the corners (k, 3), or of the triangles (k, 1).
+        """
         touched = np.zeros(len(facets.vertices), bool)
         touched[facets.corners[(by != 0).any(axis=1)]] = True
         if not touched.any():
@@ -212,12 +223,12 @@ class Planes:
         return self._move_points(vertices, vertex, plane, -height)
 
     def one_sided(self, surfaces: Collection[int], boxes: np.ndarray) -> bool:
-        """Whether all ``boxes`` (see :class:`.Body`) are certainly on one side of each of the ``surfaces``."""
+        """Whether all ``boxes`` (see :class:`.Body`) are certainly on the same side of each of the ``surfaces``."""
         planes = self.planes[np.isin(self.surface, list(surfaces))]
         if len(planes) > len(surfaces):  # a surface with several planes is curved
             return False
         height = boxes[:, 2:].reshape(-1, 3) @ planes[:, :3].T + planes[:, 3]
-        return bool(((height <= 8 * self.step).all(axis=0) | (height >= -8 * self.step).all(axis=0)).all())
+        return bool(((height <= 8 * self.thickness).all(axis=0) | (height >= -8 * self.thickness).all(axis=0)).all())
 
     def _move_points(self, points: np.ndarray, vertex: np.ndarray, plane: np.ndarray, by: np.ndarray) -> np.ndarray:
         """Moves points by given signed distances along normals of planes; changes ``points`` and returns it.

@@ -1,11 +1,13 @@
 """Evaluates the CSG tree with manifold3d, which computes a mesh only when its data are needed.
 
-Each connected component of touching boxes is evaluated separately, once for each medium. In the evaluation of a medium,
-a leaf of another medium is used only if it cuts. If two operands share surfaces, their facets on these surfaces are
-separated before the operation (see :mod:`.coincidence`). manifold3d evaluates all other operations in batches. In
-chains of the operators + and -, each added body is cut by the later subtracted bodies that touch it; the union of these
-parts is the result. If many bodies touch, a chain is evaluated in halves. The first half computes a solid X, the second
-half changes X to X - S + P with solids S and P, and P is evaluated like a chain.
+Leaves whose boxes touch are in one group. Each group is evaluated separately, once for each medium. The solid of a
+medium consists of the leaves of this medium; leaves of other media can only cut it. If two operands share surfaces,
+their facets on these surfaces are moved apart before the operation (see :mod:`.coincidence`).
+
+Operators + and - that follow each other form a chain. If few bodies touch, each added body is cut by the subtracted
+bodies that come later in the chain; the result is the union of the cut bodies. If many bodies touch, the chain is
+divided into halves. The result of the first half is a solid X. The result of the chain is X - S + P: S are the
+subtracted bodies of the second half, and P is the result of the second half alone.
 """
 
 from __future__ import annotations
@@ -50,13 +52,13 @@ def fold(tree: Tree, leaf: Callable[[int], T], combine: Callable[[str, T, T], T]
 def count_cut_media(tree: Tree, media_of: Sequence[int]) -> np.ndarray:
     """Returns, for each leaf, how many media the leaf can cut.
 
-    A leaf in the second operand of an operator - or * can cut the media of the first operand. The result is the largest
-    number of such media over all operators.
+    ``media_of`` has the medium of each leaf. A leaf in the second operand of an operator - or * can cut the media of
+    the first operand. If the leaf is in the second operand of several such operators, the largest number counts.
     """
     result = np.zeros(len(media_of), int)
 
     def combine(symbol: str, first: _Operand, second: _Operand) -> _Operand:
-        """Returns the operand that an operator produces; updates the numbers of the leaves that cut."""
+        """Returns the media and the leaves of an operator's result; updates ``result`` for the leaves that cut."""
         media, begin, _ = first
         if symbol == "+":
             media = media | second[0]
@@ -73,9 +75,10 @@ def count_cut_media(tree: Tree, media_of: Sequence[int]) -> np.ndarray:
 class Body:
     """A solid of one medium.
 
-    ``manifold()`` is its mesh, which manifold3d computes when it is needed. ``boxes`` (n, 10, 3) are the boxes of its
-    leaves: minimum and maximum corner, then the eight corners of the rotated box. ``surfaces`` are the shared surfaces
-    on which its faces may lie. Equal leaves have the same number ``solid``.
+    ``manifold()`` returns the mesh of the solid. ``boxes`` (n, 10, 3) are the boxes of its leaves: minimum and maximum
+    corner of the box along the axes, then the eight corners of the rotated box. ``surfaces`` are the numbers of the
+    shared surfaces on which faces of the solid may lie. ``planes`` are the shared planes of the whole scene. Bodies
+    with the same number ``solid`` are equal; the number is None for the result of an operation.
     """
 
     manifold: Callable[[], Manifold]
@@ -91,7 +94,7 @@ class Body:
 
 
 def checked(manifold: Manifold) -> Manifold:
-    """Computes and returns a lazy mesh. Raises ArithmeticError if manifold3d reports an error."""
+    """Lets manifold3d compute a mesh, and returns the mesh. Raises ArithmeticError if manifold3d reports an error."""
     status = manifold.status()
     if status != Error.NoError:
         raise ArithmeticError(f"manifold3d: {status}")
@@ -99,9 +102,10 @@ def checked(manifold: Manifold) -> Manifold:
 
 
 def evaluate(tree: Tree, groups: Sequence[int], body: Callable[[int], Body | None]) -> dict[int, Body]:
-    """Evaluates the CSG tree for each connected group of touching leaves; returns the solids that are not empty.
+    """Evaluates the CSG tree separately for each group of leaves that touch; returns the result of each group.
 
-    ``groups`` has the group of each leaf. ``body(number)`` returns the solid of a leaf, or None.
+    ``groups`` has the number of the group of each leaf. ``body(number)`` returns the solid of a leaf, or None if the
+    leaf has no effect. Groups whose result contains no leaf are left out.
     """
 
     def leaf(number: int) -> dict[int, _Chain]:
@@ -110,7 +114,7 @@ def evaluate(tree: Tree, groups: Sequence[int], body: Callable[[int], Body | Non
         return {groups[number]: _Chain(value)} if value else {}
 
     def combine(symbol: str, left: dict[int, _Chain], right: dict[int, _Chain]) -> dict[int, _Chain]:
-        """Combines two operands, which have one chain of + and - for each group of touching leaves, group by group."""
+        """Applies an operator to two operands, group by group; an operand has a chain of + and - for each group."""
         # If only one operand has a group, + keeps the group, - keeps a group of the left operand, * removes the group.
         small, large = sorted((left, right), key=len)
         common = {group: left[group].combined(symbol, right[group]) for group in small if group in large}
@@ -139,9 +143,9 @@ class _Chain:
         self.has_minus = False
 
     def combined(self, symbol: str, other: _Chain) -> _Chain:
-        """Returns the chain for an operator with this chain and ``other`` as operands.
+        """Returns the chain for the operator ``symbol`` with the operands ``self`` and ``other``.
 
-        A + (B + C) and A - (B + C) are flattened to one chain.
+        A + (B + C) and A - (B + C) become one chain. Changes both operands.
         """
         if symbol == "*":
             first = self.value()
@@ -155,53 +159,56 @@ class _Chain:
         return self
 
     def value(self) -> Body:
-        """Evaluates the chain from left to right.
+        """Returns the result of the chain.
 
-        Operands that do not touch can be exchanged. So each operand is moved to the earliest possible step: after the
-        steps of all earlier operands that it touches, or to the same step if the signs are equal.
+        Bodies that do not touch may change places. So the bodies are sorted by rounds: each round first subtracts
+        bodies, and then adds bodies. Each body belongs to the first possible round in which it still comes after all
+        earlier bodies of the other sign that it touches.
         """
         operands = list(self.operands)
         if self.has_minus:
             adds = np.array([sign == "+" for sign, _ in operands])
             boxes = np.array([body.box for _, body in operands])
-            step = np.zeros(len(adds), int)
+            rounds = np.zeros(len(adds), int)
             for i in range(1, len(adds)):
                 earlier = touching(boxes[:i], boxes[i])
-                step[i] = (step[earlier] + (adds[earlier] & ~adds[i])).max(initial=0)
-            result = apply([operands[i] for i in np.argsort(2 * step + adds, kind="stable")])
+                rounds[i] = (rounds[earlier] + (adds[earlier] & ~adds[i])).max(initial=0)
+            result = evaluate_chain([operands[i] for i in np.argsort(2 * rounds + adds, kind="stable")])
         else:
             result = union(body for _, body in operands)
         assert result
         return result
 
 
-def apply(operands: list[Operand]) -> Body | None:
-    """Evaluates a part of a chain; returns None if the part adds no body.
+def evaluate_chain(operands: list[Operand]) -> Body | None:
+    """Returns the result of a part of a chain, which starts with the empty solid; None if the part adds no body.
 
-    If few bodies touch, each added body is cut by the later subtracted bodies that touch it. Otherwise the chain is
-    evaluated in halves.
+    If few bodies touch, each added body is cut by the later subtracted bodies that touch it. Otherwise the part is
+    divided into halves.
     """
     subtracted = [body for sign, body in operands if sign == "-"]
     boxes = np.array([body.box for body in subtracted]).reshape(-1, 2, 3)
     passed = np.cumsum([sign == "-" for sign, _ in operands])  # the number of subtracted bodies before each added body
     cuts = [(body, n + touching(boxes[n:], body.box)) for (sign, body), n in zip(operands, passed) if sign == "+"]
-    if sum(len(cutters) for _, cutters in cuts) <= len(operands) and _mergeable(operands, True):
+    if sum(len(cutters) for _, cutters in cuts) <= len(operands) and _divisible(operands, True):
         return union(difference(body, [subtracted[i] for i in cutters]) for body, cutters in cuts)
     changes = [i for i in range(2, len(operands)) if operands[i - 1][0] == "+" and operands[i][0] == "-"]
     middle = changes[len(changes) // 2]
-    rest, later = apply(operands[:middle]), operands[middle:]
-    if rest and not _mergeable([("+", rest), *later]):
-        return apply([("+", rest), *later])
-    return union([rest and difference(rest, [body for sign, body in later if sign == "-"]), apply(later)])
+    first, later = evaluate_chain(operands[:middle]), operands[middle:]
+    if first and not _divisible([("+", first), *later]):
+        return evaluate_chain([("+", first), *later])
+    rest = first and difference(first, [body for sign, body in later if sign == "-"])
+    return union([rest, evaluate_chain(later)])
 
 
-def _mergeable(operands: list[Operand], all_faces: bool = False) -> bool:
-    """Whether merged operations give each face the same owner as operations that are applied one after the other.
+def _divisible(operands: list[Operand], all_faces: bool = False) -> bool:
+    """Whether a chain gives each face the right owner if its added bodies are cut one by one.
 
-    An added body may cover a face of the first body or of a subtracted body; if ``all_faces``, also of another added
-    body. A later body may be subtracted that has a face on the same surface, and so uncover the covered face. If the
-    operations are applied one after the other, the later body owns the face; after merging, the earlier body owns it.
-    No face is covered if there is material on only one side of the surface.
+    An example: a body is added that covers a face of the first body. Then a body is subtracted that has a face on the
+    same surface, and uncovers the covered face. From left to right, the subtracted body owns the uncovered face. If the
+    first body is cut on its own, its face was never covered, and the first body owns it. This cannot happen if all
+    material is on one side of the surface. The covered face may also be a face of a subtracted body, or of any added
+    body if ``all_faces``.
     """
     (_, first), *later = operands
     boxes = np.concatenate([first.boxes, *(body.boxes for sign, body in later if sign == "+")])
@@ -219,7 +226,7 @@ def _mergeable(operands: list[Operand], all_faces: bool = False) -> bool:
 
 
 def union(bodies: Iterable[Body | None]) -> Body | None:
-    """Returns the union of bodies, or None if there are none. The first of the bodies owns a common face."""
+    """Returns the union of bodies, or None if all are None. The first of the bodies owns a common face."""
     solids: dict[int | None, Body] = {}
     distinct = [body for body in bodies if body and (body.solid is None or solids.setdefault(body.solid, body) is body)]
     if len(distinct) < 2:
@@ -245,18 +252,18 @@ def remainder(first: Body, second: Body) -> Body:
     return _combined([first, second], None, [second])
 
 
-def _combined(bodies: Sequence[Body], operation: OpType | None, around: Sequence[Body]) -> Body:
-    """Returns the result of a Boolean operation, which has the boxes of the bodies ``around``.
+def _combined(bodies: Sequence[Body], operation: OpType | None, boxed: Sequence[Body]) -> Body:
+    """Returns the result of a Boolean operation on ``bodies``; the result gets the boxes of the bodies ``boxed``.
 
-    The operation None is the second body minus the first body. If bodies share surfaces, there are only two bodies. On
-    these surfaces, the first body grows; for subtraction and intersection it shrinks, see :meth:`.Planes.separate`.
+    The operation None is the second body minus the first body. Only two bodies may share surfaces. On these surfaces,
+    the first body grows; for subtraction and intersection it shrinks, see :meth:`.Planes.separate`.
     """
     solids, planes = [body.manifold() for body in bodies], bodies[0].planes
     if _share_surfaces(bodies):
         first, second = solids
         solids = planes.separate(first, second, -1 if operation in (OpType.Subtract, OpType.Intersect) else 1)
     result = Manifold.batch_boolean(solids if operation else solids[::-1], operation or OpType.Subtract)
-    boxes = np.concatenate([body.boxes for body in around])
+    boxes = np.concatenate([body.boxes for body in boxed])
     return Body(lambda: result, boxes, frozenset().union(*(body.surfaces for body in bodies)), planes)
 
 

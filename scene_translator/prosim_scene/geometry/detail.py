@@ -106,7 +106,7 @@ def _between(a: Ball, b: Ball, fraction: float) -> tuple[float, float, float]:
 
 
 MAX_REFINEMENT = 64.0  # the largest factor by which cap refinement reduces the distances of points near the cap
-STEP = math.sqrt(0.5)
+NEXT_REFINEMENT = math.sqrt(0.5)  # the ratio of two refinements that are tried one after the other
 CORNERS = box_corners(np.array([[-1.0] * 3, [1.0] * 3]))
 
 
@@ -142,7 +142,7 @@ def refined_cap(solid: Solid, bound: Ball, camera: Camera, tolerance: float) -> 
         cosine = _cosine(distance, reach + depth)
         if cosine is not None and refinement**2 * (1 - cosine) <= 1 + cosine:  # tan(angle / 2) <= 1 / refinement
             return segments, _lorentz(center / distance, refinement)
-        refinement *= STEP
+        refinement *= NEXT_REFINEMENT
     return None
 
 

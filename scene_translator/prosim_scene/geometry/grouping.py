@@ -22,7 +22,7 @@ MAX_PAIRS = 1 << 16  # the largest number of pairs that are tested at a time
 def sweep(low: np.ndarray, high: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yields pairs of boxes that touch, each pair once, as two arrays of box numbers.
 
-    ``low`` and ``high`` (n, 3) are the minimum and maximum corners of the boxes. Each step yields many pairs. The first
+    ``low`` and ``high`` (n, 3) are the minimum and maximum corners of the boxes. Each item has many pairs. The first
     box of a pair has the smaller minimum x; the pairs are sorted by this x.
     """
     order = np.argsort(low[:, 0], kind="stable")

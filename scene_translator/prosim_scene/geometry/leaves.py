@@ -8,7 +8,7 @@ import numpy as np
 
 from ..language.document import Document
 from ..view import Camera
-from .coincidence import STEP, Planes, same_surfaces
+from .coincidence import THICKNESS, Planes, same_surfaces
 from .detail import active_zones, choose_segments, shrink_inscribed
 from .grouping import group_equal
 from .primitives import PRIMITIVES, CornerAttributes, Primitive
@@ -59,7 +59,7 @@ class Leaves:
         middle = (low + high) / 2
         self.origin = middle if np.abs(middle).max() > FAR * (high - low).max() else np.zeros(3)
         size = float(np.abs(np.stack([low, high]) - self.origin).max())
-        self.step = STEP * 2.0 ** (math.frexp(size)[1] - 1)
+        self.thickness = THICKNESS * 2.0 ** (math.frexp(size)[1] - 1)
         self._find_shared_surfaces(cuts_several_media)
         bounds = active_zones(document.scene.csg, self.solids, self.of_leaf.tolist())
         choose_segments(document, self.solids, bounds, camera, tolerance)
@@ -79,7 +79,7 @@ class Leaves:
         solid = np.repeat(np.arange(len(self.solids)), counts)
         to_world_matrices = np.array([s.to_world for s in self.solids])[solid]
         boxes = world_box_corners(self.solids)[solid]
-        low, high = boxes.min(axis=1) - self.step, boxes.max(axis=1) + self.step
+        low, high = boxes.min(axis=1) - self.thickness, boxes.max(axis=1) + self.thickness
         quadrics = np.concatenate([s.primitive.quadrics for s in self.solids])
         surface = same_surfaces(quadrics, to_world_matrices, low, high)
         users = np.bincount(surface, uses[solid])
@@ -119,7 +119,7 @@ class Leaves:
         sizes = np.linalg.norm([s.to_world[:3, :3] for s in self.solids], axis=(1, 2))
         rank = np.argsort(np.argsort(-sizes, kind="stable"))
         owner = np.repeat(rank, np.diff(self.first)) * (self.faces.max() + 1) + self.faces
-        self.planes = Planes(vertices[triangles[on]], facets[on], surface, owner, self.step)
+        self.planes = Planes(vertices[triangles[on]], facets[on], surface, owner, self.thickness)
         vertices = self.planes.snap_vertices(vertices, triangles[on], facets[on])
         for i in sharing:
             meshes[i] = replace(meshes[i], vertices=vertices[ends[i] : ends[i + 1]])

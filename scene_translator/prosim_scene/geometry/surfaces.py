@@ -157,7 +157,7 @@ def _boundary(
     """
     table.make_meshes()
     ids = OriginalIds(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
-    boxes = table.boxes + table.step * np.array([[-1.0], [1.0]])
+    boxes = table.boxes + table.thickness * np.array([[-1.0], [1.0]])
     boxes = np.append(boxes, world_box_corners(table.solids), axis=1)[table.of_leaf]
     groups = components(boxes[:, 0], boxes[:, 1])
     alone = np.bincount(groups, minlength=len(groups)) == 1
@@ -228,7 +228,7 @@ def _surface_mesh(table: Leaves, boundary: Boundary, count: int) -> SurfaceMesh:
         keys[batch] = corner_keys(rows["index"].astype(int) * len(codes) + kind[batch, None], face, corners, unshared)
         unshared += int(corners.unshared.sum())
         normals[batch], uv[batch] = corners.normals * rows["sign"][:, None, None], corners.uv
-        has_width[batch] = heights(positions) > 2 * table.step
+        has_width[batch] = heights(positions) > 2 * table.thickness
     _, first, index = np.unique(keys, return_index=True, return_inverse=True)
     triangle, corner = np.divmod(first, 3)
     positions = vertices[triangles["index"][triangle, corner]] + table.origin

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from .language import words
 from .language.analysis import analyse
 from .language.diagnostics import USE
-from .language.expressions import CONSTANTS, FRAME, FUNCTIONS, TIME
+from .language.expressions import CONSTANTS, FPS, FRAME, FUNCTIONS, TIME
 from .language.reader import Reader
 from .language.tokens import Token
 from .language.words import NAMED, NO_NUMBERS, ROLES, STATEMENTS, Word, find_word
@@ -120,7 +120,7 @@ class Symbols:
     @property
     def _names(self) -> dict[str, str]:
         """The ``$names`` that have a value in this text, each with the text of its value."""
-        return {FRAME: "0", TIME: f"${FRAME} / 24"} | self.reader.definitions.defaults
+        return {FRAME: "0", TIME: f"${FRAME} / {FPS:g}"} | self.reader.definitions.defaults
 
     @property
     def _textures(self) -> dict[str, str]:

@@ -121,8 +121,8 @@ def load(
 ) -> Node:
     """Translates a scene file to a dictionary for ``mi.load_dict``; :func:`translate` describes the options.
 
-    The meshes are written to a temporary folder, which is kept until the dictionary and its copies are deleted, or the
-    process ends. ``transform`` converts a 4x4 array to Mitsuba's type for a transform. The default of
+    The meshes are written to a temporary folder. The folder exists until the dictionary and its copies are deleted, or
+    the process ends. ``transform`` converts a 4x4 array to Mitsuba's type for a transform. The default of
     ``transform`` is ``mitsuba.ScalarTransform4f`` of the active variant if Mitsuba is imported; otherwise arrays are
     not converted.
     """
@@ -140,8 +140,8 @@ def load(
 
 
 class _TemporaryFolder:
-    """A temporary folder, which is removed when no reference to this object or to a :class:`_FileName` in the folder
-    exists.
+    """A temporary folder. The folder is removed when no reference to this object or to a :class:`_FileName` in the
+    folder exists.
     """
 
     def __init__(self) -> None:

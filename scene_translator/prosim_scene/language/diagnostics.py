@@ -113,7 +113,7 @@ class Source:
         return self._diagnostic(SceneWarning, span, reason, code)
 
     def _diagnostic(self, kind: type[Kind], span: Span, reason: str, code: str) -> Kind:
-        """Returns an error or a warning, which is the class ``kind``, about the text at ``span``.
+        """Returns an error or a warning about the text at ``span``; ``kind`` is the class of the result.
 
         The reason in its message ends with the values of the ``$names`` in the span.
         """

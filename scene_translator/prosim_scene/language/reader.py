@@ -133,7 +133,7 @@ class Reader(Scanner):
         """Stores the value of a statement in ``fields``.
 
         The value of a second equal statement, or of a statement with a wrong index, is not stored: its path begins with
-        "duplicate" or "unknown", which are no fields.
+        "duplicate" or "unknown", and no field has this name.
         """
         field, *key = self.path
         if key:

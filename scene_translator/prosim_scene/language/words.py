@@ -29,7 +29,7 @@ class Numbers:
     direction: bool = False  #: whether the numbers are a vector that may not have length 0
     least: float = 0  #: the smallest magnitude of a number that is not 0
     nonzero: bool = False  #: whether 0 is an error
-    flags: bool = False  #: whether the words TRUE and FALSE stand for the numbers 1 and 0, which are allowed, too
+    flags: bool = False  #: whether the numbers are flags: the words TRUE and FALSE, or 1 and 0
 
     def count_in_words(self) -> str:
         """Describes the count and the names of the numbers, for error messages."""
@@ -53,7 +53,7 @@ class Numbers:
         return count == self.count or (self.channels and count == 1)
 
     def parse(self, text: str) -> float:
-        """Converts a text to a number; a text that is no flag becomes -1, which is not allowed."""
+        """Converts a text to a number. A text that should be a flag, and is none, becomes the wrong number -1."""
         return FLAGS.get(normalise(text), -1) if self.flags else float(text)
 
     def allows(self, number: float) -> bool:
@@ -63,8 +63,9 @@ class Numbers:
         return abs(number) >= self.least or (number == 0 and not self.nonzero)
 
     def value(self, numbers: Sequence[float]) -> Any:
-        """Converts numbers, which are allowed, to one value or to a tuple of ``count`` values: bool for flags, int for
-        whole numbers, else float.
+        """Converts allowed numbers to one value, or to a tuple of ``count`` values.
+
+        A flag becomes a bool, a whole number becomes an int.
         """
         values = tuple(map(bool if self.flags else int, numbers)) if self.whole else tuple(numbers)
         return values[0] if self.count == 1 else values * (self.count // len(values))

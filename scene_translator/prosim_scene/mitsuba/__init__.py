@@ -16,5 +16,5 @@ Each target is a module that defines:
     tree. ``sides`` are the media on both sides of the surface.
 
 Both targets use the modules ``lights``, ``materials``, ``textures`` and ``sensor``. ``translation_context`` has the
-state of a translation. ``assemble`` makes the dictionary of the whole scene.
+document and the options of a translation. ``assemble`` makes the dictionary of the whole scene.
 """

@@ -1,4 +1,4 @@
-"""The target ``prosim``, which uses this project's plugins."""
+"""The target ``prosim``: the plugins of this project."""
 
 from ..model import Leaf, Light
 from ..nodes import Comment, Default, Node, Point, rgb

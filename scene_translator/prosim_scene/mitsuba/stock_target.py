@@ -1,4 +1,4 @@
-"""The target ``stock``, which uses only plugins that are part of Mitsuba. Each approximation is one warning."""
+"""The target ``stock``: only plugins that are part of Mitsuba. Each approximation is one warning."""
 
 import math
 from dataclasses import replace
@@ -165,7 +165,7 @@ def _mean_color(kind: str, parameters: dict[str, Any]) -> np.ndarray:
 def _bsdf(
     context: Context, index: int, surface: Surface, sides: materials.MediumInterface, diffuse: Node, ks: Vector
 ) -> Node:
-    """Returns the BSDF of ``surface``, which is the SURFACE ``index``.
+    """Returns the BSDF of a SURFACE: ``surface`` and its ``index``.
 
     ``diffuse`` is the colour or texture of its diffuse reflection, ``ks`` the colour of its specular reflection.
     """
@@ -206,7 +206,7 @@ def _bsdf(
 
 
 def _phong(surface: Surface, diffuse: Node, ks: Vector) -> Node:
-    """Returns a blend of a diffuse BSDF and a rough mirror, which approximates a Phong surface."""
+    """Returns a BSDF that approximates a Phong surface: a blend of a diffuse BSDF and a rough mirror."""
     # The blend weights the two BSDFs by 1 - w and w. Each reflectance is divided by its weight, and may not exceed 1.
     kd = np.array(diffuse["value"]) if diffuse["type"] == "rgb" else np.full(3, 0.5)
     weight = float(np.mean(ks) / (np.mean(ks) + np.mean(kd)))

@@ -42,7 +42,7 @@ STRIPES_AXIS = {False: (0.0, 1.0, 0.0), True: (0.0, 0.0, 1.0)}
 
 COLORS = ("brick", "mortar", "color0", "color1")
 
-#: A function that converts a colour of a pattern, which is a factor, to a colour or to a nested texture.
+#: A function that converts a factor (r, g, b) of a pattern to a colour or to a nested texture.
 Colored = Callable[[Sequence[float]], Node]
 
 

@@ -1,4 +1,4 @@
-"""The state of a translation, which a target's functions share; files that a scene uses; limits of single precision."""
+"""The context of a translation: its document and options; the files that a scene uses; limits of single precision."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -47,7 +47,7 @@ class Context:
             self.document.warn(reason, *path)
 
     def read_mesh(self, name: str, *path: str | int) -> Primitive:
-        """Reads a mesh file, which must be in the scene's folder or below; returns its solid. Raises SceneError."""
+        """Returns the solid of a mesh file. Raises SceneError if the file may not be used, or has no closed mesh."""
         full = self.file_path("mesh", name, *path)
         try:
             if full.stat().st_size > MESH_LIMIT:
@@ -60,9 +60,9 @@ class Context:
         raise self.document.error(f"the mesh {quote(name)} {problem}", *path)
 
     def image_filename(self, name: str, *path: str | int) -> str:
-        """Returns the file name of an image in the translation. Raises SceneError if the file is no image.
+        """Returns the file name of an image in the translation.
 
-        The image must be in the scene's folder or below.
+        Raises SceneError if the file may not be used, or is not an image.
         """
         error, full = self.document.error, self.file_path("image", name, *path)
         try:

@@ -36,7 +36,7 @@ class Animation:
         """Raises InputError if the scene uses neither $frame nor $time, so that several frames would be equal."""
         self.job, self.stem, self.frames = job, stem, job.frames or range(0)
         self.cache = prosim_scene.TranslationCache()
-        self.rendered = self.left = self.black = 0
+        self.rendered = self.skipped = self.black = 0
         with input_errors():
             self.names = scene_file.used_names(job.scene, {**job.definitions, **self.definitions(0)}, (FRAME, TIME))
             if not self.names and len(self.frames) > 1:
@@ -68,7 +68,7 @@ class Animation:
         The values of $frame and $time, and the seed, depend on ``number``. The first black frame causes a warning.
         Raises ClickException.
         """
-        bar.begin(number, self.rendered, len(self.frames) - self.left)
+        bar.begin(number, self.rendered, len(self.frames) - self.skipped)
         values = {name: value for name, value in self.definitions(number).items() if name in self.names}
         job = replace(self.job, definitions={**self.job.definitions, **values}, seed=(self.job.seed + number) % 2**32)
         with input_errors():
@@ -76,7 +76,7 @@ class Animation:
             facts = {DIGEST: digest(job, file), "prosim.frame": str(number)}
             task = RenderTask(job, file, self.path(number), facts=facts)
             if not job.overwrite and is_rendered(task):
-                self.left += 1
+                self.skipped += 1
                 return
             task.check()
             if job.checkpoint and not job.overwrite:
@@ -102,9 +102,9 @@ class Animation:
         """Returns a line that says how many frames were rendered, and where their files are."""
         first, last = self.path(self.frames[0]), self.path(self.frames[-1])
         names = f"{first}.exr" if len(self.frames) == 1 else f"{first}.exr to {last.name}.exr"
-        left = f", {self.left} had been rendered before" if self.left else ""
+        skipped = f", {self.skipped} had been rendered before" if self.skipped else ""
         black = f", {self.black} of them black" if self.black else ""
-        return f"{names}, and .png: {self.rendered} of {len(self.frames)} frames rendered{black}{left}"
+        return f"{names}, and .png: {self.rendered} of {len(self.frames)} frames rendered{black}{skipped}"
 
 
 def digest(job: Job, file: scene_file.SceneFile) -> str:

@@ -177,13 +177,13 @@ def at_level(scene: ComparedScene, spec: Spec, transport: str, n: int) -> Method
     integrator: Any = scene.method(spec, transport).integrator
     # With a fixed threshold, more samples would not reduce the error after all pixels have converged.
     changes = {"samples": n, "threshold": integrator.threshold * integrator.samples / n} | UNTARGETED
-    return scene.method(spec.but(**changes), transport)
+    return scene.method(spec.with_parameters(**changes), transport)
 
 
 def reference_estimator(scene: ComparedScene, spec: Spec, transport: str) -> Method:
     """Returns the method with 64 samples for every pixel. The reference is the mean of many images of this method."""
     if spec.is_adaptive:
-        return scene.method(spec.but(adaptive="none", samples=8, **UNTARGETED), transport)
+        return scene.method(spec.with_parameters(adaptive="none", samples=8, **UNTARGETED), transport)
     return scene.method(spec, transport, spp=64)
 
 

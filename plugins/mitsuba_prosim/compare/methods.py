@@ -51,13 +51,14 @@ class Spec:
         if not self.integrator:
             raise ValueError(f"{text!r} is not of the form {FORM}")
 
-    def but(self, **changes: Any) -> Spec:
+    def with_parameters(self, **changes: Any) -> Spec:
         """Returns this specification with other values of some parameters."""
         return Spec(self.text, **self.parameters | changes)
 
     def until(self, noise: float) -> Spec:
-        """Returns this specification with an error target, if the integrator :attr:`is_adaptive`."""
-        return self.but(**{"adaptive": "graded"} | self.parameters | {"noise": noise}) if self.is_adaptive else self
+        """Returns this specification with the error target ``noise``, if the integrator :attr:`is_adaptive`."""
+        changes = {"adaptive": self.parameters.get("adaptive", "graded"), "noise": noise} if self.is_adaptive else {}
+        return self.with_parameters(**changes)
 
     @property
     def is_adaptive(self) -> bool:
@@ -126,27 +127,25 @@ class ComparedScene:
         background = self.textures.get("background")
         return self.scene if background is None else with_background_emitter(self.scene, background)
 
-    def method(self, spec: Spec, transport: str, **overrides: Any) -> Method:
+    def method(self, spec: Spec, transport: str, spp: int = 0) -> Method:
         """Returns the :class:`Method` of a specification.
 
         ``transport`` selects the light paths: "scene" (as the scene file says), "paths" (all) or "direct" (direct light
-        only). ``overrides`` are further parameters of the integrator; the parameters of the specification
-        replace them. The item ``spp`` of ``overrides`` is the number of samples per pixel. Without ``spp``, an
-        adaptive integrator decides the number itself, and the sampler sets the number for other integrators.
+        only). ``spp`` is the number of samples per pixel. With 0, an adaptive integrator decides the number itself, and
+        the sampler sets the number for other integrators.
         """
-        spp, settings = overrides.pop("spp", 0), dict[str, Any](type=spec.integrator)
+        settings: dict[str, Any] = {"type": spec.integrator}
         if spec.integrator == self.integrator:
             settings |= self.settings
         if transport != "scene":
             settings.pop("hide_emitters", None)
-        if spec.integrator == "prosim":
-            settings |= TRANSPORT.get(transport, self.textures)
-        settings |= overrides | spec.parameters
         sensor = self.sensor(spec.sampler)
-        if not spec.is_adaptive and not spp:
-            spp = sensor.sampler().sample_count()
+        if spec.is_adaptive:
+            settings |= TRANSPORT.get(transport, self.textures)
+        else:
+            spp = spp or sensor.sampler().sample_count()
         scene = self.scene if transport == "scene" else self.lit
-        return Method(spec.text, scene, sensor, mi.load_dict(settings), spp)
+        return Method(spec.text, scene, sensor, mi.load_dict(settings | spec.parameters), spp)
 
 
 def can_light(background: Any) -> bool:

@@ -23,8 +23,11 @@ FAR = 16  # a scene whose distance from the origin is more than this number of s
 class Leaves:
     """Tables of the leaves of a scene's CSG tree.
 
-    ``solids`` are the distinct solids; ``of_leaf`` has the number of the solid of each leaf. After :meth:`make_meshes`,
-    ``meshes`` are the solids' meshes in the world, relative to ``origin``, and ``boxes`` (n, 2, 3) their minimum and
+    ``solids`` are the distinct solids; ``of_leaf`` has the number of the solid of each leaf. ``origin`` (3,) is a point
+    in the world; all positions are relative to this point. Facets that coincide lie within ``thickness``, a length in
+    the unit of the scene.
+
+    After :meth:`make_meshes`, ``meshes`` are the meshes of the solids, and ``boxes`` (n, 2, 3) are their minimum and
     maximum corners. The facets of all solids have consecutive numbers; those of solid i start at ``first[i]``.
     ``faces`` has the face of each facet, ``planes`` has the planes that facets share.
     """
@@ -37,10 +40,11 @@ class Leaves:
         cuts_several_media: np.ndarray,
         meshes: Mapping[str, Primitive],
     ) -> None:
-        """``cuts_several_media`` marks leaves that cut several media, so that faces of one leaf may coincide with each
-        other.
+        """``tolerance`` is the largest chord error of curved faces in pixels.
 
-        ``meshes`` are the solids of mesh files. Raises :class:`SceneError` for a transform that is singular or beyond
+        ``meshes`` are the solids of mesh files, by file name.
+        ``cuts_several_media`` (n,) is True for leaves that cut several media. A face of such a leaf becomes a face of
+        several solids, and these faces coincide. Raises :class:`SceneError` for a transform that is singular or beyond
         single precision, and for too many triangles.
         """
         keys = [(leaf.shape, leaf.file, leaf.index) for _, leaf in document.scene.leaves]
@@ -71,7 +75,7 @@ class Leaves:
         self.of_primitive = group_equal(s.primitive for s in self.solids)
 
     def _find_shared_surfaces(self, cuts_several_media: np.ndarray) -> None:
-        """Finds the surfaces that several leaves share, and merges equal solids."""
+        """Sets ``surfaces`` and ``facet_map`` of the solids with shared surfaces, and merges equal solids."""
         uses = np.bincount(self.of_leaf) + np.bincount(self.of_leaf, cuts_several_media)
         counts = [len(s.primitive.quadrics) for s in self.solids]
         if not any(counts):

@@ -1,6 +1,6 @@
 """Computes the triangles of the result: one mesh for each material and each pair of media, with normals and uv."""
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
 from functools import cache, partial
 from typing import NamedTuple
@@ -122,12 +122,12 @@ def tessellate(
     reflects = tuple(number == OPAQUE and fresnel(leaf) for number, leaf in zip(media_of, leaves))
     faces = cached(
         (tuple(tree), tuple(media_of), reflects, table.cache_key()),
-        lambda: _surface_mesh(table, _boundary(tree, table, media_of, reflects, cut_media > 0), max(media_of) + 2),
+        lambda: _surface_mesh(table, _boundary(tree, table, media_of, any(reflects), cut_media > 0), max(media_of) + 2),
     )
     warn_of_rounding(document, camera, faces.triangles.vertices)
     visible: set[int] = set()  # leaves that own a visible face
     filling: set[int] = set()  # media that are visible behind faces of other media
-    lining: set[int] = set()  # opaque leaves that cut glass, and glass that cuts opaque solids
+    mixed_cuts: set[int] = set()  # opaque leaves that cut glass, and leaves of glass that cut opaque solids
     kinds_of_key: dict[MeshKey, list[int]] = {}
     of_number = {AIR: None} | {number: name for name, number in numbers.items()}
     for kind, (leaf, inside, outside) in enumerate(faces.kinds):
@@ -135,25 +135,23 @@ def tessellate(
         if faces.visible[kind]:
             visible.add(leaf)
             filling |= {inside, outside} - {own, OPAQUE, AIR}
-            lining |= {leaf} if (inside == OPAQUE) != (own == OPAQUE) else set()
+            mixed_cuts |= {leaf} if (inside == OPAQUE) != (own == OPAQUE) else set()
         sides = [of_number[side] for side in _sides(own, inside, outside, reflects[leaf])]
         kinds_of_key.setdefault(MeshKey(material(leaves[leaf]), *sides), []).append(kind)
     # A medium that fills a hollow is visible, although its face belongs to the leaf that cut the hollow.
     shown = [leaf in visible or media_of[leaf] in filling for leaf in range(len(leaves))]
     _report_vanished(document, [place for place, one in zip(numbered_leaves, shown) if not one], not any(shown))
-    first_uses = {(leaves[i].shape, leaves[i].index): i for i in sorted(lining, reverse=True)}
+    first_uses = {(leaves[i].shape, leaves[i].index): i for i in sorted(mixed_cuts, reverse=True)}
     for i in sorted(first_uses.values()):
-        _warn_of_lining(document, *numbered_leaves[i], media_of[i] == OPAQUE)
+        _warn_of_mixed_cut(document, *numbered_leaves[i], media_of[i] == OPAQUE)
     return {key: faces.of_kinds(kinds) for key, kinds in kinds_of_key.items() if faces.visible[kinds].any()}
 
 
-def _boundary(
-    tree: csg.Tree, table: Leaves, media_of: list[int], reflects: Sequence[bool], cutters: np.ndarray
-) -> Boundary:
+def _boundary(tree: csg.Tree, table: Leaves, media_of: list[int], fresnel: bool, cutters: np.ndarray) -> Boundary:
     """Evaluates the CSG tree; returns the boundary of the result.
 
-    ``media_of[i]`` is the medium of leaf i. ``reflects[i]`` is whether leaf i is opaque and reflects by Fresnel's
-    equations. ``cutters[i]`` is whether leaf i is in the second operand of an operator - or *.
+    ``media_of[i]`` is the medium of leaf i. ``fresnel`` is whether an opaque leaf reflects by Fresnel's equations.
+    ``cutters[i]`` is whether leaf i is in the second operand of an operator - or *.
     """
     table.make_meshes()
     ids = OriginalIds(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
@@ -189,7 +187,7 @@ def _boundary(
             i = int(table.of_leaf[group])
             parts.append(primitive_boundary(table.meshes[i], group, table.first[i], media_of[group]))
         else:
-            parts += boundaries(of_group, ids, any(reflects))
+            parts += boundaries(of_group, ids, fresnel)
     return concatenated(parts)
 
 
@@ -251,7 +249,7 @@ def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, in
     return own if inside == OPAQUE else inside, outside
 
 
-def _warn_of_lining(document: Document, number: int, leaf: Leaf, opaque: bool) -> None:
+def _warn_of_mixed_cut(document: Document, number: int, leaf: Leaf, opaque: bool) -> None:
     """Warns that an opaque leaf cuts glass, or that a glass leaf cuts an opaque solid.
 
     The leaf that cuts owns the faces of the cut, so these faces have the material of this leaf.
@@ -269,7 +267,10 @@ def _warn_of_lining(document: Document, number: int, leaf: Leaf, opaque: bool) -
 
 
 def _report_vanished(document: Document, vanished: list[tuple[int, Leaf]], empty: bool) -> None:
-    """Warns of leaves that have no face in the result; ``empty`` is whether the whole result has no face."""
+    """Warns of leaves that have no face in the result.
+
+    ``vanished`` are these leaves with their positions in the CSG tree. ``empty`` is whether no leaf has a face.
+    """
     if empty:
         document.warn("the tree's result is empty; check its operators and transforms", "csg")
     elif vanished:

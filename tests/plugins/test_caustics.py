@@ -281,14 +281,15 @@ def test_rays_know_how_many_photons_there_are_as_these_do_themselves(variant_rgb
     world = scene(4, near=ball(glass), far=ball(glass, (1, 0.3, 1), 0.3), **met_by_rays())
     sources, n = Sources(world, Targets.of(world)), 128
     i = dr.arange(mi.UInt32, sources.pairs * n)
-    start = sources.start(i // n, mi.Float(n), *start_points(mi.UInt32(5), i), mi.Color0f())
+    sources.per_pair = mi.Float(n)
+    start = sources.start(i // n, *start_points(mi.UInt32(5), i), mi.Color0f())
     own = dr.gather(mi.EmitterPtr, sources.pointers, i // (2 * n))
     origin = dr.zeros(mi.Interaction3f)
     origin.p = start.ray(dr.select(own.is_environment(), 0, 0.1))
     ds = mi.DirectionSample3f(world, world.ray_intersect(mi.Ray3f(origin.p, -start.ray.d)), origin)
     # Rounding is divided by the cosine at the source.
     met = (dr.max(start.flux) > 0) & (ds.emitter == own) & (own.is_environment() | (dr.dot(ds.n, start.ray.d) > 0.6))
-    expected, found, met = (np.array(v) for v in (start.density, sources.density(origin, ds, mi.Float(n), met), met))
+    expected, found, met = (np.array(v) for v in (start.density, sources.density(origin, ds, met), met))
     assert np.all(met.reshape(-1, 2 * n).sum(axis=1) > n / 8)
     assert np.mean(np.abs(found[met] / expected[met] - 1) < 5e-3) > 0.99  # some lines graze what they are aimed at
     assert not found[~met].any()
@@ -349,7 +350,7 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
     world = scene(128, floor=ground(6, ROUGH), ball=glass, lamp=lamp(2.5, center=(0, 5, -2)))
     caustics, lights = Caustics.of(world, world.sensors()[0], 1, 7, tree), Lights(world)
     photons = caustics.mis
-    photons.per_pair = mi.Float(1000)
+    caustics.sources.per_pair = mi.Float(1000)
     n = 128 * 128
     random = [mi.Float(v) for v in np.random.default_rng(5).random((11, n), dtype=np.float32)]
     camera = world.sensors()[0].sample_ray(0, 0.5, mi.Point2f(*random[:2]), mi.Point2f(0.5))[0]
@@ -361,15 +362,15 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
         bs, weight = si.bsdf().sample(lobe, si, choice, mi.Point2f(*sample), met)
         met &= si.is_valid() & (bs.pdf > 0) & ((si.p.y > 0.01) if k else (si.p.y < 0.01))
         d = si.to_world(bs.wo)
-        following = replace(ray, o=si.spawn_ray(d).o, d=d, pdf=bs.pdf, uses_mis=mi.Bool(True), n=viewer_side(si))
+        following = replace(ray, o=si.spawn_ray(d).o, d=d, pdf=bs.pdf, n=viewer_side(si))
         vertex = Vertex(si, si.bsdf(), met, mi.Bool(False), met, ray, Receiver(si, following.n))
         chain.append((vertex, bs.wo, *si.bsdf().eval_pdf(lobe, si, bs.wo, met)))
         ray = photons.next(vertex, following, bs, weight)
     end, (last, _, f, pdf) = world.ray_intersect(mi.Ray3f(ray.o, ray.d), met), chain[-1]
     ds = mi.DirectionSample3f(world, end, last.si)
     met &= end.is_valid() & (ds.emitter != mi.EmitterPtr(None)) & (dr.dot(end.n, ray.d) < 0)
-    density, of_lamp = photons.density(last.si, ds, met), lights.pdf(Receiver(last.si, ray.n, mi.Bool(True)), ds, met)
-    ds.pdf = of_lamp
+    density = caustics.sources.density(last.si, ds, met)
+    ds.pdf = of_lamp = lights.pdf(Receiver(last.si, ray.n, mi.Bool(True)), ds, met)
     of_ray = mis(ray.pdf, of_lamp) * photons.emission_weight(ray, last.si, ds, of_lamp, met, met)
     shares = [of_ray, mis(of_lamp, pdf) * photons.light_weight(last, ds, f, pdf, met)]
     for level, (vertex, wo, f, pdf) in enumerate(reversed(chain)):
@@ -401,7 +402,8 @@ def test_glass_in_a_closed_box_casts_all_the_light_that_it_gets_on_the_walls(var
     world = load_scene(sensor=view(4), walls={"type": "cube", "flip_normals": True} | area(), ball=thing)
     caustics = Caustics.of(world, world.sensors()[0], 1, 1 << 31, True)
     i = dr.arange(mi.UInt32, 1 << 17)
-    start = caustics.sources.start(i * 0, mi.Float(1 << 17), *start_points(mi.UInt32(7), i), mi.Color0f())
+    caustics.sources.per_pair = mi.Float(1 << 17)
+    start = caustics.sources.start(i * 0, *start_points(mi.UInt32(7), i), mi.Color0f())
     landed, _ = caustics.tracer(start, i)
     power = dr.sum(dr.select(landed.valid, landed.flux.x, 0))[0]
     eye = parallel(32, 0.5, (0.2, 0.1, 2), (0.2, 0.1, 0), (0, 1, 0))

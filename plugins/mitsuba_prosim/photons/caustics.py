@@ -35,7 +35,7 @@ class Caustics:
     """Photons of the light ``sources`` in ``scene`` for the image of ``sensor``: ``count`` photons in each photon pass.
 
     A photon pass has several photon maps (:meth:`maps`). Each sample of a pixel gathers photons from one map: the
-    ``t``-th sample uses the map ``t % maps`` of the pass ``t // maps``, which :meth:`use_pass` must have selected.
+    ``t``-th sample uses the map ``t % maps`` of the pass ``t // maps``. Select this pass by :meth:`use_pass` before.
     ``deepest`` is the maximum number of specular surfaces that a photon passes. ``tree`` tells whether the rays of the
     camera form a tree (:class:`.PhotonTracer`).
 
@@ -70,7 +70,7 @@ class Caustics:
         """
         targets = Targets.of(scene, tree)
         sources = None if targets is None else Sources(scene, targets)
-        if sources is None or not sources.count:
+        if sources is None or not sources.pairs:
             return None
         if tree:
             warn_of_light_missed_by_trees(scene.shapes())
@@ -90,13 +90,12 @@ class Caustics:
         pass is deleted. A sampling pattern has ``n``² samples, and ``n`` samples of a pixel divide the spectrum.
         """
         which = seed, number, n
+        self.sources.per_pair = dr.opaque(mi.Float, self.per_pair(n))
         if which not in self._passes:
             if len(self._passes) >= max(CAPACITY // self.count, 2):
                 del self._passes[next(iter(self._passes))]
             self._passes[which] = self._emit(*which)
         self._current = self._passes[which]
-        if self.mis is not None:
-            self.mis.per_pair = dr.opaque(mi.Float, self.per_pair(n))
         self.key, self.n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, n)
 
     def add_to(self, L: mi.Spectrum, vertex: Vertex, t: mi.UInt32) -> mi.Spectrum:
@@ -132,7 +131,7 @@ class Caustics:
         # The points of a pair continue from map to map, so that the points of all maps together are evenly spread too.
         points = start_points(combine(key, pair), map_of * per_pair + i - pair_of_map * per_pair)
         wavelengths = self._wavelengths(seed, dr.opaque(mi.UInt32, number * maps) + map_of, n)
-        start = self.sources.start(pair, mi.Float(per_pair), *points, wavelengths)
+        start = self.sources.start(pair, *points, wavelengths)
         diffuse, glossy = self.tracer(start, combine(key, i + 1))
         dr.eval(diffuse, glossy, map_of)
         on_diffuse = Photons.of(diffuse, map_of, maps, self.footprint)

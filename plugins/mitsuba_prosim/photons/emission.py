@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import or_
 
 import drjit as dr
 import mitsuba as mi
@@ -47,8 +49,6 @@ class EmissionSample:
 
     #: Number of the target at which the photon is aimed.
     target: mi.UInt32
-    #: Number of photons of each pair of a light source and a target, the same for all photons.
-    per_pair: mi.Float
     #: Points in [0, 1)² that sample the light source, and the place on the target.
     on_source: mi.Point2f
     on_target: mi.Point2f
@@ -62,34 +62,28 @@ class EmissionSample:
         return result
 
 
-#: Kinds of light sources: photons start at one point, on a surface, or far away.
-KINDS = ("point", "surface", "far")
-
-
-def kind(emitter: mi.Emitter) -> str | None:
-    """Returns the kind of ``emitter``: "point", "surface" or "far" (:data:`KINDS`).
-
-    Returns None for ``directionalarea``, and if the flags of ``emitter`` do not tell where the emitter is.
-    """
-    flags = emitter.flags()
-    if mi.has_flag(flags, mi.EmitterFlags.Infinite):
-        return "far"
-    if mi.has_flag(flags, mi.EmitterFlags.DeltaPosition):
-        return "point"
-    directed = mi.has_flag(flags, mi.EmitterFlags.DeltaDirection)
-    return "surface" if mi.has_flag(flags, mi.EmitterFlags.Surface) and not directed else None
-
-
-def kinds_of(emitters: Sequence[mi.Emitter]) -> dict[mi.Emitter, str]:
-    """Returns the :func:`kind` of each emitter that can emit photons, and warns of the other emitters."""
-    kinds = {emitter: kind(emitter) for emitter in emitters}
-    if names := ", ".join(repr(emitter.id()) for emitter, found in kinds.items() if found is None):
+def photon_emitters(emitters: Sequence[mi.Emitter]) -> list[mi.Emitter]:
+    """Returns the ``emitters`` that can emit photons, and warns of the others."""
+    others = [emitter for emitter in emitters if not has_place(emitter)]
+    if others:
         mi.Log(
             mi.LogLevel.Warn,
-            f"prosim: caustics omit the light of the emitters {names}, because their flags do not define a place. "
+            f"prosim: caustics omit the light of the emitters {', '.join(repr(emitter.id()) for emitter in others)}, "
+            "because their flags do not define a place. "
             "Use emitters with the flag DeltaPosition or Infinite, or with Surface but without DeltaDirection.",
         )
-    return {emitter: found for emitter, found in kinds.items() if found is not None}
+    return [emitter for emitter in emitters if emitter not in others]
+
+
+def has_place(emitter: mi.Emitter) -> bool:
+    """Tells whether the flags of ``emitter`` define where its photons start: at a point, on a surface, or far away.
+
+    The flags of ``directionalarea`` do not.
+    """
+    flags, names = emitter.flags(), mi.EmitterFlags
+    if mi.has_flag(flags, names.Surface):
+        return not mi.has_flag(flags, names.DeltaDirection)
+    return mi.has_flag(flags, names.DeltaPosition) or mi.has_flag(flags, names.Infinite)
 
 
 class Sources:
@@ -100,33 +94,30 @@ class Sources:
 
     def __init__(self, scene: mi.Scene, targets: Targets) -> None:
         self.scene, self.targets = scene, targets
-        kinds = kinds_of(emitters_in_order(scene))
-        self.emitters, self.count, self.kinds = list(kinds), len(kinds), set(kinds.values())
-        #: Number of pairs of an emitter and a target.
-        self.pairs = self.count * targets.count
-        if not self.emitters:
-            return
-        self.pointers = emitter_pointers(scene, self.emitters)
-        self.kind = mi.UInt32([KINDS.index(name) for name in kinds.values()])
+        emitters = photon_emitters(emitters_in_order(scene))
+        #: Number of pairs of an emitter and a target; and the union of the ``mi.EmitterFlags`` of the emitters.
+        self.pairs, self.flags = len(emitters) * targets.count, reduce(or_, (e.flags() for e in emitters), 0)
+        self.pointers = emitter_pointers(scene, emitters) if emitters else None
         sphere = scene.bbox().bounding_sphere()
         self.middle, self.far_distance = mi.Point3f(sphere.center), mi.Float(2 * max(float(sphere.radius), 1e-3))
-        dr.make_opaque(self.pointers, self.kind, self.middle, self.far_distance)
+        dr.make_opaque(self.pointers, self.middle, self.far_distance)
+        #: Number of photons of each pair in one photon map, set by :meth:`.Caustics.use_pass`.
+        self.per_pair = mi.Float(0)
 
-    def start(
-        self, pair: mi.UInt32, per_pair: mi.Float, on_source: mi.Point2f, on_target: mi.Point2f, wavelengths: mi.Color0f
-    ) -> Start:
+    def start(self, pair: mi.UInt32, on_source: mi.Point2f, on_target: mi.Point2f, wavelengths: mi.Color0f) -> Start:
         """Emits one photon for each entry of ``pair``, the number of a pair of a light source and a target.
 
         :class:`EmissionSample` explains the other arguments. A photon whose power is not finite gets the power 0.
         """
         number = pair // self.targets.count
         target = pair - number * self.targets.count
-        emitter, kinds = dr.gather(mi.EmitterPtr, self.pointers, number), dr.gather(mi.UInt32, self.kind, number)
-        sample = EmissionSample(target, per_pair, on_source, on_target, wavelengths)
+        emitter, names = dr.gather(mi.EmitterPtr, self.pointers, number), mi.EmitterFlags
+        sample = EmissionSample(target, on_source, on_target, wavelengths)
         start = Start(dr.zeros(mi.Ray3f), mi.Spectrum(0), mi.Float(0))
-        for k, (name, method) in enumerate(zip(KINDS, (self._point, self._surface, self._far))):
-            if name in self.kinds:
-                active = kinds == k
+        methods = {names.DeltaPosition: self._point, names.Surface: self._surface, names.Infinite: self._far}
+        for flag, method in methods.items():
+            if mi.has_flag(self.flags, flag):
+                active = mi.has_flag(emitter.flags(), flag)
                 start = dr.select(active, method(emitter, sample, active), start)
         start.flux = dr.select(dr.all(dr.isfinite(start.flux)), start.flux, 0)
         start.ray.wavelengths = wavelengths
@@ -139,7 +130,7 @@ class Sources:
         center, radius = self.targets.at(sample.target)
         x = emitter.sample_direction(sample.receiver(center), sample.on_source, active)[0].p
         ray = mi.Ray3f(x, aim.direction(x, center, radius, sample.on_target))
-        density = sample.per_pair * self.targets.density(x, ray.d, False, active, sample.target)
+        density = self.per_pair * self.targets.density(x, ray.d, False, active, sample.target)
         hit, lit = self._first_hit(sample, ray, active)
         weight = emitter.sample_direction(hit, sample.on_source, lit)[1]
         flux = dr.select(lit, weight * (dr.squared_norm(hit.p - x) / density), 0)
@@ -154,7 +145,7 @@ class Sources:
         ps, _ = emitter.sample_position(0.0, sample.on_source, active)
         x, per_area = ps.p, mi.Float(ps.pdf)
         d = aim.direction(x, center, radius, sample.on_target)
-        density = per_area * sample.per_pair * self.targets.density(x, d, False, active, sample.target)
+        density = per_area * self.per_pair * self.targets.density(x, d, False, active, sample.target)
         cos = dr.dot(ps.n, d)
         active = active & (cos > 0) & (density > 0)
         ray = mi.SurfaceInteraction3f(ps, sample.wavelengths).spawn_ray(d)
@@ -176,20 +167,20 @@ class Sources:
         d = -ds.d
         disk = mi.warp.square_to_uniform_disk_concentric(sample.on_target) * radius
         x = center + mi.Frame3f(d).to_world(mi.Vector3f(disk.x, disk.y, 0))
-        density = sample.per_pair * self.targets.density(x, d, True, active, sample.target)
+        density = self.per_pair * self.targets.density(x, d, True, active, sample.target)
         back = dr.dot(x - self.middle, d) + self.far_distance
         flux = dr.select(active, weight / density, 0)
         density = dr.select(ds.delta, DELTA_DENSITY, density * ds.pdf)
         return Start(mi.Ray3f(x - d * back, d), flux, density)
 
-    def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, per_pair: mi.Float, active: mi.Bool) -> mi.Float:
+    def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
         """Returns the density of photons (:attr:`Start.density`) on the light ray that arrives at ``it`` along ``ds``.
 
-        The density is 0 on light rays on which no photon can start, and for point lights and light of a single
-        direction. ``per_pair`` is the number of photons of each pair, as in :meth:`start`.
+        The density is 0 for point lights, for light of a single direction, and where no photon can start on the light
+        ray.
         """
         d, flags, result = -ds.d, ds.emitter.flags(), mi.Float(0)
-        if "surface" in self.kinds:
+        if mi.has_flag(self.flags, mi.EmitterFlags.Surface):
             cos = dr.dot(ds.n, d)
             lit = active & mi.has_flag(flags, mi.EmitterFlags.Surface) & (cos > 0)
             # Emission that varies over a surface is sampled by its texture; constant emission is sampled by the
@@ -202,11 +193,11 @@ class Sources:
             )
             density = per_area * self.targets.density(ds.p, d, False, lit)
             result = dr.select(lit, density / dr.select(lit, cos, 1), result)
-        if "far" in self.kinds:
+        if mi.has_flag(self.flags, mi.EmitterFlags.Infinite):
             lit = active & mi.has_flag(flags, mi.EmitterFlags.Infinite)
             pdf = ds.emitter.pdf_direction(it, ds, lit)
             result = dr.select(lit, pdf * self.targets.density(it.p, d, True, lit), result)
-        return per_pair * result
+        return self.per_pair * result
 
     def _first_hit(
         self, sample: EmissionSample, ray: mi.Ray3f, active: mi.Bool

@@ -89,9 +89,9 @@ class Footprint:
         return self.size + self.spread * dr.norm(p - self.eye)
 
     def area(self, p: mi.Point3f) -> mi.Float:
-        """Returns the area around ``p`` that gives photons with equal weights the noise of the actual kernel.
+        """Returns the effective area of the kernel of a photon at the point ``p``.
 
-        The kernel weights nearby photons more.
+        The kernel gives nearby photons more weight. Equal weights on the effective area cause the same noise.
         """
         return UNIFORM_AREA * dr.pi * dr.square(self.width(p))
 
@@ -155,9 +155,9 @@ class Photons:
         if dr.width(indices) == 0:
             indices = mi.UInt32(0)  # a photon without flux
         landed = landed.at(indices)
-        level = level_of(kernel_radii(landed.p, footprint))
-        x, y, z = cell(landed.p, level)
-        rows = row_hash(level, y, z)
+        grid = grid_of(kernel_radii(landed.p, footprint))
+        x, y, z = cell(landed.p, grid)
+        rows = row_hash(grid, y, z)
         bucket = bucket_of(dr.gather(mi.UInt32, map_of, indices), rows, x, mask)
         dr.eval(landed, rows, bucket)
         order = dr.argsort(bucket)
@@ -196,16 +196,16 @@ def kernel_radii(p: mi.Point3f, footprint: Footprint) -> mi.Float:
     width = footprint.width(p)
     result = mi.Float(width)
     for narrow, wide in pairwise(footprint.radii):
-        level, within = level_of(2 * narrow * width), mi.Float(0)
+        grid, neighbours = grid_of(2 * narrow * width), mi.Float(0)
         # A cell at the edge of a caustic may be nearly empty. A cell that is shifted by half its edge is then fuller.
         for shift in (0, 0.5):
-            x, y, z = cell(p + shift * cell_edge(level), level)
-            entry = combine(row_hash(level, y, z), mi.UInt32(x)) & (COUNTERS - 1)
+            x, y, z = cell(p + shift * cell_edge(grid), grid)
+            entry = combine(row_hash(grid, y, z), mi.UInt32(x)) & (COUNTERS - 1)
             count = dr.zeros(mi.UInt32, COUNTERS)
             dr.scatter_add(count, mi.UInt32(1), entry)
-            within = dr.maximum(within, dr.gather(mi.UInt32, count, entry))
-        within *= dr.pi * dr.square(narrow * width / cell_edge(level))
-        result = dr.select((within < MIN_NEIGHBOURS) & (result == narrow * width), wide * width, result)
+            neighbours = dr.maximum(neighbours, dr.gather(mi.UInt32, count, entry))
+        neighbours *= dr.pi * dr.square(narrow * width / cell_edge(grid))  # in a circle, not in a cell
+        result = dr.select((neighbours < MIN_NEIGHBOURS) & (result == narrow * width), wide * width, result)
     return result
 
 
@@ -216,32 +216,34 @@ def counts_below(key: mi.UInt32, count: int) -> mi.UInt32:
     return mi.UInt32(np.concatenate([[0], np.cumsum(counts)]).astype(np.uint32))
 
 
-def level_of(reach: mi.Float) -> mi.Int32:
-    """Returns the number of the grid for a search radius ``reach``.
+def grid_of(radius: mi.Float) -> mi.Int32:
+    """Returns the number of the grid that holds the photons of this kernel ``radius``.
 
-    The cells of the grid are so large that a sphere with the radius ``reach`` touches at most two cells along each
-    axis.
+    The cells of the grid are so large that a sphere of this radius touches at most two cells along each axis.
     """
-    return mi.Int32(dr.floor(SIZES * dr.log2(reach)))
+    return mi.Int32(dr.floor(SIZES * dr.log2(radius)))
 
 
-def cell_edge(level: mi.Int32) -> mi.Float:
-    """Returns the edge length of the cells of the grid ``level``: twice the longest search radius in this grid."""
-    return 2 * dr.exp2(mi.Float(level + 1) * (1 / SIZES))
+def cell_edge(grid: mi.Int32) -> mi.Float:
+    """Returns the edge length of the cells of the grid number ``grid``: twice the greatest kernel radius in this
+    grid.
+    """
+    return 2 * dr.exp2(mi.Float(grid + 1) * (1 / SIZES))
 
 
-def cell(p: mi.Point3f, level: mi.Int32) -> tuple[mi.Int32, mi.Int32, mi.Int32]:
-    """Returns the integer coordinates of the cell of ``p`` in the grid ``level``."""
-    per_edge = dr.rcp(cell_edge(level))
+def cell(p: mi.Point3f, grid: mi.Int32) -> tuple[mi.Int32, mi.Int32, mi.Int32]:
+    """Returns the integer coordinates of the cell of the point ``p`` in the grid number ``grid``."""
+    per_edge = dr.rcp(cell_edge(grid))
     return tuple(mi.Int32(dr.floor(v * per_edge)) for v in p)
 
 
-def row_hash(level: mi.Int32, y: mi.Int32, z: mi.Int32) -> mi.UInt32:
+def row_hash(grid: mi.Int32, y: mi.Int32, z: mi.Int32) -> mi.UInt32:
     """Returns a hash that identifies a row of cells along the x axis.
 
-    Two neighbouring rows have the same hash with a probability of 10⁻⁸.
+    The row is in the grid number ``grid``; ``y`` and ``z`` are the coordinates of its cells. Two neighbouring rows have
+    the same hash with a probability of 10⁻⁸.
     """
-    return combine(combine(mi.UInt32(level), mi.UInt32(y)), mi.UInt32(z))
+    return combine(combine(mi.UInt32(grid), mi.UInt32(y)), mi.UInt32(z))
 
 
 def bucket_of(number: mi.UInt32, row: mi.UInt32, x: mi.Int32, mask: mi.UInt32) -> mi.UInt32:
@@ -268,17 +270,17 @@ def gather(
     off_axis = dr.minimum(dr.safe_sqrt(1 - n2) + MAX_PLANE_DISTANCE * dr.sqrt(n2), 1) * (1 + 1e-3)
     first_of_map, size = photons.map_range(number, active)
 
-    def of_reach(k: mi.UInt32, L: mi.Spectrum) -> mi.Spectrum:
-        """Adds the radiance of the photons whose radius is the ``k``-th radius of the footprint."""
-        times = mi.Float(1 << (OCTAVES * k))
-        reach = times * width
-        # At photons within reach a pixel has about the same width. So these photons are mostly in one grid, seldom in
-        # two.
-        change = footprint.spread * reach
-        first = level_of(times * dr.maximum(width - change, footprint.size))
-        last = level_of(times * (width + change))
-        inv_reach2 = dr.rcp(dr.square(reach))
-        low_corner, high_corner = si.p - off_axis * reach, si.p + off_axis * reach
+    def add_radius(k: mi.UInt32, L: mi.Spectrum) -> mi.Spectrum:
+        """Returns ``L`` plus the radiance of the photons that have the ``k``-th radius of the footprint."""
+        pixels = mi.Float(1 << (OCTAVES * k))
+        radius = pixels * width
+        # A pixel is about equally wide at all photons within the radius. So these photons are mostly in one grid,
+        # seldom in two.
+        change = footprint.spread * radius
+        first = grid_of(pixels * dr.maximum(width - change, footprint.size))
+        last = grid_of(pixels * (width + change))
+        inv_radius2 = dr.rcp(dr.square(radius))
+        low_corner, high_corner = si.p - off_axis * radius, si.p + off_axis * radius
 
         # The number of cells along y and along z, minus one: 0 or 1. This number is a mask of one bit of a row's
         # number.
@@ -286,32 +288,32 @@ def gather(
         bits_y, bits_z = (dr.select((low != high) | (first < last), mi.UInt32(1), 0) for low, high in cells)
         rows = dr.select(active, mi.UInt32(last - first + 1) << (bits_y + bits_z), 0)
 
-        def photon(i: mi.UInt32, end: mi.UInt32, row_key: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
-            """Adds the radiance of the photon ``i``, and returns the index of the next photon."""
+        def add_photon(i: mi.UInt32, end: mi.UInt32, row: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
+            """Returns ``i`` + 1, and ``L`` plus the radiance of the photon ``i`` if its row has the hash ``row``."""
             in_range = i < end
             k = dr.select(i < first_of_map + size, i, i - size)
             place = dr.gather(mi.Vector4f, photons.places, k, in_range)
             offset = mi.Point3f(place.x, place.y, place.z) - si.p
-            d2 = dr.squared_norm(offset) * inv_reach2
+            d2 = dr.squared_norm(offset) * inv_radius2
             # Rows that share a bucket are visited one after the other: each visit counts only the photons of its own
             # row.
-            in_reach = in_range & (d2 < 1) & (dr.reinterpret_array(mi.UInt32, place.w) == row_key)
-            in_reach &= dr.square(dr.dot(offset, si.n)) * inv_reach2 < MAX_PLANE_DISTANCE**2
+            in_reach = in_range & (d2 < 1) & (dr.reinterpret_array(mi.UInt32, place.w) == row)
+            in_reach &= dr.square(dr.dot(offset, si.n)) * inv_radius2 < MAX_PLANE_DISTANCE**2
             d, flux = (dr.gather(type(v), v, k, in_reach) for v in (photons.landed.d, photons.landed.flux))
             light = dr.select(in_reach, value(k, -d, in_reach) * flux, 0)
-            return i + 1, L + light * (2 * dr.inv_pi * inv_reach2 * (1 - d2))
+            return i + 1, L + light * (2 * dr.inv_pi * inv_radius2 * (1 - d2))
 
-        def row(k: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
-            """Adds the radiance of the photons in the row ``k`` of cells."""
+        def add_row(k: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
+            """Returns ``k`` + 1, and ``L`` plus the radiance of the photons in the row ``k`` of cells."""
             # The bits of k, lowest first: one for y and one for z if there are two cells along that axis; the others
             # are the grid.
-            level = first + mi.Int32(k >> (bits_y + bits_z))
-            x, y, z = cell(low_corner, level)
-            row_key = row_hash(level, y + mi.Int32(k & bits_y), z + mi.Int32((k >> bits_y) & bits_z))
-            i, end = photons.row_range(number, row_key, x, cell(high_corner, level)[0], size, k < rows)
-            _, L = dr.while_loop((i, L), lambda i, L: i < end, lambda i, L: photon(i, end, row_key, L))
+            grid = first + mi.Int32(k >> (bits_y + bits_z))
+            x, y, z = cell(low_corner, grid)
+            row_key = row_hash(grid, y + mi.Int32(k & bits_y), z + mi.Int32((k >> bits_y) & bits_z))
+            i, end = photons.row_range(number, row_key, x, cell(high_corner, grid)[0], size, k < rows)
+            _, L = dr.while_loop((i, L), lambda i, L: i < end, lambda i, L: add_photon(i, end, row_key, L))
             return k + 1, L
 
-        return dr.while_loop((mi.UInt32(0), L), lambda k, L: k < rows, row)[1]
+        return dr.while_loop((mi.UInt32(0), L), lambda k, L: k < rows, add_row)[1]
 
-    return fold(0, len(footprint.radii), of_reach, mi.Spectrum(0), active, unrolled=False)
+    return fold(0, len(footprint.radii), add_radius, mi.Spectrum(0), active, unrolled=False)

@@ -89,8 +89,8 @@ class Hit(Surface):
 class PhotonMIS:
     """Gathers photons on glossy surfaces of ``scene``, with the MIS weights of photons and rays.
 
-    A photon is gathered if specular or near-specular surfaces have scattered it. The MIS weight of a photon shares the
-    light with the rays that find the same light. ``deepest`` is the maximum number of specular surfaces of a light
+    A photon is gathered if specular or near-specular surfaces have scattered it. The MIS weight of a photon allows for
+    the rays that find the same light. ``deepest`` is the maximum number of specular surfaces of a light
     path; surfaces that the camera ray meets count too. ``tree`` tells whether camera rays follow both specular lobes of
     a surface, or only one of the two. The weights assume that each photon counts within the width of a pixel
     (``footprint``), although sparse photons have a greater radius.
@@ -106,14 +106,6 @@ class PhotonMIS:
         #: surface.
         self.needed = bool(self.near_specular_bsdfs or (self.lobes and lobes.has_any(flags, *lobes.IDEAL)))
         self.lights = Lights(scene, choose=not tree) if self.near_specular_bsdfs else None
-        #: Number of photons of each pair of a light source and a target, in one photon map; None before
-        #: :meth:`.Caustics.draw`.
-        self.per_pair: mi.Float | None = None
-
-    def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
-        """Returns the density of the photons that come from the light source to ``it`` along ``ds``."""
-        assert self.per_pair is not None, "no photons have been emitted"
-        return self.sources.density(it, ds, self.per_pair, active)
 
     def near_specular(self, bsdf: mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
         """Tells whether ``bsdf`` is near-specular."""
@@ -135,7 +127,7 @@ class PhotonMIS:
         ``bs`` and ``weight`` are the BSDF sample at ``vertex`` that made this ray.
         """
         si, bsdf = vertex.si, vertex.bsdf
-        smooth = but_not(following.uses_mis, vertex.inseparable)
+        smooth = but_not(following.pdf > 0, vertex.inseparable)
         near, kept = smooth & self.near_specular(bsdf, smooth), ideal_throughput(bs, weight, bsdf.flags())
         kept = dr.select(near, dr.max(mi.unpolarized_spectrum(weight)), kept)
         earlier = dr.select(vertex.inseparable, 0, etendue_of(vertex.ray) * kept)
@@ -157,9 +149,9 @@ class PhotonMIS:
         source from ``origin``; light sampling takes this sample with the density ``pdf`` in the lanes ``uses_mis``.
         """
         # Only rays find light that comes directly from a sky.
-        found = active & (ray.earlier_etendue > 0) & (uses_mis | but_not(mi.Bool(True), ray.uses_mis))
+        found = active & (ray.earlier_etendue > 0) & (uses_mis | (ray.pdf == 0))
         others = dr.select(uses_mis & found, pdf / ray.pdf, 0)
-        return ray_weight(effective_photons(ray.earlier_etendue * self.density(origin, ds, found), others))
+        return ray_weight(effective_photons(ray.earlier_etendue * self.sources.density(origin, ds, found), others))
 
     def light_weight(
         self, vertex: Vertex, ds: mi.DirectionSample3f, f: mi.Spectrum, pdf: mi.Float, active: mi.Bool
@@ -170,7 +162,7 @@ class PhotonMIS:
         of the lobe for the direction sample ``ds``.
         """
         active = active & (pdf > 0) & self.near_specular(vertex.bsdf, active)
-        expected = etendue_of(vertex.ray) * kept_fraction(f, pdf) * self.density(vertex.si, ds, active)
+        expected = etendue_of(vertex.ray) * kept_fraction(f, pdf) * self.sources.density(vertex.si, ds, active)
         return ray_weight(effective_photons(expected, quotient(ds.pdf, dr.select(active, pdf, 0))))
 
     def radiance(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
@@ -179,8 +171,10 @@ class PhotonMIS:
         ``number`` is the number of the photon map from which photons are gathered.
         """
         ray, si, bsdf = vertex.ray, vertex.si, vertex.bsdf
-        active = vertex.before_gathering(vertex.active) & lobes.has_any(bsdf.flags(), *lobes.GLOSSY)
-        active = but_not(active & (ray.level < self.deepest), vertex.inseparable)
+        active = vertex.active & lobes.has_any(bsdf.flags(), *lobes.GLOSSY) & (ray.level < self.deepest)
+        active = but_not(active, vertex.inseparable)
+        if ray.light_found is not None:
+            active = but_not(active, ray.light_found)
         area, etendue = self.footprint.area(si.p), dr.select(self.near_specular(bsdf, active), etendue_of(ray), 0)
 
         def value(i: mi.UInt32, d: mi.Vector3f, in_reach: mi.Bool) -> mi.Spectrum:

@@ -11,7 +11,7 @@ from ..masks import but_not
 from ..sampling.hash import combine
 from ..sampling.nrook import to_unit
 from ..transport import lobes
-from ..transport.absorption import media_of, medium_before, medium_beyond, only_absorbs, transmittance
+from ..transport.absorption import medium_before, medium_beyond, transmittance
 from ..transport.scattering import Scattering
 from .emission import Start
 from .grid import Landed
@@ -40,8 +40,8 @@ class State:
     ray: mi.Ray3f
     flux: mi.Spectrum
     active: mi.Bool
-    #: The medium around the photon; None where no medium of the scene absorbs light.
-    medium: mi.MediumPtr | None
+    #: The medium around the photon.
+    medium: mi.MediumPtr
     #: Whether a smooth lobe of a BSDF without separable lobes has scattered the photon; None where the scene has no
     #: such BSDF.
     from_inseparable: mi.Bool | None
@@ -58,15 +58,14 @@ class PhotonTracer:
     """Traces photons in ``scene`` through at most ``deepest`` specular surfaces.
 
     ``tree`` tells whether the rays of the camera form a tree. With a ray tree, BSDFs without separable lobes scatter
-    photons by all specular lobes. With paths, BSDFs without separable lobes scatter photons only by ideal lobes, and
-    all other photons land there. ``mis`` is the MIS of photons and rays if photons land on glossy surfaces, else None.
+    photons by all specular lobes. With paths, BSDFs without separable lobes scatter photons only by ideal lobes; the
+    other photons land on these surfaces. ``mis`` is the MIS of photons and rays if photons land on glossy surfaces, else None.
     """
 
     def __init__(self, scene: mi.Scene, deepest: mi.UInt32, tree: bool, mis: PhotonMIS | None) -> None:
         self.scene, self.deepest, self.tree, self.mis = scene, deepest, tree, mis
         self.specular = lobes.specular()
         self.specular.mode = mi.TransportMode.Importance
-        self.absorbs = any(map(only_absorbs, media_of(scene)))
         self.scattering = Scattering.of(scene)
 
     def __call__(self, start: Start, key: mi.UInt32) -> tuple[Landed, Landed | None]:
@@ -75,10 +74,10 @@ class PhotonTracer:
 
         ``key`` is the hash key of each photon.
         """
-        medium = mi.MediumPtr(None) if self.absorbs else None
+        active, medium = dr.max(start.flux) > 0, mi.MediumPtr(None)
         from_inseparable = mi.Bool(False) if self.scattering.any_inseparable else None
         density, glossy = (None, None) if self.mis is None else (start.density, Landed.nowhere())
-        state = State(start.ray, start.flux, dr.max(start.flux) > 0, medium, from_inseparable, density, glossy)
+        state = State(start.ray, start.flux, active, medium, from_inseparable, density, glossy)
         (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (self._step(state, key),))
         return state.landed, state.glossy
 
@@ -114,22 +113,21 @@ class PhotonTracer:
             density, glossy = self.mis.scatter(density, glossy, hit, bs, weight, land_weight, scatters)
         landed = dr.select(lands, hit.landed(land_weight, mi.Float(0)), state.landed)
         flux = dr.select(scatters, flux / dr.select(scatters, p_continue, 1), state.flux)
-        medium = medium_beyond(hit.si, medium, d, scatters) if self.absorbs else None
+        medium = medium_beyond(hit.si, medium, d, scatters)
         from_inseparable = None if state.from_inseparable is None else state.from_inseparable | by_all_lobes
         ray, level = hit.si.spawn_ray(d), hit.level + 1
         return State(ray, flux, scatters, medium, from_inseparable, density, glossy, level, landed)
 
-    def _intersect(self, state: State) -> tuple[Hit, mi.MediumPtr | None]:
+    def _intersect(self, state: State) -> tuple[Hit, mi.MediumPtr]:
         """Returns the surface points that the photons meet, and the medium in which the photons arrive.
 
         The flux of a hit is reduced by the absorption of the medium.
         """
         si, d = self.scene.ray_intersect(state.ray, state.active), state.ray.d
-        surface, medium, flux = state.active & si.is_valid(), state.medium, state.flux
-        if self.absorbs:
-            medium = medium_before(si, medium, d, surface & (state.level == 0))
-            flux = flux * transmittance(medium, si.wavelengths, si.t, surface)
-            surface &= dr.max(flux) > 0
+        surface = state.active & si.is_valid()
+        medium = medium_before(si, state.medium, d, surface & (state.level == 0))
+        flux = state.flux * transmittance(medium, si.wavelengths, si.t, surface)
+        surface &= dr.max(flux) > 0
         bsdf = si.bsdf()
         # The flux is per area of the smooth surface that is shaded. Otherwise facets at grazing incidence would differ
         # from their neighbours.

@@ -12,30 +12,27 @@ import drjit as dr
 import mitsuba as mi
 
 from ..masks import idle
-from ..optics.nested import all_shapes
+from ..optics.nested import all_shapes, parts
 
-#: Wavelengths in nm at which a medium is tested for scattering.
-TESTED = (380.0, 450.0, 500.0, 550.0, 600.0, 650.0, 700.0, 780.0)
+#: Albedo below which a medium does not scatter light. The maximum of a black spectrum may be 3e-8, a rounding error.
+MIN_ALBEDO = 1e-6
 
 #: Length of a ray that meets nothing. A medium that absorbs light transmits nothing over this length.
 UNBOUNDED = 1e30
 
 
-def absorbs_any(scene: mi.Scene, camera_medium: mi.Medium | None) -> bool:
-    """Tells whether a medium of ``scene`` or the medium of the camera absorbs light.
+def warn_of_ignored_media(scene: mi.Scene, camera_medium: mi.Medium | None) -> None:
+    """Warns of media that scatter light or are not homogeneous, because the integrator ignores these media.
 
-    Warns of media that scatter light or are not homogeneous, because the integrator ignores these media.
+    The media are those of ``scene``, and ``camera_medium``, the medium around the camera.
     """
     media = dict.fromkeys([*media_of(scene), *([] if camera_medium is None else [camera_medium])])
-    absorbing = [medium for medium in media if only_absorbs(medium)]
-    if len(absorbing) < len(media):
-        others = ", ".join(repr(medium.id()) for medium in media if medium not in absorbing)
+    if ignored := ", ".join(repr(medium.id()) for medium in media if not only_absorbs(medium)):
         mi.Log(
             mi.LogLevel.Warn,
-            f"prosim: the media {others} scatter light or are not homogeneous, and are ignored. Give homogeneous media "
-            'with albedo 0, or render with "volpath".',
+            f"prosim: the media {ignored} scatter light or are not homogeneous, and are ignored. Give homogeneous "
+            'media with albedo 0, or render with "volpath".',
         )
-    return bool(absorbing)
 
 
 def media_of(scene: mi.Scene) -> Iterator[mi.Medium]:
@@ -48,24 +45,17 @@ def media_of(scene: mi.Scene) -> Iterator[mi.Medium]:
 
 def only_absorbs(medium: mi.Medium) -> bool:
     """Tells whether ``medium`` is homogeneous and does not scatter light."""
-    if not medium.is_homogeneous():
-        return False
-    for i in range(0, len(TESTED), 4):
-        mei = dr.zeros(mi.MediumInteraction3f)
-        if mi.is_spectral:
-            mei.wavelengths = mi.UnpolarizedSpectrum(TESTED[i : i + 4])
-        sigma_s, _, _ = medium.get_scattering_coefficients(mei, True)
-        if dr.any(sigma_s != 0, axis=None):
-            return False
-    return True
+    albedo = parts(medium).get("albedo") if medium.is_homogeneous() else None
+    return albedo is not None and albedo.max() < MIN_ALBEDO
 
 
 def transmittance(
     medium: mi.MediumPtr | mi.Medium | None, wavelengths: mi.Color0f, t: mi.Float, active: mi.Bool
 ) -> mi.UnpolarizedSpectrum | float:
-    """Returns the transmittance of ``medium`` over the distance ``t``.
+    """Returns the transmittance of ``medium`` over the distance ``t``: the fraction of light that is not absorbed.
 
-    The transmittance is 1 without a medium, and in media that scatter light or are not homogeneous.
+    The transmittance is 1 without a medium, and in media that scatter light or are not homogeneous. ``wavelengths`` are
+    in nm, and empty except in spectral variants.
     """
     if medium is None:  # in scalar variants
         return 1.0
@@ -79,9 +69,10 @@ def transmittance(
 def medium_beyond(
     si: mi.SurfaceInteraction3f, medium: mi.MediumPtr | mi.Medium | None, d: mi.Vector3f, active: mi.Bool
 ) -> mi.MediumPtr | mi.Medium | None:
-    """Returns the medium of a ray that leaves ``si`` in the direction ``d``; the ray arrived in ``medium``.
+    """Returns the medium around a ray that leaves the surface point ``si`` in the direction ``d``.
 
-    The medium stays the same if the surface has no media.
+    ``medium`` is the medium around the ray that arrived at ``si``. The result is the same medium if the surface has no
+    media.
     """
     if idle(active):  # only in scalar variants
         return medium
@@ -91,9 +82,10 @@ def medium_beyond(
 def medium_before(
     si: mi.SurfaceInteraction3f, medium: mi.MediumPtr | mi.Medium | None, d: mi.Vector3f, active: mi.Bool
 ) -> mi.MediumPtr | mi.Medium | None:
-    """Returns the medium in which a camera ray of direction ``d`` arrives at ``si``.
+    """Returns the medium around a camera ray of direction ``d`` that arrives at the surface point ``si``.
 
-    The medium is the sensor's ``medium``, or, without it, the medium that the surface has on the camera's side.
+    The result is ``medium``, the medium of the sensor. If the sensor has no medium, the result is the medium that the
+    surface has on the side of the camera.
     """
     return medium_beyond(si, medium, -d, active & (medium == pointer(None)))
 

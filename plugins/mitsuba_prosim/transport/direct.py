@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import drjit as dr
 import mitsuba as mi
 
 from ..light.reparameterisation import reparameterised_sample
-from ..light.strategy import Index, LightSample, Receiver
+from ..light.strategy import Index, LightSample
 from ..light.table import Lamp
 from ..masks import but_not
 from ..sampling.nrook import SamplerPoints
@@ -22,8 +24,8 @@ from .transport_context import NODE_SPACES, Context
 def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
     """Returns the direct light that ``vertex`` scatters into its ray.
 
-    Every light source gets one sample and one shadow ray (section 4.1), or only one randomly chosen lamp gets a sample
-    and a shadow ray. Usually all lobes scatter direct light. After an earlier vertex of the path has gathered photons,
+    In a ray tree, every light source gets one sample and one shadow ray (section 4.1). On a path, only one lamp, which
+    is chosen at random, gets a sample and a shadow ray. Usually all lobes scatter direct light. After an earlier vertex of the path has gathered photons,
     only diffuse lobes scatter direct light.
     """
     lights, ray, active = context.lights, vertex.ray, vertex.smooth
@@ -32,7 +34,7 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
     def add(lamp: Lamp, L: Radiance) -> Radiance:
         """Returns ``L`` plus the light of ``lamp`` that the vertex scatters."""
         sample = sample_lamp(context, vertex, lamp, points(space + lamp.k, active))
-        return L + lamp_light(context, vertex, points, lamp.k, sample)
+        return L + lamp_light(context, vertex, points, lamp.k, sample, context.mis_lobes)
 
     if lights.sampler is None:
         L = lights.for_each(add, context.layers.none(), active, attached=context.attached)
@@ -40,10 +42,11 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
         point = points(space, active)
         k, probability, rest = lights.sampler.choose(vertex.receiver, point.x, active)
         sample = sample_lamp(context, vertex, lights.lamp(k), mi.Point2f(rest, point.y), probability)
-        L = lamp_light(context, vertex, points, k, sample)
+        L = lamp_light(context, vertex, points, k, sample, context.mis_lobes)
     if lights.sky is not None and context.light_lobes is not None:
-        value = sky_light(context, vertex, points, space + lights.lamps)
-        L = L.plus(value, context.layers.of(ray, "diffuse", lights.lamps))
+        # Lobes that have rays of their own get the radiance of the sky from these rays.
+        sample = sample_sky(context, vertex, points, space + lights.lamps)
+        L += lamp_light(context, vertex, points, lights.lamps, sample, ())
     return L
 
 
@@ -64,22 +67,30 @@ def sample_lamp(
     return reparameterised_sample(context.lights, lamp, vertex.receiver, ds, weight, vertex.smooth)
 
 
-def lamp_light(context: Context, vertex: Vertex, points: Points, k: Index, sample: LightSample) -> Radiance:
-    """Returns the radiance that ``vertex`` scatters from one ``sample`` of the lamp of number ``k``, by layers.
+def lamp_light(
+    context: Context,
+    vertex: Vertex,
+    points: Points,
+    k: Index,
+    sample: LightSample,
+    mis_lobes: tuple[mi.BSDFContext, ...],
+) -> Radiance:
+    """Returns the radiance that ``vertex`` scatters from one ``sample`` of the light source of number ``k``, by layers.
 
-    The radiance includes the visibility of the sampled point, by a shadow ray. Glossy lobes have MIS weights, because
-    their rays, and perhaps photons, find the same light. After an earlier vertex of the path has gathered photons, only
-    diffuse lobes count.
+    The radiance includes the visibility of the sampled point, by a shadow ray. The ``mis_lobes`` have MIS weights,
+    because their rays, and perhaps photons, find the same light. After an earlier vertex of the path has gathered
+    photons, only diffuse lobes count.
     """
     (ds, weight), layers = sample, context.layers
-    si, bsdf, ray, gathered = vertex.si, vertex.bsdf, vertex.ray, vertex.ray.gathered_photons
+    si, bsdf, ray = vertex.si, vertex.bsdf, vertex.ray
+    gathered = None if context.caustics is None else ray.light_found
     lit = vertex.smooth & (ds.pdf > 0)
-    wo, mis_active = si.to_local(ds.d), vertex.before_gathering(lit)
+    wo, mis_active = si.to_local(ds.d), lit if gathered is None else but_not(lit, gathered)
     f = mi.Spectrum(0) if context.light_lobes is None else bsdf.eval(context.light_lobes, si, wo, lit)
-    if gathered is not None:
+    if gathered is not None and not context.mis_lobes:  # else ``light_lobes`` are diffuse
         f = dr.select(gathered, bsdf.eval(lobes.diffuse(), si, wo, lit & gathered), f)
     diffuse = f
-    for lobe in context.mis_lobes:
+    for lobe in mis_lobes:
         f_lobe, pdf_lobe = eval_lobe(context, lobe, vertex, wo, points, mis_active)
         weight_lobe = dr.select(ds.delta, 1, mis(ds.pdf, pdf_lobe))
         if context.photon_mis is not None:
@@ -114,22 +125,17 @@ def eval_lobe(
     return dr.select(active, f, 0), dr.select(active, pdf, 0)
 
 
-def sky_light(context: Context, vertex: Vertex, points: Points, space: mi.UInt32) -> mi.Spectrum:
-    """Returns the radiance that ``vertex`` scatters from a constant sky, by the lobes that have no ray of their own.
+def sample_sky(context: Context, vertex: Vertex, points: Points, space: mi.UInt32) -> LightSample:
+    """Returns ``(ds, weight)``: a sample of the constant sky, for the lobes that have no rays of their own.
 
-    Lobes that have rays of their own get the radiance of the sky from these rays. ``space`` is the number of the
-    sampling space.
+    ``ds.pdf`` is 0 where ``vertex`` has no such lobe. ``space`` is the number of the sampling space.
     """
     assert context.lights.sky is not None
-    si, bsdf = vertex.si, vertex.bsdf
-    flags = bsdf.flags()
+    flags, receiver = vertex.bsdf.flags(), vertex.receiver
     active = vertex.smooth & (lobes.has_any(flags, *lobes.DIFFUSE) | vertex.inseparable)
     both_sides = active & (lobes.has_any(flags, "DiffuseTransmission") | vertex.inseparable)
-    receiver = Receiver(si, vertex.receiver.n, vertex.receiver.both_sides & both_sides)
-    ds, weight = context.lights.sky.sample(receiver, points(space, active), active)
-    lit, wo = active & (ds.pdf > 0), si.to_local(ds.d)
-    f = context.scattering.replace_inseparable(bsdf.eval(context.light_lobes, si, wo, lit), vertex, wo, lit)
-    return with_visibility(context, vertex, ds.p, [f * weight], lit)[0]
+    receiver = replace(receiver, both_sides=receiver.both_sides & both_sides)
+    return context.lights.sky.sample(receiver, points(space, active), active)
 
 
 def with_visibility(
@@ -143,8 +149,6 @@ def with_visibility(
     if context.settings.shadows:
         active = active & (dr.max(dr.abs(radiances[0])) > 0)
         active = but_not(active, context.scene.ray_test(si.spawn_ray_to(p), active))
-    if context.absorbs:
-        d = p - si.p
-        transmitted = transmittance(medium_beyond(si, vertex.ray.medium, d, active), si.wavelengths, dr.norm(d), active)
-        radiances = [L * transmitted for L in radiances]
-    return [dr.select(active, L, 0) for L in radiances]
+    d = p - si.p
+    transmitted = transmittance(medium_beyond(si, vertex.ray.medium, d, active), si.wavelengths, dr.norm(d), active)
+    return [dr.select(active, L * transmitted, 0) for L in radiances]

@@ -13,7 +13,7 @@ import mitsuba as mi
 
 from ..masks import idle
 from . import lobes
-from .absorption import UNBOUNDED, media_of, medium_before, medium_beyond, pointer, transmittance
+from .absorption import UNBOUNDED, medium_before, medium_beyond, pointer, transmittance
 from .ray import Surface
 from .scattering import Scattering
 from .workarounds import past_emitters
@@ -39,8 +39,8 @@ class State:
     active: mi.Bool
     level: mi.UInt32
     sampler: mi.Sampler
-    #: The medium around the ray; None where the scene has no media.
-    medium: mi.MediumPtr | None = None
+    #: The medium around the ray.
+    medium: mi.MediumPtr
 
 
 def features(
@@ -61,7 +61,6 @@ def features(
     the sky is their radiance, clipped to 1. With ``hide_emitters`` the camera does not see light sources.
     ``camera_medium`` is the medium around the camera.
     """
-    media = camera_medium is not None or any(True for _ in media_of(scene))
     scattering = Scattering.of(scene, separate=False)
     diffuse, specular = lobes.diffuse(), lobes.specular()
 
@@ -72,10 +71,9 @@ def features(
         if hide_emitters:
             si = past_emitters(scene, ray, si, active & first, attached=False)
         albedo, throughput = state.albedo, state.throughput
-        if media:
-            medium = medium_before(si, medium, ray.d, active & si.is_valid() & first)
-            t = dr.select(si.is_valid(), si.t, UNBOUNDED)
-            throughput = throughput * transmittance(medium, ray.wavelengths, t, active)
+        medium = medium_before(si, medium, ray.d, active & si.is_valid() & first)
+        t = dr.select(si.is_valid(), si.t, UNBOUNDED)
+        throughput = throughput * transmittance(medium, ray.wavelengths, t, active)
         emitter = si.emitter(scene)
         visible = active & (state.level > 0) if hide_emitters else active
         if not idle(visible) and emitter is not None:
@@ -89,13 +87,12 @@ def features(
         weight, d = sample_albedo(si, specular, state.sampler, surface, scattering)
         albedo = albedo + dr.select(surface, throughput * scattered, 0)
         throughput = throughput * weight
-        if media:
-            medium = medium_beyond(si, medium, d, surface)
+        medium = medium_beyond(si, medium, d, surface)
         continues = surface & (state.level < MAX_LEVEL) & (dr.max(throughput) > MIN_THROUGHPUT)
         ray, level = si.spawn_ray(d), state.level + 1
         return State(ray, albedo, throughput, normal, continues, level, state.sampler, medium)
 
-    medium = pointer(camera_medium) if media else None
+    medium = pointer(camera_medium)
     black, none = mi.Spectrum(0), mi.Normal3f(0)
     state = State(mi.Ray3f(ray), black, mi.Spectrum(1), none, mi.Bool(active), mi.UInt32(0), sampler, medium)
     (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (step(state),))

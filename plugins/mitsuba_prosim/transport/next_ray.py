@@ -35,15 +35,13 @@ def next_ray(
     if context.attached:
         o = dr.replace_grad(o, si.p)
     active = active & belongs & (bs.pdf > 0) & (dr.max(throughput) > context.settings.cutoff)
-    result = replace(ray, o=o, d=d, throughput=throughput, pdf=bs.pdf, uses_mis=but_not(mi.Bool(True), ideal))
+    result = replace(ray, o=o, d=d, throughput=throughput, pdf=dr.select(ideal, 0, bs.pdf))
     result.level, result.node = ray.level + 1, ray.node * 2 + (space == REFRACTED)
     result.n, result.importance = vertex.receiver.n, vertex.receiver.importance
-    by_all_lobes = but_not(vertex.inseparable, ideal)  # light sampling and photons took the light of all lobes
-    if ray.sees_emission is not None:
-        result.sees_emission = but_not(mi.Bool(True), by_all_lobes)
-    if ray.gathered_photons is not None:
-        result.gathered_photons = ray.gathered_photons | by_all_lobes
-        result.sees_emission = but_not(result.sees_emission, result.gathered_photons)
+    result.medium, result.offset = medium_beyond(si, ray.medium, dr.detach(d), active), dr.dot(o - si.p, d)
+    if ray.light_found is not None:
+        by_all_lobes = but_not(vertex.inseparable, ideal)  # light sampling and photons found the light of all lobes
+        result.light_found = by_all_lobes if context.caustics is None else ray.light_found | by_all_lobes
     if context.both_sides:
         result.both_sides = lobes.has_any(vertex.bsdf.flags(), *lobes.BOTH_SIDES)
     if context.layers.splits_lobes:
@@ -51,9 +49,6 @@ def next_ray(
         result.branch = context.layers.branch(ray, space == DIFFUSE, through)
     if context.photon_mis is not None:
         result = context.photon_mis.next(vertex, result, bs, weight)
-    if context.absorbs:
-        result.medium = medium_beyond(si, ray.medium, dr.detach(d), active)
-        result.offset = dr.dot(o - si.p, d)
     return result, active, bs.eta
 
 
@@ -64,9 +59,9 @@ def sample_direction(
 
     ``bs`` and ``weight`` are the BSDF sample, in the form of ``mi.BSDF.sample``; the sample that light sampling has
     drawn already (``vertex.drawn``) is used if there is one. ``d`` is the direction in world coordinates. ``belongs``
-    tells whether ``bs`` is a sample of ``lobe``, not of another lobe of the BSDF. If derivatives are wanted, the
-    density, the weight and the direction have the derivatives of a direction that is fixed or moves with the light
-    source that the ray meets.
+    tells whether ``bs`` is a sample of ``lobe``, not of another lobe of the BSDF. If derivatives are wanted, ``d``
+    moves with the light source that the ray meets, or is fixed if the ray meets none. The density and the weight have
+    the derivatives of this movement.
     """
     si, scattering, throughput = vertex.si, context.scattering, vertex.ray.throughput
     if lobe.type_mask in vertex.drawn:

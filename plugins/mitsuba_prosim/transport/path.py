@@ -31,21 +31,21 @@ def start(context: Context, ray: Ray) -> Counters:
 
 
 def proceed(
-    context: Context, vertex: Vertex, points: Points, active: mi.Bool, progress: Counters
+    context: Context, vertex: Vertex, points: Points, active: mi.Bool, counters: Counters
 ) -> tuple[Ray, mi.Bool, Counters]:
-    """Samples the ray that continues the path after ``vertex``, and returns ``(ray, active, progress)``.
+    """Samples the ray that continues the path after ``vertex``, and returns ``(ray, active, counters)``.
 
-    The returned ``active`` has the lanes whose path continues after Russian roulette; ``progress`` has the new counters
-    of the path. The argument ``active`` is unused: it gives this function the signature of :func:`.tree.proceed`.
+    The returned ``active`` has the lanes whose path continues after Russian roulette; the returned ``counters`` count
+    this ray too. The argument ``active`` is unused: it gives this function the signature of :func:`.tree.proceed`.
     """
-    bounces, node = progress.bounces, vertex.ray.node
+    bounces, node = counters.bounces, vertex.ray.node
     if bounces is None:
         ray, continues, eta = next_ray(context, lobes.all_lobes(), vertex, points, vertex.active)
     else:
         ray, continues, eta, bounces = specular_or_diffuse(context, vertex, points, bounces)
     ray.node = node + 1
     # The square of the index of refraction scales the radiance inside glass. Light that leaves glass loses this factor.
-    eta *= progress.eta
+    eta *= counters.eta
     ray, continues = roulette(context, ray, continues, eta, points.choice(context.space(node, ROULETTE)))
     return ray, continues, Counters(bounces, eta)
 
@@ -63,11 +63,7 @@ def specular_or_diffuse(
     specular, reflects, eta = next_ray(context, lobes.specular(), vertex, points, vertex.active)
     may_scatter = vertex.active & (bounces < context.settings.diffuse_bounces)
     diffuse, scatters, _ = next_ray(context, lobes.diffuse(), vertex, points, may_scatter)
-    # Light sampling and photons already found all light of the diffuse lobe: emission that the diffuse ray meets does
-    # not count.
-    diffuse = replace(diffuse, sees_emission=mi.Bool(False))
-    if diffuse.gathered_photons is not None:
-        diffuse.gathered_photons = mi.Bool(True)
+    diffuse = replace(diffuse, light_found=mi.Bool(True))  # by light sampling and photons
     specular_weight = dr.select(reflects, dr.max(specular.throughput), 0)
     diffuse_weight = dr.select(scatters, dr.max(diffuse.throughput), 0)
     total = specular_weight + diffuse_weight

@@ -8,8 +8,8 @@
 ``terms``
     one layer for each term of the thesis's equation (section 4.1) at the first visible surface.
 
-By MIS, a ray of a glossy lobe shares the light of a source with the light sampling at the vertex where the ray begins.
-Therefore light that such a ray finds at a source belongs to the layer of the vertex where the ray begins.
+Light sampling at a vertex and the rays of its glossy lobes find the same light; MIS combines the two. Therefore the
+light of a source that such a ray meets belongs to the layer of the vertex where the ray begins.
 """
 
 from __future__ import annotations
@@ -68,8 +68,6 @@ class Radiance:
 class Layers:
     """Assigns light to layers. The base class assigns all light to no layer, for an image without layers."""
 
-    #: Whether light of different light sources belongs to different layers.
-    splits_sources = False
     #: Whether diffuse and glossy light belong to different layers, so that rays need :attr:`.Ray.branch`.
     splits_lobes = False
 
@@ -100,14 +98,12 @@ class Layers:
 class ByLight(Layers):
     """One layer for each light source, one for the background, and one for the ambient term."""
 
-    splits_sources = True
-
     def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:  # noqa: D102
         return self.names.index(term) if term in ("background", "ambient") else source
 
 
 class ByLevel(Layers):
-    """Names one layer for each level of the ray tree or path."""
+    """One layer for each level of the ray tree or path."""
 
     def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:  # noqa: D102
         return dr.maximum(ray.level, 1) - 1 if term == "emitted" else ray.level
@@ -125,7 +121,7 @@ class ByTerm(Layers):
     def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:  # noqa: D102
         beyond = ray.branch
         if term == "emitted":
-            beyond = dr.select((ray.level == 1) & ray.uses_mis, self.number("glossy"), beyond)
+            beyond = dr.select((ray.level == 1) & (ray.pdf > 0), self.number("glossy"), beyond)
         return dr.select(ray.level == 0, self.number(term), beyond)
 
     def branch(self, ray: Ray, diffuse: bool, through: mi.Bool) -> Layer:  # noqa: D102

@@ -8,7 +8,6 @@ import drjit as dr
 import mitsuba as mi
 
 from ..light.strategy import Receiver
-from ..masks import but_not
 
 
 @dataclass
@@ -28,27 +27,23 @@ class Ray:
     node: mi.UInt32
     #: Number of reflections and refractions before this ray; 0 for the camera ray.
     level: mi.UInt32
-    #: Density per solid angle with which a lobe sampled ``d``; undefined unless ``uses_mis``.
+    #: Density per solid angle with which a lobe sampled ``d``; 0 for the camera ray and rays of ideal lobes, whose
+    #: directions light sampling cannot sample.
     pdf: mi.Float
-    #: Whether emission at the end of the ray gets an MIS weight, because light sampling at its origin could find it
-    #: too.
-    uses_mis: mi.Bool
     #: Normal of the surface that the ray leaves, on the viewer's side.
     n: mi.Normal3f
-    #: Whether emission at the end of the ray counts. False where light sampling at the ray's origin took the light of
-    #: all lobes. None: emission always counts.
-    sees_emission: mi.Bool | None = None
+    #: The medium around the ray (a ``mi.Medium`` or None in scalar variants).
+    medium: mi.MediumPtr | None
+    #: The distance of ``o`` from the surface that the ray leaves.
+    offset: mi.Float
+    #: Whether emission at the end of the ray does not count, because light sampling at the ray's origin found the light
+    #: of all lobes. With photons, also whether an earlier surface of the path gathered photons by the lobe through
+    #: which the path left that surface: these photons found the light behind specular surfaces. None where no ray
+    #: leaves by such a lobe.
+    light_found: mi.Bool | None = None
     #: Whether light sampling at the ray's origin took light from both sides of the surface; None where no surface is
     #: lit from both sides.
     both_sides: mi.Bool | None = None
-    #: The medium around the ray (a ``mi.Medium`` in scalar variants); None where no medium of the scene absorbs light.
-    medium: mi.MediumPtr | None = None
-    #: The distance of ``o`` from the surface that the ray leaves; None where no medium of the scene absorbs light.
-    offset: mi.Float | None = None
-    #: Whether an earlier surface of the path gathered photons by the lobe through which the path left that surface:
-    #: light behind specular surfaces does not count again. None where the scene renders without photons or no ray
-    #: leaves by such a lobe.
-    gathered_photons: mi.Bool | None = None
     #: The total importance of all lamps at the ray's origin; None where light sampling does not choose one lamp.
     importance: mi.Float | None = None
     #: The layer of all light that arrives through the lobe by which the path left the first vertex; None where the
@@ -56,10 +51,10 @@ class Ray:
     branch: mi.UInt32 | None = None
 
     @classmethod
-    def first(cls, camera: mi.Ray3f) -> Ray:
-        """Returns the first ray of a tree or path: the camera ray."""
+    def first(cls, camera: mi.Ray3f, medium: mi.MediumPtr | None = None) -> Ray:
+        """Returns the first ray of a tree or path: the ``camera`` ray, in the ``medium`` of the camera."""
         node, level, n = mi.UInt32(1), mi.UInt32(0), mi.Normal3f(camera.d)
-        return cls(camera.o, camera.d, mi.Spectrum(1), node, level, mi.Float(0), mi.Bool(False), n)
+        return cls(camera.o, camera.d, mi.Spectrum(1), node, level, mi.Float(0), n, medium, mi.Float(0))
 
 
 @dataclass
@@ -85,10 +80,6 @@ class Vertex(Surface):
     receiver: Receiver
     #: Type mask of a lobe -> its sample ``(bs, weight)``, where light sampling evaluated the lobe in the same call.
     drawn: dict[int, tuple[mi.BSDFSample3f, mi.Spectrum]] = field(default_factory=dict)
-
-    def before_gathering(self, active: mi.Bool) -> mi.Bool:
-        """Returns the active lanes whose path has not gathered photons at an earlier surface."""
-        return active if self.ray.gathered_photons is None else but_not(active, self.ray.gathered_photons)
 
 
 def mis(pdf: mi.Float, other: mi.Float) -> mi.Float:

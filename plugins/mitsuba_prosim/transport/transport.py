@@ -31,6 +31,7 @@ class State:
     hit: mi.Bool
     ray: Ray
     active: mi.Bool
+    #: The rays of the tree that are still to follow, or the counters of the path.
     progress: tree.Stack | path.Counters
     #: The ``mi.Sampler`` that draws the sampling points; None where the points have no state.
     sampler: mi.Sampler | None

@@ -10,7 +10,7 @@ import mitsuba as mi
 from ..light.table import Lights
 from ..optics.nested import all_flags
 from . import lobes
-from .absorption import absorbs_any, pointer
+from .absorption import pointer, warn_of_ignored_media
 from .radiance import layers_of
 from .ray import Ray
 from .scattering import Scattering
@@ -79,10 +79,11 @@ class Context:
             # cannot.
             settings = replace(settings, diffuse_bounces=UNLIMITED_BOUNCES)
         warn_of_dim_lobes(scene)
+        warn_of_ignored_media(scene, camera_medium)
         if settings.diffuse_bounces >= 0:
             warn_of_lost_light(scene)
         self.scene, self.settings, self.attached, self.camera_medium = scene, settings, attached, camera_medium
-        #: The photons, which must be emitted before the first sample; and their MIS with rays, or None.
+        #: The photons, emitted by :meth:`.Caustics.use_pass`; and the MIS of photons and rays. Each may be None.
         self.caustics, self.photon_mis = caustics, None if caustics is None else caustics.mis
         self.lights = Lights(scene, choose=not settings.follows_tree)
         #: Assigns light to layers; whether there are layers; the channel names of the layers.
@@ -91,8 +92,6 @@ class Context:
         self.aov_names = [f"{name}.{letter}" for name in self.layers.names for letter in "RGB"]
         #: Samples and evaluates BSDFs.
         self.scattering = Scattering.of(scene, separate=settings.diffuse_bounces >= 0)
-        #: Whether a medium absorbs light on its way (:mod:`.absorption`).
-        self.absorbs = absorbs_any(scene, camera_medium)
         #: Union of the ``mi.BSDFFlags`` of all surfaces; whether any surface has a specular reflection, a specular
         #: transmission, or smooth lobes that are lit from both sides.
         self.flags = all_flags(scene)
@@ -120,15 +119,11 @@ class Context:
 
         The fields of the ray that this render does not need stay None.
         """
-        ray = Ray.first(camera)
+        ray = Ray.first(camera, pointer(self.camera_medium))
         if self.scattering.any_inseparable or self.settings.diffuse_bounces > 0:
-            ray.sees_emission = mi.Bool(True)
+            ray.light_found = mi.Bool(False)
         if self.both_sides:
             ray.both_sides = mi.Bool(False)
-        if self.absorbs:
-            ray.medium, ray.offset = pointer(self.camera_medium), mi.Float(0)
-        if self.caustics is not None and (self.scattering.any_inseparable or not self.settings.follows_tree):
-            ray.gathered_photons = mi.Bool(False)
         if self.lights.sampler is not None:
             ray.importance = mi.Float(0)
         if self.layers.splits_lobes:

@@ -32,8 +32,7 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
     ray3, si = intersect(context, ray, camera, active)
     if settings.hide_emitters and not lights.all_delta:
         si = past_emitters(context.scene, ray3, si, active & (ray.level == 0), context.attached)
-    if context.absorbs:
-        ray = attenuated_at(context, ray, ray3, si, active)
+    ray = attenuated_at(ray, ray3, si, active)
     within_max_level = active if settings.max_level < 0 else active & (ray.level <= settings.max_level)
     L = context.layers.none()
     if not lights.all_delta:
@@ -87,7 +86,7 @@ def intersect(
     return ray3, hit.compute_surface_interaction(ray3, mi.RayFlags.All, active)
 
 
-def attenuated_at(context: Context, ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Ray:
+def attenuated_at(ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Ray:
     """Returns ``ray`` with the throughput reduced by the absorption of the medium up to ``si`` (Beer's law)."""
     met = active & si.is_valid()
     medium = medium_before(si, ray.medium, ray.d, met & (ray.level == 0))
@@ -100,18 +99,18 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
     """Returns ``(radiance, layer)`` of the light source that ``ray`` meets at ``si``; 0 where it meets none.
 
     The radiance is multiplied by its MIS weight against light sampling at the ray's origin and, perhaps, against
-    photons. The radiance is 0 where the emission does not count (:attr:`.Ray.sees_emission`, ``hide_emitters``).
+    photons. The radiance is 0 where the emission does not count (:attr:`.Ray.light_found`, ``hide_emitters``).
     """
     lights = context.lights
     emitter = si.emitter(context.scene)
-    if ray.sees_emission is not None:
-        active = active & ray.sees_emission
+    if ray.light_found is not None:
+        active = but_not(active, ray.light_found)
     if context.settings.hide_emitters:
         active = active & (ray.level > 0)
     if idle(active) or emitter is None:
         return mi.Spectrum(0), 0
     L = emitter.eval(si, active)
-    uses_mis = active & ray.uses_mis
+    uses_mis = active & (ray.pdf > 0)
     if lights.sky is not None:
         uses_mis &= si.is_valid()
     origin = dr.zeros(mi.Interaction3f)
@@ -124,8 +123,7 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
     weight = dr.select(uses_mis, mis(ray.pdf, pdf), 1)
     if context.photon_mis is not None:
         weight *= context.photon_mis.emission_weight(ray, origin, ds, pdf, uses_mis, active)
-    k = lights.number_of(emitter, active) if context.layers.splits_sources else 0
-    return dr.select(active, L * weight, 0), context.layers.of(ray, "emitted", k)
+    return dr.select(active, L * weight, 0), context.layers.of(ray, "emitted", lights.number_of(emitter, active))
 
 
 def ambient_term(radiance: mi.Texture, vertex: Vertex) -> mi.UnpolarizedSpectrum:

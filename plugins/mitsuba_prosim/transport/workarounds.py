@@ -246,9 +246,10 @@ def eval_leaves(
 
 
 def first_hit(scene: mi.Scene, ray: mi.Ray3f, coherent: mi.Bool, active: mi.Bool) -> mi.PreliminaryIntersection3f:
-    """Returns the first intersection of ``ray``, which does not depend on other rays, even if ``coherent`` is true.
+    """Returns the first intersection of ``ray``. The intersection does not depend on the other rays.
 
-    A ray that hits a triangle near its edge is traced again without ``coherent``.
+    ``coherent`` tells which rays are similar to the rays in the neighbouring lanes; these rays are traced faster. Such
+    a ray that hits a triangle near its edge is traced again without ``coherent``.
     """
     hit = scene.ray_intersect_preliminary(ray, coherent, active=active)
     u, v = hit.prim_uv
@@ -266,9 +267,10 @@ def first_hit(scene: mi.Scene, ray: mi.Ray3f, coherent: mi.Bool, active: mi.Bool
 def past_emitters(
     scene: mi.Scene, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool, attached: bool
 ) -> mi.SurfaceInteraction3f:
-    """Returns the first interaction of the camera ray ``ray`` that is not on a light source.
+    """Returns the first surface interaction of the camera ray ``ray`` that is not on a light source.
 
-    The camera looks through the light sources in front. ``attached`` tells whether derivatives are wanted.
+    ``si`` is the first surface interaction of the ray, which may be on a light source. ``attached`` tells whether
+    derivatives are wanted.
     """
     hidden = active & si.is_valid()
     if idle(hidden):

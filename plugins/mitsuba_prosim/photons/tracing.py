@@ -59,7 +59,8 @@ class PhotonTracer:
 
     ``tree`` tells whether the rays of the camera form a tree. With a ray tree, BSDFs without separable lobes scatter
     photons by all specular lobes. With paths, BSDFs without separable lobes scatter photons only by ideal lobes; the
-    other photons land on these surfaces. ``mis`` is the MIS of photons and rays if photons land on glossy surfaces, else None.
+    other photons land on these surfaces. ``mis`` is the MIS of photons and rays if photons land on glossy surfaces,
+    else None.
     """
 
     def __init__(self, scene: mi.Scene, deepest: mi.UInt32, tree: bool, mis: PhotonMIS | None) -> None:

@@ -172,9 +172,7 @@ class PhotonMIS:
         """
         ray, si, bsdf = vertex.ray, vertex.si, vertex.bsdf
         active = vertex.active & lobes.has_any(bsdf.flags(), *lobes.GLOSSY) & (ray.level < self.deepest)
-        active = but_not(active, vertex.inseparable)
-        if ray.light_found is not None:
-            active = but_not(active, ray.light_found)
+        active = but_not(active, vertex.inseparable | ray.light_found)
         area, etendue = self.footprint.area(si.p), dr.select(self.near_specular(bsdf, active), etendue_of(ray), 0)
 
         def value(i: mi.UInt32, d: mi.Vector3f, in_reach: mi.Bool) -> mi.Spectrum:

@@ -42,9 +42,8 @@ class State:
     active: mi.Bool
     #: The medium around the photon.
     medium: mi.MediumPtr
-    #: Whether a smooth lobe of a BSDF without separable lobes has scattered the photon; None where the scene has no
-    #: such BSDF.
-    from_inseparable: mi.Bool | None
+    #: Whether a smooth lobe of a BSDF without separable lobes has scattered the photon.
+    from_inseparable: mi.Bool
     #: Density of photons (:attr:`.Start.density`), 0 after a glossy surface that is not near-specular; None without
     #: MIS.
     density: mi.Float | None
@@ -76,9 +75,8 @@ class PhotonTracer:
         ``key`` is the hash key of each photon.
         """
         active, medium = dr.max(start.flux) > 0, mi.MediumPtr(None)
-        from_inseparable = mi.Bool(False) if self.scattering.any_inseparable else None
         density, glossy = (None, None) if self.mis is None else (start.density, Landed.nowhere())
-        state = State(start.ray, start.flux, active, medium, from_inseparable, density, glossy)
+        state = State(start.ray, start.flux, active, medium, mi.Bool(False), density, glossy)
         (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (self._step(state, key),))
         return state.landed, state.glossy
 
@@ -91,10 +89,9 @@ class PhotonTracer:
         hit, medium = self._intersect(state)
         flags, first_number = hit.bsdf.flags(), hit.level * NUMBERS
         lands = hit.active & (hit.level > 0) & lobes.has_any(flags, *lobes.DIFFUSE)
-        if state.from_inseparable is not None:
-            # Rays from one surface without separable lobes to another find the direct light there, so photons that
-            # would add this light do not land.
-            lands = dr.select(hit.inseparable, but_not(hit.level > 0, state.from_inseparable), lands)
+        # Rays from one surface without separable lobes to another find the direct light there, so photons that would
+        # add this light do not land.
+        lands = dr.select(hit.inseparable, but_not(hit.level > 0, state.from_inseparable), lands)
         scatters = hit.active & (hit.level < self.deepest) & lobes.has_any(flags, *lobes.REFLECTED, *lobes.REFRACTED)
         bs, weight, scatters, by_all_lobes = self._scatter(hit, key, scatters)
         d = hit.si.to_world(bs.wo)
@@ -115,7 +112,7 @@ class PhotonTracer:
         landed = dr.select(lands, hit.landed(land_weight, mi.Float(0)), state.landed)
         flux = dr.select(scatters, flux / dr.select(scatters, p_continue, 1), state.flux)
         medium = medium_beyond(hit.si, medium, d, scatters)
-        from_inseparable = None if state.from_inseparable is None else state.from_inseparable | by_all_lobes
+        from_inseparable = state.from_inseparable | by_all_lobes
         ray, level = hit.si.spawn_ray(d), hit.level + 1
         return State(ray, flux, scatters, medium, from_inseparable, density, glossy, level, landed)
 

@@ -25,8 +25,8 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
     """Returns the direct light that ``vertex`` scatters into its ray.
 
     In a ray tree, every light source gets one sample and one shadow ray (section 4.1). On a path, only one lamp, which
-    is chosen at random, gets a sample and a shadow ray. Usually all lobes scatter direct light. After an earlier vertex of the path has gathered photons,
-    only diffuse lobes scatter direct light.
+    is chosen at random, gets a sample and a shadow ray. Usually all lobes scatter direct light. After an earlier vertex
+    of the path has gathered photons, only diffuse lobes scatter direct light.
     """
     lights, ray, active = context.lights, vertex.ray, vertex.smooth
     space = context.space(ray.node, NODE_SPACES)

@@ -39,9 +39,8 @@ def next_ray(
     result.level, result.node = ray.level + 1, ray.node * 2 + (space == REFRACTED)
     result.n, result.importance = vertex.receiver.n, vertex.receiver.importance
     result.medium, result.offset = medium_beyond(si, ray.medium, dr.detach(d), active), dr.dot(o - si.p, d)
-    if ray.light_found is not None:
-        by_all_lobes = but_not(vertex.inseparable, ideal)  # light sampling and photons found the light of all lobes
-        result.light_found = by_all_lobes if context.caustics is None else ray.light_found | by_all_lobes
+    by_all_lobes = but_not(vertex.inseparable, ideal)  # light sampling and photons found the light of all lobes
+    result.light_found = by_all_lobes if context.caustics is None else ray.light_found | by_all_lobes
     if context.both_sides:
         result.both_sides = lobes.has_any(vertex.bsdf.flags(), *lobes.BOTH_SIDES)
     if context.layers.splits_lobes:

@@ -38,9 +38,8 @@ class Ray:
     offset: mi.Float
     #: Whether emission at the end of the ray does not count, because light sampling at the ray's origin found the light
     #: of all lobes. With photons, also whether an earlier surface of the path gathered photons by the lobe through
-    #: which the path left that surface: these photons found the light behind specular surfaces. None where no ray
-    #: leaves by such a lobe.
-    light_found: mi.Bool | None = None
+    #: which the path left that surface: these photons found the light behind specular surfaces.
+    light_found: mi.Bool
     #: Whether light sampling at the ray's origin took light from both sides of the surface; None where no surface is
     #: lit from both sides.
     both_sides: mi.Bool | None = None
@@ -54,7 +53,7 @@ class Ray:
     def first(cls, camera: mi.Ray3f, medium: mi.MediumPtr | None = None) -> Ray:
         """Returns the first ray of a tree or path: the ``camera`` ray, in the ``medium`` of the camera."""
         node, level, n = mi.UInt32(1), mi.UInt32(0), mi.Normal3f(camera.d)
-        return cls(camera.o, camera.d, mi.Spectrum(1), node, level, mi.Float(0), n, medium, mi.Float(0))
+        return cls(camera.o, camera.d, mi.Spectrum(1), node, level, mi.Float(0), n, medium, mi.Float(0), mi.Bool(False))
 
 
 @dataclass

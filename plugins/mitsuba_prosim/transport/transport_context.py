@@ -120,8 +120,6 @@ class Context:
         The fields of the ray that this render does not need stay None.
         """
         ray = Ray.first(camera, pointer(self.camera_medium))
-        if self.scattering.any_inseparable or self.settings.diffuse_bounces > 0:
-            ray.light_found = mi.Bool(False)
         if self.both_sides:
             ray.both_sides = mi.Bool(False)
         if self.lights.sampler is not None:

@@ -103,8 +103,7 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
     """
     lights = context.lights
     emitter = si.emitter(context.scene)
-    if ray.light_found is not None:
-        active = but_not(active, ray.light_found)
+    active = but_not(active, ray.light_found)
     if context.settings.hide_emitters:
         active = active & (ray.level > 0)
     if idle(active) or emitter is None:

@@ -289,7 +289,11 @@ def gather(
         rows = dr.select(active, mi.UInt32(last - first + 1) << (bits_y + bits_z), 0)
 
         def add_photon(i: mi.UInt32, end: mi.UInt32, row: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
-            """Returns ``i`` + 1, and ``L`` plus the radiance of the photon ``i`` if its row has the hash ``row``."""
+            """Adds the radiance that the photon ``i`` causes at ``si`` to ``L``, and returns ``(i + 1, L)``.
+
+            The photon counts if ``i`` is below ``end``, the photon is within the kernel radius and near the plane of
+            the surface, and its row of cells has the hash ``row``.
+            """
             in_range = i < end
             k = dr.select(i < first_of_map + size, i, i - size)
             place = dr.gather(mi.Vector4f, photons.places, k, in_range)
@@ -304,7 +308,7 @@ def gather(
             return i + 1, L + light * (2 * dr.inv_pi * inv_radius2 * (1 - d2))
 
         def add_row(k: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
-            """Returns ``k`` + 1, and ``L`` plus the radiance of the photons in the row ``k`` of cells."""
+            """Adds the radiance of the photons in the row ``k`` of cells to ``L``, and returns ``(k + 1, L)``."""
             # The bits of k, lowest first: one for y and one for z if there are two cells along that axis; the others
             # are the grid.
             grid = first + mi.Int32(k >> (bits_y + bits_z))

@@ -218,9 +218,10 @@ class PhotonMIS:
         return beyond, dr.select(lands, here, landed)
 
     def density_after(self, density: mi.Float, hit: Hit, wo: mi.Vector3f, active: mi.Bool) -> mi.Float:
-        """Returns the density of photons along ``wo`` after a near-specular surface.
+        """Returns the density of photons in the local direction ``wo`` after the near-specular surface ``hit``.
 
-        ``density`` is the density of the photons that reach the near-specular surface.
+        ``density`` is the density of the photons that reach the surface. The lobe and the MIS weights of further
+        strategies reduce the density. The density becomes 0 where a single other strategy finds the light.
         """
         assert self.lights is not None
         camera_si = mi.SurfaceInteraction3f(hit.si)

@@ -77,7 +77,11 @@ class Targets:
 
 
 def is_specular(shape: mi.Shape, tree: bool) -> bool:
-    """Tells whether photons that meet ``shape`` may be scattered by a lobe that is not diffuse."""
+    """Tells whether photons that meet ``shape`` may be scattered by a lobe that is not diffuse.
+
+    ``tree`` tells whether the rays of the camera form a tree. On paths, BSDFs without separable lobes scatter photons
+    only by ideal lobes.
+    """
     if shape.class_name() == INSTANCE:
         return True  # an instance does not expose its BSDFs
     bsdf = shape.bsdf()
@@ -102,7 +106,10 @@ def warn_of_light_missed_by_trees(shapes: Sequence[mi.Shape]) -> None:
 
 
 def bounding_sphere(shape: mi.Shape) -> tuple[float, float, float, float]:
-    """Returns ``(x, y, z, radius)``: the center and the radius of a sphere around ``shape``."""
+    """Returns ``(x, y, z, radius)``: the center and the radius of a sphere around ``shape``.
+
+    The radius includes the factor :data:`MARGIN`.
+    """
     box = shape.bbox()
     center = np.array(box.center(), dtype=np.float64)
     if (vertices := mesh_positions(shape)) is not None:

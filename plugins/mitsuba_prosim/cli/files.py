@@ -151,7 +151,8 @@ def output_path(output: str, suffixes: Collection[str] = ()) -> Path:
     suffix, is_device = path.suffix.lower(), os.path.exists(path) and not path.is_file()
     is_other_file = suffix not in suffixes and FILE_SUFFIXES.fullmatch(suffix)
     if not output or ((is_other_file or is_device or output == "-") and not os.path.isdir(path)):
-        wanted = f"expected a name or a folder for {' and '.join(suffixes)} files" if suffixes else "give a folder"
+        named = f"expected a name or a folder for {' and '.join(suffixes)} files"
+        wanted = named if suffixes else "give a folder; its files get the scene's name"
         raise click.BadParameter(f"'{output}': {wanted}.", param_hint="-o")
     return path
 

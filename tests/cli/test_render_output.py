@@ -323,5 +323,5 @@ def test_a_picture_shown_brighter_is_not_black(tmp_path):
     (tmp_path / "scene.scn").write_text(SCENE.format(light=LAMP + " Intensity 3 3 3", view=VIEW, surface=""))
     command = ["render", tmp_path / "scene.scn", "--samples", 1, "--exposure"]
     said = done(*command, -9).output
-    enough = re.search(r"the picture is black: its brightest value is .*--exposure (-?\d+) makes it bright", said)[1]
+    enough = re.search(r"the picture is black: its brightest value is .*--exposure (-?\d+) makes them bright", said)[1]
     assert "black" not in done(*command, enough).output

@@ -82,25 +82,29 @@ class Neighbours(Policy):
 
 
 class Graded(Policy):
-    """Requests samples in proportion to the standard deviation that the 48 pixels around a pixel suggest.
+    """Requests samples in proportion to the standard deviation of a sample, by the 24 pixels around a pixel.
 
     The deviation is in display units. Samples in proportion to the standard deviation minimise the total variance
     (Neyman 1934). A pixel gets N² samples if N² samples reduce the standard error to the threshold. The policy decides
     after the first and after the second pass, because the first pass misses rare events; with an error target, it
-    decides after every pass. The policy looks at 7 x 7 pixels, because few samples tell little about a variance.
+    decides after every pass.
+
+    The variance is the geometric mean of two means: of the 8 and of the 24 pixels around the pixel. So near pixels
+    count more, and one very bright sample counts less than in an arithmetic mean.
     """
 
-    reach = 3
+    reach = 2
     rounds = 2
 
     def request(self, total: np.ndarray, squares: np.ndarray, count: np.ndarray) -> np.ndarray:
         """Requests samples in proportion to the standard deviation."""
-        # The mean of the variances within pixels. Differences between pixels may be an edge or a texture, which is no
-        # noise.
-        within = mean_around(variance(total, squares, count), Graded.reach)
+        # The variances within pixels. Differences between pixels may be an edge or a texture, which is no noise.
+        within = variance(total, squares, count)
+        deviation = np.sqrt(np.sqrt(mean_around(within, 1)) * np.sqrt(mean_around(within, Graded.reach)))
         # With the factor N / threshold, a deviation of N * threshold requests N² samples.
-        error = in_display_units(np.sqrt(within), mean_around(total / count, Graded.reach))
-        return np.float32(self.n / max(self.threshold, 1e-9)) * np.where(np.isfinite(within), error, np.float32(np.inf))
+        error = in_display_units(deviation, mean_around(total / count, Graded.reach))
+        factor = np.float32(self.n / max(self.threshold, 1e-9))
+        return factor * np.where(np.isfinite(deviation), error, np.float32(np.inf))
 
 
 def error_of_neighbours(total: np.ndarray, squares: np.ndarray, count: int) -> np.ndarray:

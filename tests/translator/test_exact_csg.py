@@ -120,6 +120,14 @@ def test_vertices_of_a_long_chain_stay_in_their_faces():
     assert volume(solids(scene(tree, steps)).values()) == pytest.approx(45, rel=1e-6)
 
 
+def test_a_narrow_strip_leaves_no_film():
+    """manifold3d divides a strip around a corner into triangles that lie on each other."""
+    boxes = "4 4 4 -2 -2 -2, 3 3 1 -1 -.5 0, 1 3 3 -2 0 1, 2 3 3 -1.5 .5 -1.5, 3 1 .5 -1.5 .5 .5, 1 1 3 -2 0 -2"
+    steps = ["SCALE ({} {} {}) TRANSLATE ({} {} {})".format(*box.split()) for box in boxes.split(",")]
+    meshes = solids(scene("+ - + - - CUBE 0 CUBE 1 CUBE 2 CUBE 3 CUBE 4 CUBE 5", steps))
+    assert [area(meshes[i]) for i in range(6)] == pytest.approx([81.25, 14.5, 3.5, 24.5, 4.75, 0.5])
+
+
 @pytest.mark.parametrize(
     "sign, material, result",
     [("-", "", 64 * 0.75), ("+", "", 64 + 64 * 0.5), ("+", "material dieletrico n-refr = 1.5", None)],

@@ -278,7 +278,7 @@ SMALL = 8  # a solid is small if its box has less than 1/8 of the volume of the 
 
 
 def count_small_neighbours(boxes: np.ndarray) -> np.ndarray:
-    """Returns, for each of the ``boxes`` (see :class:`Body`), how many small boxes touch it."""
+    """Returns, for each of n boxes (n, 10, 3), how many small boxes touch it; see :class:`Body` and SMALL."""
     result = np.zeros(len(boxes), int)
     size = (boxes[:, 1] - boxes[:, 0]).prod(axis=1)
     for pair in sweep(boxes[:, 0], boxes[:, 1]):

@@ -162,7 +162,10 @@ def _ply(data: bytes) -> Raw:
 
 
 def _rows(body: bytes, position: int, count: int, properties: Properties) -> tuple[dict[str, Any], int]:
-    """Reads ``count`` rows of a PLY element; returns the values by name, and the position of the next element."""
+    """Reads ``count`` rows of a PLY element, which begins at the byte ``position`` of ``body``.
+
+    Returns the values of each property by its name, and the position of the byte after the rows.
+    """
     if not count or not properties:
         return {}, position
     fields: list[Any] = []  # the fields of a row, if all its lists are as long as those of the first row

@@ -2,7 +2,6 @@
 
 import re
 import warnings
-import weakref
 
 import drjit as dr
 import exact_csg
@@ -10,7 +9,6 @@ import mitsuba as mi
 import numpy as np
 import prosim_scene
 import pytest
-from manifold3d import Manifold
 from meshes import area, assert_closed, scene, solids, volume
 from prosim_scene import SceneWarning
 from prosim_scene.geometry import csg
@@ -148,11 +146,3 @@ def test_a_crowd_of_holes_and_of_pegs(monkeypatch, sign, material, result):
     if result:
         assert_closed(again.values())
         assert volume(list(again.values())) == pytest.approx(result, rel=1e-9)
-
-
-def test_a_union_does_not_keep_its_operands():
-    bodies = [csg.Body(Manifold.cube, np.zeros((1, 2, 3)), frozenset(), None) for _ in range(3)]
-    operands, joined = [weakref.ref(body) for body in bodies], csg.union(bodies)
-    bodies.clear()
-    assert joined.manifold() is joined.manifold()
-    assert [body() for body in operands] == [None] * 3

@@ -75,8 +75,6 @@ def test_what_vanishes_is_reported():
         solids(scene("+ CUBE 0 SPHERE 1", ["", "SCALE (.1 .1 .1) TRANSLATE (.5 .5 .5)"]))
     with pytest.warns(SceneWarning, match="the tree's result is empty"):
         assert solids(scene("* CUBE 0 SPHERE 1", ["", "TRANSLATE (9 9 9)"])) == {}
-    with pytest.warns(SceneWarning, match="the tree's result is empty"):
-        assert solids(scene("- CUBE 0 CUBE 0", [""])) == {}
 
 
 def test_what_fills_a_hollow_has_not_vanished():

@@ -27,22 +27,20 @@ def idle(active: mi.Bool) -> bool:
     return not dr.is_jit_v(active) and not active
 
 
-def fold(
-    first: int, end: int, body: Callable[..., Any], state: Any, active: mi.Bool, unrolled: bool, **options: Any
-) -> Any:
-    """Computes ``state = body(k, state)`` for each k from ``first`` to ``end`` - 1, and returns the last state.
+def fold(count: int, body: Callable[..., Any], state: Any, active: mi.Bool, unrolled: bool, **options: Any) -> Any:
+    """Computes ``state = body(k, state)`` for each k from 0 to ``count`` - 1, and returns the last state.
 
     If ``unrolled``, the kernel contains the code of ``body`` once for each k. If not ``unrolled``, the kernel has a
     loop with these ``options``, and does not depend on the number of iterations.
     """
     if unrolled or not dr.is_jit_v(mi.Float):
-        for k in range(first, end):
+        for k in range(count):
             state = body(k, state)
         return state
-    count = dr.opaque(mi.UInt32, end)
+    end = dr.opaque(mi.UInt32, count)
     return dr.while_loop(
-        (dr.opaque(mi.UInt32, first), state),
-        lambda k, state: active & (k < count),
+        (dr.opaque(mi.UInt32, 0), state),
+        lambda k, state: active & (k < end),
         lambda k, state: (k + 1, body(k, state)),
         labels=("k", "state"),
         **options,

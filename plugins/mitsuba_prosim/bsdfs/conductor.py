@@ -10,8 +10,7 @@ import mitsuba as mi
 
 from ..optics import facets, fresnel
 from ..optics.dispersion import index
-from ..optics.facets import GRAZING
-from ..optics.material import Material, reflectance, roughness
+from ..optics.material import Evaluated, Material, reflectance, roughness
 from ..optics.nested import parts
 from ..parameters import choice, constant, reject, shown
 from ..registry import create, plugin
@@ -114,52 +113,27 @@ class Conductor(Material):
         f = FRESNEL[self.fresnel](cos, self.eta.eval(si, active) * scale, self.k.eval(si, active) * scale)
         return f if self.specular_reflectance is None else f * self.specular_reflectance.eval(si, active)
 
-    def sample(
-        self,
-        ctx: mi.BSDFContext,
-        si: mi.SurfaceInteraction3f,
-        sample1: mi.Float,
-        sample2: mi.Point2f,
-        active: mi.Bool = True,
-    ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        """Samples the reflected direction; returns ``(bs, weight)``, where the weight is value times cosine over
-        density.
-        """
-        bs = dr.zeros(mi.BSDFSample3f)
-        active = active & (si.wi.z > GRAZING)
-        if active is False or not any(self.enabled(ctx)):
-            return bs, mi.Spectrum(0)
-        bs.eta = 1
-        bs.sampled_type = mi.UInt32(+self.types[0])
+    def sample_direction(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
+    ) -> tuple[mi.Vector3f, mi.UInt32, mi.Float, mi.UnpolarizedSpectrum]:
+        """Samples the reflected direction (:meth:`.Material.sample_direction`)."""
         if self.roughness is None:
-            bs.wo = mi.reflect(si.wi)
-            bs.pdf = dr.select(active, mi.Float(1), 0)
-            return bs, mi.depolarizer(self.reflected(si, si.wi.z, active)) & active
+            return mi.reflect(si.wi), mi.UInt32(0), mi.Float(1), self.reflected(si, si.wi.z, active)
         width = self.roughness.eval_1(si, active)
         m = facets.sample_visible(si.wi, sample2, self.distribution, width)
-        i_m = dr.dot(si.wi, m)
-        bs.wo = mi.reflect(si.wi, m)
+        i_m, wo = dr.dot(si.wi, m), mi.reflect(si.wi, m)
         g1 = facets.g1(si.wi.z, m.z, i_m)
         pdf = self.distribution.D(m, width) * g1 / (4 * si.wi.z)
-        active = active & (i_m > 0) & (bs.wo.z > 0) & (pdf > 0)
-        bs.pdf = dr.select(active, pdf, 0)
+        pdf = dr.select((i_m > 0) & (wo.z > 0), pdf, 0)
+        active = active & (pdf > 0)
         if active is False:
-            return bs, mi.Spectrum(0)
-        weight = facets.g(si.wi.z, bs.wo.z, m.z, i_m) / dr.select(active, g1, 1)
-        return bs, mi.depolarizer(self.reflected(si, i_m, active) * weight) & active
+            return wo, mi.UInt32(0), pdf, mi.UnpolarizedSpectrum(0)
+        weight = facets.g(si.wi.z, wo.z, m.z, i_m) / dr.select(active, g1, 1)
+        return wo, mi.UInt32(0), pdf, self.reflected(si, i_m, active) * weight
 
-    def eval_pdf(
-        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
-    ) -> tuple[mi.Spectrum, mi.Float]:
-        """Returns the BRDF times the cosine of ``wo``, and the density of :meth:`sample`; both are 0 for a smooth
-        metal.
-        """
-        active = active & (si.wi.z > GRAZING) & (wo.z > 0)
-        if active is False or self.roughness is None or not any(self.enabled(ctx)):
-            return mi.Spectrum(0), mi.Float(0)
-        width = self.roughness.eval_1(si, active)
-        i_m, value, pdf = facets.torrance_sparrow(si.wi, wo, self.distribution, width)
-        return mi.depolarizer(self.reflected(si, i_m, active) * value) & active, dr.select(active, pdf, 0)
+    def evaluate(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
+        i_m, value, pdf = facets.torrance_sparrow(si.wi, wo, self.distribution, self.roughness.eval_1(si, active))
+        return self.reflected(si, i_m, active) * value, pdf
 
 
 def metals() -> list[str]:

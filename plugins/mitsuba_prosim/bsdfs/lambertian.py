@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import drjit as dr
 import mitsuba as mi
 
-from ..optics.material import Material, reflectance
+from ..optics.material import Evaluated, Material, reflectance
 from ..registry import plugin
 
 
@@ -58,36 +57,17 @@ class Lambertian(Material):
         self.ambient = self.ambient or self.reflectance
         self.set_components({mi.BSDFFlags.DiffuseReflection: mi.BSDFFlags.FrontSide})
 
-    def sample(
-        self,
-        ctx: mi.BSDFContext,
-        si: mi.SurfaceInteraction3f,
-        sample1: mi.Float,
-        sample2: mi.Point2f,
-        active: mi.Bool = True,
-    ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        """Samples a direction with a density proportional to the cosine; returns ``(bs, weight)``."""
-        bs = dr.zeros(mi.BSDFSample3f)
-        if not ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 0):
-            return bs, mi.Spectrum(0)
-        bs.wo = mi.warp.square_to_cosine_hemisphere(sample2)
-        pdf = mi.warp.square_to_cosine_hemisphere_pdf(bs.wo)
-        bs.eta = 1
-        bs.sampled_type = mi.UInt32(+mi.BSDFFlags.DiffuseReflection)
-        active = active & (si.wi.z > 0) & (pdf > 0)
-        bs.pdf = dr.select(active, pdf, 0)
-        return bs, mi.depolarizer(self.reflectance.eval(si, active)) & active
-
-    def eval_pdf(
-        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
-    ) -> tuple[mi.Spectrum, mi.Float]:
-        """Returns the BRDF times the cosine of ``wo``, and the density of :meth:`sample`."""
-        if not ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 0):
-            return mi.Spectrum(0), mi.Float(0)
-        active = active & (si.wi.z > 0) & (wo.z > 0)
+    def sample_direction(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
+    ) -> tuple[mi.Vector3f, mi.UInt32, mi.Float, mi.UnpolarizedSpectrum]:
+        """Samples a direction with a density proportional to the cosine (:meth:`.Material.sample_direction`)."""
+        wo = mi.warp.square_to_cosine_hemisphere(sample2)
         pdf = mi.warp.square_to_cosine_hemisphere_pdf(wo)
-        value = self.reflectance.eval(si, active) * pdf
-        return mi.depolarizer(value) & active, dr.select(active, pdf, 0)
+        return wo, mi.UInt32(0), pdf, self.reflectance.eval(si, active & (pdf > 0))
+
+    def evaluate(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
+        pdf = mi.warp.square_to_cosine_hemisphere_pdf(wo)
+        return self.reflectance.eval(si, active) * pdf, pdf
 
     def eval_diffuse_reflectance(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
         return mi.depolarizer(self.reflectance.eval(si, active))

@@ -45,9 +45,7 @@ class Lamp:
     @property
     def follows_shape(self) -> mi.Bool | bool:
         """Whether :meth:`reparameterised` needs a point on the source (:attr:`.OtherLights.follows_shape`)."""
-        if len(self.groups) == 1:
-            return self.groups[0][0].follows_shape
-        return self._by_strategy(mi.Bool(True), lambda strategy, *_: mi.Bool(strategy.follows_shape))
+        return self._by_strategy(True, lambda strategy, *_: strategy.follows_shape)
 
     def sample(self, receiver: Receiver, sample: mi.Point2f, active: mi.Bool) -> LightSample:
         """Returns ``(ds, weight)``: a sample of this light source (:meth:`.OtherLights.sample`).
@@ -156,10 +154,11 @@ class Lights:
             return self.emitters.index(emitter) if active and emitter is not None else self.lamps
         return dr.gather(mi.UInt32, self.numbers, dr.reinterpret_array(mi.UInt32, emitter), active)
 
-    def lamp(self, k: Index, groups: list[Group] | None = None) -> Lamp:
-        """Returns the lamp of the number ``k``, which belongs to one of the ``groups`` (default: any group)."""
-        emitter = self.emitters[k] if isinstance(k, int) else dr.gather(mi.EmitterPtr, self.pointers, k)
-        return Lamp(k, emitter, groups or self.groups)
+    def lamp(self, k: Index) -> Lamp:
+        """Returns the lamp of the number ``k``."""
+        if isinstance(k, int):
+            return Lamp(k, self.emitters[k], [group for group in self.groups if group[1] <= k < group[2]])
+        return Lamp(k, dr.gather(mi.EmitterPtr, self.pointers, k), self.groups)
 
     def for_each(self, body: Callable[[Lamp, Any], Any], total: Any, active: mi.Bool, attached: bool = False) -> Any:
         """Computes ``total = body(lamp, total)`` for each lamp in turn, and returns the last total.
@@ -167,15 +166,8 @@ class Lights:
         ``attached`` tells whether derivatives of ``total`` are wanted. The loop is evaluated if derivatives are wanted,
         because a symbolic loop would lose the derivatives.
         """
-        unrolled, mode = not self.jit or self.lamps <= self.UNROLLED, "evaluated" if attached else None
-        for strategy, first, end in self.groups:
-            group = strategy, *((first, end) if unrolled else (dr.opaque(mi.UInt32, n) for n in (first, end)))
-
-            def step(k: Index, total: Any, group: Group = group) -> Any:
-                return body(self.lamp(k, [group]), total)
-
-            total = fold(first, end, step, total, active, unrolled, mode=mode)
-        return total
+        unrolled, mode = self.lamps <= self.UNROLLED, "evaluated" if attached else None
+        return fold(self.lamps, lambda k, total: body(self.lamp(k), total), total, active, unrolled, mode=mode)
 
     def pdf(self, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
         """Returns the density per solid angle with which light sampling at ``receiver`` samples the direction ``ds``.

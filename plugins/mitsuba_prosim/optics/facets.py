@@ -153,18 +153,6 @@ GRAZING = 1e-18
 SHORTEST = 1e-36
 
 
-def reflecting(wi: mi.Vector3f, wo: mi.Vector3f) -> tuple[mi.Vector3f, mi.Float]:
-    """Returns ``(m, i_m)`` for the facet that reflects ``wi`` to ``wo``.
-
-    ``m`` is the normal of the facet, and ``i_m`` is the cosine of the angle between ``m`` and each of the two
-    directions. The cosine is computed as half the length of wi + wo, so it is never negative.
-    """
-    h = wi + wo
-    square = dr.maximum(dr.squared_norm(h), SHORTEST)
-    inverse = dr.rsqrt(square)
-    return h * inverse, 0.5 * square * inverse
-
-
 class Facet(NamedTuple):
     """A microfacet: the normal ``m``, and the cosines between ``m`` and the two directions wi and wo."""
 
@@ -220,7 +208,7 @@ def torrance_sparrow(
     Fresnel's reflectance, times the cosine of ``wo``: D G / (4 cos_i). ``pdf`` is the density per solid angle with
     which :func:`sample_visible` leads to ``wo``.
     """
-    m, i_m = reflecting(wi, wo)
+    m, i_m, _ = between(wi, wo, mi.Float(1))
     density = distribution.D(m, roughness) / (4 * wi.z)
     return i_m, density * g(wi.z, wo.z, m.z, i_m), density * g1(wi.z, m.z, i_m)
 

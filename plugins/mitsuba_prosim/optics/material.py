@@ -23,9 +23,10 @@ Evaluated: TypeAlias = "tuple[mi.UnpolarizedSpectrum, mi.Float]"
 
 
 class Material(mi.BSDF):
-    """A BSDF that a subclass defines by ``sample``, ``eval_pdf`` and the names of its parameters.
+    """A BSDF that a subclass defines by :meth:`sample_direction`, :meth:`evaluate` and the names of its parameters.
 
-    The class does not use ``abc``, because Mitsuba's classes have another metaclass.
+    The material is one-sided: its back is black. The class does not use ``abc``, because Mitsuba's classes have another
+    metaclass.
     """
 
     #: Names of the attributes that ``to_string`` shows; ``mi.traverse`` shows the attributes that are textures or
@@ -66,10 +67,54 @@ class Material(mi.BSDF):
             return own
         return {**own, "distribution": self.distribution.name, self.distribution.parameter: self.roughness}
 
+    def sample_direction(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
+    ) -> tuple[mi.Vector3f, mi.UInt32, mi.Float, mi.UnpolarizedSpectrum]:
+        """Samples an enabled component for a viewer in front; returns ``(wo, component, pdf, weight)``.
+
+        ``wo`` is a unit vector in the local frame. ``component`` is 0 or 1. ``pdf`` is the density of ``wo`` per solid
+        angle, or the probability of a Dirac peak; 0 if there is no sample. ``weight`` is the value of the BSDF times
+        the cosine of ``wo``, divided by ``pdf``.
+        """
+        raise NotImplementedError
+
+    def evaluate(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
+        """Evaluates the enabled components for a viewer and a direction ``wo`` in front, without Dirac peaks."""
+        raise NotImplementedError
+
+    def sample(
+        self,
+        ctx: mi.BSDFContext,
+        si: mi.SurfaceInteraction3f,
+        sample1: mi.Float,
+        sample2: mi.Point2f,
+        active: mi.Bool = True,
+    ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+        """Samples a direction; returns ``(bs, weight)``, where the weight is value times cosine over density."""
+        bs = dr.zeros(mi.BSDFSample3f)
+        active = active & (si.wi.z > GRAZING)
+        if active is False or not any(self.enabled(ctx)):
+            return bs, mi.Spectrum(0)
+        bs.wo, component, pdf, weight = self.sample_direction(ctx, si, sample1, sample2, active)
+        bs.eta = 1
+        bs.sampled_component = component
+        bs.sampled_type = dr.select(component == 0, mi.UInt32(+self.types[0]), mi.UInt32(+self.types[-1]))
+        active = active & (pdf > 0)
+        bs.pdf = dr.select(active, pdf, 0)
+        return bs, mi.depolarizer(weight) & active
+
     def eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
     ) -> tuple[mi.Spectrum, mi.Float]:
-        raise NotImplementedError  # Mitsuba's method would call eval and pdf, which call this method
+        """Returns the value of the BSDF times the cosine of ``wo``, and the density with which :meth:`sample` samples
+        ``wo``.
+        """
+        active = active & (si.wi.z > GRAZING) & (wo.z > 0)
+        smooth = mi.has_flag(self.m_flags, mi.BSDFFlags.Smooth)
+        if active is False or not smooth or not any(self.enabled(ctx)):
+            return mi.Spectrum(0), mi.Float(0)
+        value, pdf = self.evaluate(ctx, si, wo, active)
+        return mi.depolarizer(value) & active, dr.select(active, pdf, 0)
 
     def eval(self, *args: Any, **kwargs: Any) -> mi.Spectrum:
         """Returns the value of the BSDF times the cosine; the arguments are those of :meth:`eval_pdf`."""
@@ -133,49 +178,28 @@ class Pigmented(Material):
         total = ks + dr.mean(kd)
         return dr.select(total > 0, ks / dr.maximum(total, 1e-8), 0.5)
 
-    def sample(
-        self,
-        ctx: mi.BSDFContext,
-        si: mi.SurfaceInteraction3f,
-        sample1: mi.Float,
-        sample2: mi.Point2f,
-        active: mi.Bool = True,
-    ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        """Samples the specular or the diffuse component; returns ``(bs, weight)``."""
-        bs = dr.zeros(mi.BSDFSample3f)
-        active = active & (si.wi.z > GRAZING)
+    def sample_direction(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
+    ) -> tuple[mi.Vector3f, mi.UInt32, mi.Float, mi.UnpolarizedSpectrum]:
+        """Samples the specular or the diffuse component (:meth:`Material.sample_direction`)."""
         specular, diffuse = self.enabled(ctx)
-        if active is False or not (specular or diffuse):
-            return bs, mi.Spectrum(0)
-        kd = self.diffuse_reflectance.eval(si, active)
-        p_specular = self.specular_probability(ctx, si, kd, active)
-        is_specular = sample1 < p_specular
-        bs.eta = 1
-        bs.sampled_component = dr.select(is_specular, mi.UInt32(0), mi.UInt32(1))
-        bs.sampled_type = dr.select(is_specular, *(mi.UInt32(+kind) for kind in self.types))
-        mirror = self.roughness is None
+        p_specular = self.specular_probability(ctx, si, self.diffuse_reflectance.eval(si, active), active)
+        is_specular, mirror = sample1 < p_specular, self.roughness is None
         wo = mi.warp.square_to_cosine_hemisphere(sample2) if diffuse else mi.Vector3f(0, 0, 1)
         if specular:
             lobe = mi.reflect(si.wi) if mirror else self.specular_sample(si, sample2, active)
             wo = dr.select(is_specular, lobe, wo)
-        bs.wo = wo
         value, pdf = self.eval_pdf(ctx, si, wo, active)
+        value = mi.unpolarized_spectrum(value)
         if mirror and specular:
-            value = dr.select(is_specular, mi.depolarizer(self.specular_weight(si, active)), value)
+            value = dr.select(is_specular, self.specular_weight(si, active), value)
             pdf = dr.select(is_specular, p_specular, pdf)
-        active = active & (pdf > 0) & (wo.z > 0)
-        bs.pdf = dr.select(active, pdf, 0)
-        return bs, value / dr.select(active, pdf, 1) & active
+        pdf = dr.select(wo.z > 0, pdf, 0)
+        return wo, dr.select(is_specular, mi.UInt32(0), 1), pdf, value / dr.select(pdf > 0, pdf, 1)
 
-    def eval_pdf(
-        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
-    ) -> tuple[mi.Spectrum, mi.Float]:
-        """Returns the BRDF of the enabled components times the cosine of ``wo``, and the density of :meth:`sample`."""
+    def evaluate(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
         specular, diffuse = self.enabled(ctx)
-        active = active & (si.wi.z > GRAZING) & (wo.z > 0)
         value, pdf = mi.UnpolarizedSpectrum(0), mi.Float(0)
-        if active is False or not (specular or diffuse):
-            return mi.Spectrum(0), pdf
         kd = self.diffuse_reflectance.eval(si, active)
         p_specular = self.specular_probability(ctx, si, kd, active)
         if diffuse:
@@ -189,7 +213,7 @@ class Pigmented(Material):
         # The integrator prb divides the remaining radiance of a path by this value. If the lobe is nearly 0 and a
         # channel has no pigment, the result would be rounding error divided by 1e-30. prb skips a value of 0.
         value -= dr.detach(dr.select(value > LEAST_WEIGHT * pdf * wo.z, 0, value))
-        return mi.depolarizer(value) & active, dr.select(active, pdf, 0)
+        return value, pdf
 
     def eval_diffuse_reflectance(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
         return mi.depolarizer(self.diffuse_reflectance.eval(si, active))

@@ -320,4 +320,4 @@ def gather(
 
         return dr.while_loop((mi.UInt32(0), L), lambda k, L: k < rows, add_row)[1]
 
-    return fold(0, len(footprint.radii), add_radius, mi.Spectrum(0), active, unrolled=False)
+    return fold(len(footprint.radii), add_radius, mi.Spectrum(0), active, unrolled=False)

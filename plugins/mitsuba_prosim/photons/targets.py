@@ -73,7 +73,7 @@ class Targets:
             size = dr.pi * r2 if far else total_falloff(versine(x, center, radius), None)
             return total + dr.select(met, dr.rcp(size), 0)
 
-        return fold(0, self.count, add, mi.Float(0), active, unrolled=False)
+        return fold(self.count, add, mi.Float(0), active, unrolled=False)
 
 
 def is_specular(shape: mi.Shape, tree: bool) -> bool:

@@ -84,19 +84,16 @@ class Lamp:
         return two_sided if idle(above) else dr.select(both_sides, two_sided, self._by_strategy(above, evaluate))
 
     def _by_strategy(self, active: mi.Bool, evaluate: Evaluate) -> Any:
-        """Calls ``evaluate`` with the strategy of the lamp, the lamp's number within the strategy, and a mask.
-
-        In scalar variants with several groups, ``active`` must be true.
-        """
+        """Calls ``evaluate`` with the strategy of the lamp, the lamp's number within the strategy, and a mask."""
         if len(self.groups) == 1:
             strategy, first, _ = self.groups[0]
             return evaluate(strategy, self.k - first, active)
         result: Any = None
-        for strategy, first, end in self.groups:
+        for strategy, *bounds in self.groups:
+            first, end = (dr.opaque(mi.UInt32, bound) for bound in bounds)
             in_group = active & (first <= self.k) & (self.k < end)
-            if not idle(in_group):
-                value = evaluate(strategy, dr.clip(self.k - first, 0, end - 1 - first), in_group)
-                result = value if result is None else dr.select(in_group, value, result)
+            value = evaluate(strategy, dr.clip(self.k - first, 0, end - 1 - first), in_group)
+            result = value if result is None else dr.select(in_group, value, result)
         return result
 
 
@@ -181,7 +178,7 @@ class Lights:
             return mi.Float(0)
 
         def lamp_density(k: Index, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
-            pdf = Lamp(k, ds.emitter, self.groups).pdf(receiver, ds, active)
+            pdf = self.lamp(k).pdf(receiver, ds, active)
             return pdf if self.sampler is None else pdf * self.sampler.probability(k, receiver, active)
 
         # Few rays hit a lamp. The branch skips the density in all other lanes.

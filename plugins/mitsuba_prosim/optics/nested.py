@@ -123,12 +123,9 @@ def sides(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f) -> list[tuple[mi.Float, mi
     """Returns the BSDFs of a ``twosided`` with their weights: 1 for the BSDF on the viewer's side of ``si``, 0 for the
     other.
     """
-    inner = parts(bsdf)
-    front, back = inner["brdf_0"], inner["brdf_1"]
-    if front is back:
-        return [(mi.Float(1), front)]
-    in_front = mi.Frame3f.cos_theta(si.wi) > 0
-    return [(dr.select(in_front, mi.Float(1), 0), front), (dr.select(in_front, mi.Float(0), 1), back)]
+    inner, in_front = parts(bsdf), mi.Frame3f.cos_theta(si.wi) > 0
+    weight = dr.select(in_front, mi.Float(1), 0)
+    return [(weight, inner["brdf_0"]), (1 - weight, inner["brdf_1"])]
 
 
 def from_front(si: mi.SurfaceInteraction3f) -> mi.SurfaceInteraction3f:

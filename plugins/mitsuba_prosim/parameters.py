@@ -68,6 +68,7 @@ def nested_integrator(props: mi.Properties) -> mi.SamplingIntegrator:
 
 
 def _is_number(value: Any) -> bool:
+    """Tells whether ``value`` is a number; a boolean is not."""
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
@@ -77,7 +78,7 @@ def _bounds(low: float, high: float, open_below: bool) -> str:
     return " " + " and ".join(parts) if parts else ""
 
 
-def constant(props: mi.Properties, name: str) -> list[float]:
+def constant_values(props: mi.Properties, name: str) -> list[float]:
     """Returns the numbers of a parameter that is a number, a colour or a spectrum; no numbers for a texture or None.
 
     Call this function before the parameter is converted to a texture.
@@ -90,8 +91,8 @@ def constant(props: mi.Properties, name: str) -> list[float]:
     return [float(v) for v in getattr(value, "values", value if hasattr(value, "__len__") else [value])]
 
 
-def shown(values: list[float]) -> float | list[float]:
-    """Returns the numbers of `constant` in the form for messages: one number or a list."""
+def for_message(values: list[float]) -> float | list[float]:
+    """Returns the numbers of `constant_values` for a message: one number if all are equal, else the list."""
     values = [round(v, 6) for v in values]
     return values[0] if len(set(values)) == 1 else values
 

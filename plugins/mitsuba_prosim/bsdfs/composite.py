@@ -8,7 +8,7 @@ import mitsuba as mi
 from ..optics import facets, fresnel
 from ..optics.dispersion import index
 from ..optics.material import Evaluated, Pigmented, reflectance
-from ..parameters import constant, reject, shown
+from ..parameters import constant_values, for_message, reject
 from ..registry import plugin
 
 
@@ -139,7 +139,7 @@ def known_to_conserve(props: mi.Properties) -> bool:
     names = "diffuse_reflectance", "specular_reflectance"
     if names[1] not in props:
         return True
-    kd, ks = constant(props, names[0]) if names[0] in props else [0.5], constant(props, names[1])
+    kd, ks = constant_values(props, names[0]) if names[0] in props else [0.5], constant_values(props, names[1])
     # The sum of textures or spectra is unknown here.
     if any(not v or (len(v) > 1 and hasattr(props.get(name), "values")) for name, v in zip(names, (kd, ks))):
         return False
@@ -147,5 +147,5 @@ def known_to_conserve(props: mi.Properties) -> bool:
     sums = [kd[i % len(kd)] + ks[i % len(ks)] for i in range(channels)]
     if max(sums) > 1 + 1e-6:
         note = "" if names[0] in props else f" ({names[0]} is 0.5 if not given)"
-        raise reject(props, " + ".join(names), shown(sums), f"a sum <= 1{note}, or energy would be created")
+        raise reject(props, " + ".join(names), for_message(sums), f"a sum <= 1{note}, or energy would be created")
     return channels == 1 or not mi.is_spectral

@@ -12,7 +12,7 @@ from ..optics import facets, fresnel
 from ..optics.dispersion import index
 from ..optics.material import Evaluated, Material, reflectance, roughness
 from ..optics.nested import parts
-from ..parameters import choice, constant, reject, shown
+from ..parameters import choice, constant_values, for_message, reject
 from ..registry import create, plugin
 
 #: Allowed values of the parameter ``fresnel`` -> the function that computes the reflectance.
@@ -153,9 +153,9 @@ def metal(props: mi.Properties) -> tuple[mi.Texture, mi.Texture]:
     material = props.get("material", "none")
     if material == "none":
         for name in ("eta", "k"):
-            values = constant(props, name)
+            values = constant_values(props, name)
             if not all(0 <= v < inf for v in values):
-                raise reject(props, name, shown(values), "finite numbers >= 0")
+                raise reject(props, name, for_message(values), "finite numbers >= 0")
         return props.get_unbounded_texture("eta", 0.0), props.get_unbounded_texture("k", 1.0)
     for name in ("eta", "k"):
         if name in props:

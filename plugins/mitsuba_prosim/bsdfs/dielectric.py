@@ -130,19 +130,21 @@ class Dielectric(Material):
         transmission = flags.DeltaTransmission if self.roughness is None else flags.GlossyTransmission
         self.set_components({self.specular_type(): sides, transmission: sides | flags.NonSymmetric})
 
-    def share(self, ctx: mi.BSDFContext, reflected: mi.Bool, f: mi.Float) -> mi.Float:
-        """Returns the probability of the chosen component, reflected or transmitted, given Fresnel's
-        reflectance ``f``.
+    def probability(self, ctx: mi.BSDFContext, reflected: mi.Bool, f: mi.Float) -> mi.Float:
+        """Returns the probability of sampling reflection where ``reflected``, else of sampling transmission.
+
+        ``f`` is Fresnel's reflectance. The probability is 1 if ``ctx`` enables only one of the two components.
         """
         return dr.select(reflected, f, 1 - f) if all(self.enabled(ctx)) else mi.Float(1)
 
-    def energy(
+    def fraction(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, reflected: mi.Bool, face: Interface, active: mi.Bool
     ) -> mi.UnpolarizedSpectrum:
-        """Returns the fraction of the light that a facet reflects or transmits, as a spectrum.
+        """Returns the fraction of the light that a facet reflects, where ``reflected``, or else transmits: a spectrum.
 
-        Transmitted radiance is divided by the square of ``face.eta_it``, because the radiance fills another solid angle
-        after refraction. Transmitted importance is not divided.
+        ``face`` has the reflectance and the indices of refraction, for one wavelength or for each channel. Transmitted
+        radiance is divided by the square of ``face.eta_it``, because the radiance fills another solid angle after
+        refraction. Transmitted importance is not divided.
         """
         r, t = (
             1 if texture is None else texture.eval(si, active)
@@ -194,7 +196,7 @@ class Dielectric(Material):
         if self.roughness is None:
             spectra = Interface(*map(dispersion.spectrum, zip(*faces)))
             kept = [dr.select(reflected | undispersed | (k == j), 1.0, 0.0) for j in range(len(faces))]
-            value = self.energy(ctx, si, reflected, spectra, active) * mi.UnpolarizedSpectrum(*kept)
+            value = self.fraction(ctx, si, reflected, spectra, active) * mi.UnpolarizedSpectrum(*kept)
             mean = sum((p[j] * each.f for j, each in enumerate(faces)), mi.Float(0))
             chosen = dispersion.pick(k, p)
             both = reflection and transmission
@@ -206,16 +208,16 @@ class Dielectric(Material):
                 value, pdf = self.eval_pdf(ctx, si, bs.wo, active & (reflected | (face.cos_t != 0)))
                 value, divisor = mi.unpolarized_spectrum(value), dr.detach(pdf)
             else:
-                divisor = dr.detach(self.share(ctx, reflected, face.f))
+                divisor = dr.detach(self.probability(ctx, reflected, face.f))
                 facet = Facet(m, i_m, dr.select(reflected, i_m, face.cos_t))
-                lit, density = self.facets(si.wi, bs.wo, facet, reflected, width, etas[0])
+                lit, density = self.eval_facets(si.wi, bs.wo, facet, reflected, width, etas[0])
                 pdf = density * divisor
-                value = self.energy(ctx, si, reflected, face, active) * (lit / dr.select(density > 0, density, 1))
+                value = self.fraction(ctx, si, reflected, face, active) * (lit / dr.select(density > 0, density, 1))
         active = active & (pdf > 0)
         bs.pdf = dr.select(active, pdf, 0)
         return bs, mi.depolarizer(value / dr.select(active, divisor, 1)) & active
 
-    def facets(
+    def eval_facets(
         self, wi: mi.Vector3f, wo: mi.Vector3f, facet: Facet, reflected: mi.Bool, width: mi.Float, eta: mi.Float
     ) -> tuple[mi.Float, mi.Float]:
         """Returns ``(value, pdf)`` of the facets like ``facet`` that scatter light from ``wo`` to ``wi``.
@@ -230,7 +232,7 @@ class Dielectric(Material):
         a, b = dr.abs(facet.i_m), dr.maximum(dr.abs(facet.o_m), 1e-30)
         visible = dr.minimum(a / cos_i, 2 * m.z)  # G1 <wi, m> / cos_i
         eta_it = dr.select(wi.z > 0, eta, dr.rcp(eta))
-        inverse_length = (a + eta_it * b) / dr.maximum(dr.abs(fresnel.contrast(wi.z, eta)), 1e-7)
+        inverse_length = (a + eta_it * b) / dr.maximum(dr.abs(fresnel.eta2_minus_1(wi.z, eta)), 1e-7)
         jacobian = dr.select(reflected, 0.25 / dr.maximum(a, 1e-30), dr.square(eta_it * inverse_length) * b)
         density = self.distribution.D(m, width) * jacobian
         lit = dr.select(reflected, dr.minimum(visible, 2 * m.z * cos_o / cos_i), visible * facets.g1(cos_o, m.z, b))
@@ -251,15 +253,15 @@ class Dielectric(Material):
         width, etas = self.roughness.eval_1(si, active), self.indices.etas(si)
         values, faces, pdf = [], [], mi.Float(0)
         for eta in etas:
-            facet = facets.between(si.wi, wo, eta)
+            facet = facets.facet_between(si.wi, wo, eta)
             # The front of a facet is visible only from the front of the surface, and its back only from the back.
             facing = active & (facet.i_m * si.wi.z > 0) & (facet.o_m * wo.z > 0)
-            lit, density = self.facets(si.wi, wo, facet, reflected, width, eta)
+            lit, density = self.eval_facets(si.wi, wo, facet, reflected, width, eta)
             faces.append(fresnel.interface(facet.i_m, eta))
             values.append(dr.select(facing, lit, 0))
-            pdf += dr.select(facing, density * self.share(ctx, reflected, faces[-1].f), 0) / len(etas)
+            pdf += dr.select(facing, density * self.probability(ctx, reflected, faces[-1].f), 0) / len(etas)
         spectra = Interface(*map(dispersion.spectrum, zip(*faces)))
-        value = self.energy(ctx, si, reflected, spectra, active) * dispersion.spectrum(values)
+        value = self.fraction(ctx, si, reflected, spectra, active) * dispersion.spectrum(values)
         return mi.depolarizer(value) & active, pdf
 
     def parameters(self) -> dict[str, Any]:

@@ -112,7 +112,7 @@ class Area(Source):
         self, si: mi.SurfaceInteraction3f, d: mi.Vector3f, receiver: mi.Point3f, active: mi.Bool
     ) -> mi.Spectrum:
         """Returns the radiance that the source emits in the direction ``d`` towards the point ``receiver``."""
-        value = self.emission.eval(si, active) * self.towards(d)
+        value = self.emission.eval(si, active) * self.relative_intensity(d)
         if self.unattenuated and (shape := self.get_shape()) is not None:
             value *= 4 * dr.squared_norm(receiver - shape.bbox().center()) / shape.surface_area()
         return dr.select(active, mi.depolarizer(value), mi.Spectrum(0))
@@ -234,7 +234,7 @@ class Area(Source):
         """Samples wavelengths; returns the wavelengths, and the emitted radiance divided by their density."""
         wavelengths, weight = self.sample_spectrum(si, sample, active)
         # Only the particle tracer calls this; its si.wi is the direction to the camera, in world coordinates.
-        return wavelengths, weight * self.towards(si.wi)
+        return wavelengths, weight * self.relative_intensity(si.wi)
 
     def bbox(self) -> mi.ScalarBoundingBox3f:
         return self.get_shape().bbox()

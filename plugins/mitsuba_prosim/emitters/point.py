@@ -159,7 +159,7 @@ class Point(Source):
         """
         si = dr.zeros(mi.SurfaceInteraction3f)
         si.wavelengths = it.wavelengths
-        value = self.emission.eval(si, active) * (self.towards(-ds.d) * self.scale)
+        value = self.emission.eval(si, active) * (self.relative_intensity(-ds.d) * self.scale)
         if not self.unattenuated:
             value /= dr.maximum(dr.squared_norm(ds.p - it.p), 1e-30)
         return mi.depolarizer(value)

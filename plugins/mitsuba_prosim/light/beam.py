@@ -15,8 +15,10 @@ from ..optics import cosine
 
 
 def falloff(versine: mi.Float, limit: mi.Float, exponent: mi.Float | None = None) -> mi.Float:
-    """Returns the intensity of a beam at the angle with the ``versine``, divided by the intensity on the axis; in [0,
-    1].
+    """Returns the intensity of a beam, divided by the intensity on the axis: a number in [0, 1].
+
+    ``versine`` is 1 - cos of the angle from the axis, and ``limit`` is 1 - cos of the angle at which the beam ends. A
+    spot has an ``exponent``; a cone has None.
     """
     inside = dr.minimum(versine, 2) <= limit
     return dr.select(inside, mi.Float(1) if exponent is None else cosine.power(versine, exponent), mi.Float(0))
@@ -24,7 +26,7 @@ def falloff(versine: mi.Float, limit: mi.Float, exponent: mi.Float | None = None
 
 def total(limit: mi.Float, exponent: mi.Float | None = None) -> mi.Float:
     """Returns the integral of `falloff` over all directions, in steradians."""
-    return dr.two_pi * (limit if exponent is None else cosine.share(limit, exponent) / (exponent + 1))
+    return dr.two_pi * (limit if exponent is None else cosine.cdf(limit, exponent) / (exponent + 1))
 
 
 def sample_falloff(sample2: mi.Point2f, limit: mi.Float, exponent: mi.Float | None = None) -> mi.Vector3f:
@@ -34,6 +36,6 @@ def sample_falloff(sample2: mi.Point2f, limit: mi.Float, exponent: mi.Float | No
         versine = limit * dr.squared_norm(p)
         p *= dr.safe_sqrt(limit * (2 - versine))
         return mi.Vector3f(p.x, p.y, 1 - versine)
-    sin, cos = cosine.sample(sample2.x * cosine.share(limit, exponent), exponent)
+    sin, cos = cosine.sample(sample2.x * cosine.cdf(limit, exponent), exponent)
     sin_phi, cos_phi = dr.sincos(dr.two_pi * sample2.y)
     return mi.Vector3f(sin * cos_phi, sin * sin_phi, cos)

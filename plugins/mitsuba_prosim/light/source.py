@@ -12,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..optics import cosine
-from ..parameters import choice, constant, describe, expose, number, reject, shown
+from ..parameters import choice, constant_values, describe, expose, for_message, number, reject
 from ..registry import create
 from . import beam
 
@@ -57,15 +57,15 @@ class Source(mi.Emitter):
         """Whether the source emits the same intensity in every direction."""
         return self.distribution == "uniform"
 
-    def limit(self) -> mi.Float:
-        """Returns the versine, 1 - cos, of the angle beyond which the source emits no light."""
+    def limit_versine(self) -> mi.Float:
+        """Returns 1 - cos of the angle from the axis beyond which the source emits no light."""
         return 2 * dr.square(dr.sin(0.5 * dr.deg2rad(self.angle)))
 
-    def towards(self, d: mi.Vector3f) -> mi.Float:
+    def relative_intensity(self, d: mi.Vector3f) -> mi.Float:
         """Returns the intensity in the unit direction ``d``, divided by the intensity on the axis."""
         if self.uniform:
             return mi.Float(1)
-        return beam.falloff(cosine.versine(d, dr.normalize(self.direction)), self.limit(), self.exponent)
+        return beam.falloff(cosine.versine(d, dr.normalize(self.direction)), self.limit_versine(), self.exponent)
 
     def sample_beam(self, sample2: mi.Point2f) -> tuple[mi.Vector3f, mi.Float]:
         """Samples a direction of light with a density proportional to the intensity.
@@ -75,9 +75,9 @@ class Source(mi.Emitter):
         """
         if self.uniform:
             return mi.warp.square_to_uniform_sphere(sample2), mi.Float(4 * dr.pi)
-        local = beam.sample_falloff(sample2, self.limit(), self.exponent)
+        local = beam.sample_falloff(sample2, self.limit_versine(), self.exponent)
         d = mi.Frame3f(dr.normalize(self.direction)).to_world(local)
-        return d, beam.total(self.limit(), self.exponent)
+        return d, beam.total(self.limit_versine(), self.exponent)
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
         super().traverse(callback)
@@ -118,9 +118,9 @@ def read_emission(props: mi.Properties, name: str, default: float | None = None)
     coefficients, which may be negative: only NaN is an error for these coefficients.
     """
     allowed = "finite numbers >= 0"
-    values = constant(props, name)
+    values = constant_values(props, name)
     if not all(0 <= v < math.inf for v in values):
-        raise reject(props, name, shown(values), allowed)
+        raise reject(props, name, for_message(values), allowed)
     if name not in props and default is None:
         return None
     if values and not any(values):

@@ -50,7 +50,10 @@ def weighted(emitter: Emitter, receiver: Receiver, ds: mi.DirectionSample3f, act
 
 
 def direction_sample(receiver: Receiver, d: mi.Vector3f) -> mi.DirectionSample3f:
-    """Returns a ``mi.DirectionSample3f`` with the direction ``d``; most of the other fields are empty."""
+    """Returns a ``mi.DirectionSample3f`` with the direction ``d`` and the time of ``receiver``.
+
+    The caller sets the point, the normal, the distance and the density, if they are needed.
+    """
     ds = dr.zeros(mi.DirectionSample3f) if dr.is_jit_v(mi.Float) else mi.DirectionSample3f()
     ds.d, ds.time, ds.delta = d, receiver.si.time, mi.Bool(False)
     return ds
@@ -97,8 +100,9 @@ class OtherLights:
     ) -> tuple[mi.DirectionSample3f, mi.Float]:
         """Returns ``(ds, jacobian)``, both with derivatives: a direction that moves with the source ``number``.
 
-        The direction ``d`` leads to the point ``met`` of the source; :mod:`.reparameterisation` explains the method.
-        The derivatives of ``met`` follow the shape (``mi.RayFlags.FollowShape``).
+        The value of ``ds.d`` is the direction ``d``, which leads to the point ``met`` of the source. The derivatives of
+        ``met`` follow the shape (``mi.RayFlags.FollowShape``). ``jacobian`` is proportional to the solid angle of a
+        small part of the source around ``met``. The module :mod:`.reparameterisation` explains the method.
         """
         assert met is not None
         to_point = met.p - receiver.si.p

@@ -61,11 +61,9 @@ class Lamp:
     def reparameterised(
         self, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f | None, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Float]:
-        """Returns ``(ds, jacobian)``, both with derivatives.
+        """Returns ``(ds, jacobian)``, both with derivatives: a direction that moves with this lamp.
 
-        The value of ``ds.d`` is ``d``, and the derivatives of ``ds.d`` follow this lamp.
-
-        :meth:`.OtherLights.reparameterised` describes the arguments.
+        :meth:`.OtherLights.reparameterised` describes the arguments and the results.
         """
         return self._by_strategy(active, lambda strategy, k, mine: strategy.reparameterised(k, receiver, d, met, mine))
 

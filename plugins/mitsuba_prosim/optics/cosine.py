@@ -30,20 +30,19 @@ def power(versine: mi.Float, exponent: mi.Float) -> mi.Float:
     return dr.select(versine <= 1, dr.exp(exponent * log1p(-versine)), 0)
 
 
-def share(versine: mi.Float, exponent: mi.Float) -> mi.Float:
-    """Returns the integral of cos^n sin from 0 to an angle with the ``versine``, divided by the integral up to 90
-    degrees.
+def cdf(versine: mi.Float, exponent: mi.Float) -> mi.Float:
+    """Returns the cumulative distribution of the density cos^n sin of an angle in [0, 90] degrees: 1 - cos^(n + 1).
 
-    This fraction is 1 - cos^(n + 1).
+    The angle has the ``versine`` 1 - cos in [0, 1]; n is the ``exponent``, >= 0.
     """
-    h = dr.maximum(0.5 * (exponent + 1) * log1p(-versine), -40)  # below -40 the fraction is 1
+    h = dr.maximum(0.5 * (exponent + 1) * log1p(-versine), -40)  # below -40 the result is 1
     return -2 * dr.sinh(h) * dr.exp(h)
 
 
 def sample(u: mi.Float, exponent: mi.Float) -> tuple[mi.Float, mi.Float]:
     """Returns ``(sin, cos)`` of an angle with the density cos^n sin, sampled by ``u`` in [0, 1).
 
-    The angle increases with ``u``; the `share` of the angle is ``u``.
+    The angle increases with ``u``: the `cdf` at the angle is ``u``.
     """
     h = -log1p(-u) / (exponent + 1)
     cos = dr.exp(-h)

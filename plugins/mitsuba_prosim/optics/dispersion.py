@@ -122,13 +122,15 @@ class Indices:
 
 
 def _at(ior: float | Dispersion, wavelength: mi.Float | float) -> mi.Float | float:
+    """Returns the index of refraction at a wavelength in nm; a number ``ior`` is the same at all wavelengths."""
     return ior.index(wavelength) if isinstance(ior, Dispersion) else ior
 
 
 def index(props: mi.Properties, name: str, default: float | str) -> float:
-    """Reads an index of refraction: a number > 0, or a name from Mitsuba's table.
+    """Reads the index of refraction ``name`` from the parameters of a plugin: a number > 0, or a name from Mitsuba's
+    table such as "water".
 
-    Raises ValueError for other values.
+    Returns the number. Raises ValueError for other values.
     """
     value = props.get(name, default)
     try:
@@ -196,9 +198,10 @@ def wavelengths(si: mi.SurfaceInteraction3f) -> list[mi.Float | float]:
 
 
 def choose(p: Sequence[mi.Float | float], sample: mi.Float) -> tuple[mi.UInt32, mi.Float]:
-    """Chooses an index with the probabilities ``p`` by the number ``sample`` in [0, 1), and returns ``(k, rest)``.
+    """Chooses an index k with the probability ``p[k]``, by the random number ``sample`` in [0, 1).
 
-    ``k`` is the chosen index. ``rest`` is a new number in [0, 1]: the place of ``sample`` in the interval of ``k``.
+    Returns ``(k, rest)``. ``rest`` is a new random number in [0, 1]: the place of ``sample`` in the interval of k. The
+    probabilities sum up to 1.
     """
     k, below, width, total = mi.UInt32(0), mi.Float(0), mi.Float(p[0]), mi.Float(p[0])
     for j in range(1, len(p)):
@@ -211,7 +214,7 @@ def choose(p: Sequence[mi.Float | float], sample: mi.Float) -> tuple[mi.UInt32, 
 
 
 def pick(k: mi.UInt32, values: Sequence[mi.Float | float]) -> mi.Float:
-    """Returns the value with the index ``k`` in the list ``values``."""
+    """Returns ``values[k]``; each lane has its own index ``k``."""
     picked = mi.Float(values[0])
     for j in range(1, len(values)):
         picked = dr.select(k == j, values[j], picked)

@@ -161,11 +161,11 @@ class Facet(NamedTuple):
     o_m: mi.Float
 
 
-def between(wi: mi.Vector3f, wo: mi.Vector3f, eta: mi.Float) -> Facet:
-    """Returns the facet, turned upwards, that reflects or refracts ``wi`` to ``wo``.
+def facet_between(wi: mi.Vector3f, wo: mi.Vector3f, eta: mi.Float) -> Facet:
+    """Returns the facet that reflects or refracts light between ``wi`` and ``wo``; its normal has m.z >= 0.
 
-    The facet reflects if both directions are on the same side of the surface. ``eta`` is the index of refraction inside
-    divided by the index outside.
+    Both directions are unit vectors in the local frame. The facet reflects if both are on the same side of the surface.
+    ``eta`` is the index of refraction inside (z < 0) divided by the index outside.
     """
     outside = wi.z > 0
     reflected = outside == (wo.z > 0)
@@ -208,7 +208,7 @@ def torrance_sparrow(
     Fresnel's reflectance, times the cosine of ``wo``: D G / (4 cos_i). ``pdf`` is the density per solid angle with
     which :func:`sample_visible` leads to ``wo``.
     """
-    m, i_m, _ = between(wi, wo, mi.Float(1))
+    m, i_m, _ = facet_between(wi, wo, mi.Float(1))
     density = distribution.D(m, roughness) / (4 * wi.z)
     return i_m, density * g(wi.z, wo.z, m.z, i_m), density * g1(wi.z, m.z, i_m)
 

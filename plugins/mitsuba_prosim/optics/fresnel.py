@@ -19,10 +19,11 @@ class Interface(NamedTuple):
     eta_ti: mi.Float
 
 
-def contrast(cos_i: mi.Float, eta: mi.Float) -> mi.Float:
+def eta2_minus_1(cos_i: mi.Float, eta: mi.Float) -> mi.Float:
     """Returns eta_it² - 1, which is precise also for eta near 1.
 
-    The number eta_it is the index of refraction beyond the interface divided by the index on the incident side.
+    eta_it is the index of refraction beyond the interface divided by the index on the incident side: ``eta`` if light
+    arrives from outside (``cos_i`` >= 0), and 1 / ``eta`` if light arrives from inside.
     """
     difference = (eta - 1) * (eta + 1)
     return dr.select(cos_i >= 0, difference, -difference * dr.square(dr.rcp(eta)))
@@ -39,7 +40,7 @@ def interface(cos_i: mi.Float, eta: mi.Float) -> Interface:
     _, cos_t, eta_it, eta_ti = mi.fresnel(cos_i, eta)
     c, t = dr.abs(cos_i), dr.abs(cos_t)
     eta2 = dr.square(eta_it)
-    difference = contrast(cos_i, eta)
+    difference = eta2_minus_1(cos_i, eta)
     # The amplitudes that s- and p-polarised light have after reflection.
     s = difference / dr.maximum(dr.square(c + eta_it * t), 1e-30)
     p = difference * (c * c * (eta2 + 1) - 1) / dr.maximum(eta2 * dr.square(eta_it * c + t), 1e-30)

@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import drjit as dr
 import mitsuba as mi
 
-from ..parameters import choice, constant, describe, expose, reject, shown
+from ..parameters import choice, constant_values, describe, expose, for_message, reject
 from .facets import DISTRIBUTIONS, GRAZING, Distribution
 
 #: Weight of a sample, without the cosine, below which the sample is negligible relative to 1 in single precision.
@@ -23,10 +23,11 @@ Evaluated: TypeAlias = "tuple[mi.UnpolarizedSpectrum, mi.Float]"
 
 
 class Material(mi.BSDF):
-    """A BSDF that a subclass defines by :meth:`sample_direction`, :meth:`evaluate` and the names of its parameters.
+    """A one-sided BSDF, whose back is black.
 
-    The material is one-sided: its back is black. The class does not use ``abc``, because Mitsuba's classes have another
-    metaclass.
+    A subclass defines :meth:`sample_direction`, :meth:`evaluate` and the names of its parameters. A subclass that
+    scatters light on both sides defines :meth:`sample` and :meth:`eval_pdf` instead. The class does not use ``abc``,
+    because Mitsuba's classes have another metaclass.
     """
 
     #: Names of the attributes that ``to_string`` shows; ``mi.traverse`` shows the attributes that are textures or
@@ -228,9 +229,9 @@ def reflectance(props: mi.Properties, name: str, default: float | None = None) -
 
     Raises ValueError unless a constant reflectance lies in [0, 1].
     """
-    values = constant(props, name)
+    values = constant_values(props, name)
     if not all(0 <= v <= 1 for v in values):
-        raise reject(props, name, shown(values), "reflectances between 0 and 1")
+        raise reject(props, name, for_message(values), "reflectances between 0 and 1")
     if name in props:
         return props.get_texture(name)
     return None if default is None else props.get_texture(name, default)
@@ -250,9 +251,9 @@ def roughness(props: mi.Properties, allowed: tuple[str, ...] = tuple(DISTRIBUTIO
             raise reject(props, other, props[other], f'"{parameter}" with distribution {name}')
     if parameter not in props:
         return distribution, None
-    values = constant(props, parameter)
+    values = constant_values(props, parameter)
     low, high, within = distribution.range
     if not all(low <= v <= high for v in values):
-        raise reject(props, parameter, shown(values), within)
+        raise reject(props, parameter, for_message(values), within)
     texture = props.get_unbounded_texture(parameter)
     return distribution, None if parameter == "alpha" and values == [0] else texture

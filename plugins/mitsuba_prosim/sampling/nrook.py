@@ -102,7 +102,7 @@ class NRook:
         #: Number of the pass, and the index in the pass.
         self.r = t // permutations.n
         self.i = t - self.r * permutations.n
-        #: Number of the sample among those that divide the spectrum, and how many a pass has (:mod:`.wavelengths`).
+        #: The last two arguments of :func:`.wavelength_number`: which sample takes which part of the spectrum.
         self.division = t, permutations.n
 
     def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:

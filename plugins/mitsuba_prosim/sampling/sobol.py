@@ -60,9 +60,10 @@ def pascal(i: Any) -> Any:
 
 
 def z_curve(x: Any, y: Any) -> Any:
-    """Returns the position of the pixel (x, y) on the Z-shaped curve through an image: the bits of x and y in turn.
+    """Returns the Morton code of the pixel (x, y): the bits of x and y, interleaved; the lowest bit is that of x.
 
-    ``x`` and ``y`` are arrays of unsigned integers of 32 bits, of Dr.Jit or NumPy; their lowest 14 bits count.
+    Pixels in the order of their codes lie on a Z-shaped curve through the image. ``x`` and ``y`` are arrays of 32-bit
+    unsigned integers, of Dr.Jit or NumPy; only their lowest 14 bits count.
     """
     spread = [x & 0x3FFF, y & 0x3FFF]
     for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
@@ -71,9 +72,10 @@ def z_curve(x: Any, y: Any) -> Any:
 
 
 def scrambled(x: Any, key: Any) -> Any:
-    """Returns Owen's scrambling of a number whose bits are in reverse order.
+    """Returns the Owen-scrambled form of ``x``, a 32-bit number whose bits are in reverse order.
 
-    A hash of all lower bits decides whether a bit is flipped (Laine and Karras 2011; constants by Vegdahl 2021). The
+    Whether a bit is flipped depends on ``key`` and on all lower bits of ``x`` (Laine and Karras 2011; constants by
+    Vegdahl 2021). The
     bit masks are needed for Python's unbounded integers; Dr.Jit removes these masks from its kernels.
     """
     x = x ^ (x * 0x3D20ADEA & 0xFFFFFFFF)

@@ -145,7 +145,7 @@ def test_weights_do_not_exceed_fresnels_reflectance(variant_rgb, bsdf):
         if kind == "prosim_conductor":
             return fresnel.conductor(cos, mi.Color3f(COPPER["eta"]["value"]), mi.Color3f(COPPER["k"]["value"]))
         eta = mi.traverse(bsdf)["eta"]
-        return mi.Color3f(fresnel.dielectric(dr.mulsign(cos, wi.z), eta)) * (0.6 if kind == "prosim_composite" else 1)
+        return mi.Color3f(fresnel.interface(dr.mulsign(cos, wi.z), eta).f) * (0.6 if kind == "prosim_composite" else 1)
 
     bound = dr.maximum(reflected(dr.maximum(cos - 1e-6, 0)), reflected(dr.minimum(cos + 1e-6, 1)))
     assert dr.all(weight <= bound * (1 + 1e-4) + 1e-5, axis=None)

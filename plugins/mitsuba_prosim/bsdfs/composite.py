@@ -115,7 +115,7 @@ class Composite(Pigmented):
             ks = self.specular_reflectance.eval(si, active)
             if not self.conserves:
                 ks = dr.minimum(ks, dr.maximum(1 - self.diffuse_reflectance.eval(si, active), 0))
-        return ks * fresnel.dielectric(cos, self.eta)
+        return ks * fresnel.interface(cos, self.eta).f
 
     def specular_weight(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         return self.reflected(si, si.wi.z, active)

@@ -151,15 +151,14 @@ def metal(props: mi.Properties) -> tuple[mi.Texture, mi.Texture]:
     the metal; the default is a perfect mirror. Raises ValueError for wrong parameters.
     """
     material = props.get("material", "none")
-    if material == "none":
-        for name in ("eta", "k"):
-            values = constant_values(props, name)
-            if not all(0 <= v < inf for v in values):
-                raise reject(props, name, for_message(values), "finite numbers >= 0")
-        return props.get_unbounded_texture("eta", 0.0), props.get_unbounded_texture("k", 1.0)
     for name in ("eta", "k"):
-        if name in props:
+        if material != "none" and name in props:
             raise reject(props, name, props[name], f'no "{name}" together with "material", which is {material!r}')
+        values = constant_values(props, name)
+        if not all(0 <= v < inf for v in values):
+            raise reject(props, name, for_message(values), "finite numbers >= 0")
+    if material == "none":
+        return props.get_unbounded_texture("eta", 0.0), props.get_unbounded_texture("k", 1.0)
     try:
         conductor = create("conductor", material=material)
     except RuntimeError:

@@ -47,11 +47,6 @@ def interface(cos_i: mi.Float, eta: mi.Float) -> Interface:
     return Interface(dr.select(t > 0, 0.5 * (s * s + p * p), 1), cos_t, eta_it, eta_ti)
 
 
-def dielectric(cos_i: mi.Float, eta: mi.Float) -> mi.Float:
-    """Returns the reflectance of unpolarised light at the interface between two dielectrics, see `interface`."""
-    return interface(cos_i, eta).f
-
-
 def conductor(cos_i: mi.Float, eta: mi.UnpolarizedSpectrum, k: mi.UnpolarizedSpectrum) -> mi.UnpolarizedSpectrum:
     """Returns the exact reflectance of unpolarised light at a metal, a spectrum.
 

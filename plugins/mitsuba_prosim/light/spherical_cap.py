@@ -60,9 +60,9 @@ def sample_projected_cap(
     """
     cos_n, sin_n, sin2_theta_max, sample2 = dr.detach((cos_n, sin_n, sin2_theta_max, sample2))
     region = _Region(cos_n, sin2_theta_max)
-    share = region.ellipse / dr.maximum(region.ellipse + region.crescent, _TINY)
-    in_ellipse = sample2.x < share
-    u = dr.select(in_ellipse, sample2.x / dr.maximum(share, _TINY), (sample2.x - share) / dr.maximum(1 - share, _TINY))
+    p = region.ellipse / dr.maximum(region.ellipse + region.crescent, _TINY)
+    in_ellipse = sample2.x < p  # the probability of the ellipse
+    u = dr.select(in_ellipse, sample2.x / dr.maximum(p, _TINY), (sample2.x - p) / dr.maximum(1 - p, _TINY))
     u_y = 2 * u - 1
     eta = 1 - dr.sqrt(1 - dr.abs(u_y))
     whole = _direction_in_ellipse(cos_n, sin_n, sin2_theta_max, mi.Point2f(u, sample2.y))

@@ -49,7 +49,7 @@ class Permutations:
 
     def __init__(self, n: int) -> None:
         table = self._rows(n)
-        self.n, self.count, self.turned = n, len(table), n > self.ALL_UP_TO
+        self.n, self.count, self.rotated = n, len(table), n > self.ALL_UP_TO
         self.table = table.ravel()
         if dr.is_jit_v(mi.UInt32):
             self.table = mi.UInt32(self.table)
@@ -71,7 +71,7 @@ class Permutations:
         chooses.
         """
         row = scale(h, self.count) * self.n
-        if self.turned:
+        if self.rotated:
             # The row depends on the upper bits of the hash. The upper bits of this product depend on all its bits.
             i = i + scale(h * GOLDEN & 0xFFFFFFFF, self.n)
             i = dr.select(i >= self.n, i - self.n, i)

@@ -116,6 +116,6 @@ class Brick(Mixture):
 
     def average(self) -> mi.Float:
         """Returns the mean of the pattern: the fraction of the area, or of the volume of a solid, that is brick."""
-        share = self.brick_width / (self.brick_width + self.mortar_width)
+        columns = self.brick_width / (self.brick_width + self.mortar_width)
         rows = self.brick_height / (self.brick_height + self.mortar_width)
-        return rows * share * (share if self.solid else 1)
+        return rows * columns * (columns if self.solid else 1)

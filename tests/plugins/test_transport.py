@@ -9,7 +9,7 @@ import pytest
 from image_statistics import renderings, same_expectation
 from mitsuba_prosim.compat import to_world_name
 from mitsuba_prosim.transport import lobes, workarounds
-from mitsuba_prosim.transport.absorption import media_of
+from mitsuba_prosim.transport.absorption import absorbs_any, media_of
 from scenes import FLAT, T, area, bitmap, camera, diffuse, film, load_scene, rectangle, rgb, sphere_lamp, without
 from scipy import stats
 
@@ -382,6 +382,7 @@ def test_a_scattering_medium_is_ignored_with_a_warning(variant_rgb, logged):
     assert seen(looking(0.0, behind=behind)) == pytest.approx(1)
     ((_, text),) = logged
     assert "fog" in text and "albedo" in text
+    assert not absorbs_any(mi.load_dict(looking(0.0, behind=behind)), None)
     assert seen(looking(0.0, it=slab(UNSEEN), behind=behind)) == pytest.approx(np.exp(-SIGMA), abs=1e-5)
 
 

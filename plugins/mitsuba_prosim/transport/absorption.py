@@ -21,10 +21,10 @@ MIN_ALBEDO = 1e-6
 UNBOUNDED = 1e30
 
 
-def warn_of_ignored_media(scene: mi.Scene, camera_medium: mi.Medium | None) -> None:
-    """Warns of media that scatter light or are not homogeneous, because the integrator ignores these media.
+def absorbs_any(scene: mi.Scene, camera_medium: mi.Medium | None) -> bool:
+    """Tells whether a medium of ``scene`` or the medium of the camera absorbs light.
 
-    The media are those of ``scene``, and ``camera_medium``, the medium around the camera.
+    Warns of media that scatter light or are not homogeneous, because the integrator ignores these media.
     """
     media = dict.fromkeys([*media_of(scene), *([] if camera_medium is None else [camera_medium])])
     if ignored := ", ".join(repr(medium.id()) for medium in media if not only_absorbs(medium)):
@@ -33,6 +33,7 @@ def warn_of_ignored_media(scene: mi.Scene, camera_medium: mi.Medium | None) -> N
             f"prosim: the media {ignored} scatter light or are not homogeneous, and are ignored. Give homogeneous "
             'media with albedo 0, or render with "volpath".',
         )
+    return any(map(only_absorbs, media))
 
 
 def media_of(scene: mi.Scene) -> Iterator[mi.Medium]:
@@ -57,7 +58,7 @@ def transmittance(
     The transmittance is 1 without a medium, and in media that scatter light or are not homogeneous. ``wavelengths`` are
     in nm, and empty except in spectral variants.
     """
-    if medium is None:  # in scalar variants
+    if medium is None:
         return 1.0
     mei = dr.zeros(mi.MediumInteraction3f)
     mei.wavelengths = wavelengths
@@ -72,9 +73,9 @@ def medium_beyond(
     """Returns the medium around a ray that leaves the surface point ``si`` in the direction ``d``.
 
     ``medium`` is the medium around the ray that arrived at ``si``. The result is the same medium if the surface has no
-    media.
+    media, and None if ``medium`` is None because no medium of the scene absorbs light.
     """
-    if idle(active):  # only in scalar variants
+    if idle(active) or (medium is None and dr.is_jit_v(mi.Float)):
         return medium
     return dr.select(active & si.is_medium_transition(), si.target_medium(d), medium)
 

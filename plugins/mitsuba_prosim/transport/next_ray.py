@@ -43,9 +43,8 @@ def next_ray(
     result.light_found = by_all_lobes if context.caustics is None else ray.light_found | by_all_lobes
     if context.both_sides:
         result.both_sides = lobes.has_any(vertex.bsdf.flags(), *lobes.BOTH_SIDES)
-    if context.layers.splits_lobes:
-        through = mi.Frame3f.cos_theta(si.wi) * mi.Frame3f.cos_theta(bs.wo) < 0
-        result.branch = context.layers.branch(ray, space == DIFFUSE, through)
+    through = mi.Frame3f.cos_theta(si.wi) * mi.Frame3f.cos_theta(bs.wo) < 0
+    result.branch = context.layers.branch(ray, space == DIFFUSE, through)
     if context.photon_mis is not None:
         result = context.photon_mis.next(vertex, result, bs, weight)
     return result, active, bs.eta

@@ -68,7 +68,7 @@ class Radiance:
 class Layers:
     """Assigns light to layers. The base class assigns all light to no layer, for an image without layers."""
 
-    #: Whether diffuse and glossy light belong to different layers, so that rays need :attr:`.Ray.branch`.
+    #: Whether diffuse and glossy light belong to different layers.
     splits_lobes = False
 
     def __init__(self, names: Sequence[str] = ()) -> None:
@@ -86,13 +86,13 @@ class Layers:
         """
         return 0
 
-    def branch(self, ray: Ray, diffuse: bool, through: mi.Bool) -> Layer:
+    def branch(self, ray: Ray, diffuse: bool, through: mi.Bool) -> mi.UInt32:
         """Returns the :attr:`.Ray.branch` of the next ray: the layer of all light that this next ray finds.
 
         The next ray leaves the vertex at the end of ``ray`` through a diffuse lobe (``diffuse``) or a specular lobe.
         ``through`` tells whether the next ray passes through the surface.
         """
-        return 0
+        return mi.UInt32(0)
 
 
 class ByLight(Layers):
@@ -124,7 +124,7 @@ class ByTerm(Layers):
             beyond = dr.select((ray.level == 1) & (ray.pdf > 0), self.number("glossy"), beyond)
         return dr.select(ray.level == 0, self.number(term), beyond)
 
-    def branch(self, ray: Ray, diffuse: bool, through: mi.Bool) -> Layer:  # noqa: D102
+    def branch(self, ray: Ray, diffuse: bool, through: mi.Bool) -> mi.UInt32:  # noqa: D102
         if diffuse:
             lobe = self.number("indirect")
         else:

@@ -32,7 +32,8 @@ class Ray:
     pdf: mi.Float
     #: Normal of the surface that the ray leaves, on the viewer's side.
     n: mi.Normal3f
-    #: The medium around the ray (a ``mi.Medium`` or None in scalar variants).
+    #: The medium around the ray (a ``mi.Medium`` or None in scalar variants); None where no medium of the scene absorbs
+    #: light.
     medium: mi.MediumPtr | None
     #: The distance of ``o`` from the surface that the ray leaves.
     offset: mi.Float
@@ -40,20 +41,22 @@ class Ray:
     #: of all lobes. With photons, also whether an earlier surface of the path gathered photons by the lobe through
     #: which the path left that surface: these photons found the light behind specular surfaces.
     light_found: mi.Bool
+    #: The layer of all light that arrives through the lobe by which the path left the first vertex; 0 where the layers
+    #: do not depend on this lobe.
+    branch: mi.UInt32
     #: Whether light sampling at the ray's origin took light from both sides of the surface; None where no surface is
     #: lit from both sides.
     both_sides: mi.Bool | None = None
     #: The total importance of all lamps at the ray's origin; None where light sampling does not choose one lamp.
     importance: mi.Float | None = None
-    #: The layer of all light that arrives through the lobe by which the path left the first vertex; None where the
-    #: layers do not depend on this lobe.
-    branch: mi.UInt32 | None = None
 
     @classmethod
     def first(cls, camera: mi.Ray3f, medium: mi.MediumPtr | None = None) -> Ray:
         """Returns the first ray of a tree or path: the ``camera`` ray, in the ``medium`` of the camera."""
-        node, level, n = mi.UInt32(1), mi.UInt32(0), mi.Normal3f(camera.d)
-        return cls(camera.o, camera.d, mi.Spectrum(1), node, level, mi.Float(0), n, medium, mi.Float(0), mi.Bool(False))
+        node, level, pdf, n = mi.UInt32(1), mi.UInt32(0), mi.Float(0), mi.Normal3f(camera.d)
+        # Opaque values: Dr.Jit would trace a loop twice to find that a literal value stays the same.
+        offset, found, branch = mi.Float(0), dr.opaque(mi.Bool, False), dr.opaque(mi.UInt32, 0)
+        return cls(camera.o, camera.d, mi.Spectrum(1), node, level, pdf, n, medium, offset, found, branch)
 
 
 @dataclass

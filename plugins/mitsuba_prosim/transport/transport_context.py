@@ -10,7 +10,7 @@ import mitsuba as mi
 from ..light.table import Lights
 from ..optics.nested import all_flags
 from . import lobes
-from .absorption import pointer, warn_of_ignored_media
+from .absorption import absorbs_any, pointer
 from .radiance import layers_of
 from .ray import Ray
 from .scattering import Scattering
@@ -79,7 +79,6 @@ class Context:
             # cannot.
             settings = replace(settings, diffuse_bounces=UNLIMITED_BOUNCES)
         warn_of_dim_lobes(scene)
-        warn_of_ignored_media(scene, camera_medium)
         if settings.diffuse_bounces >= 0:
             warn_of_lost_light(scene)
         self.scene, self.settings, self.attached, self.camera_medium = scene, settings, attached, camera_medium
@@ -92,6 +91,8 @@ class Context:
         self.aov_names = [f"{name}.{letter}" for name in self.layers.names for letter in "RGB"]
         #: Samples and evaluates BSDFs.
         self.scattering = Scattering.of(scene, separate=settings.diffuse_bounces >= 0)
+        #: Whether a medium absorbs light on its way (:mod:`.absorption`).
+        self.absorbs = absorbs_any(scene, camera_medium)
         #: Union of the ``mi.BSDFFlags`` of all surfaces; whether any surface has a specular reflection, a specular
         #: transmission, or smooth lobes that are lit from both sides.
         self.flags = all_flags(scene)
@@ -119,13 +120,11 @@ class Context:
 
         The fields of the ray that this render does not need stay None.
         """
-        ray = Ray.first(camera, pointer(self.camera_medium))
+        ray = Ray.first(camera, pointer(self.camera_medium) if self.absorbs else None)
         if self.both_sides:
             ray.both_sides = mi.Bool(False)
         if self.lights.sampler is not None:
             ray.importance = mi.Float(0)
-        if self.layers.splits_lobes:
-            ray.branch = mi.UInt32(0)
         return ray if self.photon_mis is None else self.photon_mis.first(ray)
 
     def space(self, node: mi.UInt32, k: int | mi.UInt32) -> mi.UInt32:

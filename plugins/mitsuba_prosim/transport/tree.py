@@ -22,12 +22,11 @@ class Stack:
     """A stack of refracted rays that are still to follow: at most one for each level of the ray tree.
 
     The rays are kept in registers: a local array would be slower, and is not reliable in Dr.Jit 1.5. ``count`` is the
-    number of rays on the stack. ``count`` is None if ``rays`` is always empty, because Dr.Jit traces a loop twice if an
-    iteration leaves a variable unchanged.
+    number of rays on the stack.
     """
 
     rays: list[Ray]
-    count: mi.UInt32 | None
+    count: mi.UInt32
 
     def next(
         self, reflected: Ray, reflects: mi.Bool, refracted: Ray, refracts: mi.Bool, active: mi.Bool
@@ -40,8 +39,6 @@ class Stack:
         last ray of the stack is next.
         """
         next_ray, continues = dr.select(reflects, reflected, refracted), reflects | refracts
-        if self.count is None:
-            return next_ray, continues, self
         both = reflects & refracts
         resumes = but_not(active & (self.count > 0), continues)
         rays = []
@@ -55,7 +52,7 @@ class Stack:
 def start(context: Context, ray: Ray) -> Stack:
     """Returns the empty stack of a ray tree. Any ``ray`` can fill the unused slots."""
     rays = [ray] * (context.settings.max_level + 1) if context.reflects and context.refracts else []
-    return Stack(rays, mi.UInt32(0) if rays else None)
+    return Stack(rays, dr.opaque(mi.UInt32, 0))  # opaque, as in Ray.first
 
 
 def proceed(

@@ -14,8 +14,7 @@ from ..light.strategy import Receiver
 class Ray:
     """A ray of the ray tree or path, with the data of its node.
 
-    All fields are Dr.Jit arrays of the same width. A field is None if its value would stay the same in all iterations
-    of the loop, because Dr.Jit traces a loop twice if an iteration leaves a variable unchanged.
+    All fields are Dr.Jit arrays of the same width. A field is None if the render does not need it.
     """
 
     o: mi.Point3f

@@ -349,8 +349,7 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
     glass = ball({"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.1}, (0, 1.2, 0), 0.8)
     world = scene(128, floor=ground(6, ROUGH), ball=glass, lamp=lamp(2.5, center=(0, 5, -2)))
     caustics, lights = Caustics.of(world, world.sensors()[0], 1, 7, tree), Lights(world)
-    photons = caustics.mis
-    caustics.sources.per_pair = mi.Float(1000)
+    photons, caustics.sources.per_pair = caustics.mis, mi.Float(1000)
     n = 128 * 128
     random = [mi.Float(v) for v in np.random.default_rng(5).random((11, n), dtype=np.float32)]
     camera = world.sensors()[0].sample_ray(0, 0.5, mi.Point2f(*random[:2]), mi.Point2f(0.5))[0]
@@ -401,8 +400,7 @@ def test_glass_in_a_closed_box_casts_all_the_light_that_it_gets_on_the_walls(var
     thing = ball(glass, (0.2, 0.1, 0), 0.5)
     world = load_scene(sensor=view(4), walls={"type": "cube", "flip_normals": True} | area(), ball=thing)
     caustics = Caustics.of(world, world.sensors()[0], 1, 1 << 31, True)
-    i = dr.arange(mi.UInt32, 1 << 17)
-    caustics.sources.per_pair = mi.Float(1 << 17)
+    i, caustics.sources.per_pair = dr.arange(mi.UInt32, 1 << 17), mi.Float(1 << 17)
     start = caustics.sources.start(i * 0, *start_points(mi.UInt32(7), i), mi.Color0f())
     landed, _ = caustics.tracer(start, i)
     power = dr.sum(dr.select(landed.valid, landed.flux.x, 0))[0]

@@ -259,7 +259,7 @@ def _combined(bodies: Sequence[Body], operation: OpType | None, boxed: Sequence[
     the first body grows; for subtraction and intersection it shrinks, see :meth:`.Planes.separate`.
     """
     solids, planes = [body.manifold() for body in bodies], bodies[0].planes
-    if _share_surfaces(bodies):
+    if _share_surfaces(bodies) and len(touching(bodies[0].boxes, bodies[1].box)):
         first, second = solids
         solids = planes.separate(first, second, -1 if operation in (OpType.Subtract, OpType.Intersect) else 1)
     result = Manifold.batch_boolean(solids if operation else solids[::-1], operation or OpType.Subtract)

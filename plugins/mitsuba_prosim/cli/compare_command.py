@@ -58,6 +58,7 @@ def compare(job: Job, a: str, b: str, rounds: int, sqrt_spp: tuple[int, ...], re
                     raise ValueError(f"--noise needs the integrator prosim, but neither {a} nor {b} is prosim")
                 specs = specs[0].until(job.noise), specs[1].until(job.noise)
             mi.set_log_level(mi.LogLevel.Error)  # hides warnings about rounded sample counts
+            # The error target is a parameter of A and B (see above), so the scene's integrator must not get it.
             compared_scene = methods.ComparedScene(replace(job, noise=None).read_scene(resources.folder))
             if job.denoise:
                 check_denoising(compared_scene.sensor().film())
@@ -73,7 +74,7 @@ def compare(job: Job, a: str, b: str, rounds: int, sqrt_spp: tuple[int, ...], re
         if min(width, height) < SSIM_WINDOW:
             smallest = f"{SSIM_WINDOW} x {SSIM_WINDOW}"
             raise InputError(f"{scene}: SSIM needs {smallest} pixels; the image has {width} x {height}.")
-        files.check(stem, SUFFIXES, 2**23, [scene])
+        files.check(stem, SUFFIXES, 2**23, [scene])  # 8 MiB is about the size of the page
         effort = comparison.Effort(sqrt_spp, rounds, reference_seconds, job.denoise)
         compared = comparison.Comparison(compared_scene, scene.name, *specs, effort, job.exposure or 0.0)
         with Progress("comparing") as bar:
@@ -89,7 +90,7 @@ def summary(facts: Mapping[str, Any], light: Mapping[str, str]) -> str:
     """Returns the main result in a few lines. ``light`` maps each light transport to its description."""
     section = facts["sections"][0]
     lines = [f"Light: {light[section['transport']]}. Samples and times are as near to equal as the samplers allow."]
-    labels = [row["name"] + row["role"][1:] for row in section["rows"]]
+    labels = [row["name"] + row["role"][1:] for row in section["rows"]]  # "b at equal time" -> "path at equal time"
     for label, row in zip(labels, section["rows"]):
         lines.append(
             f"{label:<{max(map(len, labels))}} {row['samples']:7.1f} samples  {row['seconds']['median']:7.3f} s  "

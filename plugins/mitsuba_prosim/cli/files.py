@@ -46,7 +46,7 @@ class InputFile(click.Path):
     def __init__(self, what: str, kinds: Collection[str], patterns: Collection[str], writer: str = "") -> None:
         super().__init__(exists=True, dir_okay=False, path_type=Path)
         self.what, self.kinds, self.patterns = what, kinds, patterns
-        self.writes = writer and f" {writer} writes one."
+        self.writes = writer and f" {writer} writes one."  # the end of a message
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Returns the path of the file. Fails for a missing file, and for a file of another kind."""

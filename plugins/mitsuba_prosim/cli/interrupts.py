@@ -20,8 +20,8 @@ def interruptible(stop: Callable[[], None], received_signals: list[int] | None =
 
     ``stop`` is called repeatedly until the context ends, because a renderer that has not started ignores a call. Yields
     the list of the signals that have arrived; ``received_signals`` is this list, if the caller passes one. Signals that
-    the process ignores (after ``nohup``, or in the background of a script) stay ignored. Handlers of other signals run
-    as before.
+    the process ignores (after ``nohup``, or in the background of a script) stay ignored, and handlers that were not
+    installed from Python stay. Handlers of other signals run as before.
     """
     received_signals = [] if received_signals is None else received_signals
     handled = [number for number in ENDING if signal.getsignal(number) not in (signal.SIG_IGN, None)]
@@ -42,7 +42,7 @@ def interruptible(stop: Callable[[], None], received_signals: list[int] | None =
                 return
             if (number := received[0]) not in handled:
                 continue
-            if reader.gettimeout() is not None:  # this is the second signal
+            if reader.gettimeout() is not None:  # the first signal has set the timeout, so this is the second signal
                 os.write(2, b"\nEnded at once.\n" if os.isatty(2) else b"Ended at once.\n")
                 os._exit(128 + number)
             if number == signal.SIGINT and os.isatty(2):  # on the line below ^C

@@ -244,8 +244,8 @@ def make_job(options: dict[str, Any]) -> Job:
     """Makes the job for these options; sets the variant and loads the plugins, if ``options`` has a variant.
 
     ``options`` maps fields of a :class:`Job` to the values on the command line. If the only target is a list of
-    snapshots, the last of them becomes the target. Raises UsageError if options contradict each other, and InputError
-    if an option needs another variant.
+    snapshots, the smallest error or the longest time becomes the target. Raises UsageError if options contradict each
+    other, and InputError if an option needs another variant.
     """
     given = {name for name, value in options.items() if value}
     for option, others, message in CONFLICTS:

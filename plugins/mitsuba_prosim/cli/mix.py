@@ -64,6 +64,7 @@ def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> N
     header["prosim.mix"] = factors_in_words(factors)
     stem = files.output_stem(job.output, image.with_name(f"{image.stem}-mix"), SUFFIXES)
     files.check(stem, SUFFIXES, sum(plane.nbytes for plane in planes.values()), [image])
+    # The image's own channels are first, in the order R, G, B, A; the channels of the layers follow.
     ordered = {name: planes[name] for name in sorted(planes, key=lambda name: ("." in name, "RGBA".find(name)))}
     contents = images.encode(of_channels(ordered), header, job.exposure or 0.0)
     click.echo(" and ".join(map(str, files.save(stem, contents))))

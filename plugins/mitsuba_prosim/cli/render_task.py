@@ -198,6 +198,7 @@ def render_image(task: RenderTask, bar: Progress, resources: Resources) -> Outco
         saved, unsaved = list[Path](), dict[str, atomic.Content]()
         if task.state_suffix:  # writes the state before denoising, which may fail or be interrupted
             unsaved = {task.state_suffix: replace(render.checkpoint(), about=task.about).write}
+            # If the state cannot be written now, ``files.save`` writes it with the image, to another folder if needed.
             with suppress(OSError):
                 saved, unsaved = atomic.write({state: unsaved[task.state_suffix]}), {}
         contents, lines, why_black = finished_image(task, render, seconds, interruption is not None)
@@ -236,7 +237,8 @@ def run_steps(
 def written_line(task: RenderTask, written: Sequence[Path], seconds: float, interruption: str | None) -> str:
     """Returns the first line of a report.
 
-    The line has the written files, the part, the size, the variant, the seconds, and the cause of an interruption.
+    The line has the written files, the part, the size, the variant, the seconds, the name of an integrator that was
+    nested in ``prosim_adaptive``, and the cause of an interruption.
     """
     job, (width, height) = task.job, task.sensor.film().crop_size()
     return (
@@ -278,6 +280,7 @@ class Snapshots:
     """
 
     def __init__(self, task: RenderTask) -> None:
+        """``left`` are the texts of the snapshots that are still to be written; their order does not matter."""
         self.task, self.left = task, sorted(task.job.snapshots or ())
 
     def __call__(self, render: Any) -> None:
@@ -287,9 +290,9 @@ class Snapshots:
             return
         for text in list(self.left):
             amount = float(text.removesuffix("s"))
-            if text.endswith("s"):  # as a render with --time would end
+            if text.endswith("s"):  # a render with --time would end now, see ErrorTarget.time_is_up
                 due = reached.seconds >= (1 - SHARE) * amount
-            else:  # as a render with --noise would end
+            else:  # a render with --noise, a limit of the RMS error only, would end now
                 due = replace(render.target, limits=(amount, 0, 0)).excess(render.state.noise) <= 1
             if due:
                 self.left.remove(text)
@@ -309,7 +312,7 @@ def finished_image(
     The result is the content of each file by suffix, further lines for the report, and the reason why nothing is
     visible (None if something is visible). The result is empty for a part and for an interrupted frame.
     """
-    if task.job.part or (task.facts and interrupted):
+    if task.job.part or (task.facts and interrupted):  # only a frame has ``facts``
         return {}, [], None
     job, integrator, film, reached = task.job, task.integrator, task.sensor.film(), render.reached
     header = report.metadata(job, integrator, reached, interrupted, seconds)
@@ -330,6 +333,7 @@ def finished_image(
     colours = images.colours(bitmap)
     displayed = None if colours is None else colours * 2.0**exposure
     why_black = None if displayed is None else black.reason(task.scene, task.sensor, displayed, exposure=exposure)
+    # The EXR has all metadata; the PNG has only the metadata of denoising.
     return {**images.encode(bitmap, header | added | dict(task.facts), exposure, added)}, lines, why_black
 
 

@@ -47,6 +47,7 @@ class TevClient(ExitStack):
         timeout = socket.getdefaulttimeout()
         socket.setdefaulttimeout(SOCKET_TIMEOUT)  # the timeout of the new connection
         try:
+            # ``push`` instead of ``enter_context``: the socket must be closed, too, if ``__enter__`` cannot connect.
             self._tev = self.push(tevclient.Ipc(host, port))
             self._tev.__enter__().create_image(self._name, *map(int, self._film.crop_size()), CHANNELS)
         except OSError as error:

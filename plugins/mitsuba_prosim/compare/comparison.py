@@ -191,8 +191,9 @@ def equal_cost_methods(scene: ComparedScene, a: Method, b: Spec, transport: str)
     """Returns two variants of the method ``b``: with the same number of samples as ``a``, and with the same time as
     ``a``.
 
-    The function renders ``a`` and ``b`` several times to measure their processor time. The times differ by at most 10
-    %, if four trials find such a sample count.
+    "Time" is the processor time; the function renders ``a`` and ``b`` several times to measure it. The times differ by
+    at most 10 %, if one of the first four sample counts is good enough. Otherwise the fifth sample count is used
+    without a check.
     """
     samples = max(round(float(np.mean(a.render(0)[1]))), 1)
 
@@ -225,7 +226,11 @@ def equal_error(points: list[dict[str, Any]], cost: str, measure: str, row: dict
 
 
 def scales(images: Mapping[str, np.ndarray]) -> dict[str, float]:
-    """Returns, for each kind of map, the value at the upper end of its colour scale."""
+    """Returns, for each kind of map, the value at the upper end of its colour scale, the same for all maps of a kind.
+
+    For sample counts, this is the maximum. For errors, it is the 99.5th percentile, so that a few very bright pixels do
+    not make the rest of the map dark.
+    """
     result = {}
     for kind in COLOUR_MAPS:
         maps = [image for name, image in images.items() if name.endswith("/" + kind)]

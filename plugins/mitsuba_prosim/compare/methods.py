@@ -30,9 +30,10 @@ class Spec:
     """
 
     def __init__(self, text: str, **changes: Any) -> None:
-        """Parses ``text``; a value that is not a Python number or a boolean is a string.
+        """Parses ``text``; a value that is not a Python literal or a boolean is a string.
 
-        Raises ValueError if ``text`` does not have the form :data:`FORM`.
+        ``changes`` are parameters that replace those of ``text``. Raises ValueError if ``text`` does not have the form
+        :data:`FORM`.
         """
         head, *parameters = text.split(",")
         self.text = text
@@ -56,13 +57,19 @@ class Spec:
         return Spec(self.text, **self.parameters | changes)
 
     def until(self, noise: float) -> Spec:
-        """Returns this specification with the error target ``noise``, if the integrator :attr:`is_adaptive`."""
+        """Returns this specification with the error target ``noise``, if the integrator :attr:`is_adaptive`.
+
+        The policy is ``graded``, unless the specification has another value of the parameter ``adaptive``.
+        """
         changes = {"adaptive": self.parameters.get("adaptive", "graded"), "noise": noise} if self.is_adaptive else {}
         return self.with_parameters(**changes)
 
     @property
     def is_adaptive(self) -> bool:
-        """Whether the integrator itself decides how many samples it takes."""
+        """Whether the integrator is ``prosim``, whose own parameters decide how many samples it takes.
+
+        The property is true for ``prosim,adaptive=none``, too, although its number of samples is fixed.
+        """
         return self.integrator == "prosim"
 
     @property
@@ -94,6 +101,7 @@ class Method:
         begin = halves.denoised_progressive if self.denoised else rendering.progressive
         start, start_cpu = time.perf_counter(), time.process_time()
         render = begin(self.scene, self.sensor, self.integrator, seed, self.spp).run()
+        # Without a denoiser, no second image is complete, and the list has the image alone.
         image = render.denoiser.denoised().final if self.denoised else render.half_images()[0]
         seconds, cpu = time.perf_counter() - start, time.process_time() - start_cpu
         return image[..., :3], render.counts(), seconds, cpu / max(dr.thread_count(), 1)
@@ -138,9 +146,10 @@ class ComparedScene:
         if spec.integrator == self.integrator:
             settings |= self.settings
         if transport != "scene":
-            settings.pop("hide_emitters", None)
+            settings.pop("hide_emitters", None)  # the other method would not hide them
         sensor = self.sensor(spec.sampler)
         if spec.is_adaptive:
+            # Only "scene" has an ambient term and a background; otherwise the background is an emitter of ``lit``.
             settings |= TRANSPORT.get(transport, self.textures)
         else:
             spp = spp or sensor.sampler().sample_count()

@@ -101,10 +101,11 @@ class FinalImage:
     BEGIN, BEST = 5, 32
 
     def __init__(self, scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int, fast: bool) -> None:
+        """The caller must set ``render`` before it uses the object. ``fast`` excludes the best networks."""
         self.scene, self.sensor, self.integrator, self.seed, self.fast = scene, sensor, integrator, seed, fast
         self.render: Any = None
         self._denoiser = cache(self._load)
-        self._latest = lru_cache(maxsize=1)(self._denoise)
+        self._latest = lru_cache(maxsize=1)(self._denoise)  # keeps the last result
 
     @cached_property
     def names(self) -> list[str]:
@@ -130,7 +131,8 @@ class FinalImage:
     def other_channels(self) -> dict[str, np.ndarray]:
         """Returns alpha and the further channels of the integrator, for both halves together: name -> array.
 
-        Each array has the shape (height, width).
+        Each array has the shape (height, width). A channel is the mean of the halves, with two exceptions: "samples" is
+        the sum, and "error" is the standard error of the mean of two independent images.
         """
         images, names, result = self.images, self.names, {}
         for k in range(1 if names[0] == "Y" else 3, len(names)):
@@ -151,10 +153,11 @@ class FinalImage:
 
     @property
     def networks(self) -> str:
-        """Which networks of the denoiser suit the samples so far: "plain", "fast" or "best".
+        """Which networks of the denoiser suit the samples so far: "plain", "fast", "best" or "none".
 
-        "plain" are the fast networks without features. The value is "none" if the raw image has reached the error
-        target.
+        "plain" are the fast networks without features. "none" means that the raw image has reached the error target. If
+        the last estimate was made with the same samples, its networks are used again, because the estimate is valid for
+        the image of these networks only.
         """
         if self.render.second is not None:
             state, target = self.render.state, self.render.target
@@ -179,6 +182,8 @@ class FinalImage:
         colours = self.colours
         if networks == "none":
             raw = np.add.reduce(colours) / len(colours)
+            # ``error`` shows where the noise is, but is too large: it is the error of independent samples of the first
+            # image. ``noise`` [0] is the measured RMS error.
             return unmixed(raw, self.render.error(), self.render.second.noise(self.render.state)[0])
         if len(colours) < 2:
             raise RuntimeError("the render was stopped before its second half; there is nothing to denoise")
@@ -207,31 +212,34 @@ class FinalImage:
         excess = target.excess(raw)
         if not excess > 1:  # the excess is NaN without limits
             return raw
+        # ``by_raw`` and, below, ``by_final`` are the samples per pixel at which the raw and the final image reach the
+        # target. ``cost`` is the cost of a call of the denoiser in samples per pixel.
         by_raw, cost, estimates = samples * (excess / AIM) ** (1 / RATE), self._call_cost, state.estimates
-        # The second half doubles the number of samples.
+        # A complete second half doubles the samples, which is not worth while if the raw image needs few more samples.
         if not second.complete and by_raw - 2 * samples < self.BEGIN * cost:
             return raw
         far = self.FAR if second.complete else 2 * self.FAR
         if not estimates and excess > far:
-            render.loosening = far
+            render.loosening = far  # the next pass only aims at the error at which the next decision is made
             return raw
         if not second.complete:
             render.begin_complete_second()
             return raw
         networks = estimates[-1][1] if estimates else "plain"
+        # Calls the denoiser at most twice: with the networks so far, and then perhaps with the best networks.
         while True:
             if estimates:
-                last, _, *error = estimates[-1]
-                noise = scaled(error, (last / samples) ** 0.5)
+                last, _, *error = estimates[-1]  # the samples and the errors of the last call
+                noise = scaled(error, (last / samples) ** 0.5)  # the error falls as samples to the power of -1/2
                 excess = target.excess(noise)
                 by_final = samples * (excess / AIM) ** 2
                 if last == samples and excess <= 1:
                     return noise
-                if by_raw - by_final < cost or len(estimates) >= self.CALLS:
+                if by_raw - by_final < cost or len(estimates) >= self.CALLS:  # the denoiser saves too few samples
                     return raw
                 if by_final > self.BEST * cost and not self.fast and networks == "plain":
                     networks = "best"
-                elif last == samples or excess > 1:
+                elif last == samples or excess > 1:  # more samples are needed before the next call
                     render.loosening = self.CLOSE
                     return noise
             result = self._latest(networks, samples)
@@ -241,7 +249,9 @@ class FinalImage:
     def _call_cost(self) -> float:
         """Cost of a call of the denoiser with the smallest networks, in samples per pixel.
 
-        The number of rays of a sample is estimated from the scene, because measured times differ.
+        The cost is :attr:`CALL_COST` divided by the number of rays of a sample. A sample is assumed to have 10 rays if
+        it follows paths. Otherwise, a sample has one ray and a shadow ray to each lamp, and twice as many rays if
+        reflected or refracted rays are followed. The number is estimated from the scene, because measured times differ.
         """
         transport = self.render.state.estimator.transport
         if not hasattr(transport, "lights") or not transport.settings.follows_tree:  # follows paths

@@ -43,7 +43,7 @@ def update_film(final: FinalImage, names: Sequence[str]) -> None:
             "luminance or luminance_alpha to denoise"
         )
     planes = channels(final, "RGB")
-    planes["W"] = np.ones(planes["R"].shape)
+    planes["W"] = np.ones(planes["R"].shape)  # the film divides by this weight
     alpha = ["A"] * bool(mi.has_flag(film.flags(), mi.FilmFlags.Alpha))
     values = np.stack([planes[name] for name in (*"RGB", *alpha, "W", *names)], axis=2, dtype=np.float32)
     put(film, mi.TensorXf(values), names)

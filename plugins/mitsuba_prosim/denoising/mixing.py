@@ -90,8 +90,12 @@ class Denoised:
     def at_most(self) -> float:
         """Upper bound of the RMS error of the displayed final image (white = 1).
 
-        The error exceeds the bound with a probability of about 5 %. The noise of ``final_squares`` is the product of
-        the noise of the two halves; its variance is 4/3 d^4.
+        The error exceeds the bound with a probability of about 5 %: 95 % of a normal distribution are below its mean
+        plus 1.645 standard deviations. The bound contains the factor :data:`COMMON`.
+
+        The noise of ``final_squares`` at a pixel is about the product of the noise of the two halves. If s² is the
+        variance of the raw image, each half has the variance 2 s², and the product has the variance 4 s^4.
+        ``raw_squares`` are d², and the mean of d^4 is 3 s^4 for Gaussian noise, so 4/3 d^4 estimates 4 s^4.
         """
         deviation = float(np.sqrt(np.sum(self.raw_squares**2) * 4 / 3)) / self.raw_squares.size
         return COMMON * max(float(self.final_squares.mean()) + 1.645 * deviation, 0.0) ** 0.5
@@ -100,7 +104,8 @@ class Denoised:
 def inputs(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns the two images to denoise.
 
-    Each image is three quarters of one half of the samples plus one quarter of the other half.
+    Each image is three quarters of one half of the samples plus one quarter of the other half: M + d/2 and M - d/2 in
+    the notation of this module.
     """
     quarter = (first - second) / 4
     return first - quarter, second + quarter
@@ -112,18 +117,22 @@ def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_seco
     ``near_first`` and ``near_second`` are the denoised images of :func:`inputs`. All four arguments have the same
     shape (height, width, channels), and only finite values. The halves ``first`` and ``second`` are independent.
     """
+    # In the notation of this module: M, d, D and e.
     raw, noise = (first + second) / 2, (first - second) / 2
     denoised, followed = (near_first + near_second) / 2, near_first - near_second
-    # Errors are weighted by the slope of the tone curve, a square root.
-    slope = 1 / average(displayed_squared(denoised))
-    image, left = combined(raw, denoised, noise, followed, slope)
-    # The mixture is computed again with noise like d added to the samples, because the shares depend on the noise too.
-    above = combined(raw + STEP * noise, denoised + STEP * followed, noise, followed, slope)[0]
+    # Squared errors are weighted by the squared slope of the tone curve, a square root (up to a constant factor).
+    weight = 1 / average(displayed_squared(denoised))
+    # ``left`` is the noise that is left in the mixture: its response to d with constant shares.
+    image, left = combined(raw, denoised, noise, followed, weight)
+    # The mixture is computed again after the noise d was added to the samples, because the shares depend on the noise.
+    above = combined(raw + STEP * noise, denoised + STEP * followed, noise, followed, weight)[0]
     response = (above - image) / (2 * STEP)
     removed = raw - denoised
     own = noise * noise
     error = removed * removed - own + 2 * noise * followed
-    # Each squared error is at least the variance, which is positive.
+    # The products are: squared error and variance of the mixture, variance of the raw image, squared error and variance
+    # of the denoised image. For the best shares, the squared error of the mixture is its covariance with the raw image.
+    # An estimated squared error may be negative, so the variance, which is positive, is its lower bound.
     products = noise * left, left * left, own, error, followed * followed
     mean = spread(np.stack([x.mean(2) for x in products], axis=2), displayed_squared(image))
     final_error, denoised_error = np.maximum(mean[0], mean[1]), np.maximum(mean[3], mean[4])
@@ -135,28 +144,31 @@ def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_seco
 def unmixed(raw: np.ndarray, error: np.ndarray, noise: float) -> Denoised:
     """Returns the raw image as a :class:`Denoised`, without a denoiser.
 
-    ``error`` is the standard error of each pixel's luminance up to a factor, shape (height, width). The factor is
-    chosen so that the RMS error of the displayed image is ``noise``.
+    ``error`` is proportional to the standard error of each pixel's luminance, shape (height, width). This function
+    chooses the factor so that the RMS error of the displayed image is ``noise``.
     """
     error = np.nan_to_num(error, posinf=0)
-    squares = np.square(error / (2 * display_value(raw)))
+    squares = np.square(error / (2 * display_value(raw)))  # the slope of the tone curve is 1 / (2 display_value)
     factor = noise / max(squares.mean(), 1e-60) ** 0.5
     error, squares = error * np.float32(factor), squares * factor**2
     return Denoised(raw, raw, raw, error, error, error, squares, squares)
 
 
 def combined(
-    raw: np.ndarray, denoised: np.ndarray, noise: np.ndarray, followed: np.ndarray, slope: np.ndarray
+    raw: np.ndarray, denoised: np.ndarray, noise: np.ndarray, followed: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the mixture of ``raw`` and ``denoised``, and the response of the mixture to ``noise`` with the same
-    shares.
+    """Returns ``(mixture, response)``.
 
-    ``followed`` is the response of the denoiser to ``noise``.
+    ``mixture`` is the mixture of ``raw`` and ``denoised``. ``response`` is the change of the mixture if ``noise`` is
+    added to the samples and the shares stay constant. ``followed`` is the change of the denoised image due to
+    ``noise``. ``weight``, shape (height, width), is the weight of squared errors.
     """
     scales = [bands(image, SCALES, LEAST_SIDE) for image in (raw - denoised, noise, noise - followed)]
-    parts = [shares(r, d, d - t, s)[..., None] for r, d, t, s in zip(*scales, gaussian_pyramid(slope, len(scales[0])))]
+    # At each scale: r is M - D, d the noise, t the noise that the denoiser takes away (so e = d - t), w the weight.
+    parts = [shares(r, d, d - t, w)[..., None] for r, d, t, w in zip(*scales, gaussian_pyramid(weight, len(scales[0])))]
     image = denoised + from_bands([share * r for share, r in zip(parts, scales[0])])
-    # Near much brighter pixels the scales may not cancel. The result is never darker than all of its inputs.
+    # Around a very bright pixel, scales with different shares do not cancel, and pixels could become too dark. So the
+    # result is never darker than all of its inputs.
     image = np.maximum(image, np.minimum(np.minimum(raw, denoised), average(raw)))
     return image, followed + from_bands([share * taken for share, taken in zip(parts, scales[2])])
 
@@ -164,9 +176,10 @@ def combined(
 def squares(
     image: np.ndarray, first: np.ndarray, second: np.ndarray, response: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns ``(raw_squares, final_squares)``, the squared errors of :class:`Denoised`.
+    """Returns ``(raw_squares, final_squares)``, the squared errors of :class:`Denoised`, shape (height, width).
 
-    ``response`` is half the change of ``image`` due to noise like d.
+    ``response`` is half the change of ``image`` if the noise d = (first - second) / 2 is added to the samples. The
+    docstring of this module explains the estimator of ``final_squares``.
     """
     final, a, b, above, below = (display_value(x) for x in (image, first, second, image + response, image - response))
     return np.square((a - b) / 2), (final - a) * (final - b) + (a - b) * (above - below)
@@ -181,20 +194,30 @@ def display_value(image: np.ndarray) -> np.ndarray:
 
 
 def displayed_squared(image: np.ndarray) -> np.ndarray:
-    """Returns the square of the displayed value of each pixel, shape (height, width)."""
+    """Returns about the square of the displayed value of each pixel, shape (height, width).
+
+    The mean of the channels replaces the luminance, because the errors are means over the channels, too.
+    """
     return np.maximum(image.mean(2), 0) + np.float32(0.01)
 
 
-def shares(removed: np.ndarray, noise: np.ndarray, followed: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Returns the share of one scale of M - D that is added to D: 0 to 1, shape (height, width)."""
-    all_removed = (removed * removed).mean(2) * slope
-    kept = all_removed + ((followed - noise) * noise).mean(2) * slope
-    # The standard deviation of ``kept``, which is a product of independent noise.
-    uncertain = (removed * (noise - followed / 2)).mean(2) * slope
+def shares(removed: np.ndarray, noise: np.ndarray, followed: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Returns the share of M - D that is added to D at one scale: 0 to 1, shape (height, width).
+
+    ``removed``, ``noise`` and ``followed`` are M - D, d and e at this scale, shape (height, width, channels).
+    ``weight``, shape (height, width), is the weight of squared errors.
+    """
+    # (M - D)², and its part that is signal; their ratio is the share.
+    all_removed = (removed * removed).mean(2) * weight
+    kept = all_removed + ((followed - noise) * noise).mean(2) * weight
+    # About half the standard deviation of ``kept`` at a pixel. Without ``followed``, ``kept`` is (removed - noise)
+    # times (removed + noise), a product of independent noise.
+    uncertain = (removed * (noise - followed / 2)).mean(2) * weight
     products = np.stack([all_removed, kept, uncertain * uncertain], axis=2)
     all_removed, kept, variance = np.moveaxis(blur(products, *NARROW), 2, 0)
     wide_share = np.clip(ratio(*np.moveaxis(blur(products[..., 1::-1], *WIDE), 2, 0)), 0, 1)
     difference = kept - wide_share * all_removed
+    # The factor of James and Stein. 4 / PIXELS * variance is the variance of the mean of ``kept`` in the narrow window.
     significance = np.maximum(1 - ratio(4 / PIXELS * variance, difference * difference), 0)
     return np.clip(wide_share + significance * ratio(difference, all_removed), 0, 1)
 
@@ -202,16 +225,20 @@ def shares(removed: np.ndarray, noise: np.ndarray, followed: np.ndarray, slope: 
 def spread(squares: np.ndarray, light: np.ndarray) -> np.ndarray:
     """Distributes squared errors over the neighbourhood of each pixel, in proportion to the light.
 
-    ``squares`` has the shape (height, width, n); the result has the shape (n, height, width).
+    The squared errors relative to the light are averaged in the narrow window, and multiplied by the light of the
+    pixel. ``squares`` are n maps of squared errors, shape (height, width, n); ``light`` is positive, shape (height,
+    width). The result has the shape (n, height, width).
     """
     light_around = blur(light, *NARROW)[..., None]
     return np.moveaxis(light[..., None] * blur(squares / light_around, *NARROW), 2, 0)
 
 
 def with_light(image: np.ndarray, raw: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Returns ``image`` with the total light of ``raw``.
+    """Returns ``image`` with the total light of ``raw`` in each channel.
 
-    The difference in light is added to all pixels that are not converged.
+    The change is at most the fraction :data:`LIGHT` of the light of ``image``. ``variance`` is the squared error of
+    each pixel, shape (height, width). All pixels get about the same part of the change, except for converged pixels
+    (:data:`SURE`), which get almost nothing.
     """
     old_light = image.sum((0, 1), dtype=np.float64)
     missing = np.clip(raw.sum((0, 1), dtype=np.float64) - old_light, -LIGHT * abs(old_light), LIGHT * abs(old_light))

@@ -24,7 +24,9 @@ def reduce(image: np.ndarray) -> np.ndarray:
 
 
 def expand(image: np.ndarray, height: int, width: int) -> np.ndarray:
-    """Returns a smooth image of the given size, as the inverse operation of :func:`reduce`."""
+    """Returns a smooth image of the given size, about twice the size of ``image``; the details that :func:`reduce`
+    has removed stay lost.
+    """
     return _doubled(_doubled(image, height).swapaxes(0, 1), width).swapaxes(0, 1)
 
 
@@ -53,10 +55,10 @@ def gaussian_pyramid(image: np.ndarray, count: int, least_side: int = 0) -> list
 
 
 def bands(image: np.ndarray, most: int, least_side: int) -> list[np.ndarray]:
-    """Returns the Laplacian pyramid of ``image``, finest level first.
+    """Returns the Laplacian pyramid of ``image``, finest level first; at most ``most`` levels.
 
-    Each level of the Laplacian pyramid is a level of :func:`gaussian_pyramid` minus the next coarser level.
-    :func:`from_bands` is the inverse.
+    Each level is a level of ``gaussian_pyramid(image, most, least_side)`` minus the next coarser level, expanded to the
+    same size. The last level is the coarsest level of the Gaussian pyramid itself. :func:`from_bands` is the inverse.
     """
     scales = gaussian_pyramid(image, most, least_side)
     return [fine - expand(coarse, *fine.shape[:2]) for fine, coarse in itertools.pairwise(scales)] + scales[-1:]
@@ -80,6 +82,7 @@ def _along(image: np.ndarray) -> np.ndarray:
 
 
 def _across(image: np.ndarray) -> np.ndarray:
+    """Returns a weighted mean of each entry and its neighbours within two columns."""
     return _along(image.swapaxes(0, 1)).swapaxes(0, 1)
 
 

@@ -103,7 +103,7 @@ class Caustics:
 
         The photons are those of the photon map of the ``t``-th sample of a pixel. Diffuse lobes gather the photons that
         landed on diffuse surfaces. Glossy lobes gather the photons that landed on glossy surfaces, with MIS weights,
-        but not after a diffuse reflection of the path.
+        but not where :attr:`.Ray.light_found` is true.
         """
         assert self._current is not None, "no photons have been emitted"
         diffuse, glossy = self._current
@@ -112,7 +112,10 @@ class Caustics:
         return L if self.mis is None or glossy is None else L + self.mis.radiance(glossy, number, vertex)
 
     def per_pair(self, n: int) -> int:
-        """Returns the number of photons of each pair of a light source and a target in one photon map."""
+        """Returns the number of photons of each pair of a light source and a target in one photon map.
+
+        A sampling pattern has ``n``² samples.
+        """
         return max(self.count // (self.maps(n) * self.sources.pairs), 1)
 
     def _emit(self, seed: int, number: int, n: int) -> tuple[Photons, Photons | None]:
@@ -140,7 +143,8 @@ class Caustics:
     def _wavelengths(self, seed: int, t: mi.UInt32, n: int) -> mi.Color0f:
         """Returns the wavelengths in nm that the sensor samples for the ``t``-th sample of every pixel.
 
-        ``n`` samples of a pixel divide the spectrum. The result is empty except in spectral variants.
+        Each group of ``n`` samples of a pixel covers the spectrum evenly (:func:`.wavelength_number`). The result is
+        empty except in spectral variants.
         """
         if not mi.is_spectral:
             return dr.zeros(mi.Color0f)

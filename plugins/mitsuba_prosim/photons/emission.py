@@ -209,14 +209,15 @@ class Sources:
         """
         pi = self.scene.ray_intersect_preliminary(ray, active=active)
         lit = active & pi.is_valid()
+        # A ray that meets no surface gets any point; its flux becomes 0.
         return sample.receiver(ray(dr.select(lit, pi.t, 1))), lit
 
 
 def start_points(key: mi.UInt32, i: mi.UInt32) -> tuple[mi.Point2f, mi.Point2f]:
     """Returns two points in [0, 1)² for the ``i``-th photon under the hash key ``key``.
 
-    Both points are Owen-scrambled Sobol' points: any aligned group of 2^k photons has one point in each of 2^k equal
-    rectangles of any shape.
+    Both points are Owen-scrambled Sobol' points: any aligned group of 2^k photons has one point in each cell of any
+    grid of 2^a × 2^b equal rectangles with a + b = k.
     """
-    i = sobol.reverse(i)
+    i = sobol.reverse(i)  # as :func:`.sobol.point` needs it
     return sobol.point(combine(key, 0), i), sobol.point(combine(key, 1), i)

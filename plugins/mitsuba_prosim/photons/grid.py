@@ -77,6 +77,7 @@ class Footprint:
             spread = min(float(dr.norm(d - ray.d)[0]) for d in (ray.d_x, ray.d_y))
         least = MIN_PIXEL_WIDTH * float(scene.bbox().bounding_sphere().radius)
         # Rays start at the near plane, where the rays of a perspective camera already have a distance from each other.
+        # ``size`` is their distance at the eye: about 0 for a perspective camera, but at least ``least``.
         eye = world_transform(sensor, sensor.shutter_open()).translation()
         near = float(dr.norm(ray.o - eye)[0])
         radii = tuple(radius for radius in RADII if radius == 1 or radius <= WIDEST * max(sensor.film().size()))
@@ -128,7 +129,7 @@ class Landed:
 class Photons:
     """Photons of ``maps`` independent photon maps, sorted so that every sum over photons has a fixed order.
 
-    Photons are sorted by photon map, then by a hash of the row of cells, then by the cell in the row, then by index.
+    Photons are sorted by photon map, then by bucket (:func:`bucket_of`), then by index.
     """
 
     maps: int
@@ -165,7 +166,7 @@ class Photons:
         begins = counts_below(bucket, maps * buckets)
         places = dr.ravel(mi.Vector4f(*landed.p, dr.reinterpret_array(mi.Float, rows)))
         dr.eval(places, landed, begins)
-        landed.p = mi.Point3f(0)
+        landed.p = mi.Point3f(0)  # ``places`` has the points
         return cls(maps, places, landed, begins, mask, footprint)
 
     def map_range(self, number: mi.UInt32, active: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
@@ -178,7 +179,8 @@ class Photons:
     ) -> tuple[mi.UInt32, mi.UInt32]:
         """Returns ``(begin, end)``: the range of the photons in the cells ``low`` to ``high`` of one row of cells.
 
-        The photons belong to the photon map ``number``. The range may contain photons of other rows with the same hash.
+        The photons belong to the photon map ``number``. The range may contain photons of other rows: cells of different
+        rows may share a bucket.
         The ``size`` photons of a map form a ring: an index beyond the last photon continues at the first photon.
         """
         first, last = (bucket_of(number, row, x, self.mask) for x in (low, high))
@@ -265,8 +267,8 @@ def gather(
     """
     footprint = photons.footprint
     width, n2 = footprint.width(si.p), dr.square(si.n)
-    # The photons lie between two planes parallel to the surface. So the photons mostly lie in one cell along the
-    # normal, not in two.
+    # Half the extent of the searched space along each axis, in search radii, with a margin for rounding. The space lies
+    # between two planes parallel to the surface. So it mostly lies in one cell along the normal, not in two.
     off_axis = dr.minimum(dr.safe_sqrt(1 - n2) + MAX_PLANE_DISTANCE * dr.sqrt(n2), 1) * (1 + 1e-3)
     first_of_map, size = photons.map_range(number, active)
 
@@ -282,8 +284,8 @@ def gather(
         inv_radius2 = dr.rcp(dr.square(radius))
         low_corner, high_corner = si.p - off_axis * radius, si.p + off_axis * radius
 
-        # The number of cells along y and along z, minus one: 0 or 1. This number is a mask of one bit of a row's
-        # number.
+        # The number of cells along y and along z, minus one: 0 or 1. A row's number has one bit for y and one bit for z
+        # if there are two cells. With two grids, two cells are assumed.
         cells = zip(cell(low_corner, first)[1:], cell(high_corner, first)[1:])
         bits_y, bits_z = (dr.select((low != high) | (first < last), mi.UInt32(1), 0) for low, high in cells)
         rows = dr.select(active, mi.UInt32(last - first + 1) << (bits_y + bits_z), 0)
@@ -295,16 +297,16 @@ def gather(
             the surface, and its row of cells has the hash ``row``.
             """
             in_range = i < end
-            k = dr.select(i < first_of_map + size, i, i - size)
-            place = dr.gather(mi.Vector4f, photons.places, k, in_range)
+            index = dr.select(i < first_of_map + size, i, i - size)
+            place = dr.gather(mi.Vector4f, photons.places, index, in_range)
             offset = mi.Point3f(place.x, place.y, place.z) - si.p
             d2 = dr.squared_norm(offset) * inv_radius2
             # Rows that share a bucket are visited one after the other: each visit counts only the photons of its own
             # row.
             in_reach = in_range & (d2 < 1) & (dr.reinterpret_array(mi.UInt32, place.w) == row)
             in_reach &= dr.square(dr.dot(offset, si.n)) * inv_radius2 < MAX_PLANE_DISTANCE**2
-            d, flux = (dr.gather(type(v), v, k, in_reach) for v in (photons.landed.d, photons.landed.flux))
-            light = dr.select(in_reach, value(k, -d, in_reach) * flux, 0)
+            d, flux = (dr.gather(type(v), v, index, in_reach) for v in (photons.landed.d, photons.landed.flux))
+            light = dr.select(in_reach, value(index, -d, in_reach) * flux, 0)
             return i + 1, L + light * (2 * dr.inv_pi * inv_radius2 * (1 - d2))
 
         def add_row(k: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:

@@ -57,7 +57,7 @@ class RayWithEtendue(Ray):
     The étendue of a ray is the expected number of photons per sampled ray for a photon density of 1.
     """
 
-    #: Étendue at the glossy surface that the ray leaves; 0 if the ray leaves no glossy surface.
+    #: Étendue at the surface that the ray leaves by a smooth lobe; 0 after an ideal lobe. Unused after a diffuse lobe.
     last_etendue: mi.Float = field(default_factory=lambda: mi.Float(0))
     #: Étendue at earlier glossy surfaces, if the ray has met only specular and near-specular surfaces since; else 0.
     earlier_etendue: mi.Float = field(default_factory=lambda: mi.Float(0))
@@ -100,7 +100,7 @@ class PhotonMIS:
         self.scene, self.footprint, self.sources, self.deepest = scene, footprint, sources, deepest
         self.near_specular_bsdfs, self.scattering = near_specular_bsdfs(scene), Scattering.of(scene)
         flags = all_flags(scene)
-        #: The glossy lobes; each lobe has its own camera ray.
+        #: The glossy lobes; camera rays sample each of them separately (:func:`.lobes.glossy`).
         self.lobes = lobes.glossy(flags, tree)
         #: Whether photons may land on glossy surfaces: the scene also has an ideally specular or a near-specular
         #: surface.
@@ -122,9 +122,11 @@ class PhotonMIS:
     def next(
         self, vertex: Vertex, following: RayWithEtendue, bs: mi.BSDFSample3f, weight: mi.Spectrum
     ) -> RayWithEtendue:
-        """Adds the étendue to the ray ``following``, which leaves ``vertex``, and returns the ray.
+        """Sets both étendues of the ray ``following``, which leaves ``vertex``, and returns the ray.
 
-        ``bs`` and ``weight`` are the BSDF sample at ``vertex`` that made this ray.
+        ``bs`` and ``weight`` are the BSDF sample at ``vertex`` that made this ray. The last étendue belongs to this
+        vertex, if a smooth lobe was sampled. The étendue of the arriving ray, reduced by the light that the lobe loses,
+        becomes the earlier étendue.
         """
         si, bsdf = vertex.si, vertex.bsdf
         smooth = but_not(following.pdf > 0, vertex.inseparable)
@@ -177,11 +179,14 @@ class PhotonMIS:
 
         def value(i: mi.UInt32, d: mi.Vector3f, in_reach: mi.Bool) -> mi.Spectrum:
             """Returns the BSDF of the glossy lobes for photon ``i`` from ``d``, times the MIS weight of the photon."""
+            # The glossy surface itself counts as a specular surface too.
             in_reach = in_reach & (ray.level + dr.gather(mi.UInt32, photons.landed.level, i, in_reach) < self.deepest)
             wo = si.to_local(d)
             density, f = dr.gather(mi.Float, photons.landed.density, i, in_reach), mi.Spectrum(0)
             for lobe in self.lobes:
                 f_lobe, pdf = self.scattering.eval_pdf(lobe, vertex, wo, in_reach)
+                # Photons per ray that land here; the others are photons that land at glossy surfaces
+                # that the camera ray met before.
                 here = quotient(area * dr.abs(dr.dot(si.n, d)), pdf) * density
                 f += f_lobe * (1 - ray_weight(effective_photons(here, etendue * kept_fraction(f_lobe, pdf) * density)))
             return dr.select(in_reach, f / dr.maximum(dr.abs(wo.z), MIN_COSINE), 0)
@@ -204,13 +209,15 @@ class PhotonMIS:
         ``landed`` are the values before this surface.
 
         ``bs`` and ``weight`` are the sample of the lobe that scatters the photons in the lanes ``active``. Photons in
-        the other lanes end at the surface; at a near-specular surface these photons land. ``land_weight`` is one over
-        the probability that a photon lands at a near-specular surface.
+        the other lanes end at the surface; at a near-specular surface these photons land. At other glossy surfaces all
+        photons land, and those in the lanes ``active`` continue too. ``land_weight`` is one over the probability that a
+        photon lands at a near-specular surface.
         """
         flags = hit.bsdf.flags()
         lands = but_not(hit.active & (hit.level > 0) & (density > 0) & (hit.cos > 0), hit.inseparable)
         lands &= but_not(lobes.has_any(flags, *lobes.GLOSSY), hit.near_specular & active)
         here = hit.landed(dr.select(hit.near_specular, land_weight, 1), density)
+        # The density of photons scales with the square of the index of refraction, as radiance does.
         beyond = density * dr.select(hit.inseparable, 0, ideal_throughput(bs, weight, flags) * dr.square(bs.eta))
         if self.near_specular_bsdfs:
             glossy = active & hit.near_specular & lobes.has_any(bs.sampled_type, *lobes.GLOSSY)
@@ -230,7 +237,8 @@ class PhotonMIS:
         for lobe in self.lobes:
             f_lobe, pdf_lobe = self.scattering.eval_pdf(lobe, seen, hit.si.wi, active)
             f, pdf = f + f_lobe, pdf + pdf_lobe
-        # Another strategy shares the light here: light sampling at the first surface, landed photons at later surfaces.
+        # A third strategy finds the same light at this surface: light sampling if this is the photon's first surface,
+        # else photons that land on it. ``lit`` and ``landed`` are the numbers of their samples per camera ray.
         first = hit.level == 0
         back = self.scene.ray_intersect(hit.si.spawn_ray(-hit.d), active & first)
         ds = mi.DirectionSample3f(self.scene, back, hit.si)

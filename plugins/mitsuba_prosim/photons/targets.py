@@ -70,6 +70,7 @@ class Targets:
                 met = (met & (dr.dot(to_center, d) > 0)) | (dr.squared_norm(to_center) <= r2)
             if own is not None:
                 met |= k == own
+            # The area of the disk, or the solid angle of the sphere, over which one photon is spread.
             size = dr.pi * r2 if far else total_falloff(versine(x, center, radius), None)
             return total + dr.select(met, dr.rcp(size), 0)
 

@@ -21,7 +21,7 @@ from .mis import Hit, PhotonMIS
 CHOICE, DIRECTION, ROULETTE, NUMBERS = 0, 1, 3, 4
 
 #: A photon plays no Russian roulette at its first surface if glossy surfaces gather photons and this surface scatters
-#: less than this fraction of the flux: it dims all photons alike. With roulette, the variance of the scene
+#: less than this fraction of the flux. Such a surface dims all photons alike. With roulette, the variance of the scene
 #: esfera-metalica is up to 6 times greater.
 FAINT = 0.5
 
@@ -95,13 +95,14 @@ class PhotonTracer:
         scatters = hit.active & (hit.level < self.deepest) & lobes.has_any(flags, *lobes.REFLECTED, *lobes.REFRACTED)
         bs, weight, scatters, by_all_lobes = self._scatter(hit, key, scatters)
         d = hit.si.to_world(bs.wo)
-        # A photon either lands or continues, with about the same flux.
+        # At a diffuse or near-specular surface a photon either lands or continues. With the probability r / (1 + r) to
+        # continue, where r is ``flux_ratio``, both alternatives have about 1 + r times the arriving flux.
         flux = hit.flux * (weight * adjoint_correction(hit.si, bs.wo, d))
         flux_ratio = dr.select(scatters, dr.max(flux) / dr.max(state.flux), 0)
         may_land = lands | (hit.near_specular & (hit.level > 0))
         survival = dr.minimum(flux_ratio, dr.select(hit.level < 4, 1, 0.95))
         p_continue = dr.select(may_land, flux_ratio / (1 + flux_ratio), survival)
-        if self.mis is not None:  # a varnish would reflect too few photons to glossy surfaces
+        if self.mis is not None:  # with roulette, a varnish would reflect too few photons to glossy surfaces
             p_continue = dr.select((hit.level == 0) & (flux_ratio > 0) & (flux_ratio < FAINT), 1, p_continue)
         scatters &= number(key, first_number + ROULETTE) < p_continue
         lands = but_not(lands, scatters) & (hit.cos > 0)
@@ -127,8 +128,8 @@ class PhotonTracer:
         flux = state.flux * transmittance(medium, si.wavelengths, si.t, surface)
         surface &= dr.max(flux) > 0
         bsdf = si.bsdf()
-        # The flux is per area of the smooth surface that is shaded. Otherwise facets at grazing incidence would differ
-        # from their neighbours.
+        # A photon that lands is multiplied by cos(shading normal) / cos(facet's normal). Without this ratio, facets at
+        # grazing incidence would be brighter or darker than their neighbours.
         cos = dr.abs(dr.dot(si.n, d))
         shading = bounded(dr.abs(mi.Frame3f.cos_theta(si.wi)), cos)
         inseparable = self.scattering.inseparable(bsdf, surface)
@@ -147,7 +148,7 @@ class PhotonTracer:
         u = number(key, first_number + CHOICE), point(key, first_number + DIRECTION)
         bs, weight, belongs = self.scattering.sample(self.specular, hit, u, active, hit.flux)
         by_all_lobes = but_not(hit.inseparable, lobes.has_any(bs.sampled_type, *lobes.IDEAL))
-        if not self.tree:
+        if not self.tree:  # on paths, such photons land instead
             belongs = but_not(belongs, by_all_lobes)
         active = active & (bs.pdf > 0) & belongs
         active &= (dr.abs(dr.dot(si.n, si.to_world(si.wi))) > 0) & (dr.abs(mi.Frame3f.cos_theta(bs.wo)) > 0)

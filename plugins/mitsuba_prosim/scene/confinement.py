@@ -70,6 +70,7 @@ class Confinement:
             for tag, name, position in named(text):
                 found = [place for folder in folders if os.path.exists(place := os.path.join(folder, name))]
                 wrong = self._refusal(f"<{tag}>", name, *(found or [name]))
+                # A parameter ($), an entity (&) or white space that XML replaces: the parser reads another name.
                 if re.search(r"[$&]|[^\S ]", name):
                     wrong = f"<{tag}> names {name!r} by parameter or entity; write the name, or use --allow-outside"
                 if wrong:
@@ -85,6 +86,7 @@ class Confinement:
         """
         for file in map(str, state.files):
             if wrong := self._refusal("an <include>", file, file):
+                # :meth:`check_text` has allowed all includes before the parser read them.
                 raise OutsideError(f"{file} changed while it was read: {wrong}")
         for node in state.nodes:
             props, plugin = node.props, node.props.plugin_name()
@@ -132,7 +134,8 @@ class Confinement:
     def _is_installed(self, path: str) -> bool:
         """Tells whether a file belongs to Mitsuba's installation.
 
-        Symbolic links within the installation may lead anywhere.
+        The test uses the path as written, because symbolic links of an installation may lead out of it and are trusted.
+        A path with ".." is not trusted.
         """
         inside = map(Path(os.path.abspath(path)).is_relative_to, self._installed)
         return ".." not in re.split(r"[/\\]", path) and any(inside)

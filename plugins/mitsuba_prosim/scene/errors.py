@@ -17,8 +17,8 @@ def with_line(words: str, scene: Path | None = None) -> str:
     """Returns a message with the line of the XML file that the message names, and a caret below the column.
 
     ``words`` is the message. If the message names several places, the last place is shown, because an included file is
-    named after the file that includes it. With ``scene``, only lines of this file and of files in its folder are shown,
-    because the scene may determine the text of ``words``.
+    named after the file that includes it. With ``scene``, only lines of this file and of files in its folder are shown:
+    an untrusted scene can put the name of any file into the message, and must not make other files visible.
     """
     for place in reversed(list(PLACE.finditer(words))):
         path = Path(place[1])

@@ -70,7 +70,7 @@ class Blocking(Steps):
             self._spp = ((self._spp or sensor.sampler().sample_count()) + 1) // 2
             # The second seed is not a neighbour of the first seed, which may be the seed of another image.
             seeds.append(combine(hash32(seed), 1))
-        # Mitsuba's integrators in Python always develop the film. The film is written in another step.
+        # ``develop=True``, because Mitsuba's integrators in Python always develop the film. Files are written later.
         for number, seed in enumerate(seeds, 1):
             self._images.append(integrator.render(scene, sensor, seed=seed, spp=self._spp, develop=True))
             dr.sync_thread()

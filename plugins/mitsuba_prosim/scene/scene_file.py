@@ -85,6 +85,7 @@ class SceneFile:
             "integrator": parameters,
         }
         folders = [self.xml.parent, self.path.parent]
+        # A confinement begins with the scene's folder; the search path begins with the folder of the XML file.
         confinement = Confinement(reversed(folders)) if confined else None
         # A file of a confined scene cannot replace a file of Mitsuba, because the folder of Mitsuba is first.
         resolver = session.resolver([INSTALLED, *folders] if confined else folders)

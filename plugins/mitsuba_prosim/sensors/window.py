@@ -84,13 +84,14 @@ class Window(mi.Sensor):
         # kernels.
         axes = zip((position.x, position.y), film.crop_offset(), film.crop_size(), film.size(), strict=True)
         x, y = [p * (float(crop) / float(size)) + float(offset) / float(size) for p, offset, crop, size in axes]
+        # The window's right is -x in the camera's space.
         return dr.normalize(mi.Vector3f(-dr.lerp(self.left, self.right, x), dr.lerp(self.top, self.bottom, y), 1))
 
     def sample_ray(
         self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
-        """Returns ``(ray, weight)``: the camera ray through the film position ``sample2`` in [0, 1)², in world
-        coordinates.
+        """Returns ``(ray, weight)``: the camera ray, in world coordinates, through the position ``sample2`` in the crop
+        window, in [0, 1)².
         """
         wavelengths, weight = self.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), sample1, active)
         d = self.direction(sample2)

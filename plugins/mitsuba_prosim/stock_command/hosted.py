@@ -42,7 +42,8 @@ def parse_arguments(words: Sequence[str]) -> argparse.Namespace:
 def run(plugin: str, words: Sequence[str]) -> None:
     """Renders the scenes of the command line: the first scene that uses ``plugin``, and all scenes after it.
 
-    ``words`` are the arguments of the command. The native command has rendered the scenes before.
+    ``words`` are the arguments of the command. The native command has already rendered the scenes that precede the
+    first scene with ``plugin``. Without ``-o``, the film replaces the suffix of the scene's path by its own.
     """
     options = parse_arguments(words)
     mi.set_log_level(MITSUBA_LEVELS[min(options.verbose, len(MITSUBA_LEVELS) - 1)])
@@ -67,7 +68,8 @@ def run(plugin: str, words: Sequence[str]) -> None:
 
 def main(plugin: str, *words: str) -> int:
     """Runs the command ``mitsuba WORDS...`` from the first scene with ``plugin`` on, and returns the exit code."""
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # an ignored signal stays ignored
+    # Ctrl-C ends the process at once, as in the native command. An ignored signal stays ignored.
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         run(plugin, words)

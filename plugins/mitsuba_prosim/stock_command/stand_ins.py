@@ -41,12 +41,14 @@ def installed() -> dict[str, Path]:
 def plugin_names() -> list[str]:
     """Returns the names of the plugins in Python, which need stand-ins: those of installed packages, and of Mitsuba.
 
-    The function loads the packages, records the names that they register, and sets the variant ``scalar_rgb``.
+    The function loads the packages, records the names that they register, and sets the variant ``scalar_rgb``. The
+    functions ``mi.register_...`` are not restored.
     """
     mi.set_variant("scalar_rgb")
     names = {*PLUGINS_IN_PYTHON, *registry.PLUGINS}
 
     def record(register: Callable, name: str, *args: Any) -> Any:
+        """Adds the name of a plugin to ``names``, and registers the plugin."""
         names.add(name)
         return register(name, *args)
 

@@ -101,7 +101,7 @@ def lamp_light(
     if not layers.splits_lobes:
         (value,) = with_visibility(context, vertex, ds.p, [f * weight], lit)
         return layers.none().plus(value, glossy_layer)
-    if not context.mis_lobes:
+    if not context.mis_lobes:  # then ``light_lobes`` are all lobes, not only the diffuse lobes
         diffuse = bsdf.eval(lobes.diffuse(), si, wo, lit)
     diffuse = dr.select(vertex.inseparable, f, diffuse)
     value, diffuse = with_visibility(context, vertex, ds.p, [f * weight, diffuse * weight], lit)

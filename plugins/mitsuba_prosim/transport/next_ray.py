@@ -32,10 +32,11 @@ def next_ray(
     bs, weight, d, belongs = sample_direction(context, lobe, vertex, points, active)
     ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL)
     o, throughput = si.spawn_ray(dr.detach(d)).o, ray.throughput * weight
-    if context.attached:
+    if context.attached:  # the small offset of the origin has no derivative
         o = dr.replace_grad(o, si.p)
     active = active & belongs & (bs.pdf > 0) & (dr.max(throughput) > context.settings.cutoff)
     result = replace(ray, o=o, d=d, throughput=throughput, pdf=dr.select(ideal, 0, bs.pdf))
+    # The number of the node in a ray tree; a path replaces this number.
     result.level, result.node = ray.level + 1, ray.node * 2 + (space == REFRACTED)
     result.n, result.importance = vertex.receiver.n, vertex.receiver.importance
     result.medium, result.offset = medium_beyond(si, ray.medium, dr.detach(d), active), dr.dot(o - si.p, d)
@@ -80,7 +81,7 @@ def sample_direction(
         all_lobes = vertex.bsdf.eval_pdf(lobes.all_lobes(), si, wo, smooth & vertex.inseparable)
         f, pdf = dr.select(vertex.inseparable, all_lobes, (f, pdf))
     weight = f * dr.relative_grad(jacobian) / dr.detach(dr.select(pdf > 0, pdf, 1))
-    if lobes.has_any(context.flags, *lobes.IDEAL):
+    if lobes.has_any(context.flags, *lobes.IDEAL):  # sampled again, now with derivatives
         ideal_bs, ideal_weight, _ = scattering.sample(lobe, vertex, u, active & ideal, throughput)
         moved = dr.select(ideal, si.to_world(ideal_bs.wo), moved)
         weight = dr.select(ideal, ideal_weight, weight)

@@ -106,6 +106,7 @@ class ByLevel(Layers):
     """One layer for each level of the ray tree or path."""
 
     def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:  # noqa: D102
+        # Emission that a ray from a surface meets is direct light of this surface.
         return dr.maximum(ray.level, 1) - 1 if term == "emitted" else ray.level
 
 

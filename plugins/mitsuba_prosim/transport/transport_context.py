@@ -101,8 +101,8 @@ class Context:
         )
         #: The lobes whose light comes from light sampling and from their own rays, combined by MIS.
         self.mis_lobes: tuple[mi.BSDFContext, ...] = (lobes.all_lobes(),)
-        #: The lobes whose light comes from light sampling alone, because none of their rays may meet a light source; or
-        #: None.
+        #: The lobes whose light comes from light sampling alone, because emission at the end of their rays does not
+        #: count, or because no ray can hit a light source. None if there are no such lobes.
         self.light_lobes: mi.BSDFContext | None = None
         if settings.diffuse_bounces >= 0:
             self.mis_lobes = () if self.lights.all_delta else lobes.glossy(self.flags, settings.follows_tree)

@@ -35,6 +35,8 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
     ray = attenuated_at(ray, ray3, si, active)
     within_max_level = active if settings.max_level < 0 else active & (ray.level <= settings.max_level)
     L = context.layers.none()
+    # Emission also counts beyond the maximum level: by MIS, this ray shares the direct light of the vertex where it
+    # begins.
     if not lights.all_delta:
         L = L.plus(*emission(context, ray, si, active))
     if settings.background is not None:
@@ -110,9 +112,10 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
         return mi.Spectrum(0), 0
     L = emitter.eval(si, active)
     uses_mis = active & (ray.pdf > 0)
-    if lights.sky is not None:
+    if lights.sky is not None:  # light sampling never finds a constant sky for lobes that have rays of their own
         uses_mis &= si.is_valid()
     origin = dr.zeros(mi.Interaction3f)
+    # A finite t makes the interaction valid.
     origin.p, origin.n, origin.time, origin.t = ray.o, ray.n, si.time, mi.Float(0)
     ds = mi.DirectionSample3f(context.scene, si, origin)
     if context.attached:  # the derivative of the point is unbounded at a sphere's silhouette
@@ -137,7 +140,7 @@ def background_radiance(
     """Returns the radiance of the texture ``background`` in the direction of ``ray``, which meets no surface.
 
     ``si`` is the invalid interaction of the ray. The texture is looked up by latitude and longitude as in Mitsuba's
-    ``envmap``: the y axis points up, and u = 0 lies towards +z.
+    ``envmap``: the y axis points up, u = 0 lies towards -z, and u = 0.5 lies towards +z.
     """
     si = mi.SurfaceInteraction3f(si)  # the caller still needs its own uv
     u = dr.atan2(ray.d.x, -ray.d.z) * dr.inv_two_pi

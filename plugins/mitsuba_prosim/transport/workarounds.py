@@ -92,6 +92,7 @@ def warn_of_lost_light(scene: mi.Scene) -> None:
 
 
 def _within(bsdf: mi.BSDF, name: str) -> Iterator[mi.BSDF]:
+    """Returns those of ``bsdf`` and the BSDFs within it whose class name is ``name``."""
     return (one for one in all_within(bsdf) if one.class_name() == name)
 
 
@@ -170,6 +171,7 @@ def is_inseparable(bsdf: mi.BSDF) -> bool:
 
 
 def _lobes_of(flags: int) -> int:
+    """Returns how many of the three lobes (reflected, refracted, diffuse) the BSDF ``flags`` contain."""
     return sum(bool(lobes.has_any(int(flags), *names)) for names in (lobes.REFLECTED, lobes.REFRACTED, lobes.DIFFUSE))
 
 
@@ -191,12 +193,12 @@ def blend_share(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, ac
 
     The function :func:`sample` uses only the derivatives of this weight.
     """
-    share, interval_begin = mi.Float(1), mi.Float(0)
+    blend, interval_begin = mi.Float(1), mi.Float(0)
     for leaf in leaves(bsdf, si, active):
         probability = dr.detach(leaf.share)
-        share = dr.select((choice >= interval_begin) & (probability > 0), leaf.blend, share)
+        blend = dr.select((choice >= interval_begin) & (probability > 0), leaf.blend, blend)
         interval_begin += probability
-    return share
+    return blend
 
 
 def sample_leaves(
@@ -239,6 +241,7 @@ def eval_leaves(
     f, pdf = mi.Spectrum(0), mi.Float(0)
     for leaf in all_leaves:
         if leaf.bsdf is not None:
+            # A leaf in a ``twosided`` sees the viewer on the front side, so ``wo`` is mirrored like ``wi``.
             wo_leaf = mi.Vector3f(wo.x, wo.y, dr.mulsign(wo.z, si.wi.z)) if leaf.turned else wo
             f_leaf, pdf_leaf = leaf.bsdf.eval_pdf(lobe, leaf.seen_by(si), wo_leaf, active)
             f, pdf = f + leaf.share * f_leaf, pdf + leaf.share * pdf_leaf

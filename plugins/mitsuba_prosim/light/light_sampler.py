@@ -47,13 +47,13 @@ class LightSampler:
     def __init__(self, scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> None:
         self.count = len(emitters)
         rows = lamp_models(scene, emitters)
-        #: Whether any lamp has a beam, which is a lobe narrower than a cosine.
-        self.beams = bool(rows[:, 6].max() > 1)
-        #: The rows, each padded to three packets of four numbers, which load faster than columns. The table is made
-        #: from a list, because Dr.Jit would share the memory of a NumPy array.
-        self.table: Any = np.pad(rows, ((0, 0), (0, 2))).ravel().tolist()
+        #: Whether any lamp has a lobe; and whether any lamp has a beam, which is a lobe narrower than a cosine.
+        self.lobes, self.beams = bool(rows[:, 5].max() > 0), bool(rows[:, 6].max() > 1)
+        self.rows: list[list[float]] = rows.tolist()
         if dr.is_jit_v(mi.Float):
-            self.table = mi.Float(self.table)
+            # Each row has three packets of four numbers, which load faster than columns. The table is made from a list,
+            # because Dr.Jit would share the memory of a NumPy array.
+            self.table = mi.Float(np.pad(rows, ((0, 0), (0, 2))).ravel().tolist())
             dr.make_opaque(self.table)
 
     def total(self, receiver: Receiver, active: mi.Bool) -> mi.Float:
@@ -99,25 +99,37 @@ class LightSampler:
         """Returns an estimate of the light that the lamp ``k`` sends to ``receiver``, without unit."""
         # The choice of a lamp has no derivatives.
         p, n, both_sides = dr.detach(receiver.si.p), dr.detach(receiver.n), receiver.both_sides
-        a, b, c = (self._packet(k * 3 + j, active) for j in range(3))
-        radius, uniform, lobe, exponent, axis = a.w, b.x, b.y, b.z, mi.Vector3f(b.w, c.x, c.y)
-        to_lamp = mi.Point3f(a.x, a.y, a.z) - p
+        center, radius, uniform, lobe, exponent, axis = self._lamp(k, active)
+        to_lamp = center - p
         inverse = dr.rsqrt(dr.maximum(dr.squared_norm(to_lamp), dr.square(radius)))
         # Upper bounds of both cosines over the whole lamp.
         height = dr.dot(n, to_lamp)
         if both_sides is not False:
             height = dr.select(both_sides, dr.abs(height), height)
         cos_receiver = dr.clip((height + radius) * inverse, LEAST_COSINE, 1)
-        cos_lamp = dr.clip((radius - dr.dot(axis, to_lamp)) * inverse, 0, 1)
-        if self.beams:
-            cos_lamp = dr.select(cos_lamp > 0, dr.power(dr.maximum(cos_lamp, 1e-6), exponent), 0)
-        return (uniform + lobe * cos_lamp) * cos_receiver * dr.square(inverse)
+        intensity = uniform
+        if self.lobes:
+            cos_lamp = dr.clip((radius - dr.dot(axis, to_lamp)) * inverse, 0, 1)
+            if self.beams:
+                cos_lamp = dr.select(cos_lamp > 0, dr.power(dr.maximum(cos_lamp, 1e-6), exponent), 0)
+            intensity += lobe * cos_lamp
+        return intensity * cos_receiver * dr.square(inverse)
 
-    def _packet(self, i: Index, active: mi.Bool) -> mi.Vector4f:
-        """Returns the packet ``i`` of the table: the packets 3 k to 3 k + 2 are the row of the lamp ``k``."""
+    def _lamp(self, k: Index, active: mi.Bool) -> tuple[Any, ...]:
+        """Returns the model of the lamp ``k``.
+
+        The model of a lamp has the center, the radius, the intensity of the uniform part, the intensity of the lobe,
+        the exponent of the lobe, and the axis of the lobe.
+        """
         if dr.is_jit_v(mi.Float):
-            return dr.gather(mi.Vector4f, self.table, mi.UInt32(i), active)
-        return mi.Vector4f(self.table[4 * i : 4 * i + 4])
+            k = mi.UInt32(k)
+            a = dr.gather(mi.Vector4f, self.table, k * 3, active)
+            if not self.lobes:
+                return mi.Point3f(a.x, a.y, a.z), a.w, dr.gather(mi.Float, self.table, k * 12 + 4, active), 0, 1, None
+            b, c = (dr.gather(mi.Vector4f, self.table, k * 3 + j, active) for j in (1, 2))
+            return mi.Point3f(a.x, a.y, a.z), a.w, b.x, b.y, b.z, mi.Vector3f(b.w, c.x, c.y)
+        x, y, z, radius, uniform, lobe, exponent, *axis = self.rows[k]
+        return mi.Point3f(x, y, z), radius, uniform, lobe, exponent, mi.Vector3f(axis)
 
 
 def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:

@@ -149,11 +149,11 @@ class Lights:
             return self.emitters.index(emitter) if active and emitter is not None else self.lamps
         return dr.gather(mi.UInt32, self.numbers, dr.reinterpret_array(mi.UInt32, emitter), active)
 
-    def lamp(self, k: Index) -> Lamp:
-        """Returns the lamp of the number ``k``."""
+    def lamp(self, k: Index, groups: list[Group] | None = None) -> Lamp:
+        """Returns the lamp of the number ``k``, which belongs to one of the ``groups`` (default: any group)."""
         if isinstance(k, int):
             return Lamp(k, self.emitters[k], [group for group in self.groups if group[1] <= k < group[2]])
-        return Lamp(k, dr.gather(mi.EmitterPtr, self.pointers, k), self.groups)
+        return Lamp(k, dr.gather(mi.EmitterPtr, self.pointers, k), groups or self.groups)
 
     def for_each(self, body: Callable[[Lamp, Any], Any], total: Any, active: mi.Bool, attached: bool = False) -> Any:
         """Computes ``total = body(lamp, total)`` for each lamp in turn, and returns the last total.
@@ -162,7 +162,14 @@ class Lights:
         because a symbolic loop would lose the derivatives.
         """
         unrolled, mode = self.lamps <= self.UNROLLED, "evaluated" if attached else None
-        return fold(self.lamps, lambda k, total: body(self.lamp(k), total), total, active, unrolled, mode=mode)
+        for strategy, first, end in self.groups:
+            group = strategy, first if unrolled else dr.opaque(mi.UInt32, first), end
+
+            def step(k: Index, total: Any, group: Group = group) -> Any:
+                return body(self.lamp(group[1] + k, [group]), total)
+
+            total = fold(end - first, step, total, active, unrolled, mode=mode)
+        return total
 
     def pdf(self, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
         """Returns the density per solid angle with which light sampling at ``receiver`` samples the direction ``ds``.

@@ -7,6 +7,7 @@ mesh of an earlier translation if the digest in its name agrees with its content
 
 import os
 import re
+import sys
 import time
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
@@ -138,13 +139,16 @@ def _locked(folder: Path) -> Iterator[bool]:
     permission to read the folder. The operating system removes the lock of a killed process. Raises TimeoutError after
     LOCK_TIMEOUT seconds.
     """
-    try:
-        descriptor = os.open(folder, os.O_RDONLY)
-    except PermissionError:  # on Windows for every folder
+    if sys.platform == "win32":
         yield False
         return
-    import fcntl  # Windows lacks this module, but never opens a folder
+    import fcntl
 
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+    except PermissionError:
+        yield False
+        return
     end, locked = time.monotonic() + LOCK_TIMEOUT, False
     try:
         while not locked:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Sequence
 from functools import cache, cached_property, lru_cache
@@ -160,10 +159,10 @@ class FinalImage:
         the image of these networks only.
         """
         if self.render.second is not None:
-            state, target = self.render.state, self.render.target
-            if target.excess(self.render.second.noise(state)) <= 1:
+            if self.render.target.excess(self.render.second.noise()) <= 1:
                 return "none"
-            samples, networks, *_ = state.estimates[-1] if state.estimates else (0, "")
+            estimates = self.render.state.estimates
+            samples, networks, *_ = estimates[-1] if estimates else (0, "")
             if samples == self._samples:
                 return str(networks)
         return "fast" if self.fast else "best"
@@ -184,7 +183,7 @@ class FinalImage:
             raw = np.add.reduce(colours) / len(colours)
             # ``error`` shows where the noise is, but is too large: it is the error of independent samples of the first
             # image. ``noise`` [0] is the measured RMS error.
-            return unmixed(raw, self.render.error(), self.render.second.noise(self.render.state)[0])
+            return unmixed(raw, self.render.error(), self.render.second.noise()[0])
         if len(colours) < 2:
             raise RuntimeError("the render was stopped before its second half; there is nothing to denoise")
         return denoise_halves(colours[0], colours[1], self._denoiser(networks))
@@ -202,25 +201,25 @@ class FinalImage:
         error of the raw image. If this method begins a complete second image, ``render`` takes the samples of the
         second image and calls this method again.
         """
-        second, state, target, samples = render.second, render.state, render.target, self._samples
+        second, estimates, target, samples = render.second, render.state.estimates, render.target, self._samples
         assert second is not None
-        raw = second.noise(state)
+        raw = second.noise()
         if target.seconds and not target.denoiser_seconds:
             started = time.perf_counter()
             self.denoised()
-            render.target = target = dataclasses.replace(target, denoiser_seconds=1.2 * (time.perf_counter() - started))
+            target.denoiser_seconds = 1.2 * (time.perf_counter() - started)
         excess = target.excess(raw)
         if not excess > 1:  # the excess is NaN without limits
             return raw
         # ``by_raw`` and, below, ``by_final`` are the samples per pixel at which the raw and the final image reach the
         # target. ``cost`` is the cost of a call of the denoiser in samples per pixel.
-        by_raw, cost, estimates = samples * (excess / AIM) ** (1 / RATE), self._call_cost, state.estimates
+        by_raw, cost = samples * (excess / AIM) ** (1 / RATE), self._call_cost
         # A complete second half doubles the samples, which is not worth while if the raw image needs few more samples.
         if not second.complete and by_raw - 2 * samples < self.BEGIN * cost:
             return raw
         far = self.FAR if second.complete else 2 * self.FAR
         if not estimates and excess > far:
-            render.loosening = far  # the next pass only aims at the error at which the next decision is made
+            target.loosening = far  # the next pass only aims at the error at which the next decision is made
             return raw
         if not second.complete:
             render.begin_complete_second()
@@ -240,7 +239,7 @@ class FinalImage:
                 if by_final > self.BEST * cost and not self.fast and networks == "plain":
                     networks = "best"
                 elif last == samples or excess > 1:  # more samples are needed before the next call
-                    render.loosening = self.CLOSE
+                    target.loosening = self.CLOSE
                     return noise
             result = self._latest(networks, samples)
             self._record(networks, raw, result.at_most / result.raw_noise)

@@ -23,7 +23,7 @@ from .. import atomic
 from ..compat import dr_array
 from .accumulators import Accumulators, FilmState
 from .environment import MAY_DIFFER, MUST_AGREE, differences, this_environment
-from .plan import TARGETS, index_within
+from .plan import TARGETS
 from .tiles import Part
 
 #: Version of the format.
@@ -159,14 +159,15 @@ def identity(state: FilmState) -> dict[str, Any]:
         "seed": int(plan.seed[0]),
         "window": plan.window,
         "pixels that have samples": plan.domain,
-        "reach of the filter": plan.reach,
+        "reach of the filter": state.estimator.reach,
         "channels": state.estimator.channels.names,
     }
 
 
 def index(state: FilmState) -> np.ndarray:
     """Returns the indices of the pixels of ``state`` in the plan's domain."""
-    return np.array(index_within(state.plan.domain, state.x, state.y))
+    left, top, right, _ = state.plan.domain
+    return ((np.array(state.y) - top) * (right - left) + np.array(state.x) - left).astype(np.uint32)
 
 
 def arrays(sums: Accumulators) -> dict[str, np.ndarray]:

@@ -12,7 +12,7 @@ from ..compat import dr_array
 from .accumulators import FilmState
 from .camera import without_crop_window
 from .film import film_values, put
-from .plan import index_within, pixels
+from .plan import neighbours, pixels
 
 #: Number of samples per kernel. A large number is fast, because Dr.Jit traces the code again for each kernel. The
 #: number is limited by memory: a sample stores some 100 numbers per node.
@@ -31,13 +31,10 @@ class Derivatives:
         self.film = self.sensor.film()
         self.counts = state.counts.ravel()
         #: The film's values of the rendered image.
-        self.storage = film_values(state, [])
+        self.storage = film_values(state)
 
     def develop(self, storage: mi.TensorXf) -> mi.TensorXf:
-        """Returns the developed image of the film values ``storage``, differentiably.
-
-        The returned image does not have the integrator's own channels.
-        """
+        """Returns the developed image of the film values ``storage``, differentiably."""
         put(self.film, storage, self.estimator.channels.aov_names)
         return self.film.develop()
 
@@ -46,25 +43,16 @@ class Derivatives:
 
         ``values`` are the film's values, with one sample per lane. ``splats`` has ``(weight, index)`` for each pixel
         within the filter's reach: the weight of the filter divided by the number of samples of the sample's own pixel,
-        or 0 outside the window; and the index of the pixel in the window. (:meth:`.Estimator.splats` is different: it
-        returns ``(weight, value)``.)
+        and the index of the pixel in the window. Both are 0 for a pixel outside the window.
         """
-        window, reach = self.plan.window, self.plan.reach
-        left, top, right, bottom = (dr.opaque(mi.Int32, v) for v in window)
-        offsets = range(-reach, reach + 1)
-        x, y = pixels(self.plan.region)
+        window, region = self.plan.window, pixels(self.plan.region)
         with without_crop_window(self.sensor):
             for pixel, t, count in self.lanes():
-                px, py = dr.gather(mi.Int32, x, pixel), dr.gather(mi.Int32, y, pixel)
-                values, _, position = self.estimator.sample(self.plan, px, py, t)
-                inverse_count = dr.rcp(mi.Float(count))
-                splats = []
-                targets = [(px + dx, py + dy) for dy in offsets for dx in offsets]
-                for (tx, ty), (weight, _) in zip(targets, self.estimator.splats([mi.Float(1)], position)):
-                    in_window = (tx >= left) & (tx < right) & (ty >= top) & (ty < bottom)
-                    weight = dr.select(in_window, weight * inverse_count, 0)
-                    splats.append((weight, dr.select(in_window, index_within(window, tx, ty), 0)))
-                yield values, splats
+                x, y = (dr.gather(mi.Int32, v, pixel) for v in region)
+                values, _, position = self.estimator.sample(self.plan, x, y, t)
+                weights = [weight * dr.rcp(mi.Float(count)) for weight in self.estimator.weights(position)]
+                targets = neighbours(x, y, self.estimator.reach, window, window)
+                yield values, [dr.select(seen, (w, index), (0, 0)) for w, (index, seen) in zip(weights, targets)]
 
     def lanes(self) -> Iterator[list[mi.UInt32]]:
         """Yields all samples, up to ``LANES`` at a time, as ``[pixel, t, count]``.

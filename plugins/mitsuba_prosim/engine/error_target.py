@@ -19,7 +19,7 @@ from ..sampling.hash import hash32
 from .accumulators import Accumulators, FilmState
 from .error import displayed, in_display_units, variance
 from .film import film_values
-from .plan import UNLIMITED, area
+from .plan import UNLIMITED, area, neighbours
 
 #: Duration of a work item with a time limit: this fraction of the limit, within these bounds in seconds.
 SHARE, SHORTEST, LONGEST = 0.01, 0.01, 0.5
@@ -52,7 +52,7 @@ SPARSE = 2
 Noise: TypeAlias = "tuple[float, float, float, float]"
 
 
-@dataclass(frozen=True)
+@dataclass
 class ErrorTarget:
     """The target at which a render ends: limits of the error and of the time.
 
@@ -63,8 +63,10 @@ class ErrorTarget:
     limits: tuple[float, float, float]
     seconds: float
     started: float
-    #: Seconds at the end that the denoiser needs.
+    #: Seconds at the end that the denoiser needs. The denoiser sets this number.
     denoiser_seconds: float = 0.0
+    #: The next pass aims at errors of this multiple of the limits. The denoiser sets this factor.
+    loosening: float = 1.0
 
     def excess(self, noise: Sequence[float]) -> float:
         """Returns the largest ratio of a measured error in ``noise`` to its limit; NaN without limits.
@@ -77,11 +79,6 @@ class ErrorTarget:
         rms = max(rms, bound / TOLERANCE) if bound <= UNCERTAIN * rms else rms
         ratios = [measured / limit for measured, limit in zip((rms, *tails), self.limits) if limit]
         return min(max(ratios, default=np.nan), 1e100)  # finite even if an error is infinite
-
-    def loosened(self, factor: float) -> ErrorTarget:
-        """Returns a target whose limits are multiplied by ``factor``."""
-        rms, error_99, error_999 = self.limits
-        return replace(self, limits=(factor * rms, factor * error_99, factor * error_999))
 
     @property
     def elapsed(self) -> float:
@@ -126,7 +123,7 @@ class SecondImage:
         If only few pixels are chosen, each of them is sampled several times with different seeds. If ``state`` stores
         accumulators with the right number of pixels, the second image continues from these accumulators.
         """
-        self.state, self.complete = state, complete
+        self.state, self.estimator, self.complete, self.outer = state, state.estimator, complete, state.plan.region
         index, seed = state.crop(np.arange(area(state.outer)), state.plan.region).ravel(), state.plan.seed + 1
         one_in = 1 if complete else max(1, min(self.ONE_IN, len(index) // self.MIN_PIXELS))
         index = index[hash32(hash32(index.astype(np.uint64)) + 1) % one_in == 0]  # a pseudo-random choice
@@ -141,33 +138,29 @@ class SecondImage:
         dr.make_opaque(seed, self.x, self.y)
         sampling = replace(state.plan.sampling, adaptive="none")  # the second image takes as many samples as the first
         self.plan = replace(state.plan, seed=seed, photon_seed=int(seed[0]), sampling=sampling)
-        self.estimator = state.estimator
         if state.second is None or dr.width(state.second.count) != len(index):  # none, or for other pixels
             state.second = Accumulators.empty(self.estimator.sums_per_pixel, len(index))
         #: The sums of the second image: the object ``state.second``, which a checkpoint stores.
         self.accumulators = state.second
 
     @alone()
-    def noise(self, state: FilmState) -> Noise:
+    def noise(self) -> Noise:
         """Returns the error of the displayed image.
 
-        The displayed image is the image of ``state``, or the mean of both images if the second image is complete. For
-        each pixel of the second image, the method replaces the samples of this pixel in the first image by those of the
+        The displayed image is the first image, or the mean of both images if the second image is complete. For each
+        pixel of the second image, the method replaces the samples of this pixel in the first image by those of the
         second image, and sums the squared changes of the displayed values of all pixels within the filter's reach. The
         tone curve is applied before the difference. A difference of radiances times the slope of the tone curve would
         depend mostly on bright spots.
         """
-        plan, channels, own = state.plan, state.estimator.channels, mi.UInt32(self.index)
-        film, of_pixel, stored = film_values(state, ()), len(channels.names), channels.names.index("W") + 1
-        height, width = (dr.opaque(mi.Int32, v) for v in film.shape[:2])
-        first, second, squares = state.accumulators, self.accumulators, dr.zeros(mi.Float, len(self.index))
+        plan, channels, own = self.plan, self.estimator.channels, mi.UInt32(self.index)
+        film, of_pixel, stored = film_values(self.state), len(channels.names), channels.names.index("W") + 1
+        first, second, squares = self.state.accumulators, self.accumulators, dr.zeros(mi.Float, len(self.index))
         counts = [mi.Float(v) for v in (dr.gather(mi.UInt32, first.count, own), second.count)]
-        for place, (down, across) in enumerate(np.ndindex(2 * plan.reach + 1, 2 * plan.reach + 1)):
-            x = self.x + dr.opaque(mi.Int32, across - plan.reach - plan.window[0])
-            y = self.y + dr.opaque(mi.Int32, down - plan.reach - plan.window[1])
-            seen = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+        around = neighbours(self.x, self.y, self.estimator.reach, plan.window, plan.window)
+        for place, (index, seen) in enumerate(around):
             sums = [image.sums[place * of_pixel :][:stored] for image in (first, second)]
-            before = [dr.gather(mi.Float, film.array, (y * width + x) * of_pixel + k, seen) for k in range(stored)]
+            before = [dr.gather(mi.Float, film.array, index * film.shape[2] + k, seen) for k in range(stored)]
             after = [v + b / counts[1] - dr.gather(mi.Float, a, own) / counts[0] for v, a, b in zip(before, *sums)]
             change = displayed(channels.luminance(before)) - displayed(channels.luminance(after))
             squares += dr.select(seen, dr.square(change), 0)
@@ -180,7 +173,7 @@ class SecondImage:
         rms, within = float(np.sqrt(np.mean(errors**2))), display_variance(first) / np.float64(np.array(first.count))
         # Relative standard deviation of the RMS error. The second image may lack the brightest pixels. The variance of
         # the samples within a pixel shows such pixels.
-        deviation = 0.5 * (concentration(errors**2) + 2 * concentration(state.crop(within, plan.window))) ** 0.5
+        deviation = 0.5 * (concentration(errors**2) + 2 * concentration(self.state.crop(within, plan.window))) ** 0.5
         # 95 % of a normal distribution are below its mean plus 1.645 standard deviations.
         return rms, float(tails[0]), float(tails[1]), rms * (1 + 1.645 * deviation)
 
@@ -218,7 +211,7 @@ def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarr
         share = 0.9 if target.seconds_left < target.seconds / 5 else 0.5  # the last pass uses the rest of the time
         most = min(most, have + speed * target.seconds_left * share) if speed else 2 * have
     if any(target.limits):
-        goal = mean(variances / np.float32(count)) / remaining_factor(state, target)
+        goal = mean(variances / np.float32(count)) / remaining_factor(state, target, AIM * target.loosening)
     caustics = state.estimator.transport.caustics
 
     def after(effort: float) -> np.ndarray:
@@ -238,12 +231,12 @@ def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarr
     return after(smallest_effort(reaches))
 
 
-def remaining_factor(state: FilmState, target: ErrorTarget) -> float:
-    """Returns the ratio of the samples needed for :data:`AIM` times the target to the samples so far.
+def remaining_factor(state: FilmState, target: ErrorTarget, aim: float = AIM) -> float:
+    """Returns the ratio of the samples needed for ``aim`` times the target to the samples so far.
 
     The error is assumed to fall as samples to the power of -:data:`RATE`.
     """
-    return (target.excess(state.noise) / AIM) ** (1 / RATE)
+    return (target.excess(state.noise) / aim) ** (1 / RATE)
 
 
 def limit_by_photons(count: np.ndarray, wanted: np.ndarray, max_samples: int, maps: int, photons: int) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import drjit as dr
@@ -15,7 +16,7 @@ from ..sampling.sobol import Sobol
 from ..transport.transport_context import LENS, PIXEL, TIME_AND_WAVELENGTH
 from .accumulators import BRIGHTEST, DARKEST, DARKEST_SUM, Accumulators
 from .camera import ray_sampler
-from .film import Channels, luminance
+from .film import Channels, aov_values, luminance
 from .plan import Plan
 from .policies import policy_of
 
@@ -94,24 +95,20 @@ class Estimator:
         if self.transport.has_layers:
             layers = [dr.select(finite, layer * weight, 0) for layer in others]
             others = [value for layer in layers for value in self.channels.rgb(layer, ray.wavelengths)]
-        alpha = dr.select(hit, mi.Float(1), 0)
-        values = self.channels.values(self.scene, self.sensor.sampler(), ray, L, alpha, others)
+        values = self.channels.values(L, ray.wavelengths, dr.select(hit, mi.Float(1), 0))
+        aovs = aov_values(self.channels.aovs, self.scene, self.sensor.sampler(), ray, True)
         # Without denormal numbers, see :data:`.accumulators.DARKEST_SUM`.
-        values = [dr.select(dr.abs(v) < DARKEST_SUM, 0, v) for v in values]
+        values = [dr.select(dr.abs(v) < DARKEST_SUM, 0, v) for v in (*values, *others, *aovs)]
         return values, luminance(L, ray.wavelengths), position
 
-    def splats(self, values: list[mi.Float], position: mi.Point2f) -> list[tuple[mi.Float, mi.Float]]:
-        """Returns what a sample at ``position`` adds to the pixels within the filter's reach: ``(weight, value)`` for
-        each pixel, row by row, and within a pixel for each of ``values``. The sum gets ``weight`` times ``value``.
-
-        The sums stay with the sample's own pixel; :func:`.film_values` adds them to the other pixels later.
-        """
+    def weights(self, position: mi.Point2f) -> list[mi.Float]:
+        """Returns the weights of a sample at ``position`` in the pixels within the filter's reach, row by row."""
         if self.rfilter.is_box_filter():
-            return [(mi.Float(1), v) for v in values]
+            return [mi.Float(1)]
         offsets = range(-self.reach, self.reach + 1)
         across = [self.rfilter.eval(k + 0.5 - position.x) for k in offsets]
         down = [self.rfilter.eval(k + 0.5 - position.y) for k in offsets]
-        return [(wx * wy, v) for wy in down for wx in across for v in values]
+        return [wx * wy for wy in down for wx in across]
 
     def accumulate(self, plan: Plan, x: mi.Int32, y: mi.Int32, start: Accumulators, end: mi.UInt32) -> Accumulators:
         """Adds samples to the sums ``start``, and returns the sums.
@@ -134,7 +131,7 @@ class Estimator:
             """
             t = sums.count
             values, Y, position = self.sample(plan, x, y, t)
-            filtered = [s + w * v for s, (w, v) in zip(sums.sums, self.splats(values, position))]
+            filtered = [s + w * v for s, (w, v) in zip(sums.sums, product(self.weights(position), values))]
             Y = dr.clip(dr.select(dr.abs(Y) > DARKEST, Y, 0), -BRIGHTEST, BRIGHTEST)
             in_pass = sums.in_pass + Y
             last = (t + 1) % n == 0

@@ -12,10 +12,11 @@ from ..alone import alone
 from ..compat import dr_array
 from ..parameters import reject
 from ..registry import create
-from .plan import pixels
+from .plan import neighbours, pixels
 
 if TYPE_CHECKING:
-    from .accumulators import Accumulators, FilmState
+    from .accumulators import FilmState
+    from .error_target import SecondImage
 
 #: Channels of statistics about the render; any other AOV is computed by Mitsuba's ``aov`` integrator.
 OWN_AOVS = ("samples", "error")
@@ -29,45 +30,32 @@ class Channels:
     """
 
     def __init__(
-        self, film: mi.Film, stored_colours: str, integrator_aovs: Sequence[str] = (), aovs: mi.Integrator | None = None
+        self,
+        film: mi.Film,
+        stored_colours: str,
+        integrator_aovs: Sequence[str],
+        aovs: mi.Integrator | None,
+        own_aovs: Sequence[str],
     ) -> None:
-        self.film, self.stored_colours, self.aovs = film, stored_colours, aovs
+        self.film, self.stored_colours, self.aovs, self.own_aovs = film, stored_colours, aovs, own_aovs
         self.special = mi.has_flag(film.flags(), mi.FilmFlags.Special)
         self.alpha = bool(mi.has_flag(film.flags(), mi.FilmFlags.Alpha))
-        mitsuba_aovs = list(aovs.aov_names()) if aovs is not None else []
-        #: Names of the channels; ``W`` is the weight.
-        self.names = (
-            ([str(k) for k in range(film.base_channels_count())] if self.special else list("RGB") + ["A"] * self.alpha)
-            + ["W"]
-            + list(integrator_aovs)
-            + mitsuba_aovs
-        )
+        aov_names = [*integrator_aovs, *(aovs.aov_names() if aovs is not None else ())]
+        colours = map(str, range(film.base_channels_count())) if self.special else "RGB" + "A" * self.alpha
+        #: Names of the channels of a sample; ``W`` is the weight.
+        self.names = [*colours, "W", *aov_names]
+        #: Names of the AOVs of the film, which follow its own channels.
+        self.aov_names = aov_names + list(own_aovs)
 
-    @property
-    def aov_names(self) -> list[str]:
-        """Names of the AOVs, which follow the film's own channels."""
-        return self.names[self.names.index("W") + 1 :]
+    def values(self, L: mi.Spectrum, wavelengths: mi.Color0f, alpha: mi.Float) -> list[mi.Float]:
+        """Returns the values of the film's own channels for a sample of weight 1.
 
-    def values(
-        self,
-        scene: mi.Scene,
-        sampler: mi.Sampler,
-        ray: mi.Ray3f,
-        L: mi.Spectrum,
-        hit: mi.Float,
-        integrator_values: Sequence[mi.Float] = (),
-    ) -> list[mi.Float]:
-        """Returns the values of all channels for a sample of weight 1.
-
-        ``L`` is the radiance along the camera ray ``ray``, times the weight of the ray. ``hit`` is the alpha of the
-        sample: 1 if the integrator reports a hit, else 0. ``integrator_values`` are further values that the integrator
-        returned.
+        ``L`` is the radiance along the camera ray, times the weight of the ray.
         """
         if self.special:
-            values = self.film.prepare_sample(L, ray.wavelengths, self.film.base_channels_count() + 1, 1.0, hit)
-        else:
-            values = self.rgb(L, ray.wavelengths) + [hit] * self.alpha + [mi.Float(1)]
-        return [*values, *integrator_values, *aov_values(self.aovs, scene, sampler, ray, True)]
+            values = self.film.prepare_sample(L, wavelengths, self.film.base_channels_count() + 1, 1.0, alpha)
+            return list(values)
+        return [*self.rgb(L, wavelengths), *[alpha] * self.alpha, mi.Float(1)]
 
     def rgb(self, L: mi.Spectrum, wavelengths: mi.Color0f) -> list[mi.Float]:
         """Returns red, green and blue of the radiance ``L``; a colour that is not stored is 0."""
@@ -121,11 +109,6 @@ def parse_aovs(props: mi.Properties) -> tuple[list[str], mi.Integrator | None]:
     return own, create("aov", aovs=",".join(others)) if others else None
 
 
-def append_channels(image: mi.TensorXf, more: int) -> mi.TensorXf:
-    """Returns ``image``, shape (height, width, channels), with ``more`` further channels of zeros at the end."""
-    return dr.concat((image, dr.zeros(mi.TensorXf, (*image.shape[:2], more))), axis=2) if more else image
-
-
 def put(film: mi.Film, values: mi.TensorXf, aov_names: Sequence[str]) -> None:
     """Replaces the content of ``film``, which may be that of another image, by ``values``."""
     film.prepare(aov_names)
@@ -133,39 +116,30 @@ def put(film: mi.Film, values: mi.TensorXf, aov_names: Sequence[str]) -> None:
 
 
 @alone()
-def film_values(state: FilmState, own_aovs: Sequence[str], second: Accumulators | None = None) -> mi.TensorXf:
+def film_values(image: FilmState | SecondImage) -> mi.TensorXf:
     """Returns the film's values of the image so far, shape (height, width, channels).
 
-    The channels ``own_aovs`` are multiplied by the weight, as films expect. Pixels without samples are black.
-    ``second`` has the accumulators of a complete second image, whose values are returned instead. Each pixel gathers
-    the sums of the pixels within the filter's reach, row after row.
+    A :class:`.SecondImage` must be complete. The integrator's own channels are multiplied by the weight, as films
+    expect. Pixels without samples are black. Each pixel gathers the sums of the pixels within the filter's reach, row
+    after row.
     """
-    plan, names = state.plan, state.estimator.channels.names
-    accumulators, outer = (state.accumulators, state.outer) if second is None else (second, state.plan.region)
-    (left, top, right, bottom), reach = plan.window, plan.reach
+    plan, channels, sums = image.plan, image.estimator.channels, image.accumulators
+    left, top, right, bottom = plan.window
+    own = {"samples": sums.count}
+    if "error" in channels.own_aovs:
+        own["error"] = dr_array(sums.error(plan.n))
     x, y = pixels(plan.window)
-    offsets = range(-reach, reach + 1)
-    own = {"samples": accumulators.count}
-    if "error" in own_aovs:
-        own["error"] = dr_array(accumulators.error(plan.n))
-    totals = [mi.Float(0) for _ in names]
-    first_x, first_y, last_x, last_y, x0, y0, width = (
-        dr.opaque(mi.Int32, v) for v in (*plan.region, *outer[:2], outer[2] - outer[0])
-    )
-    own_index = (y - y0) * width + x - x0
-    # The offsets are reversed, so that the source pixels (x - dx, y - dy) come row after row.
-    for dy in reversed(offsets):
-        for dx in reversed(offsets):
-            sx, sy = x - dx, y - dy
-            in_region = (sx >= first_x) & (sx < last_x) & (sy >= first_y) & (sy < last_y)
-            source = mi.UInt32(own_index - dy * width - dx)
-            count = dr.gather(mi.UInt32, accumulators.count, source, in_region)
-            weight = dr.select(count > 0, dr.rcp(mi.Float(count)), 0)
-            place = ((dy + reach) * (2 * reach + 1) + dx + reach) * len(names)
-            for c, sums in enumerate(accumulators.sums[place : place + len(names)]):
-                totals[c] = totals[c] + weight * dr.gather(mi.Float, sums, source, in_region)
-    weight = totals[names.index("W")]
-    totals += [weight * mi.Float(dr.gather(type(own[name]), own[name], mi.UInt32(own_index))) for name in own_aovs]
+    totals = [mi.Float(0) for _ in channels.names]
+    sources = list(neighbours(x, y, image.estimator.reach, plan.region, image.outer))
+    # The sums of a pixel begin with those for the upper left pixel within the filter's reach; for this pixel, the
+    # source is the lower right one. So the sources come row after row if the sums are taken from the last to the first.
+    for place, (index, active) in zip(reversed(range(len(sources))), sources):
+        count = dr.gather(mi.UInt32, sums.count, index, active)
+        weight = dr.select(count > 0, dr.rcp(mi.Float(count)), 0)
+        for c, values in enumerate(sums.sums[place * len(totals) :][: len(totals)]):
+            totals[c] = totals[c] + weight * dr.gather(mi.Float, values, index, active)
+    weight, (index, _) = totals[channels.names.index("W")], sources[len(sources) // 2]
+    totals += [weight * mi.Float(dr.gather(type(own[name]), own[name], index)) for name in channels.own_aovs]
     values = dr.ravel(mi.ArrayXf(totals))
     dr.eval(values)
     return mi.TensorXf(values, (bottom - top, right - left, len(totals)))

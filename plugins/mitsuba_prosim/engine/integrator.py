@@ -13,7 +13,7 @@ from ..alone import alone
 from ..compat import take_back_interrupts
 from ..parameters import choice, describe, number, reject, whole
 from ..sampling.nrook import JITTERS
-from .film import Channels, append_channels, parse_aovs
+from .film import Channels, parse_aovs
 from .plan import SAMPLING, Plan, Sampling
 
 if TYPE_CHECKING:
@@ -175,7 +175,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         with alone(), dr.suspend_grad():
             estimator = self.estimator(scene, sensor)
             plan = Plan.of(sampling, sensor.film(), seed, spp)
-            render = Render(plan, estimator, self.own_aovs, executor, begin, part, denoiser)
+            render = Render(plan, estimator, executor, begin, part, denoiser)
         self._renders.add(render)
         return render
 
@@ -190,7 +190,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         from .estimator import Estimator
 
         transport = self.transport(scene, sensor)
-        channels = Channels(sensor.film(), self.channels, transport.aov_names, self.mitsuba_aovs)
+        channels = Channels(sensor.film(), self.channels, transport.aov_names, self.mitsuba_aovs, self.own_aovs)
         result = Estimator(scene, sensor, transport, channels)
         # The channel names may depend on the scene. A specfilm that is not prepared ends the process.
         sensor.film().prepare(self.aov_names())
@@ -220,8 +220,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         storage, gradient = mi.TensorXf(derivatives.storage), derivatives.forward()
         dr.enable_grad(storage)
         dr.set_grad(storage, gradient)
-        gradient = dr.forward_to(derivatives.develop(storage))
-        return append_channels(gradient, len(self.own_aovs))  # the integrator's own channels have no derivatives
+        return dr.forward_to(derivatives.develop(storage))
 
     @alone()
     def render_backward(
@@ -237,8 +236,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         derivatives = self._derivatives(scene, sensor, seed, spp)
         storage = mi.TensorXf(derivatives.storage)
         dr.enable_grad(storage)
-        image = derivatives.develop(storage)
-        dr.backward(dr.sum(image * grad_in[:, :, : image.shape[2]], axis=None))
+        dr.backward(dr.sum(derivatives.develop(storage) * grad_in, axis=None))
         derivatives.backward(dr.grad(storage))
 
     def _derivatives(self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int) -> Derivatives:

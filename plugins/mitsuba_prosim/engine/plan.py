@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 
 import drjit as dr
@@ -103,8 +104,8 @@ class Plan:
     #: The pixels that have samples: those of the film, and those beyond it within the filter's reach if the film
     #: samples its border.
     domain: Rectangle
-    #: Radius of the reconstruction filter, in whole pixels.
-    reach: int
+    #: The pixels whose samples reach the crop window through the reconstruction filter.
+    region: Rectangle
     #: The parameters of sampling.
     sampling: Sampling
     #: Seed of the photons, for all pixels.
@@ -131,6 +132,7 @@ class Plan:
         x, y, w, h, width, height = (int(v) for v in (x, y, w, h, width, height))
         reach = film.rfilter().border_size()
         border = reach if film.sample_border() else 0
+        window, domain = (x, y, x + w, y + h), (-border, -border, width + border, height + border)
         seed = mi.UInt32(seed)
         dr.make_opaque(seed)  # a constant seed would be a part of the kernel
         least = min(least, highest)
@@ -147,17 +149,12 @@ class Plan:
             shared=spp if shares else 0,
             permutations=Permutations(n),
             seed=seed,
-            window=(x, y, x + w, y + h),
-            domain=(-border, -border, width + border, height + border),
-            reach=reach,
+            window=window,
+            domain=domain,
+            region=widened(window, reach, domain),
             sampling=sampling,
             photon_seed=int(seed[0]),
         )
-
-    @property
-    def region(self) -> Rectangle:
-        """The pixels whose samples reach the crop window through the filter."""
-        return widened(self.window, self.reach, self.domain)
 
     def points(self, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> NRook | Sobol:
         """Returns the ``t``-th sample of the pixels (x, y), in every space.
@@ -195,11 +192,22 @@ def pixels(rectangle: Rectangle) -> tuple[mi.Int32, mi.Int32]:
     return dr_array(np.tile(x, len(y))), dr_array(np.repeat(y, len(x)))
 
 
-def index_within(rectangle: Rectangle, x: mi.Int32, y: mi.Int32) -> mi.UInt32:
-    """Returns the index of the pixel (x, y) among the :func:`pixels` of the rectangle."""
+def neighbours(
+    x: mi.Int32, y: mi.Int32, reach: int, inside: Rectangle, stored: Rectangle
+) -> Iterator[tuple[mi.UInt32, mi.Bool]]:
+    """Yields ``(index, active)`` for each pixel within ``reach`` rows and columns of the pixels (x, y), row by row.
+
+    ``active`` tells whether the neighbour is in the rectangle ``inside``. If so, ``index`` is its index among the
+    :func:`pixels` of the rectangle ``stored``.
+    """
+    width = stored[2] - stored[0]
+    first = stored[1] * width + stored[0]
     # The numbers are opaque, so that one kernel serves all rectangles.
-    left, top, width = (dr.opaque(mi.Int32, v) for v in (rectangle[0], rectangle[1], rectangle[2] - rectangle[0]))
-    return mi.UInt32((y - top) * width + x - left)
+    left, top, right, bottom, width, first = (dr.opaque(mi.Int32, v) for v in (*inside, width, first))
+    for ny in (y + step for step in range(-reach, reach + 1)):
+        for nx in (x + step for step in range(-reach, reach + 1)):
+            active = (nx >= left) & (nx < right) & (ny >= top) & (ny < bottom)
+            yield mi.UInt32(ny * width + nx - first), active
 
 
 def area(rectangle: Rectangle) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -65,8 +65,8 @@ class Pass(NamedTuple):
     stoppable: bool = True
 
 
-#: Passes, and steps that show the image between two passes. Whether a pass came to its end is sent back.
-Passes = Generator["Pass | Step", "bool | None", None]
+#: Passes, and steps that show the image between two passes.
+Passes = Iterator["Pass | Step"]
 
 
 class Render(Steps):
@@ -74,9 +74,8 @@ class Render(Steps):
 
     The methods of this class may be called between two steps. When the render ends or is closed, the film holds the
     image so far. To cancel a render, leave the loop and call :meth:`close`, which completes the first sample of every
-    pixel if the render has started. ``estimator`` takes the samples. ``own_aovs`` are the names of channels with
-    statistics. ``executor`` computes work items, by default in this process. ``begin`` is a checkpoint from which the
-    render continues.
+    pixel if the render has started. ``estimator`` takes the samples. ``executor`` computes work items, by default in
+    this process. ``begin`` is a checkpoint from which the render continues.
 
     ``denoiser`` is a ``FinalImage``, which estimates the error of the denoised image. The denoiser needs a complete
     second image. The complete second image begins when the denoiser requests it, or at the end if the limits are not
@@ -90,26 +89,22 @@ class Render(Steps):
         self,
         plan: Plan,
         estimator: Estimator,
-        own_aovs: Sequence[str],
         executor: Executor | None = None,
         begin: Checkpoint | None = None,
         part: Part | None = None,
         denoiser: Any = None,
     ) -> None:
         self.state = FilmState(plan, estimator, part if begin is None else begin.part)
-        self.film, self.own_aovs, self.executor = estimator.sensor.film(), own_aovs, executor or Executor()
+        self.film, self.executor = estimator.sensor.film(), executor or Executor()
         elapsed = 0.0 if begin is None else begin.attributes["seconds"]
         self.target = ErrorTarget(plan.sampling.noises, plan.sampling.time, time.perf_counter() - elapsed)
         #: Whether the image has all requested samples.
-        self.finished = False
-        #: Whether :meth:`stop` was called; the progress, 0 to 1.
-        self._stopped, self._done = False, 0.0
+        self.finished = begin is not None and begin.restore(self.state)
+        #: Whether :meth:`stop` was called; whether the last pass came to its end; the progress, 0 to 1.
+        self._stopped, self._complete, self._done = False, True, 0.0
         #: The film's values after the end of the render; None before.
         self._values: mi.TensorXf | None = None
-        self._finished_before = begin is not None and begin.restore(self.state)
         self.denoiser = denoiser
-        #: The next pass aims at an error of ``loosening`` times the limits. The denoiser sets this factor.
-        self.loosening = 1.0
         self._tiny_lamp = sees_tiny_lamp(estimator.scene, estimator.sensor)
         self.second: SecondImage | None = None
         if any(self.target.limits) or (denoiser is not None and self.target.seconds):
@@ -135,18 +130,13 @@ class Render(Steps):
 
     def _run(self) -> Generator[Step, None, None]:
         """Takes the samples of all passes; afterwards the film holds the image."""
-        passes, complete = self._passes(), None
+        target = self.target
         try:
-            while True:
-                try:
-                    current = passes.send(complete)
-                except StopIteration:
-                    break
+            for current in self._passes():
                 if isinstance(current, Step):
                     yield current
-                    complete = None
                     continue
-                (pixels, wanted, expected, _), target = current, self.target  # the denoiser replaces the target
+                pixels, wanted, expected, _ = current
                 shown = self.state.rounds == 0 or not self.state.plan.sampling.has_target
                 # Number of samples that the pass lacks before the current batch, and number taken in this batch. The
                 # pass is complete if both agree in the last batch.
@@ -168,18 +158,18 @@ class Render(Steps):
                             yield Step(self._done, False)
                             if taken < missing and self._must_end(current):
                                 break
-                complete = taken == missing
+                self._complete = taken == missing
                 # With an error target, :meth:`_refine` yields this step itself, after it has measured the error.
-                if (shown or not complete) and np.all(self.state.counts > 0):
+                if (shown or not self._complete) and np.all(self.state.counts > 0):
                     yield Step(self._done, True)
-            self.finished = not self._stopped and (complete is not False or self.target.time_is_up)
+            self.finished = not self._stopped and (self._complete or target.time_is_up)
             if self.finished and self._done < 1:
                 yield Step(1.0, True)
         except (Exception, KeyboardInterrupt):
             with suppress(Exception):  # a second error would hide the first one
                 self.update_film()
             raise
-        self._values = film_values(self.state, self.own_aovs)
+        self._values = film_values(self.state)
         self.update_film()
 
     def _must_end(self, current: Pass) -> bool:
@@ -198,7 +188,7 @@ class Render(Steps):
 
         If the image does not reach the target, passes over a second image for the denoiser follow.
         """
-        if not self._finished_before:
+        if not self.finished:
             yield from self._image_passes()
         within = self.target.excess(self.state.noise) <= 1
         if self.denoiser is not None and not within and not self._stopped:
@@ -206,7 +196,7 @@ class Render(Steps):
             yield self._second_pass(1)  # the time limit cannot end this pass: each pixel gets a sample
             yield self._second_pass()
             if any(self.target.limits) and self.second and not self._stopped:
-                self.state.noise = self.second.noise(self.state)
+                self.state.noise = self.second.noise()
 
     def _image_passes(self) -> Passes:
         """Yields the passes over the image; a restored state continues with its samples and decisions."""
@@ -217,11 +207,12 @@ class Render(Steps):
         if state.rounds == 0:
             if self.target.seconds:  # shows an image after one sample per pixel
                 yield Pass(state, np.minimum(first, 1))
-            complete = yield Pass(state, first, most)
-            # If the first pass was stopped, pixels without samples get one sample, so that no pixel is missing.
-            if not complete and np.any(state.accumulators.count):
-                yield Pass(state, np.minimum(first, 1), stoppable=False)
-            if not complete or (policy.first_samples == plan.max_samples and not any(self.target.limits)):
+            yield Pass(state, first, most)
+            if not self._complete:
+                if np.any(state.accumulators.count):  # the other pixels get one sample, so that no pixel is missing
+                    yield Pass(state, np.minimum(first, 1), stoppable=False)
+                return
+            if policy.first_samples == plan.max_samples and not any(self.target.limits):
                 return
         if plan.sampling.has_target:
             state.rounds = 1
@@ -238,7 +229,8 @@ class Render(Steps):
                     wanted = np.minimum(wanted, np.maximum(GROWTH * np.array(state.accumulators.count), plan.n**2))
                 state.wanted, state.rounds = state.counts_of_part(wanted, left * policy.reach), state.rounds + 1
             expected = most if left else float(state.wanted.sum(dtype=np.int64))
-            if not (yield Pass(state, state.wanted, expected)):
+            yield Pass(state, state.wanted, expected)
+            if not self._complete:
                 return
             state.wanted = None
 
@@ -249,7 +241,7 @@ class Render(Steps):
         depends on the error target and the time limit. If a restored state is within a pass (``state.wanted`` is not
         None), this pass continues first, without a measurement.
         """
-        state, started = self.state, time.perf_counter()
+        state, target, started = self.state, self.target, time.perf_counter()
         have = mean(state.counts)
         # Samples per pixel and second of a restored render. After the first pass alone the speed is not known (0),
         # because the first pass also compiles kernels.
@@ -258,20 +250,20 @@ class Render(Steps):
             count = np.array(state.accumulators.count)
             if state.wanted is None:
                 if (second := self.second) is not None:
-                    if not (yield self._second_pass()):
+                    yield self._second_pass()
+                    if not self._complete:
                         return
-                    self.loosening = 1.0
-                    state.noise = self.denoiser.estimate(self) if self.denoiser else second.noise(state)
+                    target.loosening = 1.0
+                    state.noise = self.denoiser.estimate(self) if self.denoiser else second.noise()
                     if self.second is not second:  # the denoiser has begun a complete second image: take its samples
                         continue
                 if (more := mean(state.counts) - have) > 0:
                     speed = more / max(time.perf_counter() - started, 1e-9)
                 yield Step(self._done, True)  # lets consumers show the image with its error
-            target = self.target
             if target.time_is_up or target.excess(state.noise) <= 1:
                 return
             if state.wanted is None:
-                state.wanted = next_counts(state, target.loosened(self.loosening), speed)
+                state.wanted = next_counts(state, target, speed)
                 if not np.any(state.wanted > count):  # each pixel has the maximum number of samples of the plan
                     state.wanted = None
                     if self.denoiser is None or self.second is None or self.second.complete:
@@ -280,7 +272,8 @@ class Render(Steps):
                     continue
             have, started = mean(count), time.perf_counter()
             expected = max(have * remaining_factor(state, target), mean(state.wanted)) if any(target.limits) else np.inf
-            if not (yield Pass(state, state.wanted, expected * len(count))):
+            yield Pass(state, state.wanted, expected * len(count))
+            if not self._complete:
                 return
             state.wanted = None
 
@@ -299,10 +292,8 @@ class Render(Steps):
         If ``second`` is true, writes the second image to the film instead; the second image must be complete.
         """
         # After the end of the render, the values of the first image are stored; otherwise they are computed now.
-        sums = self.second.accumulators if second and self.second else None
-        values = self._values if sums is None else None
-        names = [*self.state.estimator.channels.aov_names, *self.own_aovs]
-        put(self.film, film_values(self.state, self.own_aovs, sums) if values is None else values, names)
+        stored, image = (self._values, self.state) if self.second is None or not second else (None, self.second)
+        put(self.film, film_values(image) if stored is None else stored, self.state.estimator.channels.aov_names)
         self.film.schedule_storage()
         dr.eval()  # pending work of this thread would break dr.freeze in another thread
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 
-from ..engine.film import aov_values, append_channels
+from ..engine.film import aov_values
 from ..engine.integrator import ProgressiveIntegrator
 from ..parameters import nested_integrator
 from ..registry import plugin
@@ -95,7 +96,8 @@ class ProsimAdaptive(ProgressiveIntegrator):
     ) -> mi.TensorXf:
         """Returns the derivative of the image along the gradients of the scene parameters, by the nested integrator."""
         gradient = self.nested.render_forward(scene, params, sensor, seed, spp or self.samples**2)
-        return append_channels(gradient, len(self.aov_names()) - len(self.nested.aov_names()))
+        own = len(self.aov_names()) - len(self.nested.aov_names())  # further channels, which have no derivatives
+        return dr.concat((gradient, dr.zeros(mi.TensorXf, (*gradient.shape[:2], own))), axis=2) if own else gradient
 
     def render_backward(
         self,

@@ -79,7 +79,7 @@ def layers_of_render(render: Render, integrator: mi.Integrator) -> dict[str, np.
     kind, image = getattr(integrator, "layers", "none"), np.array(render.image())
     layers = {"final": colours(image), "error": render.error(), "samples": render.counts().astype(np.float32)}
     if kind != "none":
-        names = [*render.state.estimator.channels.aov_names, *render.own_aovs]
+        names = render.state.estimator.channels.aov_names
         for k, name in enumerate(render.state.estimator.transport.aov_names, image.shape[2] - len(names)):
             if name.endswith(".R"):
                 layers[f"{kind}.{name[:-2]}"] = colours(image[..., k : k + 3])

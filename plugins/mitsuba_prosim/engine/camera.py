@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
@@ -13,11 +12,6 @@ import numpy as np
 from ..compat import PERSPECTIVE, world_transform
 from ..optics.nested import all_flags
 from ..transport import lobes
-
-if TYPE_CHECKING:
-    #: Function that returns a ray and its weight, given the time, a number for the wavelengths, the position on the
-    #: film, and the position on the lens.
-    RaySampler = Callable[[mi.Float, mi.Float, mi.Point2f, mi.Point2f], tuple[mi.Ray3f, mi.Spectrum]]
 
 
 def is_perspective(sensor: mi.Sensor) -> bool:
@@ -39,10 +33,11 @@ def sees_tiny_lamp(scene: mi.Scene, sensor: mi.Sensor) -> bool:
     return any(np.linalg.norm(box.extents()) < 2 * pixel * np.linalg.norm(box.center() - eye) for box in boxes)
 
 
-def ray_sampler(sensor: mi.Sensor) -> RaySampler:
+def ray_sampler(sensor: mi.Sensor) -> Callable[..., tuple[mi.Ray3f, mi.Spectrum]]:
     """Returns a function like ``sensor.sample_ray_differential``, but without differentials.
 
-    The positions are on the whole film. If the sensor is no perspective camera, call the returned function only within
+    Its arguments are the time, a number for the wavelengths, the position on the whole film, and the position on the
+    lens. If the sensor is no perspective camera, call the returned function only within
     :func:`without_crop_window`. Some sensors have no method ``sample_ray``. Mitsuba's perspective camera has the film's
     size as a constant in its code, so Dr.Jit would compile a kernel for each resolution. To avoid this, the returned
     function computes the rays of the perspective camera itself, with the camera's matrices.

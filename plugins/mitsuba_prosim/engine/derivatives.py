@@ -51,8 +51,8 @@ class Derivatives:
                 x, y = (dr.gather(mi.Int32, v, pixel) for v in region)
                 values, _, position = self.estimator.sample(self.plan, x, y, t)
                 weights = [weight * dr.rcp(mi.Float(count)) for weight in self.estimator.weights(position)]
-                targets = neighbours(x, y, self.estimator.reach, window, window)
-                yield values, [dr.select(seen, (w, index), (0, 0)) for w, (index, seen) in zip(weights, targets)]
+                targets = zip(weights, neighbours(x, y, self.estimator.reach, window, window))
+                yield values, [(dr.select(seen, w, 0), dr.select(seen, index, 0)) for w, (index, seen) in targets]
 
     def lanes(self) -> Iterator[list[mi.UInt32]]:
         """Yields all samples, up to ``LANES`` at a time, as ``[pixel, t, count]``.

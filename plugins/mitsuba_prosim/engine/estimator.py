@@ -7,7 +7,6 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 from ..sampling import wavelengths
 from ..sampling.hash import combine
@@ -39,16 +38,6 @@ class Estimator:
     def sums_per_pixel(self) -> int:
         """Number of sums that a pixel stores: one for each channel and each pixel within the filter's reach."""
         return len(self.channels.names) * (2 * self.reach + 1) ** 2
-
-    @property
-    def filter_weights(self) -> np.ndarray:
-        """Weights that the reconstruction filter gives to the pixels around a sample.
-
-        On each axis, the sample is a quarter of a pixel from the centre of its pixel: the mean distance of a random
-        sample. The sum of the squared weights is the fraction of the variance that remains after the filter.
-        """
-        f = np.array(self.rfilter.eval(mi.Float(np.arange(-self.reach, self.reach + 1) + 0.25)), dtype=np.float64)
-        return np.outer(f, f) / np.sum(f) ** 2
 
     def camera_ray(self, x: mi.Int32, y: mi.Int32, points: NRook | Sobol) -> tuple[mi.Ray3f, mi.Spectrum, mi.Point2f]:
         """Returns ``(ray, weight, position)`` for a camera ray through the pixel (x, y).

@@ -17,35 +17,29 @@ from .plan import neighbours, pixels
 if TYPE_CHECKING:
     from .accumulators import FilmState
     from .error_target import SecondImage
+    from .integrator import ProgressiveIntegrator
 
 #: Channels of statistics about the render; any other AOV is computed by Mitsuba's ``aov`` integrator.
 OWN_AOVS = ("samples", "error")
 
 
 class Channels:
-    """The channels that every sample of an image has: those of the film, and those of Mitsuba's ``aov`` integrator.
+    """The channels of an image on ``film``, by the parameters ``channels`` and ``aovs`` of a progressive integrator.
 
-    ``stored_colours`` are the letters of "rgb" that the film stores. ``integrator_aovs`` are the names of further
-    values that the integrator returns, such as layers. ``aovs`` is Mitsuba's ``aov`` integrator, or None.
+    ``transport_aovs`` are the names of further values that the transport returns, such as layers.
     """
 
-    def __init__(
-        self,
-        film: mi.Film,
-        stored_colours: str,
-        integrator_aovs: Sequence[str],
-        aovs: mi.Integrator | None,
-        own_aovs: Sequence[str],
-    ) -> None:
-        self.film, self.stored_colours, self.aovs, self.own_aovs = film, stored_colours, aovs, own_aovs
+    def __init__(self, film: mi.Film, integrator: ProgressiveIntegrator, transport_aovs: Sequence[str]) -> None:
+        self.film, self.stored_colours = film, integrator.channels
+        self.aovs, self.own_aovs = integrator.mitsuba_aovs, integrator.own_aovs
         self.special = mi.has_flag(film.flags(), mi.FilmFlags.Special)
         self.alpha = bool(mi.has_flag(film.flags(), mi.FilmFlags.Alpha))
-        aov_names = [*integrator_aovs, *(aovs.aov_names() if aovs is not None else ())]
+        aov_names = [*transport_aovs, *(self.aovs.aov_names() if self.aovs is not None else ())]
         colours = map(str, range(film.base_channels_count())) if self.special else "RGB" + "A" * self.alpha
         #: Names of the channels of a sample; ``W`` is the weight.
         self.names = [*colours, "W", *aov_names]
         #: Names of the AOVs of the film, which follow its own channels.
-        self.aov_names = aov_names + list(own_aovs)
+        self.aov_names = aov_names + self.own_aovs
 
     def values(self, L: mi.Spectrum, wavelengths: mi.Color0f, alpha: mi.Float) -> list[mi.Float]:
         """Returns the values of the film's own channels for a sample of weight 1.
@@ -98,14 +92,10 @@ def parse_aovs(props: mi.Properties) -> tuple[list[str], mi.Integrator | None]:
     ``own`` are the names in :data:`OWN_AOVS`. ``mitsuba`` is an ``aov`` integrator of Mitsuba for the other names, or
     None. Raises ValueError for a name that is neither in :data:`OWN_AOVS` nor has the form ``name:type``.
     """
-    own, others = [], []
-    for aov in filter(None, (a.strip() for a in props.get("aovs", "").split(","))):
-        if aov in OWN_AOVS:
-            own.append(aov)
-        elif ":" in aov:
-            others.append(aov)
-        else:
-            raise reject(props, "aovs", aov, ", ".join(OWN_AOVS) + " or name:type as for the aov integrator")
+    aovs = list(filter(None, map(str.strip, props.get("aovs", "").split(","))))
+    own, others = [aov for aov in aovs if aov in OWN_AOVS], [aov for aov in aovs if aov not in OWN_AOVS]
+    if wrong := next((aov for aov in others if ":" not in aov), None):
+        raise reject(props, "aovs", wrong, ", ".join(OWN_AOVS) + " or name:type as for the aov integrator")
     return own, create("aov", aovs=",".join(others)) if others else None
 
 

@@ -190,7 +190,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         from .estimator import Estimator
 
         transport = self.transport(scene, sensor)
-        channels = Channels(sensor.film(), self.channels, transport.aov_names, self.mitsuba_aovs, self.own_aovs)
+        channels = Channels(sensor.film(), self, transport.aov_names)
         result = Estimator(scene, sensor, transport, channels)
         # The channel names may depend on the scene. A specfilm that is not prepared ends the process.
         sensor.film().prepare(self.aov_names())

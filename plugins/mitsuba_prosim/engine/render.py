@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Generator, Iterator
 from contextlib import closing, suppress
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import drjit as dr
@@ -28,8 +27,7 @@ if TYPE_CHECKING:
     from .work import Pixels
 
 
-@dataclass(frozen=True)
-class Reached:
+class Reached(NamedTuple):
     """Samples, error and time of an image so far."""
 
     #: Mean and minimum number of samples of a pixel.
@@ -184,34 +182,39 @@ class Render(Steps):
     # ---------------------------------------------------------------- the passes
 
     def _passes(self) -> Passes:
-        """Yields the passes over the image.
+        """Yields the passes over the image, up to the first one that does not come to its end.
 
         If the image does not reach the target, passes over a second image for the denoiser follow.
         """
-        if not self.finished:
-            yield from self._image_passes()
-        within = self.target.excess(self.state.noise) <= 1
+        state = self.state
+        one = state.counts_of_part(np.ones(dr.width(state.x), np.uint32), state.margin)
+        for current in self._image_passes(one) if not self.finished else ():
+            yield current
+            if not self._complete:
+                # In the first pass, pixels without samples get one sample, so that no pixel is missing.
+                if state.rounds == 0 and np.any(state.accumulators.count):
+                    yield Pass(state, one, stoppable=False)
+                break
+        within = self.target.excess(state.noise) <= 1
         if self.denoiser is not None and not within and not self._stopped:
             self.begin_complete_second()  # a complete second image that has begun continues
             yield self._second_pass(1)  # the time limit cannot end this pass: each pixel gets a sample
             yield self._second_pass()
             if any(self.target.limits) and self.second and not self._stopped:
-                self.state.noise = self.second.noise()
+                state.noise = self.second.noise()
 
-    def _image_passes(self) -> Passes:
-        """Yields the passes over the image; a restored state continues with its samples and decisions."""
+    def _image_passes(self, one: np.ndarray) -> Passes:
+        """Yields the passes over the image; a restored state continues with its samples and decisions.
+
+        ``one`` is 1 for each pixel that needs samples, and 0 for the others.
+        """
         state, plan, policy = self.state, self.state.plan, self.state.policy
-        first = state.counts_of_part(np.full(dr.width(state.x), policy.first_samples, np.uint32), state.margin)
         # Maximum number of samples of the whole image. The progress uses it while later passes are not decided.
-        most = float(plan.max_samples * np.count_nonzero(first))
+        most = float(plan.max_samples * np.count_nonzero(one))
         if state.rounds == 0:
             if self.target.seconds:  # shows an image after one sample per pixel
-                yield Pass(state, np.minimum(first, 1))
-            yield Pass(state, first, most)
-            if not self._complete:
-                if np.any(state.accumulators.count):  # the other pixels get one sample, so that no pixel is missing
-                    yield Pass(state, np.minimum(first, 1), stoppable=False)
-                return
+                yield Pass(state, one)
+            yield Pass(state, one * np.uint32(policy.first_samples), most)
             if policy.first_samples == plan.max_samples and not any(self.target.limits):
                 return
         if plan.sampling.has_target:
@@ -230,8 +233,6 @@ class Render(Steps):
                 state.wanted, state.rounds = state.counts_of_part(wanted, left * policy.reach), state.rounds + 1
             expected = most if left else float(state.wanted.sum(dtype=np.int64))
             yield Pass(state, state.wanted, expected)
-            if not self._complete:
-                return
             state.wanted = None
 
     def _refine(self) -> Passes:
@@ -251,8 +252,6 @@ class Render(Steps):
             if state.wanted is None:
                 if (second := self.second) is not None:
                     yield self._second_pass()
-                    if not self._complete:
-                        return
                     target.loosening = 1.0
                     state.noise = self.denoiser.estimate(self) if self.denoiser else second.noise()
                     if self.second is not second:  # the denoiser has begun a complete second image: take its samples
@@ -273,8 +272,6 @@ class Render(Steps):
             have, started = mean(count), time.perf_counter()
             expected = max(have * remaining_factor(state, target), mean(state.wanted)) if any(target.limits) else np.inf
             yield Pass(state, state.wanted, expected * len(count))
-            if not self._complete:
-                return
             state.wanted = None
 
     def _second_pass(self, most: int = UNLIMITED) -> Pass:
@@ -354,7 +351,10 @@ class Render(Steps):
         with np.errstate(all="ignore"):  # NaN without samples
             error = in_display_units(sums.error(state.plan.n), total / count)
         values = np.float64(state.crop(error, state.plan.region))
-        result = float(np.sqrt(np.mean(values**2))) * float(np.linalg.norm(state.estimator.filter_weights))
+        # The reconstruction filter multiplies the variance by the sum of its squared weights. On each axis, the sample
+        # is a quarter of a pixel from the centre of its pixel: the mean distance of a random sample.
+        weights = np.array(dr.concat(state.estimator.weights(mi.Point2f(0.25))))
+        result = float(np.sqrt(np.mean(values**2)) * np.linalg.norm(weights) / np.sum(weights))
         return result if state.counts.min() > 1 and np.isfinite(result) else float("nan")
 
     @alone()

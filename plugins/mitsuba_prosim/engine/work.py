@@ -179,27 +179,18 @@ def work_items(pixels: Pixels, wanted: np.ndarray, executor: Executor, seconds: 
 
 @alone()
 def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, samples: int) -> WorkItem:
-    """Returns the work item for the pixels with the indices ``some``: at most ``samples`` samples, up to ``wanted``.
-
-    If these are all pixels in their order, the arrays are used without a copy.
-    """
-    x, y, start, plan, end = pixels.x, pixels.y, pixels.accumulators, pixels.plan, dr_array(wanted[some])
-    index = None
-    if len(some) < len(wanted) or np.any(some[1:] < some[:-1]):
-        index = dr_array(some.astype(np.uint32))
-        x, y, start = (dr.gather(type(values), values, index) for values in (x, y, start))
-        if dr.width(plan.seed) > 1:
-            plan = replace(plan, seed=dr.gather(mi.UInt32, plan.seed, index))
-        dr.eval(x, y, start, plan.seed)
+    """Returns the work item for the pixels with the indices ``some``: at most ``samples`` samples, up to ``wanted``."""
+    index, end, plan = dr_array(some.astype(np.uint32)), dr_array(wanted[some]), pixels.plan
+    x, y, start = dr.gather(tuple, (pixels.x, pixels.y, pixels.accumulators), index)
+    if dr.width(plan.seed) > 1:
+        plan = replace(plan, seed=dr.gather(mi.UInt32, plan.seed, index))
+    dr.eval(x, y, start, plan.seed)
 
     @alone()
     def store(sums: Accumulators) -> None:
         """Writes the sums of the work item to the accumulators of its pixels."""
-        if index is None:
-            vars(pixels.accumulators).update(vars(sums))
-        else:
-            dr.scatter(pixels.accumulators, sums, index, mode=dr.ReduceMode.NoConflicts)
-            dr.eval(pixels.accumulators)
+        dr.scatter(pixels.accumulators, sums, index, mode=dr.ReduceMode.NoConflicts)
+        dr.eval(pixels.accumulators)
 
     return WorkItem(pixels.estimator, plan, x, y, start, end, samples, store)
 

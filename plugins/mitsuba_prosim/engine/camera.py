@@ -61,13 +61,10 @@ def ray_sampler(sensor: mi.Sensor) -> Callable[..., tuple[mi.Ray3f, mi.Spectrum]
         wavelengths, weight = sensor.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), wavelength_sample)
         on_near = to_camera @ mi.Point3f(position.x + offset.x, position.y + offset.y, 0)
         d = dr.normalize(mi.Vector3f(on_near))
-        ray = dr.zeros(mi.Ray3f)
-        ray.time, ray.wavelengths = time, wavelengths
         to_world = world_transform(sensor, time)
-        ray.d = to_world @ d
-        ray.o = to_world.translation() + ray.d * (near / d.z)
-        ray.maxt = (far - near) / d.z
-        return ray, weight
+        direction = to_world @ d
+        origin = to_world.translation() + direction * (near / d.z)
+        return mi.Ray3f(origin, direction, (far - near) / d.z, time, wavelengths), weight
 
     return sample_ray
 

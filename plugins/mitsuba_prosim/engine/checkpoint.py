@@ -11,7 +11,6 @@ import json
 import time
 import warnings
 import zipfile
-from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -36,8 +35,8 @@ DECIDING = ("adaptive", "threshold", "max_samples")
 #: Attributes in which the parts of one image may differ.
 PARTS_MAY_DIFFER = ("scene", "exposure", "band", *MAY_DIFFER)
 
-#: The groups of arrays in a checkpoint.
-GROUPS = ("pixels", "second")
+#: The prefixes of the names of arrays in a file: arrays of the pixels, and of the second image.
+PIXELS, SECOND = "pixels.", "second."
 
 
 class CheckpointError(ValueError):
@@ -86,11 +85,9 @@ class Checkpoint:
         pixels = arrays(state.accumulators) | {"index": index(state)}
         if state.wanted is not None:
             pixels["wanted"] = state.wanted
-        stored = pixels["count"] > 0
-        if finished:
-            stored &= state.counts_of_part(pixels["count"], 0) > 0
-        if not stored.all():
-            pixels = {name: values[stored] for name, values in pixels.items()}
+        needed = state.counts_of_part(pixels["count"], 0) if finished else pixels["count"]
+        if not needed.all():
+            pixels = {name: values[needed > 0] for name, values in pixels.items()}
         # The attributes are those that a file would give back: lists in place of tuples.
         return cls(json.loads(json.dumps(attributes)), pixels, {} if state.second is None else arrays(state.second))
 
@@ -136,14 +133,17 @@ class Checkpoint:
             values[theirs] = self.pixels[name][mine]
         state.accumulators = accumulators(pixels)
         state.second = accumulators(self.second) if self.second else None
+        same_target = changed.isdisjoint(TARGETS)
         if decided:
-            state.rounds, state.wanted = self.attributes["rounds"], pixels.get("wanted")
-        return decided and self.finished and changed.isdisjoint(TARGETS)
+            # The current pass belongs to its target; with another target, the next pass is decided at once.
+            state.rounds, state.wanted = self.attributes["rounds"], pixels.get("wanted") if same_target else None
+        return decided and self.finished and same_target
 
     def write(self, path: Path) -> None:
         """Writes the archive to ``path``, and overwrites an older file. Raises OSError."""
         header = {"format": FORMAT, "environment": self.environment, "about": self.about, "attributes": self.attributes}
-        arrays = {f"{group}.{name}": values for group in GROUPS for name, values in getattr(self, group).items()}
+        groups = (PIXELS, self.pixels), (SECOND, self.second)
+        arrays: dict[str, Any] = {prefix + name: values for prefix, group in groups for name, values in group.items()}
         with open(path, "wb") as file:
             np.savez(file, facts=np.array(json.dumps(header)), **arrays)
 
@@ -205,10 +205,10 @@ def read(path: str | Path, arrays: bool = True) -> Checkpoint:
             header = json.loads(str(archive["facts"]))
             version = header["format"]
             names = archive.files if arrays and version == FORMAT else []
-            groups = [
-                {name.removeprefix(f"{group}."): archive[name] for name in names if name.startswith(f"{group}.")}
-                for group in GROUPS
-            ]
+            pixels, second = (
+                {name.removeprefix(group): archive[name] for name in names if name.startswith(group)}
+                for group in (PIXELS, SECOND)
+            )
     except (zipfile.BadZipFile, EOFError, NotImplementedError):  # the last: a damaged kind of compression
         raise CheckpointError(f"{path} is damaged or not complete; render again") from None
     except (ValueError, KeyError, TypeError, AttributeError):  # the last in Python 3.10: an array has no __enter__
@@ -218,7 +218,6 @@ def read(path: str | Path, arrays: bool = True) -> Checkpoint:
             f"{path} has format {version}, and this version reads format {FORMAT}; finish it with the version "
             "that wrote it, or render again"
         )
-    pixels, second = groups
     return Checkpoint(header["attributes"], pixels, second, header["about"], header["environment"])
 
 
@@ -304,15 +303,14 @@ def put_together(parts: Iterable[Checkpoint]) -> Checkpoint:
 
     The second image is left out; a render takes the samples of the second image again.
     """
-    headers, arrays = [], defaultdict[str, list[np.ndarray]](list)
+    headers, arrays = [], []
     for part in parts:
         headers.append(replace(part, pixels={}, second={}))
-        for name, values in part.pixels.items():
-            arrays[name].append(values)
+        arrays.append(dict(part.pixels))
     seconds = sum(header.attributes["seconds"] for header in headers)
     attributes = {**headers[0].attributes, "part": None, "seconds": seconds}
     # The arrays of the parts are released as soon as the array of the image is made.
-    pixels = {name: np.concatenate(arrays.pop(name)) for name in [*arrays]}
+    pixels = {name: np.concatenate([named.pop(name) for named in arrays]) for name in [*arrays[0]]}
     return replace(headers[0], attributes=attributes, pixels=pixels)
 
 

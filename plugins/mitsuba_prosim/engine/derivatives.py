@@ -28,15 +28,12 @@ class Derivatives:
 
     def __init__(self, state: FilmState) -> None:
         self.plan, self.estimator, self.sensor = state.plan, state.estimator, state.estimator.sensor
-        self.film = self.sensor.film()
         self.counts = state.counts.ravel()
-        #: The film's values of the rendered image.
+        #: The film's values of the rendered image; and the developed image, which is differentiable by the values.
         self.storage = film_values(state)
-
-    def develop(self, storage: mi.TensorXf) -> mi.TensorXf:
-        """Returns the developed image of the film values ``storage``, differentiably."""
-        put(self.film, storage, self.estimator.channels.aov_names)
-        return self.film.develop()
+        dr.enable_grad(self.storage)
+        put(self.sensor.film(), self.storage, self.estimator.channels.aov_names)
+        self.image = self.sensor.film().develop()
 
     def samples(self) -> Iterator[tuple[list[mi.Float], list[tuple[mi.Float, mi.UInt32]]]]:
         """Yields ``(values, splats)``: up to ``LANES`` samples, with derivatives.
@@ -68,9 +65,9 @@ class Derivatives:
             yield [dr_array(values.astype(np.uint32)) for values in (pixel, lane - ends[pixel] + count, count)]
 
     def backward(self, gradient: mi.TensorXf) -> None:
-        """Propagates derivatives with respect to the film's values to the scene's parameters."""
-        channels = gradient.shape[2]
-        gradient = gradient.array
+        """Propagates ``gradient``, that of the developed image, to the scene's parameters."""
+        dr.backward(dr.sum(self.image * gradient, axis=None))
+        channels, gradient = self.storage.shape[2], dr.grad(self.storage).array
         for values, splats in self.samples():
             loss = mi.Float(0)
             for c, value in enumerate(values):
@@ -83,9 +80,8 @@ class Derivatives:
             dr.eval()  # evaluates the derivatives of the parameters, so that all iterations have the same kernels
 
     def forward(self) -> mi.TensorXf:
-        """Propagates the derivatives of the scene's parameters forward to the film's values, and returns the latter."""
-        total = dr.zeros(mi.Float, len(self.storage.array))
-        channels = self.storage.shape[2]
+        """Returns the derivative of the developed image along the gradients of the scene's parameters."""
+        total, channels = dr.zeros(mi.Float, len(self.storage.array)), self.storage.shape[2]
         # Symbolic calls are off because of an error of Dr.Jit 1.5: if a call reads a variable, such as the weight of a
         # blend, then the derivatives of this variable also reach variables of earlier calls. Symbolic branches are off
         # because every call within a symbolic branch is symbolic.
@@ -101,4 +97,5 @@ class Derivatives:
                     for w, p in splats:
                         dr.scatter_add(total, w * dr.grad(value), p * channels + c)
                 dr.eval(total)  # limits the size of a kernel
-        return mi.TensorXf(total, self.storage.shape)
+        dr.set_grad(self.storage, mi.TensorXf(total, self.storage.shape))
+        return dr.forward_to(self.image)

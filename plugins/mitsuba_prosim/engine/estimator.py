@@ -31,8 +31,7 @@ class Estimator:
         self.rays = ray_sampler(sensor)
         self.rfilter = sensor.film().rfilter()
         self.reach = self.rfilter.border_size()
-        width, height = (int(v) for v in sensor.film().size())
-        self.inverse_size = mi.Vector2f(dr.opaque(mi.Float, 1 / width), dr.opaque(mi.Float, 1 / height))
+        self.inverse_size = mi.Vector2f(*(dr.opaque(mi.Float, 1 / int(size)) for size in sensor.film().size()))
 
     @property
     def sums_per_pixel(self) -> int:

@@ -47,8 +47,7 @@ class Channels:
         ``L`` is the radiance along the camera ray, times the weight of the ray.
         """
         if self.special:
-            values = self.film.prepare_sample(L, wavelengths, self.film.base_channels_count() + 1, 1.0, alpha)
-            return list(values)
+            return list(self.film.prepare_sample(L, wavelengths, self.film.base_channels_count() + 1, 1.0, alpha))
         return [*self.rgb(L, wavelengths), *[alpha] * self.alpha, mi.Float(1)]
 
     def rgb(self, L: mi.Spectrum, wavelengths: mi.Color0f) -> list[mi.Float]:

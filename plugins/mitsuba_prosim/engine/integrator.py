@@ -112,8 +112,6 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         ``spp`` replaces N²; with 0, N is the parameter ``samples``. In scalar variants, the sensor's sampler sets the
         number of samples, and a nonzero ``spp`` replaces that number.
         """
-        if isinstance(sensor, int):
-            sensor = scene.sensors()[sensor]
         if not dr.is_jit_v(mi.Float):
             return self._render_scalar(scene, sensor, seed, spp, develop, evaluate)
         render = self.progressive(scene, sensor, seed, spp)
@@ -196,13 +194,13 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         sensor.film().prepare(self.aov_names())
         return result
 
-    def _render_scalar(self, scene: mi.Scene, sensor: mi.Sensor, *arguments: Any) -> mi.TensorXf:
+    def _render_scalar(self, scene: mi.Scene, sensor: int | mi.Sensor, *arguments: Any) -> mi.TensorXf:
         """Renders by Mitsuba's own loop over pixels and samples."""
         if self._scalar is not None:  # this is the second call, from Mitsuba's ``render`` below
             return super().render(scene, sensor, *arguments)
         if self.sampling.has_target:
             mi.Log(mi.LogLevel.Warn, f"{self.name}: noise and time end nothing in scalar variants; the samples do.")
-        self._scalar = self.transport(scene, sensor)
+        self._scalar = self.transport(scene, scene.sensors()[sensor] if isinstance(sensor, int) else sensor)
         try:
             return super().render(scene, sensor, *arguments)
         finally:
@@ -216,11 +214,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         self, scene: mi.Scene, params: Any, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0
     ) -> mi.TensorXf:
         """Returns the derivative of the image along the gradients of the scene parameters."""
-        derivatives = self._derivatives(scene, sensor, seed, spp)
-        storage, gradient = mi.TensorXf(derivatives.storage), derivatives.forward()
-        dr.enable_grad(storage)
-        dr.set_grad(storage, gradient)
-        return dr.forward_to(derivatives.develop(storage))
+        return self._derivatives(scene, sensor, seed, spp).forward()
 
     @alone()
     def render_backward(
@@ -233,11 +227,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         spp: int = 0,
     ) -> None:
         """Adds the gradients of the scene parameters for ``grad_in``, the gradient of the image."""
-        derivatives = self._derivatives(scene, sensor, seed, spp)
-        storage = mi.TensorXf(derivatives.storage)
-        dr.enable_grad(storage)
-        dr.backward(dr.sum(derivatives.develop(storage) * grad_in, axis=None))
-        derivatives.backward(dr.grad(storage))
+        self._derivatives(scene, sensor, seed, spp).backward(grad_in)
 
     def _derivatives(self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int) -> Derivatives:
         """Renders the image, and returns the derivatives of its samples; raises RuntimeError with a time limit."""

@@ -128,8 +128,7 @@ class Plan:
             highest = (0 if spp else sampling.max_samples) or GRADED_PATTERNS * noisy
         else:
             highest = noisy = (0 if spp else sampling.max_samples) or noisy
-        (x, y), (w, h), (width, height) = film.crop_offset(), film.crop_size(), film.size()
-        x, y, w, h, width, height = (int(v) for v in (x, y, w, h, width, height))
+        x, y, w, h, width, height = map(int, (*film.crop_offset(), *film.crop_size(), *film.size()))
         reach = film.rfilter().border_size()
         border = reach if film.sample_border() else 0
         window, domain = (x, y, x + w, y + h), (-border, -border, width + border, height + border)

@@ -52,15 +52,16 @@ class Reached(NamedTuple):
 
 
 class Pass(NamedTuple):
-    """The samples that ``pixels`` lack to the counts ``wanted``, fewer where a pixel converges."""
+    """The samples that ``pixels`` lack to the counts ``wanted``, fewer where a pixel converges.
+
+    :meth:`Render.stop` cannot end a pass that follows one that did not come to its end: it completes the image.
+    """
 
     pixels: Pixels
     wanted: np.ndarray
     #: Estimated number of samples of all pixels together at the end of the image; if the number is 0, the samples of
     #: this pass do not count as progress.
     expected: float = 0.0
-    #: Whether :meth:`Render.stop` may end the pass.
-    stoppable: bool = True
 
 
 #: Passes, and steps that show the image between two passes.
@@ -134,7 +135,7 @@ class Render(Steps):
                 if isinstance(current, Step):
                     yield current
                     continue
-                pixels, wanted, expected, _ = current
+                pixels, wanted, expected = current
                 shown = self.state.rounds == 0 or not self.state.plan.sampling.has_target
                 # Number of samples that the pass lacks before the current batch, and number taken in this batch. The
                 # pass is complete if both agree in the last batch.
@@ -173,7 +174,7 @@ class Render(Steps):
     def _must_end(self, current: Pass) -> bool:
         """Tells whether the pass ends now. The time limit cannot end a pass of only the first sample of each pixel."""
         timed = np.any(current.wanted > 1) and self.target.time_is_up
-        return bool((current.stoppable and self._stopped) or timed)
+        return bool((self._complete and self._stopped) or timed)
 
     def begin_complete_second(self) -> None:
         """Begins or continues a complete second image; the samples of a partial second image are lost."""
@@ -193,7 +194,7 @@ class Render(Steps):
             if not self._complete:
                 # In the first pass, pixels without samples get one sample, so that no pixel is missing.
                 if state.rounds == 0 and np.any(state.accumulators.count):
-                    yield Pass(state, one, stoppable=False)
+                    yield Pass(state, one)
                 break
         within = self.target.excess(state.noise) <= 1
         if self.denoiser is not None and not within and not self._stopped:
@@ -248,31 +249,31 @@ class Render(Steps):
         # because the first pass also compiles kernels.
         speed = have / self.target.elapsed if have > state.plan.min_samples else 0.0
         while True:
-            count = np.array(state.accumulators.count)
-            if state.wanted is None:
-                if (second := self.second) is not None:
-                    yield self._second_pass()
-                    target.loosening = 1.0
-                    state.noise = self.denoiser.estimate(self) if self.denoiser else second.noise()
-                    if self.second is not second:  # the denoiser has begun a complete second image: take its samples
-                        continue
-                if (more := mean(state.counts) - have) > 0:
-                    speed = more / max(time.perf_counter() - started, 1e-9)
-                yield Step(self._done, True)  # lets consumers show the image with its error
+            if state.wanted is not None:
+                count = np.array(state.accumulators.count)
+                have, started, expected = mean(count), time.perf_counter(), np.inf
+                if any(target.limits):
+                    expected = max(have * remaining_factor(state, target), mean(state.wanted))
+                yield Pass(state, state.wanted, expected * len(count))
+                state.wanted = None
+            if (second := self.second) is not None:
+                yield self._second_pass()
+                target.loosening = 1.0
+                state.noise = self.denoiser.estimate(self) if self.denoiser else second.noise()
+                if self.second is not second:  # the denoiser has begun a complete second image: take its samples
+                    continue
+            if (more := mean(state.counts) - have) > 0:
+                speed = more / max(time.perf_counter() - started, 1e-9)
+            yield Step(self._done, True)  # lets consumers show the image with its error
             if target.time_is_up or target.excess(state.noise) <= 1:
                 return
-            if state.wanted is None:
-                state.wanted = next_counts(state, target, speed)
-                if not np.any(state.wanted > count):  # each pixel has the maximum number of samples of the plan
-                    state.wanted = None
-                    if self.denoiser is None or self.second is None or self.second.complete:
-                        return
-                    self.begin_complete_second()
-                    continue
-            have, started = mean(count), time.perf_counter()
-            expected = max(have * remaining_factor(state, target), mean(state.wanted)) if any(target.limits) else np.inf
-            yield Pass(state, state.wanted, expected * len(count))
-            state.wanted = None
+            wanted = next_counts(state, target, speed)
+            if np.any(wanted > np.array(state.accumulators.count)):
+                state.wanted = wanted
+            elif self.denoiser is not None and self.second is not None and not self.second.complete:
+                self.begin_complete_second()
+            else:  # each pixel has the maximum number of samples of the plan
+                return
 
     def _second_pass(self, most: int = UNLIMITED) -> Pass:
         """Returns the pass of the samples that the second image lacks, up to ``most`` samples of a pixel."""

@@ -13,7 +13,7 @@ import numpy as np
 from .error import standard_error
 from .plan import UNLIMITED, Plan, Rectangle, area, pixels, widened
 from .policies import policy_of
-from .tiles import Part, within_reach
+from .tiles import Part, part_numbers
 
 if TYPE_CHECKING:
     from .estimator import Estimator
@@ -118,11 +118,18 @@ class FilmState:
         return self.crop(self.accumulators.count, self.plan.region)
 
     def counts_of_part(self, counts: np.ndarray, reach: int) -> np.ndarray:
-        """Returns ``counts`` for the pixels within ``reach`` of this part of the image, and 0 for other pixels."""
+        """Returns ``counts`` for the pixels within ``reach`` of this part of the image, and 0 for other pixels.
+
+        ``reach`` is at most the side of a tile.
+        """
         if self.part is None:
             return counts
-        x, y = np.array(self.x), np.array(self.y)
-        return np.where(within_reach(self.part, self.plan.region, self.margin, x, y, reach), counts, np.uint32(0))
+        x, y, needed = np.array(self.x), np.array(self.y), np.zeros(counts.shape, bool)
+        left, top, right, bottom = self.plan.region
+        for px in (np.clip(x + step, left, right - 1) for step in (-reach, 0, reach)):
+            for py in (np.clip(y + step, top, bottom - 1) for step in (-reach, 0, reach)):
+                needed |= part_numbers(self.plan.region, self.part.of, self.margin, px, py) == self.part.number
+        return np.where(needed, counts, np.uint32(0))
 
     def request(self, margin: int = 0) -> np.ndarray:
         """Returns the samples that the policy requests for each pixel within ``margin`` of the region, and 0 for other

@@ -45,7 +45,7 @@ class Derivatives:
         window, region = self.plan.window, pixels(self.plan.region)
         with without_crop_window(self.sensor):
             for pixel, t, count in self.lanes():
-                x, y = (dr.gather(mi.Int32, v, pixel) for v in region)
+                x, y = dr.gather(tuple, region, pixel)
                 values, _, position = self.estimator.sample(self.plan, x, y, t)
                 weights = [weight * dr.rcp(mi.Float(count)) for weight in self.estimator.weights(position)]
                 targets = zip(weights, neighbours(x, y, self.estimator.reach, window, window))

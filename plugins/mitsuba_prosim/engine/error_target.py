@@ -133,8 +133,7 @@ class SecondImage:
             index = np.tile(index, copies)
         self.index, seed = index, hash32(seed)
         state.second_index = index
-        chosen = dr_array(index.astype(np.uint32))
-        self.x, self.y = (dr.gather(mi.Int32, v, chosen) for v in (state.x, state.y))
+        self.x, self.y = dr.gather(tuple, (state.x, state.y), dr_array(index.astype(np.uint32)))
         dr.make_opaque(seed, self.x, self.y)
         sampling = replace(state.plan.sampling, adaptive="none")  # the second image takes as many samples as the first
         self.plan = replace(state.plan, seed=seed, photon_seed=int(seed[0]), sampling=sampling)
@@ -183,19 +182,6 @@ def concentration(squares: np.ndarray) -> float:
     return float(np.sum(squares**2) / max(np.sum(squares) ** 2, 1e-300))
 
 
-def requested(state: FilmState) -> np.ndarray:
-    """Returns the samples that the policy of ``state`` requests for each pixel of the plan's region.
-
-    The result has an arbitrary unit, and is 0 for the other pixels of ``state.outer``.
-    """
-    result = np.minimum(state.request(), np.float32(UNLIMITED))
-    region = state.crop(result, state.plan.region)
-    # All samples of a pixel so far may agree by chance. So every pixel of the region gets samples from time to time.
-    # ``region`` is a view of ``result``.
-    region += np.float32(mean(region.ravel()) / 20)
-    return result
-
-
 def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarray:
     """Returns the counts after the next pass.
 
@@ -204,7 +190,11 @@ def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarr
     of the pixels' means at which the target is reached. ``speed`` is the number of samples per pixel and second; 0 if
     unknown.
     """
-    request, count = requested(state), np.array(state.accumulators.count)
+    request, count = np.minimum(state.request(), np.float32(UNLIMITED)), np.array(state.accumulators.count)
+    # All samples of a pixel so far may agree by chance. So every pixel of the region gets samples from time to time.
+    # ``region`` is a view of ``request``.
+    region = state.crop(request, state.plan.region)
+    region += np.float32(mean(region.ravel()) / 20)
     variances, have = display_variance(state.accumulators), mean(count)
     most, goal = (UNCERTAIN_GROWTH if state.noise[3] > UNCERTAIN * state.noise[0] else GROWTH) * have, None
     if target.seconds:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
@@ -19,15 +19,18 @@ from .film import Channels, aov_values, luminance
 from .plan import Plan
 from .policies import policy_of
 
+if TYPE_CHECKING:
+    from .integrator import ProgressiveIntegrator
+
 
 class Estimator:
-    """Takes samples of the image of ``scene`` by ``sensor``.
+    """Takes samples of the image of ``scene`` by ``sensor`` and a progressive ``integrator``; prepares the film."""
 
-    ``transport`` estimates the radiance along rays; ``channels`` are the channels of the image.
-    """
-
-    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, transport: Any, channels: Channels) -> None:
-        self.scene, self.sensor, self.transport, self.channels = scene, sensor, transport, channels
+    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, integrator: ProgressiveIntegrator) -> None:
+        self.scene, self.sensor, self.transport = scene, sensor, integrator.transport(scene, sensor)
+        self.channels = Channels(sensor.film(), integrator, self.transport.aov_names)
+        # The channel names may depend on the scene. A specfilm that is not prepared ends the process.
+        sensor.film().prepare(self.channels.aov_names)
         self.rays = ray_sampler(sensor)
         self.rfilter = sensor.film().rfilter()
         self.reach = self.rfilter.border_size()

@@ -114,9 +114,6 @@ def film_values(image: FilmState | SecondImage) -> mi.TensorXf:
     """
     plan, channels, sums = image.plan, image.estimator.channels, image.accumulators
     left, top, right, bottom = plan.window
-    own = {"samples": sums.count}
-    if "error" in channels.own_aovs:
-        own["error"] = dr_array(sums.error(plan.n))
     x, y = pixels(plan.window)
     totals = [mi.Float(0) for _ in channels.names]
     sources = list(neighbours(x, y, image.estimator.reach, plan.region, image.outer))
@@ -128,7 +125,9 @@ def film_values(image: FilmState | SecondImage) -> mi.TensorXf:
         for c, values in enumerate(sums.sums[place * len(totals) :][: len(totals)]):
             totals[c] = totals[c] + weight * dr.gather(mi.Float, values, index, active)
     weight, (index, _) = totals[channels.names.index("W")], sources[len(sources) // 2]
-    totals += [weight * mi.Float(dr.gather(type(own[name]), own[name], index)) for name in channels.own_aovs]
+    for name in channels.own_aovs:
+        statistic = sums.count if name == "samples" else dr_array(sums.error(plan.n))
+        totals.append(weight * mi.Float(dr.gather(type(statistic), statistic, index)))
     values = dr.ravel(mi.ArrayXf(totals))
     dr.eval(values)
     return mi.TensorXf(values, (bottom - top, right - left, len(totals)))

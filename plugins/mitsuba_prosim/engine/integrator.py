@@ -13,7 +13,7 @@ from ..alone import alone
 from ..compat import take_back_interrupts
 from ..parameters import choice, describe, number, reject, whole
 from ..sampling.nrook import JITTERS
-from .film import Channels, parse_aovs
+from .film import parse_aovs
 from .plan import SAMPLING, Plan, Sampling
 
 if TYPE_CHECKING:
@@ -187,12 +187,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         """Creates the estimator of an image, and prepares the film of ``sensor``."""
         from .estimator import Estimator
 
-        transport = self.transport(scene, sensor)
-        channels = Channels(sensor.film(), self, transport.aov_names)
-        result = Estimator(scene, sensor, transport, channels)
-        # The channel names may depend on the scene. A specfilm that is not prepared ends the process.
-        sensor.film().prepare(self.aov_names())
-        return result
+        return Estimator(scene, sensor, self)
 
     def _render_scalar(self, scene: mi.Scene, sensor: int | mi.Sensor, *arguments: Any) -> mi.TensorXf:
         """Renders by Mitsuba's own loop over pixels and samples."""

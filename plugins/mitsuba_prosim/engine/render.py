@@ -146,7 +146,7 @@ class Render(Steps):
                     missing = int(np.maximum(wanted - count, 0).sum())
                     items = work_items(pixels, batch, self.executor, target.item_seconds)
                     with closing(self.executor(items)) as results:
-                        for result in results if not self._must_end(current) else ():
+                        for result in results if not self._must_end(wanted) else ():
                             if result is not None:
                                 item, sums = result
                                 item.store(sums)
@@ -155,7 +155,7 @@ class Render(Steps):
                                 by_time = 1 - target.seconds_left / target.seconds if target.seconds else 0.0
                                 self._done = min(max(done, by_time), 1.0)
                             yield Step(self._done, False)
-                            if taken < missing and self._must_end(current):
+                            if taken < missing and self._must_end(wanted):
                                 break
                 self._complete = taken == missing
                 # With an error target, :meth:`_refine` yields this step itself, after it has measured the error.
@@ -171,9 +171,12 @@ class Render(Steps):
         self._values = film_values(self.state)
         self.update_film()
 
-    def _must_end(self, current: Pass) -> bool:
-        """Tells whether the pass ends now. The time limit cannot end a pass of only the first sample of each pixel."""
-        timed = np.any(current.wanted > 1) and self.target.time_is_up
+    def _must_end(self, wanted: np.ndarray) -> bool:
+        """Tells whether the pass to the counts ``wanted`` ends now.
+
+        The time limit cannot end a pass of only the first sample of each pixel.
+        """
+        timed = np.any(wanted > 1) and self.target.time_is_up
         return bool((self._complete and self._stopped) or timed)
 
     def begin_complete_second(self) -> None:

@@ -49,16 +49,3 @@ def part_numbers(region: Rectangle, parts: int, margin: int, x: np.ndarray, y: n
     # numbers are coprime, the tiles of a column belong to all parts in turn.
     coprime = (shift for shift in range(1, parts + 1) if gcd(shift, parts) == 1)
     return (column + row * min(coprime, key=lambda shift: abs(shift - SHIFT * parts))) % parts + 1
-
-
-def within_reach(part: Part, region: Rectangle, margin: int, x: np.ndarray, y: np.ndarray, reach: int) -> np.ndarray:
-    """Tells which of the pixels (x, y) are within ``reach`` of a pixel that ``part`` owns.
-
-    All pixels must be within ``reach`` of the region. ``reach`` is at most the side of a tile.
-    """
-    left, top, right, bottom = region
-    result = np.zeros(np.broadcast_shapes(x.shape, y.shape), bool)
-    for px in (np.clip(x + step, left, right - 1) for step in (-reach, 0, reach)):
-        for py in (np.clip(y + step, top, bottom - 1) for step in (-reach, 0, reach)):
-            result |= part_numbers(region, part.of, margin, px, py) == part.number
-    return result

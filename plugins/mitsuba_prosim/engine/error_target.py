@@ -5,6 +5,7 @@ takes.
 from __future__ import annotations
 
 import time
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
@@ -260,11 +261,8 @@ def smallest_effort(reaches: Callable[[float], bool]) -> float:
 
     The effort is the number of samples per requested sample.
     """
-    low, high = 2.0**-20, 2.0**40
-    for _ in range(16):
-        middle = (low * high) ** 0.5
-        low, high = (low, middle) if reaches(middle) else (middle, high)
-    return high
+    exponents = np.linspace(-20, 40, 2**16 + 1)
+    return float(2 ** exponents[bisect_left(exponents[:-1], True, key=lambda exponent: reaches(2**exponent))])
 
 
 def mean(values: np.ndarray) -> float:

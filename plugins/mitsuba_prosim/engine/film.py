@@ -15,9 +15,8 @@ from ..registry import create
 from .plan import neighbours, pixels
 
 if TYPE_CHECKING:
-    from .accumulators import FilmState
-    from .error_target import SecondImage
     from .integrator import ProgressiveIntegrator
+    from .work import Pixels
 
 #: Channels of statistics about the render; any other AOV is computed by Mitsuba's ``aov`` integrator.
 OWN_AOVS = ("samples", "error")
@@ -105,7 +104,7 @@ def put(film: mi.Film, values: mi.TensorXf, aov_names: Sequence[str]) -> None:
 
 
 @alone()
-def film_values(image: FilmState | SecondImage) -> mi.TensorXf:
+def film_values(image: Pixels) -> mi.TensorXf:
     """Returns the film's values of the image so far, shape (height, width, channels).
 
     A :class:`.SecondImage` must be complete. The integrator's own channels are multiplied by the weight, as films

@@ -187,8 +187,8 @@ def pixels(rectangle: Rectangle) -> tuple[mi.Int32, mi.Int32]:
     import numpy as np  # slow to import, and only a render needs NumPy
 
     left, top, right, bottom = rectangle
-    x, y = np.arange(left, right, dtype=np.int32), np.arange(top, bottom, dtype=np.int32)
-    return dr_array(np.tile(x, len(y))), dr_array(np.repeat(y, len(x)))
+    y, x = np.mgrid[top:bottom, left:right].astype(np.int32)
+    return dr_array(x), dr_array(y)
 
 
 def neighbours(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Generator, Iterator
 from contextlib import closing, suppress
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
@@ -21,10 +21,7 @@ from .estimator import Estimator
 from .film import film_values, put
 from .plan import UNLIMITED, Plan, area
 from .tiles import Part
-from .work import Executor, Step, Steps, photon_batches, work_items
-
-if TYPE_CHECKING:
-    from .work import Pixels
+from .work import Executor, Pixels, Step, Steps, photon_batches, work_items
 
 
 class Reached(NamedTuple):

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from .accumulators import FilmState
     from .error_target import SecondImage
 
-    #: Pixels that are sampled together: an image, or its second image.
-    Pixels: TypeAlias = FilmState | SecondImage
+#: Pixels that are sampled together: an image, or its second image.
+Pixels: TypeAlias = "FilmState | SecondImage"
 
 #: Maximum number of sums of the pixels of a work item, which limits memory: wide filters have many sums per pixel.
 MOST_SUMS = 1 << 22

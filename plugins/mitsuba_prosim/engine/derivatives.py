@@ -12,7 +12,7 @@ from ..compat import dr_array
 from .accumulators import FilmState
 from .camera import without_crop_window
 from .film import film_values, put
-from .plan import neighbours, pixels
+from .plan import pixels, pixels_around
 
 #: Number of samples per kernel. A large number is fast, because Dr.Jit traces the code again for each kernel. The
 #: number is limited by memory: a sample stores some 100 numbers per node.
@@ -48,7 +48,7 @@ class Derivatives:
                 x, y = dr.gather(tuple, region, pixel)
                 values, _, position = self.estimator.sample(self.plan, x, y, t)
                 weights = [weight * dr.rcp(mi.Float(count)) for weight in self.estimator.weights(position)]
-                targets = zip(weights, neighbours(x, y, self.estimator.reach, window, window))
+                targets = zip(weights, pixels_around(x, y, self.estimator.reach, window, window))
                 yield values, [(dr.select(seen, w, 0), dr.select(seen, index, 0)) for w, (index, seen) in targets]
 
     def lanes(self) -> Iterator[list[mi.UInt32]]:

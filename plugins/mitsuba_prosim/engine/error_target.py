@@ -20,7 +20,7 @@ from ..sampling.hash import hash32
 from .accumulators import Accumulators, FilmState
 from .error import displayed, in_display_units, variance
 from .film import film_values
-from .plan import UNLIMITED, area, neighbours
+from .plan import UNLIMITED, area, pixels_around
 
 #: Duration of a work item with a time limit: this fraction of the limit, within these bounds in seconds.
 SHARE, SHORTEST, LONGEST = 0.01, 0.01, 0.5
@@ -124,7 +124,9 @@ class SecondImage:
         If only few pixels are chosen, each of them is sampled several times with different seeds. If ``state`` stores
         accumulators with the right number of pixels, the second image continues from these accumulators.
         """
-        self.state, self.estimator, self.complete, self.outer = state, state.estimator, complete, state.plan.region
+        self.state, self.estimator, self.complete = state, state.estimator, complete
+        #: The rectangle of the pixels of a complete second image, row by row.
+        self.outer = state.plan.region
         index, seed = state.crop(np.arange(area(state.outer)), state.plan.region).ravel(), state.plan.seed + 1
         one_in = 1 if complete else max(1, min(self.ONE_IN, len(index) // self.MIN_PIXELS))
         index = index[hash32(hash32(index.astype(np.uint64)) + 1) % one_in == 0]  # a pseudo-random choice
@@ -157,7 +159,7 @@ class SecondImage:
         film, of_pixel, stored = film_values(self.state), len(channels.names), channels.names.index("W") + 1
         first, second, squares = self.state.accumulators, self.accumulators, dr.zeros(mi.Float, len(self.index))
         counts = [mi.Float(v) for v in (dr.gather(mi.UInt32, first.count, own), second.count)]
-        around = neighbours(self.x, self.y, self.estimator.reach, plan.window, plan.window)
+        around = pixels_around(self.x, self.y, self.estimator.reach, plan.window, plan.window)
         for place, (index, seen) in enumerate(around):
             sums = [image.sums[place * of_pixel :][:stored] for image in (first, second)]
             before = [dr.gather(mi.Float, film.array, index * film.shape[2] + k, seen) for k in range(stored)]

@@ -12,7 +12,7 @@ from ..alone import alone
 from ..compat import dr_array
 from ..parameters import reject
 from ..registry import create
-from .plan import neighbours, pixels
+from .plan import pixels, pixels_around
 
 if TYPE_CHECKING:
     from .integrator import ProgressiveIntegrator
@@ -115,7 +115,7 @@ def film_values(image: Pixels) -> mi.TensorXf:
     left, top, right, bottom = plan.window
     x, y = pixels(plan.window)
     totals = [mi.Float(0) for _ in channels.names]
-    sources = list(neighbours(x, y, image.estimator.reach, plan.region, image.outer))
+    sources = list(pixels_around(x, y, image.estimator.reach, plan.region, image.outer))
     # The sums of a pixel begin with those for the upper left pixel within the filter's reach; for this pixel, the
     # source is the lower right one. So the sources come row after row if the sums are taken from the last to the first.
     for place, (index, active) in zip(reversed(range(len(sources))), sources):

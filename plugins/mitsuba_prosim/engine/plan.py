@@ -191,7 +191,7 @@ def pixels(rectangle: Rectangle) -> tuple[mi.Int32, mi.Int32]:
     return dr_array(x), dr_array(y)
 
 
-def neighbours(
+def pixels_around(
     x: mi.Int32, y: mi.Int32, reach: int, inside: Rectangle, stored: Rectangle
 ) -> Iterator[tuple[mi.UInt32, mi.Bool]]:
     """Yields ``(index, active)`` for each pixel within ``reach`` rows and columns of the pixels (x, y), row by row.

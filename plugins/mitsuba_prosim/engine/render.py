@@ -51,7 +51,7 @@ class Reached(NamedTuple):
 class Pass(NamedTuple):
     """The samples that ``pixels`` lack to the counts ``wanted``, fewer where a pixel converges.
 
-    :meth:`Render.stop` cannot end a pass that follows one that did not come to its end: it completes the image.
+    A pass after an incomplete pass takes the first samples of the other pixels, so :meth:`Render.stop` cannot end it.
     """
 
     pixels: Pixels
@@ -176,9 +176,10 @@ class Render(Steps):
         timed = np.any(wanted > 1) and self.target.time_is_up
         return bool((self._complete and self._stopped) or timed)
 
-    def begin_complete_second(self) -> None:
-        """Begins or continues a complete second image; the samples of a partial second image are lost."""
+    def begin_complete_second(self) -> SecondImage:
+        """Begins or continues a complete second image, and returns it; the samples of a partial one are lost."""
         self.second = SecondImage(self.state, complete=True)
+        return self.second
 
     # ---------------------------------------------------------------- the passes
 
@@ -198,11 +199,11 @@ class Render(Steps):
                 break
         within = self.target.excess(state.noise) <= 1
         if self.denoiser is not None and not within and not self._stopped:
-            self.begin_complete_second()  # a complete second image that has begun continues
-            yield self._second_pass(1)  # the time limit cannot end this pass: each pixel gets a sample
-            yield self._second_pass()
-            if any(self.target.limits) and self.second and not self._stopped:
-                state.noise = self.second.noise()
+            second = self.begin_complete_second()  # a complete second image that has begun continues
+            yield self._second_pass(second, 1)  # the time limit cannot end this pass: each pixel gets a sample
+            yield self._second_pass(second)
+            if any(self.target.limits) and not self._stopped:
+                state.noise = second.noise()
 
     def _image_passes(self, one: np.ndarray) -> Passes:
         """Yields the passes over the image; a restored state continues with its samples and decisions.
@@ -247,7 +248,7 @@ class Render(Steps):
         have = mean(state.counts)
         # Samples per pixel and second of a restored render. After the first pass alone the speed is not known (0),
         # because the first pass also compiles kernels.
-        speed = have / self.target.elapsed if have > state.plan.min_samples else 0.0
+        speed = have / target.elapsed if have > state.plan.min_samples else 0.0
         while True:
             if state.wanted is not None:
                 count = np.array(state.accumulators.count)
@@ -257,7 +258,7 @@ class Render(Steps):
                 yield Pass(state, state.wanted, expected * len(count))
                 state.wanted = None
             if (second := self.second) is not None:
-                yield self._second_pass()
+                yield self._second_pass(second)
                 target.loosening = 1.0
                 state.noise = self.denoiser.estimate(self) if self.denoiser else second.noise()
                 if self.second is not second:  # the denoiser has begun a complete second image: take its samples
@@ -275,11 +276,9 @@ class Render(Steps):
             else:  # each pixel has the maximum number of samples of the plan
                 return
 
-    def _second_pass(self, most: int = UNLIMITED) -> Pass:
-        """Returns the pass of the samples that the second image lacks, up to ``most`` samples of a pixel."""
-        assert self.second is not None
-        wanted = np.minimum(np.array(self.state.accumulators.count)[self.second.index], np.uint32(most))
-        return Pass(self.second, wanted)
+    def _second_pass(self, second: SecondImage, most: int = UNLIMITED) -> Pass:
+        """Returns the pass of the samples that the ``second`` image lacks, up to ``most`` samples of a pixel."""
+        return Pass(second, np.minimum(np.array(self.state.accumulators.count)[second.index], np.uint32(most)))
 
     # ---------------------------------------------------------------- the image so far
 

@@ -187,7 +187,7 @@ def pixels(rectangle: Rectangle) -> tuple[mi.Int32, mi.Int32]:
     import numpy as np  # slow to import, and only a render needs NumPy
 
     left, top, right, bottom = rectangle
-    y, x = np.mgrid[top:bottom, left:right].astype(np.int32)
+    x, y = np.meshgrid(np.arange(left, right, dtype=np.int32), np.arange(top, bottom, dtype=np.int32))
     return dr_array(x), dr_array(y)
 
 

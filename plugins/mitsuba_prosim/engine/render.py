@@ -173,8 +173,7 @@ class Render(Steps):
 
         The time limit cannot end a pass of only the first sample of each pixel.
         """
-        timed = np.any(wanted > 1) and self.target.time_is_up
-        return bool((self._complete and self._stopped) or timed)
+        return bool((self._complete and self._stopped) or (np.any(wanted > 1) and self.target.time_is_up))
 
     def begin_complete_second(self) -> SecondImage:
         """Begins or continues a complete second image, and returns it; the samples of a partial one are lost."""

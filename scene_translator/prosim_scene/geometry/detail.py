@@ -15,156 +15,83 @@
 import math
 from collections import Counter
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
-from ..language.document import Document, subtree_ends
-from ..model import Leaf, Operator
+from ..language.document import Document
 from ..view import Camera
-from .csg import tree_of
+from .csg import Tree, fold
 from .grouping import group_equal, sweep
-from .primitives import MAX_SEGMENTS, MIN_SEGMENTS, OUTSIDE_SEGMENTS, OUTSIDE_TOLERANCE, box_corners
+from .primitives import MAX_SEGMENTS, MIN_SEGMENTS
 from .solids import IDENTITY, Solid, unit_mesh, world_box_corners
 
-
-class Ball(NamedTuple):
-    """A ball in world coordinates."""
-
-    center: tuple[float, float, float]
-    radius: float
+#: A bounding ball of an operand, the number of its first leaf, and the number after its last leaf.
+_Operand = tuple[np.ndarray, int, int]
 
 
-UNBOUNDED = Ball((0.0, 0.0, 0.0), math.inf)
+def active_zones(tree: Tree, solids: Sequence[Solid], of_leaf: np.ndarray) -> np.ndarray:
+    """Returns, for each solid, a ball that contains its active zone; the radius is infinite if no ball is known.
 
-
-def active_zones(csg: Sequence[Operator | Leaf], solids: Sequence[Solid], of_leaf: Sequence[int]) -> list[Ball]:
-    """Returns, for each solid, a ball that contains its active zone; UNBOUNDED if no ball is known.
-
-    Outside of its active zone, a solid has no effect on the result. ``csg`` is the CSG tree in prefix order,
-    ``of_leaf`` has the number of the solid of each leaf. A subtracted solid has an effect only inside the solid from
-    which it is subtracted. An operand of an intersection has an effect only inside the other operand.
+    A ball is a row of its centre and its radius. ``of_leaf`` has the number of the solid of each leaf. A subtracted
+    solid has an effect only inside the solid from which it is subtracted. An operand of an intersection has an effect
+    only inside the other operand. If a solid has several leaves, the result is the active zone of the last one.
     """
-    tree, ends = tree_of(csg), subtree_ends(csg)
-    of_solid = bounding_balls(solids)
-    value = {"+": union_ball, "-": lambda first, second: first, "*": intersection_ball}
-    balls = [UNBOUNDED] * len(tree)  # a bounding ball of the solid that each node of the tree describes
-    for i, node in reversed(list(enumerate(tree))):
-        if isinstance(node, str):
-            balls[i] = value[node](balls[i + 1], balls[ends[i + 1]])
-        else:
-            balls[i] = of_solid[of_leaf[node]]
-    bounds = [UNBOUNDED] * len(tree)
-    result: dict[int, Ball] = {}
-    for i, node in enumerate(tree):
-        if isinstance(node, str):
-            a, b = i + 1, ends[i + 1]
-            bounds[a] = intersection_ball(bounds[i], balls[b]) if node == "*" else bounds[i]
-            bounds[b] = bounds[i] if node == "+" else intersection_ball(bounds[i], balls[a])
-        else:
-            solid = of_leaf[node]
-            result[solid] = union_ball(result[solid], bounds[i]) if solid in result else bounds[i]
-    return [result[i] for i in range(len(solids))]
-
-
-def bounding_balls(solids: Sequence[Solid]) -> list[Ball]:
-    """Returns the bounding balls of solids, in world coordinates."""
-    result = [UNBOUNDED] * len(solids)
+    balls = np.empty((len(solids), 4))
     for primitive, numbers in group_equal(s.primitive for s in solids).items():
-        matrices = np.array([solids[number].to_world for number in numbers])
-        _, center, radius = primitive.ball(matrices[:, :3, :3])
-        for number, (x, y, z), r in zip(numbers, (center + matrices[:, :3, 3]).tolist(), radius.tolist()):
-            result[number] = Ball((x, y, z), r)
+        to_world = np.array([solids[i].to_world for i in numbers])
+        _, center, radius = primitive.ball(to_world[:, :3, :3])
+        balls[numbers] = np.append(center + to_world[:, :3, 3], radius[:, None], axis=1)
+    zones = np.tile([0.0, 0.0, 0.0, math.inf], (len(of_leaf), 1))
+
+    def combine(symbol: str, first: _Operand, second: _Operand) -> _Operand:
+        """Returns a bounding ball of an operator's result, and the range of its leaves; updates ``zones``."""
+        (a, begin, middle), (b, _, end) = first, second
+        if symbol == "+":
+            large, small = (a, b) if a[3] > b[3] else (b, a)
+            radius = max(large[3], math.dist(large[:3], small[:3]) + small[3])
+            return np.append(large[:3], radius), begin, end
+        zones[middle:end] = _smaller(zones[middle:end], a)
+        if symbol == "*":
+            zones[begin:middle] = _smaller(zones[begin:middle], b)
+            a = _smaller(a, b)
+        return a, begin, end
+
+    fold(tree, lambda number: (balls[of_leaf[number]], number, number + 1), combine)
+    result = np.empty_like(balls)
+    result[of_leaf] = zones
     return result
 
 
-def union_ball(a: Ball, b: Ball) -> Ball:
-    """Returns the bounding ball of two balls."""
-    distance = math.dist(a.center, b.center)
-    small, large = sorted((a, b), key=lambda ball: ball.radius)
-    if distance + small.radius <= large.radius:  # true for infinite radii, too
-        return large
-    radius = (distance + a.radius + b.radius) / 2
-    return Ball(_between(a, b, (radius - a.radius) / distance), radius)
+def _smaller(balls: np.ndarray, ball: np.ndarray) -> np.ndarray:
+    """Returns ``balls`` (..., 4); ``ball`` replaces those with a larger radius."""
+    return np.where(balls[..., 3:] <= ball[3], balls, ball)
 
 
-def intersection_ball(a: Ball, b: Ball) -> Ball:
-    """Returns a bounding ball of the intersection of two balls."""
-    small = min(a, b, key=lambda ball: ball.radius)
-    distance = math.dist(a.center, b.center)
-    if max(a.radius, b.radius) == math.inf or distance**2 <= abs(a.radius**2 - b.radius**2):
-        return small
-    # The distance, on the line through the centres, from the centre of a to the plane in which the spheres intersect.
-    along = (distance + (a.radius - b.radius) * (a.radius + b.radius) / distance) / 2
-    return Ball(_between(a, b, along / distance), math.sqrt(max((a.radius - along) * (a.radius + along), 0.0)))
+def refined_cap(solid: Solid, zone: np.ndarray, camera: Camera, tolerance: float) -> tuple[int, np.ndarray] | None:
+    """Returns the segments and the ``facet_map`` of a ball of which only a cap is in its active zone.
 
-
-def _between(a: Ball, b: Ball, fraction: float) -> tuple[float, float, float]:
-    """Returns the point at a ``fraction`` of the way from the centre of a to the centre of b."""
-    x, y, z = (p + fraction * (q - p) for p, q in zip(a.center, b.center))
-    return x, y, z
-
-
-MAX_REFINEMENT = 64.0  # the largest factor by which cap refinement reduces the distances of points near the cap
-NEXT_REFINEMENT = math.sqrt(0.5)  # the ratio of two refinements that are tried one after the other
-CORNERS = box_corners(np.array([[-1.0] * 3, [1.0] * 3]))
-
-
-def refined_cap(solid: Solid, bound: Ball, camera: Camera, tolerance: float) -> tuple[int, np.ndarray] | None:
-    """Returns the segments and the ``facet_map`` of a ball of which only a cap is in the active zone ``bound``.
-
-    Returns None if the active zone is larger than a cap. The chord error stays below ``tolerance`` pixels, also at the
-    rim of the cap. The facets far from the cap are coarse, and lie deep inside the ball; this depth must not reach the
-    active zone.
+    ``zone`` is a ball that contains the active zone. Returns None if the zone is larger than a cap. The chord error
+    stays below ``tolerance`` pixels, also at the rim of the cap.
     """
-    if bound.radius == math.inf:
-        return None
-    (whole_ball,) = bounding_balls([solid])
-    zone = intersection_ball(bound, whole_ball)
     inverse = np.linalg.inv(solid.to_world)
-    center = inverse[:3, :3] @ np.array(zone.center) + inverse[:3, 3]
-    distance, reach = float(np.linalg.norm(center)), zone.radius / solid.narrowest
-    cosine = _cosine(distance, reach)
-    if cosine is None:
+    axis, radius = inverse[:3, :3] @ zone[:3] + inverse[:3, 3], float(zone[3]) / solid.narrowest
+    distance = float(np.linalg.norm(axis))
+    cosine = (distance**2 + 1 - radius**2) / (2 * distance) if distance > 0 else 0.0  # of the cap's angular radius
+    if not 0 < cosine < 1:
         return None
-    max_segments = MAX_SEGMENTS
-    if not camera.may_see(np.array(zone.center) + zone.radius * CORNERS):
-        max_segments, tolerance = OUTSIDE_SEGMENTS, OUTSIDE_TOLERANCE * tolerance
-    pixel = float(camera.footprint(math.dist(zone.center, camera.eye.tolist()) - zone.radius))
-    # A lower bound of the angle at the rim: between the ball and a plane, or between the ball and the active zone.
-    rim_sine = min(_rim_sine(whole_ball, bound), math.sqrt(1 - cosine**2))
-    error = tolerance * pixel / solid.size * rim_sine
-    refinement = MAX_REFINEMENT
-    while refinement >= 2:
-        # The cap's rim is the image of the equator; there, points are half as dense as at the cap's centre.
-        segments = solid.primitive.segments_for(error * (refinement / 2) ** 2, max_segments)
-        depth = refinement**2 * (1 - math.cos(math.pi * solid.primitive.segment_factor / segments))
-        cosine = _cosine(distance, reach + depth)
-        if cosine is not None and refinement**2 * (1 - cosine) <= 1 + cosine:  # tan(angle / 2) <= 1 / refinement
-            return segments, _lorentz(center / distance, refinement)
-        refinement *= NEXT_REFINEMENT
-    return None
-
-
-def _cosine(distance: float, reach: float) -> float | None:
-    """Returns the cosine of the angular radius of the cap in which a ball intersects the unit sphere.
-
-    ``distance`` is the distance of the ball's centre from the origin, ``reach`` is its radius. Returns None if the cap
-    is half of the sphere or more.
-    """
-    cosine = (distance**2 + 1 - reach**2) / (2 * distance) if distance > 0 else 0.0
-    return cosine if 0 < cosine < 1 else None
-
-
-def _rim_sine(a: Ball, b: Ball) -> float:
-    """Returns the sine of half the angle between two balls at their rim, the circle in which they intersect.
-
-    The error of the rim is the error of the faces divided by this sine.
-    """
-    distance = math.dist(a.center, b.center)
-    cosine = (a.radius**2 + b.radius**2 - distance**2) / (2 * a.radius * b.radius)
-    between = math.acos(min(max(cosine, -1.0), 1.0))  # the angle between the normals of the two balls at the rim
-    return min(math.sin(between / 2), math.cos(between / 2))
+    # With at least this number of segments per unit of refinement, the facets far from the cap, which lie deep inside
+    # the ball, do not reach the zone.
+    ratio = 4 / math.sqrt(min(distance, 1))
+    refinement = min(math.sqrt((1 + cosine) / (1 - cosine)), MAX_SEGMENTS / ratio)  # the cap is the image of a half
+    if refinement < 2:
+        return None
+    # At the rim, the error is the error of the faces divided by a sine: that of half the angle between two curved
+    # faces, or that of the angle between the ball and a plane. The distances of points there shrink by refinement / 2.
+    square = (distance**2 - (1 - radius) ** 2) / (4 * radius)
+    sine = math.sqrt(min(square, 1 - square, 1 - cosine**2))
+    (segments,) = solid.primitive.segments(solid.to_world[None], camera, tolerance * sine * (refinement / 2) ** 2)
+    excess = max(math.sqrt(ratio * refinement / segments), 1)
+    return 4 * math.ceil(segments * excess / 4), _lorentz(axis / distance, refinement / excess)
 
 
 def _lorentz(axis: np.ndarray, refinement: float) -> np.ndarray:
@@ -232,11 +159,11 @@ MAX_TRIANGLES = 4_000_000  # the limit for all primitives together; their union 
 
 
 def choose_segments(
-    document: Document, solids: list[Solid], bounds: list[Ball], camera: Camera, tolerance: float
+    document: Document, solids: list[Solid], zones: np.ndarray, camera: Camera, tolerance: float
 ) -> None:
     """Sets ``segments`` of all solids so that the chord error stays below ``tolerance`` pixels.
 
-    ``bounds`` are balls that contain the active zones of the solids. If only a cap of a ball is in its active zone,
+    ``zones`` are balls that contain the active zones of the solids. If only a cap of a ball is in its active zone,
     this function also sets the ball's ``facet_map``. Solids that share a curved face get the same number of segments.
     If the solids would have more than MAX_TRIANGLES triangles, all solids become coarser, and a :class:`SceneWarning`
     is emitted. Raises :class:`SceneError` if even the coarsest meshes have too many triangles.
@@ -248,11 +175,11 @@ def choose_segments(
             for i, segments in zip(numbers, primitive.segments(matrices, camera, tolerance)):
                 solids[i].segments = segments
         segments_of_surface: dict[int, int] = {}
-        for s, bound in zip(solids, bounds):
+        for s, zone in zip(solids, zones):
             if (surface := s.curved_surface) >= 0:
                 segments_of_surface[surface] = max(segments_of_surface.get(surface, 0), s.segments)
             elif s.primitive.axes == 3:
-                cap = refined_cap(s, bound, camera, tolerance)
+                cap = refined_cap(s, zone, camera, tolerance)
                 s.segments, s.facet_map = cap or (s.segments, IDENTITY)
         for s in solids:
             s.segments = segments_of_surface.get(s.curved_surface, s.segments)

@@ -9,6 +9,7 @@ import numpy as np
 from ..language.document import Document
 from ..view import Camera
 from .coincidence import THICKNESS, Planes, same_surfaces
+from .csg import tree_of
 from .detail import active_zones, choose_segments, shrink_inscribed
 from .grouping import group_equal
 from .primitives import PRIMITIVES, CornerAttributes, Primitive
@@ -65,8 +66,8 @@ class Leaves:
         size = float(np.abs(np.stack([low, high]) - self.origin).max())
         self.thickness = THICKNESS * 2.0 ** (math.frexp(size)[1] - 1)
         self._find_shared_surfaces(cuts_several_media)
-        bounds = active_zones(document.scene.csg, self.solids, self.of_leaf.tolist())
-        choose_segments(document, self.solids, bounds, camera, tolerance)
+        zones = active_zones(tree_of(document.scene.csg), self.solids, self.of_leaf)
+        choose_segments(document, self.solids, zones, camera, tolerance)
         shrink_inscribed(self.solids)
         offset = np.pad(self.origin[:, None], ((0, 1), (3, 0)))
         for s in self.solids:

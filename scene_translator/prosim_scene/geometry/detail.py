@@ -23,25 +23,23 @@ from ..view import Camera
 from .csg import Tree, fold
 from .grouping import group_equal, sweep
 from .primitives import MAX_SEGMENTS, MIN_SEGMENTS
-from .solids import IDENTITY, Solid, unit_mesh, world_box_corners
+from .solids import Solid, unit_mesh, world_box_corners
 
 #: A bounding ball of an operand, the number of its first leaf, and the number after its last leaf.
 _Operand = tuple[np.ndarray, int, int]
 
 
 def active_zones(tree: Tree, solids: Sequence[Solid], of_leaf: np.ndarray) -> np.ndarray:
-    """Returns, for each solid, a ball that contains its active zone; the radius is infinite if no ball is known.
+    """Returns balls (n, 4) that contain the active zones of the solids with one leaf.
 
-    A ball is a row of its centre and its radius. ``of_leaf`` has the number of the solid of each leaf. A subtracted
-    solid has an effect only inside the solid from which it is subtracted. An operand of an intersection has an effect
-    only inside the other operand. If a solid has several leaves, the result is the active zone of the last one.
+    A ball is a row of its centre and its radius. The radius is infinite if no ball is known. ``of_leaf`` has the number
+    of the solid of each leaf. A subtracted solid has an effect only inside the solid from which it is subtracted. An
+    operand of an intersection has an effect only inside the other operand.
     """
     balls = np.empty((len(solids), 4))
     for primitive, numbers in group_equal(s.primitive for s in solids).items():
-        to_world = np.array([solids[i].to_world for i in numbers])
-        _, center, radius = primitive.ball(to_world[:, :3, :3])
-        balls[numbers] = np.append(center + to_world[:, :3, 3], radius[:, None], axis=1)
-    zones = np.tile([0.0, 0.0, 0.0, math.inf], (len(of_leaf), 1))
+        _, balls[numbers] = primitive.ball(np.array([solids[i].to_world for i in numbers]))
+    zones = np.tile([0.0, 0.0, 0.0, math.inf], (len(solids), 1))
 
     def combine(symbol: str, first: _Operand, second: _Operand) -> _Operand:
         """Returns a bounding ball of an operator's result, and the range of its leaves; updates ``zones``."""
@@ -50,16 +48,14 @@ def active_zones(tree: Tree, solids: Sequence[Solid], of_leaf: np.ndarray) -> np
             large, small = (a, b) if a[3] > b[3] else (b, a)
             radius = max(large[3], math.dist(large[:3], small[:3]) + small[3])
             return np.append(large[:3], radius), begin, end
-        zones[middle:end] = _smaller(zones[middle:end], a)
+        zones[of_leaf[middle:end]] = _smaller(zones[of_leaf[middle:end]], a)
         if symbol == "*":
-            zones[begin:middle] = _smaller(zones[begin:middle], b)
+            zones[of_leaf[begin:middle]] = _smaller(zones[of_leaf[begin:middle]], b)
             a = _smaller(a, b)
         return a, begin, end
 
     fold(tree, lambda number: (balls[of_leaf[number]], number, number + 1), combine)
-    result = np.empty_like(balls)
-    result[of_leaf] = zones
-    return result
+    return zones
 
 
 def _smaller(balls: np.ndarray, ball: np.ndarray) -> np.ndarray:
@@ -70,23 +66,20 @@ def _smaller(balls: np.ndarray, ball: np.ndarray) -> np.ndarray:
 def refined_cap(solid: Solid, zone: np.ndarray, camera: Camera, tolerance: float) -> tuple[int, np.ndarray] | None:
     """Returns the segments and the ``facet_map`` of a ball of which only a cap is in its active zone.
 
-    ``zone`` is a ball that contains the active zone. Returns None if the zone is larger than a cap. The chord error
+    ``zone`` is a ball that contains the active zone. Returns None if the zone contains more than a cap. The chord error
     stays below ``tolerance`` pixels, also at the rim of the cap.
     """
-    inverse = np.linalg.inv(solid.to_world)
-    axis, radius = inverse[:3, :3] @ zone[:3] + inverse[:3, 3], float(zone[3]) / solid.narrowest
-    distance = float(np.linalg.norm(axis))
-    cosine = (distance**2 + 1 - radius**2) / (2 * distance) if distance > 0 else 0.0  # of the cap's angular radius
-    if not 0 < cosine < 1:
+    axis = np.linalg.solve(solid.to_world, [*zone[:3], 1])[:3]
+    distance, radius = float(np.linalg.norm(axis)), float(zone[3]) / solid.narrowest
+    cosine = (distance**2 + 1 - radius**2) / (2 * distance) if distance > 0 else 1.0  # of the cap's angular radius
+    if not 0.6 < cosine < 1:  # the refinement of a larger cap would be below 2
         return None
-    # With at least this number of segments per unit of refinement, the facets far from the cap, which lie deep inside
-    # the ball, do not reach the zone.
+    # Far from the cap, the facets lie deep inside the ball. With at least this number of segments per unit of
+    # refinement, these facets do not reach the zone.
     ratio = 4 / math.sqrt(min(distance, 1))
-    refinement = min(math.sqrt((1 + cosine) / (1 - cosine)), MAX_SEGMENTS / ratio)  # the cap is the image of a half
-    if refinement < 2:
-        return None
-    # At the rim, the error is the error of the faces divided by a sine: that of half the angle between two curved
-    # faces, or that of the angle between the ball and a plane. The distances of points there shrink by refinement / 2.
+    refinement = min(math.sqrt((1 + cosine) / (1 - cosine)), MAX_SEGMENTS / ratio)  # maps a half of the ball to the cap
+    # The error of the rim is the error of the faces divided by a sine: of half the angle between two curved faces, or
+    # of the angle between the ball and a plane. At the rim, distances of points shrink by half the refinement.
     square = (distance**2 - (1 - radius) ** 2) / (4 * radius)
     sine = math.sqrt(min(square, 1 - square, 1 - cosine**2))
     (segments,) = solid.primitive.segments(solid.to_world[None], camera, tolerance * sine * (refinement / 2) ** 2)
@@ -99,12 +92,8 @@ def _lorentz(axis: np.ndarray, refinement: float) -> np.ndarray:
 
     ``axis`` is a fixed point of the map. Distances near ``axis`` shrink by the factor ``refinement``.
     """
-    gamma, speed = (refinement + 1 / refinement) / 2, (refinement - 1 / refinement) / 2
-    result = np.eye(4)
-    result[:3, :3] += (gamma - 1) * np.outer(axis, axis)
-    result[:3, 3] = result[3, :3] = speed * axis
-    result[3, 3] = gamma
-    return result
+    near, far = np.append(axis, 1), np.append(axis, -1)  # eigenvectors, with the squared length 2
+    return np.eye(4) + (refinement - 1) / 2 * np.outer(near, near) + (1 / refinement - 1) / 2 * np.outer(far, far)
 
 
 INSIDE = 1e-6  # the outer quadric's largest allowed value at points of the inner face; it is negative inside
@@ -118,13 +107,12 @@ def shrink_inscribed(solids: list[Solid]) -> None:
     """
     curved = [s for s in solids if s.primitive.curved is not None]
     boxes = world_box_corners(curved)
-    pairs = [
+    inscribed = [
         (curved[i], curved[j])
-        for touching_pairs in sweep(boxes.min(axis=1), boxes.max(axis=1))
-        for one, other in zip(*(numbers.tolist() for numbers in touching_pairs))
-        for i, j in ((one, other), (other, one))
+        for pairs in sweep(boxes.min(axis=1), boxes.max(axis=1))
+        for i, j in np.concatenate([pairs, pairs[::-1]], axis=1).T.tolist()
+        if _is_inscribed(curved[i], curved[j])
     ]
-    inscribed = [(inner, outer) for inner, outer in pairs if _is_inscribed(inner, outer)]
     # The largest outer solid comes first, so a ball shrinks after the balls that enclose it.
     for inner, outer in sorted(inscribed, key=lambda pair: -abs(np.linalg.det(pair[1].to_world))):
         gap = 1 - outer.inradius * outer.shrink
@@ -178,9 +166,8 @@ def choose_segments(
         for s, zone in zip(solids, zones):
             if (surface := s.curved_surface) >= 0:
                 segments_of_surface[surface] = max(segments_of_surface.get(surface, 0), s.segments)
-            elif s.primitive.axes == 3:
-                cap = refined_cap(s, zone, camera, tolerance)
-                s.segments, s.facet_map = cap or (s.segments, IDENTITY)
+            elif s.primitive.axes == 3 and (cap := refined_cap(s, zone, camera, tolerance)):
+                s.segments, s.facet_map = cap
         for s in solids:
             s.segments = segments_of_surface.get(s.curved_surface, s.segments)
         uses = Counter((s.primitive, s.segments) for s in solids)

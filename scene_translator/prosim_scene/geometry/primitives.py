@@ -93,14 +93,15 @@ class Primitive(ABC):
         """The corners (8, 3) of the bounding box."""
         return box_corners(self.box)
 
-    def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns the size of the curved face, and the centre and the radius of a bounding ball, after linear maps
-        (..., 3, 3).
+    def ball(self, to_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the size of the curved face (n,) for each transform (n, 4, 4), and a bounding ball.
+
+        A bounding ball is a row of its centre and its radius (n, 4), in the world.
         """
-        corners = self.box_corners @ np.swapaxes(linear, -1, -2)
-        center = corners.mean(axis=-2)
-        radius = np.linalg.norm(corners - center[..., None, :], axis=-1).max(axis=-1)
-        return radius, center, radius
+        corners = self.box_corners @ to_world[:, :3, :3].transpose(0, 2, 1) + to_world[:, None, :3, 3]
+        center = corners.mean(axis=1)
+        radius = np.linalg.norm(corners - center[:, None], axis=2).max(axis=1)
+        return radius, np.append(center, radius[:, None], axis=1)
 
     def segments(self, to_world: np.ndarray, camera: Camera, tolerance: float) -> list[int]:
         """Returns the number of segments around a circle for each transform (n, 4, 4).
@@ -110,10 +111,10 @@ class Primitive(ABC):
         if self.curved is None:
             return [4] * len(to_world)
         linear, offset = to_world[:, :3, :3], to_world[:, :3, 3]
-        size, center, radius = self.ball(linear)
+        size, ball = self.ball(to_world)
         visible = camera.may_see(self.box_corners @ linear.transpose(0, 2, 1) + offset[:, None])
-        distance = np.linalg.norm(center + offset - camera.eye, axis=1) - radius
-        for i in np.flatnonzero(distance < radius).tolist():
+        distance = np.linalg.norm(ball[:, :3] - camera.eye, axis=1) - ball[:, 3]
+        for i in np.flatnonzero(distance < ball[:, 3]).tolist():
             # The eye is near the bounding ball, but perhaps not near the surface: lines on it give a better bound.
             a, b = (self.surface_lines[:, end] @ linear[i].T + offset[i] for end in range(2))
             distance[i] = max(distance[i], distance_to_segments(a, b, camera.eye) - self.gap * size[i])
@@ -227,12 +228,10 @@ class Sphere(Primitive):
         mapped = np.append(vertices, np.ones((len(vertices), 1)), axis=1) @ facet_map.T  # homogeneous coordinates
         return Mesh(mapped[:, :3] / mapped[:, 3:], triangles, np.arange(len(triangles)), np.zeros(len(triangles), int))
 
-    def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns the size of the curved face, which MAX_ASPECT limits, and the centre and the radius of a bounding
-        ball.
-        """
-        longest, second = np.moveaxis(np.linalg.svd(linear, compute_uv=False)[..., :2], -1, 0)
-        return np.minimum(longest, MAX_ASPECT * second), np.zeros(linear.shape[:-1]), longest
+    def ball(self, to_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the size of the curved face, which MAX_ASPECT limits, and a bounding ball."""
+        longest, second, _ = np.linalg.svd(to_world[:, :3, :3], compute_uv=False).T
+        return np.minimum(longest, MAX_ASPECT * second), np.append(to_world[:, :3, 3], longest[:, None], axis=1)
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
         """Returns normals and uv: azimuth and polar angle, scaled to [0, 1]."""
@@ -250,11 +249,12 @@ class _OfRevolution(Primitive):
     box = np.array([[-1.0, -1, 0], [1, 1, 1]])
     curved = 0
 
-    def ball(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns the size of the curved face, and the centre and the radius of a bounding ball."""
-        size = np.linalg.norm(linear[..., :2], 2, axis=(-2, -1))  # the longest semi-axis of the discs
-        center = linear[..., 2] / 2
-        return size, center, np.linalg.norm(center, axis=-1) + size
+    def ball(self, to_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the size of the curved face, and a bounding ball."""
+        size = np.linalg.norm(to_world[:, :3, :2], 2, axis=(1, 2))  # the longest semi-axis of the discs
+        half = to_world[:, :3, 2] / 2  # the vector from a disc, or from the apex, to the centre
+        radius = np.linalg.norm(half, axis=1) + size
+        return size, np.append(to_world[:, :3, 3] + half, radius[:, None], axis=1)
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
         """Returns normals and uv: uv is (azimuth, z) on the side, and (x, y) mapped to the unit square on a disc."""

@@ -33,7 +33,7 @@ class Solid:
     @property
     def size(self) -> float:
         """The size of the curved face in the world, as :meth:`.Primitive.ball` defines it."""
-        return float(self.primitive.ball(self.to_world[:3, :3])[0])
+        return float(self.primitive.ball(self.to_world[None])[0].item())
 
     @property
     def narrowest(self) -> float:

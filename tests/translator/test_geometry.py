@@ -14,7 +14,7 @@ from meshes import area, assert_closed, scene, solids, volume
 from prosim_scene import SceneError, SceneWarning
 from prosim_scene.geometry import detail
 from prosim_scene.geometry.leaves import Leaves
-from prosim_scene.geometry.transforms import matrix
+from prosim_scene.geometry.transforms import matrices
 from prosim_scene.language import document_of
 from prosim_scene.view import camera_of
 
@@ -46,7 +46,7 @@ def test_normals_are_those_of_the_quadric_after_cuts(shape, form, sign):
     text = scene(f"{'+' if sign > 0 else '-'} CUBE 1 {shape} 0", transforms)
     meshes = solids(text)
     assert_closed(meshes.values())
-    to_local = np.linalg.inv(matrix(prosim_scene.parse(text).transforms[0]))
+    to_local = np.linalg.inv(matrices([prosim_scene.parse(text).transforms[0]])[0])
     p = meshes[0].positions
     local = p @ to_local[:3, :3].T + to_local[:3, 3]
     normals = meshes[0].normals[meshes[0].index]

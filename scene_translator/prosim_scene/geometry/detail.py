@@ -115,8 +115,8 @@ def shrink_inscribed(solids: list[Solid]) -> None:
     ]
     # The largest outer solid comes first, so a ball shrinks after the balls that enclose it.
     for inner, outer in sorted(inscribed, key=lambda pair: -abs(np.linalg.det(pair[1].to_world))):
-        gap = 1 - outer.inradius * outer.shrink
-        factor = max(1 - gap * outer.size / inner.narrowest, 0.5)
+        (size,), _ = outer.primitive.ball(outer.to_world[None])
+        factor = max(1 - (1 - outer.inradius * outer.shrink) * size / inner.narrowest, 0.5)
         for s in [inner] if inner.curved_surface < 0 else solids:
             if s is inner or s.curved_surface == inner.curved_surface:
                 s.shrink = min(s.shrink, factor)
@@ -160,7 +160,7 @@ def choose_segments(
     while True:
         for primitive, numbers in group_equal(s.primitive for s in solids).items():
             matrices = np.array([solids[i].to_world for i in numbers])
-            for i, segments in zip(numbers, primitive.segments(matrices, camera, tolerance)):
+            for i, segments in zip(numbers, primitive.segments(matrices, camera, tolerance).tolist()):
                 solids[i].segments = segments
         segments_of_surface: dict[int, int] = {}
         for s, zone in zip(solids, zones):

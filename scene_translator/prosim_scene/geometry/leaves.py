@@ -93,10 +93,11 @@ class Leaves:
             s.surfaces = surfaces if len(surfaces) else s.surfaces
             if s.curved_surface >= 0 and (owner := self.solids[solid[s.curved_surface]]) is not s:
                 s.facet_map = np.linalg.solve(s.to_world, owner.to_world)
-        first_of: dict[Hashable, int] = {}
-        first = [i if s.key is None else first_of.setdefault(s.key, i) for i, s in enumerate(self.solids)]
-        distinct, renumbered = np.unique(first, return_inverse=True)
-        self.solids = [self.solids[i] for i in distinct]
+        # Solids of a primitive are equal if all their faces lie on the same shared surfaces.
+        keys = [(s.primitive, *sorted(s.surfaces)) if min(s.surfaces) >= 0 else i for i, s in enumerate(self.solids)]
+        numbers = {key: i for i, key in enumerate(dict.fromkeys(keys))}
+        renumbered = np.array([numbers[key] for key in keys])
+        self.solids = [self.solids[i] for i in np.unique(renumbered, return_index=True)[1]]
         self.of_leaf = renumbered[self.of_leaf]
 
     def cache_key(self) -> Hashable:

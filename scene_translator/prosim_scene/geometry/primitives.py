@@ -103,13 +103,13 @@ class Primitive(ABC):
         radius = np.linalg.norm(corners - center[:, None], axis=2).max(axis=1)
         return radius, np.append(center, radius[:, None], axis=1)
 
-    def segments(self, to_world: np.ndarray, camera: Camera, tolerance: float) -> list[int]:
+    def segments(self, to_world: np.ndarray, camera: Camera, tolerance: float) -> np.ndarray:
         """Returns the number of segments around a circle for each transform (n, 4, 4).
 
-        For the returned number of segments, the chord error is below ``tolerance`` pixels.
+        For the returned number of segments, a multiple of 4, the chord error is below ``tolerance`` pixels.
         """
         if self.curved is None:
-            return [4] * len(to_world)
+            return np.full(len(to_world), 4)
         linear, offset = to_world[:, :3, :3], to_world[:, :3, 3]
         size, ball = self.ball(to_world)
         visible = camera.may_see(self.box_corners @ linear.transpose(0, 2, 1) + offset[:, None])
@@ -118,18 +118,10 @@ class Primitive(ABC):
             # The eye is near the bounding ball, but perhaps not near the surface: lines on it give a better bound.
             a, b = (self.surface_lines[:, end] @ linear[i].T + offset[i] for end in range(2))
             distance[i] = max(distance[i], distance_to_segments(a, b, camera.eye) - self.gap * size[i])
-        error = np.where(visible, 1, OUTSIDE_TOLERANCE) * tolerance * camera.footprint(distance) / size
-        max_segments = np.where(visible, MAX_SEGMENTS, OUTSIDE_SEGMENTS)
-        return [self.segments_for(*limits) for limits in zip(error.tolist(), max_segments.tolist())]
-
-    def segments_for(self, error: float, max_segments: int = MAX_SEGMENTS) -> int:
-        """Returns the number of segments around a circle for a chord error relative to the radius of the curved face.
-
-        The result is at most ``max_segments``, and a multiple of 4.
-        """
-        n = math.pi / math.acos(1 - min(error, 0.5)) if error > 1e-9 else max_segments
-        n = min(max(n * self.segment_factor, MIN_SEGMENTS), max_segments)
-        return 4 * math.ceil(n / 4)
+        error = np.where(visible, 1, OUTSIDE_TOLERANCE) * tolerance * camera.footprint(distance) / size  # relative
+        n = math.pi / np.arccos(1 - np.clip(error, 1e-9, 0.5)) * self.segment_factor
+        n = np.clip(n, MIN_SEGMENTS, np.where(visible, MAX_SEGMENTS, OUTSIDE_SEGMENTS))
+        return np.asarray(4 * np.ceil(n / 4), int)
 
 
 def box_corners(box: np.ndarray) -> np.ndarray:

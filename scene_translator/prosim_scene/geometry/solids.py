@@ -1,7 +1,7 @@
 """Solids: primitives with their transforms, and their meshes."""
 
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -31,11 +31,6 @@ class Solid:
     shrink: float = 1.0
 
     @property
-    def size(self) -> float:
-        """The size of the curved face in the world, as :meth:`.Primitive.ball` defines it."""
-        return float(self.primitive.ball(self.to_world[None])[0].item())
-
-    @property
     def narrowest(self) -> float:
         """The shortest semi-axis of the curved face in the world."""
         return float(np.linalg.norm(self.to_world[:3, : self.primitive.axes], -2))
@@ -51,14 +46,6 @@ class Solid:
     def curved_surface(self) -> int:
         """The number of the shared surface on which the curved face lies, or -1 if there is no such surface."""
         return -1 if self.primitive.curved is None else int(self.surfaces[self.primitive.curved])
-
-    @property
-    def key(self) -> Hashable:
-        """A key that is equal for equal solids; None if a face lies on no shared surface, because the solid is then
-        unique.
-        """
-        surfaces = self.surfaces.tolist()
-        return None if min(surfaces, default=0) < 0 else (self.primitive.name, frozenset(surfaces))
 
     def mesh(self) -> Mesh:
         """Returns the mesh of the solid in the world; its triangles are counter-clockwise if seen from outside."""

@@ -11,12 +11,6 @@ from .grouping import group_equal
 AXES = {"rotate-x": (1, 2), "rotate-y": (2, 0), "rotate-z": (0, 1)}  # turns the first axis towards the second
 
 
-def matrix(transform: model.Transform) -> np.ndarray:
-    """Returns the 4x4 matrix of a TRANSFORM."""
-    (result,) = matrices([transform])
-    return np.asarray(result)
-
-
 def matrices(transforms: Sequence[model.Transform]) -> np.ndarray:
     """Returns the matrices (n, 4, 4) of TRANSFORMs, whose steps are applied in their order.
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..geometry.transforms import matrix
+from ..geometry.transforms import matrices
 from ..model import Leaf, Scene, Texture
 from ..nodes import Node, rgb_clipped
 from .translation_context import Context
@@ -73,7 +73,7 @@ def reflectance(
         if solid_texture is None:
             return rgb_clipped(product)
         node = pattern(scene, solid_texture, True, lambda other_factor: rgb_clipped(product * other_factor))
-        return node | {"solid": True, "to_local": np.linalg.inv(matrix(scene.transforms[leaf.index]))}
+        return node | {"solid": True, "to_local": np.linalg.inv(matrices([scene.transforms[leaf.index]])[0])}
 
     if surface_texture is None:
         return inner((1, 1, 1))

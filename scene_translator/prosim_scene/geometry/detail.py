@@ -131,13 +131,11 @@ def _is_inscribed(inner: Solid, outer: Solid) -> bool:
         return False
     relative = np.linalg.solve(outer.to_world, inner.to_world)
     quadric = outer.primitive.quadrics[outer.primitive.curved]
-    points = inner.primitive.surface_lines.reshape(-1, 3)
-    for tested in (points[:: max(len(points) // 8, 1)], points):  # for most pairs, the first few points suffice
+    points = inner.primitive.surface_lines[:, 0]
+    for tested in (points[::128], points):  # for most pairs, the first few points suffice
         p = tested @ relative[:3, :3].T + relative[:3, 3]
-        if outer.primitive.two_sheets and (p[:, 2] < -INSIDE).any():
-            return False
-        value = np.einsum("ij,ij->i", p @ quadric[:3, :3], p) + 2 * p @ quadric[:3, 3] + quadric[3, 3]
-        if (value > INSIDE).any():
+        value = np.sum((p @ quadric[:3, :3] + 2 * quadric[:3, 3]) * p, axis=1) + quadric[3, 3]
+        if (value > INSIDE).any() or (outer.primitive.two_sheets and (p[:, 2] < -INSIDE).any()):
             return False
     return bool(value.max() > -SPACING - 4 * (1 - outer.inradius))
 
@@ -166,7 +164,7 @@ def choose_segments(
         for s, zone in zip(solids, zones):
             if (surface := s.curved_surface) >= 0:
                 segments_of_surface[surface] = max(segments_of_surface.get(surface, 0), s.segments)
-            elif s.primitive.axes == 3 and (cap := refined_cap(s, zone, camera, tolerance)):
+            elif s.primitive.axes == 3 and zone[3] < math.inf and (cap := refined_cap(s, zone, camera, tolerance)):
                 s.segments, s.facet_map = cap
         for s in solids:
             s.segments = segments_of_surface.get(s.curved_surface, s.segments)

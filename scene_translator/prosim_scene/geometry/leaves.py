@@ -115,21 +115,17 @@ class Leaves:
         self.faces = np.concatenate([m.faces for m in meshes])
         ends = np.cumsum([0, *(len(m.vertices) for m in meshes)])
         vertices = np.concatenate([m.vertices for m in meshes])
-        surface = np.full(len(self.faces), -1)  # the surface of each facet
-        sharing = [i for i, s in enumerate(self.solids) if (s.surfaces >= 0).any()]
-        for i in sharing:
-            surface[self.first[i] : self.first[i + 1]] = self.solids[i].surfaces[meshes[i].faces]
-        triangles = np.concatenate([np.empty((0, 3), int), *(meshes[i].triangles + ends[i] for i in sharing)])
-        facets = np.concatenate([np.empty(0, int), *(meshes[i].facets + self.first[i] for i in sharing)])
+        # The surface of each facet; a mesh file has more faces than surfaces.
+        surface = np.concatenate([s.surfaces.take(m.faces, mode="clip") for s, m in zip(self.solids, meshes)])
+        triangles = np.concatenate([m.triangles + end for m, end in zip(meshes, ends)])
+        facets = np.concatenate([m.facets + first for m, first in zip(meshes, self.first)])
         on = surface[facets] >= 0
         sizes = np.linalg.norm([s.to_world[:3, :3] for s in self.solids], axis=(1, 2))
         rank = np.argsort(np.argsort(-sizes, kind="stable"))
         owner = np.repeat(rank, np.diff(self.first)) * (self.faces.max() + 1) + self.faces
         self.planes = Planes(vertices[triangles[on]], facets[on], surface, owner, self.thickness)
         vertices = self.planes.snap_vertices(vertices, triangles[on], facets[on])
-        for i in sharing:
-            meshes[i] = replace(meshes[i], vertices=vertices[ends[i] : ends[i + 1]])
-        self.meshes = meshes
+        self.meshes = [replace(m, vertices=own) for m, own in zip(meshes, np.split(vertices, ends[1:-1]))]
         self.boxes = np.stack([f.reduceat(vertices, ends[:-1]) for f in (np.minimum, np.maximum)], axis=1)
 
     def corner_attributes(self, positions: np.ndarray, leaf: np.ndarray, face: np.ndarray) -> CornerAttributes:

@@ -171,12 +171,12 @@ def _rows(body: bytes, position: int, count: int, properties: Properties) -> tup
     fields: list[Any] = []  # the fields of a row, if all its lists are as long as those of the first row
     lengths = {}
     for name, types in properties:
+        shape = []
         if len(types) > 1:
-            lengths[f"{name} length"] = int(np.frombuffer(body, types[0], 1, position + np.dtype(fields).itemsize)[0])
+            shape = np.frombuffer(body, types[0], 1, position + np.dtype(fields).itemsize).astype(int).tolist()
+            lengths[f"{name} length"] = shape
             fields.append((f"{name} length", types[0]))
-            fields.append((name, types[1], (lengths[f"{name} length"],)))
-        else:
-            fields.append((name, types[0]))
+        fields.append((name, types[-1], tuple(shape)))
     dtype = np.dtype(fields)
     if count == 1 or len(body) - position >= count * dtype.itemsize:
         table = np.frombuffer(body, dtype, count, position)

@@ -23,7 +23,7 @@ from ..view import Camera
 from .csg import Tree, fold
 from .grouping import group_equal, sweep
 from .primitives import MAX_SEGMENTS, MIN_SEGMENTS
-from .solids import Solid, unit_mesh, world_box_corners
+from .solids import IDENTITY, Solid, unit_mesh, world_box_corners
 
 #: A bounding ball of an operand, the number of its first leaf, and the number after its last leaf.
 _Operand = tuple[np.ndarray, int, int]
@@ -63,25 +63,27 @@ def _smaller(balls: np.ndarray, ball: np.ndarray) -> np.ndarray:
     return np.where(balls[..., 3:] <= ball[3], balls, ball)
 
 
-def refined_cap(solid: Solid, zone: np.ndarray, camera: Camera, tolerance: float) -> tuple[int, np.ndarray] | None:
-    """Returns the segments and the ``facet_map`` of a ball of which only a cap is in its active zone.
+def refined_cap(solid: Solid, zone: np.ndarray, camera: Camera, tolerance: float) -> tuple[int, np.ndarray]:
+    """Returns the segments and the ``facet_map`` of a ball of which perhaps only a cap is in its active zone.
 
-    ``zone`` is a ball that contains the active zone. Returns None if the zone contains more than a cap. The chord error
-    stays below ``tolerance`` pixels, also at the rim of the cap.
+    ``solid`` has the segments of a ball without refinement. ``zone`` is a ball that contains the active zone. The chord
+    error stays below ``tolerance`` pixels, also at the rim of the cap.
     """
     axis = np.linalg.solve(solid.to_world, [*zone[:3], 1])[:3]
     distance, radius = float(np.linalg.norm(axis)), float(zone[3]) / solid.narrowest
-    cosine = (distance**2 + 1 - radius**2) / (2 * distance) if distance > 0 else 1.0  # of the cap's angular radius
-    if not 0.6 < cosine < 1:  # the refinement of a larger cap would be below 2
-        return None
+    # The cosine of the cap's angular radius.
+    cosine = ((distance - radius) * (distance + radius) + 1) / (2 * distance) if distance > 0 else 1.0
+    # The refinement of a larger cap would be below 2. A ball with the fewest segments is too small for a visible cap.
+    if not 0.6 < cosine < 1 or solid.segments == MIN_SEGMENTS:
+        return solid.segments, IDENTITY
     # Far from the cap, the facets lie deep inside the ball. With at least this number of segments per unit of
     # refinement, these facets do not reach the zone.
     ratio = 4 / math.sqrt(min(distance, 1))
     refinement = min(math.sqrt((1 + cosine) / (1 - cosine)), MAX_SEGMENTS / ratio)  # maps a half of the ball to the cap
     # The error of the rim is the error of the faces divided by a sine: of half the angle between two curved faces, or
     # of the angle between the ball and a plane. At the rim, distances of points shrink by half the refinement.
-    square = (distance**2 - (1 - radius) ** 2) / (4 * radius)
-    sine = math.sqrt(min(square, 1 - square, 1 - cosine**2))
+    square = (distance + radius - 1) * (distance - radius + 1) / (4 * radius)
+    sine = math.sqrt(max(min(square, 1 - square, 1 - cosine**2), 0))
     (segments,) = solid.primitive.segments(solid.to_world[None], camera, tolerance * sine * (refinement / 2) ** 2)
     excess = max(math.sqrt(ratio * refinement / segments), 1)
     return 4 * math.ceil(segments * excess / 4), _lorentz(axis / distance, refinement / excess)
@@ -164,8 +166,8 @@ def choose_segments(
         for s, zone in zip(solids, zones):
             if (surface := s.curved_surface) >= 0:
                 segments_of_surface[surface] = max(segments_of_surface.get(surface, 0), s.segments)
-            elif s.primitive.axes == 3 and zone[3] < math.inf and (cap := refined_cap(s, zone, camera, tolerance)):
-                s.segments, s.facet_map = cap
+            elif s.primitive.axes == 3 and zone[3] < math.inf:
+                s.segments, s.facet_map = refined_cap(s, zone, camera, tolerance)
         for s in solids:
             s.segments = segments_of_surface.get(s.curved_surface, s.segments)
         uses = Counter((s.primitive, s.segments) for s in solids)

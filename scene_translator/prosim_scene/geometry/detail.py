@@ -98,8 +98,8 @@ def _lorentz(axis: np.ndarray, refinement: float) -> np.ndarray:
     return np.eye(4) + (refinement - 1) / 2 * np.outer(near, near) + (1 / refinement - 1) / 2 * np.outer(far, far)
 
 
-INSIDE = 1e-6  # the outer quadric's largest allowed value at points of the inner face; it is negative inside
-SPACING = 0.004  # how far below 0 the largest value may be if the contact lies between tested points
+INSIDE = 1e-6  # how far a ball that touches a face from inside may be outside, relative to the size of the face
+SPACING = 0.002  # how far this ball may be inside; the contact may lie between the tested points of the face
 
 
 def shrink_inscribed(solids: list[Solid]) -> None:
@@ -131,15 +131,12 @@ def _is_inscribed(inner: Solid, outer: Solid) -> bool:
     """
     if inner.primitive.axes < 3 or inner.curved_surface == outer.curved_surface >= 0:
         return False
-    relative = np.linalg.solve(outer.to_world, inner.to_world)
-    quadric = outer.primitive.quadrics[outer.primitive.curved]
-    points = inner.primitive.surface_lines[:, 0]
-    for tested in (points[::128], points):  # for most pairs, the first few points suffice
-        p = tested @ relative[:3, :3].T + relative[:3, 3]
-        value = np.sum((p @ quadric[:3, :3] + 2 * quadric[:3, 3]) * p, axis=1) + quadric[3, 3]
-        if (value > INSIDE).any() or (outer.primitive.two_sheets and (p[:, 2] < -INSIDE).any()):
-            return False
-    return bool(value.max() > -SPACING - 4 * (1 - outer.inradius))
+    # A ball lies inside a convex face if it lies on the inner side of each tangent plane of the face.
+    quadric = np.diag(outer.primitive.quadrics[outer.primitive.curved])
+    normals = outer.primitive.surface_lines[:, 1] * quadric[:3]
+    planes = normals @ np.linalg.solve(outer.to_world, inner.to_world)[:3]
+    distance = np.max(planes[:, 3] + np.linalg.norm(planes[:, :3], axis=1)) + quadric[3]
+    return bool(-SPACING - 2 * (1 - outer.inradius) < distance <= INSIDE)
 
 
 TOLERANCE = 0.1  # the default of the largest chord error, in pixels

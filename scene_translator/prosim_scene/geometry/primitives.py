@@ -66,8 +66,6 @@ class Primitive(ABC):
     curved: ClassVar[int | None] = None
     #: The number of axes in which the curved face is round: 2 for a solid of revolution about z, 3 for a sphere.
     axes: ClassVar[int] = 2
-    #: Whether the quadric of the curved face has a second sheet, at z < 0.
-    two_sheets: ClassVar[bool] = False
     #: Lines (k, 2, 3) on the curved face. The distance of each point of this face from the nearest line is at most
     #: ``gap`` times the longest semi-axis of the face.
     surface_lines: ClassVar[np.ndarray]
@@ -289,7 +287,6 @@ class Cone(_OfRevolution):
 
     name = "cone"
     quadrics = np.array([np.diag([1.0, 1, -1, 0]), plane(0, 0, 1, -1)])
-    two_sheets = True
     surface_lines = np.stack([np.append(circle(64), np.ones((64, 1)), axis=1) * z for z in (0, 1)], axis=1)
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:

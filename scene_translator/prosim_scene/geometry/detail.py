@@ -76,15 +76,17 @@ def refined_cap(solid: Solid, zone: np.ndarray, camera: Camera, tolerance: float
     # The refinement of a larger cap would be below 2. A ball with the fewest segments is too small for a visible cap.
     if not 0.6 < cosine < 1 or solid.segments == MIN_SEGMENTS:
         return solid.segments, IDENTITY
-    # Far from the cap, the facets lie deep inside the ball. With at least this number of segments per unit of
-    # refinement, these facets do not reach the zone.
+    # Far from the cap, the facets lie deep inside the ball, by up to refinement^2 times the chord error. With at least
+    # this ratio of segments to refinement, these facets do not reach the zone.
     ratio = 4 / math.sqrt(min(distance, 1))
     refinement = min(math.sqrt((1 + cosine) / (1 - cosine)), MAX_SEGMENTS / ratio)  # maps a half of the ball to the cap
     # The error of the rim is the error of the faces divided by a sine: of half the angle between two curved faces, or
-    # of the angle between the ball and a plane. At the rim, distances of points shrink by half the refinement.
+    # of the angle between the ball and a plane. The square of the former follows from the triangle of a point of the
+    # rim and the two centres. At the rim, distances of points shrink by half the refinement.
     square = (distance + radius - 1) * (distance - radius + 1) / (4 * radius)
     sine = math.sqrt(max(min(square, 1 - square, 1 - cosine**2), 0))
     (segments,) = solid.primitive.segments(solid.to_world[None], camera, tolerance * sine * (refinement / 2) ** 2)
+    # Fewer segments than that ratio: a smaller refinement with more segments has the same error.
     excess = max(math.sqrt(ratio * refinement / segments), 1)
     return 4 * math.ceil(segments * excess / 4), _lorentz(axis / distance, refinement / excess)
 

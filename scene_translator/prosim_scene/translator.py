@@ -96,7 +96,9 @@ def translate(
         except ValueError:  # on another drive of Windows
             relative = path.resolve().as_posix()
         if not is_valid_in_xml(relative):
-            raise ValueError(f"the path {relative!r} is not valid in XML; expected printable characters, in UTF-8")
+            raise ValueError(
+                f"has the path {relative!r}, which is not valid in XML; expected printable characters, in UTF-8"
+            )
         return relative
 
     def store(name: str, content: bytes) -> str:

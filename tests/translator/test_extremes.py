@@ -94,5 +94,5 @@ def test_names_that_xml_cannot_hold_are_errors(name, tmp_path, write_scene):
     (tmp_path / os.fsdecode(name + b".png")).write_bytes(b"\x89PNG\r\n\x1a\n")
     if b"\x01" in name:
         scene = write_scene(f'NAME: "a--b & c" BACKGROUND 0 0 0 "{os.fsdecode(name)}.png" END')
-        with pytest.raises(SceneError, match=r"1:35: the path .* is not valid in XML"):
+        with pytest.raises(SceneError, match=r"1:35: the image .* is not valid in XML"):
             prosim_scene.translate(scene)

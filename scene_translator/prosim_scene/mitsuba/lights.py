@@ -70,7 +70,7 @@ def warn_of_radius(context: Context, number: int, light: Light) -> None:
 
 def sky_emitter(context: Context, number: int, light: Light) -> Node:
     """Returns the environment emitter of a SKY light."""
-    return {"type": "envmap", "filename": context.image_filename(light.image or "", "lights", number, "image")}
+    return context.image("envmap", light.image or "", "lights", number, "image")
 
 
 def emitting_sphere(light: Light, emitter: Node) -> Node:

@@ -17,10 +17,7 @@ def settings(context: Context) -> Node:
     scene = context.scene
     background = rgb(lights.from_full_scale(scene.background.color))
     if scene.background.image is not None:
-        background = {
-            "type": "bitmap",
-            "filename": context.image_filename(scene.background.image, "background", "image"),
-        }
+        background = context.image("bitmap", scene.background.image, "background", "image")
     # The parameter `caustics` is written only if the scene has CAUSTICS.
     word, caustics = (", CAUSTICS", {"caustics": True}) if scene.caustics else ("", {})
     return {

@@ -43,8 +43,7 @@ def settings(context: Context) -> Node:
     if not all(scene.channels):
         _approximate(context, "all channels are written", "channels")
     if scene.background.image is not None:
-        image = context.image_filename(scene.background.image, "background", "image")
-        result["background"] = {"type": "envmap", "filename": image}
+        result["background"] = context.image("envmap", scene.background.image, "background", "image")
     elif any(scene.background.color):
         result["background"] = {"type": "constant", "radiance": rgb(lights.from_full_scale(scene.background.color))}
     if any(light.kind == "sky" for light in scene.lights):
@@ -82,19 +81,18 @@ def light(context: Context, number: int, light: Light) -> Node:
     if units == "unattenuated":
         _approximate(context, "lights are attenuated with distance; they are calibrated at VRP", *path)
         units = "calibrated"
-    if light.distribution == "uniform":
-        quantity = lights.radiance_or_intensity(context, number, light, units)
+    uniform = light.distribution == "uniform"
+    quantity = lights.radiance_or_intensity(context, number, light if uniform else replace(light, kind="point"), units)
+    if uniform:
         if light.kind == "point":
             return {"type": "point", "position": Point(light.position), "intensity": rgb(quantity)}
         _approximate(context, "the camera sees AREA lights", *path)
         return lights.emitting_sphere(light, {"type": "area", "radiance": rgb(quantity)})
     _approximate(context, "CONE and SPOT lights are points, SPOT with a linear falloff", *path)
-    quantity = lights.radiance_or_intensity(context, number, replace(light, kind="point"), units)
     beam, cutoff = _spot_angles(light)
-    to_world = _to_world_along(light.position, light.direction)
     return {
         "type": "spot",
-        "to_world": to_world,
+        "to_world": _to_world_along(light.position, light.direction),
         "intensity": rgb(quantity),
         "beam_width": beam,
         "cutoff_angle": cutoff,
@@ -134,7 +132,7 @@ def surface(context: Context, number: int, leaf: Leaf, sides: materials.MediumIn
         path = "csg", number, "textures", slot
         if texture and texture.image is not None:
             _approximate(context, "an image replaces kd, and does not change ka", *path)
-            image = {"type": "bitmap", "filename": context.image_filename(texture.image, *path)}
+            image = context.image("bitmap", texture.image, *path)
         elif texture and texture.name is not None:
             _approximate(context, "the mean colour of a pattern replaces it", *path)
             factor = factor * _mean_color(*textures.parameters(scene, texture.name, slot == 1))
@@ -173,8 +171,10 @@ def _bsdf(
     alpha = materials.beckmann_slope(surface)
     if alpha:
         _approximate(context, "rough surfaces have Beckmann's distribution and Smith's shadowing", *path)
-    rough: Node = {"distribution": "beckmann", "alpha": alpha} if alpha else {}
-    prefix = "rough" if alpha else ""
+    indices = materials.mean_indices(context, sides) if surface.material in ("dielectric", "composite") else {}
+    equal = len(set(indices.values())) == 1  # roughness has no effect, a coat is invisible, and roughplastic refuses it
+    rough: Node = {"distribution": "beckmann", "alpha": alpha} if alpha and not equal else {}
+    prefix = "rough" if rough else ""
     if surface.material == "conductor":
         optics: Node = {"material": surface.metal}
         outside = materials.mean_index(context, sides.outside)
@@ -186,23 +186,16 @@ def _bsdf(
     if surface.material == "dielectric":
         if surface.glass or surface.abbe:
             _approximate(context, "glass has one index for all wavelengths", *path)
-        indices = materials.mean_indices(context, sides)
-        if indices["int_ior"] == indices["ext_ior"]:  # roughness has no effect
-            return {"type": "dielectric", **indices}
         return {"type": prefix + "dielectric", **indices, **rough}
-    if surface.material == "lambertian":
-        return {"type": "diffuse", "reflectance": diffuse}
     if surface.material == "composite":
-        indices = materials.mean_indices(context, sides)
         _approximate(context, "a composto is a (rough)plastic", *path)
-        if indices["int_ior"] == indices["ext_ior"]:  # roughplastic refuses equal indices, and the coat is invisible
-            return {"type": "diffuse", "reflectance": diffuse}
-        reflectances = {"diffuse_reflectance": diffuse, "specular_reflectance": rgb(ks)}
-        return {"type": prefix + "plastic", **reflectances, **indices, **rough}
-    if not any(ks):
-        return {"type": "diffuse", "reflectance": diffuse}
-    _approximate(context, "a Phong surface is a blend of a diffuse one and a rough mirror", *path)
-    return _phong(surface, diffuse, ks)
+        if not equal:
+            reflectances = {"diffuse_reflectance": diffuse, "specular_reflectance": rgb(ks)}
+            return {"type": prefix + "plastic", **reflectances, **indices, **rough}
+    elif surface.material is None and any(ks):
+        _approximate(context, "a Phong surface is a blend of a diffuse one and a rough mirror", *path)
+        return _phong(surface, diffuse, ks)
+    return {"type": "diffuse", "reflectance": diffuse}
 
 
 def _phong(surface: Surface, diffuse: Node, ks: Vector) -> Node:

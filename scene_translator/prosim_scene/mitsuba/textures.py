@@ -79,7 +79,7 @@ def reflectance(
         return inner((1, 1, 1))
     if surface_texture.image is None:
         return pattern(scene, surface_texture, False, inner)
-    image = {"type": "bitmap", "filename": context.image_filename(surface_texture.image, "csg", number, "textures", 0)}
+    image = context.image("bitmap", surface_texture.image, "csg", number, "textures", 0)
     if np.allclose(color, 1) and solid_texture is None:
         return image
     return {"type": "prosim_product", "a": image, "b": inner((1, 1, 1))}

@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,6 +17,8 @@ from ..language.document import Path as ValuePath
 from ..model import Scene
 from ..nodes import Node, plain, values_in
 from ..translation_options import Options
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -48,63 +51,56 @@ class Context:
 
     def read_mesh(self, name: str, *path: str | int) -> Primitive:
         """Returns the solid of a mesh file. Raises SceneError if the file may not be used, or has no closed mesh."""
-        full = self.file_path("mesh", name, *path)
-        try:
-            if full.stat().st_size > MESH_LIMIT:
-                raise ValueError(f"is larger than {MESH_LIMIT >> 20} MiB, the largest size of a mesh file")
-            return mesh_file(full.read_bytes())
-        except OSError as reason:
-            problem = f"cannot be read: {reason.strerror or reason}"
-        except ValueError as reason:
-            problem = str(reason)
-        raise self.document.error(f"the mesh {quote(name)} {problem}", *path)
+        return self._read_file("mesh", _mesh, name, *path)
 
-    def image_filename(self, name: str, *path: str | int) -> str:
-        """Returns the file name of an image in the translation.
+    def image(self, plugin: str, name: str, *path: str | int) -> Node:
+        """Returns the dictionary of a ``plugin`` that shows an image.
 
         Raises SceneError if the file may not be used, or is not an image.
         """
-        error, full = self.document.error, self.file_path("image", name, *path)
-        try:
-            valid = is_image(full)
-        except OSError as reason:
-            raise error(f"the image {quote(name)} cannot be read: {reason.strerror or reason}", *path) from None
-        if not valid:
-            raise error(f"{quote(name)} is not an image; expected one of {', '.join(SIGNATURES)} or TGA", *path)
-        try:
-            return self.image_path(full)
-        except ValueError as reason:
-            raise error(str(reason), *path) from None
+        return {"type": plugin, "filename": self._read_file("image", self._image_filename, name, *path)}
 
-    def file_path(self, kind: str, name: str, *path: str | int) -> Path:
-        """Returns the path of a file of this ``kind``, "image" or "mesh". Raises SceneError if the file does not exist,
-        or may not be used.
+    def _image_filename(self, path: Path) -> str:
+        """Returns the file name of an image in the translation. Raises ValueError if the file is not an image."""
+        if not is_image(path):
+            raise ValueError(f"is not an image; expected one of {', '.join(SIGNATURES)} or TGA")
+        return self.image_path(path)
 
-        The file must be in the scene's folder or below, if the option ``allow_outside`` is False.
+    def _read_file(self, kind: str, read: Callable[[Path], T], name: str, *path: str | int) -> T:
+        """Returns ``read(path of the file)`` for the file of this ``kind``, "image" or "mesh", that a value names.
+
+        ``name`` is the value, ``path`` its path in the model. The file must be in the scene's folder or below, if the
+        option ``allow_outside`` is False. Raises SceneError if the file may not be used or does not exist, and if
+        ``read`` raises OSError or ValueError.
         """
-        if not name:
-            article = "an" if kind == "image" else "a"
-            raise self.document.error(f"this file name is empty; expected {article} {kind} file", *path)
         folder = Path(self.document.source.filename).parent
         try:
+            if "\0" in name:
+                raise ValueError("is not a valid file name; expected a name without the character NUL")
             full = Path(os.path.realpath(located(folder, name)))  # realpath also accepts circular links
-            exists = full.is_file()
-        except (OSError, ValueError) as error:  # the name is too long, or has invalid characters
-            problem = f"is not a valid file name: {getattr(error, 'strerror', None) or error}"
-        else:
             if not self.options.allow_outside and not full.is_relative_to(folder.resolve()):
-                problem = "is outside the scene's folder; move it there, or use the option --allow-outside, "
-                problem += "in Python allow_outside=True"
-            elif exists:
-                return full
-            else:
-                quotes = "; write a file name in double quotes, or without quotes" if name[0] == "'" else ""
-                problem = f"does not exist in the scene's folder{quotes}"
+                reason = "is outside the scene's folder; move it there, or use the option --allow-outside, "
+                raise ValueError(f"{reason}in Python allow_outside=True")
+            if not full.is_file():
+                quotes = "; write a file name in double quotes, or without quotes" if name.startswith("'") else ""
+                raise ValueError(f"does not exist in the scene's folder{quotes}")
+            return read(full)
+        except OSError as error:
+            problem = f"cannot be read: {error.strerror or error}"
+        except ValueError as error:
+            problem = str(error)
         raise self.document.error(f"the {kind} {quote(name)} {problem}", *path)
 
 
 #: The largest size of a mesh file in bytes; a file of 4,000,000 triangles is smaller.
 MESH_LIMIT = 2**27
+
+
+def _mesh(path: Path) -> Primitive:
+    """Reads a mesh file. Raises OSError or ValueError."""
+    if path.stat().st_size > MESH_LIMIT:
+        raise ValueError(f"is larger than {MESH_LIMIT >> 20} MiB, the largest size of a mesh file")
+    return mesh_file(path.read_bytes())
 
 
 def check_single_precision(document: Document, node: Node, *path: str | int) -> Node:

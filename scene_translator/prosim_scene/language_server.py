@@ -3,10 +3,8 @@
 import asyncio
 import gc
 import re
-from bisect import bisect_right
 from functools import cached_property
 from importlib.metadata import version
-from itertools import accumulate
 
 import click
 
@@ -29,8 +27,6 @@ from .symbols import Completion, Symbols
 LARGEST = 1000
 #: The delay in seconds between the last keystroke and the next analysis of the text.
 DELAY = 0.03
-#: Matches between two lines, as the protocol defines lines; Python's ``splitlines`` also splits at other characters.
-LINE = re.compile(r"(?<=\n)|(?<=\r)(?!\n)")
 
 
 class OpenDocument:
@@ -39,28 +35,28 @@ class OpenDocument:
     def __init__(self, document: TextDocument) -> None:
         """Stores the text of a document, and the offsets of its lines."""
         self.uri, self.version, self.text = document.uri, document.version, document.source
-        self.filename = to_fs_path(document.uri) or document.uri
-        self.codec, self.lines = document.position_codec, LINE.split(self.text)
-        self.starts = [0, *accumulate(map(len, self.lines))][:-1]
-        self.lines[-1] += "\n"  # the codec clamps a position to the line end, which the last line lacks
-        # The same line ends as in a text that is read from a file, with unchanged offsets: a lone CR becomes LF.
-        self.scene = re.sub(r"\r(?!\n)", "\n", re.sub("^\ufeff", " ", self.text))
+        self.filename, self.codec = to_fs_path(document.uri) or document.uri, document.position_codec
+        # The same line ends as in a text that is read from a file, with unchanged offsets: a lone CR becomes LF, and a
+        # byte order mark becomes a space that has as many code units.
+        self.scene_text = re.sub(r"\r(?!\n)", "\n", re.sub("^\ufeff", "\u2003", self.text))
+        #: The lines of the text. The codec clamps a position to the line end, so the last line gets one, too.
+        self.lines = [f"{line}\n" for line in self.scene_text.split("\n")]
         self.pending: asyncio.Task[None] | asyncio.TimerHandle | None = None
 
     @cached_property
     def symbols(self) -> Symbols:
         """The symbols of the document. The text is analysed at the first use of this property."""
-        return Symbols(self.scene, self.filename)
+        return Symbols(self.scene_text, self.filename)
 
     def offset(self, position: lsp.Position) -> int:
         """Converts a position of the protocol to a text offset, clamped to the end of the line and of the text."""
         line_position = self.codec.position_from_client_units(self.lines, position)
-        return min(self.starts[line_position.line] + line_position.character, len(self.text))
+        return min(self.symbols.reader.source.line_starts[line_position.line] + line_position.character, len(self.text))
 
     def range(self, start: int, end: int) -> lsp.Range:
         """Converts two text offsets to a range of the protocol."""
-        lines = [bisect_right(self.starts, offset) - 1 for offset in (start, end)]
-        positions = [lsp.Position(line, offset - self.starts[line]) for line, offset in zip(lines, (start, end))]
+        numbers = map(self.symbols.reader.source.line_column, (start, end))  # of lines and columns, from 1
+        positions = [lsp.Position(line - 1, column - 1) for line, column in numbers]
         return lsp.Range(*(self.codec.position_to_client_units(self.lines, position) for position in positions))
 
     def diagnostic(self, problem: Problem) -> lsp.Diagnostic:
@@ -96,7 +92,7 @@ class SceneServer(LanguageServer):
 
     async def evaluate(self, document: OpenDocument) -> None:
         """Evaluates the CSG tree of a document in a separate process, and publishes the errors and warnings."""
-        problems = await evaluate_in_process(document.scene, document.filename)
+        problems = await evaluate_in_process(document.scene_text, document.filename)
         if problems is not None:
             self.publish(document, problems)
 
@@ -199,7 +195,7 @@ def locations(ls: SceneServer, params: lsp.DefinitionParams | lsp.ReferenceParam
 def formatting(ls: SceneServer, params: lsp.DocumentFormattingParams) -> list[lsp.TextEdit] | None:
     """Returns the edit that changes a document to the canonical layout, or None if the document has errors."""
     document = ls.documents[params.text_document.uri]
-    lines = document.scene.replace("\r\n", "\n")
+    lines = document.scene_text.replace("\r\n", "\n")
     try:
         formatted = format(lines, document.filename)
     except SceneError:

@@ -4,6 +4,7 @@ import re
 from bisect import bisect_right
 from collections.abc import Iterator
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,18 +13,13 @@ from .language.analysis import analyse
 from .language.diagnostics import USE
 from .language.expressions import CONSTANTS, FPS, FRAME, FUNCTIONS, TIME
 from .language.reader import Reader
-from .language.tokens import Token
+from .language.tokens import START, Token
 from .language.words import NAMED, NO_NUMBERS, ROLES, STATEMENTS, Word, find_word
 
 #: The grammar roles of keywords before an index.
 INDEXED = ("SURFACE", "TRANSFORM", "PRIMITIVE", "USE")
 #: Matches a character before a word.
 BEFORE_WORD = re.compile(r'[\s()#":=]')
-OPERATORS = {
-    "PLUS": "`+` A B: the union of two solids.",
-    "MINUS": "`-` A B: the difference of two solids.",
-    "TIMES": "`*` A B: the intersection of two solids.",
-}
 #: Matches the arithmetic in braces before the cursor.
 BRACES = re.compile(r"\{(?:[^{}\n]*[^{}\n$\w])?([$\w]*)\Z")
 
@@ -74,11 +70,9 @@ class Symbols:
     def table(self) -> dict[Symbol, list[Occurrence]]:
         """Symbol -> its occurrences, in the order of the text."""
         result: dict[Symbol, list[Occurrence]] = {}
-        role_before = ""
-        for token in self.tokens:
-            for occurrence in self._occurrences(token, role_before):
+        for before, token in pairwise([START, *self.tokens]):
+            for occurrence in self._occurrences(token, before.role):
                 result.setdefault(occurrence.symbol, []).append(occurrence)
-            role_before = token.role
         return result
 
     def _occurrences(self, token: Token, before: str) -> Iterator[Occurrence]:
@@ -110,7 +104,7 @@ class Symbols:
         if i < 0 or offset >= self.tokens[i].end:
             return None
         token, before = self.tokens[i], self.tokens[i - 1].role
-        text = OPERATORS.get(token.role, "")
+        text = words.TOKEN_MEANINGS.get(token.role, "")
         if token.role in ROLES:
             text = description(find_word(token.role, token.text))
         elif token.role == "WORD" and before in NAMED:

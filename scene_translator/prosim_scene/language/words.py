@@ -164,6 +164,8 @@ BUILT_IN = {names.split()[0]: kind for _, names, kind in TABLE["textures"]}
 ALIASES = {name: names.split()[0] for _, names, _ in TABLE["textures"] for name in names.split()}
 #: Role of a token that is not a word, or BOOL -> the name of the role in messages.
 TOKEN_NAMES = {role: text for _, role, text in TABLE["tokens"]}
+#: Role of an operator -> the meaning of this operator, as Markdown.
+TOKEN_MEANINGS = {role: meaning for meaning, role, _ in TABLE["tokens"] if meaning}
 #: Word of another scene language -> a hint, the equivalent in this language.
 SUGGESTIONS = {word: text for text, words in TABLE["suggestions"] for word in words.split()}
 

@@ -43,6 +43,9 @@ TRANSFORM = STATEMENT_END | {"STEP"}
 STEP_VALUES, CLOSING = TRANSFORM | {"NUMBER", "LPAR"}, frozenset(("RPAR",))
 TEXTURE = STATEMENT_END | {"PARAMETER"}
 
+#: The roles of statements that set one value of several, which a name or an index after the keyword selects.
+KEYED = frozenset(("DEFAULT", "SOLID", "SURFACE", "TRANSFORM", "TEXTURE"))
+
 #: Matches a comment that stands where the values of a keyword should be.
 COMMENT = re.compile(r"[\s:=]*(\([^()\n]*\)|#\w+)")
 #: Matches the comments and the white space at the beginning of a text.
@@ -109,7 +112,7 @@ class Reader(Scanner):
                 if at_end:
                     self.read_end()
                 else:
-                    self.store_value(getattr(self, f"read_{self.keyword.role.lower()}")())
+                    self.read_statement()
             except SceneError as error:
                 self.errors[error_count:] = [error]
                 at_end = not self.skip_statement(error)
@@ -129,12 +132,16 @@ class Reader(Scanner):
                 reason = "the text after END is ignored; delete it"
                 self.warnings.append(self.source.warning(Span(start, end), reason, "after-end"))
 
-    def store_value(self, value: Any) -> None:
-        """Stores the value of a statement in ``fields``.
+    def read_statement(self) -> None:
+        """Reads a statement, and stores its value in ``fields``.
 
         The value of a second equal statement, or of a statement with a wrong index, is not stored: its path begins with
         "duplicate" or "unknown", and no field has this name.
         """
+        role = self.keyword.role
+        if role not in KEYED:
+            self.begin_value(find_word(role, self.keyword.text).name)
+        value = getattr(self, f"read_{role.lower()}")()
         field, *key = self.path
         if key:
             self.fields.get(str(field), {})[key[0]] = value
@@ -184,8 +191,7 @@ class Reader(Scanner):
 
     def store_span(self, span: Span, *path: str | int) -> None:
         """Stores the span of the statement's value, or of the part of this value that ``path`` names."""
-        path = (*self.path, *path)
-        self.spans[path] = span
+        self.spans[(*self.path, *path)] = span
 
     def store_span_once(self, token: Token, what: str, *path: str | int) -> None:
         """Stores the span of a part of the statement's value; reports an error if this part has been read before.
@@ -199,9 +205,9 @@ class Reader(Scanner):
         else:
             self.store_span(token.span, *path)
 
-    def span_with_numbers(self, keyword: Token) -> Span:
-        """Returns the span from the start of a keyword to the end of the numbers that were read last."""
-        return Span(keyword.start, (self.number_tokens or [keyword])[-1].end)
+    def span_from(self, keyword: Token) -> Span:
+        """Returns the span from the start of a keyword to the end of the token before the current token."""
+        return Span(keyword.start, self.previous_end)
 
     # ---- Values
 
@@ -269,7 +275,7 @@ class Reader(Scanner):
                     self.store_span_once(keyword, "the roughness", "roughness")
                 parameters[word.name] = self.read_numbers(keyword, follow | {"MINUS"} if word.name == "vrp" else follow)
                 if keyword.role == "VIEW_PARAMETER":
-                    self.store_span(self.span_with_numbers(keyword), word.name)
+                    self.store_span(self.span_from(keyword), word.name)
                 if self.token.role == "MINUS":  # the thesis's example scene has a superfluous dash here
                     self.read_token(follow)
         return parameters
@@ -288,19 +294,16 @@ class Reader(Scanner):
     def read_setting(self) -> Any:
         """Reads a statement that has one keyword and its numbers, or TRUE and FALSE."""
         word = find_word(self.keyword.role, self.keyword.text)
-        self.begin_value(word.name)
         return self.read_numbers(self.keyword, STATEMENT_END | {"BOOL"} if word.numbers.flags else STATEMENT_END)
 
     def read_name(self) -> str:
         """Reads a NAME statement."""
-        self.begin_value("name")
         token = self.read_token(FILE | {"WORD", "TEXTURE_NAME", "NUMBER"})
         self.read_token(STATEMENT_END)
         return token.text
 
     def read_background(self) -> model.Background:
         """Reads a BACKGROUND statement."""
-        self.begin_value("background")
         color, image = self.read_numbers(self.keyword, IMAGE), None
         if self.token.role in FILE:
             image = self.token.text
@@ -311,7 +314,6 @@ class Reader(Scanner):
 
     def read_lights(self) -> tuple[model.Light, ...]:
         """Reads a LIGHTS statement."""
-        self.begin_value("lights")
         lights: list[model.Light] = []
         self.read_token(LIGHTS)
         while (token := self.token).role == "LIGHT":
@@ -329,7 +331,6 @@ class Reader(Scanner):
 
     def read_view(self) -> model.View:
         """Reads a VIEW statement."""
-        self.begin_value("view")
         self.read_token(VIEW)
         return model.View(**self.read_parameters(VIEW))
 
@@ -398,11 +399,6 @@ class Reader(Scanner):
         parameters |= self.read_parameters(TEXTURE)
         return model.Pattern(kind, tuple(sorted(parameters.items())))
 
-    def read_csg_tree(self) -> Tree:
-        """Reads a CSG-TREE statement."""
-        self.begin_value("csg")
-        return self.read_tree()
-
     def read_solid(self) -> Tree:
         """Reads a SOLID statement: a named CSG tree."""
         token = self.read_token(frozenset(("WORD",)))
@@ -410,15 +406,15 @@ class Reader(Scanner):
         if normalise(token.text) in words.WORDS_BY_SPELLING:
             reason = f"found {quote(token.text)}, a word of the language; expected another name"
             self.add_error(token.span, reason, "name")
-        error_count, nodes = len(self.errors), self.read_tree()
+        error_count, nodes = len(self.errors), self.read_csg_tree()
         if not nodes and len(self.errors) == error_count:
             self.add_error(token.span, f"this solid is empty; expected its tree after {token.text}", "incomplete")
         return nodes
 
-    def read_tree(self) -> Tree:
-        """Reads a CSG tree: operators and primitives in prefix order. The nodes of a named solid replace its name.
+    def read_csg_tree(self) -> Tree:
+        """Reads the CSG tree of a CSG-TREE or SOLID statement: operators and primitives in prefix order.
 
-        The result is empty if the tree has an error.
+        The nodes of a named solid replace its name. The result is empty if the tree has an error.
         """
         error_count, first_token = len(self.errors), len(self.tokens)
         nodes: list[model.Operator | model.Leaf] = []
@@ -475,7 +471,7 @@ class Reader(Scanner):
         if self.used_primitives > MAX_PRIMITIVES:
             reason = f"the solids have more than {MAX_PRIMITIVES} primitives; expected fewer uses of {keyword.text}"
             raise self.source.error(keyword.span, reason, "range")
-        span = self.span_with_numbers(keyword)
+        span = self.span_from(keyword)
         for position in range(len(solid)):
             self.store_span(span, number + position)
         within = () if index is None else (index,)
@@ -489,9 +485,8 @@ class Reader(Scanner):
         slots: list[model.Texture | None] = []
         shape, file = find_word("PRIMITIVE", keyword.text).name, None
         index = self.read_numbers(keyword, FILE if shape == "mesh" else SLOTS)
-        span = self.span_with_numbers(keyword)
         if shape == "mesh":
-            file, span = self.token.text, Span(keyword.start, self.token.end)
+            file = self.token.text
             self.store_span(self.token.span, number, "file")
             self.read_token(SLOTS)
         while (token := self.token).role not in TREE:
@@ -500,9 +495,8 @@ class Reader(Scanner):
                 raise self.source.error(token.span, reason, "count")
             self.store_span(token.span, number, "textures", len(slots))
             slots.append(_texture(token))
-            span = Span(keyword.start, token.end)
             self.read_token(SLOTS)
-        self.store_span(span, number)
+        self.store_span(self.span_from(keyword), number)
         surface, solid, *_ = [*slots, None, None]
         return model.Leaf(shape, -1 if index is None else index, (surface, solid), file=file)
 

@@ -60,15 +60,15 @@ class Scanner(ABC):
     """Reads the tokens of a text, in order.
 
     ``tokens`` lists the tokens that were read, with comments; ``last`` is the last token that is not a comment.
-    ``token`` is the current token, ``expected`` is the set of grammar roles that may stand at its place, and
-    ``keyword`` is the first token of the current statement. A ``$name`` without a value is replaced by a placeholder: a
-    token with a role that the grammar expects.
+    ``token`` is the current token, ``previous_end`` is the end of the token before it, ``expected`` is the set of
+    grammar roles that may stand at its place, and ``keyword`` is the first token of the current statement. A ``$name``
+    without a value is replaced by a placeholder: a token with a role that the grammar expects.
     """
 
     def __init__(self, source: Source, definitions: Definitions) -> None:
         self.source, self.definitions = source, definitions
         self.tokens: list[Token] = []
-        self.position = 0
+        self.position = self.previous_end = 0
         self.last = self.token = self.keyword = START
         self.expected = frozenset[str]()
 
@@ -78,7 +78,8 @@ class Scanner(ABC):
         Raises SceneError if the token does not have one of the ``expected`` roles, if a quote, a comment or a brace is
         not closed, and for a wrong expression.
         """
-        text, match_piece, self.expected = self.source.text, PIECE.match, expected
+        text, match_piece = self.source.text, PIECE.match
+        self.expected, self.previous_end = expected, self.last.end
         while found := match_piece(text, self.position):
             kind = str(found.lastgroup)
             piece, start, self.position = found[kind], found.start(kind), found.end()

@@ -106,9 +106,7 @@ class Definitions:
         if text is None:
             return math.nan
         if not re.fullmatch(NUMBER, text) or not math.isfinite(float(text)):
-            value = self.source.names.get(name, quote(text))
-            reason = f"${name} stands for {value}; expected a finite number in arithmetic"
-            raise self.source.error(span, reason, "expression")
+            raise self.source.error(span, "expected a finite number in arithmetic", "expression")
         return float(text)
 
     def check_uses(self) -> None:

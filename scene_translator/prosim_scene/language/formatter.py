@@ -99,7 +99,7 @@ class _Layout:
             self.add_value(token)
         elif kind in STATEMENTS:
             colon = "" if kind in HEADINGS or kind in ("DEFAULT", "END") else ":"
-            at = self.add_line(0, find_word(kind, token.text).canonical + colon, 0, "=" * (kind == "DEFAULT"))
+            at = self.add_line(0, find_word(kind, token.text).canonical + colon, 0)
             if at and {kind, self.heading} & HEADINGS:
                 self.lines.insert(at, _Line(0))
             self.heading = kind
@@ -141,10 +141,9 @@ class _Layout:
     def add_value(self, token: Token) -> None:
         """Adds a value after its keyword; names and expressions stay as they are written."""
         text = self.source[token.start : token.end]
-        if token.role == "VARIABLE":  # the name after DEFAULT stands before the mark "="
-            self.line.words[0] += f" {text}"
-            return
-        if token.role == "NUMBER" and text[0] not in "${" and self.heading != "NAME" and isfinite(float(text)):
+        if token.role == "VARIABLE":  # after DEFAULT
+            text += " ="
+        elif token.role == "NUMBER" and text[0] not in "${" and self.heading != "NAME" and isfinite(float(text)):
             text = number_text(float(text))
         elif token.role in ROLES and text[0] not in "${":
             text = find_word(token.role, token.text).canonical

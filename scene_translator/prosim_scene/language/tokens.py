@@ -173,9 +173,7 @@ class Scanner(ABC):
             return Token("STRING", text, *span)
         role = "NUMBER" if piece.lastgroup == "number" else role_of(text, expected, self.keyword.role)
         if role not in VALUES:
-            value = self.source.names.get(name[1:], quote(text))
-            reason = f"{name} stands for {value}, a keyword; expected a number, or a word that is a value"
-            raise self.source.error(span, reason, "name")
+            raise self.source.error(span, "found a keyword; expected a number, or a word that is a value", "name")
         return Token(role, text, *span)
 
 

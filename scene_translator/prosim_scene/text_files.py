@@ -24,13 +24,13 @@ def read(path: AnyPath) -> str:
             raise too_large(path)
         data = path.read_bytes()
     except OSError as error:
-        raise SceneError(f"{path}: {error.strerror or error}", str(path)) from None
+        raise SceneError(error.strerror or str(error), path) from None
     try:
         text = data.decode("utf-16" if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig")
     except UnicodeDecodeError:
         text = data.decode("latin-1")
     if "\0" in text[:2]:  # probably UTF-16 without a byte order mark
-        raise SceneError(f"{path}: the text is not UTF-8; save the file as UTF-8", str(path))
+        raise SceneError("the text is not UTF-8; save the file as UTF-8", path)
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
@@ -44,7 +44,7 @@ def rewrite(path: AnyPath, text: str) -> None:
         os.stat(path)  # a missing file is an error
         replace(Path(path), text.encode("utf-8"))
     except OSError as error:
-        raise SceneError(f"{path}: {error.strerror or error}; the file is unchanged", str(path)) from None
+        raise SceneError(f"{error.strerror or error}; the file is unchanged", path) from None
 
 
 def replace(path: Path, content: bytes | memoryview | Callable[[Path], None], folder: Path | None = None) -> None:

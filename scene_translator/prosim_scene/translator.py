@@ -1,6 +1,5 @@
 """Translates a scene file to a Mitsuba scene: XML and meshes on disk, or a dictionary."""
 
-import os
 import shutil
 import sys
 import tempfile
@@ -9,7 +8,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from . import writer
 from .language import document_of
 from .language.diagnostics import AnyPath, SceneError
 from .language.document import Document
@@ -18,7 +16,7 @@ from .model import Scene
 from .nodes import Comment, Node, is_valid_in_xml, plain, xml
 from .text_files import read
 from .translation_options import Options
-from .writer import TranslationCache
+from .writer import MARK, TranslationCache, TranslationFiles
 
 
 def document(path: AnyPath, define: Mapping[str, object] | None = None) -> Document:
@@ -37,7 +35,7 @@ def _opened(source: AnyPath | Document, define: Mapping[str, object] | None) -> 
         return document(source, define)
     if define:
         reason = "define has no effect on a document; pass it to prosim_scene.document"
-        raise SceneError(f"{source.source.filename}: {reason}")
+        raise SceneError(reason, source.source.filename)
     return source
 
 
@@ -81,36 +79,14 @@ def translate(
     if not is_valid_in_xml(source_path.stem):
         reason = "the translation's files would have this name, which is not valid in XML; "
         reason += "expected a name without control characters, in UTF-8"
-        raise SceneError(f"{str(source_path)!r}: {reason}", str(source_path))
+        raise SceneError(reason, repr(str(source_path)))
     folder = Path(out_dir) if out_dir is not None else source_path.parent
-    stem = source_path.stem
-    meshes: dict[str, bytes] = {}
-
-    def image_path(path: Path) -> str:
-        """Returns the path of an image for the XML file, relative to the folder of the XML file if possible.
-
-        Raises ValueError for a path that is not valid in XML.
-        """
-        try:
-            relative = Path(os.path.relpath(path, folder.resolve())).as_posix()
-        except ValueError:  # on another drive of Windows
-            relative = path.resolve().as_posix()
-        if not is_valid_in_xml(relative):
-            raise ValueError(
-                f"has the path {relative!r}, which is not valid in XML; expected printable characters, in UTF-8"
-            )
-        return relative
-
-    def store(name: str, content: bytes) -> str:
-        """Stores a mesh in ``meshes`` until all files are written; returns the path of the mesh for the XML file."""
-        meshes[file := writer.mesh_name(name, content)] = content
-        return f"{writer.meshes_folder(stem)}/{file}"
-
-    tree = {"mark": Comment(writer.MARK), **assemble(opened, checked, store, image_path, cache)}
+    files = TranslationFiles(folder, source_path.stem)
+    tree = {"mark": Comment(MARK), **assemble(opened, checked, files.store, files.image_path, cache)}
     try:
-        return writer.write(folder, stem, xml(tree), meshes)
+        return files.write(xml(tree))
     except OSError as error:
-        raise SceneError(f"{error.filename or folder}: {error.strerror or error}", str(source_path)) from None
+        raise SceneError(error.strerror or str(error), error.filename or folder) from None
 
 
 def load(
@@ -132,8 +108,7 @@ def load(
     try:
         tree = assemble(opened, checked, _TemporaryFolder().store, cache=cache)
     except OSError as error:
-        reason = f"{error.filename or tempfile.gettempdir()}: {error.strerror or error}"
-        raise SceneError(reason, opened.source.filename) from None
+        raise SceneError(error.strerror or str(error), error.filename or tempfile.gettempdir()) from None
     mitsuba = sys.modules.get("mitsuba")
     if transform is None and mitsuba is not None and mitsuba.variant() is not None:
         transform = mitsuba.ScalarTransform4f

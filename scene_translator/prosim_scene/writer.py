@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from .geometry import SurfaceMesh, Triangles
+from .nodes import is_valid_in_xml
 from .text_files import PART, refuse_special, replace
 
 
@@ -74,43 +75,67 @@ LOCK_TIMEOUT = 10.0  # how many seconds to wait for another translation to the s
 MESH = re.compile(r"surface_\d+_*-([0-9a-f]{16})\.ply")
 
 
-def mesh_name(name: str, content: bytes) -> str:
-    """Returns the file name of a mesh: ``name`` and the digest of the file's content."""
-    return f"{name}-{_digest(content)}.ply"
+class TranslationFiles:
+    """The files of a translation: the XML file with the path ``xml``, and the meshes in the folder ``meshes``.
 
-
-def meshes_folder(stem: str) -> str:
-    """Returns the name of the folder of the meshes."""
-    return f"{stem}-meshes"
-
-
-def write(folder: Path, stem: str, text: str, meshes: dict[str, bytes]) -> Path:
-    """Writes the XML ``text`` and the ``meshes``, whose keys are file names; returns the path of the XML file.
-
-    The XML file is replaced last, so the meshes that it names always exist. Meshes of earlier translations are removed.
-    Raises OSError, or FileExistsError if a file of the user has the path of a result; no file has changed then.
+    ``new`` maps the file name of each mesh to its content.
     """
-    xml, folder_of_meshes = folder / f"{stem}.xml", folder / meshes_folder(stem)
-    _check_replaceable(xml, folder_of_meshes)
-    folder.mkdir(parents=True, exist_ok=True)
-    with _locked(folder) as locked:
-        folder_of_meshes.mkdir(exist_ok=True)
-        written: list[Path] = []
+
+    def __init__(self, folder: Path, stem: str) -> None:
+        self.folder, self.xml, self.meshes = folder, folder / f"{stem}.xml", folder / f"{stem}-meshes"
+        self.new: dict[str, bytes] = {}
+
+    def store(self, name: str, content: bytes) -> str:
+        """Keeps the content of a mesh until all files are written; returns the path of the mesh for the XML file.
+
+        The file name of the mesh is ``name`` and the digest of the content.
+        """
+        file = f"{name}-{_digest(content)}.ply"
+        self.new[file] = content
+        return f"{self.meshes.name}/{file}"
+
+    def image_path(self, path: Path) -> str:
+        """Returns the path of an image for the XML file, relative to the folder of the XML file if possible.
+
+        Raises ValueError for a path that is not valid in XML.
+        """
         try:
-            for name, content in meshes.items():
-                if not _has_content(folder_of_meshes / name, content):
-                    replace(folder_of_meshes / name, content, folder_of_meshes)
-                    written.append(folder_of_meshes / name)
-            replace(xml, text.encode(), folder_of_meshes)
-        except BaseException:
-            for path in written:
-                path.unlink(missing_ok=True)
-            with suppress(OSError):  # the folder is not empty, or is a link
-                folder_of_meshes.rmdir()
-            raise
-        if locked:
-            _remove_old_meshes(folder_of_meshes, meshes)
-    return xml
+            relative = Path(os.path.relpath(path, self.folder.resolve())).as_posix()
+        except ValueError:  # on another drive of Windows
+            relative = path.resolve().as_posix()
+        if not is_valid_in_xml(relative):
+            reason = f"has the path {relative!r}, which is not valid in XML; expected printable characters, in UTF-8"
+            raise ValueError(reason)
+        return relative
+
+    def write(self, text: str) -> Path:
+        """Writes the XML ``text`` and the meshes; returns the path of the XML file.
+
+        The XML file is replaced last, so the meshes that it names always exist. Meshes of earlier translations are
+        removed. Raises OSError, or FileExistsError if a file of the user has the path of a result; no file has changed
+        then.
+        """
+        _check_replaceable(self.xml, self.meshes)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        with _locked(self.folder) as locked:
+            self.meshes.mkdir(exist_ok=True)
+            written: list[Path] = []
+            try:
+                for name, content in self.new.items():
+                    path = self.meshes / name
+                    if not _has_content(path, content):
+                        replace(path, content, self.meshes)
+                        written.append(path)
+                replace(self.xml, text.encode(), self.meshes)
+            except BaseException:
+                for path in written:
+                    path.unlink(missing_ok=True)
+                with suppress(OSError):  # the folder is not empty, or is a link
+                    self.meshes.rmdir()
+                raise
+            if locked:
+                _remove_old_meshes(self.meshes, self.new)
+        return self.xml
 
 
 def _digest(content: bytes) -> str:

@@ -92,12 +92,7 @@ def test_names_stand_for_words_of_all_kinds():
     [
         ("NSAMPLES {$n + 1}", {}, 11, "$n has no value; expected DEFAULT $n = 1 above its use, -D n=1"),
         ("DEFAULT $n = ouro NSAMPLES {$n + 1}", {}, 29, "expected a finite number in arithmetic; $n stands for 'ouro'"),
-        (
-            "DEFAULT $n = CUBE LIGHTS $n",
-            {},
-            26,
-            "a word that is a value; $n stands for 'CUBE'",
-        ),
+        ("DEFAULT $n = CUBE LIGHTS $n", {}, 26, "a word that is a value; $n stands for 'CUBE'"),
         ("DEFAULT $n = 2000 NSAMPLES $n", {}, 28, "; $n stands for '2000'\n"),
         ("NSAMPLES {7 / (2 - 2)}", {}, 11, "divides by 0"),
         ("NSAMPLES {10^400}", {}, 11, "'10^400' is not a finite number"),

@@ -81,8 +81,8 @@ def analyse(
 
 def too_large(path: AnyPath) -> SceneError:
     """Returns the error about a scene file that is larger than :data:`SIZE_LIMIT`."""
-    reason = f"the file is larger than {SIZE_LIMIT >> 20} MiB, the largest size of a scene"
-    return SceneError(f"{path}: {reason}; write repeated solids by SOLID", str(path), reason=reason, code="size")
+    reason = f"the file is larger than {SIZE_LIMIT >> 20} MiB, the largest size of a scene; "
+    return SceneError(f"{reason}write repeated solids by SOLID", path, "size")
 
 
 def _document(reader: Reader) -> Document:

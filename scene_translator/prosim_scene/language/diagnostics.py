@@ -32,9 +32,10 @@ class Diagnostic(Exception):  # noqa: N818 - also of warnings
     line = column = 0
     span: Span | None = None
 
-    def __init__(self, message: str, filename: str = "", reason: str = "", code: str = "") -> None:
-        super().__init__(message)
-        self.filename, self.reason, self.code = filename, reason or message, code
+    def __init__(self, reason: str, filename: AnyPath = "", code: str = "", message: str = "") -> None:
+        """The default of ``message`` is the reason, after the file name if there is one."""
+        self.filename, self.reason, self.code = str(filename), reason, code
+        super().__init__(message or (f"{filename}: {reason}" if filename else reason))
 
 
 class SceneWarning(Diagnostic, UserWarning):
@@ -121,7 +122,7 @@ class Source:
         unexplained = [name for name in used if name in self.names and f"${name}" not in reason]
         values = [f"${name} stands for {self.names[name]}" for name in unexplained]
         reason += f"; {listing(values[:3], 'and')}" if values else ""
-        diagnostic = kind(self.message(span, reason), self.filename, reason, code)
+        diagnostic = kind(reason, self.filename, code, self.message(span, reason))
         diagnostic.span, (diagnostic.line, diagnostic.column) = span, self.line_column(span.start)
         return diagnostic
 

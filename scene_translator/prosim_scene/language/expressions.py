@@ -118,8 +118,7 @@ class Definitions:
                 used = [f"${other}" for other in sorted(self.uses | self.defaults.keys())]
                 names = f"it has {listing(used, 'and')}{nearest('$' + name, used)}" if used else "it uses no $names"
                 reason = f"the scene does not use ${name}, which -D {name}={text} or define sets; {names}"
-                filename = self.source.filename
-                raise SceneError(f"{filename}: {reason}", filename, reason=reason, code="unused-definition")
+                raise SceneError(reason, self.source.filename, "unused-definition")
 
 
 def _caller_value_text(source: Source, name: str, value: object) -> str:
@@ -137,7 +136,7 @@ def _caller_value_text(source: Source, name: str, value: object) -> str:
         reason = f"{name} = {value!r} is not a value; expected a finite number or a word"
     else:
         return text
-    raise SceneError(f"{source.filename}: {reason}", source.filename, reason=reason, code="name")
+    raise SceneError(reason, source.filename, "name")
 
 
 def evaluate(source: Source, braces: Span, definitions: Definitions) -> float:

@@ -191,14 +191,14 @@ class Reader(Scanner):
 
     def store_span(self, span: Span, *path: str | int) -> None:
         """Stores the span of the statement's value, or of the part of this value that ``path`` names."""
-        self.spans[(*self.path, *path)] = span
+        self.spans[self.path + path] = span
 
     def store_span_once(self, token: Token, what: str, *path: str | int) -> None:
         """Stores the span of a part of the statement's value; reports an error if this part has been read before.
 
         ``what`` is the name of the part in the error message.
         """
-        if first := self.spans.get((*self.path, *path)):
+        if first := self.spans.get(self.path + path):
             line, _ = self.source.line_column(first.start)
             reason = f"{what} stands twice; the first is on line {line}; delete one"
             self.add_error(token.span, reason, "twice")

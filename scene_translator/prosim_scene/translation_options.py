@@ -29,19 +29,18 @@ class Options:
     def __post_init__(self) -> None:
         """Checks the values of the options."""
         samples, pixels = numbers_of("SETTING", "samples"), numbers_of("VIEW_PARAMETER", "resolution")
-        for name, allowed, expected in (
-            ("target", self.target in TARGETS, f"one of {', '.join(TARGETS)}"),
-            ("light_units", self.light_units in UNITS, f"one of {', '.join(UNITS)}"),
-            ("tolerance", self.tolerance is None or _is_positive(self.tolerance), "a number of pixels above 0"),
-            ("samples", self.samples is None or _are_allowed([self.samples], samples), samples.range_in_words()),
-            (
-                "resolution",
-                self.resolution is None or _are_allowed(self.resolution, pixels),
-                f"width and height, each {pixels.range_in_words()}, and {PIXELS} in all",
-            ),
-        ):
-            if not allowed:
-                raise SceneError(f"{name} is {getattr(self, name)!r}; expected {expected}")
+        self._check("target", self.target in TARGETS, f"one of {', '.join(TARGETS)}")
+        self._check("light_units", self.light_units in UNITS, f"one of {', '.join(UNITS)}")
+        self._check("tolerance", self.tolerance is None or _is_positive(self.tolerance), "a number of pixels above 0")
+        allowed = self.samples is None or _are_allowed([self.samples], samples)
+        self._check("samples", allowed, samples.range_in_words())
+        allowed = self.resolution is None or _are_allowed(self.resolution, pixels)
+        self._check("resolution", allowed, f"width and height, each {pixels.range_in_words()}, and {PIXELS} in all")
+
+    def _check(self, name: str, allowed: bool, expected: str) -> None:
+        """Raises SceneError about the option ``name`` if its value is not ``allowed``."""
+        if not allowed:
+            raise SceneError(f"{name} is {getattr(self, name)!r}; expected {expected}")
 
 
 def _is_positive(value: Any) -> bool:

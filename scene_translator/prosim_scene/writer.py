@@ -31,12 +31,9 @@ def ply_bytes(triangles: Triangles, with_uv: bool) -> bytes | None:
     proper = (a != b).any(1) & (b != c).any(1) & (c != a).any(1)
     if not proper.any():
         return None
-    columns = [vertices, triangles.normals]
-    names = ["x", "y", "z", "nx", "ny", "nz"]
-    if with_uv:
-        columns.append(triangles.uv)
-        names += ["u", "v"]
-    vertices = np.concatenate(columns, axis=1).astype("<f4")
+    names = ["x", "y", "z", "nx", "ny", "nz", "u", "v"][: 8 if with_uv else 6]
+    columns = np.concatenate([vertices, triangles.normals, triangles.uv], axis=1)
+    vertices = columns[:, : len(names)].astype("<f4")
     if not proper.all():
         used, index = np.unique(index[proper], return_inverse=True)
         vertices = vertices[used]

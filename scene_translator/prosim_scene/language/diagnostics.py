@@ -107,13 +107,9 @@ class Source:
 
     def error(self, span: Span, reason: str, code: str = "") -> SceneError:
         """Returns an error about the text at ``span``."""
-        return self._diagnostic(SceneError, span, reason, code)
+        return self.diagnostic(SceneError, span, reason, code)
 
-    def warning(self, span: Span, reason: str, code: str = "") -> SceneWarning:
-        """Returns a warning about the text at ``span``."""
-        return self._diagnostic(SceneWarning, span, reason, code)
-
-    def _diagnostic(self, kind: type[Kind], span: Span, reason: str, code: str) -> Kind:
+    def diagnostic(self, kind: type[Kind], span: Span, reason: str, code: str) -> Kind:
         """Returns an error or a warning about the text at ``span``; ``kind`` is the class of the result.
 
         The reason in its message ends with the values of the ``$names`` in the span.

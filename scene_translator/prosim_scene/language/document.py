@@ -51,7 +51,7 @@ class Document:
 
     def warning(self, reason: str, *path: str | int, code: str = "") -> SceneWarning:
         """Returns a warning about a value; the default of ``code`` is the first part of the value's path."""
-        return self.source.warning(self.span(*path), reason, code or str(path[0]))
+        return self.source.diagnostic(SceneWarning, self.span(*path), reason, code or str(path[0]))
 
     def warn(self, reason: str, *path: str | int) -> None:
         """Emits a :class:`SceneWarning` about a value."""

@@ -9,7 +9,6 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 from .. import model
@@ -59,12 +58,6 @@ LIKE_NUMBER = re.compile(rf"^[-+.0-9]|{ARITHMETIC.pattern}")
 OPERATORS = {symbol: model.Operator(symbol) for symbol in words.OPERATORS}
 
 Tree = tuple[model.Operator | model.Leaf, ...]
-
-
-@cache
-def _or_number(roles: frozenset[str]) -> frozenset[str]:
-    """Adds the grammar role NUMBER to a set of grammar roles."""
-    return roles | {"NUMBER"}
 
 
 class Reader(Scanner):
@@ -130,7 +123,7 @@ class Reader(Scanner):
             start = end - len(COMMENTS.sub("", rest, count=1))
             if start < end:
                 reason = "the text after END is ignored; delete it"
-                self.warnings.append(self.source.warning(Span(start, end), reason, "after-end"))
+                self.warnings.append(self.source.diagnostic(SceneWarning, Span(start, end), reason, "after-end"))
 
     def read_statement(self) -> None:
         """Reads a statement, and stores its value in ``fields``.
@@ -220,7 +213,7 @@ class Reader(Scanner):
         allowed = words.INDEX if keyword.role == "USE" else find_word(keyword.role, keyword.text).numbers
         self.wanted, self.number_tokens = (keyword.text, allowed), [first] if first and first.role == "NUMBER" else []
         if self.number_tokens or not first:
-            expected = _or_number(follow)
+            expected = follow | {"NUMBER"}
             while self.read_token(expected).role in ("NUMBER", "BOOL"):
                 self.number_tokens.append(self.token)
         self.wanted = None

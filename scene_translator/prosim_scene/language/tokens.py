@@ -78,9 +78,8 @@ class Scanner(ABC):
         Raises SceneError if the token does not have one of the ``expected`` roles, if a quote, a comment or a brace is
         not closed, and for a wrong expression.
         """
-        text, match_piece = self.source.text, PIECE.match
         self.expected, self.previous_end = expected, self.last.end
-        while found := match_piece(text, self.position):
+        while found := PIECE.match(self.source.text, self.position):
             kind = str(found.lastgroup)
             piece, start, self.position = found[kind], found.start(kind), found.end()
             if kind == "number":
@@ -100,7 +99,7 @@ class Scanner(ABC):
             self.last = token
             break
         else:
-            token = Token("", "", len(text), len(text))
+            token = Token("", "", len(self.source.text), len(self.source.text))
         self.token = token if token.role in expected else self.with_expected_role(token)
         return self.token
 

@@ -27,8 +27,8 @@ def from_full_scale(color: Vector) -> tuple[float, ...]:
     return tuple(c / FULL_SCALE for c in color)
 
 
-def radiance_or_intensity(context: Context, number: int, light: Light, units: str) -> tuple[float, ...]:
-    """Returns the radiance of an area light, or the intensity of a point light, as (r, g, b).
+def radiance_or_intensity(context: Context, number: int, light: Light, units: str) -> Node:
+    """Returns the radiance of an area light, or the intensity of a point light, as the dictionary of a colour.
 
     ``units`` defines the meaning of the light's Intensity: "calibrated", "radiance" or "unattenuated". Raises
     SceneError for a calibrated light at VRP.
@@ -43,7 +43,7 @@ def radiance_or_intensity(context: Context, number: int, light: Light, units: st
         factor = d * d if light.kind == "point" else 1 / facing_irradiance(light, d)
     elif light.kind == "point" and units == "radiance":
         factor = math.pi * light.radius * light.radius
-    return tuple(factor * c for c in from_full_scale(light.intensity))
+    return rgb(factor * c for c in from_full_scale(light.intensity))
 
 
 def facing_irradiance(light: Light, distance: float) -> float:
@@ -73,12 +73,19 @@ def sky_emitter(context: Context, number: int, light: Light) -> Node:
     return context.image("envmap", light.image or "", "lights", number, "image")
 
 
-def emitting_sphere(light: Light, emitter: Node) -> Node:
-    """Returns the sphere of an area light, which emits light and reflects none."""
+def emitter(prefix: str, light: Light, color: Node, parameters: Node) -> Node:
+    """Returns the emitter of a POINT light, or the sphere of an AREA light, which emits light and reflects none.
+
+    ``prefix`` and the kind of the light are the name of the emitter's plugin. ``color`` is its radiance or intensity,
+    ``parameters`` are its other parameters.
+    """
+    plugin = prefix + light.kind
+    if light.kind == "point":
+        return {"type": plugin, "position": Point(light.position), "intensity": color, **parameters}
     return {
         "type": "sphere",
         "center": Point(light.position),
         "radius": light.radius,
         "bsdf": {"type": "diffuse", "reflectance": rgb((0, 0, 0))},
-        "emitter": emitter,
+        "emitter": {"type": plugin, "radiance": color, **parameters},
     }

@@ -1,7 +1,7 @@
 """The target ``prosim``: the plugins of this project."""
 
 from ..model import Leaf, Light
-from ..nodes import Comment, Default, Node, Point, rgb
+from ..nodes import Comment, Default, Node, rgb
 from ..view import Camera
 from . import lights, materials
 from .translation_context import Context
@@ -43,21 +43,17 @@ def camera(context: Context, camera: Camera) -> Camera:
 
 def light(context: Context, number: int, light: Light) -> Node:
     """Returns an emitter for an AREA or POINT light, or a sphere with an emitter."""
-    node: Node = {"type": "prosim_" + light.kind}
-    if light.kind == "point":
-        node["position"] = Point(light.position)
     units = context.options.light_units
-    color = rgb(lights.radiance_or_intensity(context, number, light, units))
-    node["radiance" if light.kind == "area" else "intensity"] = color
+    parameters: Node = {}
     if light.distribution != "uniform":
-        node |= {"distribution": light.distribution, "direction": list(light.direction)}
+        parameters = {"distribution": light.distribution, "direction": list(light.direction)}
         if light.angle is not None:
-            node["angle"] = min(light.angle, 90.0) if light.distribution == "spot" else light.angle
+            parameters["angle"] = min(light.angle, 90.0) if light.distribution == "spot" else light.angle
         if light.distribution == "spot":
-            node["exponent"] = light.exponent
+            parameters["exponent"] = light.exponent
     if units == "unattenuated":
-        node["unattenuated"] = True
-    return lights.emitting_sphere(light, node) if light.kind == "area" else node
+        parameters["unattenuated"] = True
+    return lights.emitter("prosim_", light, lights.radiance_or_intensity(context, number, light, units), parameters)
 
 
 def surface(context: Context, number: int, leaf: Leaf, sides: materials.MediumInterface) -> Node:

@@ -25,16 +25,11 @@ def clipping_depths(camera: Camera, meshes: Collection[Triangles], lights: Itera
     The far plane is at least twice as deep as any triangle and light. If a triangle may be near the eye, the depth of
     the near plane is tiny, but never 0.
     """
-    near, far = NEAR * camera.depth, FAR * camera.depth
-    for light in lights:
-        if light.kind != "sky":
-            far = max(far, 2 * (float(_depth(camera, np.array(light.position))) + light.radius))
-    for mesh in meshes:
-        far = max(far, 2 * float(_depth(camera, mesh.vertices).max()))
-    corner = np.linalg.norm(
-        [max(abs(camera.left), abs(camera.right)), max(abs(camera.bottom), abs(camera.top)), camera.depth]
-    )
-    slant = float(corner / camera.depth)  # distance over depth, in a corner of the image
+    depths = [_depth(camera, np.array(light.position)) + light.radius for light in lights if light.kind != "sky"]
+    depths += [_depth(camera, mesh.vertices).max() for mesh in meshes]
+    near, far = NEAR * camera.depth, max([FAR * camera.depth, *(2 * float(depth) for depth in depths)])
+    x, y = max(abs(camera.left), abs(camera.right)), max(abs(camera.bottom), abs(camera.top))
+    slant = math.hypot(x, y, camera.depth) / camera.depth  # distance over depth, in a corner of the image
     if any(_is_near(camera.eye, mesh, near * slant) for mesh in meshes):
         near = 1e-9 * max(float(np.abs(mesh.vertices - camera.eye).max()) for mesh in meshes)
     return near, far

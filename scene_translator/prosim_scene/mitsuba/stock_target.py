@@ -8,7 +8,7 @@ import numpy as np
 
 from ..language.words import PIXELS
 from ..model import Leaf, Light, Surface, Vector
-from ..nodes import Comment, Default, Node, Point, rgb, rgb_clipped
+from ..nodes import Comment, Default, Node, rgb, rgb_clipped
 from ..view import Camera
 from . import lights, materials, textures
 from .translation_context import Context
@@ -82,18 +82,17 @@ def light(context: Context, number: int, light: Light) -> Node:
         _approximate(context, "lights are attenuated with distance; they are calibrated at VRP", *path)
         units = "calibrated"
     uniform = light.distribution == "uniform"
-    quantity = lights.radiance_or_intensity(context, number, light if uniform else replace(light, kind="point"), units)
+    color = lights.radiance_or_intensity(context, number, light if uniform else replace(light, kind="point"), units)
     if uniform:
-        if light.kind == "point":
-            return {"type": "point", "position": Point(light.position), "intensity": rgb(quantity)}
-        _approximate(context, "the camera sees AREA lights", *path)
-        return lights.emitting_sphere(light, {"type": "area", "radiance": rgb(quantity)})
+        if light.kind == "area":
+            _approximate(context, "the camera sees AREA lights", *path)
+        return lights.emitter("", light, color, {})
     _approximate(context, "CONE and SPOT lights are points, SPOT with a linear falloff", *path)
     beam, cutoff = _spot_angles(light)
     return {
         "type": "spot",
         "to_world": _to_world_along(light.position, light.direction),
-        "intensity": rgb(quantity),
+        "intensity": color,
         "beam_width": beam,
         "cutoff_angle": cutoff,
     }

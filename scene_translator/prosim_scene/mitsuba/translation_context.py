@@ -1,7 +1,7 @@
 """The context of a translation: its document and options; the files that a scene uses; limits of single precision."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
@@ -143,18 +143,14 @@ def located(folder: Path, name: str) -> Path:
     return folder / name.replace("\\", "/")
 
 
-def images(document: Document) -> Iterator[tuple[str, ValuePath]]:
-    """Yields the name of each image file that a scene uses, with the path of this value in the model."""
+def images(document: Document) -> list[tuple[str, ValuePath]]:
+    """Lists the names of the image files that a scene uses, each with the path of this value in the model."""
     scene = document.scene
-    if scene.background.image is not None:
-        yield scene.background.image, ("background", "image")
-    for number, light in enumerate(scene.lights):
-        if light.image is not None:
-            yield light.image, ("lights", number, "image")
+    names: dict[ValuePath, str | None] = {("background", "image"): scene.background.image}
+    names |= {("lights", number, "image"): light.image for number, light in enumerate(scene.lights)}
     for number, leaf in scene.leaves:
-        for slot, texture in enumerate(leaf.textures):
-            if texture is not None and texture.image is not None:
-                yield texture.image, ("csg", number, "textures", slot)
+        names |= {("csg", number, "textures", i): texture.image for i, texture in enumerate(leaf.textures) if texture}
+    return [(name, path) for path, name in names.items() if name is not None]
 
 
 def meshes(document: Document) -> dict[str, ValuePath]:

@@ -67,7 +67,10 @@ def analyse(
         # A skipped statement may be the DEFAULT of a name that stands below it.
         undefined = [error for error in errors if error.span and error.span.start < reader.skipped]
         problems: list[Problem] = [*reader.errors, *undefined, *reader.warnings]
-        document = _document(reader)
+        # If there are errors, values in this document are missing or None.
+        fields: dict[str, Any] = {"name": PurePath(filename).stem or "scene"} | reader.fields
+        del fields["solids"]
+        document = Document(reader.source, reader.spans, Scene(**fields), frozenset(reader.definitions.uses))
         if not undefined and all(error.code == "no-end" for error in reader.errors):
             # Without END, statements may be missing, so warnings about the whole scene are left out.
             problems += [one for one in _scene_problems(document) if not reader.errors or isinstance(one, SceneError)]
@@ -83,16 +86,6 @@ def too_large(path: AnyPath) -> SceneError:
     """Returns the error about a scene file that is larger than :data:`SIZE_LIMIT`."""
     reason = f"the file is larger than {SIZE_LIMIT >> 20} MiB, the largest size of a scene; "
     return SceneError(f"{reason}write repeated solids by SOLID", path, "size")
-
-
-def _document(reader: Reader) -> Document:
-    """Makes the document of the text that ``reader`` has read.
-
-    If the text has errors, values in the document are missing or None.
-    """
-    fields: dict[str, Any] = {"name": PurePath(reader.source.filename).stem or "scene"} | reader.fields
-    del fields["solids"]
-    return Document(reader.source, reader.spans, Scene(**fields), frozenset(reader.definitions.uses))
 
 
 def _with_separate_indices(document: Document) -> Document:

@@ -68,7 +68,7 @@ class _Layout:
         self.source = source
         self.lines: list[_Line] = []
         self.line = _Line(0)  # the last line with words
-        self.heading = self.previous = ""  # the current statement, and the role of the previous token
+        self.heading = ""  # the current statement
         self.missing_operands: list[int] = []  # how many operands each enclosing run of operators still lacks
 
     def add_line(self, depth: int, word: str, comment_depth: int, mark: str = "") -> int:
@@ -118,7 +118,6 @@ class _Layout:
             depth = 2 if kind in ("LIGHT_PARAMETER", "DISTRIBUTION") else 1
             mark = "" if kind == "MATERIAL" else VALUE_MARKS.get(self.heading, "")
             self.add_line(depth, find_word(kind, token.text).canonical, 1, mark)
-        self.previous = kind
 
     def add_operator(self, token: Token) -> None:
         """Adds an operator of the CSG tree.
@@ -127,7 +126,7 @@ class _Layout:
         """
         if self.heading == "VIEW":
             return  # the thesis's example scene has a superfluous dash here
-        if self.previous not in OPERATORS.values():
+        if self.line.words[-1] not in OPERATORS:
             depth = len(self.missing_operands) + 1
             self.add_line(depth, token.text, depth)
             self.missing_operands.append(2)

@@ -87,30 +87,28 @@ class Reader(Scanner):
         self.path = Path()
         #: While the reader reads numbers: the keyword before the numbers, and the numbers that it allows.
         self.wanted: tuple[str, Numbers] | None = None
-        #: The tokens of the numbers that were read last, and the span of the parenthesis before them.
-        self.number_tokens, self.parenthesis = list[Token](), Span(0, 0)
+        #: The tokens of the numbers that were read last.
+        self.number_tokens: list[Token] = []
         self.read_text()
 
     # ---- The text, statement by statement
 
     def read_text(self) -> None:
         """Reads all statements of the text."""
-        at_end = False
-        while not at_end and len(self.errors) <= MAX_ERRORS:
+        while len(self.errors) <= MAX_ERRORS:
             error_count, self.keyword = len(self.errors), self.token
             try:
                 if self.keyword is START:
                     self.keyword = self.read_token(STATEMENT_END)
-                at_end = self.keyword.role in ("END", "")
-                if at_end:
+                if self.keyword.role in ("END", ""):
                     self.read_end()
-                else:
-                    self.read_statement()
+                    return
+                self.read_statement()
             except SceneError as error:
                 self.errors[error_count:] = [error]
-                at_end = not self.skip_statement(error)
-        if not at_end:
-            self.skipped = min(self.skipped, self.position)
+                if not self.skip_statement(error):
+                    return
+        self.skipped = min(self.skipped, self.position)
 
     def read_end(self) -> None:
         """Reads END and the text after END; a text that ends without END is an error."""
@@ -368,7 +366,6 @@ class Reader(Scanner):
         steps = []
         while (keyword := self.token).role == "STEP":
             if self.read_token(STEP_VALUES).role == "LPAR":
-                self.parenthesis = self.token.span
                 value = self.read_numbers(keyword, CLOSING)
                 self.read_token(TRANSFORM)
             else:
@@ -436,20 +433,18 @@ class Reader(Scanner):
             return
         spans = [self.spans[path] for path in ((*self.path, i) for i in range(count))]
         texts = [" ".join(self.source.text[slice(*span)].split()) for span in spans]
-        code = "tree"
-        if ends[0] > count:
+        code, number = "tree", ends[0]
+        if number > count:
             number = max(i for i, end in enumerate(ends) if end > count)
             operands = "two operands" if number == count - 1 else "an operand"
             reason = f"this {quote(texts[number])} lacks {operands}; expected a primitive or an operator; {PREFIX}"
+        elif [isinstance(node, model.Operator) for node in nodes[:3]] == [False, True, False]:
+            code = "infix"
+            reason = f"found {quote(texts[1])} between its operands; "
+            reason += f"expected it before them: {texts[1]} {texts[0]} {texts[2]}"
         else:
-            number = ends[0]
-            reason = f"found {quote(texts[number])} "
-            if [isinstance(node, model.Operator) for node in nodes[:3]] == [False, True, False]:
-                reason += f"between its operands; expected it before them: {texts[1]} {texts[0]} {texts[2]}"
-                code = "infix"
-            else:
-                reason += "after the tree is complete; expected the next statement, or an operator before the operands"
-                reason += f"; {PREFIX}"
+            reason = f"found {quote(texts[number])} after the tree is complete; "
+            reason += f"expected the next statement, or an operator before the operands; {PREFIX}"
         self.add_error(spans[number], reason, code)
 
     def read_use(self, number: int) -> Tree:
@@ -506,8 +501,9 @@ class Reader(Scanner):
             roles -= {"NUMBER"} if self.wanted else set()
             expected, reason, code = listing(self.expected_words(roles)), "", "unexpected"
         found, reason = f"found {quote(text)}", f"{reason}; expected {expected}"
-        if not token.role and "RPAR" in roles:
-            return self.source.error(self.parenthesis, "this '(' is not closed; expected ')'", "unclosed")
+        opening = next(t for t in reversed(self.tokens) if t.role == "LPAR") if "RPAR" in roles else None
+        if not token.role and opening:
+            return self.source.error(opening.span, "this '(' is not closed; expected ')'", "unclosed")
         if not token.role:
             reason = f"the file ends after this; expected {expected}"
             return self.source.error(self.last.span, reason, "unexpected-end")
@@ -524,8 +520,8 @@ class Reader(Scanner):
             if self.keyword.role == "NAME":
                 suggestion = '; write a name of several words in quotes: NAME "a red ball"' + suggestion
             found, code, reason = f"unknown word {quote(text)}", "unknown-word", reason + suggestion
-        elif "RPAR" in roles and not lacks_numbers:
-            line, column = self.source.line_column(self.parenthesis.start)
+        elif opening and not lacks_numbers:
+            line, column = self.source.line_column(opening.start)
             reason = f"; expected ')' before it: the '(' on line {line}, column {column} is not closed"
             code = "unclosed"
         elif not lacks_numbers:

@@ -12,24 +12,22 @@ import numpy as np
 INDENT = "    "
 INVALID_IN_XML = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
 
-#: Plugin that the translator uses -> the name of its XML element.
-TAGS = {
-    plugin: tag
-    for tag, plugins in {
-        "integrator": "prosim path volpath",
-        "sensor": "perspective prosim_window",
-        "film": "hdrfilm",
-        "sampler": "nrook multijitter",
-        "rfilter": "box",
-        "shape": "ply sphere",
-        "medium": "homogeneous",
-        "emitter": "prosim_area prosim_point area point spot constant envmap",
-        "texture": "bitmap prosim_brick prosim_stripes prosim_fractal prosim_product",
-        "bsdf": "prosim_conductor prosim_dielectric prosim_lambertian prosim_composite prosim_phong diffuse conductor "
-        "roughconductor dielectric roughdielectric plastic roughplastic blendbsdf",
-    }.items()
-    for plugin in plugins.split()
+#: Name of an XML element -> the plugins that the translator uses, and that this element makes.
+PLUGINS = {
+    "integrator": "prosim path volpath",
+    "sensor": "perspective prosim_window",
+    "film": "hdrfilm",
+    "sampler": "nrook multijitter",
+    "rfilter": "box",
+    "shape": "ply sphere",
+    "medium": "homogeneous",
+    "emitter": "prosim_area prosim_point area point spot constant envmap",
+    "texture": "bitmap prosim_brick prosim_stripes prosim_fractal prosim_product",
+    "bsdf": "prosim_conductor prosim_dielectric prosim_lambertian prosim_composite prosim_phong diffuse conductor "
+    "roughconductor dielectric roughdielectric plastic roughplastic blendbsdf",
 }
+#: Plugin -> the name of its XML element.
+TAGS = {plugin: tag for tag, plugins in PLUGINS.items() for plugin in plugins.split()}
 
 #: The dictionary of a plugin: its "type", its parameters, and its nested plugins.
 Node = dict[str, Any]

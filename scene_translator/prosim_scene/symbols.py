@@ -60,6 +60,11 @@ class Symbols:
     def __init__(self, text: str, path: Path | str | None = None) -> None:
         self.text = text
         self.reader, self.diagnostics, self.document = analyse(text, str(path or "<string>"))
+        #: The ``$names`` that have a value in this text, each with the text of its value.
+        self.names = {FRAME: "0", TIME: f"${FRAME} / {FPS:g}"} | self.reader.definitions.defaults
+        patterns = self.reader.fields["patterns"].items()
+        #: The names of the textures that this text may use, each with its kind.
+        self.textures = {name: pattern.kind for name, pattern in patterns if pattern.kind}
 
     @cached_property
     def tokens(self) -> list[Token]:
@@ -111,22 +116,12 @@ class Symbols:
             text = _name_markdown(*NAMED[before], words.normalise(token.text))
         return (token.start, token.end, text) if text else None
 
-    @property
-    def _names(self) -> dict[str, str]:
-        """The ``$names`` that have a value in this text, each with the text of its value."""
-        return {FRAME: "0", TIME: f"${FRAME} / {FPS:g}"} | self.reader.definitions.defaults
-
-    @property
-    def _textures(self) -> dict[str, str]:
-        """The names of the textures that this text may use, each with its kind."""
-        return {name: pattern.kind for name, pattern in self.reader.fields["patterns"].items() if pattern.kind}
-
     def _symbol_markdown(self, symbol: Symbol) -> str:
         """Returns the definition of a symbol, as Markdown."""
         if symbol.kind == "name":
-            return f"**${symbol.key}** = {self._names.get(symbol.key, '? It has no value in this text')}"
+            return f"**${symbol.key}** = {self.names.get(symbol.key, '? It has no value in this text')}"
         if symbol.kind == "texture":
-            return f"**{symbol.key}**: {self._textures.get(symbol.key, 'no TEXTURE has this name')}"
+            return f"**{symbol.key}**: {self.textures.get(symbol.key, 'no TEXTURE has this name')}"
         starts = [token.start for token in self.tokens if token.role in STATEMENTS]
         ends = [*starts[1:], len(self.text)]
         defining = [bisect_right(starts, use.start) - 1 for use in self.table[symbol] if use.defines]
@@ -156,7 +151,7 @@ class Symbols:
             return self._name_completions(start)
         fitting = [role for role in words.ORDER if role in expected and role in ROLES]
         result = [one for role in fitting for one in _keyword_completions(role, start)]
-        values = NAMED[last.role][1] if last.role in NAMED else self._textures if "TEXTURE_NAME" in expected else {}
+        values = NAMED[last.role][1] if last.role in NAMED else self.textures if "TEXTURE_NAME" in expected else {}
         result += [Completion(name, "Color", start, value) for name, value in values.items()]
         if "USE" in expected:
             result += [Completion(name, "Class", start) for name in reader.fields["solids"]]
@@ -166,7 +161,7 @@ class Symbols:
 
     def _name_completions(self, start: int) -> list[Completion]:
         """Lists the completions for ``$names``, with their values."""
-        return [Completion(f"${name}", "Variable", start, value, rank=1) for name, value in self._names.items()]
+        return [Completion(f"${name}", "Variable", start, value, rank=1) for name, value in self.names.items()]
 
     def _index_completions(self, role: str, start: int) -> list[Completion]:
         """Lists completions for an index after a keyword with this grammar role.

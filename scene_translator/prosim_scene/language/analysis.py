@@ -77,9 +77,8 @@ def analyse(
         elif not undefined and reader.skipped == math.inf:  # other checks would report consequences of the errors
             problems += _indices_problems(document)
         problems.sort(key=lambda problem: problem.span or Span(0, 0))
-        if any(isinstance(problem, SceneError) for problem in problems):
-            return reader, problems, None
-        return reader, problems, _with_separate_indices(document)
+        wrong = any(isinstance(problem, SceneError) for problem in problems)
+        return reader, problems, None if wrong else _with_separate_indices(document)
 
 
 def too_large(path: AnyPath) -> SceneError:

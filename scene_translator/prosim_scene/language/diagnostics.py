@@ -63,8 +63,6 @@ Kind = TypeVar("Kind", SceneError, SceneWarning)
 def combined_error(errors: Sequence[SceneError]) -> SceneError:
     """Combines several errors into one: a copy of the first error, with the messages of the others after its own."""
     first, *others = errors
-    if not others:
-        return first
     more = len(others) - MAX_SHOWN
     ending = ["and many more errors" if len(others) >= MAX_ERRORS else f"and {more} more errors"] if more > 0 else []
     text = "\n".join([*map(str, errors[: MAX_SHOWN + 1]), *ending])

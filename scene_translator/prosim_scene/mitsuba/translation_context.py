@@ -1,8 +1,8 @@
 """The context of a translation: its document and options; the files that a scene uses; limits of single precision."""
 
 import os
+import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
@@ -14,34 +14,24 @@ from ..geometry.primitives import Primitive
 from ..language.diagnostics import quote
 from ..language.document import Document
 from ..language.document import Path as ValuePath
-from ..model import Scene
 from ..nodes import Node, plain, values_in
 from ..translation_options import Options
 
 T = TypeVar("T")
 
 
-@dataclass(frozen=True)
 class Context:
-    """A document, the options of its translation, and the set of approximations that have been ``reported``.
+    """A document, its ``scene``, and the options of its translation.
 
-    ``image_path`` converts the path of an image to its file name in the translation.
+    An image of the scene has ``samples``² samples per pixel. ``image_path`` converts the path of an image file to its
+    file name in the translation. ``reported`` is the set of approximations that have been reported.
     """
 
-    document: Document
-    options: Options
-    image_path: Callable[[Path], str]
-    reported: set[str] = field(default_factory=set)
-
-    @property
-    def scene(self) -> Scene:
-        """The scene of the document."""
-        return self.document.scene
-
-    @property
-    def samples(self) -> int:
-        """N: an image has N² samples per pixel."""
-        return self.options.samples or self.scene.samples
+    def __init__(self, document: Document, options: Options, image_path: Callable[[Path], str]) -> None:
+        self.document, self.scene, self.options = document, document.scene, options
+        self.samples = options.samples or document.scene.samples
+        self.image_path = image_path
+        self.reported = set[str]()
 
     def approximate(self, reason: str, *path: str | int) -> None:
         """Warns of an approximation; each ``reason`` is reported only once."""
@@ -63,7 +53,7 @@ class Context:
     def _image_filename(self, path: Path) -> str:
         """Returns the file name of an image in the translation. Raises ValueError if the file is not an image."""
         if not is_image(path):
-            raise ValueError(f"is not an image; expected one of {', '.join(SIGNATURES)} or TGA")
+            raise ValueError(f"is not an image; expected one of {FORMATS}")
         return self.image_path(path)
 
     def _read_file(self, kind: str, read: Callable[[Path], T], name: str, *path: str | int) -> T:
@@ -113,18 +103,10 @@ def check_single_precision(document: Document, node: Node, *path: str | int) -> 
     return node
 
 
-#: Image format -> the possible first bytes of a file.
-SIGNATURES: dict[str, tuple[bytes, ...]] = {
-    "PNG": (b"\x89PNG\r\n\x1a\n",),
-    "JPEG": (b"\xff\xd8",),
-    "OpenEXR": (b"\x76\x2f\x31\x01",),
-    "RGBE": (b"#?",),
-    "PFM": (b"PF", b"Pf"),
-    "PPM": (b"P6",),
-    "BMP": (b"BM",),
-}
-
-#: The last bytes of a TGA file of version 2, the only version that Mitsuba reads.
+#: The names of the image formats that Mitsuba reads; the first bytes of a file in one of these formats, except TGA; the
+#: last bytes of a TGA file of version 2, the only version that Mitsuba reads.
+FORMATS = "PNG, JPEG, OpenEXR, RGBE, PFM, PPM, BMP or TGA"
+SIGNATURE = re.compile(rb"\x89PNG\r\n\x1a\n|\xff\xd8|\x76\x2f\x31\x01|#\?|P[Ff]|P6|BM")
 TGA_FOOTER = b"TRUEVISION-XFILE.\0"
 
 
@@ -135,7 +117,7 @@ def is_image(path: Path) -> bool:
     with path.open("rb") as file:
         head = file.read(8)
         file.seek(max(path.stat().st_size - len(TGA_FOOTER), 0))
-        return file.read() == TGA_FOOTER or any(head.startswith(signature) for signature in SIGNATURES.values())
+        return file.read() == TGA_FOOTER or SIGNATURE.match(head) is not None
 
 
 def located(folder: Path, name: str) -> Path:

@@ -99,9 +99,8 @@ class SceneServer(LanguageServer):
     def publish(self, document: OpenDocument, problems: list[Problem]) -> None:
         """Sends the errors and warnings about a document to the editor."""
         diagnostics = [document.diagnostic(problem) for problem in problems]
-        self.text_document_publish_diagnostics(
-            lsp.PublishDiagnosticsParams(document.uri, diagnostics, document.version)
-        )
+        params = lsp.PublishDiagnosticsParams(document.uri, diagnostics, document.version)
+        self.text_document_publish_diagnostics(params)
 
 
 server = SceneServer()
@@ -136,9 +135,8 @@ def changed(ls: SceneServer, params: lsp.DidChangeTextDocumentParams) -> None:
     seconds.
     """
     document = ls.update(params.text_document.uri)
-    document.pending = asyncio.get_running_loop().call_later(
-        DELAY, lambda: ls.publish(document, document.symbols.diagnostics)
-    )
+    loop = asyncio.get_running_loop()
+    document.pending = loop.call_later(DELAY, lambda: ls.publish(document, document.symbols.diagnostics))
 
 
 @server.feature(lsp.TEXT_DOCUMENT_DID_CLOSE)

@@ -103,39 +103,39 @@ class _Layout:
             if at and {kind, self.heading} & HEADINGS:
                 self.lines.insert(at, _Line(0))
             self.heading = kind
-        elif kind in OPERATORS.values():
-            self.add_operator(token)
-        elif kind in ("PRIMITIVE", "USE"):
-            depth = len(self.missing_operands) + 1
-            self.add_line(depth, token.text if kind == "USE" else find_word(kind, token.text).canonical, depth)
-            while self.missing_operands:  # a complete run of operators is an operand of the run around it
-                self.missing_operands[-1] -= 1
-                if self.missing_operands[-1]:
-                    break
-                self.missing_operands.pop()
+        elif kind in (*OPERATORS.values(), "PRIMITIVE", "USE"):
+            self.add_node(token)
         else:
             # The parameters of a light are below the kind of the light, one step to the right.
             depth = 2 if kind in ("LIGHT_PARAMETER", "DISTRIBUTION") else 1
             mark = "" if kind == "MATERIAL" else VALUE_MARKS.get(self.heading, "")
             self.add_line(depth, find_word(kind, token.text).canonical, 1, mark)
 
-    def add_operator(self, token: Token) -> None:
-        """Adds an operator of the CSG tree.
+    def add_node(self, token: Token) -> None:
+        """Adds a node of the CSG tree: an operator, or the keyword of a primitive or of a solid.
 
         Successive operators stand on one line; their operands stand below this line, one step to the right.
         """
+        depth = len(self.missing_operands) + 1
+        text = find_word("PRIMITIVE", token.text).canonical if token.role == "PRIMITIVE" else token.text
         if self.heading == "VIEW":
             return  # the thesis's example scene has a superfluous dash here
-        if self.line.words[-1] not in OPERATORS:
-            depth = len(self.missing_operands) + 1
-            self.add_line(depth, token.text, depth)
+        if token.role not in OPERATORS.values():
+            self.add_line(depth, text, depth)
+            while self.missing_operands:  # a complete run of operators is an operand of the run around it
+                self.missing_operands[-1] -= 1
+                if self.missing_operands[-1]:
+                    break
+                self.missing_operands.pop()
+        elif self.line.words[-1] not in OPERATORS:
+            self.add_line(depth, text, depth)
             self.missing_operands.append(2)
-            return
-        self.missing_operands[-1] += 1
-        if self.lines[-1] is self.line and not self.line.comments:
-            self.line.words.append(token.text)
-        else:  # a comment stands between the two operators
-            self.add_line(len(self.missing_operands), token.text, 1)
+        else:
+            self.missing_operands[-1] += 1
+            if self.lines[-1] is self.line and not self.line.comments:
+                self.line.words.append(text)
+            else:  # a comment stands between the two operators
+                self.add_line(depth - 1, text, 1)
 
     def add_value(self, token: Token) -> None:
         """Adds a value after its keyword; names and expressions stay as they are written."""

@@ -192,6 +192,4 @@ def role_of(text: str, expected: frozenset[str], statement: str) -> str:
         return "TEXTURE_NAME"
     if "FILE" in expected and "." in text and any(c.isalpha() for c in text):
         return "FILE"
-    if "WORD" in expected:
-        return "WORD"
-    return roles[0] if roles else "WORD"
+    return roles[0] if roles and "WORD" not in expected else "WORD"

@@ -170,7 +170,7 @@ def test_bytes_that_are_lost_or_changed_raise_nothing_else():
         ("MESH cube.obj END", "found 0 numbers after MESH; expected 1 number"),
         ("MESH 0", "the file ends after this; expected a file name or a quoted string"),
         ("MESH 0 t-tijolo END", "found 't-tijolo'; expected a file name"),
-        ('MESH 0 "" END', "this file name is empty; expected a mesh file"),
+        ('MESH 0 "" END', "the mesh '' is not a valid file name; expected the name of a file"),
         ("MESH 0 ../cube.obj END", "outside the scene's folder; .*--allow-outside"),
     ],
 )

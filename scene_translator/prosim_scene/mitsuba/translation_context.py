@@ -65,8 +65,8 @@ class Context:
         """
         folder = Path(self.document.source.filename).parent
         try:
-            if "\0" in name:
-                raise ValueError("is not a valid file name; expected a name without the character NUL")
+            if not name or "\0" in name:
+                raise ValueError("is not a valid file name; expected the name of a file in the scene's folder")
             full = Path(os.path.realpath(located(folder, name)))  # realpath also accepts circular links
             if not self.options.allow_outside and not full.is_relative_to(folder.resolve()):
                 reason = "is outside the scene's folder; move it there, or use the option --allow-outside, "

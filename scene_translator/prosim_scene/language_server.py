@@ -33,7 +33,7 @@ class OpenDocument:
     """One version of a document that is open in an editor, and the ``pending`` task or timer for this version."""
 
     def __init__(self, document: TextDocument) -> None:
-        """Stores the text of a document, and the offsets of its lines."""
+        """Stores the text of a document, and its lines."""
         self.uri, self.version, self.text = document.uri, document.version, document.source
         self.filename, self.codec = to_fs_path(document.uri) or document.uri, document.position_codec
         # The same line ends as in a text that is read from a file, with unchanged offsets: a lone CR becomes LF, and a

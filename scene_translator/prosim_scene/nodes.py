@@ -12,7 +12,7 @@ import numpy as np
 INDENT = "    "
 INVALID_IN_XML = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
 
-#: Name of an XML element -> the plugins that the translator uses, and that this element makes.
+#: Name of an XML element -> the plugins of this element that the translator uses.
 PLUGINS = {
     "integrator": "prosim path volpath",
     "sensor": "perspective prosim_window",

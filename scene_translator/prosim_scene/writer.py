@@ -73,14 +73,14 @@ MESH = re.compile(r"surface_\d+_*-([0-9a-f]{16})\.ply")
 
 
 class TranslationFiles:
-    """The files of a translation: the XML file with the path ``xml``, and the meshes in the folder ``meshes``.
+    """The files of a translation to ``folder``: the XML file ``xml``, and the meshes in the folder ``mesh_folder``.
 
-    ``new`` maps the file name of each mesh to its content.
+    ``meshes`` maps the file name of each mesh to its content.
     """
 
     def __init__(self, folder: Path, stem: str) -> None:
-        self.folder, self.xml, self.meshes = folder, folder / f"{stem}.xml", folder / f"{stem}-meshes"
-        self.new: dict[str, bytes] = {}
+        self.folder, self.xml, self.mesh_folder = folder, folder / f"{stem}.xml", folder / f"{stem}-meshes"
+        self.meshes: dict[str, bytes] = {}
 
     def store(self, name: str, content: bytes) -> str:
         """Keeps the content of a mesh until all files are written; returns the path of the mesh for the XML file.
@@ -88,8 +88,8 @@ class TranslationFiles:
         The file name of the mesh is ``name`` and the digest of the content.
         """
         file = f"{name}-{_digest(content)}.ply"
-        self.new[file] = content
-        return f"{self.meshes.name}/{file}"
+        self.meshes[file] = content
+        return f"{self.mesh_folder.name}/{file}"
 
     def image_path(self, path: Path) -> str:
         """Returns the path of an image for the XML file, relative to the folder of the XML file if possible.
@@ -112,35 +112,35 @@ class TranslationFiles:
         removed. Raises OSError, or FileExistsError if a file of the user has the path of a result; no file has changed
         then.
         """
-        _check_replaceable(self.xml, self.meshes)
+        _check_replaceable(self.xml, self.mesh_folder)
         self.folder.mkdir(parents=True, exist_ok=True)
         with _locked(self.folder) as locked:
-            self.meshes.mkdir(exist_ok=True)
+            self.mesh_folder.mkdir(exist_ok=True)
             written: list[Path] = []
             try:
-                for name, content in self.new.items():
-                    path = self.meshes / name
+                for name, content in self.meshes.items():
+                    path = self.mesh_folder / name
                     if not _has_content(path, content):
-                        replace(path, content, self.meshes)
+                        replace(path, content, self.mesh_folder)
                         written.append(path)
-                replace(self.xml, text.encode(), self.meshes)
+                replace(self.xml, text.encode(), self.mesh_folder)
             except BaseException:
                 for path in written:
                     path.unlink(missing_ok=True)
                 with suppress(OSError):  # the folder is not empty, or is a link
-                    self.meshes.rmdir()
+                    self.mesh_folder.rmdir()
                 raise
             if locked:
-                _remove_old_meshes(self.meshes, self.new)
+                _remove_old_meshes(self.mesh_folder, self.meshes)
         return self.xml
 
 
 def _digest(content: bytes) -> str:
-    """The digest of a file's content, in hexadecimal digits."""
+    """Returns the digest of a file's content, in hexadecimal digits."""
     return blake2b(content, digest_size=8).hexdigest()
 
 
-def _check_replaceable(xml: Path, folder_of_meshes: Path) -> None:
+def _check_replaceable(xml: Path, mesh_folder: Path) -> None:
     """Raises OSError if an existing file or folder was not written by a translation."""
     if xml.is_dir():
         raise IsADirectoryError(0, "the translation would replace this folder; move it, or choose another folder", xml)
@@ -148,9 +148,9 @@ def _check_replaceable(xml: Path, folder_of_meshes: Path) -> None:
     if xml.exists() and MARK.encode() not in xml.read_bytes():
         reason = "this file is not a translation and is not overwritten; move it, or choose another folder"
         raise FileExistsError(0, reason, xml)
-    if os.path.lexists(folder_of_meshes) and not folder_of_meshes.is_dir():
+    if os.path.lexists(mesh_folder) and not mesh_folder.is_dir():
         reason = "the folder of the meshes would replace this file or broken link; move it, or choose another folder"
-        raise FileExistsError(0, reason, folder_of_meshes)
+        raise FileExistsError(0, reason, mesh_folder)
 
 
 @contextmanager
@@ -194,9 +194,9 @@ def _has_content(path: Path, content: bytes) -> bool:
     return path.is_file() and path.stat().st_size == len(content) and path.read_bytes() == content
 
 
-def _remove_old_meshes(folder_of_meshes: Path, meshes: dict[str, bytes]) -> None:
+def _remove_old_meshes(mesh_folder: Path, meshes: dict[str, bytes]) -> None:
     """Removes the meshes of earlier translations, and the unfinished files of translations that were killed."""
-    for path in folder_of_meshes.iterdir():
+    for path in mesh_folder.iterdir():
         if path.name not in meshes and path.is_file() and _is_from_translation(path):
             path.unlink(missing_ok=True)
 

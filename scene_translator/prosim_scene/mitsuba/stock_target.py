@@ -171,7 +171,8 @@ def _bsdf(
     if alpha:
         _approximate(context, "rough surfaces have Beckmann's distribution and Smith's shadowing", *path)
     indices = materials.mean_indices(context, sides) if surface.material in ("dielectric", "composite") else {}
-    equal = len(set(indices.values())) == 1  # roughness has no effect, a coat is invisible, and roughplastic refuses it
+    # Between equal indices roughness has no effect, and a coat is invisible; roughplastic refuses equal indices.
+    equal = len(set(indices.values())) == 1
     rough: Node = {"distribution": "beckmann", "alpha": alpha} if alpha and not equal else {}
     prefix = "rough" if rough else ""
     if surface.material == "conductor":

@@ -57,11 +57,11 @@ class Context:
         return self.image_path(path)
 
     def _read_file(self, kind: str, read: Callable[[Path], T], name: str, *path: str | int) -> T:
-        """Returns ``read(path of the file)`` for the file of this ``kind``, "image" or "mesh", that a value names.
+        """Returns the result of ``read`` for the path of the file that a value in the scene names.
 
-        ``name`` is the value, ``path`` its path in the model. The file must be in the scene's folder or below, if the
-        option ``allow_outside`` is False. Raises SceneError if the file may not be used or does not exist, and if
-        ``read`` raises OSError or ValueError.
+        ``kind`` is "image" or "mesh", ``name`` is the value, and ``path`` is the path of the value in the model. The
+        file must be in the scene's folder or below, if the option ``allow_outside`` is False. Raises SceneError if the
+        file may not be used or does not exist, and if ``read`` raises OSError or ValueError.
         """
         folder = Path(self.document.source.filename).parent
         try:

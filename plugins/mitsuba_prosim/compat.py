@@ -186,9 +186,9 @@ def instantiate(config: mi.parser.ParserConfig, state: mi.parser.ParserState, in
     mi.parser.transform_all(config, state)
     if state.root.type == mi.ObjectType.Scene:
         root, emitters = state.root.props, []
-        for name, child in _children(root):
+        for name, child in children(root):
             node = state.nodes[child.index()]
-            if mi.ObjectType.Emitter in (node.type, *(state.nodes[c.index()].type for _, c in _children(node.props))):
+            if mi.ObjectType.Emitter in (node.type, *(state.nodes[c.index()].type for _, c in children(node.props))):
                 emitters.append(child)
                 del root[name]
         mi.parser.transform_merge_meshes(config, state)
@@ -197,7 +197,7 @@ def instantiate(config: mi.parser.ParserConfig, state: mi.parser.ParserState, in
     return cast(mi.Scene, mi.parser.instantiate(config, state))
 
 
-def _children(props: mi.Properties) -> list[tuple[str, Any]]:
+def children(props: mi.Properties) -> list[tuple[str, Any]]:
     """Returns names and references of the objects among the properties of an object."""
     return [(name, value) for name, value in props.items() if isinstance(value, mi.Properties.ResolvedReference)]
 

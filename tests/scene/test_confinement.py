@@ -73,9 +73,7 @@ def folder(tmp_path, monkeypatch):
     (folder / "parts" / "default.xml").write_text(HERE.format('<default name="up" value=".."/>'))
     (folder / "parts" / "beside.xml").write_text(HERE.format(INCLUDE.format("../good.xml")))
     monkeypatch.chdir(tmp_path)
-    resolver = mi.FileResolver(mi.file_resolver())
-    resolver.prepend(str(tmp_path))  # as Mitsuba does with the folder in which it is imported
-    with session.resolving(resolver):
+    with session.search_path([tmp_path]):  # Mitsuba prepends the folder in which it is imported
         yield folder
 
 

@@ -52,13 +52,13 @@ class Confinement:
         self._folders = [os.path.realpath(folder) for folder in folders]
         self._installed = [INSTALLED, os.path.realpath(INSTALLED)]
 
-    def check_text(self, path: Path, resolver: mi.FileResolver) -> None:
-        """Checks all files that Mitsuba's parser may open for the XML file ``path``.
+    def check_text(self, path: Path) -> None:
+        """Checks all files that Mitsuba's parser may open for the XML file ``path``; call this method before parsing.
 
-        ``resolver`` is Mitsuba's search path before parsing. Raises OutsideError if a file is not allowed or a name
-        cannot be checked, and OSError if ``path`` or an XML file that it includes cannot be read.
+        Raises OutsideError if a file is not allowed or a name cannot be checked, and OSError if ``path`` or an XML file
+        that it includes cannot be read.
         """
-        folders, texts = [str(folder) for folder in resolver], [path]
+        folders, texts = [str(folder) for folder in mi.file_resolver()], [path]
         for file in texts:  # the list grows in the loop
             folders.append(str(file.parent))
             try:
@@ -79,11 +79,8 @@ class Confinement:
                 folders += found if tag == "path" else []
                 texts += [place for place in map(Path, found) if tag == "include" and place not in texts]
 
-    def check_state(self, state: mi.parser.ParserState, resolver: mi.FileResolver) -> None:
-        """Checks the files that the parser has read, and the files that plugins would open.
-
-        ``resolver`` is Mitsuba's search path after parsing.
-        """
+    def check_state(self, state: mi.parser.ParserState) -> None:
+        """Checks the files that the parser has read, and the files that plugins would open in Mitsuba's search path."""
         for file in map(str, state.files):
             if wrong := self._refusal("an <include>", file, file):
                 # :meth:`check_text` has allowed all includes before the parser read them.
@@ -92,15 +89,16 @@ class Confinement:
             props, plugin = node.props, node.props.plugin_name()
             strings = [(name, props[name]) for name in props if props.type(name) == mi.Properties.Type.String]
             for name, value in [("type", plugin), *strings]:
-                if wrong := self._refusal_of_value(plugin, name, value, resolver):
+                if wrong := self._refusal_of_value(plugin, name, value):
                     raise OutsideError(f"At {mi.parser.file_location(state, node)}: {wrong}")
 
-    def _refusal_of_value(self, plugin: str, name: str, value: str, resolver: mi.FileResolver) -> str | None:
+    def _refusal_of_value(self, plugin: str, name: str, value: str) -> str | None:
         """Returns the error message for a parameter that is a string; None if the parameter is allowed.
 
         ``plugin`` is the plugin with this parameter. ``name`` and ``value`` are those of the parameter; the name "type"
         stands for the name of the plugin.
         """
+        resolver = mi.file_resolver()
         if name == "type":
             libraries = (str(resolver.resolve(f"plugins/{plugin}{suffix}")) for suffix in LIBRARIES)
             others = [path for path in libraries if os.path.exists(path) and not self._is_installed(path)]

@@ -7,6 +7,7 @@ from typing import Any
 
 import mitsuba as mi
 
+from .. import compat
 from ..engine.plan import SAMPLING, TARGETS
 
 #: Parameters of sampling that nest an integrator in ``prosim_adaptive``, if the integrator lacks them. The others, such
@@ -16,6 +17,9 @@ WRAPPING = (*TARGETS, "max_samples", "adaptive")
 #: Limits of a film: pixels per side, and pixels in total. A film counts its values in 32 bits, with several values per
 #: pixel.
 LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
+
+#: Number of samples of the sampler that Mitsuba adds to a sensor without a sampler.
+DEFAULT_SAMPLES = 4
 
 
 def check_size(width: int, height: int) -> None:
@@ -45,7 +49,7 @@ def apply(
         _set(props, zip(("crop_offset_x", "crop_offset_y", "crop_width", "crop_height"), crop or ()))
         check_size(props.get("width", 768), props.get("height", 576))
     if state.root.type == mi.ObjectType.Scene and not _integrators(state):
-        state.root.props["integrator"] = _add(state, mi.Properties("path"))  # Mitsuba's default
+        state.root.props["integrator"] = _add(state, mi.ObjectType.Integrator, mi.Properties("path"))  # the default
     sampling = {name: value for name, value in parameters.items() if name in SAMPLING}
     others = {name: value for name, value in parameters.items() if name not in SAMPLING}
     integrators = _integrators(state)
@@ -68,9 +72,27 @@ def apply(
             f"of {', '.join(WRAPPING)} puts it inside prosim_adaptive"
         )
     wrapper = mi.Properties("prosim_adaptive")
-    _set(wrapper, [("nested", _add(state, props)), *sampling.items()])
+    _set(wrapper, [("nested", _add(state, mi.ObjectType.Integrator, props)), *sampling.items()])
     _integrators(state)[0].props = wrapper
     return plugin
+
+
+def set_sampler(state: mi.parser.ParserState, plugin: str) -> None:
+    """Replaces the samplers of all sensors by the ``plugin``, with the same numbers of samples.
+
+    A sensor without a sampler gets one with :data:`DEFAULT_SAMPLES`.
+    """
+    types = [node.type for node in state.nodes]
+    for number, kind in enumerate(types):
+        props, new = state.nodes[number].props, mi.Properties(plugin)
+        new["sample_count"] = props.get("sample_count", DEFAULT_SAMPLES)
+        if kind == mi.ObjectType.Sampler:
+            state.nodes[number].props = new
+        elif kind == mi.ObjectType.Sensor:
+            nested = [child.index() for _, child in compat.children(props)]
+            nested += [state.id_to_index[name] for _, name in props.references()]
+            if mi.ObjectType.Sampler not in [types[index] for index in nested]:
+                state.nodes[number].props["sampler"] = _add(state, mi.ObjectType.Sampler, new)
 
 
 def _integrators(state: mi.parser.ParserState) -> list[mi.parser.SceneNode]:
@@ -78,13 +100,13 @@ def _integrators(state: mi.parser.ParserState) -> list[mi.parser.SceneNode]:
     return [node for node in state.nodes if node.type == mi.ObjectType.Integrator]
 
 
-def _add(state: mi.parser.ParserState, props: mi.Properties) -> mi.Properties.ResolvedReference:
-    """Adds an integrator to ``state``, and returns its reference.
+def _add(state: mi.parser.ParserState, kind: mi.ObjectType, props: mi.Properties) -> mi.Properties.ResolvedReference:
+    """Adds an object of this ``kind`` to ``state``, and returns its reference.
 
     Nodes that were taken from ``state`` before this call become invalid.
     """
     node = mi.parser.SceneNode()
-    node.type, node.props = mi.ObjectType.Integrator, props
+    node.type, node.props = kind, props
     state.nodes.append(node)
     return mi.Properties.ResolvedReference(len(state.nodes) - 1)
 

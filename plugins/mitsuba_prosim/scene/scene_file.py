@@ -88,15 +88,14 @@ class SceneFile:
         # A confinement begins with the scene's folder; the search path begins with the folder of the XML file.
         confinement = Confinement(reversed(folders)) if confined else None
         # A file of a confined scene cannot replace a file of Mitsuba, because the folder of Mitsuba is first.
-        resolver = session.resolver([INSTALLED, *folders] if confined else folders)
-        self._folders = [str(folder) for folder in resolver]  # elements <path> add folders to the search path
-        with session.resolving(resolver):
+        with session.search_path([INSTALLED, *folders] if confined else folders) as resolver:
+            self._folders = [str(folder) for folder in resolver]  # elements <path> add folders to the search path
             if confinement and self.xml is self.path:
-                confinement.check_text(self.xml, resolver)
+                confinement.check_text(self.xml)
             self.state = parse(self.xml, definitions or {})
             self._resolver = mi.file_resolver()
             if confinement:
-                confinement.check_state(self.state, self._resolver)
+                confinement.check_state(self.state)
             self._unchanged = mi.parser.ParserState(self.state)  # for digest()
         try:
             #: Name of the integrator that was nested in ``prosim_adaptive``, or None.
@@ -179,18 +178,15 @@ class SceneFile:
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene from the parsed file.
 
-        ``sampler`` is a plugin that replaces the scene's sampler, with the same number of samples. Raises Mitsuba's
-        errors. For a scene in the scene language, a damaged image raises :class:`prosim_scene.SceneError` with the
+        ``sampler`` is a plugin that replaces the samplers of the scene, see :func:`.overrides.set_sampler`. Raises
+        Mitsuba's errors. For a scene in the scene language, a damaged image raises :class:`prosim_scene.SceneError` with the
         image's place in the text.
         """
         state = mi.parser.ParserState(self.state)
-        for node in state.nodes:
-            if node.type == mi.ObjectType.Sampler and sampler:
-                props = mi.Properties(sampler)
-                props["sample_count"] = node.props.get("sample_count", 4)
-                node.props = props
+        if sampler:
+            overrides.set_sampler(state, sampler)
         try:
-            with session.resolving(self._resolver), session.enough_threads(self._reads_exr()):
+            with session.search_path([*self._resolver]), session.enough_threads(self._reads_exr()):
                 return instantiate(state)
         except RuntimeError:
             if self.document is not None:
@@ -222,7 +218,7 @@ def used_names(path: str | Path, definitions: Mapping[str, str], names: Iterable
     """Returns those of ``names`` that occur as ``$name`` in a scene file or in the files that it includes."""
     files = [path]
     if Path(path).suffix.lower() == ".xml":
-        with session.resolving(session.resolver([Path(path).parent])):
+        with session.search_path([Path(path).parent]):
             files = [str(file) for file in parse(path, definitions, mi.LogLevel.Debug).files]
     text = "".join(Path(file).read_text(encoding="utf-8", errors="replace") for file in files)
     return {name for name in names if re.search(rf"\${name}\b", text)}

@@ -72,25 +72,22 @@ def message(error: BaseException) -> str:
     return NO_PARAMETER.sub(lambda found: f"{found[1]} has no parameter " + ", ".join(found[2].split('"')[1::2]), words)
 
 
-def resolver(first: Sequence[str | Path] = (), last: Sequence[str | Path] = ()) -> mi.FileResolver:
-    """Returns a copy of Mitsuba's search path with the folders ``first`` before it and ``last`` after it."""
-    with alone():
-        result = mi.FileResolver(mi.file_resolver())
-    for path in reversed(first):
-        result.prepend(str(path))
-    for path in last:
-        result.append(str(path))
-    return result
-
-
 @contextmanager
-def resolving(resolver: mi.FileResolver) -> Iterator[None]:
-    """Sets another search path within the context; other threads that set a search path must wait."""
+def search_path(first: Sequence[str | Path] = (), last: Sequence[str | Path] = ()) -> Iterator[mi.FileResolver]:
+    """Adds the folders ``first`` before Mitsuba's search path and ``last`` after it, within the context.
+
+    Yields the search path. Other threads that change the search path must wait.
+    """
     with alone():
         before = mi.file_resolver()
+        resolver = mi.FileResolver(before)
+        for path in reversed(first):
+            resolver.prepend(str(path))
+        for path in last:
+            resolver.append(str(path))
         mi.set_file_resolver(resolver)
         try:
-            yield
+            yield resolver
         finally:
             mi.set_file_resolver(before)
 

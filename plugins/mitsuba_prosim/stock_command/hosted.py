@@ -55,7 +55,7 @@ def run(plugin: str, words: Sequence[str]) -> None:
     started = False
     for path in options.scenes:
         folders = [*filter(None, options.append.split(";")), os.path.dirname(path) or "."]
-        with session.resolving(session.resolver(last=folders)), session.enough_threads():
+        with session.search_path(last=folders), session.enough_threads():
             state = scene_file.parse(path, parameters)
             started = started or plugin in {node.props.plugin_name() for node in state.nodes}
             if started:

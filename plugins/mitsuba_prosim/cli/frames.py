@@ -42,13 +42,13 @@ class Animation:
             if not self.names and len(self.frames) > 1:
                 raise ValueError(
                     f"{job.scene} uses neither ${FRAME} nor ${TIME}, so all frames would be alike; use one where the "
-                    f"scene moves, such as {{360 * ${FRAME} / {len(self.frames)}}}"
+                    f"scene moves, in the thesis's language such as {{360 * ${FRAME} / {len(self.frames)}}}"
                 )
 
-    def render(self) -> str | None:
+    def render(self) -> None:
         """Renders the frames that have no complete file with the current digest; with ``overwrite``, all frames.
 
-        Returns the cause of an interruption, in words, or None. Raises ClickException.
+        Prints a report. After an interruption the process ends. Raises ClickException.
         """
         with Resources(self.job) as resources, Progress("film", len(self.frames)) as bar:
             # Handles signals until the workers have ended.
@@ -60,7 +60,11 @@ class Animation:
                     self.render_frame(number, bar, resources)
                 except click.ClickException as error:
                     raise type(error)(f"frame {number}: {error.message}") from None
-            return resources.interruption
+            interruption = resources.interruption
+        end = f"; {interruption}. The same command renders the missing frames." if interruption else ""
+        click.echo(self.report() + end)
+        if interruption:
+            sys.exit(1)
 
     def render_frame(self, number: int, bar: Progress, resources: Resources) -> None:
         """Renders a frame, unless its complete file exists.
@@ -139,9 +143,4 @@ def render(job: Job, stem: Path) -> None:
     """
     if conflict := {FRAME, TIME} & set(job.definitions):
         raise click.UsageError(f"-D {min(conflict)}=... and --frames both define ${min(conflict)}; give one of them.")
-    animation = Animation(job, stem)
-    interruption = animation.render()
-    end = f"; {interruption}. The same command renders the missing frames." if interruption else ""
-    click.echo(animation.report() + end)
-    if interruption:
-        sys.exit(1)
+    Animation(job, stem).render()

@@ -10,7 +10,7 @@ import click
 import numpy as np
 import OpenEXR
 
-from ..denoising.layers import mixed, of_channels
+from ..denoising.layers import mixed, of_channels, parse_factor
 from ..scene import images
 from . import files
 from .job import Command, Job, job_options
@@ -21,13 +21,8 @@ from .render_task import SUFFIXES
 #: half precision causes such differences.
 ROUNDING = 0.01
 
-NUMBER = r"(\d{1,16}\.?\d*|\.\d+)"
-FACTOR = PatternType(
-    "LAYER=FACTOR",
-    "light_0=0.5, or light_0=1,0.8,0.6 for red, green and blue; factors are 0 or more",
-    rf"(\w+)={NUMBER}(?:,{NUMBER},{NUMBER})?",
-    lambda name, *factors: (name, np.array([float(factor) for factor in factors if factor], dtype=np.float32)),
-)
+EXAMPLES = "light_0=0.5, or light_0=1,0.8,0.6 for red, green and blue; factors are 0 or more"
+FACTOR = PatternType("LAYER=FACTOR", EXAMPLES, r"(\w+=[\d.,]+)", parse_factor)
 
 
 @click.command(cls=Command)

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import mitsuba as mi
 import numpy as np
 
+from ..engine.accumulators import BRIGHTEST
 from ..engine.film import put
 from .halves import FinalImage
 
@@ -47,6 +48,18 @@ def update_film(final: FinalImage, names: Sequence[str]) -> None:
     alpha = ["A"] * bool(mi.has_flag(film.flags(), mi.FilmFlags.Alpha))
     values = np.stack([planes[name] for name in (*"RGB", *alpha, "W", *names)], axis=2, dtype=np.float32)
     put(film, mi.TensorXf(values), names)
+
+
+def parse_factor(text: str) -> tuple[str, np.ndarray]:
+    """Returns ``(name, factor)`` of a text such as ``lamp1=0.5`` or ``lamp1=1,0.8,0.6`` (red, green, blue).
+
+    Raises ValueError for a text of another form, and for a factor that is negative or above :data:`.BRIGHTEST`.
+    """
+    name, _, values = text.partition("=")
+    factor = np.array(values.split(","), dtype=np.float64)
+    if len(factor) not in (1, 3) or not ((factor >= 0) & (factor <= BRIGHTEST)).all():
+        raise ValueError(f"give one number or three numbers, from 0 to {BRIGHTEST:g}")
+    return name, factor.astype(np.float32)
 
 
 def mixed(

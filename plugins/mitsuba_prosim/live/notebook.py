@@ -15,11 +15,12 @@ from weakref import WeakKeyDictionary
 
 import mitsuba as mi
 import numpy as np
-import prosim_scene
 from prosim_scene import extras
 
+from .. import atomic
 from ..scene import session
 from ..scene.images import compress, png
+from ..scene.scene_file import SceneFile
 from .picture import LAYERS, finite_or_none
 from .progressive_image import ProgressiveImage
 
@@ -67,8 +68,8 @@ def show(
     if str(mi.variant()).startswith("scalar"):
         raise RuntimeError("show: scalar variants do not render progressively; use an llvm or cuda variant.")
     if isinstance(scene, (str, Path)):
-        xml = Path(scene).suffix.lower() == ".xml"
-        scene = mi.load_file(str(scene)) if xml else mi.load_dict(prosim_scene.load(scene))
+        with atomic.scratch() as folder:
+            scene = SceneFile(scene, folder).load()
     if isinstance(sensor, int):
         sensor = scene.sensors()[sensor]
     view = View(ProgressiveImage(integrator or scene.integrator(), scene, sensor, spp, seed), exposure)

@@ -14,7 +14,6 @@ from dataclasses import asdict
 from math import isfinite
 from typing import Any
 
-import numpy as np
 import uvicorn
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
@@ -25,7 +24,7 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response, Strea
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from ..engine.accumulators import BRIGHTEST
+from ..denoising.layers import parse_factor
 from .picture import Factors, Picture
 from .viewer import Viewer
 
@@ -182,22 +181,18 @@ class Pages:
 
 
 def factors(request: Request, picture: Picture) -> Factors:
-    """Returns the factors of layers in a request, as arrays of one number or of three (red, green, blue).
+    """Returns the factors of layers in a request, see :func:`.parse_factor`.
 
-    The factors are the query parameters ``mix``, such as ``lights.lamp1=0.5`` or ``lights.lamp1=1,0.8,0.6``. Raises
-    HTTPException for wrong parameters, and for a layer that the picture does not have.
+    The factors are the query parameters ``mix``, such as ``lights.lamp1=0.5``. Raises HTTPException for wrong
+    parameters, for two factors of one layer, and for a layer that the picture does not have.
     """
-    result: dict[str, np.ndarray] = {}
-    for text in request.query_params.getlist("mix"):
-        name, _, values = text.partition("=")
-        try:
-            factor = np.array(values.split(","), dtype=np.float64)
-        except ValueError:
-            raise HTTPException(400) from None
-        valid = len(factor) in (1, 3) and ((factor >= 0) & (factor <= BRIGHTEST)).all()
-        if not valid or name in result or "." not in name or name not in picture.layers:
-            raise HTTPException(400)
-        result[name] = factor.astype(np.float32)
+    texts = request.query_params.getlist("mix")
+    try:
+        result = dict(map(parse_factor, texts))
+    except ValueError:
+        raise HTTPException(400) from None
+    if len(result) < len(texts) or not all("." in name and name in picture.layers for name in result):
+        raise HTTPException(400)
     return list(result.items())
 
 

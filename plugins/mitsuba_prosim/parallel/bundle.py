@@ -36,8 +36,7 @@ class SceneBundle:
         Raises OSError, and ValueError if the scene names a file outside its folder.
         """
         folders, contents = [Path(os.path.abspath(folder)) for folder in (file.xml.parent, file.path.parent)], {}
-        texts = [Path(str(path)) for path in file.state.files]
-        for name, path in [*((path.name, path) for path in texts), *file.named_files()]:
+        for name, path in file.named_files():
             place = Path(os.path.abspath(path))
             folder = next((folder for folder in folders if place.is_relative_to(folder)), None)
             if folder is None or os.path.isabs(name):

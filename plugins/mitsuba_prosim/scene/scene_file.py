@@ -14,7 +14,7 @@ from typing import Any
 import mitsuba as mi
 import OpenEXR
 import prosim_scene
-from prosim_scene import Document, located, meshes
+from prosim_scene import Document, images, located, meshes
 
 from .. import compat, registry
 from . import overrides, session
@@ -116,12 +116,15 @@ class SceneFile:
         return hashlib.sha256(f"{versions}\n{mi.parser.write_string(state)}".encode()).hexdigest()
 
     def named_files(self) -> list[tuple[str, Path]]:
-        """Returns ``(name, path)`` for each file that the scene names, except for included XML files.
+        """Returns ``(name, path)`` for each XML file of the scene, and then for each other file that the scene names.
 
-        ``name`` is the name of the file in the XML text, after the replacement of parameters.
+        ``name`` is the name in the scene's text, after the replacement of parameters; for an XML file, the name without
+        its folder.
         """
+        texts = [(path.name, path) for path in map(Path, map(str, self.state.files))]
         files = [(props[name], path) for props, name, path in self._file_parameters(self.state)]
-        return files + sorted(set(self._spectrum_files(self.xml, self._folders, dict(self.changes["definitions"]))))
+        spectra = self._spectrum_files(self.xml, self._folders, dict(self.changes["definitions"]))
+        return [*texts, *files, *sorted(set(spectra))]
 
     def _spectrum_files(self, text: Path, folders: list[str], values: dict[str, str]) -> Iterator[tuple[str, Path]]:
         """Yields ``(name, path)`` for each spectrum file that an XML text names.
@@ -154,11 +157,10 @@ class SceneFile:
 
         A scene file in XML is in the list. A scene file in the scene language is not.
         """
-        files = [*map(Path, map(str, self.state.files)), *(path for _, path in self.named_files())]
         if self.document is None:
-            return files
-        files += [located(self.path.parent, name) for name in meshes(self.document)]
-        return [path for path in map(Path.resolve, files) if self.xml.parent.resolve() not in path.parents]
+            return [path for _, path in self.named_files()]
+        names = [*(name for name, _ in images(self.document)), *meshes(self.document)]
+        return [located(self.path.parent, name) for name in names]
 
     def _file_parameters(self, state: mi.parser.ParserState) -> Iterator[tuple[mi.Properties, str, Path]]:
         """Yields ``(properties, name, path)`` for each parameter of the scene whose value is the name of a file.
@@ -179,8 +181,8 @@ class SceneFile:
         """Makes a scene from the parsed file.
 
         ``sampler`` is a plugin that replaces the samplers of the scene, see :func:`.overrides.set_sampler`. Raises
-        Mitsuba's errors. For a scene in the scene language, a damaged image raises :class:`prosim_scene.SceneError` with the
-        image's place in the text.
+        Mitsuba's errors. For a scene in the scene language, a damaged image raises :class:`prosim_scene.SceneError`
+        with the image's place in the text.
         """
         state = mi.parser.ParserState(self.state)
         if sampler:

@@ -123,21 +123,20 @@ def test_a_signal_keeps_the_image_so_far(scene, monkeypatch, number):
 
 
 def test_a_signal_before_the_first_sample_writes_nothing(scene, monkeypatch):
-    """It comes while the render is prepared, and is not forgotten when it begins."""
-    made = Plan.of
-
-    def interrupted(*arguments):
-        os.kill(os.getpid(), signal.SIGINT)
-        return made(*arguments)
-
-    monkeypatch.setattr(Plan, "of", interrupted)
+    """It comes while the render is prepared, and is not forgotten when it begins; or before workers have a sample."""
     scene.write_text(BANDS)
-    refused("Interrupted before the first sample", "render", scene, code=130)
+    with monkeypatch.context() as patch:
+        patch.setattr(Plan, "of", lambda *how, of=Plan.of: os.kill(os.getpid(), signal.SIGINT) or of(*how))
+        refused("Interrupted before the first sample", "render", scene, code=130)
+    at_step(monkeypatch, 3, signal.SIGINT)
+    monkeypatch.setattr("mitsuba_prosim.engine.checkpoint.CheckpointWriter.SHORTEST", 0)
+    monkeypatch.setattr("mitsuba_prosim.engine.work.Executor.__call__", lambda *_: (None for _ in range(9)))
+    refused("Interrupted before the first sample", "render", scene, "--checkpoint", code=130)
 
 
 def test_a_signal_while_the_workers_end_comes_too_late(scene, monkeypatch):
-    interrupt = os.kill, os.getpid(), signal.SIGINT
-    monkeypatch.setattr(Resources, "executor", lambda self, _: self.callback(*interrupt) and None)
+    interrupt = os.getpid(), signal.SIGINT
+    monkeypatch.setattr(Resources, "executor", lambda self, _: self.callback(os.kill, *interrupt) and None)
     done("render", scene)
 
 

@@ -214,8 +214,8 @@ def run_steps(
 ) -> tuple[Any, float]:
     """Renders a task until its end, a signal, or the loss of the cluster; returns the render and the elapsed seconds.
 
-    Each of the ``consumers``, such as the writer of checkpoints, is called with the render after each step. Raises
-    InputError and ClickException.
+    Each of the ``consumers``, such as the writer of checkpoints, is called with the render after each step, from the
+    first sample on. Raises InputError and ClickException.
     """
     job, executor, started = task.job, resources.executor(task.file), perf_counter()
     begin_render = halves.denoised_progressive if job.denoise else rendering.progressive
@@ -224,7 +224,7 @@ def run_steps(
         render = begin_render(task.scene, task.sensor, task.integrator, job.seed, job.spp or 0, **options)
         while not resources.interruption and (step := next(render, None)) is not None:
             bar.show(step.done)
-            for consume in consumers:
+            for consume in consumers if step.done else ():
                 consume(render)
         render.close()
     except ValueError as error:

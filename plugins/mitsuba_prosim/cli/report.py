@@ -5,17 +5,14 @@ from __future__ import annotations
 import json
 from importlib.metadata import version
 from math import isnan
-from typing import TYPE_CHECKING
 
 import mitsuba as mi
 
 from ..denoising import oidn
 from ..denoising.halves import TOLERANCE, FinalImage
 from ..engine.plan import UNLIMITED
-
-if TYPE_CHECKING:
-    from ..engine.render import Reached
-    from .job import Job
+from ..engine.render import Reached
+from .job import Job
 
 #: Noise measure (a parameter of an integrator, and a measured value of a render) -> its name in the report.
 NOISES = {"noise": "noise", "noise_99": "noise of 99 % of the pixels", "noise_999": "noise of 99.9 %"}

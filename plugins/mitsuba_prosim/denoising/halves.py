@@ -5,12 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from functools import cache, cached_property, lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
 from ..engine.error_target import AIM, RATE, Noise
+from ..engine.render import Render
 from ..registry import create
 from ..sampling.hash import combine, hash32
 from ..scene import rendering
@@ -18,9 +19,6 @@ from ..transport.features import NAMES
 from .denoised import denoise_halves
 from .mixing import Denoised, unmixed
 from .oidn import Denoiser
-
-if TYPE_CHECKING:
-    from ..engine.render import Render
 
 #: Square root of the number of samples of a pixel's features.
 FEATURE_SAMPLES = 4

@@ -114,7 +114,7 @@ def test_a_file_that_is_missing_is_awaited(variant_rgb, path, tmp_path, monkeypa
         until(lambda: viewer.publisher.state.opened > 1 and viewer.publisher.state.status == "failed")
         wood.write_bytes(stream.raw_buffer())
         until(is_done(viewer))
-        assert {path, wood} <= viewer.watcher.files
+        assert {path, wood} <= viewer.watcher.stamps.keys()
 
 
 def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_path, monkeypatch):
@@ -207,7 +207,7 @@ def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):
             until(is_done(viewer))
             state = viewer.publisher.state
             assert state.not_compared and state.integrator == "path" and state.size == (8, 6) and state.samples == 9
-            assert {path, wood} <= viewer.watcher.files
+            assert {path, wood} <= viewer.watcher.stamps.keys()
             before = final(viewer)
             assert surface_at(viewer, 7, 5).startswith("Sphere ball, ")
             move(viewer, lambda camera: camera.panned(0.3, 0))

@@ -28,8 +28,6 @@ class LoadedScene:
     def __init__(self, file: SceneFile, sensor: int = 0) -> None:
         self.file, self.scene = file, file.load()
         self.sensor = pick_sensor(self.scene, sensor)
-        #: The files that the scene uses, without the files that the translator wrote.
-        self.files = file.sources()
         film = self.sensor.film()
         self.size = (int(film.crop_size()[0]), int(film.crop_size()[1]))
         #: Whether the film has no crop window.

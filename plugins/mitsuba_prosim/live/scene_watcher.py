@@ -36,12 +36,8 @@ class SceneWatcher:
 
     def __init__(self, path: Path) -> None:
         self._scene, self._due = path, 0.0
-        self._stamps = {path.absolute(): stamp(path)}
-
-    @property
-    def files(self) -> frozenset[Path]:
-        """The watched files and folders."""
-        return frozenset(self._stamps)
+        #: Watched file or folder -> its last known stamp.
+        self.stamps = {path.absolute(): stamp(path)}
 
     def opened(self, files: Iterable[Path]) -> None:
         """Starts to watch the scene file and the ``files`` that the scene uses."""
@@ -50,11 +46,11 @@ class SceneWatcher:
     def failed(self) -> None:
         """Also watches the scene's folder and its subfolders, because a file there may be missing or wrong."""
         folder = self._scene.absolute().parent
-        self._watch({*self._stamps, folder, *islice(chain(folder.glob("*"), folder.glob("*/*")), MAX_WATCHED_FILES)})
+        self._watch({*self.stamps, folder, *islice(chain(folder.glob("*"), folder.glob("*/*")), MAX_WATCHED_FILES)})
 
     def _watch(self, files: set[Path]) -> None:
         """Watches these ``files`` and no others. Files that are watched already keep their known stamps."""
-        self._stamps = {path: self._stamps[path] if path in self._stamps else stamp(path) for path in files}
+        self.stamps = {path: self.stamps[path] if path in self.stamps else stamp(path) for path in files}
 
     def changed(self) -> bool:
         """Whether a watched file was written, made, removed or renamed since this method last returned True.
@@ -65,12 +61,12 @@ class SceneWatcher:
         started = clock()
         if started < self._due:
             return False
-        stamps = {path: stamp(path) for path in self._stamps}
+        stamps = {path: stamp(path) for path in self.stamps}
         self._due = clock() + max(INTERVAL, (clock() - started) / FRACTION)
-        if stamps == self._stamps:
+        if stamps == self.stamps:
             return False
         time.sleep(INTERVAL)
         if stamps != {path: stamp(path) for path in stamps}:
             return False  # a file is still being written
-        self._stamps = stamps
+        self.stamps = stamps
         return True

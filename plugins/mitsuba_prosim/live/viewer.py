@@ -182,7 +182,7 @@ class Viewer:
             scene = self._open_scene()
         gc.collect()
         messages = tuple(str(w.message) for w in caught if issubclass(w.category, prosim_scene.SceneWarning))
-        self.watcher.opened(scene.files)
+        self.watcher.opened(scene.file.sources())
         previous_home, self._home, self.scene = self._home, scene.home, scene
         if previous_home is None or scene.home is None or (previous_home.to_world != scene.home.to_world).any():
             self.change(camera=None)  # the scene file has a new view

@@ -5,7 +5,6 @@ The task runs in one thread of the worker, which uses all threads of Dr.Jit. Two
 
 from __future__ import annotations
 
-import functools
 import gc
 import io
 import pickle
@@ -32,11 +31,8 @@ from ..scene import session
 SCENES = 4
 
 
-@functools.cache
-def render_thread() -> ThreadPoolExecutor:
-    """Returns the pool of one thread that runs all tasks of this worker."""
-    return ThreadPoolExecutor(1, "prosim")
-
+#: The pool of one thread that runs all tasks of this worker.
+RENDER_THREAD = ThreadPoolExecutor(1, "prosim")
 
 #: Client -> its last scene, pickled, and the estimator of this scene.
 scenes = dict[str, tuple[bytes, Estimator]]()
@@ -109,7 +105,7 @@ def sample(
             return 0.0, b"", found
         return *timed_sums(load(client, scene), item), found
 
-    return render_thread().submit(compute).result()
+    return RENDER_THREAD.submit(compute).result()
 
 
 def timed_sums(estimator: Estimator, item: bytes) -> tuple[float, bytes]:

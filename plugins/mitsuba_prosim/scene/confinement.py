@@ -50,7 +50,6 @@ class Confinement:
 
     def __init__(self, folders: Iterable[Path]) -> None:
         self._folders = [os.path.realpath(folder) for folder in folders]
-        self._installed = [INSTALLED, os.path.realpath(INSTALLED)]
 
     def check_text(self, path: Path) -> None:
         """Checks all files that Mitsuba's parser may open for the XML file ``path``; call this method before parsing.
@@ -135,5 +134,5 @@ class Confinement:
         The test uses the path as written, because symbolic links of an installation may lead out of it and are trusted.
         A path with ".." is not trusted.
         """
-        inside = map(Path(os.path.abspath(path)).is_relative_to, self._installed)
+        inside = map(Path(os.path.abspath(path)).is_relative_to, (INSTALLED, os.path.realpath(INSTALLED)))
         return ".." not in re.split(r"[/\\]", path) and any(inside)

@@ -8,6 +8,7 @@ import mitsuba as mi
 import numpy as np
 import OpenEXR
 import pytest
+from mitsuba_prosim import registry
 from mitsuba_prosim.engine.estimator import Estimator
 from mitsuba_prosim.scene import scene_file, session
 
@@ -16,11 +17,9 @@ def test_message_without_a_traceback_and_with_its_cause():
     cause = RuntimeError(
         "could not load:\nTraceback (most recent call last):\n  File a, line 1\nValueError: it is wrong"
     )
-    error = RuntimeError("dr.while_loop(): encountered an exception (see above).")
+    error = RuntimeError(words := "dr.while_loop(): encountered an exception (see above).")
     error.__cause__ = cause
-    assert (
-        session.message(error) == "dr.while_loop(): encountered an exception (see above). could not load:\nit is wrong"
-    )
+    assert session.message(error) == f"{words} could not load:\nit is wrong"
 
 
 def test_a_variant_without_its_backend(monkeypatch):
@@ -31,14 +30,22 @@ def test_a_variant_without_its_backend(monkeypatch):
     assert mi.variant() == before and session.default_variant() == "scalar_rgb"
 
 
+def test_plugins_are_registered_after_an_attempt_that_failed(variant_rgb, monkeypatch):
+    """Though Mitsuba has changed the variant in the attempt."""
+    with monkeypatch.context() as patch:
+        patch.setattr(registry, "modules", lambda: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            session.set_variant("scalar_rgb")
+    assert session.set_variant("scalar_rgb") and issubclass(registry.PLUGINS["prosim"], mi.SamplingIntegrator)
+
+
 @pytest.mark.parametrize("integrator, parallel", [("prosim", False), ("path", True)])
 def test_scenes_with_plugins_in_python_are_not_made_in_parallel(
     variant_rgb, write_scene, monkeypatch, integrator, parallel
 ):
     """Mitsuba 3.9 fails now and then if they are."""
     path = write_scene(f'<scene version="3.0.0"><integrator type="{integrator}"/></scene>', "scene.xml")
-    asked = []
-    make = mi.parser.instantiate
+    asked, make = [], mi.parser.instantiate
     monkeypatch.setattr(
         mi.parser, "instantiate", lambda config, state: asked.append(config.parallel) or make(config, state)
     )
@@ -150,8 +157,7 @@ def test_a_mesh_of_the_language_is_a_source_but_does_not_travel(variant_rgb, tmp
     for top in (1, 2):
         mesh.write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 {top}\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3")
         file = scene_file.SceneFile(path, tmp_path / "made")
-        names = [path for _, path in file.named_files()]
-        assert mesh not in names and file.sources() == [mesh]
+        assert mesh not in dict(file.named_files()).values() and file.sources() == [mesh]
         assert file.load().bbox().max.z == top
         digests.add(file.digest())
     assert len(digests) == 2

@@ -11,6 +11,7 @@ import mitsuba as mi
 
 from ..alone import alone
 from ..compat import EXR_THREADS, NO_PARAMETER, SOURCE_LINE, TRACEBACK
+from ..registry import register_plugins
 
 #: First part of a variant's name -> (the backend, and what the backend requires).
 BACKENDS = {
@@ -49,6 +50,7 @@ def set_variant(variant: str | None = None) -> str:
             f"{', '.join(filter(has_backend, mi.variants()))}; run prosim doctor."
         )
     mi.set_variant(variant)
+    register_plugins()  # again, if an earlier attempt has set the variant and then failed
     load_plugins()
     return variant
 

@@ -165,6 +165,7 @@ def test_every_number_on_the_page_is_in_the_json_and_nothing_in_the_network(repo
         (["prosim", "path,max_dept=4,nom=1"], "path has no parameter max_dept, nom\n"),
         (["prosim,samples=-1"], "samples"),
         (["prosim,samples"], "PARAMETER=VALUE"),
+        (["--sqrt-spp", "1,1"], "two different numbers"),
         (["prosim", "path", "--resolution", "5x5"], "SSIM needs 7 x 7"),
     ],
 )

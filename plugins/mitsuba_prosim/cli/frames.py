@@ -33,7 +33,12 @@ class Animation:
     """
 
     def __init__(self, job: Job, stem: Path) -> None:
-        """Raises InputError if the scene uses neither $frame nor $time, so that several frames would be equal."""
+        """Raises UsageError if -D defines $frame or $time.
+
+        Raises InputError if the scene uses neither of them, so that several frames would be equal.
+        """
+        if conflict := {FRAME, TIME} & set(job.definitions):
+            raise click.UsageError(f"-D {min(conflict)}=... and --frames both define ${min(conflict)}; give one.")
         self.job, self.stem, self.frames = job, stem, job.frames or range(0)
         self.cache = prosim_scene.TranslationCache()
         self.rendered = self.skipped = self.black = 0
@@ -48,7 +53,8 @@ class Animation:
     def render(self) -> None:
         """Renders the frames that have no complete file with the current digest; with ``overwrite``, all frames.
 
-        Prints a report. After an interruption the process ends. Raises ClickException.
+        Prints a report. After an interruption the process ends. Raises InputError and ClickException; the finished
+        frames stay on the disk.
         """
         with Resources(self.job) as resources, Progress("film", len(self.frames)) as bar:
             # Handles signals until the workers have ended.
@@ -120,7 +126,7 @@ def digest(job: Job, file: scene_file.SceneFile) -> str:
     environment_facts = environment.this_environment()
     versions = [environment_facts[name] for name in environment.MUST_AGREE]
     # The digest of the file already contains the definitions.
-    content = job.image() | {"scene": "", "definitions": {}, "digest": file.digest(), "environment": versions}
+    content = job.image_fields() | {"scene": "", "definitions": {}, "digest": file.digest(), "environment": versions}
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
@@ -134,13 +140,3 @@ def is_rendered(task: RenderTask) -> bool:
     except (RuntimeError, ValueError):
         return False
     return bool(header.get(DIGEST) == task.facts[DIGEST])
-
-
-def render(job: Job, stem: Path) -> None:
-    """Renders the frames of ``job`` and prints a report. After an interruption the process ends.
-
-    Raises UsageError, InputError and ClickException; the finished frames stay on the disk.
-    """
-    if conflict := {FRAME, TIME} & set(job.definitions):
-        raise click.UsageError(f"-D {min(conflict)}=... and --frames both define ${min(conflict)}; give one of them.")
-    Animation(job, stem).render()

@@ -30,7 +30,7 @@ RUNNING = ("output", "checkpoint", "snapshots", "view", "verbose", *ANIMATION, "
 
 POSITIVE = Number(0, min_open=True)
 UNITS = click.Choice(["calibrated", "radiance", "unattenuated"])
-SCENES, NOISES = "set by the scene", "with --noise, --time: "
+BY_SCENE, WITH_TARGET = "set by the scene", "with --noise, --time: "
 
 
 def _option(group: str, type_: Any, text: str, *flags: str, **settings: Any) -> Any:
@@ -57,7 +57,7 @@ class Job:
         POSITIVE, "Stop when the RMS error of the displayed image is below this (white = 1); 0.01 is usual."
     )
     time: float | None = _quality(POSITIVE, "Stop after this many seconds, at the latest.")
-    spp: int | None = _quality(Integer(1, 2**24), "Samples per pixel.", show_default=SCENES)
+    spp: int | None = _quality(Integer(1, 2**24), "Samples per pixel.", show_default=BY_SCENE)
     denoise: bool = _quality(None, "Denoise the image where two halves of its samples agree.")
 
     output: str | None = _output(
@@ -82,10 +82,10 @@ class Job:
     crop: tuple[int, int, int, int] | None = _scene(types.CROP, "Render only this window of the image, in pixels.")
     paths: bool = _scene(None, "Path tracing: follow diffuse reflections; omit the ambient term.")
     caustics: bool | None = _scene(
-        None, "Light focused by glass and mirrors.", "--caustics/--no-caustics", default=None, show_default=SCENES
+        None, "Light focused by glass and mirrors.", "--caustics/--no-caustics", default=None, show_default=BY_SCENE
     )
     max_level: int | None = _scene(
-        Integer(-1, 2**16), "Maximum depth of rays; -1 with --paths: unlimited.", show_default=SCENES
+        Integer(-1, 2**16), "Maximum depth of rays; -1 with --paths: unlimited.", show_default=BY_SCENE
     )
     allow_outside: bool = _scene(None, "Let the scene use files from outside its folder.")
 
@@ -116,10 +116,12 @@ class Job:
         POSITIVE, "Also require 99.9 % of the pixels, bright specks included, to be within this error.", "--noise-99.9"
     )
     max_samples: int | None = _advanced(
-        Integer(1, 2**20), "Maximum number of samples per pixel.", show_default=NOISES + "any"
+        Integer(1, 2**20), "Maximum number of samples per pixel.", show_default=WITH_TARGET + "any"
     )
     adaptive: str | None = _advanced(
-        click.Choice(tuple(POLICIES)), "Policy for the number of samples of each pixel.", show_default=NOISES + "graded"
+        click.Choice(tuple(POLICIES)),
+        "Policy for the number of samples of each pixel.",
+        show_default=WITH_TARGET + "graded",
     )
     light_units: str | None = _advanced(
         UNITS, "What a light's intensity means in the thesis's language.", show_default="calibrated"
@@ -146,7 +148,7 @@ class Job:
         """The option that distributes the render to other processes, or None."""
         return "--workers" if self.workers else "--cluster" if self.cluster else None
 
-    def image(self) -> dict[str, Any]:
+    def image_fields(self) -> dict[str, Any]:
         """Returns the fields that determine the image, by name."""
         return {name: getattr(self, name) for name in FIELDS if name not in RUNNING}
 

@@ -112,6 +112,14 @@ def _snapshots(text: str) -> tuple[str, ...]:
     return snapshots
 
 
+def _roots(text: str) -> tuple[int, ...]:
+    """Converts a list of integers to a sorted tuple; raises ValueError for fewer than two different integers."""
+    roots = sorted(set(map(int, text.split(","))))
+    if len(roots) < 2:
+        raise ValueError("give two different numbers or more")
+    return tuple(roots)
+
+
 RESOLUTION = PatternType("WxH", "640x480", r"(\d+)[xX](\d+)", _resolution)
 CROP = PatternType(
     "X,Y,W,H",
@@ -122,9 +130,7 @@ CROP = PatternType(
 PART = PatternType("K/M", "3/16", r"(\d{1,4})/(\d{1,4})", lambda number, of: Part(int(number), int(of)))
 FRAMES = PatternType("A:B[:STEP]", "0:48, 0:48:2 or 7", r"(\d{1,6})(?::(\d{1,6})(?::0*([1-9]\d*))?)?", _frames)
 SNAPSHOTS = PatternType("X,X,...", "0.04,0.02 or 1s,4s", r"(\d*\.?\d+s?(?:,\d*\.?\d+s?)*)", _snapshots)
-ROOTS = PatternType(
-    "N,N,...", "2,3,4", r"(0*[1-9]\d*(?:,0*[1-9]\d*)+)", lambda text: tuple(sorted(set(map(int, text.split(",")))))
-)
+ROOTS = PatternType("N,N,...", "2,3,4", r"(0*[1-9]\d*(?:,0*[1-9]\d*)*)", _roots)
 DEFINITION = PatternType("key=value", "angle=30", "([^=]+)=(.*)", lambda *pair: pair)
 VIEWER = PatternType(
     "tev[=HOST:PORT]",

@@ -47,7 +47,7 @@ def render(job: Job) -> None:
     if job.frames is None:
         render_and_write(job, stem)
     else:
-        frames.render(job, stem)
+        frames.Animation(job, stem).render()
 
 
 @click.command(cls=Command)

@@ -74,7 +74,7 @@ class RenderTask:
 
         The digest identifies the scene. Another process needs the job to continue the render.
         """
-        image = self.job.image() | {"scene": os.path.abspath(self.job.scene)}
+        image = self.job.image_fields() | {"scene": os.path.abspath(self.job.scene)}
         return {"job": image, "digest": self.file.digest()}
 
     def check(self) -> None:

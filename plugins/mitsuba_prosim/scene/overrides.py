@@ -18,9 +18,6 @@ WRAPPING = (*TARGETS, "max_samples", "adaptive")
 #: pixel.
 LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
 
-#: Number of samples of the sampler that Mitsuba adds to a sensor without a sampler.
-DEFAULT_SAMPLES = 4
-
 
 def check_size(width: int, height: int) -> None:
     """Raises ValueError if no film can hold an image of this size in pixels."""
@@ -80,12 +77,12 @@ def apply(
 def set_sampler(state: mi.parser.ParserState, plugin: str) -> None:
     """Replaces the samplers of all sensors by the ``plugin``, with the same numbers of samples.
 
-    A sensor without a sampler gets one with :data:`DEFAULT_SAMPLES`.
+    A sensor without a sampler gets one with four samples, as by Mitsuba.
     """
     types = [node.type for node in state.nodes]
     for number, kind in enumerate(types):
         props, new = state.nodes[number].props, mi.Properties(plugin)
-        new["sample_count"] = props.get("sample_count", DEFAULT_SAMPLES)
+        new["sample_count"] = props.get("sample_count", 4)
         if kind == mi.ObjectType.Sampler:
             state.nodes[number].props = new
         elif kind == mi.ObjectType.Sensor:

@@ -43,6 +43,7 @@ class Animation:
         self.cache = prosim_scene.TranslationCache()
         self.rendered = self.skipped = self.black = 0
         with input_errors():
+            #: Those of the names $frame and $time that the scene uses.
             self.names = scene_file.used_names(job.scene, {**job.definitions, **self.definitions(0)}, (FRAME, TIME))
             if not self.names and len(self.frames) > 1:
                 raise ValueError(

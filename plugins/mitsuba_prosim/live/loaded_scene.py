@@ -84,7 +84,7 @@ class LoadedScene:
             self.sensor.near_clip, self.sensor.far_clip = near, self._far + moved
         self._params.update()
 
-    def view(self, camera: Camera | None) -> str | None:
+    def view_text(self, camera: Camera | None) -> str | None:
         """Returns the text that describes the moved ``camera`` in the scene file; None for the scene file's camera."""
         if self.home is None or camera is None:
             return None

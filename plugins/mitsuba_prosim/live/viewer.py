@@ -205,7 +205,7 @@ class Viewer:
         self._publish(
             error=None,
             black=None,
-            view=scene.view(self._request.camera),
+            view=scene.view_text(self._request.camera),
             integrator=integrator_name(self._integrator),
             not_compared=not_compared(self._integrator),
         )

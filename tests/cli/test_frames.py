@@ -59,10 +59,11 @@ def test_each_frame_is_the_image_of_the_scene_alone(film):
 
 
 def test_a_frame_is_rendered_again_where_the_scene_has_changed(film):
+    """Neither a comment nor the encoding is a change."""
     options = "--frames", "0:2"
     assert rendered(film, *options) == (2, 0)
     before = kept(film.parent)
-    film.write_text("(a comment)\n" + FILM)
+    film.write_text("(a comment)\n" + FILM, encoding="utf-16")
     assert rendered(film, *options, "-D", "kd=0.4") == (0, 2) and kept(film.parent) == before
     film.with_name("film.0001.exr").unlink()
     assert rendered(film, *options) == (1, 1)

@@ -173,10 +173,6 @@ class SceneFile:
                 if path.is_file():
                     yield props, name, path
 
-    def _reads_exr(self) -> bool:
-        """Tells whether the scene names an OpenEXR file. The content of a file decides, not its suffix."""
-        return any(OpenEXR.isOpenExrFile(str(path)) for _, _, path in self._file_parameters(self.state))
-
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene from the parsed file.
 
@@ -187,8 +183,9 @@ class SceneFile:
         state = mi.parser.ParserState(self.state)
         if sampler:
             overrides.set_sampler(state, sampler)
+        reads_exr = any(OpenEXR.isOpenExrFile(str(path)) for _, _, path in self._file_parameters(self.state))
         try:
-            with session.search_path([*self._resolver]), session.enough_threads(self._reads_exr()):
+            with session.search_path([*self._resolver]), session.enough_threads(reads_exr):
                 return instantiate(state)
         except RuntimeError:
             if self.document is not None:
@@ -223,6 +220,7 @@ def used_names(path: str | Path, definitions: Mapping[str, str], names: Iterable
         with session.search_path([Path(path).parent]):
             files = [str(file) for file in parse(path, definitions, mi.LogLevel.Debug).files]
     text = "".join(Path(file).read_text(encoding="utf-8", errors="replace") for file in files)
+    text = text.replace("\0", "")  # the file may be in UTF-16
     return {name for name in names if re.search(rf"\${name}\b", text)}
 
 

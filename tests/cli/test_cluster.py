@@ -114,6 +114,7 @@ def test_ctrl_c_is_for_the_process_that_renders(client, lamp, monkeypatch):
     workers = set(client.run(os.getpid).values())
     for process in workers:
         os.kill(process, signal.SIGINT)
+        os.kill(process, signal.SIGHUP)
     time.sleep(0.5)
     assert set(client.run(os.getpid).values()) == workers
 

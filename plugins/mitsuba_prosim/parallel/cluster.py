@@ -70,15 +70,16 @@ def workers(number: int, threads: int | None = None) -> Iterator[distributed.Cli
 
 @contextmanager
 def interrupts_blocked() -> Iterator[None]:
-    """Blocks the signal of Ctrl-C in all threads and processes that are started within the context.
+    """Blocks the signals of Ctrl-C and of a closed terminal in all threads and processes that the context starts.
 
-    A terminal sends this signal to all processes, but only the process with the image may handle the signal.
+    A terminal sends these signals to all processes, but only the process with the image may handle them.
     """
     if sys.platform == "win32":
         yield
         return
-    resource_tracker.ensure_running()  # started later, the tracker would unblock the signal
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
+    resource_tracker.ensure_running()  # started later, the tracker would unblock the signal of Ctrl-C
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:

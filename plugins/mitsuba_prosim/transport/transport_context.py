@@ -14,7 +14,7 @@ from .absorption import absorbs_any, pointer
 from .radiance import layers_of
 from .ray import Ray
 from .scattering import Scattering
-from .workarounds import warn_of_dim_lobes, warn_of_lost_light
+from .workarounds import warn_of_lost_light
 
 #: Maximum level of a ray tree: its nodes are numbered as in a heap, in 32 bits.
 DEEPEST_TREE = 24
@@ -78,7 +78,6 @@ class Context:
             # With photons, a path must distinguish diffuse from other reflections. A ray that samples the whole BRDF
             # cannot.
             settings = replace(settings, diffuse_bounces=UNLIMITED_BOUNCES)
-        warn_of_dim_lobes(scene)
         if settings.diffuse_bounces >= 0:
             warn_of_lost_light(scene)
         self.scene, self.settings, self.attached, self.camera_medium = scene, settings, attached, camera_medium

@@ -5,15 +5,11 @@
     :func:`sample` requests the null lobe in addition to other lobes. Delete the workaround for ``mask`` when
     ``mask.sample`` follows the type mask.
 ``blendbsdf``
-    adds the probability of an ideal lobe to densities of smooth lobes, which loses or adds light. Therefore, for a
+    adds the density of smooth lobes to the probability of an ideal lobe, which loses or adds light. Therefore, for a
     ``blendbsdf``, :func:`sample` requests either the ideal or the smooth lobes, each with probability 1/2. If one of
-    the two blended BSDFs has no separable lobes, :func:`sample_leaves` samples both BSDFs itself. ``blendbsdf`` also
-    omits the derivative of ideal lobes by the blending weight: :func:`blend_share` adds this derivative. Delete the
-    workarounds for ``blendbsdf`` when ``blendbsdf`` separates probabilities from densities.
-``bumpmap``, ``normalmap``
-    do not expose how they turn the shading frame, so :func:`sample_leaves` cannot sample a blend inside them:
-    :func:`warn_of_dim_lobes` warns of such a blend. Delete :func:`warn_of_dim_lobes` together with the workaround for
-    ``blendbsdf``.
+    the two blended BSDFs has no separable lobes, its density and value are added nevertheless, and are subtracted
+    again. ``blendbsdf`` also omits the derivative of ideal lobes by the blending weight: :func:`blend_share` adds this
+    derivative. Delete the workarounds for ``blendbsdf`` when ``blendbsdf`` separates probabilities from densities.
 ``principled``, ``principledthin``, ``hair``
     evaluate and sample all lobes together, whatever the type mask is. Light sampling evaluates all lobes of such a BSDF
     together, and :func:`belongs_to` assigns samples of such a BSDF to lobes. Where the lobes need no separate rays,
@@ -37,9 +33,9 @@ from collections.abc import Iterator
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import BLEND, EVALUATED_TOGETHER, MAPS, MASK, samples_elsewhere
+from ..compat import BLEND, EVALUATED_TOGETHER, MASK, samples_elsewhere
 from ..masks import but_not, idle
-from ..optics.nested import Leaf, all_shapes, all_within, leaves
+from ..optics.nested import all_within, leaves
 from . import lobes
 from .lobes import LobePoint
 
@@ -50,29 +46,6 @@ EDGE = 1e-3
 def has_mask_or_blend(bsdf: mi.BSDF) -> bool:
     """Tells whether ``bsdf`` is a ``mask`` or a ``blendbsdf``, or contains one."""
     return any(_within(bsdf, MASK)) or any(_within(bsdf, BLEND))
-
-
-def warn_of_dim_lobes(scene: mi.Scene) -> None:
-    """Warns of ideal lobes that :func:`sample` renders too dark.
-
-    Ideal lobes are too dark if a ``bumpmap`` or ``normalmap`` contains a ``blendbsdf``: the map does not expose how it
-    turns the shading frame, so the BSDFs of the blend cannot be sampled one by one.
-    """
-    everything = lobes.all_lobes()
-    dim = [
-        shape.id()
-        for shape in all_shapes(scene)
-        if shape.bsdf() is not None
-        and _needs_leaves(everything, shape.bsdf())
-        and any(_mixes_ideal_and_smooth(everything, one) for name in MAPS for one in _within(shape.bsdf(), name))
-    ]
-    if dim:
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: the ideal lobes of {', '.join(map(repr, dim))} are too dark: a bumpmap or normalmap holds a "
-            "blendbsdf that mixes them with a BSDF without separable lobes, such as principled. Put a bumpmap or "
-            "normalmap into each BSDF of the blendbsdf instead.",
-        )
 
 
 def warn_of_lost_light(scene: mi.Scene) -> None:
@@ -105,15 +78,6 @@ def _mixes_ideal_and_smooth(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
     return any(lobes.has_any(each, *lobes.IDEAL) and lobes.has_any(each, *lobes.SMOOTH) for each in flags)
 
 
-def _needs_leaves(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
-    """Tells whether :func:`sample_leaves` must sample the BSDFs that ``bsdf`` blends.
-
-    The function :func:`sample_leaves` is needed if ``lobe`` stands for all lobes and ``bsdf`` blends ideal lobes with a
-    BSDF without separable lobes.
-    """
-    return lobes.is_all_lobes(lobe) and _mixes_ideal_and_smooth(lobe, bsdf) and is_inseparable(bsdf)
-
-
 def sample(
     lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
@@ -122,19 +86,26 @@ def sample(
     The function applies the workarounds of this module for ``mask`` and ``blendbsdf``, if ``bsdf`` contains one. ``u``
     are the random numbers of the sample. ``bs.pdf`` is 0 if the sample belongs to another lobe.
     """
-    if _needs_leaves(lobe, bsdf):
-        return sample_leaves(lobe, bsdf, si, u, active)
-    has_mask, (choice, point) = any(_within(bsdf, MASK)), u
+    has_mask, mixes, (choice, point) = any(_within(bsdf, MASK)), _mixes_ideal_and_smooth(lobe, bsdf), u
+    # Null lobes of a ``mask`` are not mixed with the lobes of the BSDF within the ``mask``.
+    mixed = lobes.IDEAL[:2] if has_mask else lobes.IDEAL
 
     def sample_lobes(requested: mi.BSDFContext, choice: mi.Float) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         """Returns a sample of ``bsdf``; ``bs.pdf`` is 0 if the sample belongs to a lobe that is not ``requested``."""
-        bs, weight = bsdf.sample(lobes.with_null_lobes(requested) if has_mask else requested, si, choice, point, active)
+        context = lobes.with_null_lobes(requested) if has_mask else requested
+        bs, weight = bsdf.sample(context, si, choice, point, active)
+        if mixes and is_inseparable(bsdf):
+            is_mixed = lobes.has_any(bs.sampled_type, *mixed)
+            f, pdf = bsdf.eval_pdf(context, si, bs.wo, active & is_mixed)
+            probability = dr.maximum(bs.pdf - pdf, 0)
+            own = (weight * bs.pdf - f) / dr.select(probability > 0, probability, 1)
+            bs.pdf, weight = dr.select(is_mixed, (probability, own), (bs.pdf, weight))
         ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL)
         weight *= dr.select(ideal, dr.relative_grad(blend_share(bsdf, si, choice, active)), 1)
         bs.pdf = dr.select((bs.sampled_type & requested.type_mask) != 0, bs.pdf, 0)
         return bs, weight
 
-    if not _mixes_ideal_and_smooth(lobe, bsdf):
+    if not mixes:
         return sample_lobes(lobe, choice)
     # Choices below 0.5 sample the ideal lobes, the others sample the smooth lobes.
     ideal = sample_lobes(lobes.only(lobe, *lobes.IDEAL), choice * 2)
@@ -153,7 +124,7 @@ def eval_pdf(
     Where :func:`sample` requests only the smooth lobes, with probability 1/2, the density is half the density of the
     smooth lobes.
     """
-    splits_choice = _mixes_ideal_and_smooth(lobe, bsdf) and not _needs_leaves(lobe, bsdf)
+    splits_choice = _mixes_ideal_and_smooth(lobe, bsdf)
     requested = lobes.only(lobe, *lobes.SMOOTH) if splits_choice else lobe
     f, pdf = bsdf.eval_pdf(lobes.with_null_lobes(requested) if any(_within(bsdf, MASK)) else requested, si, wo, active)
     return f, pdf * 0.5 if splits_choice else pdf
@@ -199,53 +170,6 @@ def blend_share(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, ac
         blend = dr.select((choice >= interval_begin) & (probability > 0), leaf.blend, blend)
         interval_begin += probability
     return blend
-
-
-def sample_leaves(
-    lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool
-) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """Returns ``(bs, weight)``: a sample of one of the BSDFs that ``bsdf`` blends, in the form of ``mi.BSDF.sample``.
-
-    A BSDF is chosen with the probability that is its weight in the blend. For an ideal lobe, ``bs.pdf`` is the
-    probability of the lobe. For a smooth lobe, ``bs.pdf`` is the density of all smooth lobes of the blend together.
-    """
-    (choice, point), bs, weight, interval_begin = u, dr.zeros(mi.BSDFSample3f), mi.Spectrum(0), mi.Float(0)
-    bs.wo = -si.wi
-    all_leaves = leaves(bsdf, si, active)
-    for leaf in all_leaves:
-        probability = dr.detach(leaf.share)
-        chosen = active & (choice >= interval_begin) & (probability > 0)
-        if leaf.bsdf is None:
-            one, value = dr.zeros(mi.BSDFSample3f), mi.Spectrum(1)
-            one.wo, one.pdf, one.eta, one.sampled_type = -si.wi, mi.Float(1), mi.Float(1), mi.UInt32(+mi.BSDFFlags.Null)
-        else:
-            rest = dr.clip((choice - interval_begin) / dr.select(probability > 0, probability, 1), 0, 1)
-            one, value = leaf.bsdf.sample(lobe, leaf.seen_by(si), rest, point, chosen)
-            if leaf.turned:
-                one.wo.z = dr.mulsign(one.wo.z, si.wi.z)
-        one.pdf *= probability
-        bs, weight = dr.select(chosen, one, bs), dr.select(chosen, value * dr.relative_grad(leaf.share), weight)
-        interval_begin += probability
-    smooth = active & mi.has_flag(bs.sampled_type, mi.BSDFFlags.Smooth) & (bs.pdf > 0)
-    f, pdf = eval_leaves(lobe, all_leaves, si, bs.wo, smooth)
-    bs.pdf = dr.select(smooth, pdf, bs.pdf)
-    return bs, dr.select(smooth, f / dr.select(pdf > 0, pdf, 1), weight)
-
-
-def eval_leaves(
-    lobe: mi.BSDFContext, all_leaves: list[Leaf], si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
-) -> tuple[mi.Spectrum, mi.Float]:
-    """Returns the value of ``lobe`` times the cosine of ``wo``, and the density of ``wo``: sums over
-    ``all_leaves``, the BSDFs of a blend, weighted by their shares.
-    """
-    f, pdf = mi.Spectrum(0), mi.Float(0)
-    for leaf in all_leaves:
-        if leaf.bsdf is not None:
-            # A leaf in a ``twosided`` sees the viewer on the front side, so ``wo`` is mirrored like ``wi``.
-            wo_leaf = mi.Vector3f(wo.x, wo.y, dr.mulsign(wo.z, si.wi.z)) if leaf.turned else wo
-            f_leaf, pdf_leaf = leaf.bsdf.eval_pdf(lobe, leaf.seen_by(si), wo_leaf, active)
-            f, pdf = f + leaf.share * f_leaf, pdf + leaf.share * pdf_leaf
-    return f, pdf
 
 
 def first_hit(scene: mi.Scene, ray: mi.Ray3f, coherent: mi.Bool, active: mi.Bool) -> mi.PreliminaryIntersection3f:

@@ -308,14 +308,14 @@ SMOOTH = (
 def test_a_beam_loses_as_much_from_either_end(variant_rgb, bsdf):
     """By rays of the eye, which follow each lobe, and by photons, which choose: but for the index squared."""
     bsdf, n = mi.load_dict(bsdf), 64
-    light = lobes.specular()
+    light = lobes.only(lobes.SPECULAR)
     light.mode = mi.TransportMode.Importance
     number = dr.arange(mi.UInt32, n * n)
     there, back = dr.zeros(mi.SurfaceInteraction3f), dr.zeros(mi.SurfaceInteraction3f)
     cos = (0.5 + number // n) / n * dr.select(number % 2 == 0, 1, -1)
     there.wi = mi.Vector3f(dr.sqrt(1 - dr.square(cos)), 0, cos)
     found = 0
-    for eye in (lobes.reflected(), lobes.refracted()):
+    for eye in map(lobes.only, (lobes.REFLECTED, lobes.REFRACTED)):
         a, weight = bsdf.sample(eye, there, (0.5 + number % n) / n, mi.Point2f(0.5))
         by_eye = ideal_throughput(a, weight, bsdf.flags())
         back.wi = a.wo
@@ -356,7 +356,7 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
     ray, met, chain = photons.first(Ray.first(camera)), mi.Bool(True), []
     for k in range(3):
         si = world.ray_intersect(mi.Ray3f(ray.o, ray.d), met)
-        lobe = lobes.specular() if not tree else lobes.refracted() if k else lobes.reflected()
+        lobe = lobes.only(lobes.SPECULAR if not tree else lobes.REFRACTED if k else lobes.REFLECTED)
         choice, *sample = random[2 + 3 * k : 5 + 3 * k]
         bs, weight = si.bsdf().sample(lobe, si, choice, mi.Point2f(*sample), met)
         met &= si.is_valid() & (bs.pdf > 0) & ((si.p.y > 0.01) if k else (si.p.y < 0.01))

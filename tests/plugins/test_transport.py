@@ -236,7 +236,7 @@ def test_the_derivative_by_a_share_is_that_of_ideal_lobes_too(variant_rgb, other
     si = dr.zeros(mi.SurfaceInteraction3f, n)
     si.wi = mi.Vector3f(0.6, 0, z)
     choice = (dr.arange(mi.Float, n) + 0.5) / n
-    bs, weight = workarounds.sample(lobes.all_lobes(), bsdf, si, (choice, mi.Point2f(0.3, 0.6)), mi.Bool(True))
+    bs, weight = workarounds.sample(mi.BSDFContext(), bsdf, si, (choice, mi.Point2f(0.3, 0.6)), mi.Bool(True))
     ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL) & (bs.pdf > 0)
     brought = dr.mean(dr.select(ideal, weight.x, 0))
     assert brought[0] == pytest.approx(through + 0.5 * (1 - through) * 0.4, abs=2e-3)

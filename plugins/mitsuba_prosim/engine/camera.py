@@ -25,7 +25,7 @@ def sees_tiny_lamp(scene: mi.Scene, sensor: mi.Sensor) -> bool:
     Few rays may find the image of such a lamp. A lamp is tiny if the diagonal of its bounding box is less than two
     pixels at its distance from the camera. The scene has any glossy or specular lobe; its place does not matter.
     """
-    if not is_perspective(sensor) or not lobes.has_any(all_flags(scene), *lobes.REFLECTED, *lobes.REFRACTED):
+    if not is_perspective(sensor) or not lobes.has_any(all_flags(scene), *lobes.SPECULAR):
         return False
     pixel = 2 * np.tan(np.radians(float(mi.traverse(sensor)["x_fov"][0])) / 2) / sensor.film().size()[0]
     eye = np.ravel(world_transform(sensor, mi.Float(sensor.shutter_open())).translation())

@@ -174,13 +174,13 @@ class Gathering:
             if self.lambertian:
                 return dr.select(dr.dot(si.sh_frame.n, d) * si.wi.z > 0, mi.Float(1), 0)
             wo = si.to_local(d)
-            f = bsdf.eval(lobes.diffuse(), si, wo, in_reach)
+            f = bsdf.eval(lobes.only(lobes.DIFFUSE), si, wo, in_reach)
             return self.scattering.replace_inseparable(f, vertex, wo, in_reach) / dr.maximum(dr.abs(wo.z), MIN_COSINE)
 
         L = gather(photons, number, si, value, active)
         if self.lambertian:  # a constant BSDF is evaluated once, after the sum over photons
             lit = active & (dr.max(L) > 0)
-            L *= bsdf.eval(lobes.diffuse(), si, mi.Vector3f(0, 0, dr.sign(si.wi.z)), lit)
+            L *= bsdf.eval(lobes.only(lobes.DIFFUSE), si, mi.Vector3f(0, 0, dr.sign(si.wi.z)), lit)
         return L
 
 

@@ -337,7 +337,7 @@ def density_of_rays(scattering: Scattering, bsdfs: list[mi.BSDF]) -> np.ndarray:
     if mi.is_spectral:
         si.wavelengths = mi.UnpolarizedSpectrum(550)
     surface, u = Surface(si, bsdf, mi.Bool(True), mi.Bool(False)), (numbers[0], mi.Point2f(*numbers[1:3]))
-    bs, _, _ = scattering.sample(lobes.specular(), surface, u, mi.Bool(True))
+    bs, _, _ = scattering.sample(lobes.only(lobes.SPECULAR), surface, u, mi.Bool(True))
     drawn = (bs.pdf > 0) & lobes.has_any(bs.sampled_type, *lobes.GLOSSY)
     pdf = np.array(dr.select(drawn, bs.pdf, 0)).reshape(count, RAYS)
     return np.array([np.percentile(row[row > 0], 10) if row.any() else 0.0 for row in pdf])

@@ -88,7 +88,7 @@ def is_specular(shape: mi.Shape, tree: bool) -> bool:
     bsdf = shape.bsdf()
     if bsdf is None:
         return False
-    names = lobes.IDEAL if is_inseparable(bsdf) and not tree else (*lobes.REFLECTED, *lobes.REFRACTED)
+    names = lobes.IDEAL if is_inseparable(bsdf) and not tree else lobes.SPECULAR
     return bool(lobes.has_any(int(bsdf.flags()), *names))
 
 

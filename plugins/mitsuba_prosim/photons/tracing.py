@@ -64,7 +64,7 @@ class PhotonTracer:
 
     def __init__(self, scene: mi.Scene, deepest: mi.UInt32, tree: bool, mis: PhotonMIS | None) -> None:
         self.scene, self.deepest, self.tree, self.mis = scene, deepest, tree, mis
-        self.specular = lobes.specular()
+        self.specular = lobes.only(lobes.SPECULAR)
         self.specular.mode = mi.TransportMode.Importance
         self.scattering = Scattering.of(scene)
 
@@ -92,7 +92,7 @@ class PhotonTracer:
         # Rays from one surface without separable lobes to another find the direct light there, so photons that would
         # add this light do not land.
         lands = dr.select(hit.inseparable, but_not(hit.level > 0, state.from_inseparable), lands)
-        scatters = hit.active & (hit.level < self.deepest) & lobes.has_any(flags, *lobes.REFLECTED, *lobes.REFRACTED)
+        scatters = hit.active & (hit.level < self.deepest) & lobes.has_any(flags, *lobes.SPECULAR)
         bs, weight, scatters, by_all_lobes = self._scatter(hit, key, scatters)
         d = hit.si.to_world(bs.wo)
         # At a diffuse or near-specular surface a photon either lands or continues. With the probability r / (1 + r) to

@@ -88,7 +88,7 @@ def lamp_light(
     wo, mis_active = si.to_local(ds.d), lit if gathered is None else but_not(lit, gathered)
     f = mi.Spectrum(0) if context.light_lobes is None else bsdf.eval(context.light_lobes, si, wo, lit)
     if gathered is not None and not context.mis_lobes:  # else ``light_lobes`` are diffuse
-        f = dr.select(gathered, bsdf.eval(lobes.diffuse(), si, wo, lit & gathered), f)
+        f = dr.select(gathered, bsdf.eval(lobes.only(lobes.DIFFUSE), si, wo, lit & gathered), f)
     diffuse = f
     for lobe in mis_lobes:
         f_lobe, pdf_lobe = eval_lobe(context, lobe, vertex, wo, points, mis_active)
@@ -102,7 +102,7 @@ def lamp_light(
         (value,) = with_visibility(context, vertex, ds.p, [f * weight], lit)
         return layers.none().plus(value, glossy_layer)
     if not context.mis_lobes:  # then ``light_lobes`` are all lobes, not only the diffuse lobes
-        diffuse = bsdf.eval(lobes.diffuse(), si, wo, lit)
+        diffuse = bsdf.eval(lobes.only(lobes.DIFFUSE), si, wo, lit)
     diffuse = dr.select(vertex.inseparable, f, diffuse)
     value, diffuse = with_visibility(context, vertex, ds.p, [f * weight, diffuse * weight], lit)
     return layers.none().plus(value, glossy_layer).moved(diffuse, glossy_layer, layers.of(ray, "diffuse"))

@@ -62,7 +62,7 @@ def features(
     ``camera_medium`` is the medium around the camera.
     """
     scattering = Scattering.of(scene, separate=False)
-    diffuse, specular = lobes.diffuse(), lobes.specular()
+    diffuse, specular = lobes.only(lobes.DIFFUSE), lobes.only(lobes.SPECULAR)
 
     def step(state: State) -> State:
         """Adds the albedo of the next surface of the ray, and continues the ray by a specular lobe."""

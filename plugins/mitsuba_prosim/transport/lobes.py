@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import operator
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import mitsuba as mi
@@ -16,6 +17,8 @@ LobePoint: TypeAlias = "tuple[mi.Float, mi.Point2f]"
 REFLECTED = ("GlossyReflection", "DeltaReflection")
 #: Names of the ``mi.BSDFFlags`` of the specular transmission, glossy or ideal, and of null lobes.
 REFRACTED = ("GlossyTransmission", "DeltaTransmission", "Null")
+#: Names of the ``mi.BSDFFlags`` of the specular reflection and transmission, and of null lobes.
+SPECULAR = REFLECTED + REFRACTED
 #: Names of the ``mi.BSDFFlags`` of the diffuse reflection and transmission.
 DIFFUSE = ("DiffuseReflection", "DiffuseTransmission")
 #: Names of the ``mi.BSDFFlags`` of the glossy lobes.
@@ -28,29 +31,10 @@ SMOOTH = GLOSSY + DIFFUSE
 BOTH_SIDES = ("GlossyTransmission", "DiffuseTransmission")
 
 
-def all_lobes(mode: mi.TransportMode | None = None) -> mi.BSDFContext:
-    """Returns the BSDF context of all lobes. The transport mode is radiance unless ``mode`` names another one."""
-    return mi.BSDFContext() if mode is None else mi.BSDFContext(mode)
-
-
-def reflected() -> mi.BSDFContext:
-    """Returns the BSDF context of the specular reflection."""
-    return _context(mask(*REFLECTED))
-
-
-def refracted() -> mi.BSDFContext:
-    """Returns the BSDF context of the specular transmission, null lobes included."""
-    return _context(mask(*REFRACTED))
-
-
-def specular() -> mi.BSDFContext:
-    """Returns the BSDF context of the specular reflection and transmission, null lobes included."""
-    return _context(mask(*REFLECTED, *REFRACTED))
-
-
-def diffuse() -> mi.BSDFContext:
-    """Returns the BSDF context of the diffuse reflection and transmission."""
-    return _context(mask(*DIFFUSE))
+def only(names: Sequence[str], context: mi.BSDFContext | None = None) -> mi.BSDFContext:
+    """Returns the BSDF context ``context`` (default: all lobes), restricted to the lobes ``names``."""
+    context = context or mi.BSDFContext()
+    return mi.BSDFContext(context.mode, context.type_mask & mask(*names), context.component)
 
 
 def glossy(flags: int, tree: bool) -> tuple[mi.BSDFContext, ...]:
@@ -59,25 +43,13 @@ def glossy(flags: int, tree: bool) -> tuple[mi.BSDFContext, ...]:
     A ray ``tree`` samples reflection and transmission as two lobes; a path samples both as one lobe.
     """
     if not tree:
-        return (specular(),) if has_any(flags, *GLOSSY) else ()
-    return tuple(lobe for name, lobe in zip(GLOSSY, (reflected(), refracted())) if has_any(flags, name))
-
-
-def only(context: mi.BSDFContext, *names: str) -> mi.BSDFContext:
-    """Returns the BSDF context ``context``, restricted to the named lobes."""
-    return _context(context.type_mask & mask(*names), context.mode)
+        return (only(SPECULAR),) if has_any(flags, *GLOSSY) else ()
+    return tuple(lobe for name, lobe in zip(GLOSSY, (only(REFLECTED), only(REFRACTED))) if has_any(flags, name))
 
 
 def with_null_lobes(context: mi.BSDFContext) -> mi.BSDFContext:
     """Returns the BSDF context ``context`` with null lobes added."""
-    return _context(context.type_mask | mask("Null"), context.mode)
-
-
-def _context(type_mask: int, mode: mi.TransportMode | None = None) -> mi.BSDFContext:
-    """Returns a BSDF context that asks for the lobes in ``type_mask``."""
-    context = all_lobes(mode)
-    context.type_mask = type_mask
-    return context
+    return mi.BSDFContext(context.mode, context.type_mask | mask("Null"), context.component)
 
 
 @functools.cache
@@ -91,8 +63,3 @@ def has_any(flags: int | mi.UInt32, *names: str) -> mi.Bool:
     ``mi.BSDFFlags``.
     """
     return (flags & mask(*names)) != 0
-
-
-def is_all_lobes(context: mi.BSDFContext) -> bool:
-    """Tells whether the BSDF context ``context`` asks for all lobes."""
-    return context.type_mask == mi.BSDFContext().type_mask

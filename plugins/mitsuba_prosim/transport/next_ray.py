@@ -78,7 +78,7 @@ def sample_direction(
     wo = si.to_local(moved)
     f, pdf = scattering.eval_pdf(lobe, vertex, wo, smooth)
     if scattering.any_inseparable:
-        all_lobes = vertex.bsdf.eval_pdf(lobes.all_lobes(), si, wo, smooth & vertex.inseparable)
+        all_lobes = vertex.bsdf.eval_pdf(mi.BSDFContext(), si, wo, smooth & vertex.inseparable)
         f, pdf = dr.select(vertex.inseparable, all_lobes, (f, pdf))
     weight = f * dr.relative_grad(jacobian) / dr.detach(dr.select(pdf > 0, pdf, 1))
     if lobes.has_any(context.flags, *lobes.IDEAL):  # sampled again, now with derivatives
@@ -93,7 +93,7 @@ def lobe_point(context: Context, lobe: mi.BSDFContext, vertex: Vertex, points: P
     """Returns the random numbers ``(choice, point)`` that sample the ray of ``lobe`` at ``vertex``."""
     space = context.space(vertex.ray.node, CHOICE)
     # A stratified choice reduces the variance only with dispersion, or where all lobes are sampled together.
-    stratified = lobes.is_all_lobes(lobe) or context.scattering.disperses
+    stratified = lobe.type_mask == mi.BSDFContext().type_mask or context.scattering.disperses
     choice = points(space, active).x if stratified else points.choice(space)
     point = points(context.space(vertex.ray.node, direction_space(lobe)), active)
     return context.scattering.lobe_choice(points, space, choice), point

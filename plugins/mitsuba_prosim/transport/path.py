@@ -40,7 +40,7 @@ def proceed(
     """
     bounces, node = counters.bounces, vertex.ray.node
     if bounces is None:
-        ray, continues, eta = next_ray(context, lobes.all_lobes(), vertex, points, vertex.active)
+        ray, continues, eta = next_ray(context, mi.BSDFContext(), vertex, points, vertex.active)
     else:
         ray, continues, eta, bounces = specular_or_diffuse(context, vertex, points, bounces)
     ray.node = node + 1
@@ -60,9 +60,9 @@ def specular_or_diffuse(
     is always specular. ``bounces`` is the number of diffuse reflections of the path, ``eta`` the ratio of the indices
     of refraction that the ray crosses.
     """
-    specular, reflects, eta = next_ray(context, lobes.specular(), vertex, points, vertex.active)
+    specular, reflects, eta = next_ray(context, lobes.only(lobes.SPECULAR), vertex, points, vertex.active)
     may_scatter = vertex.active & (bounces < context.settings.diffuse_bounces)
-    diffuse, scatters, _ = next_ray(context, lobes.diffuse(), vertex, points, may_scatter)
+    diffuse, scatters, _ = next_ray(context, lobes.only(lobes.DIFFUSE), vertex, points, may_scatter)
     diffuse = replace(diffuse, light_found=mi.Bool(True))  # by light sampling and photons
     specular_weight = dr.select(reflects, dr.max(specular.throughput), 0)
     diffuse_weight = dr.select(scatters, dr.max(diffuse.throughput), 0)

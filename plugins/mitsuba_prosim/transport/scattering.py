@@ -13,7 +13,7 @@ from ..sampling import wavelengths
 from ..sampling.hash import combine
 from ..sampling.nrook import SamplerPoints
 from ..sampling.sobol import Points
-from . import lobes, workarounds
+from . import workarounds
 from .lobes import LobePoint
 from .ray import Surface
 
@@ -70,7 +70,7 @@ class Scattering:
         belongs = (bs.sampled_type & lobe.type_mask) != 0
         if not self.any_inseparable or idle(active & at.inseparable):
             return bs, weight, belongs
-        bs_all, weight_all = self._sample(lobes.all_lobes(lobe.mode), at, u, active & at.inseparable, None)
+        bs_all, weight_all = self._sample(mi.BSDFContext(lobe.mode), at, u, active & at.inseparable, None)
         belongs_all = workarounds.belongs_to(lobe, at.si.wi, bs_all)
         return dr.select(at.inseparable, (bs_all, weight_all, belongs_all), (bs, weight, belongs))
 
@@ -119,7 +119,7 @@ class Scattering:
         """
         if not self.any_inseparable:
             return f
-        return dr.select(at.inseparable, at.bsdf.eval(lobes.all_lobes(), at.si, wo, active & at.inseparable), f)
+        return dr.select(at.inseparable, at.bsdf.eval(mi.BSDFContext(), at.si, wo, active & at.inseparable), f)
 
     def lobe_choice(self, points: Points, space: mi.UInt32, choice: mi.Float) -> mi.Float:
         """Returns the random number that chooses a lobe or a wavelength.

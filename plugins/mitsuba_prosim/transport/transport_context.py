@@ -99,13 +99,13 @@ class Context:
             bool(lobes.has_any(self.flags, *names)) for names in (lobes.REFLECTED, lobes.REFRACTED, lobes.BOTH_SIDES)
         )
         #: The lobes whose light comes from light sampling and from their own rays, combined by MIS.
-        self.mis_lobes: tuple[mi.BSDFContext, ...] = (lobes.all_lobes(),)
+        self.mis_lobes: tuple[mi.BSDFContext, ...] = (mi.BSDFContext(),)
         #: The lobes whose light comes from light sampling alone, because emission at the end of their rays does not
         #: count, or because no ray can hit a light source. None if there are no such lobes.
         self.light_lobes: mi.BSDFContext | None = None
         if settings.diffuse_bounces >= 0:
             self.mis_lobes = () if self.lights.all_delta else lobes.glossy(self.flags, settings.follows_tree)
-            self.light_lobes = lobes.diffuse() if self.mis_lobes else lobes.all_lobes()
+            self.light_lobes = lobes.only(lobes.DIFFUSE) if self.mis_lobes else mi.BSDFContext()
         #: Whether one call of a BSDF evaluates a lobe for the sampled lamp and samples the next ray of this lobe, so
         #: that textures are evaluated once.
         self.samples_with_light = (

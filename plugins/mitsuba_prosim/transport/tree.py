@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import drjit as dr
@@ -64,17 +65,18 @@ def proceed(
     lanes that have such a ray, and the argument ``active`` has the lanes whose ray tree was not finished before.
     """
 
-    def branch(follows: bool, lobe: mi.BSDFContext) -> tuple[Ray, mi.Bool]:
-        """Returns the ray that leaves the vertex through ``lobe``, and the lanes in which it survives Russian roulette.
+    def branch(follows: bool, names: Sequence[str]) -> tuple[Ray, mi.Bool]:
+        """Returns the ray that leaves the vertex through the lobes ``names``, and the lanes in which it survives
+        Russian roulette.
 
         No lane has such a ray if ``follows`` is false.
         """
         if not follows:
             return vertex.ray, mi.Bool(False)
-        ray, active, _ = next_ray(context, lobe, vertex, points, vertex.active)
+        ray, active, _ = next_ray(context, lobes.only(names), vertex, points, vertex.active)
         return roulette(context, ray, active, points)
 
-    reflected, refracted = branch(context.reflects, lobes.reflected()), branch(context.refracts, lobes.refracted())
+    reflected, refracted = branch(context.reflects, lobes.REFLECTED), branch(context.refracts, lobes.REFRACTED)
     return stack.next(*reflected, *refracted, active)
 
 

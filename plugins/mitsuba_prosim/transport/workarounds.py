@@ -108,8 +108,8 @@ def sample(
     if not mixes:
         return sample_lobes(lobe, choice)
     # Choices below 0.5 sample the ideal lobes, the others sample the smooth lobes.
-    ideal = sample_lobes(lobes.only(lobe, *lobes.IDEAL), choice * 2)
-    smooth = sample_lobes(lobes.only(lobe, *lobes.SMOOTH), choice * 2 - 1)
+    ideal = sample_lobes(lobes.only(lobes.IDEAL, lobe), choice * 2)
+    smooth = sample_lobes(lobes.only(lobes.SMOOTH, lobe), choice * 2 - 1)
     bs, weight = dr.select(choice < 0.5, ideal, smooth)
     bs.pdf *= 0.5
     return bs, weight * 2
@@ -125,7 +125,7 @@ def eval_pdf(
     smooth lobes.
     """
     splits_choice = _mixes_ideal_and_smooth(lobe, bsdf)
-    requested = lobes.only(lobe, *lobes.SMOOTH) if splits_choice else lobe
+    requested = lobes.only(lobes.SMOOTH, lobe) if splits_choice else lobe
     f, pdf = bsdf.eval_pdf(lobes.with_null_lobes(requested) if any(_within(bsdf, MASK)) else requested, si, wo, active)
     return f, pdf * 0.5 if splits_choice else pdf
 
@@ -152,7 +152,7 @@ def belongs_to(lobe: mi.BSDFContext, wi: mi.Vector3f, bs: mi.BSDFSample3f) -> mi
     Each sample belongs to exactly one of the lobes that have a ray of their own. A specular sample belongs to the
     reflected lobe or to the refracted lobe, depending on the side of the surface.
     """
-    specular = lobes.has_any(bs.sampled_type, *lobes.REFLECTED, *lobes.REFRACTED)
+    specular = lobes.has_any(bs.sampled_type, *lobes.SPECULAR)
     diffuse = but_not(lobes.has_any(bs.sampled_type, *lobes.DIFFUSE), specular)
     through = mi.Frame3f.cos_theta(wi) * mi.Frame3f.cos_theta(bs.wo) < 0
     side = dr.select(through, mi.UInt32(lobes.mask(*lobes.REFRACTED)), lobes.mask(*lobes.REFLECTED))

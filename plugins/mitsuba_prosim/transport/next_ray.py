@@ -89,6 +89,18 @@ def sample_direction(
     return bs, weight, dr.replace_grad(d, moved), belongs
 
 
+def roulette(ray: Ray, active: mi.Bool, survival: mi.Float, sample: mi.Float) -> tuple[Ray, mi.Bool]:
+    """Returns ``(ray, active)`` after Russian roulette (Arvo and Kirk 1990).
+
+    A ray survives with the probability ``survival``, or always if this is 1 or greater; the throughput of the survivor
+    is divided by the probability. ``sample`` is a random number in [0, 1) that decides.
+    """
+    survival = dr.detach(survival)
+    survives = sample < survival
+    throughput = dr.select(survives, ray.throughput / dr.clip(survival, 1e-8, 1), 0)
+    return replace(ray, throughput=throughput), active & survives
+
+
 def lobe_point(context: Context, lobe: mi.BSDFContext, vertex: Vertex, points: Points, active: mi.Bool) -> LobePoint:
     """Returns the random numbers ``(choice, point)`` that sample the ray of ``lobe`` at ``vertex``."""
     space = context.space(vertex.ray.node, CHOICE)

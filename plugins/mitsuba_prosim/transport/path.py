@@ -9,7 +9,7 @@ import mitsuba as mi
 
 from ..sampling.sobol import Points
 from . import lobes
-from .next_ray import next_ray
+from .next_ray import next_ray, roulette
 from .ray import Ray, Vertex
 from .transport_context import CHOICE, REFRACTED, ROULETTE, Context
 
@@ -35,8 +35,9 @@ def proceed(
 ) -> tuple[Ray, mi.Bool, Counters]:
     """Samples the ray that continues the path after ``vertex``, and returns ``(ray, active, counters)``.
 
-    The returned ``active`` has the lanes whose path continues after Russian roulette; the returned ``counters`` count
-    this ray too. The argument ``active`` is unused: it gives this function the signature of :func:`.tree.proceed`.
+    The returned ``active`` has the lanes whose path continues after Russian roulette, which begins at level
+    ``rr_depth``; the returned ``counters`` count this ray too. The argument ``active`` is unused: it gives this
+    function the signature of :func:`.tree.proceed`.
     """
     bounces, node = counters.bounces, vertex.ray.node
     if bounces is None:
@@ -44,9 +45,11 @@ def proceed(
     else:
         ray, continues, eta, bounces = specular_or_diffuse(context, vertex, points, bounces)
     ray.node = node + 1
-    # The square of the index of refraction scales the radiance inside glass. Light that leaves glass loses this factor.
     eta *= counters.eta
-    ray, continues = roulette(context, ray, continues, eta, points.choice(context.space(node, ROULETTE)))
+    # The factor eta² makes up for the scaling of radiance inside glass, which is not a loss of light.
+    survival = dr.minimum(dr.max(ray.throughput) * dr.square(eta), 0.95)
+    survival = dr.select(ray.level >= context.settings.rr_depth, survival, 1)
+    ray, continues = roulette(ray, continues, survival, points.choice(context.space(node, ROULETTE)))
     return ray, continues, Counters(bounces, eta)
 
 
@@ -76,16 +79,3 @@ def specular_or_diffuse(
     ray, active, eta, bounces = dr.select(takes_diffuse, diffuse_state, specular_state)
     ray.throughput *= dr.rcp(dr.detach(dr.select(takes_diffuse, p_diffuse, 1 - p_diffuse)))
     return ray, active, eta, bounces
-
-
-def roulette(context: Context, ray: Ray, active: mi.Bool, eta: mi.Float, sample: mi.Float) -> tuple[Ray, mi.Bool]:
-    """Returns ``(ray, active)`` after Russian roulette, which begins at level ``rr_depth`` of the path.
-
-    A path survives with the probability max(throughput) ``eta``², at most 0.95, and its throughput is divided by this
-    probability. The factor ``eta``² makes up for the scaling of radiance inside glass, which is not a loss of light.
-    ``sample`` is a random number in [0, 1) that decides.
-    """
-    survival = dr.detach(dr.minimum(dr.max(ray.throughput) * dr.square(eta), 0.95))
-    plays = ray.level >= context.settings.rr_depth
-    throughput = dr.select(plays, ray.throughput / dr.maximum(survival, 1e-8), ray.throughput)
-    return replace(ray, throughput=throughput), active & dr.select(plays, sample < survival, True)

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
@@ -13,7 +13,7 @@ import mitsuba as mi
 from ..masks import but_not
 from ..sampling.sobol import Points
 from . import lobes
-from .next_ray import next_ray
+from .next_ray import next_ray, roulette
 from .ray import Ray, Vertex
 from .transport_context import ROULETTE, Context
 
@@ -69,26 +69,15 @@ def proceed(
         """Returns the ray that leaves the vertex through the lobes ``names``, and the lanes in which it survives
         Russian roulette.
 
-        No lane has such a ray if ``follows`` is false.
+        Only rays whose throughput is below ``rr_throughput`` play. No lane has a ray if ``follows`` is false.
         """
         if not follows:
             return vertex.ray, mi.Bool(False)
         ray, active, _ = next_ray(context, lobes.only(names), vertex, points, vertex.active)
-        return roulette(context, ray, active, points)
+        if (limit := context.settings.rr_throughput) == 0:
+            return ray, active
+        survival = dr.max(ray.throughput) / dr.opaque(mi.Float, limit)
+        return roulette(ray, active, survival, points.choice(context.space(ray.node, ROULETTE)))
 
     reflected, refracted = branch(context.reflects, lobes.REFLECTED), branch(context.refracts, lobes.REFRACTED)
     return stack.next(*reflected, *refracted, active)
-
-
-def roulette(context: Context, ray: Ray, active: mi.Bool, points: Points) -> tuple[Ray, mi.Bool]:
-    """Returns ``(ray, active)`` after Russian roulette (Arvo and Kirk 1990).
-
-    Only rays whose throughput is below ``rr_throughput`` play. A ray that plays survives with the probability
-    throughput / ``rr_throughput``; the throughput of the survivor is divided by this probability.
-    """
-    if context.settings.rr_throughput == 0:
-        return ray, active
-    survival = dr.detach(dr.max(ray.throughput) / dr.opaque(mi.Float, context.settings.rr_throughput))
-    survives = points.choice(context.space(ray.node, ROULETTE)) < survival
-    throughput = dr.select(survives, ray.throughput / dr.minimum(survival, 1), 0)
-    return replace(ray, throughput=throughput), active & survives

@@ -12,13 +12,11 @@ from ..sampling.hash import combine
 from ..sampling.nrook import to_unit
 from ..transport import lobes
 from ..transport.absorption import medium_before, medium_beyond, transmittance
+from ..transport.lobes import LobePoint
 from ..transport.scattering import Scattering
 from .emission import Start
 from .grid import Landed
 from .mis import Hit, PhotonMIS
-
-#: Indices of a photon's random numbers at one surface, and how many numbers each surface has.
-CHOICE, DIRECTION, ROULETTE, NUMBERS = 0, 1, 3, 4
 
 #: A photon plays no Russian roulette at its first surface if glossy surfaces gather photons and this surface scatters
 #: less than this fraction of the flux. Such a surface dims all photons alike. With roulette, the variance of the scene
@@ -87,13 +85,14 @@ class PhotonTracer:
         lands if the surface gathers photons, else it ends. ``key`` is the hash key of each photon.
         """
         hit, medium = self._intersect(state)
-        flags, first_number = hit.bsdf.flags(), hit.level * NUMBERS
+        flags = hit.bsdf.flags()
+        choice, x, y, roulette = (to_unit(combine(key, hit.level * 4 + k)) for k in range(4))
         lands = hit.active & (hit.level > 0) & lobes.has_any(flags, *lobes.DIFFUSE)
         # Rays from one surface without separable lobes to another find the direct light there, so photons that would
         # add this light do not land.
         lands = dr.select(hit.inseparable, but_not(hit.level > 0, state.from_inseparable), lands)
         scatters = hit.active & (hit.level < self.deepest) & lobes.has_any(flags, *lobes.SPECULAR)
-        bs, weight, scatters, by_all_lobes = self._scatter(hit, key, scatters)
+        bs, weight, scatters, by_all_lobes = self._scatter(hit, (choice, mi.Point2f(x, y)), scatters)
         d = hit.si.to_world(bs.wo)
         # At a diffuse or near-specular surface a photon either lands or continues. With the probability r / (1 + r) to
         # continue, where r is ``flux_ratio``, both alternatives have about 1 + r times the arriving flux.
@@ -104,7 +103,7 @@ class PhotonTracer:
         p_continue = dr.select(may_land, flux_ratio / (1 + flux_ratio), survival)
         if self.mis is not None:  # with roulette, a varnish would reflect too few photons to glossy surfaces
             p_continue = dr.select((hit.level == 0) & (flux_ratio > 0) & (flux_ratio < FAINT), 1, p_continue)
-        scatters &= number(key, first_number + ROULETTE) < p_continue
+        scatters &= roulette < p_continue
         lands = but_not(lands, scatters) & (hit.cos > 0)
         density, glossy, land_weight = state.density, state.glossy, dr.rcp(dr.maximum(1 - p_continue, 1e-6))
         if self.mis is not None:
@@ -137,15 +136,14 @@ class PhotonTracer:
         return Hit(si, bsdf, surface, inseparable, d, state.level, flux, cos, shading, near), medium
 
     def _scatter(
-        self, hit: Hit, key: mi.UInt32, active: mi.Bool
+        self, hit: Hit, u: LobePoint, active: mi.Bool
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Bool, mi.Bool]:
         """Samples the lobes that are not diffuse, and returns ``(bs, weight, active, by_all_lobes)``.
 
-        ``active`` tells which lanes have a sample. ``by_all_lobes`` tells whether the sample is of a glossy lobe of a
-        BSDF without separable lobes.
+        ``u`` are the random numbers of the sample. ``active`` tells which lanes have a sample. ``by_all_lobes`` tells
+        whether the sample is of a glossy lobe of a BSDF without separable lobes.
         """
-        si, first_number = hit.si, hit.level * NUMBERS
-        u = number(key, first_number + CHOICE), point(key, first_number + DIRECTION)
+        si = hit.si
         bs, weight, belongs = self.scattering.sample(self.specular, hit, u, active, hit.flux)
         by_all_lobes = but_not(hit.inseparable, lobes.has_any(bs.sampled_type, *lobes.IDEAL))
         if not self.tree:  # on paths, such photons land instead
@@ -169,13 +167,3 @@ def adjoint_correction(si: mi.SurfaceInteraction3f, wo: mi.Vector3f, d: mi.Vecto
 def bounded(a: mi.Float, b: mi.Float) -> mi.Float:
     """Returns a / b, or :data:`MAX_COSINE_RATIO` if the quotient is greater."""
     return dr.select(a < MAX_COSINE_RATIO * b, a / dr.maximum(b, 1e-30), MAX_COSINE_RATIO)
-
-
-def number(key: mi.UInt32, k: mi.UInt32) -> mi.Float:
-    """Returns the ``k``-th random number, in [0, 1), of the photon with the hash key ``key``."""
-    return to_unit(combine(key, k))
-
-
-def point(key: mi.UInt32, k: mi.UInt32) -> mi.Point2f:
-    """Returns a random point in [0, 1)²: the ``k``-th and the next random number of the photon with this ``key``."""
-    return mi.Point2f(number(key, k), number(key, k + 1))

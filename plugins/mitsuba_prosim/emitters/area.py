@@ -155,7 +155,8 @@ class Area(Source):
         cos = -dr.dot(ds.d, ds.n)
         active = active & (cos > 0)
         if self.textured:
-            pdf = self.pdf_texture(ds.uv, active) * dr.square(ds.dist) / dr.maximum(cos, 1e-30)
+            _, per_area = self.at_texture(ds.uv, self.emission.pdf_position(ds.uv, active), active)
+            pdf = per_area * dr.square(ds.dist) / dr.maximum(cos, 1e-30)
         else:
             pdf = self.pdf_shape(it, ds, self.get_shape().pdf_direction(it, ds, active))
         return dr.select(active, pdf, mi.Float(0))
@@ -184,11 +185,6 @@ class Area(Source):
         ps = sample_position(time, sample, active)
         return ps, dr.select(active & (ps.pdf > 0), 1 / dr.maximum(ps.pdf, 1e-30), mi.Float(0))
 
-    def pdf_position(self, ps: mi.PositionSample3f, active: mi.Bool = True) -> mi.Float:
-        if self.get_shape() is None:
-            return mi.Float(0)
-        return self.pdf_texture(ps.uv, active) if self.textured else self.get_shape().pdf_position(ps, active)
-
     def sample_texture(self, time: mi.Float, sample: mi.Point2f, active: mi.Bool) -> mi.PositionSample3f:
         """Samples a point by the texture's own method, and computes the density per surface area."""
         uv, pdf = self.emission.sample_position(sample, active)
@@ -196,10 +192,6 @@ class Area(Source):
         ps = mi.PositionSample3f(si)
         ps.time, ps.delta, ps.pdf = time, mi.Bool(False), density
         return ps
-
-    def pdf_texture(self, uv: mi.Point2f, active: mi.Bool) -> mi.Float:
-        """Returns the density per surface area with which `sample_texture` samples the point at ``uv``."""
-        return self.at_texture(uv, self.emission.pdf_position(uv, active), active)[1]
 
     def at_texture(self, uv: mi.Point2f, pdf: mi.Float, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Float]:
         """Returns the point of the shape at ``uv``, and the density per area at this point.

@@ -175,9 +175,6 @@ class Point(Source):
         ps.delta = mi.Bool(True)
         return ps, mi.Float(1)
 
-    def pdf_position(self, ps: mi.PositionSample3f, active: mi.Bool = True) -> mi.Float:
-        return mi.Float(0)
-
     def sample_wavelengths(
         self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool = True
     ) -> tuple[mi.Color0f, mi.Spectrum]:

@@ -199,10 +199,11 @@ def past_emitters(
     ``si`` is the first surface interaction of the ray, which may be on a light source. ``attached`` tells whether
     derivatives are wanted.
     """
-    hidden = active & si.is_valid()
-    if idle(hidden):
-        return si
-    hidden &= si.shape.is_emitter()
+
+    def on_emitter(si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
+        """Returns the active lanes in which ``si`` is on a light source."""
+        met = active & si.is_valid()
+        return met if idle(met) else met & si.shape.is_emitter()
 
     def beyond(o: mi.Point3f) -> mi.Ray3f:
         """Returns the rest of the camera ray, which begins at the point ``o``."""
@@ -212,14 +213,11 @@ def past_emitters(
 
     def step(o: mi.Point3f, blocked: mi.Bool) -> tuple[mi.Point3f, mi.Bool]:
         """Moves the origin ``o`` behind the next surface if this surface is a light source."""
-        pi = scene.ray_intersect_preliminary(beyond(o), active=blocked)
-        blocked = blocked & pi.is_valid()
-        if idle(blocked):
-            return o, blocked
-        blocked = blocked & pi.shape.is_emitter()
-        front = pi.compute_surface_interaction(beyond(o), mi.RayFlags.Minimal, blocked)
+        front = scene.ray_intersect(beyond(o), int(mi.RayFlags.Minimal), False, blocked)
+        blocked = on_emitter(front, blocked)
         return dr.select(blocked, front.spawn_ray(ray.d).o, o), blocked
 
+    hidden = on_emitter(si, active)
     with dr.suspend_grad(when=attached):
         o, _ = dr.while_loop((mi.Point3f(ray.o), hidden), lambda o, blocked: blocked, step, labels=("o", "blocked"))
     if attached:

@@ -11,6 +11,7 @@ from ..engine.film import aov_values
 from ..engine.integrator import ProgressiveIntegrator
 from ..parameters import nested_integrator
 from ..registry import plugin
+from ..sampling.nrook import SamplerPoints
 from ..transport.transport import InnerIntegrator
 
 
@@ -84,7 +85,7 @@ class ProsimAdaptive(ProgressiveIntegrator):
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
         """Returns the result of the nested integrator along ``ray``, with the further channels of this integrator."""
-        L, hit, others = InnerIntegrator(self.nested, scene).radiance(sampler, ray, medium, active)
+        L, hit, others = InnerIntegrator(self.nested, scene, medium)(ray, SamplerPoints(sampler), active)
         aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
         return L, hit, others + aovs
 

@@ -89,14 +89,9 @@ class InnerIntegrator:
         The integrator draws random numbers from ``points``; the camera's spaces of the sampling pattern are skipped.
         """
         sampler = points.sampler if isinstance(points, SamplerPoints) else sampler_of(points)
-        return self.radiance(sampler, mi.RayDifferential3f(ray), self.medium, active)
-
-    def radiance(
-        self, sampler: mi.Sampler, ray: mi.RayDifferential3f, medium: mi.Medium | None, active: mi.Bool
-    ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        """Returns ``(L, hit, aovs)`` for the camera ray ``ray``, with random numbers of a sampler of Mitsuba."""
+        ray = mi.RayDifferential3f(ray)
         if not dr.is_jit_v(mi.Float) or not isinstance(self.integrator, mi.CppADIntegrator):
-            L, hit, aovs = self.integrator.sample(self.scene, sampler, ray, medium, active)
+            L, hit, aovs = self.integrator.sample(self.scene, sampler, ray, self.medium, active)
             return L, hit, list(aovs)
         # Mitsuba's integrators for derivatives, such as prb, have another signature of ``sample``.
         rest = {"depth": mi.UInt32(0), "δL": None, "δaovs": None, "state_in": None, "active": mi.Bool(active)}

@@ -82,14 +82,8 @@ class Leaf(NamedTuple):
     blend: mi.Float
     #: The BSDF; None for the null lobe of a ``mask``.
     bsdf: mi.BSDF | None
-    #: Whether a ``twosided`` contains the leaf, so that viewer and light are always on the leaf's front side.
-    turned: bool = False
-
-    def seen_by(self, si: mi.SurfaceInteraction3f) -> mi.SurfaceInteraction3f:
-        """Returns the interaction ``si`` as the leaf needs it: if the leaf is in a ``twosided``, the viewer is on the
-        front side.
-        """
-        return from_front(si) if self.turned else si
+    #: The interaction as the leaf needs it: if the leaf is in a ``twosided``, the viewer is on the front side.
+    si: mi.SurfaceInteraction3f
 
 
 def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[Leaf]:
@@ -108,31 +102,17 @@ def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[
     if kind == MASK:
         opacity = dr.clip(inner["opacity"].eval_1(si, active), 0, 1)
         nested = leaves(inner["nested_bsdf"], si, active)
-        hole = Leaf(1 - opacity, mi.Float(1), None)
+        hole = Leaf(1 - opacity, mi.Float(1), None, si)
         return [*(leaf._replace(share=opacity * leaf.share) for leaf in nested), hole]
     if kind == TWO_SIDED:
+        front, si = dr.select(mi.Frame3f.cos_theta(si.wi) > 0, mi.Float(1), 0), mi.SurfaceInteraction3f(si)
+        si.wi.z = dr.abs(si.wi.z)
         return [
-            leaf._replace(share=part * leaf.share, turned=True)
-            for part, side in sides(bsdf, si)
-            for leaf in leaves(side, from_front(si), active)
+            leaf._replace(share=part * leaf.share)
+            for part, side in ((front, inner["brdf_0"]), (1 - front, inner["brdf_1"]))
+            for leaf in leaves(side, si, active)
         ]
-    return [Leaf(mi.Float(1), mi.Float(1), bsdf)]
-
-
-def sides(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f) -> list[tuple[mi.Float, mi.BSDF]]:
-    """Returns the BSDFs of a ``twosided`` with their weights: 1 for the BSDF on the viewer's side of ``si``, 0 for the
-    other.
-    """
-    inner, in_front = parts(bsdf), mi.Frame3f.cos_theta(si.wi) > 0
-    weight = dr.select(in_front, mi.Float(1), 0)
-    return [(weight, inner["brdf_0"]), (1 - weight, inner["brdf_1"])]
-
-
-def from_front(si: mi.SurfaceInteraction3f) -> mi.SurfaceInteraction3f:
-    """Returns a copy of ``si`` with the viewer on the front side."""
-    other = mi.SurfaceInteraction3f(si)
-    other.wi.z = dr.abs(si.wi.z)
-    return other
+    return [Leaf(mi.Float(1), mi.Float(1), bsdf, si)]
 
 
 def ambient_reflectance(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.UnpolarizedSpectrum:
@@ -145,7 +125,7 @@ def ambient_reflectance(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.B
     total = mi.UnpolarizedSpectrum(0)
     for leaf in leaves(bsdf, si, active):
         if leaf.bsdf is not None:
-            total += leaf.share * _ambient_of(leaf.bsdf, leaf.seen_by(si), active)
+            total += leaf.share * _ambient_of(leaf.bsdf, leaf.si, active)
     return total
 
 

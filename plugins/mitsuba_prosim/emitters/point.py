@@ -125,10 +125,6 @@ class Point(Source):
         super().traverse(callback)
         expose(callback, mi.ParamFlags.NonDifferentiable, position=self.position)
 
-    def parameters_changed(self, keys: list[str]) -> None:
-        dr.make_opaque(self.position)
-        super().parameters_changed(keys)
-
     def sample_ray(
         self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.Ray3f, mi.Spectrum]:

@@ -27,6 +27,9 @@ class Source(mi.Emitter):
     instead of ``to_world``.
     """
 
+    #: The position in world coordinates; None if the source has a shape.
+    position: Any = None
+
     def __init__(self, props: mi.Properties, quantity: str, place: str) -> None:
         super().__init__(props)
         if "to_world" in props:
@@ -86,7 +89,7 @@ class Source(mi.Emitter):
         expose(callback, edge, direction=self.direction, angle=self.angle)
 
     def parameters_changed(self, keys: list[str]) -> None:
-        dr.make_opaque(self.direction, self.angle, self.exponent)
+        dr.make_opaque(self.position, self.direction, self.angle, self.exponent)
         super().parameters_changed(keys)
 
     def sample_spectrum(

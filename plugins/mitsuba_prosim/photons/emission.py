@@ -81,9 +81,8 @@ def has_place(emitter: mi.Emitter) -> bool:
     The flags of ``directionalarea`` do not.
     """
     flags, names = emitter.flags(), mi.EmitterFlags
-    if mi.has_flag(flags, names.Surface):
-        return not mi.has_flag(flags, names.DeltaDirection)
-    return mi.has_flag(flags, names.DeltaPosition) or mi.has_flag(flags, names.Infinite)
+    emits_from_points = mi.has_flag(flags, names.Surface) and not mi.has_flag(flags, names.DeltaDirection)
+    return emits_from_points or mi.has_flag(flags, names.DeltaPosition) or mi.has_flag(flags, names.Infinite)
 
 
 class Sources:

@@ -146,8 +146,6 @@ class Caustics:
         Each group of ``n`` samples of a pixel covers the spectrum evenly (:func:`.wavelength_number`). The result is
         empty except in spectral variants.
         """
-        if not mi.is_spectral:
-            return dr.zeros(mi.Color0f)
         key, middle = dr.opaque(mi.UInt32, hash32(seed)), mi.Point2f(0.5)
         sample = wavelengths.wavelength_number(key, t, dr.opaque(mi.UInt32, n))
         return self.sensor.sample_ray_differential(self.sensor.shutter_open(), sample, middle, middle)[0].wavelengths
@@ -174,8 +172,8 @@ class Gathering:
             if self.lambertian:
                 return dr.select(dr.dot(si.sh_frame.n, d) * si.wi.z > 0, mi.Float(1), 0)
             wo = si.to_local(d)
-            f = bsdf.eval(lobes.only(lobes.DIFFUSE), si, wo, in_reach)
-            return self.scattering.replace_inseparable(f, vertex, wo, in_reach) / dr.maximum(dr.abs(wo.z), MIN_COSINE)
+            f = self.scattering.eval(lobes.only(lobes.DIFFUSE), vertex, wo, in_reach)
+            return f / dr.maximum(dr.abs(wo.z), MIN_COSINE)
 
         L = gather(photons, number, si, value, active)
         if self.lambertian:  # a constant BSDF is evaluated once, after the sum over photons

@@ -82,13 +82,13 @@ def lamp_light(
     photons, only diffuse lobes count.
     """
     (ds, weight), layers = sample, context.layers
-    si, bsdf, ray = vertex.si, vertex.bsdf, vertex.ray
+    si, ray, scattering = vertex.si, vertex.ray, context.scattering
     gathered = None if context.caustics is None else ray.light_found
     lit = vertex.smooth & (ds.pdf > 0)
     wo, mis_active = si.to_local(ds.d), lit if gathered is None else but_not(lit, gathered)
-    f = mi.Spectrum(0) if context.light_lobes is None else bsdf.eval(context.light_lobes, si, wo, lit)
+    f = mi.Spectrum(0) if context.light_lobes is None else scattering.eval(context.light_lobes, vertex, wo, lit)
     if gathered is not None and not context.mis_lobes:  # else ``light_lobes`` are diffuse
-        f = dr.select(gathered, bsdf.eval(lobes.only(lobes.DIFFUSE), si, wo, lit & gathered), f)
+        f = dr.select(gathered, scattering.eval(lobes.only(lobes.DIFFUSE), vertex, wo, lit & gathered), f)
     diffuse = f
     for lobe in mis_lobes:
         f_lobe, pdf_lobe = eval_lobe(context, lobe, vertex, wo, points, mis_active)
@@ -96,14 +96,13 @@ def lamp_light(
         if context.photon_mis is not None:
             weight_lobe *= context.photon_mis.light_weight(vertex, ds, f_lobe, pdf_lobe, mis_active)
         f = f + f_lobe * weight_lobe
-    f = context.scattering.replace_inseparable(f, vertex, wo, lit)
+    f = dr.select(vertex.inseparable, diffuse, f)  # ``diffuse`` has the light of all lobes there
     glossy_layer = layers.of(ray, "glossy", k)
     if not layers.splits_lobes:
         (value,) = with_visibility(context, vertex, ds.p, [f * weight], lit)
         return layers.none().plus(value, glossy_layer)
     if not context.mis_lobes:  # then ``light_lobes`` are all lobes, not only the diffuse lobes
-        diffuse = bsdf.eval(lobes.only(lobes.DIFFUSE), si, wo, lit)
-    diffuse = dr.select(vertex.inseparable, f, diffuse)
+        diffuse = scattering.eval(lobes.only(lobes.DIFFUSE), vertex, wo, lit)
     value, diffuse = with_visibility(context, vertex, ds.p, [f * weight, diffuse * weight], lit)
     return layers.none().plus(value, glossy_layer).moved(diffuse, glossy_layer, layers.of(ray, "diffuse"))
 

@@ -77,9 +77,6 @@ def sample_direction(
     moved, jacobian = reparameterised_ray(context.lights, vertex.receiver, d, smooth)
     wo = si.to_local(moved)
     f, pdf = scattering.eval_pdf(lobe, vertex, wo, smooth)
-    if scattering.any_inseparable:
-        all_lobes = vertex.bsdf.eval_pdf(mi.BSDFContext(), si, wo, smooth & vertex.inseparable)
-        f, pdf = dr.select(vertex.inseparable, all_lobes, (f, pdf))
     weight = f * dr.relative_grad(jacobian) / dr.detach(dr.select(pdf > 0, pdf, 1))
     if lobes.has_any(context.flags, *lobes.IDEAL):  # sampled again, now with derivatives
         ideal_bs, ideal_weight, _ = scattering.sample(lobe, vertex, u, active & ideal, throughput)

@@ -73,8 +73,8 @@ def specular_or_diffuse(
     p_diffuse = dr.select(total > 0, diffuse_weight / dr.select(total > 0, total, 1), 0)
     # With the workarounds, the space CHOICE already chose a lobe. A path uses the space REFRACTED for nothing else.
     # Without the workarounds, no BSDF has a diffuse lobe and two specular lobes: the number in CHOICE is still unused.
-    choice_is_used = context.scattering.mixes or context.scattering.any_inseparable
-    takes_diffuse = points.choice(context.space(vertex.ray.node, REFRACTED if choice_is_used else CHOICE)) < p_diffuse
+    choice = REFRACTED if context.scattering.needs_workarounds else CHOICE
+    takes_diffuse = points.choice(context.space(vertex.ray.node, choice)) < p_diffuse
     diffuse_state, specular_state = (diffuse, scatters, mi.Float(1), bounces + 1), (specular, reflects, eta, bounces)
     ray, active, eta, bounces = dr.select(takes_diffuse, diffuse_state, specular_state)
     ray.throughput *= dr.rcp(dr.detach(dr.select(takes_diffuse, p_diffuse, 1 - p_diffuse)))

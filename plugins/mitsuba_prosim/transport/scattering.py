@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from ..masks import dispatch, idle
-from ..optics.nested import all_bsdfs
+from ..compat import BLEND, MASK
+from ..masks import dispatch
+from ..optics.nested import all_bsdfs, all_within
 from ..sampling import wavelengths
 from ..sampling.hash import combine
 from ..sampling.nrook import SamplerPoints
@@ -16,6 +17,7 @@ from ..sampling.sobol import Points
 from . import workarounds
 from .lobes import LobePoint
 from .ray import Surface
+from .workarounds import requestable
 
 
 def disperses(scene: mi.Scene) -> bool:
@@ -32,10 +34,10 @@ class Scattering:
 
     #: Whether any BSDF of the scene refracts each wavelength in another direction.
     disperses: bool
-    #: Whether any BSDF of the scene needs the workarounds for ``mask`` or ``blendbsdf``.
-    mixes: bool
     #: Whether any BSDF of the scene can only evaluate all its lobes together.
     any_inseparable: bool
+    #: Whether there is such a BSDF, a ``mask`` or a ``blendbsdf`` (:mod:`.workarounds`).
+    needs_workarounds: bool
 
     @classmethod
     def of(cls, scene: mi.Scene, separate: bool = True) -> Scattering:
@@ -46,7 +48,8 @@ class Scattering:
         """
         bsdfs = all_bsdfs(scene)
         inseparable = separate and any(map(workarounds.is_inseparable, bsdfs))
-        return cls(disperses(scene), any(map(workarounds.has_mask_or_blend, bsdfs)), inseparable)
+        mixes = any(one.class_name() in (MASK, BLEND) for bsdf in bsdfs for one in all_within(bsdf))
+        return cls(disperses(scene), inseparable, inseparable or mixes)
 
     def inseparable(self, bsdf: mi.BSDF | mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
         """Returns the active lanes whose BSDF can only evaluate all its lobes together."""
@@ -68,11 +71,9 @@ class Scattering:
         bs, weight = self._sample(lobe, at, u, active, throughput)
         # Some BSDFs sample lobes outside of the type mask. Those lobes have a ray of their own.
         belongs = (bs.sampled_type & lobe.type_mask) != 0
-        if not self.any_inseparable or idle(active & at.inseparable):
-            return bs, weight, belongs
-        bs_all, weight_all = self._sample(mi.BSDFContext(lobe.mode), at, u, active & at.inseparable, None)
-        belongs_all = workarounds.belongs_to(lobe, at.si.wi, bs_all)
-        return dr.select(at.inseparable, (bs_all, weight_all, belongs_all), (bs, weight, belongs))
+        if self.any_inseparable:
+            belongs = dr.select(at.inseparable, workarounds.belongs_to(lobe, at.si.wi, bs), belongs)
+        return bs, weight, belongs
 
     def _sample(
         self, lobe: mi.BSDFContext, at: Surface, u: LobePoint, active: mi.Bool, throughput: mi.Spectrum | None
@@ -83,7 +84,7 @@ class Scattering:
         proportional to its ``throughput``. Without a ``throughput``, dispersive glass refracts all wavelengths in one
         direction.
         """
-        if not self.disperses and not self.mixes:
+        if not self.disperses and not self.needs_workarounds:
             return at.bsdf.sample(lobe, at.si, *u, active)
         weights = None
         if self.disperses and throughput is not None:
@@ -107,19 +108,19 @@ class Scattering:
         """Returns the value of ``lobe`` times the cosine for ``wo``, and the density with which :meth:`sample` returns
         ``wo``.
 
-        The result is undefined in the lanes ``at.inseparable``.
+        In the lanes ``at.inseparable``, the value and the density are those of all lobes.
         """
-        if self.mixes:
+        if self.needs_workarounds:
             return dispatch(at.bsdf, lambda one, *args: workarounds.eval_pdf(lobe, one, *args), at.si, wo, active)
         return at.bsdf.eval_pdf(lobe, at.si, wo, active)
 
-    def replace_inseparable(self, f: mi.Spectrum, at: Surface, wo: mi.Vector3f, active: mi.Bool) -> mi.Spectrum:
-        """Returns the value of all lobes for ``wo`` where the BSDF can only evaluate all its lobes together; elsewhere
-        returns ``f``.
+    def eval(self, lobe: mi.BSDFContext, at: Surface, wo: mi.Vector3f, active: mi.Bool) -> mi.Spectrum:
+        """Returns the value of ``lobe`` times the cosine for ``wo``; in the lanes ``at.inseparable`` that of all
+        lobes.
         """
-        if not self.any_inseparable:
-            return f
-        return dr.select(at.inseparable, at.bsdf.eval(mi.BSDFContext(), at.si, wo, active & at.inseparable), f)
+        if self.any_inseparable:
+            return dispatch(at.bsdf, lambda one, *args: one.eval(requestable(lobe, one), *args), at.si, wo, active)
+        return at.bsdf.eval(lobe, at.si, wo, active)
 
     def lobe_choice(self, points: Points, space: mi.UInt32, choice: mi.Float) -> mi.Float:
         """Returns the random number that chooses a lobe or a wavelength.

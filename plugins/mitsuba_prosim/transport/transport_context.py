@@ -110,7 +110,7 @@ class Context:
         #: that textures are evaluated once.
         self.samples_with_light = (
             not attached
-            and not (self.scattering.disperses or self.scattering.mixes or self.scattering.any_inseparable)
+            and not (self.scattering.disperses or self.scattering.needs_workarounds)
             and (self.lights.sampler is not None or self.lights.lamps == 1)
         )
 

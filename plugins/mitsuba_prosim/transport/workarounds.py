@@ -43,17 +43,11 @@ from .lobes import LobePoint
 EDGE = 1e-3
 
 
-def has_mask_or_blend(bsdf: mi.BSDF) -> bool:
-    """Tells whether ``bsdf`` is a ``mask`` or a ``blendbsdf``, or contains one."""
-    return any(_within(bsdf, MASK)) or any(_within(bsdf, BLEND))
-
-
 def warn_of_lost_light(scene: mi.Scene) -> None:
     """Warns of emitters ``area`` whose own samples miss a part of their light."""
-    varying = [e for e in scene.emitters() if mi.has_flag(e.flags(), mi.EmitterFlags.SpatiallyVarying)]
     lost = [
         e.get_shape().id()
-        for e in varying
+        for e in scene.emitters()
         if e.class_name() == "AreaLight" and samples_elsewhere(mi.traverse(e), "radiance.")
     ]
     if lost:
@@ -86,6 +80,7 @@ def sample(
     The function applies the workarounds of this module for ``mask`` and ``blendbsdf``, if ``bsdf`` contains one. ``u``
     are the random numbers of the sample. ``bs.pdf`` is 0 if the sample belongs to another lobe.
     """
+    lobe = requestable(lobe, bsdf)
     has_mask, mixes, (choice, point) = any(_within(bsdf, MASK)), _mixes_ideal_and_smooth(lobe, bsdf), u
     # Null lobes of a ``mask`` are not mixed with the lobes of the BSDF within the ``mask``.
     mixed = lobes.IDEAL[:2] if has_mask else lobes.IDEAL
@@ -124,10 +119,16 @@ def eval_pdf(
     Where :func:`sample` requests only the smooth lobes, with probability 1/2, the density is half the density of the
     smooth lobes.
     """
+    lobe = requestable(lobe, bsdf)
     splits_choice = _mixes_ideal_and_smooth(lobe, bsdf)
     requested = lobes.only(lobes.SMOOTH, lobe) if splits_choice else lobe
     f, pdf = bsdf.eval_pdf(lobes.with_null_lobes(requested) if any(_within(bsdf, MASK)) else requested, si, wo, active)
     return f, pdf * 0.5 if splits_choice else pdf
+
+
+def requestable(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> mi.BSDFContext:
+    """Returns ``lobe``, or all lobes if ``bsdf`` cannot evaluate its lobes separately."""
+    return mi.BSDFContext(lobe.mode) if is_inseparable(bsdf) else lobe
 
 
 def is_inseparable(bsdf: mi.BSDF) -> bool:

@@ -353,7 +353,8 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
     n = 128 * 128
     random = [mi.Float(v) for v in np.random.default_rng(5).random((11, n), dtype=np.float32)]
     camera = world.sensors()[0].sample_ray(0, 0.5, mi.Point2f(*random[:2]), mi.Point2f(0.5))[0]
-    ray, met, chain = photons.first(Ray.first(camera)), mi.Bool(True), []
+    ray, met, chain = Ray.first(camera), mi.Bool(True), []
+    ray.last_etendue = ray.earlier_etendue = mi.Float(0)
     for k in range(3):
         si = world.ray_intersect(mi.Ray3f(ray.o, ray.d), met)
         lobe = lobes.only(lobes.SPECULAR if not tree else lobes.REFRACTED if k else lobes.REFLECTED)

@@ -10,7 +10,7 @@ R is the density of photons times an étendue. The density of photons is the num
 to the ray and per solid angle. The density of photons is known where the photons leave the light source. Along a chain
 of specular surfaces, the choice of a lobe and the reflectance reduce the density. The density of photons also scales
 with the square of the index of refraction, as radiance does: mirrors and lenses do not change the product of the area
-and the solid angle of a beam. The étendue of a camera ray (:class:`RayWithEtendue`) is the area on which photons count
+and the solid angle of a beam. The étendue of a camera ray (:func:`etendue_of`) is the area on which photons count
 at the glossy surface, perpendicular to the ray, divided by the density with which the lobe samples the ray.
 
 A near-specular surface is a glossy surface whose lobe is much narrower than the lobe of the roughest surface. A chain
@@ -22,7 +22,7 @@ strategies add up to 1. The weights ignore that only a fraction of the photons l
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -48,19 +48,6 @@ MIN_DENSITY_RATIO, MIN_DENSITY = 3.0, 1.0
 
 #: Number of rays that are sampled from each lobe to measure its density.
 RAYS = 256
-
-
-@dataclass
-class RayWithEtendue(Ray):
-    """A camera ray with its étendue.
-
-    The étendue of a ray is the expected number of photons per sampled ray for a photon density of 1.
-    """
-
-    #: Étendue at the surface that the ray leaves by a smooth lobe; 0 after an ideal lobe. Unused after a diffuse lobe.
-    last_etendue: mi.Float = field(default_factory=lambda: mi.Float(0))
-    #: Étendue at earlier glossy surfaces, if the ray has met only specular and near-specular surfaces since; else 0.
-    earlier_etendue: mi.Float = field(default_factory=lambda: mi.Float(0))
 
 
 @dataclass
@@ -115,13 +102,7 @@ class PhotonMIS:
 
     # ------------------------------------------------------------ camera rays
 
-    def first(self, ray: Ray) -> RayWithEtendue:
-        """Returns the camera ray ``ray`` as a :class:`RayWithEtendue` whose étendue is 0."""
-        return RayWithEtendue(**vars(ray))
-
-    def next(
-        self, vertex: Vertex, following: RayWithEtendue, bs: mi.BSDFSample3f, weight: mi.Spectrum
-    ) -> RayWithEtendue:
+    def next(self, vertex: Vertex, following: Ray, bs: mi.BSDFSample3f, weight: mi.Spectrum) -> Ray:
         """Sets both étendues of the ray ``following``, which leaves ``vertex``, and returns the ray.
 
         ``bs`` and ``weight`` are the BSDF sample at ``vertex`` that made this ray. The last étendue belongs to this
@@ -138,7 +119,7 @@ class PhotonMIS:
 
     def emission_weight(
         self,
-        ray: RayWithEtendue,
+        ray: Ray,
         origin: mi.Interaction3f,
         ds: mi.DirectionSample3f,
         pdf: mi.Float,
@@ -150,6 +131,7 @@ class PhotonMIS:
         The factor is 1 where no photon could have found the same light. ``ds`` is the direction sample of the light
         source from ``origin``; light sampling takes this sample with the density ``pdf`` in the lanes ``uses_mis``.
         """
+        assert ray.earlier_etendue is not None
         # Only rays find light that comes directly from a sky.
         found = active & (ray.earlier_etendue > 0) & (uses_mis | (ray.pdf == 0))
         others = dr.select(uses_mis & found, pdf / ray.pdf, 0)
@@ -259,7 +241,7 @@ def etendue_of(ray: Ray) -> mi.Float:
 
     The squares are added because the power heuristic adds squares of densities.
     """
-    assert isinstance(ray, RayWithEtendue)
+    assert ray.earlier_etendue is not None
     # Without an earlier étendue the result is exactly ``last_etendue``: the square root of a square may differ by
     # rounding.
     both = dr.sqrt(dr.square(ray.last_etendue) + dr.square(ray.earlier_etendue))

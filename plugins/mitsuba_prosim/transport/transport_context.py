@@ -80,7 +80,7 @@ class Context:
             settings = replace(settings, diffuse_bounces=UNLIMITED_BOUNCES)
         if settings.diffuse_bounces >= 0:
             warn_of_lost_light(scene)
-        self.scene, self.settings, self.attached, self.camera_medium = scene, settings, attached, camera_medium
+        self.scene, self.settings, self.attached = scene, settings, attached
         #: The photons, emitted by :meth:`.Caustics.use_pass`; and the MIS of photons and rays. Each may be None.
         self.caustics, self.photon_mis = caustics, None if caustics is None else caustics.mis
         self.lights = Lights(scene, choose=not settings.follows_tree)
@@ -90,8 +90,8 @@ class Context:
         self.aov_names = [f"{name}.{letter}" for name in self.layers.names for letter in "RGB"]
         #: Samples and evaluates BSDFs.
         self.scattering = Scattering.of(scene, separate=settings.diffuse_bounces >= 0)
-        #: Whether a medium absorbs light on its way (:mod:`.absorption`).
-        self.absorbs = absorbs_any(scene, camera_medium)
+        #: The medium around the camera; None also if no medium of the scene absorbs light (:mod:`.absorption`).
+        self.medium = pointer(camera_medium) if absorbs_any(scene, camera_medium) else None
         #: Union of the ``mi.BSDFFlags`` of all surfaces; whether any surface has a specular reflection, a specular
         #: transmission, or smooth lobes that are lit from both sides.
         self.flags = all_flags(scene)
@@ -119,12 +119,11 @@ class Context:
 
         The fields of the ray that this render does not need stay None.
         """
-        ray = Ray.first(camera, pointer(self.camera_medium) if self.absorbs else None)
-        if self.both_sides:
-            ray.both_sides = mi.Bool(False)
-        if self.lights.sampler is not None:
-            ray.importance = mi.Float(0)
-        return ray if self.photon_mis is None else self.photon_mis.first(ray)
+        ray = Ray.first(camera, self.medium)
+        ray.both_sides = mi.Bool(False) if self.both_sides else None
+        ray.importance = None if self.lights.sampler is None else mi.Float(0)
+        ray.last_etendue = ray.earlier_etendue = None if self.photon_mis is None else mi.Float(0)
+        return ray
 
     def space(self, node: mi.UInt32, k: int | mi.UInt32) -> mi.UInt32:
         """Returns the number of the ``k``-th space of the sampling pattern that belongs to ``node``."""

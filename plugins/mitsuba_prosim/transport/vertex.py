@@ -44,9 +44,9 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
         radiance = dr.select(escaped, background_radiance(settings.background, ray3, si, escaped), 0)
         L = L.plus(radiance, context.layers.of(ray, "background"))
     surface = active & si.is_valid() & within_max_level
-    vertex = vertex_at(context, ray, si, surface)
     if idle(surface):
-        return L.scaled(ray.throughput), vertex
+        return L.scaled(ray.throughput), Vertex(si, None, surface, surface, surface, ray, Receiver(si, ray.n))
+    vertex = vertex_at(context, ray, si, surface)
     if settings.ambient is not None and context.flags:  # else Dr.Jit has no BSDF to dispatch to
         L = L.plus(ambient_term(settings.ambient, vertex), context.layers.of(ray, "ambient"))
     L += direct_light(context, vertex, points)
@@ -63,8 +63,6 @@ def vertex_at(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: m
     ``active`` has the lanes in which the ray met a surface. If light sampling chooses one lamp, the total importance of
     all lamps at the vertex is computed here.
     """
-    if idle(active):
-        return Vertex(si, None, active, active, active, ray, Receiver(si, ray.n))
     bsdf = si.bsdf()
     flags = bsdf.flags()
     smooth = active & mi.has_flag(flags, mi.BSDFFlags.Smooth)

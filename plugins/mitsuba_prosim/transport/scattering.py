@@ -17,7 +17,7 @@ from ..sampling.sobol import Points
 from . import workarounds
 from .lobes import LobePoint
 from .ray import Surface
-from .workarounds import requestable
+from .workarounds import requested_lobes
 
 
 def disperses(scene: mi.Scene) -> bool:
@@ -119,7 +119,7 @@ class Scattering:
         lobes.
         """
         if self.any_inseparable:
-            return dispatch(at.bsdf, lambda one, *args: one.eval(requestable(lobe, one), *args), at.si, wo, active)
+            return dispatch(at.bsdf, lambda one, *args: one.eval(requested_lobes(lobe, one), *args), at.si, wo, active)
         return at.bsdf.eval(lobe, at.si, wo, active)
 
     def lobe_choice(self, points: Points, space: mi.UInt32, choice: mi.Float) -> mi.Float:

@@ -8,7 +8,8 @@
     adds the density of smooth lobes to the probability of an ideal lobe, which loses or adds light. Therefore, for a
     ``blendbsdf``, :func:`sample` requests either the ideal or the smooth lobes, each with probability 1/2. If one of
     the two blended BSDFs has no separable lobes, its density and value are added nevertheless, and are subtracted
-    again. ``blendbsdf`` also omits the derivative of ideal lobes by the blending weight: :func:`blend_share` adds this
+    again. One case stays wrong: the null lobe of a ``mask`` in a blend with such a BSDF that transmits light.
+    ``blendbsdf`` also omits the derivative of ideal lobes by the blending weight: :func:`blend_share` adds this
     derivative. Delete the workarounds for ``blendbsdf`` when ``blendbsdf`` separates probabilities from densities.
 ``principled``, ``principledthin``, ``hair``
     evaluate and sample all lobes together, whatever the type mask is. Light sampling evaluates all lobes of such a BSDF
@@ -80,7 +81,7 @@ def sample(
     The function applies the workarounds of this module for ``mask`` and ``blendbsdf``, if ``bsdf`` contains one. ``u``
     are the random numbers of the sample. ``bs.pdf`` is 0 if the sample belongs to another lobe.
     """
-    lobe = requestable(lobe, bsdf)
+    lobe = requested_lobes(lobe, bsdf)
     has_mask, mixes, (choice, point) = any(_within(bsdf, MASK)), _mixes_ideal_and_smooth(lobe, bsdf), u
     # Null lobes of a ``mask`` are not mixed with the lobes of the BSDF within the ``mask``.
     mixed = lobes.IDEAL[:2] if has_mask else lobes.IDEAL
@@ -119,14 +120,14 @@ def eval_pdf(
     Where :func:`sample` requests only the smooth lobes, with probability 1/2, the density is half the density of the
     smooth lobes.
     """
-    lobe = requestable(lobe, bsdf)
+    lobe = requested_lobes(lobe, bsdf)
     splits_choice = _mixes_ideal_and_smooth(lobe, bsdf)
     requested = lobes.only(lobes.SMOOTH, lobe) if splits_choice else lobe
     f, pdf = bsdf.eval_pdf(lobes.with_null_lobes(requested) if any(_within(bsdf, MASK)) else requested, si, wo, active)
     return f, pdf * 0.5 if splits_choice else pdf
 
 
-def requestable(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> mi.BSDFContext:
+def requested_lobes(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> mi.BSDFContext:
     """Returns ``lobe``, or all lobes if ``bsdf`` cannot evaluate its lobes separately."""
     return mi.BSDFContext(lobe.mode) if is_inseparable(bsdf) else lobe
 

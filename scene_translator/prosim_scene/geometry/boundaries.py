@@ -80,7 +80,7 @@ class OriginalIds:
         mesh = checked(body.planes.snap(checked(body.manifold()))).to_mesh64()
         ids = per_triangle(mesh, np.asarray(mesh.run_original_id, dtype=np.int64))
         medium, leaf = np.divmod(ids - self.base, self.leaves)
-        result = Boundary.from_columns(
+        return Boundary.from_columns(
             np.array(mesh.vert_properties)[:, :3],
             index=np.asarray(mesh.tri_verts, dtype=np.int64),
             leaf=leaf,
@@ -89,28 +89,6 @@ class OriginalIds:
             inside=medium,
             outside=AIR,
         )
-        return without_films(result, body.planes.thickness) if body.surfaces else result
-
-
-def without_films(boundary: Boundary, thickness: float) -> Boundary:
-    """Returns a boundary without films: pairs of triangles with opposite normals and the same corners.
-
-    Corners are the same if they differ by less than ``thickness``. manifold3d makes a film if it triangulates a narrow
-    strip between two layers of facets. If a third triangle has the same corners, the first triangle with its normal
-    stays.
-    """
-    vertices, triangles = boundary
-    _, position = np.unique(np.round(vertices / thickness), axis=0, return_inverse=True)
-    corners = position.reshape(-1)[triangles["index"]]
-    keys, key = np.unique(np.sort(corners, axis=1), axis=0, return_inverse=True)
-    key = key.reshape(-1)
-    side = 2 * (corners < np.roll(corners, 1, axis=1)).sum(axis=1) - 3  # 1 or -1, which depends on the orientation
-    total = np.bincount(key, side)
-    is_film = (np.abs(total) < np.bincount(key)) & (np.diff(keys, axis=1) > 0).all(axis=1)
-    kept = ~is_film[key]
-    same = np.flatnonzero(~kept & (side == total[key]))
-    kept[same[np.unique(key[same], return_index=True)[1]]] = True
-    return Boundary(vertices, triangles[kept])
 
 
 def boundaries(bodies: dict[int, Body], ids: OriginalIds, fresnel: bool) -> list[Boundary]:

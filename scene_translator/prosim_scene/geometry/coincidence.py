@@ -3,9 +3,10 @@
 If two faces lie on the same plane except for rounding, a Boolean operation on their meshes leaves films without
 thickness, and faces with the wrong owner. Therefore every facet on a surface that several primitives share has the
 number of its plane, and the vertices of the facet are snapped onto this plane: they move to the nearest point of the
-plane. Before an operation, the facets of the two solids on common planes move apart by a gap. The gap is large compared
-with rounding, and small compared with all other lengths. Thus the facets on one plane form layers, whose order never
-changes. At the end, the vertices of the result are snapped onto the planes.
+plane. Before an operation, the facets of the first solid move away from the planes that it shares with the second
+solid, by a gap. The gap is large compared with rounding, but smaller than manifold3d's tolerance, so that manifold3d
+merges the vertices on both sides of a gap. Before the next operation, and at the end, the vertices of the result are
+snapped onto the planes again.
 
 - In A + B, A grows. Faces with the same orientation belong to A, and faces with opposite orientations vanish.
 - In A - B and A * B, A shrinks. A flush cut is open, faces that touch leave no film, and faces with the same
@@ -94,8 +95,10 @@ def _clusters(rows: np.ndarray) -> np.ndarray:
     return label
 
 
-THICKNESS = 2.0**-26  # about the thickness of all layers on a plane, relative to the scene's size (a power of two)
-GAP = 2.0**-10  # the distance of two layers, relative to THICKNESS; manifold3d's tolerance is 1e-12 of the scene's size
+THICKNESS = 2.0**-26  # the largest distance of coincident facets, relative to the scene's size (a power of two)
+#: The gap between coincident facets in an operation, relative to manifold3d's tolerance, which is 1e-12 of the size of
+#: the solids. Facets on both sides of three planes move apart by less than the tolerance.
+GAP = 1 / 8
 
 
 class Facets(NamedTuple):
@@ -103,14 +106,13 @@ class Facets(NamedTuple):
 
     ``corners`` (k, 3) are the numbers of the triangles' corners in ``vertices`` (n, 3). ``plane`` (k,) is the number of
     the plane of each triangle. ``side`` (k,) is 1 if the triangle's outward normal is the normal of the plane, and -1
-    if it is the opposite. ``height`` (k, 3) are the signed distances of the corners from the plane.
+    if it is the opposite.
     """
 
     vertices: np.ndarray
     corners: np.ndarray
     plane: np.ndarray
     side: np.ndarray
-    height: np.ndarray
 
 
 class Planes:
@@ -118,8 +120,7 @@ class Planes:
 
     ``planes`` (n, 4) are unit normals and offsets of planes n.p + d = 0. ``surface`` (n,) is the number of the surface
     to which each plane belongs. Facet f lies on the plane ``of_facet[f]`` (-1: on no shared plane). Its outward normal
-    is ``side[f]`` (1 or -1) times the normal of this plane. ``thickness`` is THICKNESS in the unit of the scene,
-    ``gap`` is GAP times ``thickness``.
+    is ``side[f]`` (1 or -1) times the normal of this plane. ``thickness`` is THICKNESS in the unit of the scene.
     """
 
     def __init__(
@@ -141,50 +142,26 @@ class Planes:
         position[shared] = np.arange(len(shared))
         own = _planes(triangles, position[facets])
         self.planes, self.surface = own[first], surface[shared[first]]
-        self.thickness, self.gap = thickness, thickness * GAP
+        self.thickness = thickness
         self.of_facet, self.side = np.full(len(surface), -1), np.ones(len(surface))
         self.of_facet[shared] = plane
         self.side[shared] = np.sign(np.einsum("ij,ij->i", own[:, :3], own[first[plane], :3]))
 
     def separate(self, first: Manifold, second: Manifold, outwards: int) -> list[Manifold]:
-        """Moves the facets of two solids apart on their common planes; returns the moved solids.
+        """Returns two solids whose facets on common planes are apart.
 
-        The first solid grows (``outwards`` 1) or shrinks (-1) relative to the second. For each plane this decides which
-        facets of the first solid must be above all facets of the second solid, and which below; above is the direction
-        of the plane's normal. The facets of the second solid move into the room between. If the room is too small, the
-        facets above it move up. Distances are at least ``gap``. The solid with fewer triangles on shared planes moves.
+        The facets of the first solid move outwards (``outwards`` 1) or inwards (-1) by a gap. The facets of the second
+        solid lie on the planes.
         """
         a, b = self._facets(first), self._facets(second)
-        low, high = self._extremes(b.plane, b.vertices[b.corners])
-        points, margin = a.vertices[a.corners], 8 * self.thickness
-        near = (points.min(axis=1) <= high[a.plane] + margin) & (points.max(axis=1) >= low[a.plane] - margin)
-        near, upper = near.all(axis=1), a.side * outwards > 0
-        bottom, _ = self._extremes(a.plane[near & upper], a.height[near & upper])
-        _, top = self._extremes(a.plane[near & ~upper], a.height[near & ~upper])
-        lowest, highest = self._extremes(b.plane, b.height)
-        least, most = top + self.gap - lowest, bottom - self.gap - highest  # limits for the move of the second solid
-        move, raised = np.maximum(np.minimum(most, 0), least), np.maximum(least - most, 0)
-        by_first, by_second = np.where(upper, raised[a.plane], 0.0), move[b.plane]
-        if len(b.plane) > len(a.plane):  # the first solid moves instead of the second
-            by_first, by_second = by_first - move[a.plane], np.zeros(len(b.plane))
-        return [self._moved(first, a, by_first[:, None]), self._moved(second, b, by_second[:, None])]
-
-    def _extremes(self, plane: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the minima and the maxima, for each plane, of the ``values`` (k, 3, ...) of the corners of triangles.
-
-        ``plane`` (k,) is the plane of each triangle. A plane without triangles has the minimum inf and the maximum
-        -inf.
-        """
-        low = np.full((len(self.planes), *values.shape[2:]), np.inf)
-        high = -low
-        np.minimum.at(low, plane, values.min(axis=1))
-        np.maximum.at(high, plane, values.max(axis=1))
-        return low, high
+        gap = GAP * max(first.get_tolerance(), second.get_tolerance())
+        heights = np.where(np.isin(a.plane, b.plane), outwards * gap * a.side, 0.0)
+        return [self._moved(first, a, heights), self._moved(second, b, np.zeros(len(b.plane)))]
 
     def snap(self, solid: Manifold) -> Manifold:
         """Returns the solid with its facets on shared planes moved exactly onto these planes."""
         facets = self._facets(solid)
-        return self._moved(solid, facets, -facets.height)
+        return self._moved(solid, facets, np.zeros(len(facets.plane)))
 
     def _facets(self, solid: Manifold) -> Facets:
         """Returns the triangles of a solid that lie on shared planes."""
@@ -192,35 +169,20 @@ class Planes:
         facets = np.asarray(mesh.face_id, dtype=np.int64)
         on = self.of_facet[facets] >= 0
         facets, corners = facets[on], np.asarray(mesh.tri_verts, dtype=np.int64)[on]
-        vertices, plane = np.array(mesh.vert_properties)[:, :3], self.of_facet[facets]
-        height = np.einsum("tij,tj->ti", vertices[corners], self.planes[plane, :3]) + self.planes[plane, 3, None]
-        return Facets(vertices, corners, plane, self.side[facets] * signs(mesh)[on], height)
+        vertices = np.array(mesh.vert_properties)[:, :3]
+        return Facets(vertices, corners, self.of_facet[facets], self.side[facets] * signs(mesh)[on])
 
-    def _moved(self, solid: Manifold, facets: Facets, by: np.ndarray) -> Manifold:
-        """Returns a solid with the corners of its ``facets`` moved along the normals of their planes.
-
-        ``by`` are the signed distances of the corners (k, 3), or of the triangles (k, 1).
-        """
-        touched = np.zeros(len(facets.vertices), bool)
-        touched[facets.corners[(by != 0).any(axis=1)]] = True
-        if not touched.any():
-            return solid
-        triangle, corner = np.nonzero(touched[facets.corners])
-        by, vertex = np.broadcast_to(by, facets.corners.shape)[triangle, corner], facets.corners[triangle, corner]
-        points = self._move_points(facets.vertices, vertex, facets.plane[triangle], by)
-        return solid.warp_batch(lambda _: points)
+    def _moved(self, solid: Manifold, facets: Facets, heights: np.ndarray) -> Manifold:
+        """Returns a solid with its ``facets`` moved to the ``heights`` (k,) over their planes."""
+        points = self._points_at(facets.vertices, facets.corners, facets.plane, heights)
+        return solid if np.array_equal(points, facets.vertices) else solid.warp_batch(lambda _: points)
 
     def snap_vertices(self, vertices: np.ndarray, triangles: np.ndarray, facets: np.ndarray) -> np.ndarray:
         """Returns the vertices (n, 3), moved onto the planes of the facets of which they are corners.
 
         ``triangles`` (m, 3) are triangles of these vertices, ``facets`` (m,) is the facet of each triangle.
         """
-        if not len(facets):
-            return vertices
-        pairs = np.unique(triangles * len(self.planes) + self.of_facet[facets, None])
-        vertex, plane = np.divmod(pairs, len(self.planes))
-        height = np.einsum("ij,ij->i", self.planes[plane, :3], vertices[vertex]) + self.planes[plane, 3]
-        return self._move_points(vertices, vertex, plane, -height)
+        return self._points_at(vertices, triangles, self.of_facet[facets], np.zeros(len(facets)))
 
     def one_sided(self, surfaces: Collection[int], boxes: np.ndarray) -> bool:
         """Whether all ``boxes`` (see :class:`.Body`) are certainly on the same side of each of the ``surfaces``."""
@@ -230,20 +192,28 @@ class Planes:
         height = boxes[:, 2:].reshape(-1, 3) @ planes[:, :3].T + planes[:, 3]
         return bool(((height <= 8 * self.thickness).all(axis=0) | (height >= -8 * self.thickness).all(axis=0)).all())
 
-    def _move_points(self, points: np.ndarray, vertex: np.ndarray, plane: np.ndarray, by: np.ndarray) -> np.ndarray:
-        """Moves points by given signed distances along normals of planes; changes ``points`` and returns it.
+    def _points_at(self, points: np.ndarray, corners: np.ndarray, plane: np.ndarray, heights: np.ndarray) -> np.ndarray:
+        """Returns points (n, 3) with the corners of k triangles moved to given heights over the triangles' planes.
 
-        For each i, the point ``vertex[i]`` moves by ``by[i]`` along the normal of the plane ``plane[i]``. Each point
-        moves by the shortest way that satisfies all its planes.
+        ``corners`` (k, 3) are the numbers of the corners; each triangle has a ``plane`` (k,) and a height (k,). Each
+        point moves by the shortest way that satisfies all its planes. If triangles of one plane have different heights,
+        a common corner moves to the mean of the smallest and the largest height.
         """
-        touched, index = np.unique(vertex, return_inverse=True)
+        keys, index = np.unique(corners * len(self.planes) + plane[:, None], return_inverse=True)
+        low, high = np.full(len(keys), np.inf), np.full(len(keys), -np.inf)
+        np.minimum.at(low, index.reshape(-1, 3), heights[:, None])
+        np.maximum.at(high, index.reshape(-1, 3), heights[:, None])
+        vertex, plane = np.divmod(keys, len(self.planes))
         normal = self.planes[plane, :3]
-        normals, heights = np.zeros((len(touched), 3, 3)), np.zeros((len(touched), 3, 1))
+        by = (low + high) / 2 - np.einsum("ij,ij->i", normal, points[vertex]) - self.planes[plane, 3]
+        touched, index = np.unique(vertex, return_inverse=True)
+        normals, moves = np.zeros((len(touched), 3, 3)), np.zeros((len(touched), 3, 1))
         np.add.at(normals, index, normal[:, :, None] * normal[:, None])
-        np.add.at(heights, index, (normal * by[:, None])[:, :, None])
+        np.add.at(moves, index, (normal * by[:, None])[:, :, None])
+        result = np.array(points)
         # Tikhonov's regularisation: fewer than three planes leave directions free, more than three are overdetermined.
-        points[touched] += np.linalg.solve(normals + 1e-12 * np.eye(3), heights)[..., 0]
-        return points
+        result[touched] += np.linalg.solve(normals + 1e-12 * np.eye(3), moves)[..., 0]
+        return result
 
 
 def per_triangle(mesh: Mesh64, values: np.ndarray) -> np.ndarray:

@@ -173,32 +173,35 @@ class _Chain:
             for i in range(1, len(adds)):
                 earlier = touching(boxes[:i], boxes[i])
                 rounds[i] = (rounds[earlier] + (adds[earlier] & ~adds[i])).max(initial=0)
-            result = evaluate_chain([operands[i] for i in np.argsort(2 * rounds + adds, kind="stable")])
+            result, _ = evaluate_chain([operands[i] for i in np.argsort(2 * rounds + adds, kind="stable")])
         else:
             result = union(body for _, body in operands)
         assert result
         return result
 
 
-def evaluate_chain(operands: list[Operand]) -> Body | None:
-    """Returns the result of a part of a chain, which starts with the empty solid; None if the part adds no body.
+def evaluate_chain(operands: list[Operand]) -> tuple[Body | None, list[Body]]:
+    """Returns the result of a part of a chain, and bodies whose union is the union of the subtracted bodies.
 
-    If few bodies touch, each added body is cut by the later subtracted bodies that touch it. Otherwise the part is
-    divided into halves.
+    The part starts with the empty solid; its result is None if it adds no body. If few bodies touch, each added body is
+    cut by the later subtracted bodies that touch it. Otherwise the part is divided into halves.
     """
     subtracted = [body for sign, body in operands if sign == "-"]
     boxes = np.array([body.box for body in subtracted]).reshape(-1, 2, 3)
     passed = np.cumsum([sign == "-" for sign, _ in operands])  # the number of subtracted bodies before each added body
     cuts = [(body, n + touching(boxes[n:], body.box)) for (sign, body), n in zip(operands, passed) if sign == "+"]
     if sum(len(cutters) for _, cutters in cuts) <= len(operands) and _divisible(operands, True):
-        return union(difference(body, [subtracted[i] for i in cutters]) for body, cutters in cuts)
+        return union(difference(body, [subtracted[i] for i in cutters]) for body, cutters in cuts), subtracted
     changes = [i for i in range(2, len(operands)) if operands[i - 1][0] == "+" and operands[i][0] == "-"]
     middle = changes[len(changes) // 2]
-    first, later = evaluate_chain(operands[:middle]), operands[middle:]
+    (first, cut_first), later = evaluate_chain(operands[:middle]), operands[middle:]
     if first and not _divisible([("+", first), *later]):
-        return evaluate_chain([("+", first), *later])
-    rest = first and difference(first, [body for sign, body in later if sign == "-"])
-    return union([rest, evaluate_chain(later)])
+        result, cut = evaluate_chain([("+", first), *later])
+        return result, [*cut_first, *cut]
+    added, cut = evaluate_chain(later)
+    cut = [body for body in [union(cut)] if body]  # one body, which the caller uses again
+    rest = first and difference(first, cut)
+    return union([rest, added]), [*cut_first, *cut]
 
 
 def _divisible(operands: list[Operand], all_faces: bool = False) -> bool:

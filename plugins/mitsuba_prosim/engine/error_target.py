@@ -37,12 +37,12 @@ AIM = 0.98
 #: Exponent of the power law by which more samples reduce the error. Sobol' points are better than independent samples,
 #: whose exponent is 1/2. A pass that falls short is followed by another pass; a pass that takes too many samples wastes
 #: them.
-RATE = 0.7
+RATE = 0.8
 
-#: Maximum ratio of the upper bound of the error to the target. With this ratio, about 5 % of the images have more than
-#: 1.05 times the target: a render is measured after each pass, and ends at the first small error. Minimum ratio of the
-#: bound to the error for an error that is uncertain because few pixels have most of the error.
-TOLERANCE, UNCERTAIN = 1.03, 1.2
+#: Maximum ratio of the upper bound of the error to the target. With this ratio, at most 5 % of the images have more
+#: than 1.05 times the target: a render is measured after each pass, and ends at the first small error. Minimum ratio of
+#: the bound to the error for an error that is uncertain because few pixels have most of the error.
+TOLERANCE, UNCERTAIN = 0.98, 1.2
 
 #: A pass may use a photon pass if the number of its samples is at least that of the photons, or that of one sample of
 #: all pixels per map, divided by this number.

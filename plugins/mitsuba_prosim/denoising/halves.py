@@ -10,7 +10,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ..engine.error_target import AIM, RATE, Noise
+from ..engine.error_target import AIM, Noise
 from ..engine.render import Render
 from ..registry import create
 from ..sampling.hash import combine, hash32
@@ -22,6 +22,9 @@ from .oidn import Denoiser
 
 #: Square root of the number of samples of a pixel's features.
 FEATURE_SAMPLES = 4
+
+#: Exponent of the power law by which more samples reduce the error of the raw image: a mean of several scenes.
+RATE = 0.7
 
 #: With a probability of about 95 %, the error of the final image is at most this many times the limit.
 TOLERANCE = 1.1

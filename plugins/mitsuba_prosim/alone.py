@@ -12,7 +12,7 @@ _lock = threading.RLock()
 
 @contextmanager
 def alone() -> Iterator[None]:
-    """Acquires the lock, and pauses Python's garbage collector.
+    """Acquires the lock of this module, and pauses Python's garbage collector, until the ``with`` block ends.
 
     Do not hold the lock while the user's code runs, nor across the ``yield`` of an iterator.
 

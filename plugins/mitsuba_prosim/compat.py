@@ -43,7 +43,7 @@ def world_matrix(sensor: mi.Sensor) -> np.ndarray:
 
 
 def shape_transform(shape: mi.Shape | mi.ShapePtr) -> mi.AffineTransform4f:
-    """Returns the transform of ``shape`` from its own space to the world, with its derivatives.
+    """Returns the transform of ``shape`` from its own space to the world. The transform keeps its gradients.
 
     Raises KeyError for a mesh.
     """
@@ -161,7 +161,9 @@ def _meshes_in_order(things: Sequence[tuple[Any, mi.Shape | None]]) -> list[Any]
 
 
 def _content(shape: mi.Shape) -> list[tuple[str, bytes]]:
-    """Returns ``(name, value as bytes)`` for each parameter of ``shape``, of its emitter and of its BSDF."""
+    """Returns ``(name, value as bytes)``, sorted by name, for each numeric parameter of ``shape``, its emitter and its
+    BSDF.
+    """
     import numpy as np
 
     values = {name: np.array(getattr(value, "matrix", value)) for name, value in mi.traverse(shape)}

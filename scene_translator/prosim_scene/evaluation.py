@@ -53,13 +53,15 @@ async def evaluate_in_process(text: str, filename: str) -> list[Problem] | None:
 
 
 def main() -> None:
-    """Reads a pickled scene from standard input, evaluates the scene, and writes the pickled result to standard output.
+    """Reads a pickled scene from standard input, evaluates its CSG tree, and writes the pickled list of errors and
+    warnings to standard output.
 
     The input contains a time limit in seconds. After this time the process ends with exit code 1.
     """
     text, filename, seconds = pickle.load(sys.stdin.buffer)
     with open(os.devnull, "w") as nowhere:
-        # This timer works during an operation on solids; a Python signal handler or thread would wait for its end.
+        # This timer works during an operation on solids; a Python signal handler or thread would run only after the
+        # operation ends.
         faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
         problems = evaluate(text, filename)
         faulthandler.cancel_dump_traceback_later()

@@ -49,18 +49,18 @@ class OpenDocument:
         return Symbols(self.scene_text, self.filename)
 
     def offset(self, position: lsp.Position) -> int:
-        """Converts a position of the protocol to a text offset, clamped to the end of the line and of the text."""
+        """Converts an LSP position to a text offset, clamped to the end of the line and of the text."""
         line_position = self.codec.position_from_client_units(self.lines, position)
         return min(self.symbols.reader.source.line_starts[line_position.line] + line_position.character, len(self.text))
 
     def range(self, start: int, end: int) -> lsp.Range:
-        """Converts two text offsets to a range of the protocol."""
+        """Converts two text offsets to an LSP range."""
         numbers = map(self.symbols.reader.source.line_column, (start, end))  # of lines and columns, from 1
         positions = [lsp.Position(line - 1, column - 1) for line, column in numbers]
         return lsp.Range(*(self.codec.position_to_client_units(self.lines, position) for position in positions))
 
     def diagnostic(self, problem: Problem) -> lsp.Diagnostic:
-        """Converts an error or a warning to a diagnostic of the protocol.
+        """Converts an error or a warning to an LSP diagnostic.
 
         A problem without a span is shown at the beginning of the text.
         """
@@ -155,7 +155,7 @@ def complete(ls: SceneServer, params: lsp.CompletionParams) -> list[lsp.Completi
 
 
 def _completion_item(item: Completion, replaced: lsp.Range) -> lsp.CompletionItem:
-    """Converts a completion to an item of the protocol. Indices are sorted by number, other words by alphabet."""
+    """Converts a completion to an LSP completion item. Indices are sorted by number, other words by alphabet."""
     return lsp.CompletionItem(
         label=item.label,
         kind=lsp.CompletionItemKind[item.kind],

@@ -43,7 +43,8 @@ class Occurrence(NamedTuple):
 class Completion(NamedTuple):
     """A word that fits at the text offset ``start``. ``detail`` describes the word's parameters.
 
-    Completions with the lowest ``rank`` are shown first.
+    A completion with a lower ``rank`` is shown first. Words within the current statement rank before the keywords that
+    begin a statement, and canonical spellings before other spellings.
     """
 
     label: str
@@ -166,9 +167,9 @@ class Symbols:
     def _index_completions(self, role: str, start: int) -> list[Completion]:
         """Lists completions for an index after a keyword with this grammar role.
 
-        After SURFACE or TRANSFORM, the completions are the indices without such a statement. After a primitive, the
-        completions are the indices with a SURFACE or TRANSFORM statement. If there are no such indices, the completion
-        is the next unused index.
+        After SURFACE, the completions are the indices in the text that have no SURFACE statement; after TRANSFORM,
+        those without a TRANSFORM statement. After a primitive or the name of a solid, they are the indices that have a
+        SURFACE or a TRANSFORM statement. If there are no such indices, the completion is the next unused index.
         """
         spans, indices = self.reader.spans, sorted(int(key) for kind, key in self.table if kind == "index")
         if role in STATEMENTS:

@@ -51,9 +51,10 @@ def replace(path: Path, content: bytes | memoryview | Callable[[Path], None], fo
     """Replaces the content of the file ``path``, or of the target of a link, atomically; the file keeps its
     permissions.
 
-    ``content`` is the new content as bytes, or a function that writes the new content to a given path. The new file is
-    first written to ``folder``. The folder of ``path`` is used instead if ``folder`` is None or on another disk, or if
-    ``path`` is a link. Raises OSError if the content cannot be replaced; the file is then unchanged.
+    ``content`` is the new content as bytes, or a function that writes the new content to a given path and may be called
+    twice. The new file is first written to ``folder``, where the caller can find and remove unfinished files. The
+    folder of ``path`` is used instead if ``folder`` is None or on another disk, or if ``path`` is a link. Raises
+    OSError if the content cannot be replaced; the file is then unchanged.
     """
     if path.is_symlink():
         path, folder = Path(os.path.realpath(path)), None

@@ -17,10 +17,12 @@ WIDEST, NARROWEST = 1e5, 1e-9  # largest and smallest side of a window, relative
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera: unit axes u (right), v (up), n (towards the eye's side), and the window relative to the eye.
+    """A camera in world coordinates: the position of the eye, three unit axes, and the window on the view plane.
+
+    ``u`` points to the right in the image, ``v`` up, and ``n`` from the view plane to the eye's side.
 
     ``depth`` is the distance of the eye from the view plane. ``left, bottom, right, top`` are the borders of the window
-    on this plane, relative to the orthogonal projection of the eye.
+    on this plane, relative to the orthogonal projection of the eye. ``resolution`` is (width, height) in pixels.
     """
 
     eye: np.ndarray
@@ -36,7 +38,7 @@ class Camera:
 
     @property
     def pixel(self) -> tuple[float, float]:
-        """The width and the height of a pixel on the view plane."""
+        """The width and the height of a pixel on the view plane, in scene units."""
         return (self.right - self.left) / self.resolution[0], (self.top - self.bottom) / self.resolution[1]
 
     @property

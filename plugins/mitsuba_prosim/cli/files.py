@@ -125,10 +125,11 @@ FILE_SUFFIXES = re.compile(
 
 
 def output_stem(output: str | None, default: Path, suffixes: Collection[str]) -> Path:
-    """Returns the path, without suffix, of the output files, which get the ``suffixes``.
+    """Returns the path of the output files without suffix. ``suffixes`` are the suffixes that this function removes.
 
-    ``output`` is the value of ``-o``: a file name with or without one of the suffixes, a folder, or None for
-    ``default``. Raises the errors of :func:`output_path`.
+    ``output`` is the value of ``-o``: a file name with or without one of the suffixes, a folder, or None. If ``output``
+    is None, the result is ``default``. If ``output`` is a folder, the name of ``default`` is appended. Raises the
+    errors of :func:`output_path`.
     """
     if output is None:
         return default
@@ -180,8 +181,8 @@ def check(stem: Path, suffixes: Collection[str], size: int, sources: Iterable[Pa
 def save(stem: Path, contents: Mapping[str, atomic.Content]) -> list[Path]:
     """Writes the output files, whose ``contents`` are given by suffix; returns the paths.
 
-    If a file cannot be written to its folder, this function writes all files to another folder, and raises a
-    ClickException that names the other folder.
+    If a file cannot be written, this function writes all files to another folder. It then raises a ClickException,
+    which names the files in that folder, or tells that they could not be written either.
     """
     files = dict(zip(with_suffixes(stem, contents), contents.values()))
     try:

@@ -29,7 +29,8 @@ DIGEST = "prosim.digest"
 class Animation:
     """The frames of one job, which are rendered in order.
 
-    A frame whose file exists and has the current digest is not rendered again, unless the job has ``overwrite``.
+    A frame whose file exists and has the current :func:`digest` is not rendered again, unless the job has
+    ``overwrite``.
     """
 
     def __init__(self, job: Job, stem: Path) -> None:
@@ -54,8 +55,8 @@ class Animation:
     def render(self) -> None:
         """Renders the frames that have no complete file with the current digest; with ``overwrite``, all frames.
 
-        Prints a report. After an interruption the process ends. Raises InputError and ClickException; the finished
-        frames stay on the disk.
+        Prints a report. After an interruption the process exits with code 1. Raises ClickException, such as InputError;
+        the finished frames stay on the disk.
         """
         with Resources(self.job) as resources, Progress("film", len(self.frames)) as bar:
             # Handles signals until the workers have ended.

@@ -18,10 +18,10 @@ AGAIN = 0.1
 def interruptible(stop: Callable[[], None], received_signals: list[int] | None = None) -> Iterator[list[int]]:
     """Calls ``stop`` at the first signal of :data:`ENDING`; a second signal ends the process at once.
 
-    ``stop`` is called repeatedly until the context ends, because a renderer that has not started ignores a call. Yields
-    the list of the signals that have arrived; ``received_signals`` is this list, if the caller passes one. Signals that
-    the process ignores (after ``nohup``, or in the background of a script) stay ignored, and handlers that were not
-    installed from Python stay. Handlers of other signals run as before.
+    ``stop`` is called repeatedly until the ``with`` block ends, because a renderer that has not started ignores a call.
+    Yields the list of the signals that have arrived; ``received_signals`` is this list, if the caller passes one.
+    Signals that the process ignores (after ``nohup``, or in the background of a script) stay ignored, and handlers that
+    were not installed from Python stay. Handlers of other signals run as before.
     """
     received_signals = [] if received_signals is None else received_signals
     handled = [number for number in ENDING if signal.getsignal(number) not in (signal.SIG_IGN, None)]
@@ -38,7 +38,7 @@ def interruptible(stop: Callable[[], None], received_signals: list[int] | None =
             except TimeoutError:
                 stop()
                 continue
-            if not received:  # the socket was closed: the context ends
+            if not received:  # the socket was closed: the ``with`` block ends
                 return
             if (number := received[0]) not in handled:
                 continue

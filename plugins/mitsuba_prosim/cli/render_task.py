@@ -143,7 +143,7 @@ class Resources(ExitStack):
         """Returns the executor that renders the image of ``file`` on workers; None if this process renders it.
 
         The first call starts the workers, or connects to the cluster; later calls send the new scene to the same
-        workers. Raises InputError if the scene cannot be sent to workers, and ClickException.
+        workers. Raises InputError if the scene cannot be sent to workers, and other ClickExceptions.
         """
         job, option = self.job, self.job.distributed
         if option is None:
@@ -181,8 +181,8 @@ class Outcome(NamedTuple):
 def render_image(task: RenderTask, bar: Progress, resources: Resources) -> Outcome:
     """Renders an image, and writes its files and its checkpoint.
 
-    Raises InputError (then no file has been written) and ClickException. If a single image is interrupted before its
-    first sample, the process ends.
+    Raises InputError (then no file has been written) and other ClickExceptions. If a single image is interrupted before
+    its first sample, the process exits: with 128 plus the number of the signal, or with 1 if the cluster was lost.
     """
     state, snapshots = Path(f"{task.stem}{task.state_suffix}"), Snapshots(task)
     consumers: list[Any] = [CheckpointWriter(state, task.about)] if task.state_suffix else []
@@ -215,7 +215,7 @@ def run_steps(
     """Renders a task until its end, a signal, or the loss of the cluster; returns the render and the elapsed seconds.
 
     Each of the ``consumers``, such as the writer of checkpoints, is called with the render after each step, from the
-    first sample on. Raises InputError and ClickException.
+    first sample on. Raises InputError and other ClickExceptions.
     """
     job, executor, started = task.job, resources.executor(task.file), perf_counter()
     begin_render = halves.denoised_progressive if job.denoise else rendering.progressive
@@ -251,10 +251,11 @@ def written_line(task: RenderTask, written: Sequence[Path], seconds: float, inte
 
 
 def render_and_write(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
-    """Renders the image of a job, or its part of the image, writes the files, and prints a report.
+    """Renders the image of a job, or only the tiles of ``job.part``, writes the files, and prints a report.
 
     ``stem`` is the path of the files without suffix. ``begin`` is a checkpoint from which the render continues. Raises
-    InputError (then no file has been written) and ClickException. After an interruption the process ends.
+    InputError (then no file has been written) and other ClickExceptions. After an interruption the process exits with
+    code 1, or with the code of :func:`render_image`.
     """
     with Resources(job) as resources:
         with input_errors():

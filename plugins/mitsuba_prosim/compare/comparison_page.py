@@ -54,7 +54,7 @@ def described(role: str) -> str:
 def number(value: float | None, form: str = ".3g") -> str:
     """Returns a number as an HTML element ``<data>``, which has the exact value; "–" for None.
 
-    The reader sees the number in the format ``form``, but never with an exponent.
+    The reader sees the number in Python's format ``form``, but never with an exponent.
     """
     import markupsafe
 

@@ -15,7 +15,7 @@ def display(image: np.ndarray) -> np.ndarray:
 
 
 def rmse(image: np.ndarray, reference: np.ndarray) -> float:
-    """Root mean squared error of the linear image."""
+    """Root mean squared error of the linear image, over pixels and channels."""
     return float(np.sqrt(np.mean(np.square(image - reference))))
 
 

@@ -80,8 +80,8 @@ class Spec:
 
 @dataclass(eq=False)
 class Method:
-    """An integrator, a scene, and a sensor with a sampler. ``spp`` is the sample count; 0 means the integrator's
-    count.
+    """An integrator, a scene, and a sensor with a sampler. ``spp`` is the number of samples per pixel; 0 means the
+    integrator's number.
     """
 
     name: str
@@ -139,8 +139,8 @@ class ComparedScene:
         """Returns the :class:`Method` of a specification.
 
         ``transport`` selects the light paths: "scene" (as the scene file says), "paths" (all) or "direct" (direct light
-        only). ``spp`` is the number of samples per pixel. With 0, an adaptive integrator decides the number itself, and
-        the sampler sets the number for other integrators.
+        only). ``spp`` is the number of samples per pixel. If ``spp`` is 0, an adaptive integrator chooses the number of
+        samples, and other integrators take the sampler's.
         """
         settings: dict[str, Any] = {"type": spec.integrator}
         if spec.integrator == self.integrator:

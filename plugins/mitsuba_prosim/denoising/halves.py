@@ -101,7 +101,9 @@ class FinalImage:
     BEGIN, BEST = 5, 32
 
     def __init__(self, scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int, fast: bool) -> None:
-        """The caller must set ``render`` before it uses the object. ``fast`` excludes the best networks."""
+        """The caller must set ``render``, the :class:`.Render` whose image is denoised, before the first other call.
+        ``fast`` excludes the best networks.
+        """
         self.scene, self.sensor, self.integrator, self.seed, self.fast = scene, sensor, integrator, seed, fast
         self.render: Any = None
         self._denoiser = cache(self._load)

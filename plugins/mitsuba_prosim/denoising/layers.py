@@ -51,7 +51,8 @@ def update_film(final: FinalImage, names: Sequence[str]) -> None:
 
 
 def parse_factor(text: str) -> tuple[str, np.ndarray]:
-    """Returns ``(name, factor)`` of a text such as ``lamp1=0.5`` or ``lamp1=1,0.8,0.6`` (red, green, blue).
+    """Parses a layer and its factor, for :func:`mixed`: returns ``(name, factor)`` of a text such as ``lamp1=0.5`` or
+    ``lamp1=1,0.8,0.6`` (red, green, blue).
 
     Raises ValueError for a text of another form, and for a factor that is negative or above :data:`.BRIGHTEST`.
     """

@@ -17,9 +17,9 @@ faint difference, which many pixels together determine. The variance of each sha
 not differ significantly from the share of a wide neighbourhood, the share of the neighbourhood is used (James and Stein
 1961).
 
-The squared error of the result F in display units f is estimated by (f(F) - f(A)) (f(F) - f(B)) plus twice the product
-of the noise and its response, which includes the response of the shares. The mean of the estimated squared error over
-the image is nearly unbiased.
+Let f be the tone curve (:func:`display_value`). The squared error of the displayed result f(F) is estimated by (f(F) -
+f(A)) (f(F) - f(B)) plus twice the product of the noise and its response, which includes the response of the shares. The
+mean of the estimated squared error over the image is nearly unbiased.
 """
 
 from __future__ import annotations
@@ -144,8 +144,8 @@ def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_seco
 def unmixed(raw: np.ndarray, error: np.ndarray, noise: float) -> Denoised:
     """Returns the raw image as a :class:`Denoised`, without a denoiser.
 
-    ``error`` is proportional to the standard error of each pixel's luminance, shape (height, width). This function
-    chooses the factor so that the RMS error of the displayed image is ``noise``.
+    ``error``, shape (height, width), is proportional to the standard error of each pixel's luminance. This function
+    multiplies it by a constant factor, so that the RMS error of the displayed image (white = 1) is ``noise``.
     """
     error = np.nan_to_num(error, posinf=0)
     squares = np.square(error / (2 * display_value(raw)))  # the slope of the tone curve is 1 / (2 display_value)
@@ -161,7 +161,8 @@ def combined(
 
     ``mixture`` is the mixture of ``raw`` and ``denoised``. ``response`` is the change of the mixture if ``noise`` is
     added to the samples and the shares stay constant. ``followed`` is the change of the denoised image due to
-    ``noise``. ``weight``, shape (height, width), is the weight of squared errors.
+    ``noise``. ``weight``, shape (height, width), is the factor by which the squared error of each pixel is multiplied.
+    See :func:`mix` for its value.
     """
     scales = [bands(image, SCALES, LEAST_SIDE) for image in (raw - denoised, noise, noise - followed)]
     # At each scale: r is M - D, d the noise, t the noise that the denoiser takes away (so e = d - t), w the weight.
@@ -205,7 +206,7 @@ def shares(removed: np.ndarray, noise: np.ndarray, followed: np.ndarray, weight:
     """Returns the share of M - D that is added to D at one scale: 0 to 1, shape (height, width).
 
     ``removed``, ``noise`` and ``followed`` are M - D, d and e at this scale, shape (height, width, channels).
-    ``weight``, shape (height, width), is the weight of squared errors.
+    ``weight``, shape (height, width), is the factor by which the squared error of each pixel is multiplied.
     """
     # (M - D)², and its part that is signal; their ratio is the share.
     all_removed = (removed * removed).mean(2) * weight

@@ -57,10 +57,10 @@ class Area(Source):
     the angular distribution about the same axis, so a receiver near the edge of a cone sees only a part of the source.
     With only a radiance, this is Mitsuba's :ref:`area <emitter-area>`.
 
-    A sphere is sampled over the solid angle that it subtends (section 4.2.2.1). Other shapes are sampled by their own
-    method. A textured radiance without :monosp:`to_uv` is sampled by the texture's own method: a bitmap in proportion
-    to its brightness. For an unoccluded, uniform sphere of radius r at distance d, wholly above the horizon, the
-    irradiance is exactly :math:`\pi L (r/d)^2 \cos \theta`.
+    A sphere is sampled over the solid angle that it subtends (thesis, section 4.2.2.1). Other shapes are sampled by
+    their own method. A textured radiance without :monosp:`to_uv` is sampled by the texture's own method: a bitmap in
+    proportion to its brightness. For an unoccluded, uniform sphere of radius r at distance d, wholly above the horizon,
+    the irradiance is exactly :math:`\pi L (r/d)^2 \cos \theta`.
 
     An unattenuated source has the radiance :math:`4 E d^2 / A` for a receiver at distance d of its centre, where A is
     the area of the shape (:math:`E d^2 / \pi r^2` for a sphere). As the radiance depends on the receiver, such a source

@@ -1,4 +1,4 @@
-"""The sums over the samples of every pixel, and the adaptive state of an image (section 5.3.2)."""
+"""The sums over the samples of every pixel, and the adaptive state of an image (thesis, section 5.3.2)."""
 
 from __future__ import annotations
 
@@ -132,8 +132,9 @@ class FilmState:
         return np.where(needed, counts, np.uint32(0))
 
     def request(self, margin: int = 0) -> np.ndarray:
-        """Returns the samples that the policy requests for each pixel within ``margin`` of the region, and 0 for other
-        pixels.
+        """Returns the total number of samples that the policy requests for each pixel of :attr:`outer`, a flat array.
+
+        The number is 0 for a pixel more than ``margin`` pixels outside the region.
         """
         statistics = self.accumulators.statistics()
         # The statistics of both images are added, because either image may have met a rare bright light.

@@ -71,11 +71,11 @@ def ray_sampler(sensor: mi.Sensor) -> Callable[..., tuple[mi.Ray3f, mi.Spectrum]
 
 @contextlib.contextmanager
 def without_crop_window(sensor: mi.Sensor) -> Iterator[None]:
-    """Removes the crop window of the film of ``sensor`` within the context.
+    """Removes the crop window of the film of ``sensor`` inside the ``with`` block, and restores it at the end.
 
     Without the crop window, the rays of a crop have the same bits as the rays of the whole image. With a crop window, a
-    sensor would scale positions on the film. Use this context only within :func:`.alone`, because the film belongs to
-    the user.
+    sensor would scale positions on the film. Use this function only inside a block ``with`` :func:`.alone`, because the
+    film belongs to the user.
     """
     film = sensor.film()
     offset, size = mi.ScalarPoint2u(film.crop_offset()), mi.ScalarVector2u(film.crop_size())

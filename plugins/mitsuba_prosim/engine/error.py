@@ -1,4 +1,4 @@
-"""The error of a mean of samples (section 4.2.1.1)."""
+"""The error of a mean of samples (thesis, section 4.2.1.1)."""
 
 from __future__ import annotations
 

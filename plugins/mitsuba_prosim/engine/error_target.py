@@ -88,7 +88,7 @@ class ErrorTarget:
 
     @property
     def seconds_left(self) -> float:
-        """Seconds that are left for samples, without the denoiser's seconds; infinite without a time limit."""
+        """Seconds that are left for samples before the denoiser must start; infinite without a time limit."""
         return self.seconds - self.denoiser_seconds - self.elapsed if self.seconds else np.inf
 
     @property
@@ -253,7 +253,9 @@ def limit_by_photons(count: np.ndarray, wanted: np.ndarray, max_samples: int, ma
 
 
 def display_variance(accumulators: Accumulators) -> np.ndarray:
-    """Returns the variance of a sample of each pixel, in display units squared."""
+    """Returns the variance of a sample of each pixel, as a squared error of the displayed value
+    (:func:`.in_display_units`).
+    """
     total, squares, count = accumulators.statistics()
     return np.square(in_display_units(np.sqrt(variance(total, squares, count)), total / count))
 

@@ -1,4 +1,4 @@
-"""Takes samples of pixels: from the camera through the scene to the film's values (section 5.3.2)."""
+"""Takes samples of pixels: from the camera through the scene to the film's values (thesis, section 5.3.2)."""
 
 from __future__ import annotations
 
@@ -60,8 +60,8 @@ class Estimator:
         """Returns the number in [0, 1) by which the sensor samples wavelengths.
 
         With caustics, all pixels share this number with the photons of the photon map; otherwise each pixel has its own
-        number. Within a pass the number rises with the index of the sample; it is not shuffled. So it does not become
-        correlated with other dimensions, because these get new random strata in each pass.
+        number. Within a pass the number rises with the index of the sample; it is not shuffled. It is still not
+        correlated with the other dimensions, because these are shuffled.
         """
         caustics = self.transport.caustics
         key = combine(points.key, TIME_AND_WAVELENGTH) if caustics is None else caustics.key

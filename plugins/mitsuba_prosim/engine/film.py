@@ -58,9 +58,10 @@ class Channels:
         return [v if name in self.stored_colours else mi.Float(0) for name, v in zip("rgb", rgb)]
 
     def luminance(self, values: Sequence[mi.Float]) -> mi.Float:
-        """Returns the luminance of the weighted sums ``values`` of a pixel, without the weight.
+        """Returns the luminance of a pixel: of its weighted sums ``values``, divided by the weight.
 
-        If the film stores no colours, the result is the mean of the channels of the film.
+        The last value is the sum of the weights. For a special film, such as ``specfilm``, the result is the mean of
+        all channels.
         """
         light = sum(values[:-1]) / (len(values) - 1) if self.special else mi.luminance(mi.Color3f(*values[:3]))
         return light / values[-1]
@@ -107,9 +108,9 @@ def put(film: mi.Film, values: mi.TensorXf, aov_names: Sequence[str]) -> None:
 def film_values(image: Pixels) -> mi.TensorXf:
     """Returns the film's values of the image so far, shape (height, width, channels).
 
-    A :class:`.SecondImage` must be complete. The integrator's own channels are multiplied by the weight, as films
-    expect. Pixels without samples are black. Each pixel gathers the sums of the pixels within the filter's reach, row
-    after row.
+    A :class:`.SecondImage` must be complete. The integrator's own channels are multiplied by the pixel's sum of
+    weights, as films expect. Pixels without samples are black. Each pixel gathers the sums of the pixels within the
+    filter's reach, row after row.
     """
     plan, channels, sums = image.plan, image.estimator.channels, image.accumulators
     left, top, right, bottom = plan.window

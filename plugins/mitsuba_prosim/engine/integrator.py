@@ -138,10 +138,10 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
     ) -> Render:
         """Begins a progressive render, and returns an iterator that yields a :class:`.Step` after each work item.
 
-        Methods of the returned :class:`.Render` show the image so far. ``executor`` takes the samples, instead of this
-        process. ``begin`` is a checkpoint from which the render continues. ``part`` is the part of the image whose
-        samples are taken; ``begin`` has its own part. With a ``denoiser``, the samples may be divided into two images,
-        see :class:`.Render`.
+        Methods of the returned :class:`.Render` show the image so far. ``executor`` takes the samples; if it is None,
+        this process takes them one work item after another. ``begin`` is a checkpoint from which the render continues.
+        ``part`` is the part of the image whose samples are taken; ``begin`` has its own part. With a ``denoiser``, the
+        samples may be divided into two images, see :class:`.Render`.
 
         Raises RuntimeError in scalar variants and within ``dr.freeze``. Raises ValueError if ``begin`` belongs to
         another image, and for a part with a limit of noise or time, because such limits are for the whole image.

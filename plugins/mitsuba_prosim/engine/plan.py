@@ -1,4 +1,4 @@
-"""The plan of an image: which samples it takes, with its pixels, passes and hash keys (section 5.3.2)."""
+"""The plan of an image: which samples it takes, with its pixels, passes and hash keys (thesis, section 5.3.2)."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Sampling:
 
 
 def half_pattern(n: float) -> int:
-    """Returns N of an N-rook pattern with about ``n``² / 2 samples."""
+    """Returns the N of an N-rook pattern whose N² samples are about half of ``n``² samples."""
     return max(1, round(n / 2**0.5))
 
 

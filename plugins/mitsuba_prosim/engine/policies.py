@@ -1,4 +1,4 @@
-"""Policies of adaptive sampling: how many samples each pixel gets (sections 4.2.1.1 and 5.3.2)."""
+"""Policies of adaptive sampling: how many samples each pixel gets (thesis, sections 4.2.1.1 and 5.3.2)."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ class Policy:
     def converged(self, total: mi.Float, squares: mi.Float, t: mi.UInt32) -> mi.Bool:
         """Tells which pixels need no samples beyond the first ``t``, a whole number of passes.
 
-        ``total`` and ``squares`` are the sums of the luminance and of its square. No pixel has converged if the policy
-        does not decide by the pixel's own samples.
+        ``total`` and ``squares`` are the sums of the luminance and of its square over these ``t`` samples. No pixel has
+        converged if the policy does not decide by the pixel's own samples.
         """
         return mi.Bool(False)
 
@@ -67,8 +67,9 @@ class Thesis(Policy):
 class Neighbours(Policy):
     """Requests all samples for a pixel if the 24 pixels around it suggest a standard error above the threshold.
 
-    The error is in display units. A window of 5 x 5 pixels shows an outlier that 3 x 3 pixels miss. A window of 5 x 5
-    pixels also shows noise where the first samples of the nearest pixels agree by chance.
+    The error is that of the displayed value (:func:`.in_display_units`). A window of 5 x 5 pixels shows an outlier that
+    3 x 3 pixels miss. A window of 5 x 5 pixels also shows noise where the first samples of the nearest pixels agree by
+    chance.
     """
 
     reach = 2
@@ -84,10 +85,10 @@ class Neighbours(Policy):
 class Graded(Policy):
     """Requests samples in proportion to the standard deviation of a sample, by the 24 pixels around a pixel.
 
-    The deviation is in display units. Samples in proportion to the standard deviation minimise the total variance
-    (Neyman 1934). A pixel gets N² samples if N² samples reduce the standard error to the threshold. The policy decides
-    after the first and after the second pass, because the first pass misses rare events; with an error target, it
-    decides after every pass.
+    The deviation is that of the displayed value (:func:`.in_display_units`). Samples in proportion to the standard
+    deviation minimise the total variance (Neyman 1934). A pixel gets N² samples if N² samples reduce the standard error
+    to the threshold. The policy decides after the first and after the second pass, because the first pass misses rare
+    events; with an error target, it decides after every pass.
 
     The variance is the geometric mean of two means: of the 8 and of the 24 pixels around the pixel. So near pixels
     count more, and one very bright sample counts less than in an arithmetic mean.
@@ -110,9 +111,10 @@ class Graded(Policy):
 def error_of_neighbours(total: np.ndarray, squares: np.ndarray, count: int) -> np.ndarray:
     """Returns the standard error of each pixel in display units, estimated from the 24 pixels around it.
 
-    The variance is that of all samples of these pixels together, so differences between the pixels count, too. Near
+    All samples of these pixels are pooled. Their variance also contains the differences between the pixel means. Near
     the border of the arrays, fewer than 24 pixels count; the error is infinite if there are none. ``total`` and
-    ``squares`` are the sums of the luminance and of its square over ``count`` samples, shape (height, width).
+    ``squares``, shape (height, width), are the sums of the luminance and of its square over the ``count`` samples of
+    each pixel.
     """
     inverse = np.float32(1 / count)
     first, second = (mean_around(sums * inverse, Neighbours.reach) for sums in (total, squares))  # first two moments

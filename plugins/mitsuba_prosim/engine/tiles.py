@@ -38,8 +38,8 @@ def part_numbers(region: Rectangle, parts: int, margin: int, x: np.ndarray, y: n
     """Returns the number of the part that owns each pixel (x, y) of ``region``; x and y are integer arrays.
 
     Tiles are assigned to the ``parts`` in turn. The size of a tile depends on ``margin``, the width in pixels of the
-    neighbourhood whose samples the policy uses. If the policy uses no neighbours, tiles have the smallest size: a part
-    takes no samples around its tiles, and small tiles divide the work most equally.
+    neighbourhood that the adaptive-sampling policy uses. A process also samples this margin around its tiles, so a wide
+    margin needs large tiles. If ``margin`` is 0, the tiles have the smallest size, which balances the work best.
     """
     left, top, right, bottom = region
     side = max(min(int((area(region) / (TILES * parts)) ** 0.5), LARGEST * margin), SMALLEST)

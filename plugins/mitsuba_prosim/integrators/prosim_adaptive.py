@@ -1,4 +1,4 @@
-"""Adaptive N-rook sampling for any other integrator (chapter 4, sections 4.2.1 and 5.3.2)."""
+"""Adaptive N-rook sampling for any other integrator (thesis, sections 4.2.1 and 5.3.2)."""
 
 from __future__ import annotations
 

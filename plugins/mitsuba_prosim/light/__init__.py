@@ -1,1 +1,1 @@
-"""Light sources and light sampling (sections 4.2.2.1, 5.2)."""
+"""Light sources and light sampling (thesis, sections 4.2.2.1, 5.2)."""

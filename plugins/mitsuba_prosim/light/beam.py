@@ -1,4 +1,4 @@
-"""Angular distributions of the intensity of a light source (section 5.2, figure 5.6): uniform, cone, spot.
+"""Angular distributions of the intensity of a light source (thesis, section 5.2, figure 5.6): uniform, cone, spot.
 
 Let beta be the angle between the axis of the source and the direction of the light. A cone of half-opening alpha has
 the constant intensity 1 for beta <= alpha. A spot has the intensity cos^n(beta), cut off at alpha (90 degrees by
@@ -30,7 +30,7 @@ def total(limit: mi.Float, exponent: mi.Float | None = None) -> mi.Float:
 
 
 def sample_falloff(sample2: mi.Point2f, limit: mi.Float, exponent: mi.Float | None = None) -> mi.Vector3f:
-    """Samples a direction about the z axis with the density `falloff` / `total`."""
+    """Samples a direction about the z axis with the density `falloff` / `total`, by ``sample2`` in [0, 1)²."""
     if exponent is None:
         p = mi.warp.square_to_uniform_disk_concentric(sample2)
         versine = limit * dr.squared_norm(p)

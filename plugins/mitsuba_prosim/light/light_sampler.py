@@ -74,8 +74,9 @@ class LightSampler:
     def choose(self, receiver: Receiver, sample: mi.Float, active: mi.Bool) -> tuple[mi.UInt32, mi.Float, mi.Float]:
         """Chooses a lamp by ``sample``, a number in [0, 1), and returns ``(k, probability, rest)``.
 
-        ``k`` is the number of the chosen lamp; ``probability`` is the probability of this choice. ``rest`` is a new
-        number in [0, 1): the place of ``sample`` in the interval of the chosen lamp.
+        ``k`` is the number of the chosen lamp; ``probability`` is the probability of this choice. The lamps divide [0,
+        1) into intervals, each as long as the probability of its lamp. ``rest`` is a new number in [0, 1): the place of
+        ``sample`` in the interval of the chosen lamp.
         """
         total = self.total(receiver, active)
         sample = sample * total
@@ -96,7 +97,9 @@ class LightSampler:
         return k, dr.select(total > 0, importance / total, 1), rest
 
     def importance(self, k: Index, receiver: Receiver, active: mi.Bool) -> mi.Float:
-        """Returns an estimate of the light that the lamp ``k`` sends to ``receiver``, without unit."""
+        """Returns an estimate of the light that the lamp ``k`` sends to ``receiver``, without shadows, in a unit that
+        is the same for all lamps.
+        """
         # The choice of a lamp has no derivatives.
         p, n, both_sides = dr.detach(receiver.si.p), dr.detach(receiver.n), receiver.both_sides
         center, radius, uniform, lobe, exponent, axis = self._lamp(k, active)

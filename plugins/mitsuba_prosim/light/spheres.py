@@ -1,4 +1,5 @@
-"""Spheres that emit light, sampled by the projected solid angle of the part above the horizon (section 4.2.2.1).
+"""Spheres that emit light, sampled by the projected solid angle of the part above the horizon (thesis, section
+4.2.2.1).
 
 With this sampling, the direct light of a diffuse surface that sees a whole uniform sphere has no variance (Ureña and
 Georgiev 2018; Peters and Dachsbacher 2019).
@@ -42,7 +43,7 @@ class SphereLights(OtherLights):
         return not mi.has_flag(emitter.flags(), mi.EmitterFlags.SpatiallyVarying)
 
     def sphere(self, number: Index, active: mi.Bool = True) -> tuple[mi.Point3f, mi.Float]:
-        """Returns the centre and the radius of the light source ``number``."""
+        """Returns the centre and the radius of the spherical light source ``number`` of this strategy."""
         return self.spheres[number] if isinstance(number, int) else dr.gather(tuple, self.table, number, active)
 
     def sample(

@@ -93,8 +93,10 @@ class _Region:
 
     The crescent lies at |y| <= s t; the ellipse and the circle are tangent to each other at the ends of the crescent.
     ``m`` = |cos_n| / s is 0 for a centre on the horizon, and 1 for a sphere that touches the horizon. ``x_t`` is the
-    abscissa of the two tangent points. ``eta`` in [0, 1] is |y| / (s t). ``ellipse`` is the area of the ellipse divided
-    by s²; ``crescent`` estimates the area of the crescent divided by s².
+    abscissa of the two tangent points. ``s`` is the sine of the angle that the sphere's radius subtends, and s t is the
+    ordinate of the upper tangent point. ``eta`` in [0, 1] is |y| / (s t). ``ellipse`` is the area of the ellipse
+    divided by s², or 0 if the centre is below the horizon; ``crescent`` estimates the area of the crescent divided by
+    s².
     """
 
     def __init__(self, cos_n: mi.Float, sin2_theta_max: mi.Float) -> None:
@@ -141,7 +143,9 @@ class _Region:
         return mi.Vector3f(x, self.s * self.t * eta, dr.safe_sqrt(to_circle * (x + circle)))
 
     def pdf(self, in_ellipse: mi.Bool, eta: mi.Float) -> mi.Float:
-        """Returns the density of a sample per area of the plane."""
+        """Returns the density, per area of the plane, of a sample at the ordinate ``eta`` in the ellipse
+        (``in_ellipse``) or the crescent.
+        """
         area = dr.square(self.s) * (self.ellipse + self.crescent)
         width = dr.maximum((1 + eta) * self.relative_width(eta), 1e-6 * self.middle + _TINY)
         density = dr.select(in_ellipse, 1, 2 * self.mean * self.middle / width)

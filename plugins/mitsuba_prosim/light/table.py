@@ -1,6 +1,6 @@
 """The light sources of a scene, grouped by the strategies that sample them.
 
-A surface samples every light source (sections 4.1, 5.2), or one source that the :mod:`.light_sampler` chooses.
+A surface samples every light source (thesis, sections 4.1, 5.2), or one source that the :mod:`.light_sampler` chooses.
 """
 
 from __future__ import annotations
@@ -96,12 +96,12 @@ class Lamp:
 
 
 class Lights:
-    """All emitters of ``scene``, grouped by strategy, in an order that is the same in every process.
+    """All emitters of ``scene``, grouped by sampling strategy. Their order is the same in every process.
 
-    A constant sky is separate and last. Light sampling takes the sky only for lobes that have no rays of their own: the
-    rays of a lobe find the sky at least as well. ``choose`` tells whether a surface samples one lamp that the
-    ``sampler`` chooses, instead of every lamp. The kernel contains separate code for each of up to ``UNROLLED`` lamps.
-    More lamps are visited by a loop, whose kernel does not depend on the number of lamps.
+    A constant sky is separate and last. Light sampling takes the sky only for lobes whose rays do not count emission.
+    Other lobes find the sky by their rays, at least as well. ``choose`` tells whether a surface samples one lamp that
+    the ``sampler`` chooses, instead of every lamp. The kernel contains separate code for each of up to ``UNROLLED``
+    lamps. More lamps are visited by a loop, whose kernel does not depend on the number of lamps.
     """
 
     UNROLLED = 4

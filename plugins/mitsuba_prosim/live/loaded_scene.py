@@ -94,7 +94,7 @@ class LoadedScene:
 
     @contextmanager
     def coarse(self) -> Iterator[None]:
-        """Within the context, the film has about :data:`COARSE` pixels or fewer. The film must be :attr:`whole`.
+        """Inside the ``with`` block, the film has about :data:`COARSE` pixels or fewer. The film must be :attr:`whole`.
 
         Kernels do not depend on the size of the film, so none is compiled.
         """

@@ -235,7 +235,7 @@ class View:
 
 @contextmanager
 def interrupting(stop: Callable[[], None]) -> Iterator[None]:
-    """Within the context, an interruption of the notebook's kernel calls ``stop`` and raises no exception.
+    """Inside the ``with`` block, an interruption of the notebook's kernel calls ``stop`` and raises no exception.
 
     So the current work item ends normally. An exception would leave an unfinished trace in Dr.Jit.
     """

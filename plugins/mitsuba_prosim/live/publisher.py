@@ -106,7 +106,7 @@ class Throttle:
 
     @contextmanager
     def drawing(self) -> Iterator[None]:
-        """A context for drawing a picture: measures its duration, and sets the time of the next picture."""
+        """Measures the duration of a ``with`` block that draws a picture, and sets the time of the next picture."""
         started = clock()
         yield
         now = clock()

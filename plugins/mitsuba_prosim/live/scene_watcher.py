@@ -44,7 +44,11 @@ class SceneWatcher:
         self._watch({path.absolute() for path in [self._scene, *files]})
 
     def failed(self) -> None:
-        """Also watches the scene's folder and its subfolders, because a file there may be missing or wrong."""
+        """Also watches the scene's folder, its subfolders and the files in both, because a file may be missing or
+        wrong.
+
+        Call this method when the scene cannot be opened. The subfolders of subfolders are not searched.
+        """
         folder = self._scene.absolute().parent
         self._watch({*self.stamps, folder, *islice(chain(folder.glob("*"), folder.glob("*/*")), MAX_WATCHED_FILES)})
 

@@ -59,7 +59,8 @@ HEADERS = {
 
 @contextmanager
 def served(viewer: Viewer, encode: Encoder, sock: socket.socket) -> Iterator[str]:
-    """Serves the page in another thread, and yields the address of the page. The server ends with the context.
+    """Serves the page in another thread, and yields the address of the page. The server ends at the end of the ``with``
+    block.
 
     ``encode`` makes the files that the user saves. ``sock`` is the socket that listens.
     """

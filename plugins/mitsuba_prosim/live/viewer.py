@@ -62,16 +62,19 @@ class Viewer:
         self.scene: LoadedScene | None = None
         self._path, self._open_scene = path, open_scene
         self._spp, self._seed, self._denoise = spp, seed, denoise
+        #: The functions that :meth:`call` has scheduled, each with the future of its result.
         self._calls: SimpleQueue[tuple[Callable[[Viewer], Any], Future[Any]]] = SimpleQueue()
         #: The latest request, and the request that is shown or being rendered.
         self._request = self._shown = ViewRequest()
-        #: The camera in the scene file that was opened last; None if its sensor cannot be moved.
+        #: The camera in the scene file that was opened last; None if the viewer cannot move this sensor. A move starts
+        #: from this camera.
         self._home: Camera | None = None
         #: The images by name: ``own``, by the scene's integrator, and perhaps ``path``, by Mitsuba's path tracer.
         self._images: dict[str, ProgressiveImage] = {}
         self._integrator: Any = None
-        #: Samples and noise of the last picture of the image ``own``.
+        #: Samples and noise (:class:`.Reached`) when ``own`` was drawn last; None before its first sample.
         self._reached: Any = None
+        #: The numbers of the pictures; the seconds that work items took since the requested view began.
         self._numbers, self._seconds = itertools.count(1), 0.0
 
     # ---------------------------------------------------------------- requests

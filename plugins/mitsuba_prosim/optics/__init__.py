@@ -1,1 +1,3 @@
-"""The equations of chapters 2 and 3: Fresnel's reflectance, microfacet distributions, geometric attenuation."""
+"""The equations of the thesis's chapters 2 and 3: Fresnel's reflectance, microfacet distributions, geometric
+attenuation.
+"""

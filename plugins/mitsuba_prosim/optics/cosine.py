@@ -31,11 +31,12 @@ def power(versine: mi.Float, exponent: mi.Float) -> mi.Float:
 
 
 def cdf(versine: mi.Float, exponent: mi.Float) -> mi.Float:
-    """Returns the cumulative distribution of the density cos^n sin of an angle in [0, 90] degrees: 1 - cos^(n + 1).
+    """Returns the cumulative distribution function of an angle in [0, 90] degrees: 1 - cos^(n + 1).
 
-    The angle has the ``versine`` 1 - cos in [0, 1]; n is the ``exponent``, >= 0.
+    The density of the angle is (n + 1) cos^n sin. The angle has the ``versine`` 1 - cos in [0, 1]; n >= 0 is the
+    ``exponent``.
     """
-    h = dr.maximum(0.5 * (exponent + 1) * log1p(-versine), -40)  # below -40 the result is 1
+    h = dr.maximum(0.5 * (exponent + 1) * log1p(-versine), -40)  # below -40 the result is 1; below -89 sinh overflows
     return -2 * dr.sinh(h) * dr.exp(h)
 
 

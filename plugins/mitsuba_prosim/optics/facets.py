@@ -1,4 +1,4 @@
-"""Microfacets: the facets of a rough surface (section 3.1.1, equation 3.1; Torrance and Sparrow 1967).
+"""Microfacets: the facets of a rough surface (thesis, section 3.1.1, equation 3.1; Torrance and Sparrow 1967).
 
 The module has distributions of the facets' normals, masking and shadowing, reflection without Fresnel's reflectance,
 and sampling. Each facet is one side of a V-shaped cavity; the other side of the cavity is the mirror image of the facet
@@ -246,10 +246,11 @@ def sample_visible(wi: mi.Vector3f, u: mi.Point2f, distribution: Distribution, r
     """Samples a facet that is visible from ``wi``, and returns the normal of the facet, a unit vector in the upper
     hemisphere.
 
-    ``wi`` is in the local frame, wi.z > 0. ``u`` is a point in the unit square. The visible facets have the density
-    D(m) G1(w, m) <w, m> / cos w. The normals of the two facets of a cavity have the same polar angle, so the polar
-    angle has the density D(m) cos m. Only the azimuth of the normal depends on w: the density of the azimuth is
-    proportional to max(0, min(2, 1 + t cos phi)), with t = tan w tan m.
+    ``wi`` is in the local frame, wi.z > 0. ``u`` is a point in the unit square. The normals m of the visible facets
+    have the density D(m) G1(w, m) max(0, <w, m>) / cos w. Here w is ``wi``, and G1 is the masking of V-shaped cavities
+    (Torrance and Sparrow 1967). The normals of the two facets of a cavity have the same polar angle, so the polar angle
+    has the density D(m) cos m. Only the azimuth of the normal depends on w: the density of the azimuth is proportional
+    to max(0, min(2, 1 + t cos phi)), with t = tan w tan m.
     """
     sin_m, cos_m = distribution.polar(u.x, roughness)
     sin2_w = wi.x * wi.x + wi.y * wi.y

@@ -1,4 +1,4 @@
-"""Fresnel's equations: the reflectance of smooth surfaces (section 2.2.3)."""
+"""Fresnel's equations: the reflectance of smooth surfaces (thesis, section 2.2.3)."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def interface(cos_i: mi.Float, eta: mi.Float) -> Interface:
     """Returns the :class:`Interface` between two dielectrics.
 
     ``cos_i`` is the cosine on the incident side, > 0 outside and < 0 inside; ``eta`` is the interior index divided by
-    the exterior index. The reflectance is for unpolarised light (equation 2.2), total reflection included. Mitsuba's
-    formula loses precision if eta is near 1. To keep the precision, each difference in Fresnel's equation, such as
-    cos_i - eta cos_t, is computed as (1 - eta²) divided by a sum.
+    the exterior index. The reflectance is for unpolarised light (thesis, equation 2.2), total reflection included.
+    Mitsuba's formula loses precision if eta is near 1. To keep the precision, each difference in Fresnel's equation,
+    such as cos_i - eta cos_t, is computed as (1 - eta²) divided by a sum.
     """
     _, cos_t, eta_it, eta_ti = mi.fresnel(cos_i, eta)
     c, t = dr.abs(cos_i), dr.abs(cos_t)

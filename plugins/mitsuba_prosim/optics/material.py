@@ -80,7 +80,9 @@ class Material(mi.BSDF):
         raise NotImplementedError
 
     def evaluate(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
-        """Evaluates the enabled components for a viewer and a direction ``wo`` in front, without Dirac peaks."""
+        """Returns value and density (:data:`Evaluated`) of the components that ``ctx`` enables, without ideal lobes.
+        The viewer ``si.wi`` and the direction ``wo`` are on the front side.
+        """
         raise NotImplementedError
 
     def sample(

@@ -18,14 +18,14 @@ AMBIENT = "ambient"
 
 @functools.cache
 def _callback(variant: str) -> type:
-    """Returns the class of the traversal callback that collects the parameters of an object, for the active variant.
+    """Returns the class of a traversal callback that collects the parameters and the child objects of an object.
 
-    All calls share one class. A new class for each call would stay in memory, in a reference cycle, until Python's next
-    garbage collection.
+    ``variant`` is the active variant. All calls for one variant share one class. A new class for each call would stay
+    in memory, in a reference cycle, until Python's next garbage collection.
     """
 
     class Parts(mi.TraversalCallback):
-        """Stores the parameters of an object by their names."""
+        """Stores the parameters and the child objects of an object by their names."""
 
         def __init__(self) -> None:
             super().__init__()

@@ -1,4 +1,4 @@
-"""Photon maps: light that reaches diffuse and glossy surfaces through specular surfaces (sections 5.4.1, 6).
+"""Photon maps: light that reaches diffuse and glossy surfaces through specular surfaces (thesis, sections 5.4.1, 6).
 
 The ray tree follows no ray from a diffuse lobe. Rays find the light paths E S* D L, but not E S* D S+ L, the caustics.
 Photons find the caustics. Photons follow Arvo's illumination maps (1986), which the thesis names, in the form of

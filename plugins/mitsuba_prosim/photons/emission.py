@@ -64,21 +64,21 @@ class EmissionSample:
 
 def photon_emitters(emitters: Sequence[mi.Emitter]) -> list[mi.Emitter]:
     """Returns the ``emitters`` that can emit photons, and warns of the others."""
-    others = [emitter for emitter in emitters if not has_place(emitter)]
+    others = [emitter for emitter in emitters if not can_be_aimed(emitter)]
     if others:
         mi.Log(
             mi.LogLevel.Warn,
             f"prosim: caustics omit the light of the emitters {', '.join(repr(emitter.id()) for emitter in others)}, "
-            "because their flags do not define a place. "
+            "because they emit only along their normals, or their flags tell no place. "
             "Use emitters with the flag DeltaPosition or Infinite, or with Surface but without DeltaDirection.",
         )
     return [emitter for emitter in emitters if emitter not in others]
 
 
-def has_place(emitter: mi.Emitter) -> bool:
-    """Tells whether the flags of ``emitter`` define where its photons start: at a point, on a surface, or far away.
+def can_be_aimed(emitter: mi.Emitter) -> bool:
+    """Tells whether photons of ``emitter`` can be aimed at a target: from a point, a surface, or far away.
 
-    The flags of ``directionalarea`` do not.
+    A ``directionalarea`` (Surface and DeltaDirection) emits only along its normals, so it cannot be aimed.
     """
     flags, names = emitter.flags(), mi.EmitterFlags
     emits_from_points = mi.has_flag(flags, names.Surface) and not mi.has_flag(flags, names.DeltaDirection)
@@ -138,7 +138,8 @@ class Sources:
     def _surface(self, emitter: mi.EmitterPtr, sample: EmissionSample, active: mi.Bool) -> Start:
         """Emits photons from points on emitting surfaces towards the targets.
 
-        The flux is 0 for a photon that would start behind its surface, or that meets no surface.
+        The flux is 0 if the direction points to the back of the emitting surface, or if the ray hits nothing in the
+        scene.
         """
         center, radius = self.targets.at(sample.target)
         ps, _ = emitter.sample_position(0.0, sample.on_source, active)
@@ -213,10 +214,11 @@ class Sources:
 
 
 def start_points(key: mi.UInt32, i: mi.UInt32) -> tuple[mi.Point2f, mi.Point2f]:
-    """Returns two points in [0, 1)² for the ``i``-th photon under the hash key ``key``.
+    """Returns the points ``on_source`` and ``on_target`` of :class:`EmissionSample`, for photon ``i`` of ``key``.
 
-    Both points are Owen-scrambled Sobol' points: any aligned group of 2^k photons has one point in each cell of any
-    grid of 2^a × 2^b equal rectangles with a + b = k.
+    The two points belong to two independent Owen-scrambled Sobol' sequences; ``key`` is their hash key. Let a + b = k,
+    and let i0 be a multiple of 2^k. Then, in each sequence, the photons i0 to i0 + 2^k - 1 have one point in each cell
+    of a 2^a × 2^b grid.
     """
-    i = sobol.reverse(i)  # as :func:`.sobol.point` needs it
+    i = sobol.reverse(i)  # :func:`.sobol.point` takes the index with its bits in reverse order
     return sobol.point(combine(key, 0), i), sobol.point(combine(key, 1), i)

@@ -56,7 +56,7 @@ ValueOf = Callable[[Any, Any, Any], Any]
 
 @dataclass(frozen=True)
 class Footprint:
-    """The width of a pixel in the scene: ``size + spread * |p - eye|`` at the point p."""
+    """The width of a pixel in the scene, in scene units: ``size + spread * |p - eye|`` at the point p."""
 
     eye: mi.Point3f
     size: mi.Float
@@ -66,9 +66,7 @@ class Footprint:
 
     @classmethod
     def of(cls, scene: mi.Scene, sensor: mi.Sensor) -> Footprint:
-        """Returns the footprint of the pixels in the middle of the whole film of ``sensor``, without its crop
-        window.
-        """
+        """Returns the footprint of a pixel at the centre of the film. The crop window of ``sensor`` is ignored."""
         with without_crop_window(sensor):
             ray, _ = sensor.sample_ray_differential(sensor.shutter_open(), 0.5, mi.Point2f(0.5), mi.Point2f(0.5))
         offset = spread = 0.0
@@ -76,7 +74,7 @@ class Footprint:
             offset = min(float(dr.norm(o - ray.o)[0]) for o in (ray.o_x, ray.o_y))
             spread = min(float(dr.norm(d - ray.d)[0]) for d in (ray.d_x, ray.d_y))
         least = MIN_PIXEL_WIDTH * float(scene.bbox().bounding_sphere().radius)
-        # Rays start at the near plane, where the rays of a perspective camera already have a distance from each other.
+        # Rays start at the near plane. There, rays of neighbouring pixels of a perspective camera are already apart.
         # ``size`` is their distance at the eye: about 0 for a perspective camera, but at least ``least``.
         eye = world_transform(sensor, sensor.shutter_open()).translation()
         near = float(dr.norm(ray.o - eye)[0])
@@ -189,7 +187,7 @@ class Photons:
 
 
 def kernel_radii(p: mi.Point3f, footprint: Footprint) -> mi.Float:
-    """Returns the kernel radius of each photon, for photons at the points ``p``.
+    """Returns the kernel radius, in scene units, of each photon, for photons at the points ``p``.
 
     The radius is greater where photons are sparse, because a single photon would make an isolated bright pixel
     (Silverman 1986, 5.1). Photons of all maps are counted, so that the radius hardly depends on the photons of one map.
@@ -242,8 +240,8 @@ def cell(p: mi.Point3f, grid: mi.Int32) -> tuple[mi.Int32, mi.Int32, mi.Int32]:
 def row_hash(grid: mi.Int32, y: mi.Int32, z: mi.Int32) -> mi.UInt32:
     """Returns a hash that identifies a row of cells along the x axis.
 
-    The row is in the grid number ``grid``; ``y`` and ``z`` are the coordinates of its cells. Two neighbouring rows have
-    the same hash with a probability of 10⁻⁸.
+    The row is in the grid number ``grid`` (:func:`grid_of`); ``y`` and ``z`` are the coordinates of its cells
+    (:func:`cell`). Two neighbouring rows have the same hash with a probability of 10⁻⁸.
     """
     return combine(combine(mi.UInt32(grid), mi.UInt32(y)), mi.UInt32(z))
 

@@ -1,5 +1,7 @@
-"""Multiple importance sampling of photons and rays (Georgiev, Křivánek, Davidovič and Slusallek 2012; Hachisuka,
-Pantaleoni and Jensen 2012).
+"""Multiple importance sampling of photon maps and camera rays at glossy surfaces.
+
+The idea is from vertex connection and merging (Georgiev, Křivánek, Davidovič and Slusallek 2012) and unified path
+sampling (Hachisuka, Pantaleoni and Jensen 2012); this module connects no vertices.
 
 A glossy surface G shows a highlight: a lamp that is visible in a mirror. Rays from the lobe of G find the highlight
 when they hit the lamp by chance: the smaller the lamp, the rarer and brighter these rays are. Photons that land on G
@@ -76,11 +78,11 @@ class Hit(Surface):
 class PhotonMIS:
     """Gathers photons on glossy surfaces of ``scene``, with the MIS weights of photons and rays.
 
-    A photon is gathered if specular or near-specular surfaces have scattered it. The MIS weight of a photon allows for
-    the rays that find the same light. ``deepest`` is the maximum number of specular surfaces of a light
-    path; surfaces that the camera ray meets count too. ``tree`` tells whether camera rays follow both specular lobes of
-    a surface, or only one of the two. The weights assume that each photon counts within the width of a pixel
-    (``footprint``), although sparse photons have a greater radius.
+    A photon is gathered only if at least one surface has scattered it, and each of them is ideally specular or
+    near-specular. The MIS weight of a photon allows for the rays that find the same light. ``deepest`` is the maximum
+    number of specular surfaces of a light path; surfaces that the camera ray meets count too. ``tree`` tells whether
+    camera rays follow both specular lobes of a surface, or only one of the two. The weights assume that each photon
+    counts within the width of a pixel (``footprint``), although sparse photons have a greater radius.
     """
 
     def __init__(self, scene: mi.Scene, sources: Sources, footprint: Footprint, deepest: mi.UInt32, tree: bool) -> None:

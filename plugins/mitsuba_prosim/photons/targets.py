@@ -78,7 +78,7 @@ class Targets:
 
 
 def is_specular(shape: mi.Shape, tree: bool) -> bool:
-    """Tells whether photons that meet ``shape`` may be scattered by a lobe that is not diffuse.
+    """Tells whether ``shape`` may scatter photons by a non-diffuse lobe: glossy, ideal or null. True for an instance.
 
     ``tree`` tells whether the rays of the camera form a tree. On paths, BSDFs without separable lobes scatter photons
     only by ideal lobes.

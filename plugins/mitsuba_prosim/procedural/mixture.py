@@ -51,7 +51,8 @@ class Mixture(mi.Texture):
     def lookup(self, si: mi.SurfaceInteraction3f) -> tuple[mi.Point3f, mi.Vector3f]:
         """Returns the point of the pattern that belongs to ``si``, and the widths of the box over which to average.
 
-        The point is the uv, or the position if ``solid``, transformed to the pattern's space.
+        Both are in the pattern's space: ``to_local`` transforms the uv, or the position if ``solid``. The box contains
+        the pixel's footprint, enlarged by ``smoothing`` along each axis.
         """
         if self.solid:
             p = si.p

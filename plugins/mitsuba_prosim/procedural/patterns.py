@@ -38,8 +38,8 @@ def square_wave(x: mi.Float, duty: mi.Float, width: mi.Float) -> mi.Float:
 def gradient_noise(coordinates: Sequence[mi.Float], key: mi.UInt32) -> mi.Float:
     """Returns gradient noise on the integer lattice; the noise is 0 on the points of the lattice.
 
-    The lattice has one dimension for each of the ``coordinates``. ``key`` is a 32-bit unsigned integer. The components
-    of the gradients are uniform over [-1, 1].
+    The lattice has one dimension for each of the ``coordinates``, at most three. ``key``, a 32-bit unsigned integer, is
+    the seed of the hash. The components of the gradients are uniform over [-1, 1].
     """
     corners: list[tuple] = [(key, mi.Float(1), ())]  # hash, interpolation weight, and offset from the corner
     for x in coordinates:

@@ -67,9 +67,7 @@ class Permutations:
         return np.argsort(keys, axis=1, kind="stable").astype(np.uint32)
 
     def __call__(self, h: UInt, i: UInt) -> UInt:
-        """Returns the element at place ``i``, from 0 to n - 1, of the permutation that the 32-bit hash ``h``
-        chooses.
-        """
+        """Returns the element at place ``i`` of the permutation that the 32-bit hash ``h`` chooses; 0 <= ``i`` < n."""
         row = scale(h, self.count) * self.n
         if self.rotated:
             # The row depends on the upper bits of the hash. The upper bits of this product depend on all its bits.
@@ -112,8 +110,8 @@ class NRook:
         permute, n = self.permutations, self.permutations.n
         h_space = combine(self.key, space)
         h_pass = combine(h_space, self.r + 1)
-        # Each pass has its own permutation of the rows (figure 5.10). All passes share a permutation from rows to
-        # columns, rotated by one column in each pass (figure 5.11).
+        # Each pass has its own permutation of the rows (thesis, figure 5.10). All passes share a permutation from rows
+        # to columns, rotated by one column in each pass (figure 5.11).
         row = permute(h_pass, self.i)
         col = permute(h_space, row) + self.r
         col = dr.select(col >= n, col - n, col)

@@ -2,8 +2,9 @@
 
 The method is by Sobol' (1967), Owen (1995) and Burley (2020, Practical hash-based Owen scrambling). A space is a pair
 of random numbers of a sample. Every space has the first two dimensions of Sobol's sequence, shuffled and scrambled by a
-key of this space. Any aligned block of 2^k samples has one sample in each of 2^k equal rectangles of any shape. The
-points of different spaces are unrelated. A sample is a pure function of (seed, pixel, space, index).
+key of this space. Any block of 2^k samples that begins at a multiple of 2^k has one sample in each of 2^k equal
+rectangles of any shape. The points of different spaces are unrelated. A sample is a pure function of (seed, pixel,
+space, index).
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ class Sobol:
         self.reversed = reverse(t)
 
     def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:
-        """Returns the point in [0, 1)² for ``space``, an integer; space 0 is the pixel (see
-        ``transport_context.py``).
+        """Returns the point in [0, 1)² for ``space``, the number of a space (see ``transport_context.py``). Space 0
+        samples the place in the pixel.
         """
         return point(combine(self.key, space), self.reversed)
 
@@ -75,8 +76,8 @@ def scrambled(x: Any, key: Any) -> Any:
     """Returns the Owen-scrambled form of ``x``, a 32-bit number whose bits are in reverse order.
 
     Whether a bit is flipped depends on ``key`` and on all lower bits of ``x`` (Laine and Karras 2011; constants by
-    Vegdahl 2021). The
-    bit masks are needed for Python's unbounded integers; Dr.Jit removes these masks from its kernels.
+    Vegdahl 2021). The bit masks are needed for Python's unbounded integers; Dr.Jit removes these masks from its
+    kernels.
     """
     x = x ^ (x * 0x3D20ADEA & 0xFFFFFFFF)
     x = (x + key) & 0xFFFFFFFF

@@ -29,7 +29,7 @@ class OutsideError(ValueError):
 
 
 def named(text: str) -> Iterator[tuple[str, str, int]]:
-    """Yields ``(element, name, position)`` for each file and each folder that an XML text names.
+    """Yields ``(element, name, position)`` for each file and each folder that an :data:`ELEMENT` of an XML text names.
 
     An element ``path`` names a folder by its attribute ``value``. Other elements name a file by ``filename``.
     ``name`` is the attribute as written in the text. ``position`` is the offset of the element in the text.
@@ -54,8 +54,9 @@ class Confinement:
     def check_text(self, path: Path) -> None:
         """Checks all files that Mitsuba's parser may open for the XML file ``path``; call this method before parsing.
 
-        Raises OutsideError if a file is not allowed or a name cannot be checked, and OSError if ``path`` or an XML file
-        that it includes cannot be read.
+        Files that <string> parameters name are not found here; see :meth:`check_state`. Raises OutsideError if a file
+        is not allowed or a name cannot be checked, and OSError if ``path`` or an XML file that it includes cannot be
+        read.
         """
         folders, texts = [str(folder) for folder in mi.file_resolver()], [path]
         for file in texts:  # the list grows in the loop

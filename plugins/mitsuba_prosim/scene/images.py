@@ -37,7 +37,9 @@ def colours(bitmap: mi.Bitmap) -> np.ndarray | None:
 
 
 def luminance(rgb: np.ndarray) -> np.ndarray:
-    """Returns the luminance of linear colours, shape (..., 3), by the weights of ITU-R BT.709 with four digits."""
+    """Returns the luminance, shape (...), of linear colours, shape (..., 3), by the ITU-R BT.709 weights to four
+    decimals.
+    """
     return rgb @ np.array([0.2126, 0.7152, 0.0722], dtype=rgb.dtype)
 
 

@@ -36,10 +36,10 @@ def require_progressive(integrator: mi.Integrator, what: str) -> None:
 
 
 def progressive(scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int = 0, spp: int = 0, **how: Any) -> Any:
-    """Begins a :class:`.Render` by an integrator, or a :class:`Blocking` if the integrator is not progressive.
+    """Starts a render and returns it: a :class:`.Render`, or a :class:`Blocking` if the integrator is not progressive.
 
     ``spp`` is the number of samples per pixel; 0 stands for the number in the scene. ``how`` are further arguments of
-    the integrator's method ``progressive``.
+    the integrator's method ``progressive``; :class:`Blocking` uses only ``denoiser`` of them.
     """
     if not is_progressive(integrator):
         return Blocking(integrator, scene, sensor, seed, spp, how.get("denoiser"))

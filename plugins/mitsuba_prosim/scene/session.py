@@ -76,7 +76,7 @@ def message(error: BaseException) -> str:
 
 @contextmanager
 def search_path(first: Sequence[str | Path] = (), last: Sequence[str | Path] = ()) -> Iterator[mi.FileResolver]:
-    """Adds the folders ``first`` before Mitsuba's search path and ``last`` after it, within the context.
+    """Adds the folders ``first`` before Mitsuba's search path and ``last`` after it, inside the ``with`` block.
 
     Yields the search path. Other threads that change the search path must wait.
     """
@@ -96,7 +96,7 @@ def search_path(first: Sequence[str | Path] = (), last: Sequence[str | Path] = (
 
 @contextmanager
 def threads(count: int | None) -> Iterator[None]:
-    """Sets the number of threads within the context; None leaves the number unchanged."""
+    """Sets the number of threads inside the ``with`` block; None leaves the number unchanged."""
     before = dr.thread_count()
     dr.set_thread_count(count or before)
     try:
@@ -106,7 +106,7 @@ def threads(count: int | None) -> Iterator[None]:
 
 
 def enough_threads(reads_exr: bool = True) -> AbstractContextManager[None]:
-    """Sets the number of threads to at least :data:`~mitsuba_prosim.compat.EXR_THREADS` within the context.
+    """Sets at least :data:`~mitsuba_prosim.compat.EXR_THREADS` threads inside the ``with`` block.
 
     Without ``reads_exr``, the number does not change: Dr.Jit 1.5 may, very rarely, wait forever when threads end.
     """

@@ -53,7 +53,8 @@ def only_absorbs(medium: mi.Medium) -> bool:
 def transmittance(
     medium: mi.MediumPtr | mi.Medium | None, wavelengths: mi.Color0f, t: mi.Float, active: mi.Bool
 ) -> mi.UnpolarizedSpectrum | float:
-    """Returns the transmittance of ``medium`` over the distance ``t``: the fraction of light that is not absorbed.
+    """Returns the transmittance of ``medium`` over the distance ``t`` in scene units: the fraction of light that is not
+    absorbed.
 
     The transmittance is 1 without a medium, and in media that scatter light or are not homogeneous. ``wavelengths`` are
     in nm, and empty except in spectral variants.

@@ -1,4 +1,4 @@
-"""Direct light: samples of the light sources, taken at a vertex (sections 4.1, 5.2)."""
+"""Direct light: samples of the light sources, taken at a vertex (thesis, sections 4.1, 5.2)."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from .transport_context import NODE_SPACES, Context
 def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
     """Returns the direct light that ``vertex`` scatters into its ray.
 
-    In a ray tree, every light source gets one sample and one shadow ray (section 4.1). On a path, only one lamp, which
-    is chosen at random, gets a sample and a shadow ray. Usually all lobes scatter direct light. After an earlier vertex
-    of the path has gathered photons, only diffuse lobes scatter direct light.
+    In a ray tree, every light source gets one sample and one shadow ray (thesis, section 4.1). On a path, only one
+    lamp, which is chosen at random, gets a sample and a shadow ray. Usually all lobes scatter direct light. After an
+    earlier vertex of the path has gathered photons, only diffuse lobes scatter direct light.
     """
     lights, ray, active = context.lights, vertex.ray, vertex.smooth
     space = context.space(ray.node, NODE_SPACES)
@@ -44,7 +44,7 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
         sample = sample_lamp(context, vertex, lights.lamp(k), mi.Point2f(rest, point.y), probability)
         L = lamp_light(context, vertex, points, k, sample, context.mis_lobes)
     if lights.sky is not None and context.light_lobes is not None:
-        # Lobes that have rays of their own get the radiance of the sky from these rays.
+        # Lobes whose rays count emission get the radiance of the sky from these rays.
         sample = sample_sky(context, vertex, points, space + lights.lamps)
         L += lamp_light(context, vertex, points, lights.lamps, sample, ())
     return L
@@ -125,9 +125,11 @@ def eval_lobe(
 
 
 def sample_sky(context: Context, vertex: Vertex, points: Points, space: mi.UInt32) -> LightSample:
-    """Returns ``(ds, weight)``: a sample of the constant sky, for the lobes that have no rays of their own.
+    """Returns ``(ds, weight)``: a sample of the constant sky, for the lobes that get direct light only by light
+    sampling.
 
-    ``ds.pdf`` is 0 where ``vertex`` has no such lobe. ``space`` is the number of the sampling space.
+    These are the diffuse lobes, and all lobes of an inseparable BSDF. ``ds.pdf`` is 0 where ``vertex`` has no such
+    lobe. ``space`` is the number of a space of the sampling pattern.
     """
     assert context.lights.sky is not None
     flags, receiver = vertex.bsdf.flags(), vertex.receiver

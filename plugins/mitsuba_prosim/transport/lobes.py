@@ -1,4 +1,6 @@
-"""BSDF contexts that select lobes of a surface: the reflected, the refracted and the diffuse lobe (section 4.1)."""
+"""BSDF contexts that select lobes of a surface: the reflected, the refracted and the diffuse lobe (thesis, section
+4.1).
+"""
 
 from __future__ import annotations
 

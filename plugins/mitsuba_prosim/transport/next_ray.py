@@ -1,4 +1,4 @@
-"""Sampling of the next ray: the ray that leaves a vertex through one lobe (section 4.1)."""
+"""Sampling of the next ray: the ray that leaves a vertex through one lobe (thesis, section 4.1)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kajiya's paths: each surface continues one ray, by a specular or a diffuse lobe (section 4.2.3)."""
+"""Kajiya's paths: each surface continues one ray, by a specular or a diffuse lobe (thesis, section 4.2.3)."""
 
 from __future__ import annotations
 

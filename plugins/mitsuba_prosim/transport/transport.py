@@ -1,7 +1,7 @@
 """Radiance along a camera ray.
 
-One of three methods computes the radiance: Whitted's tree (sections 4.1, 4.2), Kajiya's paths (section 4.2.3), or an
-integrator of Mitsuba.
+One of three methods computes the radiance: Whitted's tree (thesis, sections 4.1, 4.2), Kajiya's paths (section 4.2.3),
+or an integrator of Mitsuba.
 """
 
 from __future__ import annotations
@@ -84,7 +84,8 @@ class InnerIntegrator:
         self.aov_names = list(integrator.aov_names())
 
     def __call__(self, ray: mi.Ray3f, points: Points, active: mi.Bool) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        """Returns ``(L, hit, aovs)`` for the camera ray ``ray``.
+        """Returns ``(L, hit, aovs)`` for the camera ray ``ray``: the radiance, whether the integrator counts the ray as
+        a hit, and the values of the integrator's AOVs.
 
         The integrator draws random numbers from ``points``; the camera's spaces of the sampling pattern are skipped.
         """

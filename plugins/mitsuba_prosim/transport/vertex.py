@@ -77,8 +77,10 @@ def vertex_at(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: m
 def intersect(
     context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool
 ) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
-    """Converts a :class:`.Ray` into a ``mi.Ray3f``, intersects the scene, and returns the ray and the surface
-    interaction.
+    """Converts ``ray`` to a ``mi.Ray3f``, intersects the scene, and returns the ray and the surface interaction.
+
+    ``camera`` is the camera ray, which gives the time and the wavelengths. At level 0, the ray ends at the camera's
+    far_clip.
     """
     ray3 = mi.Ray3f(ray.o, ray.d, camera.time, camera.wavelengths)
     ray3.maxt = dr.select(ray.level == 0, camera.maxt, ray3.maxt)  # up to the camera's far_clip
@@ -110,7 +112,7 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
         return mi.Spectrum(0), 0
     L = emitter.eval(si, active)
     uses_mis = active & (ray.pdf > 0)
-    if lights.sky is not None:  # light sampling never finds a constant sky for lobes that have rays of their own
+    if lights.sky is not None:  # light sampling never takes the constant sky for lobes whose rays count emission
         uses_mis &= si.is_valid()
     origin = dr.zeros(mi.Interaction3f)
     # A finite t makes the interaction valid.

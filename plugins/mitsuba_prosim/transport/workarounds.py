@@ -87,7 +87,7 @@ def sample(
     mixed = lobes.IDEAL[:2] if has_mask else lobes.IDEAL
 
     def sample_lobes(requested: mi.BSDFContext, choice: mi.Float) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        """Returns a sample of ``bsdf``; ``bs.pdf`` is 0 if the sample belongs to a lobe that is not ``requested``."""
+        """Returns a sample of ``bsdf`` by the number ``choice``; ``bs.pdf`` is 0 if the lobe is not ``requested``."""
         context = lobes.with_null_lobes(requested) if has_mask else requested
         bs, weight = bsdf.sample(context, si, choice, point, active)
         if mixes and is_inseparable(bsdf):

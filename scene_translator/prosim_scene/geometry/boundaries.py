@@ -1,7 +1,8 @@
 """The boundaries between media: opaque solids, dielectrics and air.
 
 A medium is a number: OPAQUE, AIR, or the number of a kind of dielectric. Each pair of a leaf and a medium has an
-original id. manifold3d copies the original id of a triangle of an operand to the triangles of the result.
+original id, manifold3d's number for a mesh. manifold3d copies the original id of a triangle of an operand to the
+triangles of the result.
 """
 
 from __future__ import annotations
@@ -94,13 +95,14 @@ class OriginalIds:
 def boundaries(bodies: dict[int, Body], ids: OriginalIds, fresnel: bool) -> list[Boundary]:
     """Returns the surfaces to render. ``bodies`` has the solid of each medium.
 
-    Where solids overlap, the medium with the lowest number wins. So opaque solids, and dielectrics that are earlier in
-    the CSG tree, cut a dielectric. An opaque solid keeps its whole surface. A dielectric keeps the part of its surface
-    that lies on the boundary of the union of its own medium and all media with lower numbers. Where another dielectric
-    touches this part, the surface is an interface between the two dielectrics. If ``fresnel``, an opaque solid reflects
-    by Fresnel's equations. Then the surface is an interface, too, where a dielectric touches an opaque solid. Each
-    interface exists exactly once. Every ray that leaves a dielectric crosses the dielectric's own surface or an
-    interface.
+    Where solids overlap, the medium with the lowest number fills the overlap. Opaque solids have the number 0.
+    Dielectric media are numbered in the order in which they first occur in the CSG tree. So opaque solids and
+    dielectrics with lower numbers cut a dielectric. An opaque solid keeps its whole surface. A dielectric keeps the
+    part of its surface that lies on the boundary of the union of its own medium and all media with lower numbers. Where
+    another dielectric touches this part, the surface is an interface between the two dielectrics. If ``fresnel``, an
+    opaque solid reflects by Fresnel's equations. Then the surface is an interface, too, where a dielectric touches an
+    opaque solid. Each interface exists exactly once. Every ray that leaves a dielectric crosses the dielectric's own
+    surface or an interface.
     """
     total: Body | None = None
     layers: list[tuple[int, Body]] = []  # each medium, and the union of this medium and all media with lower numbers

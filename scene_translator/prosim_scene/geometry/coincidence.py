@@ -150,8 +150,8 @@ class Planes:
     def separate(self, first: Manifold, second: Manifold, outwards: int) -> list[Manifold]:
         """Returns two solids whose facets on common planes are apart.
 
-        The facets of the first solid move outwards (``outwards`` 1) or inwards (-1) by a gap. The facets of the second
-        solid lie on the planes.
+        The facets of the first solid move outwards (``outwards`` 1) or inwards (-1) by a gap: :data:`GAP` times
+        manifold3d's tolerance. The facets of the second solid lie on the planes.
         """
         a, b = self._facets(first), self._facets(second)
         gap = GAP * max(first.get_tolerance(), second.get_tolerance())

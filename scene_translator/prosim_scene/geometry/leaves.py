@@ -43,10 +43,10 @@ class Leaves:
     ) -> None:
         """``tolerance`` is the largest chord error of curved faces in pixels.
 
-        ``meshes`` are the solids of mesh files, by file name.
-        ``cuts_several_media`` (n,) is True for leaves that cut several media. A face of such a leaf becomes a face of
-        several solids, and these faces coincide. Raises :class:`SceneError` for a transform that is singular or beyond
-        single precision, and for too many triangles.
+        ``meshes`` are the solids of mesh files, by file name. ``cuts_several_media`` (n,) is True for leaves that cut
+        several media. A face of such a leaf becomes a face of several solids, and these faces coincide. Raises
+        :class:`SceneError` for a transform that is nearly singular or too extreme for Mitsuba, and for too many
+        triangles.
         """
         keys = [(leaf.shape, leaf.file, leaf.index) for _, leaf in document.scene.leaves]
         numbers_of_keys = {key: i for i, key in enumerate(dict.fromkeys(keys))}
@@ -76,7 +76,7 @@ class Leaves:
         self.of_primitive = group_equal(s.primitive for s in self.solids)
 
     def _find_shared_surfaces(self, cuts_several_media: np.ndarray) -> None:
-        """Sets ``surfaces`` and ``facet_map`` of the solids with shared surfaces, and merges equal solids."""
+        """Sets ``surfaces`` and ``facet_map`` of each :class:`.Solid` with shared surfaces, and merges equal solids."""
         uses = np.bincount(self.of_leaf) + np.bincount(self.of_leaf, cuts_several_media)
         counts = [len(s.primitive.quadrics) for s in self.solids]
         if not any(counts):
@@ -109,7 +109,7 @@ class Leaves:
         return solids, self.of_leaf.tobytes(), self.origin.tobytes()
 
     def make_meshes(self) -> None:
-        """Makes the meshes, and snaps them onto shared planes."""
+        """Makes the meshes of all solids, and moves their vertices onto the planes that facets share."""
         meshes = [s.mesh() for s in self.solids]
         self.first = np.cumsum([0, *(len(m.faces) for m in meshes)])
         self.faces = np.concatenate([m.faces for m in meshes])
@@ -150,9 +150,10 @@ class Leaves:
 
 
 def _check_transforms(document: Document, indices: Sequence[int], matrices: np.ndarray, boxes: np.ndarray) -> None:
-    """Raises SceneError if a transform is singular, or beyond single precision.
+    """Raises SceneError for the first transform that is nearly singular or whose numbers are too extreme for Mitsuba.
 
-    ``matrices`` (n, 4, 4) are the transforms, ``boxes`` (n, 8, 3) are the corners of the boxes around the solids.
+    ``matrices`` (n, 4, 4) are the transforms, ``indices`` their indices in the scene. ``boxes`` (n, 8, 3) are the
+    corners of the bounding boxes of the solids in world coordinates.
     """
     wrong = ~(np.abs(boxes).max(axis=(1, 2)) <= LARGEST)
     widths = np.linalg.svd(np.where(wrong[:, None, None], 0, matrices[:, :3, :3]), compute_uv=False)

@@ -32,7 +32,7 @@ class MeshFile(Primitive):
     solid.
 
     The file's normals are used where they point outwards; otherwise the normal is that of the triangle. uv is the
-    file's uv, or else (x, y).
+    file's uv, or else (x, y) in the coordinates of the file.
     """
 
     quadrics = np.empty((0, 4, 4))
@@ -164,11 +164,12 @@ def _ply(data: bytes) -> Raw:
 def _rows(body: bytes, position: int, count: int, properties: Properties) -> tuple[dict[str, Any], int]:
     """Reads ``count`` rows of a PLY element, which begins at the byte ``position`` of ``body``.
 
-    Returns the values of each property by its name, and the position of the byte after the rows.
+    Returns a dictionary from property names to values, and the position after the last row. The values are an array if
+    every list property has one length in all rows; otherwise they are a list with one entry per row.
     """
     if not count or not properties:
         return {}, position
-    fields: list[Any] = []  # the fields of a row, if all its lists are as long as those of the first row
+    fields: list[Any] = []  # the fields of a row, if its lists have the same lengths as in the first row
     lengths = {}
     for name, types in properties:
         shape = []

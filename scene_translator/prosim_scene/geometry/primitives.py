@@ -84,7 +84,7 @@ class Primitive(ABC):
 
     @abstractmethod
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
-        """Returns normals and uv of triangles (n, 3, 3) on the faces with the numbers ``face`` (n,)."""
+        """Returns normals and uv of triangles ``p`` (n, 3, 3), in the primitive's space, on the faces ``face`` (n,)."""
 
     @cached_property
     def box_corners(self) -> np.ndarray:
@@ -290,7 +290,7 @@ class Cone(_OfRevolution):
     surface_lines = np.stack([np.append(circle(64), np.ones((64, 1)), axis=1) * z for z in (0, 1)], axis=1)
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
-        """Returns the mesh of the cone: a disc, and one triangle for each segment of the side."""
+        """Returns the mesh of the cone: a disc of ``segments`` - 2 triangles, and one triangle per side segment."""
         generators = np.append(circle(segments), np.ones((segments, 1)), axis=1) @ facet_map[:3, :3].T
         ring = np.append(generators[:, :2] / generators[:, 2:], np.ones((segments, 1)), axis=1)
         i = np.arange(segments)

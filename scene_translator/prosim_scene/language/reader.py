@@ -65,8 +65,8 @@ class Reader(Scanner):
 
     ``fields`` are the values of the fields of a Scene, and the named ``solids``. ``spans`` maps the path of each value
     to its position in the text. ``errors`` and ``warnings`` are the problems within single statements. ``skipped`` is
-    the offset of the first part of the text that was skipped because of an error, or infinity. The list ``tokens`` ends
-    with END and a comment: all text after END.
+    the offset of the first part of the text that was skipped because of an error, or infinity if no part was skipped.
+    The list ``tokens`` ends with END and a comment: all text after END.
 
     ``define``: values of ``$names`` that the caller sets.
     """
@@ -491,7 +491,9 @@ class Reader(Scanner):
     # ---- Syntax errors
 
     def unexpected_token(self, token: Token) -> SceneError:
-        """Returns the error about a token with an unexpected role: the token, the expected input, and a suggestion."""
+        """Returns the error for a token that the grammar does not allow here: it names the token, the expected input
+        and a suggestion.
+        """
         roles, text, span = self.expected, token.text, token.span
         keyword, wanted = self.wanted or ("", words.NO_NUMBERS)
         lacks_numbers = bool(self.wanted) and not wanted.allows_count(len(self.number_tokens))

@@ -112,7 +112,8 @@ class Word:
 def _table() -> dict[str, list[list[str]]]:
     """Reads ``words.txt``; returns a dictionary from each heading to the rows below this heading.
 
-    The first cell of a row is the meaning of the word, or "".
+    The first cell of a row is the text of the indented lines below the row in the file, or "". This text is the meaning
+    of the word, or the hint of a suggestion.
     """
     table: dict[str, list[list[str]]] = {}
     for row in re.split(r"\n(?! )", Path(__file__).with_name("words.txt").read_text(encoding="utf-8")):

@@ -13,7 +13,7 @@ Each target is a module that defines:
     Returns the dictionary of an emitter, or of a shape with an emitter, for an AREA or POINT light.
 ``surface(context, number, leaf, sides)``
     Returns the entries of a shape's dictionary for the SURFACE of a primitive: ``leaf``, node ``number`` of the CSG
-    tree. ``sides`` are the media on both sides of the surface.
+    tree. ``sides`` (:class:`.materials.MediumInterface`) are the media on both sides of the surface.
 
 Both targets use the modules ``lights``, ``materials``, ``textures`` and ``sensor``. ``translation_context`` has the
 document and the options of a translation. ``assemble`` makes the dictionary of the whole scene.

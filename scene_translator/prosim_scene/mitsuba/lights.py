@@ -1,7 +1,7 @@
 """Translates LIGHTS, AMBIENT and BACKGROUND; the value 65535 of the language is 1.0.
 
-``light_units`` defines the meaning of the Intensity of a light. E is Intensity/65535, d is the distance from the light
-to VRP, r is the radius of the light:
+The option ``light_units`` of a translation defines the meaning of a light's Intensity. E is Intensity/65535, d is the
+distance from the light to VRP (the VIEW's reference point), r is the radius of the light:
 
 ``calibrated``
     E is the irradiance on a surface that faces the light at the distance d, on the axis of a cone or a spot. A point

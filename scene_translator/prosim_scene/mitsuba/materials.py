@@ -153,8 +153,9 @@ def _absorbing_medium(surface: Surface) -> Node:
 def phong_exponent(surface: Surface) -> float | None:
     """Returns the exponent of a surface's Phong lobe, or None for a mirror.
 
-    An RMS slope m is converted by n = 2/m^2 - 2 (Walter et al. 2007). The result is at most the largest exponent that
-    the language allows.
+    An exponent in the scene is returned as it is. An RMS slope m is converted to n = 2/m^2 - 2, limited to the range of
+    the scene language. Walter et al. (2007) give this formula for the angle to the half vector. Here n is used for the
+    angle to the mirror direction, so the lobe is about half as wide as Beckmann's.
     """
     if surface.exponent is None and surface.slope:
         return min(max(2 / surface.slope**2 - 2, 0.0), numbers_of("OPTIC", "exponent").high)
@@ -164,7 +165,7 @@ def phong_exponent(surface: Surface) -> float | None:
 def beckmann_slope(surface: Surface) -> float:
     """Returns the RMS slope m of Beckmann's distribution for a surface, or 0 if the surface is smooth.
 
-    A Phong exponent n is converted by n = 2/m^2 - 2.
+    A Phong exponent n is converted to m = sqrt(2/(n + 2)), the inverse of the formula of :func:`phong_exponent`.
     """
     if surface.exponent is not None:
         return math.sqrt(2 / (surface.exponent + 2))

@@ -22,6 +22,8 @@ NEAR, FAR = 1e-3, 1e5
 def clipping_depths(camera: Camera, meshes: Collection[Triangles], lights: Iterable[Light]) -> tuple[float, float]:
     """Returns the depths of a near and a far clipping plane that clip no triangle of ``meshes`` and no light.
 
+    A depth is a distance from the eye along the viewing direction, in scene units.
+
     The far plane is at least twice as deep as any triangle and light. If a triangle may be near the eye, the depth of
     the near plane is tiny, but never 0.
     """

@@ -94,7 +94,10 @@ def _mesh(path: Path) -> Primitive:
 
 
 def check_single_precision(document: Document, node: Node, *path: str | int) -> Node:
-    """Returns ``node`` unchanged; raises a SceneError about ``path`` if a number in it exceeds single precision."""
+    """Returns ``node`` unchanged; raises a SceneError if a number in ``node`` exceeds single precision.
+
+    ``path`` is the path, in the model, of the value from which ``node`` was made.
+    """
     for value in values_in(plain(node, np.asarray)):
         for number in () if isinstance(value, str) else np.ravel(value).tolist():
             if not abs(number) <= LARGEST:

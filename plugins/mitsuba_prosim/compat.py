@@ -224,14 +224,15 @@ def _number(pointer: mi.ShapePtr) -> int:
 # ---------------------------------------------------------------- class names
 # Only class names distinguish these kinds of objects in Mitsuba 3.9. A test compares the names with the classes.
 
-#: Shapes, sensors and emitters.
+#: Class names of shapes, a sensor and emitters.
 INSTANCE, SPHERE, PERSPECTIVE = "Instance", "Sphere", "PerspectiveCamera"
 CONSTANT, DIRECTIONAL_AREA = "ConstantBackgroundEmitter", "DirectionalArea"
 
-#: BSDFs that contain other BSDFs; of these, the last two change the normal by a texture.
+#: Class names of BSDFs that contain other BSDFs; of these, the last two change the normal by a texture.
 MASK, BLEND, TWO_SIDED, MAPS = "MaskBSDF", "BlendBSDF", "TwoSidedBRDF", ("BumpMap", "NormalMap")
 
-#: BSDFs that name their components, but evaluate all of them together; BSDFs whose diffuse lobe is Lambert's.
+#: Class names of BSDFs that name their components, but evaluate all of them together; and of BSDFs whose diffuse lobe
+#: is Lambert's.
 EVALUATED_TOGETHER, DIFFUSE = ("Principled", "PrincipledThin"), ("SmoothDiffuse",)
 
 
@@ -272,7 +273,7 @@ LIBRARIES = (".so", ".dylib", ".dll")
 #: Names of arguments of Mitsuba's Python parser: parameters of a scene with these names cannot be set.
 RESERVED = ("config", "filename")
 
-#: The files of a conductor's ``material``.
+#: The files of a conductor's ``material`` in Mitsuba's search path; {} is the name of the material.
 MATERIAL_FILES = ("data/ior/{}.eta.spd", "data/ior/{}.k.spd")
 
 

@@ -34,7 +34,8 @@ from .pyramid import average, bands, blur, from_bands, gaussian_pyramid
 #: scale.
 SCALES, LEAST_SIDE = 4, 8
 
-#: Windows for averages of products, as arguments of :func:`.pyramid.blur`: about Gaussians of 3 and 26 pixels.
+#: Windows for averages of products, as arguments of :func:`.pyramid.blur`: about Gaussians with standard deviations of
+#: 3 and 26 pixels.
 NARROW, WIDE = (1, 2), (4, 2)
 
 #: Effective number of pixels of the narrow window.

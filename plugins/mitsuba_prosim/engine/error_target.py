@@ -44,8 +44,8 @@ RATE = 0.8
 #: the bound to the error for an error that is uncertain because few pixels have most of the error.
 TOLERANCE, UNCERTAIN = 0.98, 1.2
 
-#: A pass may use a photon pass if the number of its samples is at least that of the photons, or that of one sample of
-#: all pixels per map, divided by this number.
+#: A photon pass is used if enough samples gather its photons. Enough is the number of its photons, or the number of
+#: pixels times its photon maps if that is less, divided by SPARSE.
 SPARSE = 2
 
 #: RMS error of the displayed image (white = 1), the bounds of 99 and of 99.9 % of its pixels, and the upper bound of

@@ -1,8 +1,8 @@
 """Photon maps: light that reaches diffuse and glossy surfaces through specular surfaces (thesis, sections 5.4.1, 6).
 
-The ray tree follows no ray from a diffuse lobe. Rays find the light paths E S* D L, but not E S* D S+ L, the caustics.
-Photons find the caustics. Photons follow Arvo's illumination maps (1986), which the thesis names, in the form of
-Jensen's photon maps (1996).
+The ray tree follows no ray from a diffuse lobe. Let E be the eye, S a specular and D a diffuse surface, and L a light
+source. Rays find the light paths E S* D L, but not E S* D S+ L, the caustics. Photons find the caustics. The photons
+follow Arvo's illumination maps (1986), which the thesis names, in the form of Jensen's photon maps (1996).
 
 - :mod:`.targets` and :mod:`.emission`: the light sources emit photons towards spheres around the specular surfaces.
 - :mod:`.tracing`: specular surfaces, ideal or glossy, reflect or refract photons. After at least one such surface, a
@@ -16,5 +16,6 @@ Jensen's photon maps (1996).
   sample.
 
 Paths leave the caustics to the photons (:mod:`..transport.path`). All photons are a pure function of the seed. A sum
-over photons always has the same order, so the bits of an image do not depend on bands, crops or threads.
+over photons always has the same order, so the bits of an image do not depend on the parameter ``band``, the crop window
+or the number of threads.
 """

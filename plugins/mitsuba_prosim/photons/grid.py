@@ -20,7 +20,7 @@ from ..sampling.hash import combine
 #: width.
 MIN_PIXEL_WIDTH = 1e-5
 
-#: Kernel radii of photons, in pixel widths; and the logarithm to base 2 of the ratio between one radius and the next.
+#: Logarithm to base 2 of the ratio between one kernel radius and the next; kernel radii of photons, in pixel widths.
 OCTAVES = 2
 RADII = tuple(2 ** (OCTAVES * k) for k in range(3))
 

@@ -19,8 +19,8 @@ from .grid import Landed
 from .mis import Hit, PhotonMIS
 
 #: A photon plays no Russian roulette at its first surface if glossy surfaces gather photons and this surface scatters
-#: less than this fraction of the flux. Such a surface dims all photons alike. With roulette, the variance of the scene
-#: esfera-metalica is up to 6 times greater.
+#: less than this fraction of the flux. Such a surface dims all photons alike. With roulette, the variance of
+#: ``examples/esfera-metalica.scn`` is up to 6 times greater.
 FAINT = 0.5
 
 #: Maximum ratio of cosines at shading normals. Without this bound, single photons at grazing incidence would be as

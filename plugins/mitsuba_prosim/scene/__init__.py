@@ -1,4 +1,4 @@
-"""Scene files and image files, for the rooms ``cli``, ``live``, ``compare`` and ``parallel``.
+"""Scene files and image files, for the folders ``cli``, ``live``, ``compare`` and ``parallel``.
 
 The module ``session`` sets up Mitsuba. ``scene_file`` parses a scene file once and makes scenes from the result;
 ``overrides`` changes the film and the integrators of the parsed scene. ``confinement`` checks that the files which a

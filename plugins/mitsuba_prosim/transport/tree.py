@@ -1,4 +1,4 @@
-"""Whitted's ray tree with distributed rays: each surface continues a reflected and a refracted ray (sections
+"""Whitted's ray tree with distributed rays: each surface continues a reflected and a refracted ray (thesis, sections
 4.1, 4.2).
 """
 

@@ -8,7 +8,8 @@ distance from the light to VRP (the VIEW's reference point), r is the radius of 
     has the intensity I = E d^2. A sphere that emits uniformly has the radiance L = E d^2/(pi r^2). For another sphere,
     L is E divided by the integral, over the solid angle of the sphere, of the angular falloff times the cosine.
 ``radiance``
-    E is the radiance of the light. A point has the intensity I = pi r^2 E; its radius r is virtual (thesis 5.2).
+    E is the radiance of the light. A point has the intensity I = pi r^2 E; its radius r is virtual (thesis, section
+    5.2).
 ``unattenuated``
     E is the irradiance at any distance from the light.
 """

@@ -238,8 +238,8 @@ def limit_by_photons(count: np.ndarray, wanted: np.ndarray, max_samples: int, ma
     A photon pass emits ``photons`` photons, and has the photon maps of ``maps`` successive samples of each pixel. Its
     cost is fixed. So the last photon passes are left out if few samples would use them (:data:`SPARSE`); a later pass
     over the image takes these samples. The result is the maximum of the counts ``wanted``, or less if photon passes are
-    left out, or 0 if all are. ``count`` has the samples so far; ``max_samples`` is the maximum number of samples of a
-    pixel, after which no photon pass is left out.
+    left out, or 0 if all photon passes are left out. ``count`` has the samples of each pixel so far. ``max_samples`` is
+    the maximum number of samples of a pixel; no photon pass is left out if the pass reaches this number.
     """
     last, lacking = int(wanted.max()), wanted > count
     if last == max_samples or not lacking.any():

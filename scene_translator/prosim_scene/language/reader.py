@@ -169,7 +169,7 @@ class Reader(Scanner):
             self.errors.append(self.source.error(span, reason, code))
 
     def begin_value(self, *path: str | int, at: Token | None = None) -> None:
-        """Sets the path and the span of the statement's value; reports a second statement for the same value.
+        """Sets the ``path`` and the span of the statement's value; reports a second statement for the same value.
 
         A second statement gets a path of its own, so its parts are not compared with the parts of the first statement.
         The span is the span of the token ``at``, or else the span of the statement's keyword.

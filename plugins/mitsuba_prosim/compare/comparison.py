@@ -129,8 +129,8 @@ class Section:
     def facts(self) -> dict[str, Any]:
         """Returns the results as a dictionary for JSON.
 
-        It has the rows of the table, the error curves with their log-log slopes, and facts about the reference. With
-        two curves, ``equal_error`` is the cost of b at the error of a, divided by the cost of a.
+        The dictionary has the rows of the table, the error curves with their log-log slopes, and facts about the
+        reference. With two curves, ``equal_error`` is the cost of b at the error of a, divided by the cost of a.
         """
         rows = [{"role": role, "name": run.method.name} | run.facts() for role, run in self.rows.items()]
         curves: list[dict[str, Any]] = []

@@ -74,9 +74,9 @@ class LightSampler:
     def choose(self, receiver: Receiver, sample: mi.Float, active: mi.Bool) -> tuple[mi.UInt32, mi.Float, mi.Float]:
         """Chooses a lamp by ``sample``, a number in [0, 1), and returns ``(k, probability, rest)``.
 
-        ``k`` is the number of the chosen lamp; ``probability`` is the probability of this choice. The lamps divide [0,
-        1) into intervals, each as long as the probability of its lamp. ``rest`` is a new number in [0, 1): the place of
-        ``sample`` in the interval of the chosen lamp.
+        ``k`` is the number of the chosen lamp; ``probability`` is the probability of this choice. Each lamp has an
+        interval of [0, 1), as long as its probability. ``rest`` is a new number in [0, 1): the place of ``sample`` in
+        the interval of the chosen lamp.
         """
         total = self.total(receiver, active)
         sample = sample * total

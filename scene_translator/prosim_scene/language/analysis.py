@@ -88,7 +88,7 @@ def too_large(path: AnyPath) -> SceneError:
 
 
 def _with_separate_indices(document: Document) -> Document:
-    """Returns a copy of a document in which no primitive is inside a named solid.
+    """Returns an equal document in which no primitive is inside a named solid.
 
     Each primitive of each use of a named solid has a new index, with a SURFACE and a TRANSFORM of its own.
     """

@@ -144,7 +144,8 @@ def evaluate(source: Source, braces: Span, definitions: Definitions) -> float:
 
     ``braces`` is the span of the expression with its braces.
 
-    Raises SceneError for wrong syntax, for more than MAX_LENGTH characters, and if the result is not finite.
+    Raises SceneError for wrong syntax, an unknown word, a wrong number of arguments, more than MAX_LENGTH characters,
+    and a value that is not a finite number; this includes the values of names and intermediate results.
     """
     first, inside = braces.start + 1, source.text[braces.start + 1 : braces.end - 1]
     if len(inside) > MAX_LENGTH:

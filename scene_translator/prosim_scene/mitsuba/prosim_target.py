@@ -42,7 +42,7 @@ def camera(context: Context, camera: Camera) -> Camera:
 
 
 def light(context: Context, number: int, light: Light) -> Node:
-    """Returns an emitter for an AREA or POINT light, or a sphere with an emitter."""
+    """Returns the emitter of a POINT light, or the sphere of an AREA light, which contains an emitter."""
     units = context.options.light_units
     parameters: Node = {}
     if light.distribution != "uniform":

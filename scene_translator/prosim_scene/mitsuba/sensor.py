@@ -51,7 +51,7 @@ def _is_near(point: np.ndarray, mesh: Triangles, distance: float) -> bool:
 def sensor(context: Context, target: ModuleType, camera: Camera, meshes: Collection[Triangles]) -> Node:
     """Returns the sensor of a camera: Mitsuba's ``perspective`` for square pixels, ``prosim_window`` for other pixels.
 
-    The clipping planes of the sensor clip no triangle of ``meshes``.
+    The clipping planes of the sensor clip no triangle of ``meshes`` and no light.
     """
     camera = target.camera(context, camera)
     near, far = clipping_depths(camera, meshes, context.scene.lights)

@@ -74,8 +74,9 @@ def camera(context: Context, camera: Camera) -> Camera:
 
 
 def light(context: Context, number: int, light: Light) -> Node:
-    """Returns an emitter for an AREA or POINT light, or a sphere with an emitter; a CONE or a SPOT becomes Mitsuba's
-    ``spot``.
+    """Returns the emitter of a light, or the sphere of an AREA light, which contains an emitter.
+
+    A light with the distribution CONE or SPOT becomes Mitsuba's ``spot``, also if it is an AREA light.
     """
     path, units = ("lights", number), context.options.light_units
     if units == "unattenuated":

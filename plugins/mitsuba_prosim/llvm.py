@@ -3,7 +3,7 @@
 When Dr.Jit is imported, it loads the LLVM that ``DRJIT_LIBLLVM_PATH`` names, or else the newest LLVM in the system's
 library folders. The installation adds the start-up file ``mitsuba_prosim_llvm.pth``. If the variable
 ``DRJIT_LIBLLVM_PATH`` is unset, the start-up file sets it to the library that this package requires.
-``pyproject.toml``, the start-up file and this module name the same version; a test compares them.
+``pyproject.toml``, the start-up file and this module name the same version of LLVM; a test compares them.
 """
 
 from __future__ import annotations

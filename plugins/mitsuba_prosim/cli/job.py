@@ -36,8 +36,8 @@ BY_SCENE, WITH_TARGET = "set by the scene", "with --noise, --time: "
 def _option(group: str, type_: Any, text: str, *flags: str, **settings: Any) -> Any:
     """Defines a field of a :class:`Job` and the command-line option of this field.
 
-    ``group`` is the group of the option in the help. ``type_`` is None for a flag. ``flags`` are names of the option
-    besides ``--field``.
+    ``group`` is the group of the option in the help. ``type_`` is None for a flag. ``flags`` are further names of the
+    option. A long name (``--name``) in ``flags`` replaces ``--field``.
     """
     settings = ({"is_flag": True, "default": False} if type_ is None else {"type": type_, "default": None}) | settings
     return field(default=settings["default"], metadata={"group": group, "flags": flags, "help": text} | settings)

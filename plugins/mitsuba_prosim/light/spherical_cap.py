@@ -143,8 +143,9 @@ class _Region:
         return mi.Vector3f(x, self.s * self.t * eta, dr.safe_sqrt(to_circle * (x + circle)))
 
     def pdf(self, in_ellipse: mi.Bool, eta: mi.Float) -> mi.Float:
-        """Returns the density, per area of the plane, of a sample at the ordinate ``eta`` in the ellipse
-        (``in_ellipse``) or the crescent.
+        """Returns the density, per area of the plane, of a sample in the ellipse (``in_ellipse``) or the crescent.
+
+        ``eta`` is the scaled ordinate |y| / (s t) of the sample.
         """
         area = dr.square(self.s) * (self.ellipse + self.crescent)
         width = dr.maximum((1 + eta) * self.relative_width(eta), 1e-6 * self.middle + _TINY)

@@ -125,7 +125,8 @@ class LoadedScene:
     def _name(self, shape: mi.Shape) -> str:
         """Returns the name of ``shape`` for the user.
 
-        In the scene language, the name contains the primitives, the number of the surface, and its line in the file.
+        In the scene language, the name contains the kinds of the primitives, and the number and the line of their
+        SURFACE.
         Otherwise the name contains the kinds and ids of the shape and of its BSDF.
         """
         name = shape.id()

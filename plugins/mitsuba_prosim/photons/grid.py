@@ -66,7 +66,10 @@ class Footprint:
 
     @classmethod
     def of(cls, scene: mi.Scene, sensor: mi.Sensor) -> Footprint:
-        """Returns the footprint of a pixel at the centre of the film. The crop window of ``sensor`` is ignored."""
+        """Returns the width of a pixel in the scene, for the pixel at the centre of the film.
+
+        The crop window of ``sensor`` is ignored.
+        """
         with without_crop_window(sensor):
             ray, _ = sensor.sample_ray_differential(sensor.shutter_open(), 0.5, mi.Point2f(0.5), mi.Point2f(0.5))
         offset = spread = 0.0

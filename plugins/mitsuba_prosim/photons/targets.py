@@ -81,7 +81,7 @@ def is_specular(shape: mi.Shape, tree: bool) -> bool:
     """Tells whether ``shape`` may scatter photons by a non-diffuse lobe: glossy, ideal or null. True for an instance.
 
     ``tree`` tells whether the rays of the camera form a tree. On paths, BSDFs without separable lobes scatter photons
-    only by ideal lobes.
+    only by ideal or null lobes.
     """
     if shape.class_name() == INSTANCE:
         return True  # an instance does not expose its BSDFs

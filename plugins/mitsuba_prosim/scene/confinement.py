@@ -32,7 +32,8 @@ def named(text: str) -> Iterator[tuple[str, str, int]]:
     """Yields ``(element, name, position)`` for each file and each folder that an :data:`ELEMENT` of an XML text names.
 
     An element ``path`` names a folder by its attribute ``value``. Other elements name a file by ``filename``.
-    ``name`` is the attribute as written in the text. ``position`` is the offset of the element in the text.
+    ``name`` is the value of this attribute as written in the text, before parameters and entities are replaced.
+    ``position`` is the offset of the element in the text.
     """
     for found in ELEMENT.finditer(text):
         for attribute, value in ATTRIBUTE.findall(found[2]):

@@ -67,7 +67,7 @@ def run(plugin: str, words: Sequence[str]) -> None:
 
 
 def main(plugin: str, *words: str) -> int:
-    """Runs the command ``mitsuba WORDS...`` from the first scene with ``plugin`` on, and returns the exit code."""
+    """Renders the first scene of ``words`` that uses ``plugin``, and all later scenes. Returns the exit code."""
     # Ctrl-C ends the process at once, as in the native command. An ignored signal stays ignored.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)

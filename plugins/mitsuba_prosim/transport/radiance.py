@@ -150,7 +150,7 @@ def layers_conflict(kind: str, settings: Settings, caustics: bool) -> str | None
 def layers_of(kind: str, settings: Settings, lights: Lights, caustics: bool) -> Layers:
     """Returns the :class:`Layers` of this ``kind``, which is a value of the parameter ``layers``.
 
-    Raises ValueError if the scene has more than 32 layers.
+    Raises ValueError if ``kind`` is "lights" and there are more than 32 layers.
     """
     constant = ["background"] * (settings.background is not None) + ["ambient"] * (settings.ambient is not None)
     if kind == "levels":

@@ -150,7 +150,7 @@ def tessellate(
 def _boundary(tree: csg.Tree, table: Leaves, media_of: list[int], fresnel: bool, cutters: np.ndarray) -> Boundary:
     """Evaluates the CSG tree; returns the boundary of the result.
 
-    ``media_of[i]`` is the medium of leaf i. ``fresnel`` is whether an opaque leaf reflects by Fresnel's equations.
+    ``media_of[i]`` is the medium of leaf i. ``fresnel`` is whether any opaque leaf reflects by Fresnel's equations.
     ``cutters[i]`` is whether leaf i is in the second operand of an operator - or *.
     """
     table.make_meshes()

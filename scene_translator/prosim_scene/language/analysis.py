@@ -90,10 +90,11 @@ def too_large(path: AnyPath) -> SceneError:
 def _with_separate_indices(document: Document) -> Document:
     """Returns an equal document in which no primitive is inside a named solid.
 
-    Each primitive of each use of a named solid has a new index, with a SURFACE and a TRANSFORM of its own.
+    Each combination of a primitive's index with the indices of the named solids around it has a new index, with a
+    SURFACE and a TRANSFORM of its own.
     """
     scene, spans = document.scene, dict(document.spans)
-    surfaces, transforms, csg = scene.surfaces, scene.transforms, list(scene.csg)
+    surfaces, transforms, csg = dict(scene.surfaces), dict(scene.transforms), list(scene.csg)
     new_index: dict[tuple[int, ...], int] = {}
     free = count(max((*_used_indices(scene), *surfaces, *transforms), default=0) + 1)
     for number, leaf in scene.leaves:
@@ -108,7 +109,8 @@ def _with_separate_indices(document: Document) -> Document:
             spans["surfaces", index] = spans["surfaces", surface_index]
             spans["transforms", index] = spans["transforms", indices[-1]]
         csg[number] = replace(leaf, index=new_index[indices], within=())
-    return replace(document, scene=replace(scene, csg=tuple(csg)), spans=spans) if new_index else document
+    separate = replace(scene, csg=tuple(csg), surfaces=surfaces, transforms=transforms)
+    return replace(document, scene=separate, spans=spans) if new_index else document
 
 
 def _used_indices(scene: Scene) -> set[int]:

@@ -14,7 +14,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -102,6 +102,8 @@ def _lorentz(axis: np.ndarray, refinement: float) -> np.ndarray:
 
 INSIDE = 1e-6  # how far a ball that touches a face from inside may be outside, relative to the size of the face
 SPACING = 0.002  # how far this ball may be inside; the contact may lie between the tested points of the face
+FEW = 16  # a 16th of the tangent planes of a face is tested first, which excludes most balls
+BATCH = 1 << 8  # the number of pairs of solids that are tested at a time
 
 
 def shrink_inscribed(solids: list[Solid]) -> None:
@@ -110,35 +112,46 @@ def shrink_inscribed(solids: list[Solid]) -> None:
     The number ``segments`` of all solids must be known.
     """
     curved = [s for s in solids if s.primitive.curved is not None]
-    boxes = world_box_corners(curved)
-    inscribed = [
-        (curved[i], curved[j])
-        for pairs in sweep(boxes.min(axis=1), boxes.max(axis=1))
-        for i, j in np.concatenate([pairs, pairs[::-1]], axis=1).T.tolist()
-        if _is_inscribed(curved[i], curved[j])
-    ]
+    surfaces = np.array([s.curved_surface if s.curved_surface >= 0 else -1 - i for i, s in enumerate(curved)], int)
+    inscribed: dict[int, list[int]] = {}  # the balls inside each outer solid
+    for ball, outer in _inscribed_pairs(curved, surfaces):
+        inscribed.setdefault(outer, []).append(ball)
     # The largest outer solid comes first, so a ball shrinks after the balls that enclose it.
-    for inner, outer in sorted(inscribed, key=lambda pair: -abs(np.linalg.det(pair[1].to_world))):
-        (size,), _ = outer.primitive.ball(outer.to_world[None])
-        factor = max(1 - (1 - outer.inradius * outer.shrink) * size / inner.narrowest, 0.5)
-        for s in [inner] if inner.curved_surface < 0 else solids:
-            if s is inner or s.curved_surface == inner.curved_surface:
-                s.shrink = min(s.shrink, factor)
+    for outer in sorted(inscribed, key=lambda i: -abs(np.linalg.det(curved[i].to_world))):
+        (size,), _ = curved[outer].primitive.ball(curved[outer].to_world[None])
+        error = (1 - curved[outer].inradius * curved[outer].shrink) * size
+        for ball in inscribed[outer]:
+            factor = max(1 - error / curved[ball].narrowest, 0.5)
+            if factor < curved[ball].shrink:
+                for i in np.flatnonzero(surfaces == surfaces[ball]).tolist():
+                    curved[i].shrink = factor
 
 
-def _is_inscribed(inner: Solid, outer: Solid) -> bool:
-    """Whether the inner solid is a ball that lies inside the quadric of the outer solid's curved face, and touches it.
+def _inscribed_pairs(solids: Sequence[Solid], surfaces: np.ndarray) -> Iterator[tuple[int, int]]:
+    """Yields the numbers of a ball and of another solid, for each ball that lies inside the quadric of the other
+    solid's curved face, and touches it.
 
-    An inner pipe or cone is excluded: it would touch along a line or with its rim, where a gap would look like a wall.
+    ``surfaces`` (n,) has a number for each solid's curved face; equal faces have equal numbers. An inner pipe or cone
+    is excluded: it would touch along a line or with its rim, where a gap would look like a wall.
     """
-    if inner.primitive.axes < 3 or inner.curved_surface == outer.curved_surface >= 0:
-        return False
-    # A ball lies inside a convex face if it lies on the inner side of each tangent plane of the face.
-    quadric = np.diag(outer.primitive.quadrics[outer.primitive.curved])
-    normals = outer.primitive.surface_lines[:, 1] * quadric[:3]
-    planes = normals @ np.linalg.solve(outer.to_world, inner.to_world)[:3]
-    distance = np.max(planes[:, 3] + np.linalg.norm(planes[:, :3], axis=1)) + quadric[3]
-    return bool(-SPACING - 2 * (1 - outer.inradius) < distance <= INSIDE)
+    boxes, to_world = world_box_corners(solids), np.array([s.to_world for s in solids]).reshape(-1, 4, 4)
+    to_local, inradius = np.linalg.inv(to_world), np.array([s.inradius for s in solids])
+    is_ball = np.array([s.primitive.axes == 3 for s in solids])
+    for pairs in sweep(boxes.min(axis=1), boxes.max(axis=1)):
+        inner, outer = np.concatenate([pairs, pairs[::-1]], axis=1)
+        compared = np.stack([inner, outer])[:, is_ball[inner] & (surfaces[inner] != surfaces[outer])]
+        for primitive, numbers in group_equal(s.primitive for s in solids).items():
+            # A ball lies inside a convex face if it lies on the inner side of each tangent plane of the face.
+            quadric = np.diag(primitive.quadrics[primitive.curved])
+            normals = primitive.surface_lines[:, 1] * quadric[:3]
+            own = compared[:, np.isin(compared[1], numbers)]
+            for inside in np.array_split(own, own.shape[1] // BATCH + 1, axis=1):
+                for tested in (normals[::FEW], normals):
+                    planes = tested @ (to_local[inside[1]] @ to_world[inside[0]])[:, :3]
+                    radii = np.sqrt(np.einsum("kmi,kmi->km", planes[..., :3], planes[..., :3]))
+                    distance = np.max(planes[..., 3] + radii, axis=1) + quadric[3]
+                    inside, distance = inside[:, distance <= INSIDE], distance[distance <= INSIDE]
+                yield from inside[:, distance > -SPACING - 2 * (1 - inradius[inside[1]])].T.tolist()
 
 
 TOLERANCE = 0.1  # the default of the largest chord error, in pixels

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -30,7 +30,7 @@ class Solid:
     facet_map: np.ndarray = field(default_factory=lambda: IDENTITY)
     shrink: float = 1.0
 
-    @property
+    @cached_property
     def narrowest(self) -> float:
         """The shortest semi-axis of the curved face in the world."""
         return float(np.linalg.norm(self.to_world[:3, : self.primitive.axes], -2))

@@ -77,8 +77,9 @@ class Body:
 
     ``manifold()`` returns the mesh of the solid. ``boxes`` (n, 10, 3) are the boxes of its leaves: minimum and maximum
     corner of the box along the axes, then the eight corners of the rotated box. ``surfaces`` are the numbers of the
-    shared surfaces on which faces of the solid may lie. ``planes`` are the shared planes of the whole scene. Bodies
-    with the same number ``solid`` are equal; the number is None for the result of an operation.
+    shared surfaces on which faces of the solid may lie. ``planes`` are all planes of the scene on which facets of
+    several bodies may lie. Bodies with the same number ``solid`` are equal; the number is None for the result of an
+    operation.
     """
 
     manifold: Callable[[], Manifold]
@@ -291,9 +292,9 @@ def count_small_neighbours(boxes: np.ndarray) -> np.ndarray:
 
 
 def refined(manifold: Manifold, small_neighbours: int) -> Manifold:
-    """Returns a leaf's mesh, which is refined if many small solids touch it, such as holes in a plate.
+    """Returns the mesh of a leaf. If many small solids touch the leaf, such as holes in a plate, its edges are split.
 
-    The time in which manifold3d triangulates a cut triangle grows as the square of the number of cuts.
+    If n solids cut one triangle, manifold3d needs a time proportional to n² to triangulate it.
     """
     if small_neighbours <= MAX_NEIGHBOURS * manifold.num_tri():
         return manifold

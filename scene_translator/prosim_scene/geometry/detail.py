@@ -94,9 +94,11 @@ def refined_cap(solid: Solid, zone: np.ndarray, camera: Camera, tolerance: float
 def _lorentz(axis: np.ndarray, refinement: float) -> np.ndarray:
     """Returns the projective map (4, 4) of the unit sphere to itself that concentrates points around ``axis``.
 
-    ``axis`` is a fixed point of the map. Distances near ``axis`` shrink by the factor ``refinement``.
+    The map is a Lorentz transformation, which makes the facets of a ball smaller near a visible cap. ``axis`` is a unit
+    vector and a fixed point. Near ``axis``, the map divides distances by ``refinement``; near -``axis``, it multiplies
+    them.
     """
-    near, far = np.append(axis, 1), np.append(axis, -1)  # eigenvectors, with the squared length 2
+    near, far = np.append(axis, 1), np.append(axis, -1)  # eigenvectors; each has the squared length 2
     return np.eye(4) + (refinement - 1) / 2 * np.outer(near, near) + (1 / refinement - 1) / 2 * np.outer(far, far)
 
 

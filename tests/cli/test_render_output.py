@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 
 import mitsuba as mi
 import numpy as np
@@ -15,9 +16,8 @@ import pytest
 from mitsuba_prosim import atomic
 from mitsuba_prosim.cli import files
 from mitsuba_prosim.cli.interrupts import interruptible
-from mitsuba_prosim.cli.render_task import Resources
 from mitsuba_prosim.engine.plan import Plan
-from mitsuba_prosim.scene import rendering
+from mitsuba_prosim.scene import rendering, session
 from running import ADAPTIVE_PATH, LIT_FLOOR, PIPES, at_step, done, metadata, names, pixels, prosim, refused, scene_text
 
 
@@ -134,9 +134,10 @@ def test_a_signal_before_the_first_sample_writes_nothing(scene, monkeypatch):
     refused("Interrupted before the first sample", "render", scene, "--checkpoint", code=130)
 
 
-def test_a_signal_while_the_workers_end_comes_too_late(scene, monkeypatch):
-    interrupt = os.getpid(), signal.SIGINT
-    monkeypatch.setattr(Resources, "executor", lambda self, _: self.callback(os.kill, *interrupt) and None)
+def test_a_signal_while_resources_are_released_comes_too_late(scene, monkeypatch):
+    released = ExitStack()
+    released.callback(os.kill, os.getpid(), signal.SIGINT)
+    monkeypatch.setattr(session, "threads", lambda _: released)
     done("render", scene)
 
 
@@ -272,8 +273,7 @@ def test_snapshots_are_images_of_one_render(noisy):
     """Their own error and counts are in the metadata; the last image is that of a render without them."""
     done("render", noisy, "--noise", 0.0001, "-o", noisy.with_name("alone"))
     done("render", noisy, "--snapshots", "1,0.0002,0.0001")
-    snapshots = {noise: noisy.with_name(f"scene.{noise}.exr") for noise in ("1", "0.0002", "0.0001")}
-    found = {noise: metadata(path) for noise, path in snapshots.items()}
+    found = {noise: metadata(noisy.with_name(f"scene.{noise}.exr")) for noise in ("1", "0.0002", "0.0001")}
     assert all(float(found[noise]["noise"]) <= float(noise) for noise in found)
     counts = [float(header["samples"]) for header in found.values()]
     assert counts == sorted(counts) and counts[0] == 4  # of the first pass

@@ -16,7 +16,6 @@ from prosim_scene import FPS, FRAME, TIME
 
 from ..engine import environment
 from ..scene import scene_file
-from .interrupts import interruptible
 from .job import Job
 from .option_types import input_errors
 from .progress import Progress
@@ -59,8 +58,7 @@ class Animation:
         the finished frames stay on the disk.
         """
         with Resources(self.job) as resources, Progress("film", len(self.frames)) as bar:
-            # Handles signals until the workers have ended.
-            resources.enter_context(interruptible(lambda: None, resources.signals))
+            resources.handle_signals()
             for number in self.frames:
                 if resources.interruption:
                     break

@@ -129,10 +129,15 @@ class Resources(ExitStack):
 
     def __enter__(self) -> Resources:
         """Opens the log, sets the number of threads, and makes the temporary folder."""
+        self._handlers = self.enter_context(ExitStack())  # which is the last to be left
         self.enter_context(log(self.job.verbose))
         self.enter_context(session.threads(self.job.threads))
         self.folder = self.enter_context(atomic.scratch())
         return self
+
+    def handle_signals(self) -> None:
+        """From now on, a signal ends the job, and does not end the process before all resources are released."""
+        self._handlers.enter_context(interruptible(lambda: None, self.signals))
 
     @property
     def interruption(self) -> str | None:
@@ -261,8 +266,7 @@ def render_and_write(job: Job, stem: Path, begin: Checkpoint | None = None) -> N
         with input_errors():
             task = RenderTask(job, job.read_scene(resources.folder), stem, begin)
             task.check()
-        # Handles signals also while the workers end, which takes a second after the image is written.
-        resources.enter_context(interruptible(lambda: None, resources.signals))
+        resources.handle_signals()
         # The first step ends when the kernels are compiled and one work item is rendered.
         with Progress("compiling kernels" if rendering.is_progressive(task.integrator) else "rendering") as bar:
             outcome = render_image(task, bar, resources)

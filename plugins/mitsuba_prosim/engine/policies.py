@@ -90,8 +90,8 @@ class Graded(Policy):
     to the threshold. The policy decides after the first and after the second pass, because the first pass misses rare
     events; with an error target, it decides after every pass.
 
-    The variance is the geometric mean of two means: of the 8 and of the 24 pixels around the pixel. So near pixels
-    count more, and one very bright sample counts less than in an arithmetic mean.
+    The variance is the mean of two means: of the variances of the 8 and of the 24 pixels around the pixel. So near
+    pixels count more. A geometric mean would be 0 where 8 pixels have missed all rare bright samples.
     """
 
     reach = 2
@@ -101,7 +101,7 @@ class Graded(Policy):
         """Requests samples in proportion to the standard deviation."""
         # The variances within pixels. Differences between pixels may be an edge or a texture, which is no noise.
         within = variance(total, squares, count)
-        deviation = np.sqrt(np.sqrt(mean_around(within, 1)) * np.sqrt(mean_around(within, Graded.reach)))
+        deviation = np.sqrt((mean_around(within, 1) + mean_around(within, Graded.reach)) / 2)
         # With the factor N / threshold, a deviation of N * threshold requests N² samples.
         error = in_display_units(deviation, mean_around(total / count, Graded.reach))
         factor = np.float32(self.n / max(self.threshold, 1e-9))

@@ -1,7 +1,7 @@
-"""Absorption of light in glass and water by Beer's law (Hall 1988, chapter 6 of the thesis).
+"""Absorption of light in glass and water by Beer's law (Hall 1988; thesis, chapter 6).
 
-The interior ``mi.Medium`` of a shape describes the inside of the shape. The integrators support homogeneous media that
-only absorb light, and ignore media that scatter light.
+The interior ``mi.Medium`` of a shape is the medium inside the shape, such as glass or water. The integrators support
+homogeneous media that only absorb light, and ignore media that scatter light or are not homogeneous.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ UNBOUNDED = 1e30
 
 
 def absorbs_any(scene: mi.Scene, camera_medium: mi.Medium | None) -> bool:
-    """Tells whether a medium of ``scene`` or the medium of the camera absorbs light.
+    """Tells whether ``camera_medium`` or a medium of ``scene`` is homogeneous and only absorbs light.
 
-    Warns of media that scatter light or are not homogeneous, because the integrator ignores these media.
+    Logs a warning if some media scatter light or are not homogeneous, because the integrator ignores such media.
     """
     media = dict.fromkeys([*media_of(scene), *([] if camera_medium is None else [camera_medium])])
     if ignored := ", ".join(repr(medium.id()) for medium in media if not only_absorbs(medium)):
@@ -37,7 +37,7 @@ def absorbs_any(scene: mi.Scene, camera_medium: mi.Medium | None) -> bool:
 
 
 def media_of(scene: mi.Scene) -> Iterator[mi.Medium]:
-    """Yields the media inside and outside of all shapes of ``scene``, and of the shapes within instances."""
+    """Yields the interior and exterior media of all shapes of ``scene``, including the shapes within instances."""
     for shape in all_shapes(scene):
         for medium in (shape.interior_medium(), shape.exterior_medium()):
             if medium is not None:
@@ -56,8 +56,8 @@ def transmittance(
     """Returns the transmittance of ``medium`` over the distance ``t`` in scene units: the fraction of light that is not
     absorbed.
 
-    The transmittance is 1 without a medium, and in media that scatter light or are not homogeneous. ``wavelengths`` are
-    in nm, and empty except in spectral variants.
+    The transmittance is 1 where there is no medium, or where the medium scatters light or is not homogeneous.
+    ``wavelengths`` are the wavelengths of the ray in nm; the array is empty except in spectral variants.
     """
     if medium is None:
         return 1.0
@@ -73,8 +73,9 @@ def medium_beyond(
 ) -> mi.MediumPtr | mi.Medium | None:
     """Returns the medium around a ray that leaves the surface point ``si`` in the direction ``d``.
 
-    ``medium`` is the medium around the ray that arrived at ``si``. The result is the same medium if the surface has no
-    media, and None if ``medium`` is None because no medium of the scene absorbs light.
+    ``medium`` is the medium around the ray that arrived at ``si``. The result is ``medium`` if the surface has neither
+    an interior nor an exterior medium. In vectorised variants, the result is None if ``medium`` is None, which means
+    that no medium of the scene absorbs light.
     """
     if idle(active) or (medium is None and dr.is_jit_v(mi.Float)):
         return medium
@@ -84,14 +85,17 @@ def medium_beyond(
 def medium_before(
     si: mi.SurfaceInteraction3f, medium: mi.MediumPtr | mi.Medium | None, d: mi.Vector3f, active: mi.Bool
 ) -> mi.MediumPtr | mi.Medium | None:
-    """Returns the medium around a camera ray of direction ``d`` that arrives at the surface point ``si``.
+    """Returns the medium around a camera ray, or around a photon from a light source, that arrives at ``si`` in the
+    direction ``d``.
 
-    The result is ``medium``, the medium of the sensor. If the sensor has no medium, the result is the medium that the
-    surface has on the side of the camera.
+    The result is ``medium``, the medium around the sensor, if the sensor has a medium. If there is no ``medium``, the
+    result is the medium that the surface at ``si`` has on the side from which the ray arrives.
     """
     return medium_beyond(si, medium, -d, active & (medium == pointer(None)))
 
 
 def pointer(medium: mi.Medium | None) -> mi.MediumPtr | mi.Medium | None:
-    """Returns ``medium`` in the type that rays store: a Dr.Jit array, or ``medium`` itself in scalar variants."""
+    """Returns ``medium`` in the type of :attr:`.Ray.medium`: a ``mi.MediumPtr``, or ``medium`` itself in scalar
+    variants.
+    """
     return mi.MediumPtr(medium) if dr.is_jit_v(mi.Float) else medium

@@ -1,8 +1,9 @@
-"""A loop whose iterations have derivatives.
+"""A loop through which Dr.Jit computes derivatives.
 
-The loop is a loop of Python, because the two kinds of loops of Dr.Jit 1.5 do not suit. For a symbolic loop with
-derivatives, Dr.Jit generates wrong code for masks. The backward pass of an evaluated loop visits variables in the order
-of a hash table, so each iteration is compiled again.
+The loop is a ``while`` loop of Python, because derivatives are a problem for both kinds of loops of Dr.Jit 1.5,
+symbolic and evaluated. Dr.Jit 1.5 generates wrong code for the masks of a symbolic loop with derivatives. The backward
+pass of an evaluated loop of Dr.Jit visits variables in the order of a hash table, so Dr.Jit compiles a new kernel for
+each iteration.
 """
 
 from __future__ import annotations
@@ -15,10 +16,11 @@ import drjit as dr
 
 
 def differentiable_loop(state: Any, step: Callable[[Any], Any]) -> Any:
-    """Applies ``step`` to ``state`` while the state is active, and returns the last state, with derivatives.
+    """Applies the function ``step`` to ``state`` until no lane of ``state.active`` is true, and returns the last state,
+    with derivatives.
 
-    A lane that is not active any more keeps its state. All iterations share one kernel, and the derivatives of all
-    iterations share another kernel.
+    When a lane of ``state.active`` has become false, the state of this lane does not change any more. All iterations
+    run the same compiled kernel, and a second kernel computes the derivatives of all iterations.
     """
     dr.make_opaque(state)
     while dr.any(active := state.active):
@@ -33,9 +35,10 @@ def differentiable_loop(state: Any, step: Callable[[Any], Any]) -> Any:
 
 
 def differentiable(state: Any) -> list[tuple[Any, str]]:
-    """Finds the arrays with derivatives in nested dataclasses and lists.
+    """Finds all arrays with derivatives in ``state``, which consists of nested dataclasses and lists.
 
-    Returns one pair for each array: the dataclass that holds the array, and the name of the array's field.
+    Returns one pair for each array with derivatives: the dataclass that holds the array, and the name of the array's
+    field.
     """
     if isinstance(state, list):
         return [place for part in state for place in differentiable(part)]
@@ -48,8 +51,8 @@ def differentiable(state: Any) -> list[tuple[Any, str]]:
 
 
 class Boundary(dr.CustomOp):
-    """A Dr.Jit operation that returns its input arrays, and evaluates the derivatives of the arrays in a
-    fixed order.
+    """A custom Dr.Jit operation that returns its input arrays unchanged, and evaluates the derivatives of these arrays
+    in a fixed order.
     """
 
     def eval(self, arrays: list[Any]) -> list[Any]:  # noqa: D102

@@ -1,4 +1,4 @@
-"""Direct light: samples of the light sources, taken at a vertex (thesis, sections 4.1, 5.2)."""
+"""Direct light at a vertex of a ray tree or path, by samples of the light sources (thesis, sections 4.1, 5.2)."""
 
 from __future__ import annotations
 
@@ -22,17 +22,18 @@ from .transport_context import NODE_SPACES, Context
 
 
 def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
-    """Returns the direct light that ``vertex`` scatters into its ray.
+    """Returns the direct light that the surface at ``vertex`` scatters back along the ray that arrived there.
 
-    In a ray tree, every light source gets one sample and one shadow ray (thesis, section 4.1). On a path, only one
-    lamp, which is chosen at random, gets a sample and a shadow ray. Usually all lobes scatter direct light. After an
-    earlier vertex of the path has gathered photons, only diffuse lobes scatter direct light.
+    At a vertex of a ray tree, every light source gets one sample and one shadow ray (thesis, section 4.1). At a vertex
+    of a path, one lamp that is chosen at random gets a sample and a shadow ray; a lamp is any light source except a
+    constant sky. Usually all lobes of the surface scatter direct light. If an earlier vertex of the path has gathered
+    photons, only diffuse lobes scatter direct light, because the photons carry the direct light of the other lobes.
     """
     lights, ray, active = context.lights, vertex.ray, vertex.smooth
     space = context.space(ray.node, NODE_SPACES)
 
     def add(lamp: Lamp, L: Radiance) -> Radiance:
-        """Returns ``L`` plus the light of ``lamp`` that the vertex scatters."""
+        """Returns ``L`` plus the radiance that the vertex scatters from the light source ``lamp``."""
         sample = sample_lamp(context, vertex, lamp, points(space + lamp.k, active))
         return L + lamp_light(context, vertex, points, lamp.k, sample, context.mis_lobes)
 
@@ -53,11 +54,11 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
 def sample_lamp(
     context: Context, vertex: Vertex, lamp: Lamp, point: mi.Point2f, probability: mi.Float | None = None
 ) -> LightSample:
-    """Returns ``(ds, weight)``: a sample of ``lamp`` by the ``point`` in [0, 1)², and the radiance divided by the
-    density.
+    """Returns ``(ds, weight)``: a direction sample of ``lamp``, drawn with the random ``point`` in [0, 1)², and the
+    radiance of ``lamp`` divided by the density of the sample.
 
-    ``ds`` and ``weight`` have derivatives if derivatives are wanted. ``probability`` is the probability with which the
-    lamp was chosen; None where every lamp is sampled.
+    ``ds`` and ``weight`` have derivatives if ``context.attached`` is true. ``probability`` is the probability with
+    which ``lamp`` was chosen from all lamps; None if every lamp is sampled.
     """
     ds, weight = lamp.sample(vertex.receiver, point, vertex.smooth)
     if probability is not None:
@@ -75,11 +76,13 @@ def lamp_light(
     sample: LightSample,
     mis_lobes: tuple[mi.BSDFContext, ...],
 ) -> Radiance:
-    """Returns the radiance that ``vertex`` scatters from one ``sample`` of the light source of number ``k``, by layers.
+    """Returns the radiance that ``vertex`` scatters from one ``sample`` of light source number ``k``, split into image
+    layers.
 
-    The radiance includes the visibility of the sampled point, by a shadow ray. The ``mis_lobes`` have MIS weights,
-    because their rays, and perhaps photons, find the same light. After an earlier vertex of the path has gathered
-    photons, only diffuse lobes count.
+    A shadow ray tests whether the sampled point is visible; the radiance is 0 if the point is hidden. The lobes
+    ``mis_lobes`` get MIS weights, because rays that are sampled from these lobes, and perhaps photons, find the light
+    of the same source. If an earlier vertex of the path has gathered photons, only diffuse lobes contribute to the
+    radiance.
     """
     (ds, weight), layers = sample, context.layers
     si, ray, scattering = vertex.si, vertex.ray, context.scattering
@@ -110,11 +113,13 @@ def lamp_light(
 def eval_lobe(
     context: Context, lobe: mi.BSDFContext, vertex: Vertex, wo: mi.Vector3f, points: Points, active: mi.Bool
 ) -> tuple[mi.Spectrum, mi.Float]:
-    """Returns the value of ``lobe`` times the cosine for the direction ``wo``, and the density of ``wo``.
+    """Returns the BSDF value of ``lobe`` times the cosine for the direction ``wo``, and the density with which ``lobe``
+    samples ``wo``.
 
-    If ``context.samples_with_light``, the same call of the BSDF also samples the next ray of the lobe, so that textures
-    are evaluated only once. The sample of the next ray is stored in ``vertex.drawn``. With SamplerPoints the next ray
-    is never sampled here, because a Mitsuba sampler must draw its numbers in a fixed order.
+    If ``context.samples_with_light`` is true, one call of the BSDF both evaluates ``lobe`` and samples the next ray of
+    ``lobe``, so that textures are evaluated only once. The sample of the next ray is stored in ``vertex.drawn``. If
+    ``points`` is a :class:`.SamplerPoints`, this function never samples the next ray, because a Mitsuba sampler must
+    draw its numbers in a fixed order.
     """
     if not context.samples_with_light or isinstance(points, SamplerPoints):
         return context.scattering.eval_pdf(lobe, vertex, wo, active)
@@ -125,11 +130,12 @@ def eval_lobe(
 
 
 def sample_sky(context: Context, vertex: Vertex, points: Points, space: mi.UInt32) -> LightSample:
-    """Returns ``(ds, weight)``: a sample of the constant sky, for the lobes that get direct light only by light
-    sampling.
+    """Returns ``(ds, weight)``: a direction sample of the constant sky, for the lobes whose direct light comes from
+    light sampling alone.
 
-    These are the diffuse lobes, and all lobes of an inseparable BSDF. ``ds.pdf`` is 0 where ``vertex`` has no such
-    lobe. ``space`` is the number of a space of the sampling pattern.
+    The lobes whose direct light comes from light sampling alone are the diffuse lobes, and all lobes of a BSDF that
+    cannot evaluate its lobes separately. ``ds.pdf`` is 0 where the BSDF at ``vertex`` has no lobe of these kinds.
+    ``space`` is the number of a space, a pair of random numbers, of the sampling pattern.
     """
     assert context.lights.sky is not None
     flags, receiver = vertex.bsdf.flags(), vertex.receiver
@@ -142,9 +148,10 @@ def sample_sky(context: Context, vertex: Vertex, points: Points, space: mi.UInt3
 def with_visibility(
     context: Context, vertex: Vertex, p: mi.Point3f, radiances: list[mi.Spectrum], active: mi.Bool
 ) -> list[mi.Spectrum]:
-    """Multiplies ``radiances`` by the visibility and the transmittance between ``vertex`` and the point ``p``.
+    """Returns ``radiances``, multiplied by the visibility and the transmittance between ``vertex`` and the point ``p``.
 
-    The first of the ``radiances`` is the total radiance: no shadow ray is traced where the total radiance is 0.
+    The first entry of ``radiances`` is the total radiance of the sample: no shadow ray is traced where the total
+    radiance is 0.
     """
     si = vertex.si
     if context.settings.shadows:

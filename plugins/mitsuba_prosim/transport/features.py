@@ -1,6 +1,6 @@
-"""Features of a view for denoising: the normal of the first visible surface, and an albedo.
+"""Features of a camera ray for denoising: the normal of the first surface that the ray meets, and an albedo.
 
-The albedo includes surfaces that are visible through glass or in mirrors.
+The albedo of a camera ray includes the albedo of surfaces that are visible through glass or in mirrors.
 """
 
 from __future__ import annotations
@@ -51,21 +51,23 @@ def features(
     hide_emitters: bool = False,
     camera_medium: mi.Medium | None = None,
 ) -> tuple[mi.Spectrum, mi.Normal3f, mi.Bool]:
-    """Returns ``(albedo, normal, hit)`` for the camera ray ``ray``.
+    """Returns ``(albedo, normal, hit)`` for the camera ray ``ray``; ``hit`` tells whether the ray meets a surface.
 
-    The albedo is in [0, 1]. The normal is the shading normal of the first surface, on the viewer's side; the normal is
-    0 where the ray meets no surface.
+    The albedo is in [0, 1]. The normal is the shading normal of the first surface that ``ray`` meets, turned towards
+    the viewer. The normal is 0 where ``ray`` meets no surface.
 
-    The albedo is one sample of the albedo of the diffuse lobes, plus the albedo of the surfaces that are visible
-    through specular lobes, times the reflectance or transmittance of these lobes. The albedo of light sources and of
-    the sky is their radiance, clipped to 1. With ``hide_emitters`` the camera does not see light sources.
-    ``camera_medium`` is the medium around the camera.
+    The albedo is the sum of two terms: a random sample of the albedo of the diffuse lobes, and the albedo of the next
+    surface that a specular lobe shows, times a random sample of the reflectance or transmittance of this lobe. The
+    albedo of light sources and of the sky is their radiance, clipped to 1. If ``hide_emitters`` is true, the camera ray
+    passes through light sources. ``camera_medium`` is the medium around the camera.
     """
     scattering = Scattering.of(scene, separate=False)
     diffuse, specular = lobes.only(lobes.DIFFUSE), lobes.only(lobes.SPECULAR)
 
     def step(state: State) -> State:
-        """Adds the albedo of the next surface of the ray, and continues the ray by a specular lobe."""
+        """Adds the albedo of the surface that the ray of ``state`` meets, and continues the ray through a specular
+        lobe.
+        """
         ray, active, medium, first = state.ray, state.active, state.medium, state.level == 0
         si = scene.ray_intersect(ray, active)
         if hide_emitters:
@@ -101,7 +103,7 @@ def features(
 
 
 def colour(albedo: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Color3f:
-    """Converts an albedo to red, green and blue; an albedo of 1 becomes about white."""
+    """Converts the spectrum ``albedo`` to an RGB colour; an albedo of 1 at every wavelength becomes nearly white."""
     if mi.is_spectral:
         return mi.spectrum_to_srgb(albedo / mi.pdf_rgb_spectrum(wavelengths), wavelengths)
     return mi.Color3f(albedo.x) if mi.is_monochromatic else mi.Color3f(albedo)
@@ -110,11 +112,12 @@ def colour(albedo: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Color3f:
 def sample_albedo(
     si: mi.SurfaceInteraction3f, lobe: mi.BSDFContext, sampler: mi.Sampler, active: mi.Bool, scattering: Scattering
 ) -> tuple[Any, mi.Vector3f]:
-    """Returns ``(weight, direction)`` of one sample of ``lobe`` at ``si``; the weight is 0 without such a lobe.
+    """Returns ``(weight, direction)`` of one sample of ``lobe`` at ``si``; the weight is 0 if the BSDF does not have
+    this lobe.
 
-    Some BSDFs return samples of other lobes than requested. A sample of another lobe gets the weight 0, because the
-    other lobe is sampled separately. Dispersive glass refracts all wavelengths in one direction here: a mean over
-    random wavelengths would be wrong, because the albedo is clipped.
+    Some BSDFs return samples of other lobes than requested. A sample of a lobe that was not requested gets the weight
+    0, because that lobe is sampled by another call. For the albedo, dispersive glass refracts all wavelengths in the
+    same direction: random wavelengths would make the mean albedo wrong, because each sample of the albedo is clipped.
     """
     choice, point = sampler.next_1d(active), sampler.next_2d(active)
     bs, weight, belongs = scattering.sample(

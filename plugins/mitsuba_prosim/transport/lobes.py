@@ -34,15 +34,18 @@ BOTH_SIDES = ("GlossyTransmission", "DiffuseTransmission")
 
 
 def only(names: Sequence[str], context: mi.BSDFContext | None = None) -> mi.BSDFContext:
-    """Returns the BSDF context ``context`` (default: all lobes), restricted to the lobes ``names``."""
+    """Returns the BSDF context ``context`` (default: all lobes), restricted to the lobes whose ``mi.BSDFFlags`` have
+    these ``names``.
+    """
     context = context or mi.BSDFContext()
     return mi.BSDFContext(context.mode, context.type_mask & mask(*names), context.component)
 
 
 def glossy(flags: int, tree: bool) -> tuple[mi.BSDFContext, ...]:
-    """Returns the BSDF contexts of the specular lobes that may be glossy on surfaces with these BSDF ``flags``.
+    """Returns one BSDF context for each specular lobe that may be glossy on surfaces with these BSDF ``flags``.
 
-    A ray ``tree`` samples reflection and transmission as two lobes; a path samples both as one lobe.
+    If ``tree`` is true, reflection and transmission are two lobes, because a ray tree samples a ray for each. If
+    ``tree`` is false, reflection and transmission are one lobe, because a path samples a single ray.
     """
     if not tree:
         return (only(SPECULAR),) if has_any(flags, *GLOSSY) else ()
@@ -61,7 +64,7 @@ def mask(*names: str) -> int:
 
 
 def has_any(flags: int | mi.UInt32, *names: str) -> mi.Bool:
-    """Tells whether the BSDF ``flags``, an integer or a Dr.Jit array, hold at least one of the named
-    ``mi.BSDFFlags``.
+    """Tells whether the BSDF ``flags``, an integer or a Dr.Jit array, contain at least one of the ``mi.BSDFFlags`` with
+    these ``names``.
     """
     return (flags & mask(*names)) != 0

@@ -22,9 +22,9 @@ def next_ray(
 ) -> tuple[Ray, mi.Bool, mi.Float]:
     """Samples the ray that leaves ``vertex`` through ``lobe``, and returns ``(ray, active, eta)``.
 
-    The returned ``active`` has the lanes in which the ray is worth following: those of the argument ``active`` where
-    the sample belongs to ``lobe`` and the throughput is above the integrator's ``cutoff``. ``eta`` is the ratio of the
-    indices of refraction that the ray crosses, 1 for a reflection.
+    The returned ``active`` is true where the argument ``active`` is true, the sample belongs to ``lobe``, and the
+    throughput of the ray is above the integrator's parameter ``cutoff``. ``eta`` is the relative index of refraction of
+    the surface in the direction of the ray, or 1 for a reflection.
     """
     ray, si, space = vertex.ray, vertex.si, direction_space(lobe)
     if idle(active):
@@ -56,11 +56,12 @@ def sample_direction(
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Vector3f, mi.Bool]:
     """Samples ``lobe`` at ``vertex``, and returns ``(bs, weight, d, belongs)``.
 
-    ``bs`` and ``weight`` are the BSDF sample, in the form of ``mi.BSDF.sample``; the sample that light sampling has
-    drawn already (``vertex.drawn``) is used if there is one. ``d`` is the direction in world coordinates. ``belongs``
-    tells whether ``bs`` is a sample of ``lobe``, not of another lobe of the BSDF. If derivatives are wanted, ``d``
-    moves with the light source that the ray meets, or is fixed if the ray meets none. The density and the weight have
-    the derivatives of this movement.
+    ``bs`` and ``weight`` are a BSDF sample, as ``mi.BSDF.sample`` returns it. If light sampling has already drawn a
+    sample of ``lobe`` (``vertex.drawn``), this function returns that sample. ``d`` is the sampled direction in world
+    coordinates. ``belongs`` tells whether ``bs`` is a sample of ``lobe``, not of another lobe of the BSDF. If
+    derivatives are wanted, the direction ``d`` of a smooth lobe follows the motion of the light source that the ray
+    meets; ``d`` is constant if the ray meets no light source. The derivatives of the density and the weight of the
+    sample include this motion of ``d``.
     """
     si, scattering, throughput = vertex.si, context.scattering, vertex.ray.throughput
     if lobe.type_mask in vertex.drawn:
@@ -89,8 +90,9 @@ def sample_direction(
 def roulette(ray: Ray, active: mi.Bool, survival: mi.Float, sample: mi.Float) -> tuple[Ray, mi.Bool]:
     """Returns ``(ray, active)`` after Russian roulette (Arvo and Kirk 1990).
 
-    A ray survives with the probability ``survival``, or always if this is 1 or greater; the throughput of the survivor
-    is divided by the probability. ``sample`` is a random number in [0, 1) that decides.
+    The ray survives with the probability ``survival``, or always if ``survival`` is 1 or greater. The throughput of a
+    surviving ray is divided by the probability of survival. The ray survives if the random number ``sample`` in [0, 1)
+    is less than ``survival``.
     """
     survival = dr.detach(survival)
     survives = sample < survival
@@ -99,7 +101,9 @@ def roulette(ray: Ray, active: mi.Bool, survival: mi.Float, sample: mi.Float) ->
 
 
 def lobe_point(context: Context, lobe: mi.BSDFContext, vertex: Vertex, points: Points, active: mi.Bool) -> LobePoint:
-    """Returns the random numbers ``(choice, point)`` that sample the ray of ``lobe`` at ``vertex``."""
+    """Returns ``(choice, point)``: the random number that chooses one of the lobes in ``lobe``, and the random point in
+    [0, 1)² that samples the direction of the ray from ``vertex``.
+    """
     space = context.space(vertex.ray.node, CHOICE)
     # A stratified choice reduces the variance only with dispersion, or where all lobes are sampled together.
     stratified = lobe.type_mask == mi.BSDFContext().type_mask or context.scattering.disperses

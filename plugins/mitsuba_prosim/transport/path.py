@@ -1,4 +1,6 @@
-"""Kajiya's paths: each surface continues one ray, by a specular or a diffuse lobe (thesis, section 4.2.3)."""
+"""Kajiya's paths: at each surface, one ray continues the path, through a specular or a diffuse lobe (thesis, section
+4.2.3).
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ from .transport_context import CHOICE, REFRACTED, ROULETTE, Context
 
 @dataclass
 class Counters:
-    """Counters of a path."""
+    """The number of diffuse reflections of a path so far, and the product of the relative indices of refraction that it
+    crossed.
+    """
 
     #: Number of diffuse reflections so far. None where this number is unlimited: a variable that no iteration changes
     #: makes Dr.Jit trace the loop twice.
@@ -26,7 +30,9 @@ class Counters:
 
 
 def start(context: Context, ray: Ray) -> Counters:
-    """Returns the counters of a path that begins with the camera's ``ray``."""
+    """Returns the :class:`Counters` at the start of a path. The argument ``ray`` is unused; it gives this function the
+    same signature as :func:`.tree.start`.
+    """
     return Counters(mi.UInt32(0) if context.settings.diffuse_bounces >= 0 else None, mi.Float(1))
 
 
@@ -35,9 +41,9 @@ def proceed(
 ) -> tuple[Ray, mi.Bool, Counters]:
     """Samples the ray that continues the path after ``vertex``, and returns ``(ray, active, counters)``.
 
-    The returned ``active`` has the lanes whose path continues after Russian roulette, which begins at level
-    ``rr_depth``; the returned ``counters`` count this ray too. The argument ``active`` is unused: it gives this
-    function the signature of :func:`.tree.proceed`.
+    The returned ``active`` is true in the lanes whose path continues after Russian roulette, which begins at level
+    ``rr_depth``. The returned ``counters`` include the returned ray. The argument ``active`` is unused; it gives this
+    function the same signature as :func:`.tree.proceed`.
     """
     bounces, node = counters.bounces, vertex.ray.node
     if bounces is None:
@@ -56,12 +62,13 @@ def proceed(
 def specular_or_diffuse(
     context: Context, vertex: Vertex, points: Points, bounces: mi.UInt32
 ) -> tuple[Ray, mi.Bool, mi.Float, mi.UInt32]:
-    """Returns ``(ray, active, eta, bounces)`` of a specular or a diffuse ray that leaves ``vertex``.
+    """Returns ``(ray, active, eta, bounces)`` for one ray that leaves ``vertex`` through a specular or a diffuse lobe.
 
-    A specular and a diffuse ray are sampled; one of the two is chosen with a probability proportional to its
-    throughput, and its throughput is divided by this probability. After ``diffuse_bounces`` diffuse reflections the ray
-    is always specular. ``bounces`` is the number of diffuse reflections of the path, ``eta`` the ratio of the indices
-    of refraction that the ray crosses.
+    The function samples a specular ray and a diffuse ray, and chooses one of the two with a probability proportional to
+    its throughput. The throughput of the chosen ray is divided by the probability of the choice. After
+    ``diffuse_bounces`` diffuse reflections on a path, all further rays of the path are specular. ``bounces`` is the
+    number of diffuse reflections of the path; the returned number includes the chosen ray. ``eta`` is the relative
+    index of refraction of the surface in the direction of the ray, or 1 for a reflection.
     """
     specular, reflects, eta = next_ray(context, lobes.only(lobes.SPECULAR), vertex, points, vertex.active)
     may_scatter = vertex.active & (bounces < context.settings.diffuse_bounces)

@@ -1,15 +1,18 @@
-"""Layers: images of the parts of the light, written beside the image. The sum of all layers is the image.
+"""Image layers: additional images, each with a part of the light of the rendered image. The sum of all layers is the
+rendered image.
 
-``lights``
-    one layer for each light source, one for the background, and one for the ambient term.
-``levels``
-    one layer for each level of the ray tree or path. The layer of level 0 has the light that the first visible surface
-    emits, and the direct light that this surface scatters.
-``terms``
-    one layer for each term of the thesis's equation (section 4.1) at the first visible surface.
+``layers=lights``
+    writes one layer for each light source, one for the background, and one for the ambient term.
+``layers=levels``
+    writes one layer for each level of the ray tree or path. The layer of level 0 has the light that the first visible
+    surface emits, and the ambient light, direct light and caustics that this surface scatters.
+``layers=terms``
+    writes one layer for each term of the thesis's equation for reflected light (section 4.1) at the first visible
+    surface, such as diffuse, glossy and refracted light.
 
-Light sampling at a vertex and the rays of its glossy lobes find the same light; MIS combines the two. Therefore the
-light of a source that such a ray meets belongs to the layer of the vertex where the ray begins.
+Light sampling at a vertex, and rays from the glossy lobes of this vertex, find the light of the same sources; MIS
+combines the two estimates. Therefore, if a ray from a glossy lobe meets a light source, the light of the source belongs
+to the layer of the vertex where the ray begins.
 """
 
 from __future__ import annotations
@@ -40,7 +43,7 @@ Layer: TypeAlias = "int | mi.UInt32"
 
 @dataclass
 class Radiance:
-    """Radiance, and the part of this radiance in each layer; the list of layers is empty unless layers are wanted."""
+    """Total radiance, and the part of it in each image layer; the list of parts is empty if the image has no layers."""
 
     total: mi.Spectrum
     layers: list[mi.Spectrum]
@@ -49,24 +52,24 @@ class Radiance:
         return Radiance(self.total + other.total, [a + b for a, b in zip(self.layers, other.layers)])
 
     def scaled(self, factor: mi.Spectrum) -> Radiance:
-        """Returns this radiance and its layers, multiplied by ``factor``."""
+        """Returns the total radiance and the radiance in each layer, both multiplied by ``factor``."""
         return Radiance(factor * self.total, [factor * L for L in self.layers])
 
     def plus(self, value: mi.Spectrum, layer: Layer, total: mi.Spectrum | None = None) -> Radiance:
-        """Returns this radiance plus ``value``, where ``value`` belongs to ``layer``.
+        """Returns this radiance after adding ``value`` to the total and to the layer number ``layer``.
 
-        ``total`` is the new total radiance, if the caller has computed the sum already.
+        ``total`` is the new total radiance, if the caller has already added ``value`` to the old total.
         """
         layers = [L + dr.select(layer == i, value, 0) for i, L in enumerate(self.layers)]
         return Radiance(self.total + value if total is None else total, layers)
 
     def moved(self, value: mi.Spectrum, source: Layer, target: Layer) -> Radiance:
-        """Returns this radiance after moving ``value`` from the layer ``source`` to the layer ``target``."""
+        """Returns this radiance after moving ``value`` from layer number ``source`` to layer number ``target``."""
         return self.plus(-value, source, self.total).plus(value, target, self.total)
 
 
 class Layers:
-    """Assigns light to layers. The base class assigns all light to no layer, for an image without layers."""
+    """Assigns light to image layers. The base class is for an image without layers, and assigns light to no layer."""
 
     #: Whether diffuse and glossy light belong to different layers.
     splits_lobes = False
@@ -79,31 +82,32 @@ class Layers:
         return Radiance(mi.Spectrum(0), [mi.Spectrum(0) for _ in self.names])
 
     def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:
-        """Returns the number of the layer of a ``term`` of the light at the vertex that ``ray`` meets.
+        """Returns the number of the image layer to which the part ``term`` of the light at the end of ``ray`` belongs.
 
-        The terms are "emitted", "background", "ambient", "diffuse", "glossy" and "caustics". ``source`` is the number
-        of the light source from which the light comes.
+        ``term`` is "emitted", "background", "ambient", "diffuse", "glossy" or "caustics". ``source`` is the number of
+        the light source from which the light comes.
         """
         return 0
 
     def branch(self, ray: Ray, diffuse: bool, through: mi.Bool) -> mi.UInt32:
-        """Returns the :attr:`.Ray.branch` of the next ray: the layer of all light that this next ray finds.
+        """Returns the attribute :attr:`.Ray.branch` of the next ray: the number of the layer of the light that arrives
+        through the lobe by which the path left its first vertex, or 0 if the layers do not depend on this lobe.
 
-        The next ray leaves the vertex at the end of ``ray`` through a diffuse lobe (``diffuse``) or a specular lobe.
-        ``through`` tells whether the next ray passes through the surface.
+        The next ray leaves the vertex at the end of ``ray``: through a diffuse lobe if ``diffuse`` is true, else
+        through a specular lobe. ``through`` tells whether the next ray passes through the surface.
         """
         return mi.UInt32(0)
 
 
 class ByLight(Layers):
-    """One layer for each light source, one for the background, and one for the ambient term."""
+    """Layers by light source: one for each light source, one for the background, and one for the ambient term."""
 
     def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:  # noqa: D102
         return self.names.index(term) if term in ("background", "ambient") else source
 
 
 class ByLevel(Layers):
-    """One layer for each level of the ray tree or path."""
+    """Layers by level: one for each number of reflections and refractions on the way from the camera."""
 
     def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:  # noqa: D102
         # Emission that a ray from a surface meets is direct light of this surface.
@@ -111,7 +115,7 @@ class ByLevel(Layers):
 
 
 class ByTerm(Layers):
-    """One layer for each term of the thesis's equation at the first visible surface."""
+    """Layers by term: one for each term of the thesis's equation for reflected light at the first visible surface."""
 
     splits_lobes = True
 
@@ -134,9 +138,9 @@ class ByTerm(Layers):
 
 
 def layers_conflict(kind: str, settings: Settings, caustics: bool) -> str | None:
-    """Tells whether ``layers=kind`` conflicts with another parameter of the integrator.
+    """Returns advice for the user if the value ``kind`` of the parameter ``layers`` conflicts with another parameter.
 
-    Returns the advice to use instead, or None without a conflict.
+    The advice names a change of parameters that avoids the conflict. Returns None if there is no conflict.
     """
     if kind == "lights" and caustics:
         return "another value with caustics, as photons do not know their source"
@@ -148,9 +152,9 @@ def layers_conflict(kind: str, settings: Settings, caustics: bool) -> str | None
 
 
 def layers_of(kind: str, settings: Settings, lights: Lights, caustics: bool) -> Layers:
-    """Returns the :class:`Layers` of this ``kind``, which is a value of the parameter ``layers``.
+    """Returns the :class:`Layers` for ``kind``, the value of the integrator's parameter ``layers``.
 
-    Raises ValueError if ``kind`` is "lights" and there are more than 32 layers.
+    Raises ValueError if ``kind`` is "lights" and the image would have more than 32 layers.
     """
     constant = ["background"] * (settings.background is not None) + ["ambient"] * (settings.ambient is not None)
     if kind == "levels":
@@ -169,10 +173,10 @@ def layers_of(kind: str, settings: Settings, lights: Lights, caustics: bool) -> 
 
 
 def light_names(emitters: Sequence[mi.Emitter]) -> list[str]:
-    """Returns a unique name for each of the ``emitters``.
+    """Returns the names of the image layers of the ``emitters``: one unique name for each emitter.
 
-    The name of an emitter is the id of the emitter or of its shape. An emitter without an id is named by its number,
-    such as ``lamp1``.
+    The name of an emitter's layer is the id of its shape, or the id of the emitter if the emitter has no shape. The
+    layer of an emitter without an id is named by the emitter's number, such as ``lamp1``.
     """
     names = ["background", "ambient"]
     for number, emitter in enumerate(emitters, 1):

@@ -1,4 +1,4 @@
-"""A ray of the ray tree or path, and the surface point that the ray meets."""
+"""Data of a ray of a ray tree or path, and of the surface point that the ray meets."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from ..light.strategy import Receiver
 
 @dataclass
 class Ray:
-    """A ray of the ray tree or path, with the data of its node.
+    """A ray of a ray tree or path, with data of the ray such as its throughput, level and density.
 
-    All fields are Dr.Jit arrays of the same width. A field is None if the render does not need it.
+    All fields of a ray are Dr.Jit arrays of the same width. A field of a ray is None if the render does not need the
+    field.
     """
 
     o: mi.Point3f
@@ -56,7 +57,7 @@ class Ray:
 
     @classmethod
     def first(cls, camera: mi.Ray3f, medium: mi.MediumPtr | None = None) -> Ray:
-        """Returns the first ray of a tree or path: the ``camera`` ray, in the ``medium`` of the camera."""
+        """Returns the first ray of a ray tree or path: the ray ``camera``, in the ``medium`` around the camera."""
         node, level, pdf, n = mi.UInt32(1), mi.UInt32(0), mi.Float(0), mi.Normal3f(camera.d)
         # Opaque values: Dr.Jit would trace a loop twice to find that a literal value stays the same.
         offset, found, branch = mi.Float(0), dr.opaque(mi.Bool, False), dr.opaque(mi.UInt32, 0)
@@ -77,7 +78,7 @@ class Surface:
 
 @dataclass
 class Vertex(Surface):
-    """The surface point that a ray meets, with the data for light sampling and for the next rays."""
+    """The surface point that a ray meets, with the data that light sampling and the sampling of the next rays need."""
 
     #: The active lanes whose BSDF has smooth lobes.
     smooth: mi.Bool
@@ -89,13 +90,13 @@ class Vertex(Surface):
 
 
 def mis(pdf: mi.Float, other: mi.Float) -> mi.Float:
-    """Returns the power heuristic (Veach 1997): the MIS weight of a sample of density ``pdf`` against the density
-    ``other``.
+    """Returns the MIS weight, by the power heuristic (Veach 1997), of a sample with the density ``pdf`` that another
+    strategy takes with the density ``other``.
     """
     pdf, other = dr.square(pdf), dr.square(other)
     return dr.select(pdf > 0, pdf / dr.select(pdf > 0, pdf + other, 1), 0)
 
 
 def viewer_side(si: mi.SurfaceInteraction3f) -> mi.Normal3f:
-    """Returns the shading normal, turned towards the viewer."""
+    """Returns the shading normal at ``si``, turned towards the origin of the ray that arrives at ``si``."""
     return si.sh_frame.n * dr.sign(mi.Frame3f.cos_theta(si.wi))

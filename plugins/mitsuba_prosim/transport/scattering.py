@@ -23,7 +23,7 @@ from .workarounds import requested_lobes
 def disperses(scene: mi.Scene) -> bool:
     """Tells whether any BSDF of ``scene`` is dispersive.
 
-    A dispersive BSDF refracts each wavelength in another direction; the attribute ``disperses`` of the BSDF tells so.
+    A dispersive BSDF refracts each wavelength in a different direction, and has a true attribute ``disperses``.
     """
     return any(getattr(bsdf, "disperses", False) for bsdf in all_bsdfs(scene))
 
@@ -43,8 +43,8 @@ class Scattering:
     def of(cls, scene: mi.Scene, separate: bool = True) -> Scattering:
         """Returns the :class:`Scattering` for the BSDFs of ``scene``.
 
-        ``separate`` tells whether the integrator evaluates lobes separately. If it does not, BSDFs without separable
-        lobes need no special treatment.
+        ``separate`` tells whether the integrator evaluates the lobes of a BSDF separately. If ``separate`` is false,
+        BSDFs that can only evaluate all their lobes together need no workaround.
         """
         bsdfs = all_bsdfs(scene)
         inseparable = separate and any(map(workarounds.is_inseparable, bsdfs))
@@ -60,13 +60,13 @@ class Scattering:
     def sample(
         self, lobe: mi.BSDFContext, at: Surface, u: LobePoint, active: mi.Bool, throughput: mi.Spectrum | None = None
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Bool]:
-        """Returns ``(bs, weight, belongs)``: a BSDF sample by the random numbers ``u``, and whether the sample is of
-        ``lobe``.
+        """Returns ``(bs, weight, belongs)``: a BSDF sample at the surface point ``at`` by the random numbers ``u``, and
+        whether the sample belongs to ``lobe``.
 
         ``throughput`` is the throughput of the arriving ray, or the flux of the arriving photon: smooth dispersive
-        glass chooses a wavelength with a probability proportional to ``throughput``. In the lanes
-        ``at.inseparable`` the BSDF samples all lobes together, and :func:`.belongs_to` decides whether the sample
-        belongs to ``lobe``.
+        glass chooses a wavelength with a probability proportional to ``throughput``. In the lanes where
+        ``at.inseparable`` is true, the BSDF samples all lobes together, and :func:`.belongs_to` decides whether the
+        sample belongs to ``lobe``.
         """
         bs, weight = self._sample(lobe, at, u, active, throughput)
         # Some BSDFs sample lobes outside of the type mask. Those lobes have a ray of their own.
@@ -78,11 +78,11 @@ class Scattering:
     def _sample(
         self, lobe: mi.BSDFContext, at: Surface, u: LobePoint, active: mi.Bool, throughput: mi.Spectrum | None
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        """Returns ``(bs, weight)``: a sample of the requested ``lobe``.
+        """Returns ``(bs, weight)``: a BSDF sample at the surface point ``at``, where ``lobe`` is the requested lobe.
 
-        Dispersive, ideally smooth glass refracts only one of the wavelengths of the ray, chosen with a probability
-        proportional to its ``throughput``. Without a ``throughput``, dispersive glass refracts all wavelengths in one
-        direction.
+        Dispersive, ideally smooth glass refracts only one of the wavelengths of the ray; the probability of choosing a
+        wavelength is proportional to the ``throughput`` of the ray at this wavelength. If ``throughput`` is None,
+        dispersive glass refracts all wavelengths in the same direction.
         """
         if not self.disperses and not self.needs_workarounds:
             return at.bsdf.sample(lobe, at.si, *u, active)
@@ -95,7 +95,7 @@ class Scattering:
         def sample(
             one: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, weights: list[mi.Float] | None, active: mi.Bool
         ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-            """Samples ``lobe`` of ``one``, the BSDF of all lanes of this call, and returns ``(bs, weight)``."""
+            """Samples ``lobe`` of ``one``, the BSDF of all lanes in this call, and returns ``(bs, weight)``."""
             if getattr(one, "disperses", False):
                 return one.sample(lobe, si, *u, active, weights, undispersed=weights is None)
             return workarounds.sample(lobe, one, si, u, active)
@@ -105,28 +105,30 @@ class Scattering:
     def eval_pdf(
         self, lobe: mi.BSDFContext, at: Surface, wo: mi.Vector3f, active: mi.Bool
     ) -> tuple[mi.Spectrum, mi.Float]:
-        """Returns the value of ``lobe`` times the cosine for ``wo``, and the density with which :meth:`sample` returns
-        ``wo``.
+        """Returns the BSDF value of ``lobe`` times the cosine for the direction ``wo``, and the density with which
+        :meth:`sample` samples ``wo``.
 
-        In the lanes ``at.inseparable``, the value and the density are those of all lobes.
+        In the lanes where ``at.inseparable`` is true, the value and the density are those of all lobes of the BSDF
+        together.
         """
         if self.needs_workarounds:
             return dispatch(at.bsdf, lambda one, *args: workarounds.eval_pdf(lobe, one, *args), at.si, wo, active)
         return at.bsdf.eval_pdf(lobe, at.si, wo, active)
 
     def eval(self, lobe: mi.BSDFContext, at: Surface, wo: mi.Vector3f, active: mi.Bool) -> mi.Spectrum:
-        """Returns the value of ``lobe`` times the cosine for ``wo``; in the lanes ``at.inseparable`` that of all
-        lobes.
+        """Returns the BSDF value of ``lobe`` times the cosine for the direction ``wo``.
+
+        In the lanes where ``at.inseparable`` is true, the value is that of all lobes of the BSDF together.
         """
         if self.any_inseparable:
             return dispatch(at.bsdf, lambda one, *args: one.eval(requested_lobes(lobe, one), *args), at.si, wo, active)
         return at.bsdf.eval(lobe, at.si, wo, active)
 
     def lobe_choice(self, points: Points, space: mi.UInt32, choice: mi.Float) -> mi.Float:
-        """Returns the random number that chooses a lobe or a wavelength.
+        """Returns the random number in [0, 1) by which a BSDF chooses a lobe or a wavelength.
 
-        Without dispersion this is ``choice``. With dispersion the number is changed so that the samples of a pixel
-        together divide the spectrum evenly.
+        Without dispersion, the result is ``choice``. With dispersion, the number ``choice`` is modified so that the
+        samples of a pixel together cover the spectrum evenly.
         """
         if not self.disperses or not mi.is_spectral or isinstance(points, SamplerPoints):
             return choice

@@ -1,7 +1,7 @@
 """Radiance along a camera ray.
 
-One of three methods computes the radiance: Whitted's tree (thesis, sections 4.1, 4.2), Kajiya's paths (section 4.2.3),
-or an integrator of Mitsuba.
+The radiance is computed by Whitted's ray tree (thesis, sections 4.1, 4.2), by Kajiya's paths (section 4.2.3), or by an
+integrator of Mitsuba.
 """
 
 from __future__ import annotations
@@ -38,21 +38,22 @@ class State:
 
 
 class Transport(Context):
-    """Estimates the radiance of camera rays in a scene; one object serves a whole render."""
+    """Estimates the radiance of camera rays in a scene; one object is used for all camera rays of a render."""
 
     def __call__(
         self, ray: mi.Ray3f, points: Points, active: mi.Bool
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Spectrum]]:
-        """Returns ``(L, hit, layers)`` for the camera ray ``ray``.
+        """Returns ``(L, hit, layers)`` for the camera ray ``ray``: the radiance, whether the ray meets a surface, and
+        the radiance of each image layer (:mod:`.radiance`).
 
-        ``L`` is the radiance, ``hit`` tells whether the ray met a surface, and ``layers`` has the radiance of each
-        image layer (:mod:`.radiance`). The function ``points(space, active)`` returns a ``mi.Point2f`` in [0, 1)² for
-        one space of the sampling pattern; ``points.choice(space)`` returns one number in [0, 1).
+        The function ``points(space, active)`` returns a ``mi.Point2f`` in [0, 1)²: the pair of random numbers with the
+        number ``space`` in the sampling pattern. The function ``points.choice(space)`` returns one random number in [0,
+        1).
         """
         walk: Any = tree if self.settings.follows_tree else path
 
         def step(state: State) -> State:
-            """Follows one ray: adds the light at its end to the radiance, and samples the next ray."""
+            """Follows one ray: adds the light at the end of the ray to the radiance, and samples the next ray."""
             L, vertex = shade(self, state.ray, ray, points, state.active)
             hit = state.hit | (state.ray.level == 0) & vertex.active
             next_ray, next_active, progress = walk.proceed(self, vertex, points, state.active, state.progress)
@@ -70,9 +71,9 @@ class Transport(Context):
 
 
 class InnerIntegrator:
-    """Estimates radiance in ``scene`` by a ``mi.SamplingIntegrator``; one object serves a whole render.
+    """Estimates the radiance of camera rays in ``scene`` by an integrator of Mitsuba, a ``mi.SamplingIntegrator``.
 
-    The class has the interface of :class:`Transport`.
+    The class has the same interface as :class:`Transport`. One object is used for all camera rays of a render.
     """
 
     #: The integrator computes its own photons and layers, if it has any.
@@ -87,7 +88,8 @@ class InnerIntegrator:
         """Returns ``(L, hit, aovs)`` for the camera ray ``ray``: the radiance, whether the integrator counts the ray as
         a hit, and the values of the integrator's AOVs.
 
-        The integrator draws random numbers from ``points``; the camera's spaces of the sampling pattern are skipped.
+        The integrator draws its random numbers from the sampling pattern ``points``, but not from those spaces (pairs
+        of random numbers) of the pattern that the camera uses.
         """
         sampler = points.sampler if isinstance(points, SamplerPoints) else sampler_of(points)
         ray = mi.RayDifferential3f(ray)
@@ -101,9 +103,10 @@ class InnerIntegrator:
 
 
 def sampler_of(points: NRook | Sobol) -> Any:
-    """Returns a ``mi.Sampler`` whose random numbers are those of ``points``.
+    """Returns a ``mi.Sampler`` that draws its random numbers from the sampling pattern ``points``.
 
-    Each number that is drawn belongs to the next space of the sampling pattern; the camera's spaces are skipped.
+    Each call of ``next_1d`` or ``next_2d`` uses the next space, a pair of random numbers, of the sampling pattern. The
+    first space is the one after the spaces that the camera uses.
     """
     sampler = create("owen")
     sampler.points, sampler.dimension = lambda: points, mi.UInt32(CAMERA_SPACES)

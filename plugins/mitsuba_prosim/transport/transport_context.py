@@ -1,4 +1,4 @@
-"""The context of ray trees and paths: the settings, and the properties of the scene that one render needs."""
+"""The context of ray trees and paths: the settings of the integrator, and properties of the scene that rays need."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ REFLECTED, REFRACTED, DIFFUSE, CHOICE, ROULETTE, NODE_SPACES = 0, 1, 2, 3, 4, 5
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of the light transport; the plugin page :ref:`integrator-prosim` explains each of them."""
+    """Settings of the light transport; the plugin page :ref:`integrator-prosim` explains each setting."""
 
     max_level: int
     shadows: bool
@@ -46,9 +46,9 @@ class Settings:
 
     @property
     def follows_tree(self) -> bool:
-        """Whether the integrator follows Whitted's ray tree, not paths.
+        """Whether the integrator follows Whitted's ray tree instead of paths.
 
-        The integrator follows the ray tree, which has no rays from diffuse lobes, if ``diffuse_bounces`` is 0.
+        If ``diffuse_bounces`` is 0, the integrator follows the ray tree, which has no rays from diffuse lobes.
         """
         return self.diffuse_bounces == 0
 
@@ -58,12 +58,13 @@ SETTINGS = tuple(field.name for field in fields(Settings))
 
 
 class Context:
-    """The data of one render that all its ray trees or paths share: the ``settings`` and properties of ``scene``.
+    """The data that all ray trees or paths of one render share: the ``settings`` and properties of ``scene``.
 
-    ``attached`` tells whether derivatives are wanted. If derivatives are wanted, ray directions are fixed or move with
-    a light source (:mod:`..light.reparameterisation`), and the weights of these directions are evaluated a second time.
-    ``camera_medium`` is the medium around the camera, or None. ``caustics`` (``photons.caustics.Caustics``) holds the
-    photons that find the light which reaches surfaces through specular surfaces; None if rays find this light.
+    ``attached`` tells whether derivatives are wanted. For derivatives, the direction of a ray from a smooth lobe is
+    constant, or moves with the light source that the ray meets (:mod:`..light.reparameterisation`). For derivatives,
+    the weight of a ray from a smooth lobe is evaluated a second time. ``camera_medium`` is the medium around the
+    camera, or None. ``caustics`` (``photons.caustics.Caustics``) holds the photons that find caustics: light that
+    reaches a surface through specular surfaces. ``caustics`` is None if the render uses no photons.
     """
 
     def __init__(
@@ -115,9 +116,9 @@ class Context:
         )
 
     def first(self, camera: mi.Ray3f) -> Ray:
-        """Returns the ray ``camera`` as the first :class:`.Ray` of a tree or path.
+        """Returns the camera ray ``camera`` as the first :class:`.Ray` of a ray tree or path.
 
-        The fields of the ray that this render does not need stay None.
+        Fields of the returned ray that the render does not need are None.
         """
         ray = Ray.first(camera, self.medium)
         ray.both_sides = mi.Bool(False) if self.both_sides else None
@@ -126,12 +127,16 @@ class Context:
         return ray
 
     def space(self, node: mi.UInt32, k: int | mi.UInt32) -> mi.UInt32:
-        """Returns the number of the ``k``-th space of the sampling pattern that belongs to ``node``."""
+        """Returns the number of the ``k``-th space of the sampling pattern for the node number ``node``; a space is a
+        pair of random numbers.
+        """
         return CAMERA_SPACES + node * (NODE_SPACES + self.lights.count) + k
 
 
 def direction_space(lobe: mi.BSDFContext) -> int:
-    """Returns which of a node's spaces of the sampling pattern samples the direction of the ray through ``lobe``."""
+    """Returns REFLECTED, REFRACTED or DIFFUSE: the space of the sampling pattern whose random numbers sample the
+    direction of a node's ray through ``lobe``.
+    """
     if lobe.type_mask & lobes.mask(*lobes.DIFFUSE):
         return DIFFUSE
     return REFLECTED if lobe.type_mask & lobes.mask(*lobes.REFLECTED) else REFRACTED

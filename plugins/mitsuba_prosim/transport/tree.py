@@ -1,5 +1,5 @@
-"""Whitted's ray tree with distributed rays: each surface continues a reflected and a refracted ray (thesis, sections
-4.1, 4.2).
+"""Whitted's ray tree with distributed rays: at each surface, a ray continues as a reflected and a refracted ray
+(thesis, sections 4.1, 4.2).
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from .transport_context import ROULETTE, Context
 
 @dataclass
 class Stack:
-    """A stack of refracted rays that are still to follow: at most one for each level of the ray tree.
+    """A stack of refracted rays that have not been followed yet: at most one for each level of the ray tree.
 
-    The rays are kept in registers: a local array would be slower, and is not reliable in Dr.Jit 1.5. ``count`` is the
-    number of rays on the stack.
+    The rays of the stack are separate variables in registers: a local array of Dr.Jit would be slower, and is not
+    reliable in Dr.Jit 1.5. ``count`` is the number of rays on the stack.
     """
 
     rays: list[Ray]
@@ -32,12 +32,13 @@ class Stack:
     def next(
         self, reflected: Ray, reflects: mi.Bool, refracted: Ray, refracts: mi.Bool, active: mi.Bool
     ) -> tuple[Ray, mi.Bool, Stack]:
-        """Returns ``(ray, active, stack)``: the next ray to follow, its active lanes, and the new stack.
+        """Returns ``(ray, active, stack)``: the next ray to follow, the lanes that have a next ray, and the new stack.
 
-        ``reflects`` and ``refracts`` have the lanes in which the two rays exist, ``active`` the lanes whose tree was
-        not finished before. If the surface has both a reflected and a refracted ray, the reflected ray is next, and the
-        refracted ray is pushed onto the stack. If the surface has only one of the two, this ray is next. Otherwise the
-        last ray of the stack is next.
+        The masks ``reflects`` and ``refracts`` tell in which lanes the rays ``reflected`` and ``refracted`` exist. The
+        mask ``active`` tells which lanes had not finished their ray tree before this surface. If the surface has both a
+        reflected and a refracted ray, the reflected ray is next, and the refracted ray is pushed onto the stack. If the
+        surface has only a reflected or only a refracted ray, that ray is next. If the surface has neither a reflected
+        nor a refracted ray, the last ray of the stack is next.
         """
         next_ray, continues = dr.select(reflects, reflected, refracted), reflects | refracts
         both = reflects & refracts
@@ -51,7 +52,9 @@ class Stack:
 
 
 def start(context: Context, ray: Ray) -> Stack:
-    """Returns the empty stack of a ray tree. Any ``ray`` can fill the unused slots."""
+    """Returns the empty stack at the start of a ray tree. ``ray`` only fills the unused slots of the stack: any ray
+    would do.
+    """
     rays = [ray] * (context.settings.max_level + 1) if context.reflects and context.refracts else []
     return Stack(rays, dr.opaque(mi.UInt32, 0))  # opaque, as in Ray.first
 
@@ -61,15 +64,17 @@ def proceed(
 ) -> tuple[Ray, mi.Bool, Stack]:
     """Samples the reflected and the refracted ray at ``vertex``, and returns ``(ray, active, stack)``.
 
-    ``ray`` is the next ray to follow: one of these two rays, or a ray from the stack. The returned ``active`` has the
-    lanes that have such a ray, and the argument ``active`` has the lanes whose ray tree was not finished before.
+    ``ray`` is the next ray to follow: the reflected ray, the refracted ray, or a ray from the stack. The returned
+    ``active`` tells which lanes have a next ray. The argument ``active`` tells which lanes had not finished their ray
+    tree before ``vertex``.
     """
 
     def branch(follows: bool, names: Sequence[str]) -> tuple[Ray, mi.Bool]:
-        """Returns the ray that leaves the vertex through the lobes ``names``, and the lanes in which it survives
-        Russian roulette.
+        """Returns the ray that leaves the vertex through the lobes ``names``, and the lanes in which this ray exists
+        and survives Russian roulette.
 
-        Only rays whose throughput is below ``rr_throughput`` play. No lane has a ray if ``follows`` is false.
+        Only rays whose throughput is below ``rr_throughput`` take part in Russian roulette. If ``follows`` is false, no
+        ray is sampled, and the returned mask is false.
         """
         if not follows:
             return vertex.ray, mi.Bool(False)

@@ -22,11 +22,11 @@ from .workarounds import first_hit, past_emitters
 
 
 def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: mi.Bool) -> tuple[Radiance, Vertex]:
-    """Returns ``(L, vertex)``: the radiance that the end of ``ray`` adds to its camera ray, and the :class:`.Vertex`
-    there.
+    """Returns ``(L, vertex)``: the radiance that the end point of ``ray`` adds to the camera ray, and the
+    :class:`.Vertex` at this end point.
 
-    The radiance ``L`` is the sum of emission, background, ambient light, direct light and caustics. ``camera`` is the
-    camera ray, whose time and wavelengths all rays of the tree or path share.
+    The radiance ``L`` is the sum of emission, background, ambient light, direct light and caustics, times the
+    throughput of ``ray``. ``camera`` is the camera ray, whose time and wavelengths all rays of the tree or path share.
     """
     settings, lights = context.settings, context.lights
     ray3, si = intersect(context, ray, camera, active)
@@ -60,8 +60,8 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
 def vertex_at(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Vertex:
     """Returns the :class:`.Vertex` at the surface interaction ``si``, where ``ray`` ends.
 
-    ``active`` has the lanes in which the ray met a surface. If light sampling chooses one lamp, the total importance of
-    all lamps at the vertex is computed here.
+    ``active`` tells in which lanes the ray met a surface. If light sampling chooses one of the lamps, the function also
+    computes the sum of the importances of all lamps at the vertex (:meth:`.LightSampler.total`).
     """
     bsdf = si.bsdf()
     flags = bsdf.flags()
@@ -77,10 +77,11 @@ def vertex_at(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: m
 def intersect(
     context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool
 ) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
-    """Converts ``ray`` to a ``mi.Ray3f``, intersects the scene, and returns the ray and the surface interaction.
+    """Converts ``ray`` to a ``mi.Ray3f``, intersects the scene, and returns the converted ray and the surface
+    interaction.
 
-    ``camera`` is the camera ray, which gives the time and the wavelengths. At level 0, the ray ends at the camera's
-    far_clip.
+    The converted ray gets the time and the wavelengths of the camera ray ``camera``. At level 0, the converted ray ends
+    at the far clipping plane of the camera.
     """
     ray3 = mi.Ray3f(ray.o, ray.d, camera.time, camera.wavelengths)
     ray3.maxt = dr.select(ray.level == 0, camera.maxt, ray3.maxt)  # up to the camera's far_clip
@@ -89,7 +90,9 @@ def intersect(
 
 
 def attenuated_at(ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Ray:
-    """Returns ``ray`` with the throughput reduced by the absorption of the medium up to ``si`` (Beer's law)."""
+    """Returns ``ray`` with its throughput reduced by the absorption in the medium between the ray's origin and ``si``
+    (Beer's law).
+    """
     met = active & si.is_valid()
     medium = medium_before(si, ray.medium, ray.d, met & (ray.level == 0))
     t = ray.offset + dr.dot(si.p - ray.o, ray.d)  # si.t would begin at the last hidden light source
@@ -98,10 +101,12 @@ def attenuated_at(ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active:
 
 
 def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Bool) -> tuple[mi.Spectrum, Layer]:
-    """Returns ``(radiance, layer)`` of the light source that ``ray`` meets at ``si``; 0 where it meets none.
+    """Returns ``(radiance, layer)``: the radiance of the light source that ``ray`` meets at ``si``, or 0, and the
+    number of the image layer for this radiance.
 
-    The radiance is multiplied by its MIS weight against light sampling at the ray's origin and, perhaps, against
-    photons. The radiance is 0 where the emission does not count (:attr:`.Ray.light_found`, ``hide_emitters``).
+    The radiance is multiplied by the MIS weight of the ray against light sampling at the ray's origin and, if the
+    render uses photons, against photons. The radiance is 0 where light sampling or photons have already found the light
+    (:attr:`.Ray.light_found`), and where ``hide_emitters`` hides the light source from the camera.
     """
     lights = context.lights
     emitter = si.emitter(context.scene)
@@ -139,8 +144,9 @@ def background_radiance(
 ) -> mi.UnpolarizedSpectrum:
     """Returns the radiance of the texture ``background`` in the direction of ``ray``, which meets no surface.
 
-    ``si`` is the invalid interaction of the ray. The texture is looked up by latitude and longitude as in Mitsuba's
-    ``envmap``: the y axis points up, u = 0 lies towards -z, and u = 0.5 lies towards +z.
+    ``si`` is the surface interaction of ``ray``, which is invalid because ``ray`` meets no surface. The texture is
+    looked up by latitude and longitude as in Mitsuba's ``envmap``: the y axis points up, the texture coordinate u is 0
+    in the direction -z, and 0.5 in the direction +z.
     """
     si = mi.SurfaceInteraction3f(si)  # the caller still needs its own uv
     u = dr.atan2(ray.d.x, -ray.d.z) * dr.inv_two_pi

@@ -1,30 +1,33 @@
-"""Workarounds for plugins of Mitsuba 3.9 whose sampling or evaluation ignores the type mask of the ``BSDFContext``.
+"""Workarounds for errors of Mitsuba 3.9, mostly of BSDFs that ignore the type mask of the ``BSDFContext``.
 
 ``mask``
     samples only its null lobe if the type mask lacks the null lobe. Therefore, for BSDFs with a ``mask``,
-    :func:`sample` requests the null lobe in addition to other lobes. Delete the workaround for ``mask`` when
+    :func:`sample` requests the null lobe in addition to other lobes. Delete the workaround for ``mask`` when Mitsuba's
     ``mask.sample`` follows the type mask.
 ``blendbsdf``
-    adds the density of smooth lobes to the probability of an ideal lobe, which loses or adds light. Therefore, for a
-    ``blendbsdf``, :func:`sample` requests either the ideal or the smooth lobes, each with probability 1/2. If one of
-    the two blended BSDFs has no separable lobes, its density and value are added nevertheless, and are subtracted
-    again. One case stays wrong: the null lobe of a ``mask`` in a blend with such a BSDF that transmits light.
-    ``blendbsdf`` also omits the derivative of ideal lobes by the blending weight: :func:`blend_share` adds this
-    derivative. Delete the workarounds for ``blendbsdf`` when ``blendbsdf`` separates probabilities from densities.
+    adds the density of smooth lobes to the probability of an ideal lobe, so that the image loses or gains light.
+    Therefore, for a ``blendbsdf``, :func:`sample` requests either the ideal or the smooth lobes, each with probability
+    1/2. If one of the two blended BSDFs has no separable lobes, ``blendbsdf`` still adds the density and the value of
+    this BSDF to a sample of an ideal lobe, and :func:`sample` subtracts both. One case remains wrong: the null lobe of
+    a ``mask`` that is blended with a BSDF which transmits light and has no separable lobes. ``blendbsdf`` also omits
+    the derivative of ideal lobes with respect to the blending weight: :func:`blend_share` adds this derivative. Delete
+    the workarounds for ``blendbsdf`` when Mitsuba's ``blendbsdf`` separates the probabilities of ideal lobes from the
+    densities of smooth lobes.
 ``principled``, ``principledthin``, ``hair``
-    evaluate and sample all lobes together, whatever the type mask is. Light sampling evaluates all lobes of such a BSDF
-    together, and :func:`belongs_to` assigns samples of such a BSDF to lobes. Where the lobes need no separate rays,
-    :meth:`.Scattering.sample` drops the samples of other lobes. Delete :func:`belongs_to` when ``principled``,
-    ``principledthin`` and ``hair`` follow the type mask.
+    evaluate and sample all lobes together, whatever the type mask is. Therefore light sampling evaluates all lobes of a
+    BSDF such as ``principled`` together, and :func:`belongs_to` assigns each sample of the BSDF to one lobe. If a
+    :class:`.Scattering` is made with ``separate=False``, its method ``sample`` rejects samples of lobes that were not
+    requested. Delete :func:`belongs_to` when ``principled``, ``principledthin`` and ``hair`` follow the type mask.
 ``Scene.ray_intersect(skip_area_emitters)``
-    measures distances from the last skipped emitter, and ignores ``maxt``. Delete :func:`past_emitters` when Mitsuba
-    corrects these two errors.
+    measures distances from the last skipped emitter, and ignores ``maxt``. Delete :func:`past_emitters` when
+    ``skip_area_emitters`` measures distances from the origin of the ray and obeys ``maxt``.
 ``Scene.ray_intersect(coherent=True)``
-    is quick, but chooses one of two triangles at a common edge by the rays that are traced at the same time, so the
-    image would depend on the crop window. Delete :func:`first_hit` when Embree chooses by the ray alone.
+    is fast. With ``coherent=True``, the choice between two triangles at a common edge depends on the other rays that
+    are traced at the same time, so the image would depend on the crop window. Delete :func:`first_hit` when Embree's
+    choice between two triangles at an edge depends on the ray alone.
 ``area`` with a ``bitmap`` that has a ``to_uv``
-    samples points as if there were no ``to_uv``. Delete :func:`warn_of_lost_light` when ``bitmap`` samples its own
-    points.
+    samples points as if there were no ``to_uv``. Delete :func:`warn_of_lost_light` when the ``bitmap`` of Mitsuba obeys
+    ``to_uv`` in sampling too.
 """
 
 from __future__ import annotations
@@ -45,7 +48,7 @@ EDGE = 1e-3
 
 
 def warn_of_lost_light(scene: mi.Scene) -> None:
-    """Warns of emitters ``area`` whose own samples miss a part of their light."""
+    """Warns of ``area`` emitters whose bitmap has a ``to_uv``: samples of such emitters miss a part of the light."""
     lost = [
         e.get_shape().id()
         for e in scene.emitters()
@@ -60,14 +63,14 @@ def warn_of_lost_light(scene: mi.Scene) -> None:
 
 
 def _within(bsdf: mi.BSDF, name: str) -> Iterator[mi.BSDF]:
-    """Returns those of ``bsdf`` and the BSDFs within it whose class name is ``name``."""
+    """Returns the BSDFs whose class name is ``name``, among ``bsdf`` and the BSDFs nested in ``bsdf``."""
     return (one for one in all_within(bsdf) if one.class_name() == name)
 
 
 def _mixes_ideal_and_smooth(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
     """Tells whether ``bsdf`` is or contains a ``blendbsdf`` that mixes ideal with smooth lobes.
 
-    Only the lobes of the BSDF context ``lobe`` count.
+    The function considers only the lobes that the BSDF context ``lobe`` selects.
     """
     flags = (int(one.flags()) & lobe.type_mask for one in _within(bsdf, BLEND))
     return any(lobes.has_any(each, *lobes.IDEAL) and lobes.has_any(each, *lobes.SMOOTH) for each in flags)
@@ -79,7 +82,7 @@ def sample(
     """Returns ``(bs, weight)``: a sample of ``lobe`` of ``bsdf``, in the form of ``mi.BSDF.sample``.
 
     The function applies the workarounds of this module for ``mask`` and ``blendbsdf``, if ``bsdf`` contains one. ``u``
-    are the random numbers of the sample. ``bs.pdf`` is 0 if the sample belongs to another lobe.
+    are the random numbers that draw the sample. ``bs.pdf`` is 0 if the BSDF sampled a lobe that was not requested.
     """
     lobe = requested_lobes(lobe, bsdf)
     has_mask, mixes, (choice, point) = any(_within(bsdf, MASK)), _mixes_ideal_and_smooth(lobe, bsdf), u
@@ -87,7 +90,9 @@ def sample(
     mixed = lobes.IDEAL[:2] if has_mask else lobes.IDEAL
 
     def sample_lobes(requested: mi.BSDFContext, choice: mi.Float) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        """Returns a sample of ``bsdf`` by the number ``choice``; ``bs.pdf`` is 0 if the lobe is not ``requested``."""
+        """Returns a sample ``(bs, weight)`` of ``bsdf``, drawn with the random number ``choice``; ``bs.pdf`` is 0 if
+        the sampled lobe is not one of the ``requested`` lobes.
+        """
         context = lobes.with_null_lobes(requested) if has_mask else requested
         bs, weight = bsdf.sample(context, si, choice, point, active)
         if mixes and is_inseparable(bsdf):
@@ -114,11 +119,11 @@ def sample(
 def eval_pdf(
     lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
 ) -> tuple[mi.Spectrum, mi.Float]:
-    """Returns the value of ``lobe`` of ``bsdf`` times the cosine of ``wo``, and the density with which :func:`sample`
-    samples ``wo``.
+    """Returns the value of ``lobe`` of ``bsdf`` times the cosine for the direction ``wo``, and the density with which
+    :func:`sample` samples ``wo``.
 
-    Where :func:`sample` requests only the smooth lobes, with probability 1/2, the density is half the density of the
-    smooth lobes.
+    If ``bsdf`` has a ``blendbsdf`` that mixes ideal with smooth lobes, the returned density is half the density of the
+    smooth lobes, because :func:`sample` requests the smooth lobes with probability 1/2.
     """
     lobe = requested_lobes(lobe, bsdf)
     splits_choice = _mixes_ideal_and_smooth(lobe, bsdf)
@@ -128,14 +133,15 @@ def eval_pdf(
 
 
 def requested_lobes(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> mi.BSDFContext:
-    """Returns ``lobe``, or all lobes if ``bsdf`` cannot evaluate its lobes separately."""
+    """Returns the BSDF context ``lobe``, or that of all lobes if ``bsdf`` can only evaluate all its lobes together."""
     return mi.BSDFContext(lobe.mode) if is_inseparable(bsdf) else lobe
 
 
 def is_inseparable(bsdf: mi.BSDF) -> bool:
-    """Tells whether ``bsdf`` or a BSDF within it cannot evaluate its lobes separately.
+    """Tells whether ``bsdf``, or a BSDF nested in ``bsdf``, can only evaluate all its lobes together.
 
-    BSDFs that cannot are known classes of Mitsuba, and BSDFs with several lobes in one component.
+    BSDFs that can only evaluate all their lobes together are the classes :data:`.EVALUATED_TOGETHER` of Mitsuba, and
+    BSDFs with several kinds of lobes (reflected, refracted, diffuse) in one component.
     """
     return any(
         one.class_name() in EVALUATED_TOGETHER or any(_lobes_of(one.flags(i)) > 1 for i in range(one.component_count()))
@@ -144,15 +150,15 @@ def is_inseparable(bsdf: mi.BSDF) -> bool:
 
 
 def _lobes_of(flags: int) -> int:
-    """Returns how many of the three lobes (reflected, refracted, diffuse) the BSDF ``flags`` contain."""
+    """Returns how many of the three kinds of lobes (reflected, refracted, diffuse) the BSDF ``flags`` contain."""
     return sum(bool(lobes.has_any(int(flags), *names)) for names in (lobes.REFLECTED, lobes.REFRACTED, lobes.DIFFUSE))
 
 
 def belongs_to(lobe: mi.BSDFContext, wi: mi.Vector3f, bs: mi.BSDFSample3f) -> mi.Bool:
     """Tells whether ``bs``, a sample of a BSDF without separable lobes, belongs to ``lobe``.
 
-    Each sample belongs to exactly one of the lobes that have a ray of their own. A specular sample belongs to the
-    reflected lobe or to the refracted lobe, depending on the side of the surface.
+    Each sample belongs to exactly one of three lobes: reflected, refracted or diffuse. A specular sample belongs to the
+    refracted lobe if its direction passes through the surface, else to the reflected lobe.
     """
     specular = lobes.has_any(bs.sampled_type, *lobes.SPECULAR)
     diffuse = but_not(lobes.has_any(bs.sampled_type, *lobes.DIFFUSE), specular)
@@ -162,9 +168,10 @@ def belongs_to(lobe: mi.BSDFContext, wi: mi.Vector3f, bs: mi.BSDFSample3f) -> mi
 
 
 def blend_share(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, active: mi.Bool) -> mi.Float:
-    """Returns the weight that the blends within ``bsdf`` give to the BSDF that the number ``choice`` selects.
+    """Returns the blending weight of the BSDF within ``bsdf`` that the random number ``choice`` selects: the product of
+    the weights of all ``blendbsdf`` around it.
 
-    The function :func:`sample` uses only the derivatives of this weight.
+    The function :func:`sample` uses only the derivatives of this blending weight.
     """
     blend, interval_begin = mi.Float(1), mi.Float(0)
     for leaf in leaves(bsdf, si, active):
@@ -175,10 +182,11 @@ def blend_share(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, ac
 
 
 def first_hit(scene: mi.Scene, ray: mi.Ray3f, coherent: mi.Bool, active: mi.Bool) -> mi.PreliminaryIntersection3f:
-    """Returns the first intersection of ``ray``. The intersection does not depend on the other rays.
+    """Returns the first intersection of ``ray`` with ``scene``. The intersection does not depend on other rays that are
+    traced at the same time.
 
-    ``coherent`` tells which rays are similar to the rays in the neighbouring lanes; these rays are traced faster. Such
-    a ray that hits a triangle near its edge is traced again without ``coherent``.
+    ``coherent`` tells which rays are similar to the rays in the neighbouring lanes; these rays are traced faster. A
+    coherent ray that hits a triangle near an edge of the triangle is traced again as a ray that is not coherent.
     """
     hit = scene.ray_intersect_preliminary(ray, coherent, active=active)
     u, v = hit.prim_uv
@@ -187,7 +195,7 @@ def first_hit(scene: mi.Scene, ray: mi.Ray3f, coherent: mi.Bool, active: mi.Bool
     near_edge = active & coherent & hit.is_valid() & (distance < EDGE) & ((u != 0) | (v != 0))
 
     def again(_: mi.PreliminaryIntersection3f, near_edge: mi.Bool) -> mi.PreliminaryIntersection3f:
-        """Returns the intersection without ``coherent``."""
+        """Returns the intersection of the rays, traced as rays that are not coherent."""
         return scene.ray_intersect_preliminary(ray, False, active=near_edge)
 
     return dr.if_stmt((hit, near_edge), near_edge, again, lambda hit, _: hit)
@@ -208,13 +216,13 @@ def past_emitters(
         return met if idle(met) else met & si.shape.is_emitter()
 
     def beyond(o: mi.Point3f) -> mi.Ray3f:
-        """Returns the rest of the camera ray, which begins at the point ``o``."""
+        """Returns the part of the camera ray that begins at the point ``o``."""
         rest = mi.Ray3f(ray)
         rest.o, rest.maxt = o, ray.maxt - dr.dot(o - ray.o, ray.d)
         return rest
 
     def step(o: mi.Point3f, blocked: mi.Bool) -> tuple[mi.Point3f, mi.Bool]:
-        """Moves the origin ``o`` behind the next surface if this surface is a light source."""
+        """Moves the point ``o`` on the camera ray behind the next surface if this surface is a light source."""
         front = scene.ray_intersect(beyond(o), int(mi.RayFlags.Minimal), False, blocked)
         blocked = on_emitter(front, blocked)
         return dr.select(blocked, front.spawn_ray(ray.d).o, o), blocked

@@ -32,15 +32,17 @@ AROUND = (TWO_SIDED, MASK, BLEND)
 
 
 class Caustics:
-    """Photons of the light ``sources`` in ``scene`` for the image of ``sensor``: ``count`` photons in each photon pass.
+    """The photons that the light ``sources`` in ``scene`` emit for the image of ``sensor``, about ``count`` photons in
+    each photon pass.
 
-    A photon pass has several photon maps (:meth:`maps`). Each sample of a pixel gathers photons from one map: the
-    ``t``-th sample uses the map ``t % maps`` of the pass ``t // maps``. Select this pass by :meth:`use_pass` before.
-    ``deepest`` is the maximum number of specular surfaces that a photon passes. ``tree`` tells whether the rays of the
-    camera form a tree (:class:`.PhotonTracer`).
+    A photon pass has several photon maps (:meth:`maps`). Each sample of a pixel gathers photons from one photon map:
+    the ``t``-th sample uses the map ``t % maps`` of the pass ``t // maps``. Call :meth:`use_pass` to select a photon
+    pass before samples gather its photons. ``deepest`` is the maximum number of specular surfaces that scatter a
+    photon. ``tree`` tells whether the integrator follows a ray tree instead of paths (:class:`.PhotonTracer`).
 
-    In spectral variants, the photons of a map have the same wavelengths as the samples that gather them: ``key`` is the
-    hash key of the wavelengths of all pixels and photons, and ``n`` samples of a pixel divide the spectrum.
+    In spectral variants, the photons of a photon map have the same wavelengths as the samples that gather these
+    photons. The attribute ``key`` is the hash key that determines the wavelengths of all pixels and photons. Every
+    ``n`` samples of a pixel together cover the spectrum.
     """
 
     def __init__(
@@ -65,8 +67,8 @@ class Caustics:
         """Returns the :class:`Caustics` of ``scene``, or None if no surface is specular or no light source can emit
         photons.
 
-        Photons pass through at most ``deepest`` specular surfaces. ``tree`` tells whether the rays of the camera form a
-        tree (:class:`.PhotonTracer`).
+        At most ``deepest`` specular surfaces reflect or refract a photon. ``tree`` tells whether the integrator follows
+        a ray tree instead of paths (:class:`.PhotonTracer`).
         """
         targets = Targets.of(scene, tree)
         sources = None if targets is None else Sources(scene, targets)
@@ -78,16 +80,18 @@ class Caustics:
 
     @staticmethod
     def maps(n: int) -> int:
-        """Returns the number of photon maps of a photon pass: ``n``², one for each sample of a sampling pattern, but at
-        most :data:`MAPS`.
+        """Returns the number of photon maps in a photon pass, which is ``n``² but at most :data:`MAPS`.
+
+        A sampling pattern has ``n``² samples; each sample has its own photon map if ``n``² is at most :data:`MAPS`.
         """
         return min(n * n, MAPS)
 
     def use_pass(self, seed: int, number: int, n: int) -> None:
-        """Selects the photon pass ``number`` under ``seed``, from which samples then gather photons.
+        """Selects the photon pass number ``number`` of the random ``seed``; samples then gather photons from this pass.
 
-        The photons of the pass are emitted and traced, unless the cache holds them. If the cache is full, the oldest
-        pass is deleted. A sampling pattern has ``n``² samples, and ``n`` samples of a pixel divide the spectrum.
+        The photons of the pass are emitted and traced, unless the cache already holds these photons. If the cache is
+        full, the oldest photon pass in the cache is deleted. A sampling pattern has ``n``² samples, and every ``n``
+        samples of a pixel together cover the spectrum.
         """
         which = seed, number, n
         self.sources.per_pair = dr.opaque(mi.Float, self.per_pair(n))
@@ -101,9 +105,9 @@ class Caustics:
     def add_to(self, L: mi.Spectrum, vertex: Vertex, t: mi.UInt32) -> mi.Spectrum:
         """Returns the radiance ``L`` plus the radiance that ``vertex`` scatters from photons.
 
-        The photons are those of the photon map of the ``t``-th sample of a pixel. Diffuse lobes gather the photons that
-        landed on diffuse surfaces. Glossy lobes gather the photons that landed on glossy surfaces, with MIS weights,
-        but not where :attr:`.Ray.light_found` is true.
+        The photons come from the photon map that the ``t``-th sample of each pixel uses. Diffuse lobes gather the
+        photons that landed on diffuse surfaces. Glossy lobes gather the photons that landed on glossy surfaces, with
+        MIS weights, except where an earlier vertex has already found this light (:attr:`.Ray.light_found`).
         """
         assert self._current is not None, "no photons have been emitted"
         diffuse, glossy = self._current
@@ -112,17 +116,18 @@ class Caustics:
         return L if self.mis is None or glossy is None else L + self.mis.radiance(glossy, number, vertex)
 
     def per_pair(self, n: int) -> int:
-        """Returns the number of photons of each pair of a light source and a target in one photon map.
+        """Returns the number of photons that each pair of a light source and a target emits for one photon map.
 
         A sampling pattern has ``n``² samples.
         """
         return max(self.count // (self.maps(n) * self.sources.pairs), 1)
 
     def _emit(self, seed: int, number: int, n: int) -> tuple[Photons, Photons | None]:
-        """Emits and traces the photons of the pass ``number`` under ``seed``, and sorts them into photon maps.
+        """Emits and traces the photons of the photon pass number ``number`` of the random ``seed``, and sorts the
+        photons into photon maps.
 
-        A sampling pattern has ``n``² samples. Returns the photons that land on diffuse surfaces and, if glossy surfaces
-        gather photons, those that land on glossy surfaces (or else None).
+        A sampling pattern has ``n``² samples. Returns a pair: the photons that land on diffuse surfaces, and the
+        photons that land on glossy surfaces, or None if glossy surfaces gather no photons.
         """
         maps, per_pair = self.maps(n), dr.opaque(mi.UInt32, self.per_pair(n))
         # Photon i belongs to one map and to one pair of a light source and a target.
@@ -143,8 +148,8 @@ class Caustics:
     def _wavelengths(self, seed: int, t: mi.UInt32, n: int) -> mi.Color0f:
         """Returns the wavelengths in nm that the sensor samples for the ``t``-th sample of every pixel.
 
-        Each group of ``n`` samples of a pixel covers the spectrum evenly (:func:`.wavelength_number`). The result is
-        empty except in spectral variants.
+        Each group of ``n`` samples of a pixel covers the spectrum evenly (:func:`.wavelength_number`). The returned
+        array is empty except in spectral variants.
         """
         key, middle = dr.opaque(mi.UInt32, hash32(seed)), mi.Point2f(0.5)
         sample = wavelengths.wavelength_number(key, t, dr.opaque(mi.UInt32, n))
@@ -160,15 +165,20 @@ class Gathering:
         self.lambertian = not self.scattering.any_inseparable and all(map(is_lambertian, all_bsdfs(scene)))
 
     def __call__(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
-        """Returns the radiance that the diffuse lobes at ``vertex`` reflect from the photon map ``number``.
+        """Returns the radiance that the diffuse lobes at ``vertex`` reflect from the photons of the photon map number
+        ``number``.
 
-        If the lobes of a BSDF are inseparable, all lobes of this BSDF reflect the photons.
+        If a BSDF can only evaluate all its lobes together, all lobes of this BSDF reflect light from the photons.
         """
         si, bsdf, inseparable = vertex.si, vertex.bsdf, vertex.inseparable
         active = vertex.active & (lobes.has_any(bsdf.flags(), *lobes.DIFFUSE) | inseparable)
 
         def value(i: mi.UInt32, d: mi.Vector3f, in_reach: mi.Bool) -> mi.Spectrum:
-            """Returns the BSDF of the diffuse lobes for a photon from ``d``; for Lambert's BSDF only 1 or 0."""
+            """Returns the BSDF value of the diffuse lobes for a photon from the direction ``d``.
+
+            If all diffuse lobes of the scene are Lambertian, the returned value is 1 for a photon from the viewer's
+            side, else 0, because the sum over all photons is later multiplied by the constant BSDF.
+            """
             if self.lambertian:
                 return dr.select(dr.dot(si.sh_frame.n, d) * si.wi.z > 0, mi.Float(1), 0)
             wo = si.to_local(d)

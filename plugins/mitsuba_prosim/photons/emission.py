@@ -1,10 +1,10 @@
 """Photon emission: photons start at the light sources and are aimed at specular surfaces (Jensen 1996).
 
-A photon belongs to a pair of a light source and a target: the photon starts at a point of the source and flies to a
-point of the target. If one target is behind another target, several pairs can emit photons along the same ray. The flux
-of a photon is the radiance divided by the total density of all pairs that can emit photons along its ray (the balance
-heuristic of Veach 1997). With this heuristic, no light is counted twice, and the pair with the highest density bounds
-the flux of a photon.
+A photon belongs to a pair of a light source and a target, a sphere around specular surfaces: the photon starts at a
+point of the light source and flies towards a point of the target. If one target is behind another target, several pairs
+can emit photons along the same ray. The flux of a photon is the emitted radiance divided by the total density of all
+pairs that can emit photons along its ray (the balance heuristic of Veach 1997). With the balance heuristic, no light is
+counted twice, and the flux of a photon is at most the radiance divided by the highest density of a single pair.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ MAX_DENSITY = 1e20
 
 @dataclass
 class Start:
-    """Photons at the start of their flight, on the light sources."""
+    """Photons at the start of their flight: the ray, flux and density of each emitted photon."""
 
     ray: mi.Ray3f
     #: Power of each photon; 0 in lanes without a photon.
@@ -45,7 +45,9 @@ class Start:
 
 @dataclass(frozen=True)
 class EmissionSample:
-    """The targets, random numbers and wavelengths of photons to emit; each array has one entry per photon."""
+    """The targets, random numbers and wavelengths of photons that are to be emitted; each array has one entry per
+    photon.
+    """
 
     #: Number of the target at which the photon is aimed.
     target: mi.UInt32
@@ -63,7 +65,7 @@ class EmissionSample:
 
 
 def photon_emitters(emitters: Sequence[mi.Emitter]) -> list[mi.Emitter]:
-    """Returns the ``emitters`` that can emit photons, and warns of the others."""
+    """Returns those ``emitters`` whose photons can be aimed at targets, and logs a warning for all other emitters."""
     others = [emitter for emitter in emitters if not can_be_aimed(emitter)]
     if others:
         mi.Log(
@@ -76,9 +78,10 @@ def photon_emitters(emitters: Sequence[mi.Emitter]) -> list[mi.Emitter]:
 
 
 def can_be_aimed(emitter: mi.Emitter) -> bool:
-    """Tells whether photons of ``emitter`` can be aimed at a target: from a point, a surface, or far away.
+    """Tells whether photons of ``emitter`` can be aimed at a target.
 
-    A ``directionalarea`` (Surface and DeltaDirection) emits only along its normals, so it cannot be aimed.
+    Photons can be aimed if the emitter is a point, a surface or infinitely far away. Photons of a ``directionalarea``,
+    which has the flags Surface and DeltaDirection, cannot be aimed, because this emitter emits only along its normals.
     """
     flags, names = emitter.flags(), mi.EmitterFlags
     emits_from_points = mi.has_flag(flags, names.Surface) and not mi.has_flag(flags, names.DeltaDirection)
@@ -138,7 +141,7 @@ class Sources:
     def _surface(self, emitter: mi.EmitterPtr, sample: EmissionSample, active: mi.Bool) -> Start:
         """Emits photons from points on emitting surfaces towards the targets.
 
-        The flux is 0 if the direction points to the back of the emitting surface, or if the ray hits nothing in the
+        The flux of a photon is 0 if its direction points behind the emitting surface, or if its ray hits nothing in the
         scene.
         """
         center, radius = self.targets.at(sample.target)
@@ -159,8 +162,8 @@ class Sources:
     def _far(self, emitter: mi.EmitterPtr, sample: EmissionSample, active: mi.Bool) -> Start:
         """Emits photons from distant light sources, such as the sky or the sun, towards the targets.
 
-        The photons start outside the scene, on lines through random points of the disk that a target shows to the
-        source.
+        The photons start outside the scene, on lines through random points of a disk: the outline of the target, seen
+        from the light source.
         """
         center, radius = self.targets.at(sample.target)
         ds, weight = emitter.sample_direction(sample.receiver(center), sample.on_source, active)
@@ -174,9 +177,10 @@ class Sources:
         return Start(mi.Ray3f(x - d * back, d), flux, density)
 
     def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
-        """Returns the density of photons (:attr:`Start.density`) on the light ray that arrives at ``it`` along ``ds``.
+        """Returns the density of photons (:attr:`Start.density`) along the ray from a light source to the point ``it``;
+        ``ds`` is the direction sample from ``it`` to the light source.
 
-        The density is 0 for point lights, for light of a single direction, and where no photon can start on the light
+        The density is 0 for point lights, for light of a single direction, and where no photon can start along this
         ray.
         """
         d, flags, result = -ds.d, ds.emitter.flags(), mi.Float(0)
@@ -202,7 +206,8 @@ class Sources:
     def _first_hit(
         self, sample: EmissionSample, ray: mi.Ray3f, active: mi.Bool
     ) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
-        """Returns the surface point that ``ray`` meets, as a receiver of light, and whether the ray meets a surface.
+        """Returns the first surface point that ``ray`` meets, as a receiver of light, and whether ``ray`` meets a
+        surface.
 
         The flux of a photon may depend on the distance to the first surface: an unattenuated light source lights
         surfaces at any distance equally.
@@ -214,11 +219,11 @@ class Sources:
 
 
 def start_points(key: mi.UInt32, i: mi.UInt32) -> tuple[mi.Point2f, mi.Point2f]:
-    """Returns the points ``on_source`` and ``on_target`` of :class:`EmissionSample`, for photon ``i`` of ``key``.
+    """Returns the random points ``on_source`` and ``on_target`` of :class:`EmissionSample` for photon number ``i``.
 
-    The two points belong to two independent Owen-scrambled Sobol' sequences; ``key`` is their hash key. Let a + b = k,
-    and let i0 be a multiple of 2^k. Then, in each sequence, the photons i0 to i0 + 2^k - 1 have one point in each cell
-    of a 2^a × 2^b grid.
+    The two points belong to two independent Owen-scrambled Sobol' sequences; ``key`` is the hash key of the sequences.
+    In each sequence, 2^k successive photons, beginning at a multiple of 2^k, have one point in each cell of any 2^a ×
+    2^b grid with a + b = k.
     """
     i = sobol.reverse(i)  # :func:`.sobol.point` takes the index with its bits in reverse order
     return sobol.point(combine(key, 0), i), sobol.point(combine(key, 1), i)

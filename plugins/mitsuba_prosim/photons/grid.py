@@ -1,4 +1,4 @@
-"""Photon maps: grids whose cells sort photons by place, and the search for the photons near a point."""
+"""Photon maps: grids whose cells sort photons by position, and the search for the photons near a point."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ ValueOf = Callable[[Any, Any, Any], Any]
 
 @dataclass(frozen=True)
 class Footprint:
-    """The width of a pixel in the scene, in scene units: ``size + spread * |p - eye|`` at the point p."""
+    """The footprint of a pixel at a point p of the scene: its width is ``size + spread * |p - eye|`` in scene units."""
 
     eye: mi.Point3f
     size: mi.Float
@@ -66,7 +66,7 @@ class Footprint:
 
     @classmethod
     def of(cls, scene: mi.Scene, sensor: mi.Sensor) -> Footprint:
-        """Returns the width of a pixel in the scene, for the pixel at the centre of the film.
+        """Returns the :class:`Footprint` of the pixel at the centre of the film of ``sensor``.
 
         The crop window of ``sensor`` is ignored.
         """
@@ -91,16 +91,17 @@ class Footprint:
         return self.size + self.spread * dr.norm(p - self.eye)
 
     def area(self, p: mi.Point3f) -> mi.Float:
-        """Returns the effective area of the kernel of a photon at the point ``p``.
+        """Returns the effective area of the kernel of a photon at the point ``p``, in square scene units.
 
-        The kernel gives nearby photons more weight. Equal weights on the effective area cause the same noise.
+        The kernel gives photons near its centre more weight. Photons with equal weights on the effective area cause the
+        same noise as photons with the weights of the kernel.
         """
         return UNIFORM_AREA * dr.pi * dr.square(self.width(p))
 
 
 @dataclass
 class Landed:
-    """Photons that have landed on surfaces, with the places where they landed."""
+    """Photons that have landed on surfaces, with the points where they landed."""
 
     p: mi.Point3f
     #: Unit direction of flight.
@@ -128,9 +129,10 @@ class Landed:
 
 @dataclass(frozen=True)
 class Photons:
-    """Photons of ``maps`` independent photon maps, sorted so that every sum over photons has a fixed order.
+    """The photons of several independent photon maps, ``maps`` in number, sorted so that every sum over photons has a
+    fixed order.
 
-    Photons are sorted by photon map, then by bucket (:func:`bucket_of`), then by index.
+    Photons are sorted by photon map, then by bucket of grid cells (:func:`bucket_of`), then by their index.
     """
 
     maps: int
@@ -147,8 +149,8 @@ class Photons:
 
     @classmethod
     def of(cls, landed: Landed, map_of: mi.UInt32, maps: int, footprint: Footprint) -> Photons:
-        """Sorts the photons ``landed`` into ``maps`` photon maps; ``map_of`` is the number of the map of each
-        photon.
+        """Sorts the photons ``landed`` into photon maps, ``maps`` in number; ``map_of`` tells the number of the photon
+        map of each photon.
         """
         size = dr.width(map_of) // maps
         buckets = 1 << max(4, (size - 1).bit_length())
@@ -171,18 +173,21 @@ class Photons:
         return cls(maps, places, landed, begins, mask, footprint)
 
     def map_range(self, number: mi.UInt32, active: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
-        """Returns the index of the first photon of the map ``number``, and the number of photons in the map."""
+        """Returns the index of the first photon of the photon map number ``number``, and the count of photons in the
+        map.
+        """
         first, end = (dr.gather(mi.UInt32, self.begins, (number + k) * (self.mask + 1), active) for k in range(2))
         return first, end - first
 
     def row_range(
         self, number: mi.UInt32, row: mi.UInt32, low: mi.Int32, high: mi.Int32, size: mi.UInt32, active: mi.Bool
     ) -> tuple[mi.UInt32, mi.UInt32]:
-        """Returns ``(begin, end)``: the range of the photons in the cells ``low`` to ``high`` of one row of cells.
+        """Returns ``(begin, end)``: the range of the indices of the photons in the cells ``low`` to ``high`` of a row
+        of cells.
 
-        The photons belong to the photon map ``number``. The range may contain photons of other rows: cells of different
-        rows may share a bucket.
-        The ``size`` photons of a map form a ring: an index beyond the last photon continues at the first photon.
+        The photons belong to the photon map number ``number``. The range may also contain photons of other rows of
+        cells, because cells of different rows may share a bucket. The photons of a map, ``size`` in number, form a
+        ring: an index beyond the last photon continues at the first photon.
         """
         first, last = (bucket_of(number, row, x, self.mask) for x in (low, high))
         begin, end = (dr.gather(mi.UInt32, self.begins, at, active) for at in (first, last + 1))
@@ -190,11 +195,12 @@ class Photons:
 
 
 def kernel_radii(p: mi.Point3f, footprint: Footprint) -> mi.Float:
-    """Returns the kernel radius, in scene units, of each photon, for photons at the points ``p``.
+    """Returns the kernel radius, in scene units, of each of the photons at the points ``p``.
 
-    The radius is greater where photons are sparse, because a single photon would make an isolated bright pixel
-    (Silverman 1986, 5.1). Photons of all maps are counted, so that the radius hardly depends on the photons of one map.
-    A photon with a greater radius keeps its power.
+    The kernel radius is greater where photons are sparse, because a single photon with a small radius would make an
+    isolated bright pixel (Silverman 1986, 5.1). The neighbours of a photon are counted in all photon maps together, so
+    that the radius hardly depends on the photons of one map. A greater kernel radius does not change the power of a
+    photon.
     """
     width = footprint.width(p)
     result = mi.Float(width)
@@ -220,9 +226,9 @@ def counts_below(key: mi.UInt32, count: int) -> mi.UInt32:
 
 
 def grid_of(radius: mi.Float) -> mi.Int32:
-    """Returns the number of the grid that holds the photons of this kernel ``radius``.
+    """Returns the number of the grid that holds the photons whose kernel radius is ``radius``.
 
-    The cells of the grid are so large that a sphere of this radius touches at most two cells along each axis.
+    The cells of this grid are so large that a sphere with the kernel radius touches at most two cells along each axis.
     """
     return mi.Int32(dr.floor(SIZES * dr.log2(radius)))
 
@@ -241,19 +247,20 @@ def cell(p: mi.Point3f, grid: mi.Int32) -> tuple[mi.Int32, mi.Int32, mi.Int32]:
 
 
 def row_hash(grid: mi.Int32, y: mi.Int32, z: mi.Int32) -> mi.UInt32:
-    """Returns a hash that identifies a row of cells along the x axis.
+    """Returns a hash that identifies a row of grid cells along the x axis.
 
-    The row is in the grid number ``grid`` (:func:`grid_of`); ``y`` and ``z`` are the coordinates of its cells
-    (:func:`cell`). Two neighbouring rows have the same hash with a probability of 10⁻⁸.
+    The row is in the grid number ``grid`` (:func:`grid_of`); ``y`` and ``z`` are the integer coordinates of the cells
+    of the row (:func:`cell`). Two neighbouring rows have the same hash with a probability of 10⁻⁸.
     """
     return combine(combine(mi.UInt32(grid), mi.UInt32(y)), mi.UInt32(z))
 
 
 def bucket_of(number: mi.UInt32, row: mi.UInt32, x: mi.Int32, mask: mi.UInt32) -> mi.UInt32:
-    """Returns the number of the bucket that holds the cell ``x`` of a row, in the photon map ``number``.
+    """Returns the number of the bucket that holds the photons of one grid cell, in the photon map number ``number``.
 
-    ``row`` is the hash of the row. Each map has ``mask`` + 1 buckets, which form a ring. The next cell of the row has
-    the next bucket. Cells of different rows may share a bucket.
+    ``row`` is the hash of the row of cells (:func:`row_hash`), and ``x`` is the x coordinate of the cell
+    (:func:`cell`). Each photon map has ``mask`` + 1 buckets, which form a ring. The photons of the next cell of a row
+    are in the next bucket of the ring. Cells of different rows may share a bucket.
     """
     return number * (mask + 1) + ((row + mi.UInt32(x)) & mask)
 
@@ -261,10 +268,11 @@ def bucket_of(number: mi.UInt32, row: mi.UInt32, x: mi.Int32, mask: mi.UInt32) -
 def gather(
     photons: Photons, number: mi.UInt32, si: mi.SurfaceInteraction3f, value: ValueOf, active: mi.Bool
 ) -> mi.Spectrum:
-    """Returns the radiance at ``si`` from the nearby photons of the photon map ``number``.
+    """Returns the radiance that the surface at ``si`` scatters from nearby photons of the photon map number ``number``.
 
-    The radiance is the sum of BSDF ``value`` times flux times kernel over the photons near ``si``. A photon of radius r
-    at the distance d has Epanechnikov's kernel, 2 (1 - d² / r²) / (π r²).
+    The radiance is a sum over the photons near ``si``: the BSDF ``value`` for a photon, times the flux and the kernel
+    of the photon. A photon with the kernel radius r, at the distance d from ``si``, has Epanechnikov's kernel, 2 (1 -
+    d² / r²) / (π r²).
     """
     footprint = photons.footprint
     width, n2 = footprint.width(si.p), dr.square(si.n)
@@ -274,7 +282,7 @@ def gather(
     first_of_map, size = photons.map_range(number, active)
 
     def add_radius(k: mi.UInt32, L: mi.Spectrum) -> mi.Spectrum:
-        """Returns ``L`` plus the radiance of the photons that have the ``k``-th radius of the footprint."""
+        """Returns ``L`` plus the radiance from photons whose kernel radius is the ``k``-th radius of the footprint."""
         pixels = mi.Float(1 << (OCTAVES * k))
         radius = pixels * width
         # A pixel is about equally wide at all photons within the radius. So these photons are mostly in one grid,
@@ -294,8 +302,8 @@ def gather(
         def add_photon(i: mi.UInt32, end: mi.UInt32, row: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
             """Adds the radiance that the photon ``i`` causes at ``si`` to ``L``, and returns ``(i + 1, L)``.
 
-            The photon counts if ``i`` is below ``end``, the photon is within the kernel radius and near the plane of
-            the surface, and its row of cells has the hash ``row``.
+            The photon adds radiance only if ``i`` is below ``end``, the photon is within the kernel radius of ``si``
+            and near the plane of the surface, and the hash of the photon's row of cells is ``row``.
             """
             in_range = i < end
             index = dr.select(i < first_of_map + size, i, i - size)
@@ -311,7 +319,9 @@ def gather(
             return i + 1, L + light * (2 * dr.inv_pi * inv_radius2 * (1 - d2))
 
         def add_row(k: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
-            """Adds the radiance of the photons in the row ``k`` of cells to ``L``, and returns ``(k + 1, L)``."""
+            """Adds the radiance from the photons in row number ``k`` of cells near ``si`` to ``L``, and returns ``(k +
+            1, L)``.
+            """
             # The bits of k, lowest first: one for y and one for z if there are two cells along that axis; the others
             # are the grid.
             grid = first + mi.Int32(k >> (bits_y + bits_z))

@@ -1,25 +1,29 @@
 """Multiple importance sampling of photon maps and camera rays at glossy surfaces.
 
-The idea is from vertex connection and merging (Georgiev, Křivánek, Davidovič and Slusallek 2012) and unified path
-sampling (Hachisuka, Pantaleoni and Jensen 2012); this module connects no vertices.
+The idea of this module is from vertex connection and merging (Georgiev, Křivánek, Davidovič and Slusallek 2012) and
+unified path sampling (Hachisuka, Pantaleoni and Jensen 2012); this module connects no vertices.
 
-A glossy surface G shows a highlight: a lamp that is visible in a mirror. Rays from the lobe of G find the highlight
-when they hit the lamp by chance: the smaller the lamp, the rarer and brighter these rays are. Photons that land on G
-find the same light. Each light path that both a ray and a photon could have found is weighted by the power heuristic
-(Veach 1997). The power heuristic needs the number R of photons that land within a pixel of G for each sampled ray.
+If the light of a lamp reaches a glossy surface G via a mirror, G shows a highlight. Rays that are sampled from the lobe
+of G find the highlight only if they hit the lamp by chance: the smaller the lamp, the rarer and brighter these hits
+are. Photons that land on the glossy surface G find the same light as the rays. Each light path that both a ray and a
+photon could have found is weighted by the power heuristic (Veach 1997). The power heuristic needs R, the expected
+number of photons that land within one pixel of the glossy surface for each sampled ray.
 
-R is the density of photons times an étendue. The density of photons is the number of photons per area at right angles
-to the ray and per solid angle. The density of photons is known where the photons leave the light source. Along a chain
-of specular surfaces, the choice of a lobe and the reflectance reduce the density. The density of photons also scales
-with the square of the index of refraction, as radiance does: mirrors and lenses do not change the product of the area
-and the solid angle of a beam. The étendue of a camera ray (:func:`etendue_of`) is the area on which photons count
-at the glossy surface, perpendicular to the ray, divided by the density with which the lobe samples the ray.
+R, the expected number of photons for each sampled ray, is the density of photons times the étendue of the ray. The
+density of photons is the number of photons per area at right angles to the ray and per solid angle. The density of
+photons is known where the photons leave the light source. At each specular surface, the choice of a lobe and Russian
+roulette reduce the density of photons in proportion to the reflectance or transmittance of the lobe. The density of
+photons also scales with the square of the index of refraction n, as radiance does: a mirror or a lens does not change
+the product of n², the area and the solid angle of a beam. The étendue of a camera ray (:func:`etendue_of`) is the area
+of a photon's kernel on the glossy surface, projected at right angles to the ray, divided by the density with which the
+lobe samples the ray.
 
-A near-specular surface is a glossy surface whose lobe is much narrower than the lobe of the roughest surface. A chain
-of specular surfaces may contain near-specular surfaces. At a near-specular surface, the density of photons and the
-étendue are both multiplied by the value of the lobe divided by the density of the camera ray's sample. Light sampling
-at a near-specular surface, and photons at several glossy surfaces, are further strategies; the weights of all
-strategies add up to 1. The weights ignore that only a fraction of the photons lands on a near-specular surface.
+A near-specular surface is a glossy surface whose lobe is much narrower than the lobe of the roughest glossy surface of
+the scene. A chain of specular surfaces may also contain near-specular surfaces. At a near-specular surface, the density
+of photons and the étendue are both multiplied by the value of the lobe divided by the density with which the lobe
+samples the camera ray. Light sampling at a near-specular surface, and photons at several glossy surfaces, are further
+strategies that find the same light; the MIS weights of all strategies add up to 1. The MIS weights ignore that only a
+fraction of the photons that reach a near-specular surface lands there.
 """
 
 from __future__ import annotations
@@ -54,7 +58,7 @@ RAYS = 256
 
 @dataclass
 class Hit(Surface):
-    """The surface points that photons meet."""
+    """The surface points that photons hit, with the data of the arriving photons."""
 
     #: Direction of flight, and number of surfaces that the photon met before.
     d: mi.Vector3f
@@ -68,9 +72,9 @@ class Hit(Surface):
     near_specular: mi.Bool
 
     def landed(self, weight: mi.Float, density: mi.Float) -> Landed:
-        """Returns the photons of this hit as photons that have landed.
+        """Returns the photons of this hit as :class:`.Landed` photons, which have landed on the surface.
 
-        ``weight`` is one over the probability to land; ``density`` is the density of photons (:class:`.Landed`).
+        ``weight`` is 1 divided by the probability that a photon lands here; ``density`` is the density of photons.
         """
         return Landed(self.si.p, self.d, self.flux * (self.shading_ratio * weight), mi.Bool(True), density, self.level)
 
@@ -78,11 +82,12 @@ class Hit(Surface):
 class PhotonMIS:
     """Gathers photons on glossy surfaces of ``scene``, with the MIS weights of photons and rays.
 
-    A photon is gathered only if at least one surface has scattered it, and each of them is ideally specular or
-    near-specular. The MIS weight of a photon allows for the rays that find the same light. ``deepest`` is the maximum
-    number of specular surfaces of a light path; surfaces that the camera ray meets count too. ``tree`` tells whether
-    camera rays follow both specular lobes of a surface, or only one of the two. The weights assume that each photon
-    counts within the width of a pixel (``footprint``), although sparse photons have a greater radius.
+    A photon is gathered only if at least one surface has scattered the photon, and if all surfaces that scattered the
+    photon are ideally specular or near-specular. The MIS weight of a photon takes account of the rays that find the
+    same light. ``deepest`` is the maximum number of specular surfaces of a light path; surfaces that the camera ray
+    meets count too. ``tree`` tells whether camera rays form a ray tree, which follows both the reflected and the
+    refracted ray, or a path, which follows one ray. The MIS weights assume that the kernel radius of each photon is the
+    width of a pixel (``footprint``), although the kernel radius of sparse photons is greater.
     """
 
     def __init__(self, scene: mi.Scene, sources: Sources, footprint: Footprint, deepest: mi.UInt32, tree: bool) -> None:
@@ -97,7 +102,7 @@ class PhotonMIS:
         self.lights = Lights(scene, choose=not tree) if self.near_specular_bsdfs else None
 
     def near_specular(self, bsdf: mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
-        """Tells whether ``bsdf`` is near-specular."""
+        """Tells in which of the ``active`` lanes ``bsdf`` is near-specular."""
         if not self.near_specular_bsdfs:
             return mi.Bool(False)
         return dispatch(bsdf, lambda one, active: mi.Bool(one in self.near_specular_bsdfs), active)
@@ -105,11 +110,13 @@ class PhotonMIS:
     # ------------------------------------------------------------ camera rays
 
     def next(self, vertex: Vertex, following: Ray, bs: mi.BSDFSample3f, weight: mi.Spectrum) -> Ray:
-        """Sets both étendues of the ray ``following``, which leaves ``vertex``, and returns the ray.
+        """Returns the ray ``following``, which leaves ``vertex``, after setting its ``last_etendue`` and
+        ``earlier_etendue``.
 
-        ``bs`` and ``weight`` are the BSDF sample at ``vertex`` that made this ray. The last étendue belongs to this
-        vertex, if a smooth lobe was sampled. The étendue of the arriving ray, reduced by the light that the lobe loses,
-        becomes the earlier étendue.
+        ``bs`` and ``weight`` are the BSDF sample at ``vertex`` from which the ray ``following`` was made.
+        ``last_etendue`` is the étendue of the ray at ``vertex`` if a smooth lobe was sampled, else 0.
+        ``earlier_etendue`` is the étendue of the arriving ray, times the fraction of light that the sampled lobe keeps,
+        or 0 if the lobe is neither ideal nor near-specular.
         """
         si, bsdf = vertex.si, vertex.bsdf
         smooth = but_not(following.pdf > 0, vertex.inseparable)
@@ -128,10 +135,10 @@ class PhotonMIS:
         uses_mis: mi.Bool,
         active: mi.Bool,
     ) -> mi.Float:
-        """Returns the factor that photons contribute to the MIS weight of the emission that ``ray`` meets.
+        """Returns the factor by which photons reduce the MIS weight of ``ray`` where the ray meets a light source.
 
-        The factor is 1 where no photon could have found the same light. ``ds`` is the direction sample of the light
-        source from ``origin``; light sampling takes this sample with the density ``pdf`` in the lanes ``uses_mis``.
+        The factor is 1 where no photon could have found the same light. ``ds`` is the direction sample from ``origin``
+        to the light source; in the lanes ``uses_mis``, light sampling would take this sample with the density ``pdf``.
         """
         assert ray.earlier_etendue is not None
         # Only rays find light that comes directly from a sky.
@@ -142,10 +149,10 @@ class PhotonMIS:
     def light_weight(
         self, vertex: Vertex, ds: mi.DirectionSample3f, f: mi.Spectrum, pdf: mi.Float, active: mi.Bool
     ) -> mi.Float:
-        """Returns the factor that photons contribute to the MIS weight of light sampling at ``vertex``.
+        """Returns the factor by which photons reduce the MIS weight of light sampling at ``vertex``.
 
         The factor is 1 where no photon could have found the same light. ``f`` and ``pdf`` are the value and the density
-        of the lobe for the direction sample ``ds``.
+        of the lobe for the direction of the light sample ``ds``.
         """
         active = active & (pdf > 0) & self.near_specular(vertex.bsdf, active)
         expected = etendue_of(vertex.ray) * kept_fraction(f, pdf) * self.sources.density(vertex.si, ds, active)
@@ -162,7 +169,9 @@ class PhotonMIS:
         area, etendue = self.footprint.area(si.p), dr.select(self.near_specular(bsdf, active), etendue_of(ray), 0)
 
         def value(i: mi.UInt32, d: mi.Vector3f, in_reach: mi.Bool) -> mi.Spectrum:
-            """Returns the BSDF of the glossy lobes for photon ``i`` from ``d``, times the MIS weight of the photon."""
+            """Returns the BSDF value of the glossy lobes for the photon ``i``, which comes from the direction ``d``,
+            times the MIS weight of the photon.
+            """
             # The glossy surface itself counts as a specular surface too.
             in_reach = in_reach & (ray.level + dr.gather(mi.UInt32, photons.landed.level, i, in_reach) < self.deepest)
             wo = si.to_local(d)
@@ -189,13 +198,14 @@ class PhotonMIS:
         land_weight: mi.Float,
         active: mi.Bool,
     ) -> tuple[mi.Float, Landed]:
-        """Returns ``(density, landed)`` of the photons after the surface ``hit``; the arguments ``density`` and
-        ``landed`` are the values before this surface.
+        """Returns ``(density, landed)`` after the surface ``hit``: the density of the photons, and the photons that
+        have landed on glossy surfaces.
 
-        ``bs`` and ``weight`` are the sample of the lobe that scatters the photons in the lanes ``active``. Photons in
-        the other lanes end at the surface; at a near-specular surface these photons land. At other glossy surfaces all
-        photons land, and those in the lanes ``active`` continue too. ``land_weight`` is one over the probability that a
-        photon lands at a near-specular surface.
+        The arguments ``density`` and ``landed`` are the values before the surface ``hit``. ``bs`` and ``weight`` are
+        the BSDF sample that scatters the photons in the ``active`` lanes. Photons in lanes that are not ``active`` end
+        at the surface ``hit``; if the surface is near-specular, these photons land on the surface. On a glossy surface
+        that is not near-specular, all photons land, and photons in ``active`` lanes also continue. ``land_weight`` is 1
+        divided by the probability that a photon lands on a near-specular surface.
         """
         flags = hit.bsdf.flags()
         lands = but_not(hit.active & (hit.level > 0) & (density > 0) & (hit.cos > 0), hit.inseparable)
@@ -211,8 +221,10 @@ class PhotonMIS:
     def density_after(self, density: mi.Float, hit: Hit, wo: mi.Vector3f, active: mi.Bool) -> mi.Float:
         """Returns the density of photons in the local direction ``wo`` after the near-specular surface ``hit``.
 
-        ``density`` is the density of the photons that reach the surface. The lobe and the MIS weights of further
-        strategies reduce the density. The density becomes 0 where a single other strategy finds the light.
+        ``density`` is the density of the photons that reach the surface. The light that the lobe loses, and the MIS
+        weights of further strategies at the surface ``hit``, reduce the density. The density becomes 0 where the light
+        comes directly from a point or directional light, which only light sampling finds, or from a sky, which only
+        rays find.
         """
         assert self.lights is not None
         camera_si = mi.SurfaceInteraction3f(hit.si)
@@ -241,7 +253,7 @@ class PhotonMIS:
 def etendue_of(ray: Ray) -> mi.Float:
     """Returns the étendue of ``ray``: the square root of ``last_etendue``² + ``earlier_etendue``².
 
-    The squares are added because the power heuristic adds squares of densities.
+    The squares of both étendues are added because the power heuristic adds squares of densities.
     """
     assert ray.earlier_etendue is not None
     # Without an earlier étendue the result is exactly ``last_etendue``: the square root of a square may differ by
@@ -251,36 +263,42 @@ def etendue_of(ray: Ray) -> mi.Float:
 
 
 def effective_photons(photons: mi.Float, others: mi.Float) -> mi.Float:
-    """Returns P / √(1 + O²), where P is the expected number of ``photons`` per ray, and O the number of ``others``.
+    """Returns P / √(1 + O²), where P is ``photons``, the expected number of photons per ray, and O is ``others``, the
+    expected number of samples of a third strategy per ray.
 
-    The others are samples of a third strategy that finds the same light, per ray. With this result :func:`ray_weight`
-    returns (1 + O²) / (1 + O² + P²): the joint MIS weight of the ray and the others. The result is a density if
-    ``photons`` is a density.
+    The third strategy, such as light sampling, finds the same light as the ray and the photons. For the result of this
+    function, :func:`ray_weight` returns (1 + O²) / (1 + O² + P²): the sum of the MIS weights of the ray and the third
+    strategy. If ``photons`` is a density of photons, the result is a density of photons too.
     """
     return photons * dr.rsqrt(1 + dr.square(others))
 
 
 def ray_weight(photons: mi.Float) -> mi.Float:
-    """Returns the MIS weight of a ray by the power heuristic, 1 / (1 + P²), if P ``photons`` per ray are expected.
+    """Returns the MIS weight of a ray by the power heuristic: 1 / (1 + P²), where P is ``photons``, the expected number
+    of photons per ray.
 
-    The photons together have the weight 1 minus this weight.
+    The MIS weight of all photons that find the same light is 1 minus the weight of the ray.
     """
     return dr.rcp(1 + dr.square(photons))
 
 
 def ideal_throughput(bs: mi.BSDFSample3f, weight: mi.Spectrum, flags: mi.UInt32) -> mi.Float:
-    """Returns the fraction of a beam that the sampled ideal lobe keeps: its reflectance or transmittance.
+    """Returns the fraction of a beam's light that the sampled ideal lobe keeps: the reflectance or transmittance of the
+    lobe.
 
     The fraction is the weight of the sample ``(bs, weight)`` times the probability of the sample. The fraction is 0
-    where the surface has a glossy lobe (``flags``). The fraction is the same from either end of the beam, except for
-    the squares of the indices of refraction that scale radiance.
+    where the sampled lobe is not ideal, and where the BSDF has a glossy lobe too, as its ``flags`` tell. The fraction
+    is the same in both directions along the beam, except that refraction also scales radiance by squares of the indices
+    of refraction.
     """
     ideal = but_not(lobes.has_any(bs.sampled_type, *lobes.IDEAL), lobes.has_any(flags, *lobes.GLOSSY))
     return dr.select(ideal, dr.max(mi.unpolarized_spectrum(weight)) * bs.pdf, 0)
 
 
 def kept_fraction(f: mi.Spectrum, pdf: mi.Float) -> mi.Float:
-    """Returns the fraction of a beam that a near-specular lobe of the value ``f`` and the density ``pdf`` keeps."""
+    """Returns the fraction of a beam's light that a near-specular lobe keeps: its value ``f`` divided by its density
+    ``pdf``.
+    """
     return quotient(dr.max(mi.unpolarized_spectrum(f)), pdf)
 
 
@@ -292,9 +310,9 @@ def quotient(value: mi.Float, pdf: mi.Float) -> mi.Float:
 def near_specular_bsdfs(scene: mi.Scene) -> frozenset[mi.BSDF]:
     """Returns the near-specular BSDFs of ``scene``, including the BSDFs within instances.
 
-    A glossy BSDF is near-specular if its sampled rays are much denser than those of the roughest glossy BSDF of the
-    scene (:data:`MIN_DENSITY_RATIO`, :data:`MIN_DENSITY`). A dispersive BSDF, or a BSDF with inseparable lobes, is
-    never near-specular.
+    A glossy BSDF is near-specular if the density of its sampled rays (:func:`density_of_rays`) is above
+    :data:`MIN_DENSITY`, and above :data:`MIN_DENSITY_RATIO` times the density for the roughest glossy BSDF of the
+    scene. A dispersive BSDF, or a BSDF that can only evaluate all its lobes together, is never near-specular.
     """
     glossy = [b for b in all_bsdfs(scene) if lobes.has_any(int(b.flags()), *lobes.GLOSSY) and not is_inseparable(b)]
     if len(glossy) < 2:
@@ -307,8 +325,8 @@ def near_specular_bsdfs(scene: mi.Scene) -> frozenset[mi.BSDF]:
 def density_of_rays(scattering: Scattering, bsdfs: list[mi.BSDF]) -> np.ndarray:
     """Returns, for each BSDF, the density per solid angle that nine in ten sampled rays of its glossy lobes exceed.
 
-    The density is 0 for a BSDF without glossy lobes. Each BSDF is evaluated at an angle of 45° and at random places of
-    the textures.
+    The density is 0 for a BSDF without glossy lobes. Each BSDF is sampled at an angle of incidence of 45° and at random
+    texture coordinates.
     """
     count = len(bsdfs)
     i = dr.arange(mi.UInt32, RAYS * count)

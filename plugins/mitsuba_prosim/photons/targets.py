@@ -1,4 +1,4 @@
-"""Targets of photons: bounding spheres around all specular surfaces."""
+"""Targets at which photons are aimed: bounding spheres around all specular surfaces of the scene."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ class Targets:
 
     @classmethod
     def of(cls, scene: mi.Scene, tree: bool = False) -> Targets | None:
-        """Returns spheres around the specular surfaces of ``scene``, or None if no surface is specular.
+        """Returns the spheres around the specular surfaces of ``scene``, or None if no surface is specular.
 
-        ``tree`` tells whether the rays of the camera form a tree (:class:`.PhotonTracer`).
+        ``tree`` tells whether the integrator follows a ray tree instead of paths (:class:`.PhotonTracer`).
         """
         spheres = [bounding_sphere(shape) for shape in shapes_in_order(scene) if is_specular(shape, tree)]
         if not spheres:
@@ -49,20 +49,22 @@ class Targets:
         return targets
 
     def at(self, k: mi.UInt32) -> tuple[mi.Point3f, mi.Float]:
-        """Returns the center and the radius of the sphere of number ``k``."""
+        """Returns the center and the radius of the sphere number ``k``."""
         return dr.gather(mi.Point3f, self.centers, k), dr.gather(mi.Float, self.radii, k)
 
     def density(
         self, x: mi.Point3f, d: mi.Vector3f, far: bool, active: mi.Bool, own: mi.UInt32 | None = None
     ) -> mi.Float:
-        """Returns the density of the ray from ``x`` in the direction ``d`` if one photon is aimed at each sphere.
+        """Returns the density of photons along the ray from ``x`` in the direction ``d``, if one photon is aimed at
+        each sphere.
 
-        The density is per solid angle from ``x``, or per area of parallel rays if ``far``. ``own`` is the sphere at
-        which the ray was aimed: the ray always counts as meeting this sphere, even if rounding errors say otherwise.
+        The density is per solid angle at ``x``. If ``far`` is true, photons fly along parallel rays, and the density is
+        per area at right angles to the rays. ``own`` is the number of the sphere at which the ray was aimed: even if
+        the ray misses this sphere by a rounding error, the function assumes that the ray meets the sphere.
         """
 
         def add(k: mi.UInt32, total: mi.Float) -> mi.Float:
-            """Adds the density of photons that are aimed at the sphere ``k``."""
+            """Returns ``total`` plus the density of the photon that is aimed at the sphere number ``k``."""
             center, radius = self.at(k)
             to_center, r2 = center - x, dr.square(radius)
             met = dr.squared_norm(dr.cross(to_center, d)) <= r2
@@ -78,10 +80,11 @@ class Targets:
 
 
 def is_specular(shape: mi.Shape, tree: bool) -> bool:
-    """Tells whether ``shape`` may scatter photons by a non-diffuse lobe: glossy, ideal or null. True for an instance.
+    """Tells whether ``shape`` may scatter photons by a non-diffuse lobe: glossy, ideal or null. The result is true for
+    an instance.
 
-    ``tree`` tells whether the rays of the camera form a tree. On paths, BSDFs without separable lobes scatter photons
-    only by ideal or null lobes.
+    ``tree`` tells whether the integrator follows a ray tree instead of paths. If the integrator follows paths, BSDFs
+    without separable lobes scatter photons only by ideal or null lobes.
     """
     if shape.class_name() == INSTANCE:
         return True  # an instance does not expose its BSDFs
@@ -93,7 +96,9 @@ def is_specular(shape: mi.Shape, tree: bool) -> bool:
 
 
 def warn_of_light_missed_by_trees(shapes: Sequence[mi.Shape]) -> None:
-    """Warns that a ray tree omits light that one BSDF without separable lobes refracts onto another such BSDF."""
+    """Logs a warning if a ray tree omits light, because a BSDF without separable lobes refracts light onto another such
+    BSDF.
+    """
     inseparable = [shape for shape in shapes if shape.bsdf() is not None and is_inseparable(shape.bsdf())]
     through = [s for s in inseparable if lobes.has_any(int(s.bsdf().flags()), "GlossyTransmission")]
     if through and len(inseparable) > 1:
@@ -123,10 +128,10 @@ def bounding_sphere(shape: mi.Shape) -> tuple[float, float, float, float]:
 
 
 def merged(spheres: ArrayLike, max_count: int = MAX_TARGETS) -> list[tuple[float, ...]]:
-    """Returns at most ``max_count`` spheres that contain all of ``spheres``.
+    """Returns at most ``max_count`` spheres that together contain all the given ``spheres``.
 
-    The function splits ``spheres`` into two groups along the widest axis, and repeats this with each group; each final
-    group gets one sphere.
+    The function splits ``spheres`` into two halves along the axis of their greatest extent, and splits each half again,
+    up to ``max_count`` groups. Each final group of spheres gets one sphere that contains the group.
     """
     group = np.array(spheres, dtype=np.float64)
     if min(max_count, len(group)) == 1:
@@ -150,7 +155,7 @@ def sphere_around(spheres: np.ndarray) -> tuple[float, ...]:
 def versine(x: mi.Point3f, center: mi.Point3f, radius: mi.Float) -> mi.Float:
     """Returns 1 - cos of half the angle that a sphere subtends, seen from the point ``x``.
 
-    The value is 2, for all directions, if ``x`` lies inside the sphere.
+    If ``x`` lies inside the sphere, the result is 2, because the sphere then covers all directions.
     """
     sin2 = dr.square(radius) / dr.maximum(dr.squared_norm(center - x), 1e-30)
     return dr.select(sin2 < 1, sin2 / (1 + dr.safe_sqrt(1 - sin2)), 2)

@@ -1,4 +1,6 @@
-"""Photon tracing: specular surfaces, ideal or glossy, scatter photons, which land on diffuse or glossy surfaces."""
+"""Photon tracing: ideal or glossy specular surfaces scatter photons until the photons land on diffuse or glossy
+surfaces.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,7 @@ MAX_COSINE_RATIO = 8
 
 @dataclass
 class State:
-    """State of the loop that traces photons: the photons on their way, and the photons that have landed.
+    """State of the loop that traces photons: the photons that are still in flight, and the photons that have landed.
 
     ``level`` is the number of specular surfaces that a photon has met.
     """
@@ -52,12 +54,12 @@ class State:
 
 
 class PhotonTracer:
-    """Traces photons in ``scene`` through at most ``deepest`` specular surfaces.
+    """Traces photons in ``scene``; at most ``deepest`` specular surfaces reflect or refract each photon.
 
-    ``tree`` tells whether the rays of the camera form a tree. With a ray tree, BSDFs without separable lobes scatter
-    photons by all specular lobes. With paths, BSDFs without separable lobes scatter photons only by ideal lobes; the
-    other photons land on these surfaces. ``mis`` is the MIS of photons and rays if photons land on glossy surfaces,
-    else None.
+    ``tree`` tells whether the integrator follows a ray tree instead of paths. If the integrator follows a ray tree,
+    BSDFs without separable lobes scatter photons by all specular lobes. If the integrator follows paths, BSDFs without
+    separable lobes scatter photons only by ideal lobes, and all other photons land on surfaces with these BSDFs.
+    ``mis`` is the :class:`.PhotonMIS` if photons land on glossy surfaces, else None.
     """
 
     def __init__(self, scene: mi.Scene, deepest: mi.UInt32, tree: bool, mis: PhotonMIS | None) -> None:
@@ -67,10 +69,10 @@ class PhotonTracer:
         self.scattering = Scattering.of(scene)
 
     def __call__(self, start: Start, key: mi.UInt32) -> tuple[Landed, Landed | None]:
-        """Traces the photons ``start`` and returns those that landed on diffuse surfaces and, with MIS, on glossy
-        surfaces.
+        """Traces the photons ``start``, and returns a pair: the photons that landed on diffuse surfaces, and the
+        photons that landed on glossy surfaces (None without MIS).
 
-        ``key`` is the hash key of each photon.
+        ``key`` is the hash key of each photon's random numbers.
         """
         active, medium = dr.max(start.flux) > 0, mi.MediumPtr(None)
         density, glossy = (None, None) if self.mis is None else (start.density, Landed.nowhere())
@@ -79,10 +81,11 @@ class PhotonTracer:
         return state.landed, state.glossy
 
     def _step(self, state: State, key: mi.UInt32) -> State:
-        """Moves each photon to the next surface, where it lands, continues, or ends.
+        """Moves each photon to the next surface, where the photon lands, continues, or ends.
 
         Russian roulette lets a photon continue with the probability ``p_continue``. A photon that does not continue
-        lands if the surface gathers photons, else it ends. ``key`` is the hash key of each photon.
+        lands on the surface if the surface gathers photons; else the photon ends. ``key`` is the hash key of each
+        photon's random numbers.
         """
         hit, medium = self._intersect(state)
         flags = hit.bsdf.flags()
@@ -119,7 +122,7 @@ class PhotonTracer:
     def _intersect(self, state: State) -> tuple[Hit, mi.MediumPtr]:
         """Returns the surface points that the photons meet, and the medium in which the photons arrive.
 
-        The flux of a hit is reduced by the absorption of the medium.
+        The flux of the photons at these surface points is reduced by the absorption in the medium.
         """
         si, d = self.scene.ray_intersect(state.ray, state.active), state.ray.d
         surface = state.active & si.is_valid()
@@ -138,10 +141,11 @@ class PhotonTracer:
     def _scatter(
         self, hit: Hit, u: LobePoint, active: mi.Bool
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Bool, mi.Bool]:
-        """Samples the lobes that are not diffuse, and returns ``(bs, weight, active, by_all_lobes)``.
+        """Samples the specular lobes of the surface ``hit``, and returns ``(bs, weight, active, by_all_lobes)``.
 
-        ``u`` are the random numbers of the sample. ``active`` tells which lanes have a sample. ``by_all_lobes`` tells
-        whether the sample is of a glossy lobe of a BSDF without separable lobes.
+        ``u`` are the random numbers that draw the BSDF sample. The returned ``active`` tells in which lanes the surface
+        scatters a photon. ``by_all_lobes`` tells whether a BSDF without separable lobes made the sample by a lobe that
+        is not ideal.
         """
         si = hit.si
         bs, weight, belongs = self.scattering.sample(self.specular, hit, u, active, hit.flux)
@@ -154,10 +158,12 @@ class PhotonTracer:
 
 
 def adjoint_correction(si: mi.SurfaceInteraction3f, wo: mi.Vector3f, d: mi.Vector3f) -> mi.Float:
-    """Returns the correction of a photon's flux at shading normals (Veach 1997, 5.3).
+    """Returns the factor that corrects the flux of a photon if shading normal and geometric normal differ (Veach 1997,
+    5.3).
 
-    For photons, the cosines of the shading normal and of the geometric normal are exchanged. The photon leaves along
-    ``wo`` in local coordinates, which is ``d`` in world coordinates.
+    The factor is |wi·ns| |wo·n| / (|wi·n| |wo·ns|), where ns is the shading normal and n the geometric normal, and the
+    photon arrives from wi and leaves in the direction wo. The direction ``wo`` is in local coordinates; ``d`` is the
+    same direction in world coordinates.
     """
     cos_i, cos_o = dr.abs(mi.Frame3f.cos_theta(si.wi)), dr.abs(mi.Frame3f.cos_theta(wo))
     true_i, true_o = dr.abs(dr.dot(si.n, si.to_world(si.wi))), dr.abs(dr.dot(si.n, d))

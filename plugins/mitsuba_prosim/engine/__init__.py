@@ -1,9 +1,12 @@
-"""The engine of progressive and adaptive rendering: from samples to an image (thesis, section 5.3.2).
+"""The engine of progressive and adaptive rendering, which takes samples and makes an image (thesis, section 5.3.2).
 
-The module ``integrator`` has the base class of the plugins. ``render`` is the loop over work items that makes an image.
-``plan`` decides which samples an image takes, ``policies`` how many samples each pixel gets, and ``error_target`` when
-a render stops. ``estimator`` takes samples. ``accumulators`` stores the sums of every pixel and the adaptive state.
-``work`` divides the missing samples into work items, and has the executor that computes them. ``film`` makes the image.
-``checkpoint`` stores a render in a file. ``tiles`` divides an image into parts. ``environment`` has the versions and
-the processor on which the bits depend. ``derivatives`` computes derivatives of an image.
+The module ``integrator`` has the base class of the progressive integrators. The module ``render`` renders an image in a
+loop over work items (groups of samples). The module ``plan`` defines the sample points of an image, ``policies`` the
+number of samples of each pixel, and ``error_target`` the error or the time at which a render stops. The module
+``estimator`` takes samples. The module ``accumulators`` stores the sums of the samples of each pixel, and the state of
+adaptive sampling. The module ``work`` divides the samples that an image still needs into work items, and has the
+executor that computes the work items in this process. The module ``film`` computes the values of the film's pixels from
+the sums of the samples. The module ``checkpoint`` stores an unfinished render in a file. The module ``tiles`` divides
+an image into parts. The module ``environment`` returns the software versions and the processor, on which the bits of
+the samples depend. The module ``derivatives`` computes derivatives of an image.
 """

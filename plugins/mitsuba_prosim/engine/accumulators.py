@@ -1,4 +1,4 @@
-"""The sums over the samples of every pixel, and the adaptive state of an image (thesis, section 5.3.2)."""
+"""The sums over the samples of each pixel, and the state of adaptive sampling of an image (thesis, section 5.3.2)."""
 
 from __future__ import annotations
 
@@ -30,8 +30,9 @@ DARKEST, DARKEST_SUM = 1e-16, 1e-30
 class Accumulators:
     """Sums over the first ``count`` samples of each pixel, as Dr.Jit arrays with one entry per pixel.
 
-    The samples of a pixel are added in a fixed order, wherever a render stops. Therefore the bits of the sums depend
-    only on ``count``.
+    The samples of a pixel are always added in the order of their sample numbers, even if the render is interrupted and
+    continued. Because samples are added in a fixed order, the bits of a pixel's sums depend only on the number of its
+    samples, not on interruptions.
     """
 
     #: Sums of the film's values, weighted by the filter, for every pixel within the filter's reach, row by row, channel
@@ -55,17 +56,18 @@ class Accumulators:
         return result
 
     def statistics(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns the sum of the luminance, the sum of its square, and the number of samples of each pixel.
+        """Returns the sum of the luminances, the sum of their squares, and the number of the samples of each pixel.
 
-        The results are NumPy arrays of 32-bit floats.
+        The three results are NumPy arrays of 32-bit floats.
         """
         return np.array(self.total), np.array(self.squares), np.array(self.count).astype(np.float32)
 
     def error(self, n: int) -> np.ndarray:
         """Returns the standard error of the mean luminance of each pixel.
 
-        If a pixel has at least two passes of ``n`` samples, and no incomplete pass, the means of the passes give the
-        error. Otherwise the single samples give the error.
+        If a pixel has at least two complete passes of ``n`` samples, and no incomplete pass, the error is estimated
+        from the means of the passes. If a pixel has only one pass, or an incomplete pass, the error is estimated from
+        the single samples.
         """
         (total, squares, count), share = self.statistics(), np.float32(1 / n)
         with np.errstate(all="ignore"):  # the error is NaN without samples
@@ -74,10 +76,11 @@ class Accumulators:
 
 
 class FilmState:
-    """The accumulators of all pixels of an image, and the adaptive state; a checkpoint when saved.
+    """The state of an image in progress: the accumulators of all pixels, and the state of adaptive sampling.
 
-    The n-th sample of a pixel is the same in any order of work, so the image depends only on the sample counts of the
-    pixels. ``part`` is the part of the image whose samples are taken; None for the whole image.
+    The n-th sample of a pixel does not depend on the order in which samples are taken, so the image depends only on the
+    number of samples of each pixel. A :class:`.Checkpoint` stores a film state in a file. ``part`` is the part of the
+    image that is rendered; None for the whole image.
     """
 
     def __init__(self, plan: Plan, estimator: Estimator, part: Part | None = None) -> None:
@@ -103,9 +106,10 @@ class FilmState:
         self.second_index: np.ndarray | None = None
 
     def crop(self, values: mi.Float | mi.UInt32 | np.ndarray, rectangle: Rectangle) -> np.ndarray:
-        """Returns the entries of the pixels of ``rectangle``, shape (height, width).
+        """Returns the entries of ``values`` for the pixels of ``rectangle``, shape (height, width).
 
-        The result is a view if ``values`` is a NumPy array.
+        ``values`` has one entry for each pixel of the rectangle :attr:`outer`, row by row. If ``values`` is a NumPy
+        array, the result is a view of ``values``, not a copy.
         """
         left, top, right, bottom = self.outer
         plane = values if isinstance(values, np.ndarray) else np.array(values)
@@ -114,13 +118,17 @@ class FilmState:
 
     @property
     def counts(self) -> np.ndarray:
-        """Number of samples of each pixel whose samples reach the crop window, shape (height, width)."""
+        """Number of samples of each pixel of ``plan.region``, shape (height, width).
+
+        ``plan.region`` has the pixels whose samples contribute to the crop window through the reconstruction filter.
+        """
         return self.crop(self.accumulators.count, self.plan.region)
 
     def counts_of_part(self, counts: np.ndarray, reach: int) -> np.ndarray:
-        """Returns ``counts`` for the pixels within ``reach`` of this part of the image, and 0 for other pixels.
+        """Returns ``counts``, but 0 for pixels that are farther than ``reach`` pixels from the image part :attr:`part`.
 
-        ``reach`` is at most the side of a tile.
+        ``reach``, in pixels, must not exceed the side of a tile (:mod:`.tiles`). If :attr:`part` is None, ``counts`` is
+        returned unchanged.
         """
         if self.part is None:
             return counts
@@ -132,9 +140,10 @@ class FilmState:
         return np.where(needed, counts, np.uint32(0))
 
     def request(self, margin: int = 0) -> np.ndarray:
-        """Returns the total number of samples that the policy requests for each pixel of :attr:`outer`, a flat array.
+        """Returns the number of samples that the policy of adaptive sampling requests for each pixel of :attr:`outer`.
 
-        The number is 0 for a pixel more than ``margin`` pixels outside the region.
+        The result is a flat array of total numbers, which include the samples that a pixel already has. The requested
+        number is 0 for a pixel that is more than ``margin`` pixels outside ``plan.region``.
         """
         statistics = self.accumulators.statistics()
         # The statistics of both images are added, because either image may have met a rare bright light.
@@ -148,10 +157,11 @@ class FilmState:
         return result
 
     def counts_for(self, request: np.ndarray) -> np.ndarray:
-        """Converts requested samples to counts of samples.
+        """Converts the requested numbers of samples to the numbers of samples that the pixels will have.
 
-        The counts are totals. A request below the minimum of the plan becomes this minimum. A larger request is rounded
-        up to a power of two, for which Sobol' points are best, and limited to the maximum of the plan. NaN becomes 1.
+        The numbers include the samples that a pixel already has. A request below the plan's minimum number of samples
+        per pixel becomes this minimum. A request above the minimum is rounded up to a power of two, for which Sobol'
+        points are best, and limited to the plan's maximum number of samples per pixel. A request of NaN becomes 1.
         """
         plan, clipped = self.plan, np.clip(np.nan_to_num(request, nan=1), 1, UNLIMITED)
         # The exponent of frexp(m - 1) is the smallest e with 2^e >= m, for whole numbers m >= 1.

@@ -1,4 +1,8 @@
-"""Camera rays whose code does not depend on the film's size, and whose bits do not depend on the crop window."""
+"""Samples camera rays.
+
+The compiled kernel is the same for all film sizes, and the camera rays of a pixel are the same to the bit for all crop
+windows.
+"""
 
 from __future__ import annotations
 
@@ -15,15 +19,21 @@ from ..transport import lobes
 
 
 def is_perspective(sensor: mi.Sensor) -> bool:
-    """Tells whether ``sensor`` is Mitsuba's perspective camera, whose rays :func:`ray_sampler` computes itself."""
+    """Tells whether ``sensor`` is Mitsuba's perspective camera.
+
+    For the perspective camera, :func:`ray_sampler` computes the rays itself; for other sensors, Mitsuba computes the
+    rays.
+    """
     return bool(sensor.class_name() == PERSPECTIVE)
 
 
 def sees_tiny_lamp(scene: mi.Scene, sensor: mi.Sensor) -> bool:
-    """Tells whether the perspective camera ``sensor`` may see a tiny lamp in a glossy surface.
+    """Tells whether the perspective camera ``sensor`` may see a tiny lamp reflected or refracted by a surface.
 
-    Few rays may find the image of such a lamp. A lamp is tiny if the diagonal of its bounding box is less than two
-    pixels at its distance from the camera. The scene has any glossy or specular lobe; its place does not matter.
+    Camera rays may miss the reflected or refracted image of a tiny lamp, because this image is small. A lamp is tiny if
+    the diagonal of its bounding box is less than the width of two pixels at the lamp's distance from the camera. The
+    function only checks that some BSDF of the scene has a glossy or specular lobe, not where in the scene this BSDF is.
+    For other sensors, the result is False.
     """
     if not is_perspective(sensor) or not lobes.has_any(all_flags(scene), *lobes.SPECULAR):
         return False
@@ -34,13 +44,16 @@ def sees_tiny_lamp(scene: mi.Scene, sensor: mi.Sensor) -> bool:
 
 
 def ray_sampler(sensor: mi.Sensor) -> Callable[..., tuple[mi.Ray3f, mi.Spectrum]]:
-    """Returns a function like ``sensor.sample_ray_differential``, but without differentials.
+    """Returns a function that samples camera rays, with the arguments of ``sensor.sample_ray_differential``.
 
-    Its arguments are the time, a number for the wavelengths, the position on the whole film, and the position on the
-    lens. If the sensor is no perspective camera, call the returned function only within
-    :func:`without_crop_window`. Some sensors have no method ``sample_ray``. Mitsuba's perspective camera has the film's
-    size as a constant in its code, so Dr.Jit would compile a kernel for each resolution. To avoid this, the returned
-    function computes the rays of the perspective camera itself, with the camera's matrices.
+    The arguments of the returned function are the time, a random number for the wavelengths, the position on the whole
+    film in [0, 1)², and the position on the lens. If ``sensor`` is not Mitsuba's perspective camera, the returned
+    function is the sensor's method ``sample_ray_differential``. Call this method only within
+    :func:`without_crop_window`. The method ``sample_ray`` is not used, because some sensors do not have this method.
+
+    The code of Mitsuba's perspective camera contains the film's size as a constant, so Dr.Jit would compile a new
+    kernel for each resolution. To avoid a new kernel for each resolution, the returned function computes the rays of
+    the perspective camera itself, from the camera's projection matrix. These rays have no differentials.
     """
     if not is_perspective(sensor):
         return sensor.sample_ray_differential
@@ -55,9 +68,7 @@ def ray_sampler(sensor: mi.Sensor) -> Callable[..., tuple[mi.Ray3f, mi.Spectrum]
     def sample_ray(
         time: mi.Float, wavelength_sample: mi.Float, position: mi.Point2f, _: mi.Point2f
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
-        """Returns the camera ray through ``position``, in [0, 1)² on the film, and the weight of the sampled
-        wavelengths.
-        """
+        """Returns the camera ray through ``position`` on the film, in [0, 1)², and the weight of its wavelengths."""
         wavelengths, weight = sensor.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), wavelength_sample)
         on_near = to_camera @ mi.Point3f(position.x + offset.x, position.y + offset.y, 0)
         d = dr.normalize(mi.Vector3f(on_near))
@@ -71,11 +82,12 @@ def ray_sampler(sensor: mi.Sensor) -> Callable[..., tuple[mi.Ray3f, mi.Spectrum]
 
 @contextlib.contextmanager
 def without_crop_window(sensor: mi.Sensor) -> Iterator[None]:
-    """Removes the crop window of the film of ``sensor`` inside the ``with`` block, and restores it at the end.
+    """Removes the crop window of the film of ``sensor`` inside the ``with`` block, and restores the window at the end.
 
-    Without the crop window, the rays of a crop have the same bits as the rays of the whole image. With a crop window, a
-    sensor would scale positions on the film. Use this function only inside a block ``with`` :func:`.alone`, because the
-    film belongs to the user.
+    Without the crop window, the camera rays of a pixel have the same bits in a render of a crop as in a render of the
+    whole image. With a crop window, Mitsuba's sensors scale positions on the film, which changes the rounding of the
+    rays. Use this function only inside a block ``with`` :func:`.alone`, because the film belongs to the user, and
+    another render may use the film.
     """
     film = sensor.film()
     offset, size = mi.ScalarPoint2u(film.crop_offset()), mi.ScalarVector2u(film.crop_size())

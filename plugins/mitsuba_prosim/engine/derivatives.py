@@ -1,4 +1,4 @@
-"""Derivatives of an image with respect to parameters of its scene, computed with the samples of the image."""
+"""Derivatives of an image with respect to parameters of its scene, computed from the same samples as the image."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ LANES = 1 << 18
 
 
 class Derivatives:
-    """Computes derivatives with the samples of an image that was rendered without derivatives.
+    """Computes the derivatives of a rendered image: takes the samples of the image again, now with derivatives.
 
-    ``state`` is the state of the rendered image, which has the sample counts of the pixels; the transport of ``state``
-    has derivatives now.
+    ``state`` is the :class:`.FilmState` of the rendered image, which has the number of samples of each pixel. The
+    caller has replaced the light transport of ``state.estimator`` by a light transport that computes derivatives.
     """
 
     def __init__(self, state: FilmState) -> None:
@@ -36,11 +36,13 @@ class Derivatives:
         self.image = self.sensor.film().develop()
 
     def samples(self) -> Iterator[tuple[list[mi.Float], list[tuple[mi.Float, mi.UInt32]]]]:
-        """Yields ``(values, splats)``: up to ``LANES`` samples, with derivatives.
+        """Yields pairs ``(values, splats)``, each for up to :data:`LANES` samples of the image, with derivatives.
 
-        ``values`` are the film's values, with one sample per lane. ``splats`` has ``(weight, index)`` for each pixel
-        within the filter's reach: the weight of the filter divided by the number of samples of the sample's own pixel,
-        and the index of the pixel in the window. Both are 0 for a pixel outside the window.
+        ``values`` has one array for each channel of the film, with one sample per lane. ``splats`` has a pair
+        ``(weight, index)`` for each pixel within the filter's radius, to which a sample contributes. ``weight`` is the
+        weight of the filter, divided by the number of samples of the pixel in which the sample was taken. ``index`` is
+        the index, in the crop window, of the pixel that receives the contribution. ``weight`` and ``index`` are 0 if
+        the receiving pixel is outside the crop window.
         """
         window, region = self.plan.window, pixels(self.plan.region)
         with without_crop_window(self.sensor):
@@ -52,10 +54,10 @@ class Derivatives:
                 yield values, [(dr.select(seen, w, 0), dr.select(seen, index, 0)) for w, (index, seen) in targets]
 
     def lanes(self) -> Iterator[list[mi.UInt32]]:
-        """Yields all samples, up to ``LANES`` at a time, as ``[pixel, t, count]``.
+        """Yields all samples of the image, up to :data:`LANES` at a time, as three arrays ``[pixel, t, count]``.
 
-        ``pixel`` is the index of the pixel in the region, ``t`` the number of the sample within the pixel, and
-        ``count`` the sample count of the pixel.
+        For each sample, ``pixel`` is the index of its pixel in ``plan.region``, ``t`` is the number of the sample
+        within this pixel, from 0, and ``count`` is the number of samples of the pixel.
         """
         ends = np.cumsum(self.counts, dtype=np.int64)
         for first in range(0, int(ends[-1]), LANES):
@@ -65,7 +67,7 @@ class Derivatives:
             yield [dr_array(values.astype(np.uint32)) for values in (pixel, lane - ends[pixel] + count, count)]
 
     def backward(self, gradient: mi.TensorXf) -> None:
-        """Propagates ``gradient``, that of the developed image, to the scene's parameters."""
+        """Propagates ``gradient``, the gradient with respect to the developed image, to the scene's parameters."""
         dr.backward(dr.sum(self.image * gradient, axis=None))
         channels, gradient = self.storage.shape[2], dr.grad(self.storage).array
         for values, splats in self.samples():
@@ -80,7 +82,7 @@ class Derivatives:
             dr.eval()  # evaluates the derivatives of the parameters, so that all iterations have the same kernels
 
     def forward(self) -> mi.TensorXf:
-        """Returns the derivative of the developed image along the gradients of the scene's parameters."""
+        """Returns the derivative of the developed image along the gradients that are set on the scene's parameters."""
         total, channels = dr.zeros(mi.Float, len(self.storage.array)), self.storage.shape[2]
         # Symbolic calls are off because of an error of Dr.Jit 1.5: if a call reads a variable, such as the weight of a
         # blend, then the derivatives of this variable also reach variables of earlier calls. Symbolic branches are off

@@ -1,4 +1,4 @@
-"""The software and the processor of a process. The bits of the samples depend on both."""
+"""The software versions and the processor of a process, on which the bits of the samples depend."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MUST_AGREE, MAY_DIFFER = ("mitsuba-prosim", "mitsuba", "drjit", "variant"), ("LL
 
 
 def this_environment() -> dict[str, str]:
-    """Returns the names and versions of the software, the variant and the processor of this process."""
+    """Returns the software versions, the Mitsuba variant and the processor of this process, by name."""
     found = llvm.version() if (mi.variant() or "").startswith("llvm") else None
     return {
         "mitsuba-prosim": __version__,
@@ -29,9 +29,10 @@ def this_environment() -> dict[str, str]:
 
 
 def differences(theirs: Mapping[str, str], names: tuple[str, ...]) -> str:
-    """Returns the differences between the environment ``theirs`` and that of this process, in words.
+    """Returns the differences between the environment ``theirs`` of another process and that of this process, as text.
 
-    Only the entries ``names`` are compared. The text is empty if all compared entries agree.
+    Only the entries ``names`` of the environments are compared. The returned text is empty if these entries agree in
+    both environments.
     """
     ours = this_environment()
     return ", ".join(
@@ -42,7 +43,7 @@ def differences(theirs: Mapping[str, str], names: tuple[str, ...]) -> str:
 
 
 def processor() -> str:
-    """Returns the model of this machine's processor, and its known vector instructions."""
+    """Returns the model of this machine's processor, and which of AVX2, FMA and AVX-512 the processor supports."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8") as file:
             lines = dict(line.rstrip().split("\t: ", 1) for line in file if "\t: " in line)

@@ -1,4 +1,4 @@
-"""The error of a mean of samples (thesis, section 4.2.1.1)."""
+"""The standard error of a mean of samples (thesis, section 4.2.1.1), also in units of the displayed image."""
 
 from __future__ import annotations
 
@@ -9,28 +9,27 @@ import numpy as np
 
 
 def library(values: Any) -> Any:
-    """Returns the module whose functions suit ``values``: Dr.Jit for a Dr.Jit array, else NumPy."""
+    """Returns the module that computes with ``values``, which is Dr.Jit for a Dr.Jit array, else NumPy."""
     return dr if isinstance(values, dr.ArrayBase) else np
 
 
 def variance(total: Any, squares: Any, count: Any) -> Any:
-    """Returns the variance of a sample, from the sum of ``count`` samples and the sum of their squares."""
+    """Returns the sample variance of ``count`` samples, from their sum ``total`` and their sum of ``squares``."""
     module = library(total)
     return module.maximum(squares / count - module.square(total / count), 0) * count / module.maximum(count - 1, 1)
 
 
 def standard_error(total: Any, squares: Any, count: Any) -> Any:
-    """Returns the standard error of a mean of ``count`` samples, from their sum and their sum of squares (equation
-    4.4).
+    """Returns the standard error of a mean of ``count`` samples, from their sum ``total`` and sum of ``squares``.
 
-    Samples of one N-rook pass are stratified, so the actual error of the mean is smaller than the estimate of this
-    function.
+    The formula of the standard error (thesis, equation 4.4) holds for independent samples. The samples of one N-rook
+    pass are stratified, so the actual error of their mean is smaller than the returned estimate.
     """
     return library(total).sqrt(variance(total, squares, count) / count)
 
 
 def displayed(mean: Any) -> Any:
-    """Returns the displayed value of a radiance: 0.1 for black, about 1 for white (radiance 1).
+    """Returns the displayed value of the radiance ``mean``: 0.1 for black, about 1 for white (radiance 1).
 
     The tone curve is sqrt(radiance + 0.01), which is close to the curve of sRGB except near black.
     """
@@ -38,7 +37,8 @@ def displayed(mean: Any) -> Any:
 
 
 def in_display_units(error: Any, mean: Any) -> Any:
-    """Converts the error of a radiance to the error of the displayed value, by the slope of the tone curve at
-    ``mean``.
+    """Converts the ``error`` of the radiance ``mean`` to the error of the displayed value.
+
+    The error is multiplied by the slope of the tone curve (:func:`displayed`) at ``mean``.
     """
     return error / (2 * displayed(mean))

@@ -1,4 +1,4 @@
-"""Takes samples of pixels: from the camera through the scene to the film's values (thesis, section 5.3.2)."""
+"""Takes samples of pixels: samples camera rays, and computes the film's values for the rays (thesis, section 5.3.2)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ if TYPE_CHECKING:
 
 
 class Estimator:
-    """Takes samples of the image of ``scene`` by ``sensor`` and a progressive ``integrator``; prepares the film."""
+    """Takes samples of the image of ``scene`` for ``sensor``, by a progressive ``integrator``.
+
+    The constructor prepares the film of ``sensor``.
+    """
 
     def __init__(self, scene: mi.Scene, sensor: mi.Sensor, integrator: ProgressiveIntegrator) -> None:
         self.scene, self.sensor, self.transport = scene, sensor, integrator.transport(scene, sensor)
@@ -38,13 +41,14 @@ class Estimator:
 
     @property
     def sums_per_pixel(self) -> int:
-        """Number of sums that a pixel stores: one for each channel and each pixel within the filter's reach."""
+        """Number of sums that a pixel stores: one for each channel and each pixel within the filter's radius."""
         return len(self.channels.names) * (2 * self.reach + 1) ** 2
 
     def camera_ray(self, x: mi.Int32, y: mi.Int32, points: NRook | Sobol) -> tuple[mi.Ray3f, mi.Spectrum, mi.Point2f]:
         """Returns ``(ray, weight, position)`` for a camera ray through the pixel (x, y).
 
-        ``position`` is relative to the pixel's upper left corner, in [0, 1)².
+        ``position`` is the point of the film through which the ray goes, relative to the pixel's upper left corner, in
+        [0, 1)².
         """
         position = points(PIXEL)
         lens = points(LENS) if self.sensor.needs_aperture_sample() else mi.Point2f(0.5)
@@ -59,9 +63,10 @@ class Estimator:
     def _wavelength(self, points: NRook | Sobol) -> mi.Float:
         """Returns the number in [0, 1) by which the sensor samples wavelengths.
 
-        With caustics, all pixels share this number with the photons of the photon map; otherwise each pixel has its own
-        number. Within a pass the number rises with the index of the sample; it is not shuffled. It is still not
-        correlated with the other dimensions, because these are shuffled.
+        With caustics, the ``t``-th samples of all pixels and the photons that they gather have the same wavelengths, so
+        the number is the same for all pixels. Without caustics, different pixels have different numbers. Within a pass,
+        the number for the wavelengths rises with the index of the sample (modulo 1). The number for the wavelengths is
+        not correlated with the other dimensions of a sample, because the other dimensions are shuffled.
         """
         caustics = self.transport.caustics
         key = combine(points.key, TIME_AND_WAVELENGTH) if caustics is None else caustics.key
@@ -70,8 +75,9 @@ class Estimator:
     def sample(self, plan: Plan, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> tuple[list[mi.Float], mi.Float, mi.Point2f]:
         """Takes the ``t``-th sample of the pixels (x, y), and returns ``(values, luminance, position)``.
 
-        ``values`` are the values of all channels, before they are multiplied by the filter's weights. ``luminance`` is
-        that of the radiance; ``position`` is relative to the pixel's corner, in [0, 1)².
+        ``values`` are the sample's values of all channels, not yet multiplied by the weights of the reconstruction
+        filter. ``luminance`` is the luminance of the sample's radiance. ``position`` is the position of the sample,
+        relative to the pixel's upper left corner, in [0, 1)².
         """
         points = plan.points(x, y, t)
         # The t-th sample has the same wavelengths as its photons, even if ``points`` has another index: a shared one.
@@ -93,7 +99,10 @@ class Estimator:
         return values, luminance(L, ray.wavelengths), position
 
     def weights(self, position: mi.Point2f) -> list[mi.Float]:
-        """Returns the weights of a sample at ``position`` in the pixels within the filter's reach, row by row."""
+        """Returns the filter weights of a sample at ``position``, for its own pixel and for the pixels around it.
+
+        The weights are ordered row by row. ``position`` is relative to the upper left corner of the sample's pixel.
+        """
         if self.rfilter.is_box_filter():
             return [mi.Float(1)]
         offsets = range(-self.reach, self.reach + 1)
@@ -102,24 +111,22 @@ class Estimator:
         return [wx * wy for wy in down for wx in across]
 
     def accumulate(self, plan: Plan, x: mi.Int32, y: mi.Int32, start: Accumulators, end: mi.UInt32) -> Accumulators:
-        """Adds samples to the sums ``start``, and returns the sums.
+        """Adds samples to the sums ``start`` of the pixels (x, y), and returns the new sums.
 
-        The pixels (x, y) get samples until they have ``end`` samples, or have converged by the policy after a pass.
-        Each lane is one pixel.
+        A pixel gets samples until it has ``end`` samples, or until it has converged at the end of a pass by the
+        criterion of the adaptive-sampling policy. Each lane is one pixel.
         """
         n, policy = plan.n, policy_of(plan)
 
         # ``end`` is not a part of the loop's state: Dr.Jit traces a loop twice if the body leaves a state variable
         # unchanged.
         def unfinished(sums: Accumulators) -> mi.Bool:
-            """Returns the lanes whose pixel needs further samples in this pass."""
+            """Returns the mask of the pixels that have fewer than ``end`` samples, and have not converged."""
             converged = policy.converged(sums.total, sums.squares, sums.count)
             return (sums.count < end) & ~((sums.count % n == 0) & converged)
 
         def step(sums: Accumulators, active: mi.Bool) -> tuple[Accumulators, mi.Bool]:
-            """Adds one sample to the sums of each active pixel; returns the sums, and the pixels that are
-            unfinished.
-            """
+            """Adds one sample to the sums of each pixel; returns the new sums and the mask :func:`unfinished`."""
             t = sums.count
             values, Y, position = self.sample(plan, x, y, t)
             filtered = [s + w * v for s, (w, v) in zip(sums.sums, product(self.weights(position), values))]

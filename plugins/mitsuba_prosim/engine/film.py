@@ -1,4 +1,4 @@
-"""The channels of a film: the values of a sample, and the values of an image."""
+"""The channels of a film: computes the values of the channels for a sample, and for an image."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ OWN_AOVS = ("samples", "error")
 
 
 class Channels:
-    """The channels of an image on ``film``, by the parameters ``channels`` and ``aovs`` of a progressive integrator.
+    """The channels of an image on ``film``, which the integrator's parameters ``channels`` and ``aovs`` select.
 
-    ``transport_aovs`` are the names of further values that the transport returns, such as layers.
+    ``transport_aovs`` are the names of further channels that the light transport computes with the radiance, such as
+    the layers of the image.
     """
 
     def __init__(self, film: mi.Film, integrator: ProgressiveIntegrator, transport_aovs: Sequence[str]) -> None:
@@ -41,7 +42,7 @@ class Channels:
         self.aov_names = aov_names + self.own_aovs
 
     def values(self, L: mi.Spectrum, wavelengths: mi.Color0f, alpha: mi.Float) -> list[mi.Float]:
-        """Returns the values of the film's own channels for a sample of weight 1.
+        """Returns the values of the film's own channels, without AOVs, for a sample whose filter weight is 1.
 
         ``L`` is the radiance along the camera ray, times the weight of the ray.
         """
@@ -50,7 +51,7 @@ class Channels:
         return [*self.rgb(L, wavelengths), *[alpha] * self.alpha, mi.Float(1)]
 
     def rgb(self, L: mi.Spectrum, wavelengths: mi.Color0f) -> list[mi.Float]:
-        """Returns red, green and blue of the radiance ``L``; a colour that is not stored is 0."""
+        """Returns red, green and blue of the radiance ``L``; a colour that the parameter ``channels`` omits is 0."""
         if mi.is_spectral:
             rgb = mi.spectrum_to_srgb(L, wavelengths)
         else:
@@ -58,20 +59,21 @@ class Channels:
         return [v if name in self.stored_colours else mi.Float(0) for name, v in zip("rgb", rgb)]
 
     def luminance(self, values: Sequence[mi.Float]) -> mi.Float:
-        """Returns the luminance of a pixel: of its weighted sums ``values``, divided by the weight.
+        """Returns the luminance of a pixel, from the sums ``values`` of its channels, which are weighted by the filter.
 
-        The last value is the sum of the weights. For a special film, such as ``specfilm``, the result is the mean of
-        all channels.
+        The last of the ``values`` is the sum of the filter's weights, by which the luminance is divided. For a film
+        with the flag ``Special``, such as ``specfilm``, the result is the mean of all channels instead of the
+        luminance.
         """
         light = sum(values[:-1]) / (len(values) - 1) if self.special else mi.luminance(mi.Color3f(*values[:3]))
         return light / values[-1]
 
 
 def luminance(L: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Float:
-    """Returns the luminance of the radiance ``L``, which is 1 for white.
+    """Returns the luminance of the radiance ``L``; the luminance of white is 1.
 
-    In spectral variants, Mitsuba's own function lacks the constant that converts spectra to colours, so its result is
-    107 times greater.
+    In spectral variants, Mitsuba's function ``mi.luminance`` omits the division by the integral of the CIE curve y, so
+    the result of ``mi.luminance`` is 107 times greater than the luminance.
     """
     return mi.spectrum_to_xyz(L, wavelengths).y if mi.is_spectral else mi.luminance(L, wavelengths)
 
@@ -79,17 +81,19 @@ def luminance(L: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Float:
 def aov_values(
     aovs: mi.Integrator | None, scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool
 ) -> list:
-    """Returns the AOVs of Mitsuba's ``aov`` integrator ``aovs`` along the camera ray ``ray``; none if
-    ``aovs`` is None.
+    """Returns the AOVs of Mitsuba's ``aov`` integrator ``aovs`` along the camera ray ``ray``.
+
+    The result is an empty list if ``aovs`` is None.
     """
     return [] if aovs is None else list(aovs.sample(scene, sampler, mi.RayDifferential3f(ray), None, active)[2])
 
 
 def parse_aovs(props: mi.Properties) -> tuple[list[str], mi.Integrator | None]:
-    """Reads the parameter ``aovs``, and returns ``(own, mitsuba)``.
+    """Reads the parameter ``aovs`` of a progressive integrator, and returns ``(own, mitsuba)``.
 
-    ``own`` are the names in :data:`OWN_AOVS`. ``mitsuba`` is an ``aov`` integrator of Mitsuba for the other names, or
-    None. Raises ValueError for a name that is neither in :data:`OWN_AOVS` nor has the form ``name:type``.
+    ``own`` are the names of the AOVs that this package computes itself (:data:`OWN_AOVS`). ``mitsuba`` is an ``aov``
+    integrator of Mitsuba that computes the AOVs with other names; None if there are no other names. Raises ValueError
+    for a name that is neither in :data:`OWN_AOVS` nor has the form ``name:type``.
     """
     aovs = list(filter(None, map(str.strip, props.get("aovs", "").split(","))))
     own, others = [aov for aov in aovs if aov in OWN_AOVS], [aov for aov in aovs if aov not in OWN_AOVS]
@@ -99,18 +103,19 @@ def parse_aovs(props: mi.Properties) -> tuple[list[str], mi.Integrator | None]:
 
 
 def put(film: mi.Film, values: mi.TensorXf, aov_names: Sequence[str]) -> None:
-    """Replaces the content of ``film``, which may be that of another image, by ``values``."""
+    """Replaces the content of ``film`` by ``values``; the earlier content may belong to another image."""
     film.prepare(aov_names)
     film.put_block(mi.ImageBlock(values, mi.ScalarPoint2i(film.crop_offset()), border=False))
 
 
 @alone()
 def film_values(image: Pixels) -> mi.TensorXf:
-    """Returns the film's values of the image so far, shape (height, width, channels).
+    """Returns the values that the film stores for the image so far, shape (height, width, channels).
 
-    A :class:`.SecondImage` must be complete. The integrator's own channels are multiplied by the pixel's sum of
-    weights, as films expect. Pixels without samples are black. Each pixel gathers the sums of the pixels within the
-    filter's reach, row after row.
+    If ``image`` is a :class:`.SecondImage`, the second image must be complete. The channels ``samples`` and ``error``
+    (:data:`OWN_AOVS`) are multiplied by the pixel's sum of filter weights, because a film divides all channels by this
+    sum. Pixels without samples are black. The value of a pixel is a sum of contributions from all pixels within the
+    filter's radius, which are added row by row.
     """
     plan, channels, sums = image.plan, image.estimator.channels, image.accumulators
     left, top, right, bottom = plan.window

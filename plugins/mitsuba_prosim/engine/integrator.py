@@ -1,4 +1,4 @@
-"""The base class of progressive integrators: ``prosim``, and the wrapper for other integrators."""
+"""The base class of the progressive integrators ``prosim`` and ``prosim_adaptive`` (which wraps another integrator)."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 class ProgressiveIntegrator(mi.SamplingIntegrator):
     """Base class of integrators that render progressively.
 
-    A subclass defines the radiance along a ray: by :meth:`transport`, and by ``sample()``, which Mitsuba's own loop
-    calls in scalar variants and within other integrators. The class does not use ``abc``, because Mitsuba's classes
-    have another metaclass.
+    A subclass defines how the radiance along a ray is estimated: by :meth:`transport`, and by the method ``sample()``.
+    Mitsuba calls ``sample()`` in scalar variants, and if this integrator is nested in another integrator. This class
+    does not use Python's module ``abc``, because Mitsuba's classes have another metaclass.
     """
 
     #: Name of the plugin.
@@ -73,13 +73,16 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Any:
         """Returns the :class:`.Transport`, which estimates the radiance along rays of ``sensor`` in ``scene``.
 
-        ``attached`` tells whether derivatives are wanted.
+        ``attached`` tells whether the transport computes derivatives with respect to scene parameters.
         """
         # A subclass defines this method.
         raise NotImplementedError
 
     def parameter_names(self) -> list[str]:
-        """Returns the names of the parameters that ``str()`` shows; ``band`` does not change the image."""
+        """Returns the names of the parameters that ``str()`` shows.
+
+        The parameter ``band`` is left out, because it does not change the image.
+        """
         return [*(name for name in SAMPLING if name != "band"), "channels"]
 
     def to_string(self) -> str:
@@ -90,7 +93,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         return list(others) + self.own_aovs
 
     def cancel(self) -> None:
-        """Ends the renders in progress within about a second; their films keep the finished samples."""
+        """Ends all renders of this integrator within about a second; the films keep the images of their samples."""
         for render in list(self._renders):
             render.stop()
         super().cancel()  # ends the loop of scalar variants
@@ -108,9 +111,9 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
     ) -> mi.TensorXf:
         """Renders the whole image.
 
-        Returns the developed image, shape (height, width, channels), or an empty tensor without ``develop``. A nonzero
-        ``spp`` replaces N²; with 0, N is the parameter ``samples``. In scalar variants, the sensor's sampler sets the
-        number of samples, and a nonzero ``spp`` replaces that number.
+        Returns the developed image, shape (height, width, channels), or an empty tensor if ``develop`` is False. A
+        nonzero ``spp`` is the number of samples per pixel, and replaces N², the square of the parameter ``samples``. In
+        scalar variants, the sensor's sampler sets the number of samples, and a nonzero ``spp`` replaces that number.
         """
         if not dr.is_jit_v(mi.Float):
             return self._render_scalar(scene, sensor, seed, spp, develop, evaluate)
@@ -138,13 +141,15 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
     ) -> Render:
         """Begins a progressive render, and returns an iterator that yields a :class:`.Step` after each work item.
 
-        Methods of the returned :class:`.Render` show the image so far. ``executor`` takes the samples; if it is None,
-        this process takes them one work item after another. ``begin`` is a checkpoint from which the render continues.
-        ``part`` is the part of the image whose samples are taken; ``begin`` has its own part. With a ``denoiser``, the
-        samples may be divided into two images, see :class:`.Render`.
+        The iterator is a :class:`.Render`, whose methods return the image so far. ``executor`` computes the work items;
+        if ``executor`` is None, this process computes one work item after another. ``begin`` is a checkpoint from which
+        the render continues. ``part`` is the part of the image that is rendered; with ``begin``, the part that the
+        checkpoint stores is rendered instead. With a ``denoiser``, the samples may be divided between two images, see
+        :class:`.Render`.
 
-        Raises RuntimeError in scalar variants and within ``dr.freeze``. Raises ValueError if ``begin`` belongs to
-        another image, and for a part with a limit of noise or time, because such limits are for the whole image.
+        Raises RuntimeError in scalar variants and within ``dr.freeze``. Raises ValueError if ``begin`` is a checkpoint
+        of another image. Raises ValueError, too, if a part of an image has a limit of noise or time, because these
+        limits apply to the whole image.
         """
         # Imported only for an image: NumPy and the engine are slow to import.
         from .render import Render
@@ -179,18 +184,18 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
 
     @property
     def sampling(self) -> Sampling:
-        """The parameters of sampling, as one object."""
+        """The sampling parameters of this integrator, as one object."""
         return Sampling(**{name: getattr(self, name) for name in SAMPLING})
 
     @alone()
     def estimator(self, scene: mi.Scene, sensor: mi.Sensor) -> Estimator:
-        """Creates the estimator of an image, and prepares the film of ``sensor``."""
+        """Creates the :class:`.Estimator`, which takes the samples of an image, and prepares the film of ``sensor``."""
         from .estimator import Estimator
 
         return Estimator(scene, sensor, self)
 
     def _render_scalar(self, scene: mi.Scene, sensor: int | mi.Sensor, *arguments: Any) -> mi.TensorXf:
-        """Renders by Mitsuba's own loop over pixels and samples."""
+        """Renders the image in a scalar variant, by Mitsuba's own loop over pixels and samples."""
         if self._scalar is not None:  # this is the second call, from Mitsuba's ``render`` below
             return super().render(scene, sensor, *arguments)
         if self.sampling.has_target:
@@ -208,7 +213,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
     def render_forward(
         self, scene: mi.Scene, params: Any, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0
     ) -> mi.TensorXf:
-        """Returns the derivative of the image along the gradients of the scene parameters."""
+        """Returns the derivative of the image along the gradients that the user has set on scene parameters."""
         return self._derivatives(scene, sensor, seed, spp).forward()
 
     @alone()
@@ -221,11 +226,14 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         seed: int | mi.UInt32 = 0,
         spp: int = 0,
     ) -> None:
-        """Adds the gradients of the scene parameters for ``grad_in``, the gradient of the image."""
+        """Propagates ``grad_in``, the gradient with respect to the image, to the scene parameters (backward mode)."""
         self._derivatives(scene, sensor, seed, spp).backward(grad_in)
 
     def _derivatives(self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int) -> Derivatives:
-        """Renders the image, and returns the derivatives of its samples; raises RuntimeError with a time limit."""
+        """Renders the image, and returns the object that computes the derivatives of the image.
+
+        Raises RuntimeError if the integrator has a time limit.
+        """
         from .derivatives import Derivatives
 
         if self.time:

@@ -1,4 +1,4 @@
-"""The plan of an image: which samples it takes, with its pixels, passes and hash keys (thesis, section 5.3.2)."""
+"""The plan of an image: the pixels, the sample points, and how many samples a pixel gets (thesis, section 5.3.2)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TARGETS = ("noise", "noise_99", "noise_999", "time")
 
 @dataclass(frozen=True)
 class Sampling:
-    """The integrator's parameters of sampling; the plugin page :ref:`integrator-prosim` explains each of them."""
+    """The sampling parameters of an integrator; the plugin page :ref:`integrator-prosim` explains each of them."""
 
     samples: int
     adaptive: str
@@ -44,20 +44,21 @@ class Sampling:
 
     @property
     def noises(self) -> tuple[float, float, float]:
-        """Limits of the RMS error, and of the errors of 99 % and of 99.9 % of the pixels; 0 stands for no limit."""
+        """Limits of the RMS error, and of the errors of 99 % and of 99.9 % of the pixels; 0 means no limit."""
         return self.noise, self.noise_99, self.noise_999
 
     @property
     def has_target(self) -> bool:
-        """Whether a limit of noise or time ends the render."""
+        """Whether the parameters set a limit of noise or of time, which ends the render."""
         return any(self.noises) or self.time > 0
 
     def halved(self, spp: int) -> tuple[Sampling, int]:
-        """Returns ``(sampling, spp)`` for two images, each with about half of the samples; ``spp`` 0 stays 0.
+        """Returns ``(sampling, spp)`` for each of two images that together take about as many samples as one image.
 
-        With a limit of noise or time, ``samples`` is not halved, because the first image may be sufficient. Without a
-        limit, the threshold is multiplied by the square root of 2, because the mean of both images has half the
-        variance of one image.
+        If ``spp`` is 0, the returned ``spp`` is 0, too. If a limit of noise or time is set, the parameter ``samples``
+        is not halved, because a second image may not be needed. Without a limit of noise or time, the parameter
+        ``threshold`` is multiplied by the square root of 2, because the mean of both images has half the variance of
+        one image.
         """
         half = replace(self, max_samples=(self.max_samples + 1) // 2)
         if not self.has_target:
@@ -66,7 +67,7 @@ class Sampling:
 
 
 def half_pattern(n: float) -> int:
-    """Returns the N of an N-rook pattern whose N² samples are about half of ``n``² samples."""
+    """Returns N for an N-rook pattern that has about half as many samples (N²) as a pattern of ``n``² samples."""
     return max(1, round(n / 2**0.5))
 
 
@@ -76,14 +77,16 @@ SAMPLING = tuple(field.name for field in fields(Sampling))
 
 @dataclass(frozen=True)
 class Plan:
-    """The samples of one image.
+    """The plan of one image: the pixels, the sample points, and how many samples a pixel gets.
 
-    The samples are the N-rook patterns of the thesis if a pixel gets at most N² samples. If a pixel may get more than
-    N² samples, the samples are Owen-scrambled Sobol' points, whose number is unlimited.
+    By default, the sample points are the N-rook patterns of the thesis, which have at most N² samples per pixel. The
+    sample points are Owen-scrambled Sobol' points, whose number is unlimited, if a pixel may get more than N² samples,
+    if ``spp`` or a limit of noise or time is set, or with the policy ``graded``.
 
-    If the user asks for 1, 2, 4, 8 or 16 samples of every pixel, the pixels share one sequence, along a Z-shaped curve
-    through the image (Ahmed and Wonka 2020, Screen-space blue-noise diffusion of Monte Carlo sampling error). Each
-    pixel has as much noise as with its own sequence, but the means of neighbouring pixels have less.
+    If ``spp`` is 1, 2, 4, 8 or 16, and every pixel gets this number of samples, all pixels share one Sobol' sequence,
+    in the order of a Z-shaped curve through the image (Ahmed and Wonka 2020, Screen-space blue-noise diffusion of Monte
+    Carlo sampling error). With the shared sequence, a single pixel is as noisy as with a sequence of its own, but the
+    mean of neighbouring pixels is less noisy. In spectral variants, pixels share no sequence.
     """
 
     #: The number N of samples of a pass.
@@ -115,8 +118,8 @@ class Plan:
     def of(cls, sampling: Sampling, film: mi.Film, seed: int | mi.UInt32, spp: int) -> Plan:
         """Returns the plan for an image on ``film``.
 
-        A nonzero ``spp`` replaces N², the square of the parameter ``samples``. Then ``max_samples`` is ignored, except
-        with a limit of noise or time.
+        A nonzero ``spp`` is the number of samples per pixel, and replaces N², the square of the parameter ``samples``.
+        With a nonzero ``spp``, the parameter ``max_samples`` is ignored, unless a limit of noise or time is set.
         """
         noisy = spp or sampling.samples**2
         n = grid_size(spp) if spp else min(sampling.samples, sampling.max_samples or noisy)
@@ -156,9 +159,10 @@ class Plan:
         )
 
     def points(self, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> NRook | Sobol:
-        """Returns the ``t``-th sample of the pixels (x, y), in every space.
+        """Returns the ``t``-th sample point of the pixels (x, y).
 
-        The sample is a pure function of seed, pixel and ``t``.
+        Call the result with the number of a space of the sampling pattern, such as ``PIXEL`` or ``LENS``, to get the
+        coordinates of the point in this space. The sample point depends only on the plan, the pixel and ``t``.
         """
         # Each coordinate has 16 bits, so that the samples of a pixel do not depend on the film's size.
         pixel = (mi.UInt32(y) << 16) | (mi.UInt32(x) & 0xFFFF)
@@ -173,7 +177,7 @@ class Plan:
 
 
 def widened(rectangle: Rectangle, reach: int, domain: Rectangle) -> Rectangle:
-    """Returns ``rectangle`` enlarged by ``reach`` pixels on each side, as far as ``domain`` allows."""
+    """Returns ``rectangle`` enlarged by ``reach`` pixels on each side, but not beyond the rectangle ``domain``."""
     return (
         max(rectangle[0] - reach, domain[0]),
         max(rectangle[1] - reach, domain[1]),
@@ -194,9 +198,10 @@ def pixels(rectangle: Rectangle) -> tuple[mi.Int32, mi.Int32]:
 def pixels_around(
     x: mi.Int32, y: mi.Int32, reach: int, inside: Rectangle, stored: Rectangle
 ) -> Iterator[tuple[mi.UInt32, mi.Bool]]:
-    """Yields ``(index, active)`` for each pixel within ``reach`` rows and columns of the pixels (x, y), row by row.
+    """Yields ``(index, active)`` for each neighbour within ``reach`` rows and columns of the pixels (x, y), row by row.
 
-    ``active`` tells whether the neighbour is in the rectangle ``inside``. If so, ``index`` is its index among the
+    Each of the pixels (x, y) counts as one of its own neighbours. ``active`` tells whether the neighbour is in the
+    rectangle ``inside``. For a neighbour in ``inside``, ``index`` is the index of the neighbour among the
     :func:`pixels` of the rectangle ``stored``.
     """
     width = stored[2] - stored[0]

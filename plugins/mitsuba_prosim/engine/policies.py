@@ -11,9 +11,11 @@ from .plan import Plan
 
 
 class Policy:
-    """The policy ``none``, by which every pixel gets all samples; base class of the other policies.
+    """The adaptive-sampling policy ``none``, which requests the same number of samples for every pixel.
 
-    A subclass overrides the attributes and methods that differ from those of this class.
+    :class:`Policy` is also the base class of all other adaptive-sampling policies.
+
+    A subclass overrides the attributes and methods that differ from those of :class:`Policy`.
     """
 
     #: Distance in pixels up to which the policy looks at neighbours.
@@ -37,45 +39,48 @@ class Policy:
     def request(self, total: np.ndarray, squares: np.ndarray, count: np.ndarray) -> np.ndarray:
         """Returns the total number of samples that each pixel should get, shape (height, width).
 
-        ``total`` and ``squares`` are the sums of the luminance and of its square over ``count`` samples, 32-bit floats
-        of this shape. :meth:`.FilmState.counts_for` rounds the result up, and limits it.
+        For each pixel, ``total`` and ``squares`` are the sums of the luminance and of its square over ``count``
+        samples; the three arrays have 32-bit floats, shape (height, width). :meth:`.FilmState.counts_for` later rounds
+        the requested numbers up, and limits them.
         """
         return np.full(count.shape, self.noisy_samples)
 
     def converged(self, total: mi.Float, squares: mi.Float, t: mi.UInt32) -> mi.Bool:
-        """Tells which pixels need no samples beyond the first ``t``, a whole number of passes.
+        """Tells which pixels have converged, so that they need no further samples after their first ``t`` samples.
 
-        ``total`` and ``squares`` are the sums of the luminance and of its square over these ``t`` samples. No pixel has
-        converged if the policy does not decide by the pixel's own samples.
+        The result is used only if ``t`` is a whole number of passes. ``total`` and ``squares`` are the sums of the
+        luminance and of its square over the first ``t`` samples of a pixel. The result is False for all pixels in
+        policies that do not decide by a pixel's own samples.
         """
         return mi.Bool(False)
 
 
 class Thesis(Policy):
-    """Ends a pixel as soon as the standard error of its own samples is at most the threshold, in units of radiance.
+    """The policy ``thesis``: a pixel gets no more samples when its standard error is at most the threshold.
 
-    The policy is exactly the criterion of the thesis (section 5.3.2). The samples that decide are the samples of the
-    estimate, so the estimate is biased (Kirk and Arvo 1991).
+    The standard error is computed from the pixel's own samples, in units of radiance. The policy is exactly the
+    criterion of the thesis (section 5.3.2). The same samples estimate the value of a pixel and decide when the pixel is
+    finished, so the value is biased (Kirk and Arvo 1991).
     """
 
     def converged(self, total: mi.Float, squares: mi.Float, t: mi.UInt32) -> mi.Bool:
-        """Tells which pixels have a standard error of at most the threshold."""
+        """Tells which pixels have the minimum number of samples, and a standard error of at most the threshold."""
         threshold = dr.opaque(mi.Float, self.threshold)  # one kernel serves all values
         return (t >= self.first_samples) & (standard_error(total, squares, mi.Float(t)) <= threshold)
 
 
 class Neighbours(Policy):
-    """Requests all samples for a pixel if the 24 pixels around it suggest a standard error above the threshold.
+    """The policy ``neighbours``: a pixel gets all samples if the 24 pixels around it have an error above the threshold.
 
-    The error is that of the displayed value (:func:`.in_display_units`). A window of 5 x 5 pixels shows an outlier that
-    3 x 3 pixels miss. A window of 5 x 5 pixels also shows noise where the first samples of the nearest pixels agree by
-    chance.
+    The error is the standard error of the displayed value (:func:`.in_display_units`). A window of 5 x 5 pixels
+    contains outliers (rare bright samples) that a window of 3 x 3 pixels misses. A window of 5 x 5 pixels also shows
+    noise where the first samples of the 8 nearest pixels are equal by chance.
     """
 
     reach = 2
 
     def request(self, total: np.ndarray, squares: np.ndarray, count: np.ndarray) -> np.ndarray:
-        """Requests all samples for noisy pixels, and the first samples for the others."""
+        """Requests all samples for noisy pixels, and only the samples of the first pass for other pixels."""
         # A pixel may have more samples than the first ones. The sums are scaled to ``first_samples`` samples.
         share = self.first_samples / count
         error = error_of_neighbours(total * share, squares * share, self.first_samples)
@@ -83,22 +88,25 @@ class Neighbours(Policy):
 
 
 class Graded(Policy):
-    """Requests samples in proportion to the standard deviation of a sample, by the 24 pixels around a pixel.
+    """The policy ``graded``: the number of samples of a pixel is in proportion to the standard deviation of a sample.
 
-    The deviation is that of the displayed value (:func:`.in_display_units`). Samples in proportion to the standard
-    deviation minimise the total variance (Neyman 1934). A pixel gets N² samples if N² samples reduce the standard error
-    to the threshold. The policy decides after the first and after the second pass, because the first pass misses rare
-    events; with an error target, it decides after every pass.
+    The standard deviation of the displayed value (:func:`.in_display_units`) is estimated from the 24 pixels around the
+    pixel. Numbers of samples in proportion to the standard deviation minimise the sum of the pixels' variances for a
+    given total number of samples (Neyman 1934). A pixel gets N² samples if N² samples reduce the standard error to the
+    threshold. The policy decides after the first and after the second pass over the image, because the few samples of
+    the first pass may miss rare bright light. With a limit of noise or time, the policy decides after every pass.
 
-    The variance is the mean of two means: of the variances of the 8 and of the 24 pixels around the pixel. So near
-    pixels count more. A geometric mean would be 0 where 8 pixels have missed all rare bright samples.
+    The variance of a sample is the average of two means: the mean of the variances of the 8 nearest pixels, and the
+    mean of the variances of the 24 nearest pixels. So the 8 nearest pixels have more weight in the variance than the
+    other 16 pixels. The geometric mean of the two means would be 0 where the 8 nearest pixels have missed all rare
+    bright samples.
     """
 
     reach = 2
     rounds = 2
 
     def request(self, total: np.ndarray, squares: np.ndarray, count: np.ndarray) -> np.ndarray:
-        """Requests samples in proportion to the standard deviation."""
+        """Requests samples in proportion to the standard deviation of the displayed value."""
         # The variances within pixels. Differences between pixels may be an edge or a texture, which is no noise.
         within = variance(total, squares, count)
         deviation = np.sqrt((mean_around(within, 1) + mean_around(within, Graded.reach)) / 2)
@@ -109,12 +117,13 @@ class Graded(Policy):
 
 
 def error_of_neighbours(total: np.ndarray, squares: np.ndarray, count: int) -> np.ndarray:
-    """Returns the standard error of each pixel in display units, estimated from the 24 pixels around it.
+    """Returns the standard error of each pixel in display units, estimated from the 24 pixels around the pixel.
 
-    All samples of these pixels are pooled. Their variance also contains the differences between the pixel means. Near
-    the border of the arrays, fewer than 24 pixels count; the error is infinite if there are none. ``total`` and
-    ``squares``, shape (height, width), are the sums of the luminance and of its square over the ``count`` samples of
-    each pixel.
+    The standard error is computed from the samples of all 24 pixels together, as if they were samples of one pixel. The
+    variance of the samples of all 24 pixels also contains the differences between the means of the 24 pixels. Near the
+    border of the arrays, a pixel has fewer than 24 neighbours; without any neighbour, the error is infinite. ``total``
+    and ``squares``, shape (height, width), are the sums of the luminance and of its square over the ``count`` samples
+    of each pixel.
     """
     inverse = np.float32(1 / count)
     first, second = (mean_around(sums * inverse, Neighbours.reach) for sums in (total, squares))  # first two moments
@@ -125,18 +134,19 @@ def error_of_neighbours(total: np.ndarray, squares: np.ndarray, count: int) -> n
 def mean_around(plane: np.ndarray, reach: int) -> np.ndarray:
     """Returns, for each pixel, the mean of ``plane`` over the pixels around it, shape (height, width).
 
-    The pixels around a pixel are those within ``reach`` rows and columns, without the pixel itself: a decision by a
-    pixel's own samples would bias the image (Kirk and Arvo 1991). The mean is infinite if there are none.
+    The pixels around a pixel are the pixels within ``reach`` rows and columns, without the pixel itself. The pixel
+    itself is left out, because a policy that decides by a pixel's own samples would bias the image (Kirk and Arvo
+    1991). The mean is infinite for a pixel without neighbours.
     """
 
     def along_columns(plane: np.ndarray) -> np.ndarray:
-        """Returns the sums of the entries up to ``reach`` rows above and below."""
+        """Returns, for each entry of ``plane``, the sum of the entries up to ``reach`` rows above and below."""
         padded, height = np.pad(plane, ((reach, reach), (0, 0))), len(plane)
         steps = (k for k in range(-reach, reach + 1) if k)
         return sum((padded[reach + k : reach + k + height] for k in steps), np.zeros_like(plane))
 
     def sum_around(plane: np.ndarray) -> np.ndarray:
-        """Returns, for each pixel, the sum over the pixels within ``reach`` rows and columns, without the pixel."""
+        """Returns, for each pixel, the sum of ``plane`` over the pixels around it within ``reach`` rows and columns."""
         # Adds along the rows, and then along the columns of these sums. The middle row is added without the pixel
         # itself.
         in_row = along_columns(plane.T).T
@@ -151,5 +161,5 @@ POLICIES: dict[str, type[Policy]] = {"neighbours": Neighbours, "thesis": Thesis,
 
 
 def policy_of(plan: Plan) -> Policy:
-    """Returns the policy of ``plan``."""
+    """Returns the adaptive-sampling policy of ``plan``."""
     return POLICIES[plan.sampling.adaptive](plan)

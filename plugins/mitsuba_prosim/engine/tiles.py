@@ -1,4 +1,4 @@
-"""Parts of an image: the pixels that one of several processes renders, without communication between the processes."""
+"""Divides an image into parts, so that several processes can each render one part without communication."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SHIFT = 0.6180339887
 
 @dataclass(frozen=True)
 class Part:
-    """One of several parts of an image: part ``number``, counted from 1, of ``of`` parts."""
+    """One of the ``of`` parts of an image; ``number``, from 1 to ``of``, is the number of this part."""
 
     number: int
     of: int
@@ -35,11 +35,12 @@ class Part:
 
 
 def part_numbers(region: Rectangle, parts: int, margin: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Returns the number of the part that owns each pixel (x, y) of ``region``; x and y are integer arrays.
+    """Returns, for each pixel (x, y) of ``region``, the number of the part of the image that contains the pixel.
 
-    Tiles are assigned to the ``parts`` in turn. The size of a tile depends on ``margin``, the width in pixels of the
-    neighbourhood that the adaptive-sampling policy uses. A process also samples this margin around its tiles, so a wide
-    margin needs large tiles. If ``margin`` is 0, the tiles have the smallest size, which balances the work best.
+    x and y are integer arrays. The tiles of the image are assigned in turn to the parts; ``parts`` is the number of
+    parts. The size of a tile depends on ``margin``, the width in pixels of the neighbourhood that the adaptive-sampling
+    policy uses. The process that renders a part also takes samples in a margin around each of its tiles, so the tiles
+    are larger for a wider margin. If ``margin`` is 0, the tiles have the smallest size, which balances the work best.
     """
     left, top, right, bottom = region
     side = max(min(int((area(region) / (TILES * parts)) ** 0.5), LARGEST * margin), SMALLEST)

@@ -1,4 +1,4 @@
-"""Divides the samples that an image lacks into work items, and computes work items in this process."""
+"""Divides the samples that an image still needs into work items, and computes work items in this process."""
 
 from __future__ import annotations
 
@@ -67,10 +67,11 @@ class Steps(Iterator[Step]):
 
 @dataclass(frozen=True)
 class WorkItem:
-    """A unit of work for an executor: some pixels, and the samples that these pixels lack.
+    """A unit of work for an executor: some pixels of an image, and the number of samples that each pixel should reach.
 
-    The samples of the pixels (x, y) continue from the sums ``start`` to the counts ``end``, or until a pixel has
-    converged. All samples need the same photon pass. All arrays are evaluated, with one entry per pixel.
+    ``start`` are the sums over the earlier samples of the pixels (x, y). Each pixel gets further samples until it has
+    ``end`` samples or has converged. All samples of a work item gather photons of the same photon pass. All Dr.Jit
+    arrays of a work item are evaluated, and have one entry per pixel.
     """
 
     estimator: Estimator
@@ -85,7 +86,7 @@ class WorkItem:
     store: Callable[[Accumulators], None] = lambda sums: None
 
     def compute(self) -> Accumulators:
-        """Takes the samples in this process, and returns the sums.
+        """Takes the samples of the work item in this process, and returns the new sums of its pixels.
 
         The returned sums are evaluated, so that the next work item can use the same kernel.
         """
@@ -106,10 +107,11 @@ Results = Generator["tuple[WorkItem, Accumulators] | None", None, None]
 
 
 class Executor:
-    """Computes work items, one after the other in this process.
+    """Computes work items in this process, one after the other.
 
-    Samples are pure functions, so a subclass may compute work items anywhere and in any order. A work item takes about
-    ``seconds``; the measured speed of earlier work items determines its size.
+    The value of a sample depends only on the scene, the plan, the pixel and the number of the sample, so a subclass may
+    compute work items in other processes and in any order. The computation of a work item takes about ``seconds``: the
+    executor chooses the size of the work item by the measured speed of earlier work items.
     """
 
     #: Maximum factor by which the speed grows from one work item to the next.
@@ -129,20 +131,21 @@ class Executor:
     def limit(self, left: int, seconds: float = np.inf) -> int:
         """Returns the maximum number of samples of the next work item.
 
-        ``left`` is the number of samples that remain. The work item should not take more than ``seconds``.
+        ``left`` is the number of samples that still have to be divided into work items. The computation of the work
+        item should not take longer than ``seconds``.
         """
         size = self.speed * min(self.seconds, seconds)
         return left if left < self.LAST * size else max(int(size), self.SMALLEST)
 
     def update_speed(self, samples: int, seconds: float) -> None:
-        """Updates the speed with the time that a work item took."""
+        """Updates the measured speed after a work item of ``samples`` samples took ``seconds``."""
         speed = min(samples / max(seconds, 1e-6), self.SPEED_GROWTH * self.speed)
         if self.measured or speed > self.speed:  # the first work item also compiles, so it must not lower the speed
             self.speed = speed
         self.measured = True
 
     def __call__(self, items: Iterator[WorkItem]) -> Results:
-        """Computes each of ``items``, and yields the item with its sums."""
+        """Computes the work items ``items`` one by one, and yields each work item with the new sums of its pixels."""
         for item in items:
             started = time.perf_counter()
             sums = item.compute()
@@ -152,11 +155,13 @@ class Executor:
 
 
 def work_items(pixels: Pixels, wanted: np.ndarray, executor: Executor, seconds: float = np.inf) -> Iterator[WorkItem]:
-    """Yields the samples that ``pixels`` lack to the counts ``wanted``, divided into work items for ``executor``.
+    """Yields work items that together bring each pixel of ``pixels`` to its number of samples in ``wanted``.
 
-    A work item takes at most about ``seconds``. Pixels with most missing samples come first, so that the noisiest
-    pixels have improved if the render stops. Pixels with similar numbers of missing samples are together, because the
-    lanes of a kernel wait for the slowest lane. Among them, neighbours are together, because their rays are similar.
+    ``executor`` limits the size of the work items, so that each one takes at most about ``seconds``. The pixels that
+    need most samples come first, so that the noisiest pixels have improved if the render is stopped early. Pixels that
+    need similar numbers of samples are in the same work item if possible, because the lanes of a kernel wait for the
+    slowest lane. Among pixels that need similar numbers of samples, neighbours are in the same work item if possible,
+    because their rays are similar.
     """
     lack = wanted - np.array(pixels.accumulators.count, dtype=np.int64)
     order = np.flatnonzero(lack > 0)
@@ -177,7 +182,11 @@ def work_items(pixels: Pixels, wanted: np.ndarray, executor: Executor, seconds: 
 
 @alone()
 def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, samples: int) -> WorkItem:
-    """Returns the work item for the pixels with the indices ``some``: at most ``samples`` samples, up to ``wanted``."""
+    """Returns the work item for the pixels with the indices ``some``, which get at most ``samples`` samples together.
+
+    ``wanted`` has the number of samples that each pixel of the image has after the work item, unless the pixel
+    converges.
+    """
     index, end, plan = dr_array(some.astype(np.uint32)), dr_array(wanted[some]), pixels.plan
     x, y, start = dr.gather(tuple, (pixels.x, pixels.y, pixels.accumulators), index)
     if dr.width(plan.seed) > 1:
@@ -186,7 +195,7 @@ def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, samples: in
 
     @alone()
     def store(sums: Accumulators) -> None:
-        """Writes the sums of the work item to the accumulators of its pixels."""
+        """Writes the new sums of the work item's pixels to the accumulators of the image."""
         dr.scatter(pixels.accumulators, sums, index, mode=dr.ReduceMode.NoConflicts)
         dr.eval(pixels.accumulators)
 
@@ -194,10 +203,11 @@ def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, samples: in
 
 
 def photon_batches(pixels: Pixels, wanted: np.ndarray) -> Iterator[np.ndarray]:
-    """Divides the samples that ``pixels`` lack to the counts ``wanted`` into batches, one for each photon pass.
+    """Divides the samples that ``pixels`` need to reach the numbers ``wanted`` into batches, one for each photon pass.
 
-    Yields the counts after each batch. A photon pass has photon maps for a fixed number of samples of each pixel.
-    Without caustics there is only one batch. If no pixel lacks samples, the function yields no batch.
+    Yields, for each batch, the number of samples of each pixel after the batch. The photon maps of one photon pass are
+    used for a fixed number of successive samples of each pixel. Without caustics, there is only one batch. If all
+    pixels already have the ``wanted`` number of samples, the function yields no batch.
     """
     caustics, count = pixels.estimator.transport.caustics, np.array(pixels.accumulators.count)
     lacking, maps = wanted > count, UNLIMITED if caustics is None else caustics.maps(pixels.plan.n)

@@ -1,4 +1,4 @@
-"""A scene in a form that can be sent to a worker: its text, and the files that it names."""
+"""A scene in a form that can be sent to a worker: the text of the scene, and the files that the text names."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ from ..scene import scene_file
 class SceneBundle:
     """A scene in a form that can be sent to a :mod:`.worker`.
 
-    ``main`` is the name of the XML file. ``changes`` are further arguments of :class:`.SceneFile`. ``sensor`` is the
-    number of the sensor. ``variant`` is the variant of the process that made the bundle: bundles of two variants are
-    not equal. ``contents`` maps the name of each file, relative to the scene's folder, to the bytes of the file.
+    ``main`` is the name of the scene's XML file. ``changes`` are further arguments of :class:`.SceneFile`. ``sensor``
+    is the number of the sensor. ``variant`` is the Mitsuba variant of the process that made the bundle. Bundles of one
+    scene in two variants are different, so that a worker loads the scene again for the other variant. ``contents`` maps
+    the name of each file, relative to the scene's folder, to the bytes of the file.
     """
 
     main: str
@@ -33,7 +34,7 @@ class SceneBundle:
     def of(cls, file: scene_file.SceneFile, sensor: int = 0) -> SceneBundle:
         """Returns the bundle of the scene ``file``.
 
-        Raises OSError, and ValueError if the scene names a file outside its folder.
+        Raises OSError if a file cannot be read, and ValueError if the scene names a file outside the scene's folder.
         """
         folders, contents = [Path(os.path.abspath(folder)) for folder in (file.xml.parent, file.path.parent)], {}
         for name, path in file.named_files():
@@ -48,7 +49,7 @@ class SceneBundle:
         return cls(file.xml.name, file.changes, sensor, mi.variant() or "", contents)
 
     def load(self) -> tuple[mi.Scene, mi.Sensor]:
-        """Writes the files to a temporary folder and loads the scene there; returns the scene and its sensor.
+        """Writes the files to a temporary folder, loads the scene from this folder, and returns scene and sensor.
 
         Raises the errors of the scene's plugins.
         """

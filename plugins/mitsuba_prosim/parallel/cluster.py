@@ -1,4 +1,4 @@
-"""Dask clusters: workers on this machine, or the workers of a scheduler elsewhere."""
+"""Starts a Dask cluster with workers on this machine, or connects to the scheduler of a running cluster."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ TIMEOUT, REPLACE_INTERVAL, ATTEMPTS = 10, "2s", 3
 
 
 def silence() -> None:
-    """Silences all messages of the package ``distributed`` below the level CRITICAL.
+    """Hides all log messages of Dask's package ``distributed`` below the level CRITICAL.
 
-    This package prints its own messages about lost workers and schedulers.
+    ``mitsuba_prosim`` prints its own messages about lost workers and schedulers.
     """
     for name in ("distributed", "distributed.client", "distributed.scheduler", "distributed.nanny"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
@@ -43,7 +43,7 @@ def workers(number: int, threads: int | None = None) -> Iterator[distributed.Cli
     """Starts local worker processes, and yields a client of their scheduler.
 
     The scheduler listens only to this machine. ``number`` is the number of processes. ``threads`` is the number of
-    threads of all processes together; None for one thread per processor.
+    threads of all worker processes together; None stands for one thread per processor.
     """
     silence()
     for attempts_left in range(ATTEMPTS)[::-1]:
@@ -70,9 +70,11 @@ def workers(number: int, threads: int | None = None) -> Iterator[distributed.Cli
 
 @contextmanager
 def interrupts_blocked() -> Iterator[None]:
-    """Blocks the signals of Ctrl-C and of a closed terminal in all threads and processes that the context starts.
+    """Blocks the signals of Ctrl-C and of a closed terminal in all processes that start inside the ``with`` block.
 
-    A terminal sends these signals to all processes, but only the process with the image may handle them.
+    Threads that this process starts inside the ``with`` block block the signals of Ctrl-C and of a closed terminal,
+    too. A terminal sends the signals of Ctrl-C and of its closing to all processes, but only the main process, which
+    holds the image, may handle them.
     """
     if sys.platform == "win32":
         yield
@@ -88,7 +90,7 @@ def interrupts_blocked() -> Iterator[None]:
 
 @contextmanager
 def scheduler(address: str) -> Iterator[distributed.Client]:
-    """Connects to the scheduler at an address such as ``tcp://machine:8786``, and yields a client.
+    """Connects to the running Dask scheduler at an ``address`` such as ``tcp://machine:8786``, and yields a client.
 
     Raises ClusterError if no scheduler answers.
     """

@@ -39,7 +39,7 @@ class ClusterError(RuntimeError):
 
 
 class DaskExecutor(Executor):
-    """Computes work items of the scene in ``bundle`` on the workers of ``client``.
+    """Computes work items of the scene in ``bundle`` on the workers of the Dask cluster of ``client``.
 
     Workers may join and leave the cluster during the render.
     """
@@ -56,7 +56,7 @@ class DaskExecutor(Executor):
         self.change_scene(bundle)
 
     def change_scene(self, bundle: SceneBundle) -> None:
-        """Sets the scene of the next images; call this method only between two images."""
+        """Sets the scene of the next images; do not call this method during the render of an image."""
         self._scene, self._environment = pickle.dumps(bundle), environment.this_environment()
         #: The scene in the memory of the cluster; workers send it to each other.
         self._shared: distributed.Future | None = None
@@ -64,17 +64,19 @@ class DaskExecutor(Executor):
     def limit(self, left: int, seconds: float = np.inf) -> int:
         """Returns the maximum number of samples of the next work item.
 
-        ``left`` is the number of samples that the pass lacks. A work item takes a worker at most about ``seconds``, and
-        less time near the end of the pass, so that all workers end at about the same time.
+        ``left`` is the number of samples that still have to be divided into work items. The computation of a work item
+        takes a worker at most about ``seconds``. Near the end of a pass, work items are smaller, so that all workers
+        finish the pass at about the same time.
         """
         least = max(int(self.speed * min(self.seconds, seconds)) // MAX_SHORTENING, self.SMALLEST)
         return min(super().limit(left, seconds), max(left // (WINDOW * max(len(self._workers), 1)), least))
 
     def __call__(self, items: Iterator[WorkItem]) -> Results:
-        """Computes the work items on the workers, and yields each item with its sums.
+        """Computes the work items on the workers, and yields each work item with the new sums of its pixels.
 
         Yields None while there is no new result, so that the caller can stop at any time. Raises ClusterError if a
-        worker has a wrong environment, or if a task fails too often.
+        worker has another variant or other software versions than this process, or if a task fails more than
+        :data:`RETRIES` times.
         """
         done = distributed.as_completed(loop=self.client.loop, with_results=True, raise_errors=False)
         running = dict[distributed.Future, WorkItem]()
@@ -100,9 +102,9 @@ class DaskExecutor(Executor):
                 future.cancel()
 
     def _submit(self, item: WorkItem, done: distributed.as_completed) -> distributed.Future:
-        """Submits a work item to the cluster; ``done`` will yield its result.
+        """Submits a work item to the cluster as a task; the iterator ``done`` later yields the result of this task.
 
-        Dask repeats the task if its worker is lost.
+        If the worker that executes the task is lost, Dask repeats the task on another worker.
         """
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
             self._shared = self._shared or self.client.submit(bytes, self._scene)
@@ -112,9 +114,9 @@ class DaskExecutor(Executor):
         return future
 
     def _sums(self, item: WorkItem, future: distributed.Future, result: Any) -> Accumulators:
-        """Returns the sums of a finished work item from the ``result`` of the worker's task, which may be an error.
+        """Returns the new sums of the pixels of a finished work item, from the ``result`` of the worker's task.
 
-        Raises ClusterError.
+        Raises ClusterError if the result is an error, or if the worker has another variant or other software versions.
         """
         if future.status == "error":
             _, error, _ = result
@@ -134,9 +136,10 @@ class DaskExecutor(Executor):
         return sums
 
     def _check_workers(self) -> bool:
-        """Updates the list of workers, at most once in :data:`CHECK_INTERVAL`; returns whether the cluster is lost.
+        """Updates the list of workers at intervals of :data:`CHECK_INTERVAL`; returns whether the scheduler is lost.
 
-        Warns if a worker was lost, or if there are no workers for a long time.
+        Warns if a worker was lost. Warns if the cluster has no workers :data:`WARNING_DELAY` seconds after the executor
+        was created.
         """
         now, before = time.perf_counter(), self._workers
         if self.loss_reason or now < self._next_check:
@@ -168,12 +171,12 @@ def render(
     spp: int = 0,
     **changes: Any,
 ) -> mi.TensorXf:
-    """Renders a scene file by the workers of ``client``; returns the image, shape (height, width, channels).
+    """Renders a scene file on the workers of a Dask cluster; returns the image, shape (height, width, channels).
 
-    ``scene`` is a file in the thesis's scene language or in XML. ``client`` is None for Dask's current client. ``spp``
-    is the number of samples per pixel; 0 stands for the number in the scene file. ``changes`` are further arguments of
-    :class:`.SceneFile`, such as ``resolution=(640, 480)`` or ``integrator={"noise": 0.01}``. The image has the same
-    bits as an image that is rendered without workers.
+    ``scene`` is a file in the thesis's scene language or in XML. ``client`` is a client of the cluster; None stands for
+    Dask's current client. ``spp`` is the number of samples per pixel; 0 stands for the number in the scene file.
+    ``changes`` are further arguments of :class:`.SceneFile`, such as ``resolution=(640, 480)`` or
+    ``integrator={"noise": 0.01}``. The image has the same bits as an image that is rendered without workers.
 
     Raises :class:`ClusterError` if the cluster cannot render the image, and ValueError if the scene cannot be sent to
     workers.

@@ -1,6 +1,7 @@
-"""The task of a Dask worker: the samples of a work item.
+"""The task that a Dask worker executes: takes the samples of a work item.
 
-The task runs in one thread of the worker, which uses all threads of Dr.Jit. Two renders take turns.
+All tasks of a worker run in a single thread, which uses all threads of Dr.Jit. If two clients render on one worker,
+their tasks are executed in turn.
 """
 
 from __future__ import annotations
@@ -39,12 +40,13 @@ scenes = dict[str, tuple[bytes, Estimator]]()
 
 
 def load(client: str, content: bytes) -> Estimator:
-    """Returns the estimator of a scene; loads the scene if it is not the last one of this client.
+    """Returns the :class:`.Estimator` of a scene; loads the scene, unless it is the last scene that this client used.
 
     ``client`` is the id of the Dask client. ``content`` is a pickled :class:`.SceneBundle`.
 
-    The previous scene of this client is deleted before the new scene is loaded. The new scene then takes the places of
-    the previous scene in Dr.Jit's tables, so that kernels are found in the cache.
+    The previous scene of this client is deleted before the new scene is loaded. Because the previous scene is deleted
+    first, the objects of the new scene get the numbers of the deleted objects in Dr.Jit's registry, so that compiled
+    kernels in the cache can be used again.
     """
     known, estimator = scenes.pop(client, (b"", None))
     if estimator is None or known != content:
@@ -62,7 +64,8 @@ def load(client: str, content: bytes) -> Estimator:
 def pickled(value: Any) -> bytes:
     """Returns ``value`` in pickled form.
 
-    ``pickle.loads`` then makes its Dr.Jit arrays by :func:`..compat.dr_array`, so that kernels are not compiled again.
+    When the result is unpickled, Dr.Jit arrays are made by :func:`..compat.dr_array`, so that kernels are not compiled
+    again because of another memory alignment.
     """
     content = io.BytesIO()
     pickler = pickle.Pickler(content)
@@ -81,20 +84,21 @@ def packed(item: WorkItem) -> bytes:
 def sample(
     client: str, expected: Mapping[str, str], scene: bytes, item: bytes
 ) -> tuple[float, bytes, Mapping[str, str]]:
-    """Computes a work item, and returns ``(seconds, sums, environment)``.
+    """Computes a work item on this worker, and returns ``(seconds, sums, environment)``.
 
-    ``scene`` is a pickled :class:`.SceneBundle`, and ``item`` a :func:`packed` work item. ``environment`` is that of
-    this worker. The sums are empty if this worker's environment differs from the ``expected`` environment in a field
-    that must agree.
+    ``scene`` is a pickled :class:`.SceneBundle`, and ``item`` a :func:`packed` work item. ``sums`` are the pickled new
+    sums of the pixels. ``environment`` is the variant, the software versions and the processor of this worker. If this
+    worker has another variant or other software versions than ``expected``, the samples are not taken, and ``sums`` is
+    empty.
 
-    A worker renders with the number of threads that Dask gives to it. If a worker runs in the same process as the
-    client, it renders with the threads of this process. Raises ImportError or RuntimeError if the worker lacks the
-    variant.
+    A worker renders with the number of threads that Dask assigns to this worker. A worker in the same process as the
+    client does not change the number of threads of this process. Raises ImportError or RuntimeError if the worker
+    cannot use the variant.
     """
     dask_worker = distributed.get_worker()
 
     def compute() -> tuple[float, bytes, Mapping[str, str]]:
-        """Computes the work item in the thread that renders."""
+        """Computes the work item; this function runs in :data:`RENDER_THREAD`, like all tasks of this worker."""
         if not dask_worker.address.startswith("inproc:"):
             dr.set_thread_count(dask_worker.state.nthreads)
             warnings.simplefilter("ignore", prosim_scene.SceneWarning)  # the client shows these warnings

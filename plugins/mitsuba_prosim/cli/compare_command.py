@@ -1,4 +1,4 @@
-"""``prosim compare``: compares two integrators or samplers on a scene, and writes a page with all measures."""
+"""``prosim compare``: compares two integrators or samplers on a scene, and writes an HTML page with the results."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -38,9 +38,9 @@ def compare(job: Job, a: str, b: str, rounds: int, sqrt_spp: tuple[int, ...], re
     A and B are each INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...], such as prosim,adaptive=none or
     path:multijitter,max_depth=5; the default sampler is the scene's. If B is not adaptive, B is rendered twice: with
     the same number of samples as A, and in the same time as A. Errors are differences from a converged reference image.
-    If only one of A and B is prosim, prosim renders the scene twice: with the light paths of the other integrator, and
-    with the light paths that the scene selects. The command writes a page, SCENE-compare.html, and its numbers,
-    SCENE-compare.json, in the scene's folder.
+    If only one of A and B is prosim, prosim renders the scene twice: once with the kinds of light paths that the other
+    integrator simulates, and once with the kinds that the scene selects. The command writes two files to the scene's
+    folder: a page with the results, SCENE-compare.html, and the numbers of this page, SCENE-compare.json.
     """
     require_extra("compare", "prosim compare")
     scene = Path(job.scene)
@@ -87,7 +87,10 @@ def compare(job: Job, a: str, b: str, rounds: int, sqrt_spp: tuple[int, ...], re
 
 
 def summary(facts: Mapping[str, Any], light: Mapping[str, str]) -> str:
-    """Returns the main result in a few lines. ``light`` maps each light transport to its description."""
+    """Returns the main result of a comparison as a few lines of text.
+
+    ``light`` maps the name of each light transport to the description that the text shows.
+    """
     section = facts["sections"][0]
     lines = [f"Light: {light[section['transport']]}. Samples and times are as near to equal as the samplers allow."]
     labels = [row["name"] + row["role"][1:] for row in section["rows"]]  # "b at equal time" -> "path at equal time"

@@ -18,7 +18,7 @@ from ..stock_command import stand_ins
 def doctor() -> None:
     """Print versions, variants, LLVM, extras, the state of the `mitsuba` command, and remedies for problems.
 
-    Exit code 1 if there are problems, else 0.
+    The exit code is 1 if there are problems, else 0.
     """
     problems = []
     row("Python", f"{platform.python_version()}, {sys.executable}")

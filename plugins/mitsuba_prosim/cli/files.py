@@ -1,5 +1,5 @@
-"""Checks the input files of commands (scenes, states, parts), checks before the work that the output can be written,
-and writes the output.
+"""Checks the input files of commands (scenes, states, parts), checks before a render that the output files can be
+written, and writes the output files.
 """
 
 from __future__ import annotations
@@ -37,10 +37,11 @@ STATE_SUFFIXES = re.compile(r"(\.state|\.\d+-of-(?P<of>\d+))\.npz$")
 
 
 class InputFile(click.Path):
-    """The type of an argument that is an existing file. ``kinds`` are the kinds of files that are allowed.
+    """The click type of a command-line argument that names an existing file.
 
-    ``what`` is the name of the allowed files in messages. ``patterns`` match the names of allowed files. ``writer`` is
-    the command that writes allowed files.
+    ``kinds`` are the allowed kinds of files, as :func:`kind` returns them. ``what`` is the name of the allowed files in
+    error messages. ``patterns`` match the names of allowed files. ``writer`` is the prosim command that writes allowed
+    files; error messages show this command.
     """
 
     def __init__(self, what: str, kinds: Collection[str], patterns: Collection[str], writer: str = "") -> None:
@@ -49,7 +50,7 @@ class InputFile(click.Path):
         self.writes = writer and f" {writer} writes one."  # the end of a message
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Returns the path of the file. Fails for a missing file, and for a file of another kind."""
+        """Returns the path of the file; raises BadParameter for a missing file, and for a file that is not allowed."""
         path = Path(os.fsdecode(value))
         try:
             super().convert(value, param, ctx)
@@ -61,10 +62,10 @@ class InputFile(click.Path):
         return path
 
     def suggestion(self, path: Path) -> str:
-        """Returns " Did you mean FILE?", or "" if there is no such file.
+        """Returns the text " Did you mean FILE?" for an error message, or "" if no file has a similar name.
 
-        FILE is in the folder of ``path``, matches one of ``patterns``, and has the name most similar to that of
-        ``path``.
+        Among the files in the folder of ``path`` that match one of ``patterns``, FILE is the file with the name most
+        similar to the name of ``path``.
         """
         candidates = chain.from_iterable(map(path.parent.glob, self.patterns))
         files = {file.name.partition(".")[0]: file for file in candidates if file != path}
@@ -79,15 +80,16 @@ PART_FILE = InputFile(PART, (PART,), ("*.*-of-*.npz",), "prosim render --part 1/
 
 
 def image_stem(path: Path) -> Path:
-    """Returns the path of the image without suffix, for the path of a state, of a part, or of any other file."""
+    """Returns the path of an image without suffix, from the path of its state, a part, or another file."""
     name = STATE_SUFFIXES.sub("", path.name)
     return path.with_name(name if name != path.name else path.stem)
 
 
 def quoted_path(path: Path) -> str:
-    """Returns the path as an argument of a shell.
+    """Returns the path as an argument of a shell command, in quotes if necessary.
 
-    The path of a part becomes a pattern that matches all parts of its image, such as ``night.*-of-4.npz``.
+    For the path of a part of an image, the result is a pattern that matches all parts of this image, such as
+    ``night.*-of-4.npz``.
     """
     match = STATE_SUFFIXES.search(path.name)
     return (
@@ -98,7 +100,7 @@ def quoted_path(path: Path) -> str:
 
 
 def kind(path: Path) -> str:
-    """Returns the kind of a file in words, such as "an EXR image"; the first bytes and the suffix decide."""
+    """Returns the kind of a file, such as "an EXR image"; the file's first bytes and suffix determine the kind."""
     begin = b""
     if path.is_file():  # the content of a pipe can be read only once
         with open(path, "rb") as file:
@@ -125,11 +127,12 @@ FILE_SUFFIXES = re.compile(
 
 
 def output_stem(output: str | None, default: Path, suffixes: Collection[str]) -> Path:
-    """Returns the path of the output files without suffix. ``suffixes`` are the suffixes that this function removes.
+    """Returns the common path of a command's output files, without suffix.
 
-    ``output`` is the value of ``-o``: a file name with or without one of the suffixes, a folder, or None. If ``output``
-    is None, the result is ``default``. If ``output`` is a folder, the name of ``default`` is appended. Raises the
-    errors of :func:`output_path`.
+    ``output`` is the value of the option ``-o``: a file name with or without one of ``suffixes``, a folder, or None.
+    ``suffixes`` are the suffixes of the output files; they are removed from the end of ``output``. If ``output`` is
+    None, the result is ``default``. If ``output`` is a folder, the result is the file name of ``default`` in this
+    folder. Raises the errors of :func:`output_path`.
     """
     if output is None:
         return default
@@ -142,11 +145,11 @@ def output_stem(output: str | None, default: Path, suffixes: Collection[str]) ->
 
 
 def output_path(output: str, suffixes: Collection[str] = ()) -> Path:
-    """Returns the value of ``-o`` as a path, and replaces ``~`` by the user's home folder.
+    """Returns ``output``, the value of the option ``-o``, as a path, with the user's home folder for ``~``.
 
-    The shell does not replace ``~`` in quotes and after ``=``. The path is a folder, or the name of files with
-    ``suffixes``; without ``suffixes``, only a folder. Raises BadParameter if ``output`` is empty, names a file of
-    another kind, or names a device.
+    This function replaces ``~``, because the shell does not replace ``~`` in quotes and after ``=``. ``output`` names a
+    folder, or a file that has one of the ``suffixes`` or no suffix. If ``suffixes`` is empty, ``output`` must name a
+    folder. Raises BadParameter if ``output`` is empty, has the suffix of another kind of file, or names a device.
     """
     path = Path(os.path.expanduser(output))
     suffix, is_device = path.suffix.lower(), os.path.exists(path) and not path.is_file()
@@ -159,14 +162,14 @@ def output_path(output: str, suffixes: Collection[str] = ()) -> Path:
 
 
 def with_suffixes(stem: Path, suffixes: Iterable[str]) -> list[Path]:
-    """Returns the paths of the output files: ``stem`` with each suffix."""
+    """Returns the paths of the output files, which are ``stem`` with each of the ``suffixes``."""
     return [stem.with_name(stem.name + suffix) for suffix in suffixes]
 
 
 def check(stem: Path, suffixes: Collection[str], size: int, sources: Iterable[Path]) -> None:
     """Raises InputError if the output files, which together have ``size`` bytes, cannot be written.
 
-    Raises InputError, too, if an output file would overwrite an input file, one of the ``sources``.
+    Raises InputError, too, if one of the output files is also one of the input files ``sources``.
     """
     try:
         atomic.check(with_suffixes(stem, suffixes), size)
@@ -179,10 +182,11 @@ def check(stem: Path, suffixes: Collection[str], size: int, sources: Iterable[Pa
 
 
 def save(stem: Path, contents: Mapping[str, atomic.Content]) -> list[Path]:
-    """Writes the output files, whose ``contents`` are given by suffix; returns the paths.
+    """Writes the output files, and returns their paths; ``contents`` maps the suffix of each file to its content.
 
-    If a file cannot be written, this function writes all files to another folder. It then raises a ClickException,
-    which names the files in that folder, or tells that they could not be written either.
+    If a file cannot be written, this function writes all files to another folder, and then raises a ClickException. The
+    message of this exception names the files in the other folder, or tells that the files could not be written to
+    another folder either.
     """
     files = dict(zip(with_suffixes(stem, contents), contents.values()))
     try:
@@ -197,5 +201,5 @@ def save(stem: Path, contents: Mapping[str, atomic.Content]) -> list[Path]:
 
 
 def reason(error: OSError) -> str:
-    """Returns the file name and the message of an error of the operating system."""
+    """Returns a text with the file name and the message of an error of the operating system."""
     return ": ".join(map(str, filter(None, (error.filename, error.strerror)))) or str(error)

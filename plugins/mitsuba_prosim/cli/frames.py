@@ -1,4 +1,4 @@
-"""``prosim render --frames``: renders an animation, in which $frame and $time have other values in each frame."""
+"""``prosim render --frames``: renders an animation, in which $frame and $time change from frame to frame."""
 
 from __future__ import annotations
 
@@ -26,16 +26,17 @@ DIGEST = "prosim.digest"
 
 
 class Animation:
-    """The frames of one job, which are rendered in order.
+    """Renders the frames of an animation one after another, with the options of one job.
 
-    A frame whose file exists and has the current :func:`digest` is not rendered again, unless the job has
-    ``overwrite``.
+    A frame is not rendered again if its EXR file exists and stores the current :func:`digest`, unless the job has the
+    option ``overwrite``.
     """
 
     def __init__(self, job: Job, stem: Path) -> None:
-        """Raises UsageError if -D defines $frame or $time.
+        """Raises UsageError if the option -D defines $frame or $time.
 
-        Raises InputError if the scene uses neither of them, so that several frames would be equal.
+        Raises InputError if the animation has several frames, but the scene uses neither $frame nor $time, so that all
+        frames would be equal.
         """
         if conflict := {FRAME, TIME} & set(job.definitions):
             raise click.UsageError(f"-D {min(conflict)}=... and --frames both define ${min(conflict)}; give one.")
@@ -52,10 +53,12 @@ class Animation:
                 )
 
     def render(self) -> None:
-        """Renders the frames that have no complete file with the current digest; with ``overwrite``, all frames.
+        """Renders the frames of the animation, and prints a report.
 
-        Prints a report. After an interruption the process exits with code 1. Raises ClickException, such as InputError;
-        the finished frames stay on the disk.
+        Frames whose EXR file exists with the current :func:`digest` are left out, unless the job has the option
+        ``overwrite``. If a signal or the loss of the cluster interrupts the animation, the process exits with code 1.
+        Raises ClickException, such as InputError, if a frame cannot be rendered; the files of the finished frames stay
+        on the disk.
         """
         with Resources(self.job) as resources, Progress("film", len(self.frames)) as bar:
             resources.handle_signals()
@@ -73,10 +76,11 @@ class Animation:
             sys.exit(1)
 
     def render_frame(self, number: int, bar: Progress, resources: Resources) -> None:
-        """Renders a frame, unless its complete file exists.
+        """Renders the frame ``number``, unless the EXR file of this frame exists already.
 
-        The values of $frame and $time, and the seed, depend on ``number``. The first black frame causes a warning.
-        Raises ClickException.
+        The values of $frame and $time, and the seed of the samples, depend on the ``number`` of the frame. If the frame
+        is the first black frame of the animation, a warning is shown. Raises ClickException if the frame cannot be
+        rendered.
         """
         bar.begin(number, self.rendered, len(self.frames) - self.skipped)
         values = {name: value for name, value in self.definitions(number).items() if name in self.names}
@@ -101,15 +105,15 @@ class Animation:
         bar.write(outcome.report, file=sys.stderr)
 
     def definitions(self, number: int) -> dict[str, str]:
-        """Returns the values of $frame and $time in a frame."""
+        """Returns the values of $frame and $time in the frame ``number``."""
         return {FRAME: str(number), TIME: repr(number / (self.job.fps or FPS))}
 
     def path(self, number: int) -> Path:
-        """Returns the path of a frame without its suffix, such as ``name.0007``."""
+        """Returns the path of the image of the frame ``number`` without suffix, such as ``name.0007``."""
         return self.stem.with_name(f"{self.stem.name}.{number:04d}")
 
     def report(self) -> str:
-        """Returns a line that says how many frames were rendered, and where their files are."""
+        """Returns a line of text with the number of rendered frames and the names of their files."""
         first, last = self.path(self.frames[0]), self.path(self.frames[-1])
         names = f"{first}.exr" if len(self.frames) == 1 else f"{first}.exr to {last.name}.exr"
         skipped = f", {self.skipped} had been rendered before" if self.skipped else ""
@@ -118,10 +122,10 @@ class Animation:
 
 
 def digest(job: Job, file: scene_file.SceneFile) -> str:
-    """Returns the SHA-256 of the data that determine a frame, up to rounding errors.
+    """Returns the SHA-256 hash of the data that determine the image of a frame, up to rounding errors.
 
-    The data are the scene's content, changes of the scene by options, the variant and the versions of the software. The
-    digest depends neither on the scene's folder nor on the processor.
+    The hashed data are the content of the scene, the options that change the image, the variant and the software
+    versions. The hash depends neither on the scene's folder nor on the processor.
     """
     environment_facts = environment.this_environment()
     versions = [environment_facts[name] for name in environment.MUST_AGREE]
@@ -131,7 +135,7 @@ def digest(job: Job, file: scene_file.SceneFile) -> str:
 
 
 def is_rendered(task: RenderTask) -> bool:
-    """Whether the complete EXR file of the frame exists, with the same digest as the task."""
+    """Tells whether the EXR file of the frame of ``task`` exists, and stores the current digest of this frame."""
     image = Path(f"{task.stem}.exr")
     if not image.is_file():  # OpenEXR would print an error message about a missing file
         return False

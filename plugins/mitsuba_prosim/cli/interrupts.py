@@ -1,4 +1,4 @@
-"""Handles signals that end a render, such as Ctrl-C; the samples that were taken are kept."""
+"""Handles signals that end a render early, such as the signal of Ctrl-C, so that the samples taken so far are kept."""
 
 import os
 import signal
@@ -16,12 +16,13 @@ AGAIN = 0.1
 
 @contextmanager
 def interruptible(stop: Callable[[], None], received_signals: list[int] | None = None) -> Iterator[list[int]]:
-    """Calls ``stop`` at the first signal of :data:`ENDING`; a second signal ends the process at once.
+    """Calls ``stop`` when the first signal in :data:`ENDING` arrives; a second signal ends the process at once.
 
-    ``stop`` is called repeatedly until the ``with`` block ends, because a renderer that has not started ignores a call.
-    Yields the list of the signals that have arrived; ``received_signals`` is this list, if the caller passes one.
-    Signals that the process ignores (after ``nohup``, or in the background of a script) stay ignored, and handlers that
-    were not installed from Python stay. Handlers of other signals run as before.
+    After the first signal, ``stop`` is called repeatedly until the ``with`` block ends, because a renderer ignores a
+    call before the render has started. Yields a list, to which the number of each arriving signal is appended. If the
+    caller passes the list ``received_signals``, the signal numbers are appended to this list. Signals that the process
+    ignores (after ``nohup``, or in the background of a script) stay ignored. A signal handler that was not installed
+    from Python is not replaced. The handlers of signals that are not in :data:`ENDING` run as before.
     """
     received_signals = [] if received_signals is None else received_signals
     handled = [number for number in ENDING if signal.getsignal(number) not in (signal.SIG_IGN, None)]
@@ -31,7 +32,7 @@ def interruptible(stop: Callable[[], None], received_signals: list[int] | None =
     # A thread watches for signals, because Python calls handlers only in the main thread, and Mitsuba's own integrators
     # block the main thread.
     def watch() -> None:
-        """Waits for the numbers of signals on the socket, and calls ``stop`` or ends the process."""
+        """Reads the numbers of signals from the socket; calls ``stop``, or ends the process at the second signal."""
         while True:
             try:
                 received = reader.recv(1)
@@ -51,7 +52,7 @@ def interruptible(stop: Callable[[], None], received_signals: list[int] | None =
             reader.settimeout(AGAIN)
 
     def handle(number: int, _: object) -> None:
-        """Handles a signal in the main thread: records the number of the signal, and calls ``stop``."""
+        """Handles a signal in the main thread: appends its number to ``received_signals``, and calls ``stop``."""
         received_signals.append(number)
         stop()
 

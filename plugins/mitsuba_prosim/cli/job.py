@@ -1,4 +1,4 @@
-"""The class :class:`Job`: all options of a render; each field with an option also defines this option."""
+"""The class :class:`Job`, whose fields hold all options of a render, and define the command-line options."""
 
 from __future__ import annotations
 
@@ -36,8 +36,9 @@ BY_SCENE, WITH_TARGET = "set by the scene", "with --noise, --time: "
 def _option(group: str, type_: Any, text: str, *flags: str, **settings: Any) -> Any:
     """Defines a field of a :class:`Job` and the command-line option of this field.
 
-    ``group`` is the group of the option in the help. ``type_`` is None for a flag. ``flags`` are further names of the
-    option. A long name (``--name``) in ``flags`` replaces ``--field``.
+    ``group`` is the group of the option in the help text. ``type_`` is the type of the option's value; None for an
+    option without a value. ``flags`` are further names of the option. If ``flags`` contains a long name (``--name``),
+    this name replaces the long name that is made from the name of the field.
     """
     settings = ({"is_flag": True, "default": False} if type_ is None else {"type": type_, "default": None}) | settings
     return field(default=settings["default"], metadata={"group": group, "flags": flags, "help": text} | settings)
@@ -132,7 +133,7 @@ class Job:
 
     @property
     def integrator(self) -> dict[str, Any]:
-        """Parameters that replace those of the scene's integrator; None removes a parameter."""
+        """Parameter name -> new value, for the scene's integrator; the value None removes a parameter."""
         parameters = {name: value for name in INTEGRATOR if (value := getattr(self, name)) is not None}
         if any(name in parameters for name in TARGETS):
             parameters.setdefault("adaptive", "graded")
@@ -140,21 +141,21 @@ class Job:
 
     @property
     def language(self) -> dict[str, Any]:
-        """The options of the translator; see :data:`.scene_file.TRANSLATION`."""
+        """The options of the scene translator that this job sets; see :data:`.scene_file.TRANSLATION`."""
         return {name: value for name in scene_file.TRANSLATION if (value := getattr(self, name, None))}
 
     @property
     def distributed(self) -> str | None:
-        """The option that distributes the render to other processes, or None."""
+        """The option that distributes the render to other processes: "--workers", "--cluster" or None."""
         return "--workers" if self.workers else "--cluster" if self.cluster else None
 
     def image_fields(self) -> dict[str, Any]:
-        """Returns the fields that determine the image, by name."""
+        """Returns name -> value of the fields of this job that determine the image."""
         return {name: getattr(self, name) for name in FIELDS if name not in RUNNING}
 
     @classmethod
     def of(cls, checkpoint: Checkpoint) -> Job:
-        """Returns the job that a checkpoint stores. Raises ValueError if prosim render did not write the checkpoint."""
+        """Returns the job that a checkpoint stores; raises ValueError if prosim render did not write the checkpoint."""
         try:
             return cls(**checkpoint.about["job"])
         except (KeyError, TypeError):
@@ -164,9 +165,9 @@ class Job:
             ) from None
 
     def read_scene(self, folder: Path, **how: Any) -> scene_file.SceneFile:
-        """Reads the scene file. Translated files are written to ``folder``.
+        """Reads the scene file of this job. Files that the scene translator makes are written to ``folder``.
 
-        :class:`.scene_file.SceneFile` describes the options ``how`` and the exceptions.
+        ``how`` are further arguments of :class:`.scene_file.SceneFile`, which also describes the exceptions.
         """
         scene_changes = {name: getattr(self, name) for name in ("definitions", "resolution", "crop", "integrator")}
         return scene_file.SceneFile(self.scene, folder, **scene_changes, **how, **self.language)
@@ -179,10 +180,10 @@ OPTIONS = tuple(one.name for one in fields(Job) if one.metadata)
 
 
 def job_options(*names: str) -> Callable[[Callable], Callable]:
-    """Returns a decorator that adds the options of these fields of a :class:`Job` to a command."""
+    """Returns a decorator that adds to a command the command-line options of the :class:`Job` fields ``names``."""
 
     def decorate(command: Callable) -> Callable:
-        """Adds one option to ``command`` for each of the field names; the field describes its option."""
+        """Adds to ``command`` the command-line option that each of the :class:`Job` fields ``names`` defines."""
         for name in reversed(names):
             settings = dict(Job.__dataclass_fields__[name].metadata)
             flags = settings.pop("flags")
@@ -199,20 +200,21 @@ GROUPS = ("Quality", "Output", "Scene", "Film", "Comparison", "Page", "Distribut
 
 
 class Command(click.Command):
-    """A command that receives its scene and the options of :func:`job_options` as one :class:`Job`.
+    """A click command whose function receives the scene and the options of :func:`job_options` as one :class:`Job`.
 
-    The :class:`Job` is the argument ``job`` of the command's function. The help shows the options in groups.
+    The :class:`Job` is the argument ``job`` of the command's function. The help text of the command shows the options
+    in groups.
     """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parses the arguments, and makes the job from the options."""
+        """Parses the command-line arguments, and makes one :class:`Job` from the scene and the options."""
         rest = super().parse_args(ctx, args)
         if not ctx.resilient_parsing:
             ctx.params["job"] = make_job({name: ctx.params.pop(name) for name in FIELDS if name in ctx.params})
         return rest
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Writes the options to the help, in groups."""
+        """Writes the options of the command to the help text, in groups."""
         groups: dict[str, list[tuple[str, str]]] = {}
         for param in self.get_params(ctx):
             if isinstance(param, click.Option) and (record := param.get_help_record(ctx)) is not None:
@@ -243,11 +245,12 @@ CONFLICTS = (
 
 
 def make_job(options: dict[str, Any]) -> Job:
-    """Makes the job for these options; sets the variant and loads the plugins, if ``options`` has a variant.
+    """Returns the job for ``options``; if ``options`` has a variant, sets the variant and loads the plugins.
 
-    ``options`` maps fields of a :class:`Job` to the values on the command line. If the only target is a list of
-    snapshots, the smallest error or the longest time becomes the target. Raises UsageError if options contradict each
-    other, and InputError if an option needs another variant.
+    ``options`` maps fields of a :class:`Job` to the values on the command line. If ``options`` has snapshots, but no
+    limit of noise or time, the smallest error or the longest time of the snapshots becomes the limit that ends the
+    render. Raises UsageError if options contradict each other, and InputError if an option does not work in the
+    selected variant.
     """
     given = {name for name, value in options.items() if value}
     for option, others, message in CONFLICTS:
@@ -270,9 +273,10 @@ def make_job(options: dict[str, Any]) -> Job:
 
 
 def choose_variant(name: str | None) -> str:
-    """Sets the variant ``name`` (None: the default variant) and loads all plugins; returns the variant's name.
+    """Sets the Mitsuba variant ``name``, or the default variant if ``name`` is None; returns the name of the variant.
 
-    Warns if the variant is scalar, because scalar variants are slow. Raises ImportError and ClickException.
+    The function also loads all plugins. The function warns if the variant is scalar, because scalar variants are slow.
+    Raises ImportError if Mitsuba does not have the variant, and ClickException if this machine cannot use the variant.
     """
     try:
         variant = session.set_variant(name)
@@ -284,7 +288,10 @@ def choose_variant(name: str | None) -> str:
 
 
 def refuse_scalar(names: list[str], variant: str) -> None:
-    """Raises InputError if one of the options ``names`` is used with a scalar variant, which renders pixel by pixel."""
+    """Raises InputError if ``variant`` is scalar and the user has set any of the options ``names``.
+
+    Scalar variants render pixel by pixel, so they do not support options for progressive rendering.
+    """
     if variant.startswith("scalar_") and names:
         raise InputError(
             f"{', '.join(names)}: {variant} renders pixel by pixel, not progressively. Give another variant, "

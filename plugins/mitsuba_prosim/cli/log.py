@@ -1,4 +1,4 @@
-"""Shows Mitsuba's log while a command runs."""
+"""Shows the messages of Mitsuba's log while a command runs."""
 
 import os
 import re
@@ -24,13 +24,17 @@ DECORATION = re.compile(r"\x1b\[[0-9;]*m|\r[^\n]*")
 
 @contextmanager
 def log(verbose: int) -> Iterator[None]:
-    """Prints Mitsuba's log to standard error, above the progress bar: warnings, and more for a larger ``verbose``.
+    """Prints Mitsuba's log messages to standard error, above the progress bar, until the ``with`` block ends.
 
-    Mitsuba writes its log to standard output. This function redirects standard output to a file, and a thread prints
-    the text that is added to this file. Mitsuba's logger must have no appender that Python knows, not even an appender
-    of Mitsuba. An appender that Python knows waits for Python's interpreter lock, while it holds the lock of the logger
-    and often the lock of the plugin manager. A thread that makes a plugin in Python holds the interpreter lock and
-    needs the locks of the logger and of the plugin manager, so a deadlock would occur.
+    If ``verbose`` is 0, only warnings and errors are printed; a larger ``verbose`` prints more messages. Mitsuba writes
+    its log to standard output. This function redirects standard output to a temporary file, and a thread prints the
+    text that Mitsuba appends to this file.
+
+    This function adds no appender to Mitsuba's logger, because an appender that is accessible from Python, even one of
+    Mitsuba's own classes, may cause a deadlock. An appender that is accessible from Python waits for Python's
+    interpreter lock, while its thread holds the lock of the logger and often the lock of the plugin manager. Another
+    thread that creates a plugin in Python holds the interpreter lock, and waits for the locks of the logger and of the
+    plugin manager, so a deadlock occurs.
     """
     level = mi.log_level()
     sys.stdout.flush()
@@ -55,7 +59,7 @@ def log(verbose: int) -> Iterator[None]:
 
 
 def _follow(file: BinaryIO, finished: threading.Event) -> None:
-    """Prints the lines that are added to ``file``, until ``finished`` is set; prints equal warnings only once."""
+    """Prints the lines that are appended to ``file``, until ``finished`` is set; prints equal warnings only once."""
     warnings, at_end, incomplete = set[str](), False, b""
     while not at_end:
         at_end = finished.wait(0.05)

@@ -30,10 +30,10 @@ FACTOR = PatternType("LAYER=FACTOR", EXAMPLES, r"(\w+=[\d.,]+)", parse_factor)
 @click.argument("factors", nargs=-1, required=True, type=FACTOR, metavar="LAYER=FACTOR...")
 @job_options("output", "exposure", "variant")
 def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> None:
-    """Recombine the layers of IMAGE, an EXR by prosim render --layers.
+    """Recombine the layers of IMAGE, an EXR file that prosim render --layers has written.
 
-    Each LAYER is multiplied by its FACTOR, which is one number or three numbers (red, green, blue). Other layers stay
-    unchanged. The output is an EXR image, which can be mixed again, and a PNG image.
+    Each LAYER is multiplied by its FACTOR, which is one number or three numbers (red, green, blue). Layers without a
+    factor stay unchanged. The output is an EXR image, which can be mixed again, and a PNG image.
     """
     try:
         with OpenEXR.File(str(image), separate_channels=True) as file:
@@ -66,11 +66,11 @@ def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> N
 
 
 def factors_in_words(factors: Iterable[tuple[str, np.ndarray]]) -> str:
-    """Returns the factors as text, for the metadata of the image."""
+    """Returns the factors of the layers as text, for the metadata of the mixed image."""
     return ", ".join(f"{name} x {' '.join(map(str, factor))}" for name, factor in factors)
 
 
 def is_sum(planes: dict[str, np.ndarray], layers: list[str], letter: str) -> bool:
-    """Whether the channel ``letter`` (R, G or B) of the image is the sum of this channel of the ``layers``."""
+    """Tells whether the channel ``letter`` (R, G or B) of the image is the sum of this channel over all ``layers``."""
     image, total = planes.get(letter, np.zeros(1)), np.sum([planes[f"{name}.{letter}"] for name in layers], axis=0)
     return bool(np.abs(total - image).max() <= ROUNDING * max(np.abs(image).max(), 1e-3))

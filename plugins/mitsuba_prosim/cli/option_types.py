@@ -1,4 +1,4 @@
-"""The types of the values of command-line options, and options that the help shows in groups."""
+"""The types of the values of command-line options, and options that the help text shows in groups."""
 
 import math
 import re
@@ -19,14 +19,14 @@ TEV_HOST, TEV_PORT = "127.0.0.1", 14158
 
 
 class InputError(click.ClickException):
-    """The scene or another input is wrong. Exit code 2: no file has been written."""
+    """The scene or another input of a command is wrong. The command ends with exit code 2, and has written no file."""
 
     exit_code = 2
 
 
 @contextmanager
 def input_errors() -> Iterator[None]:
-    """Converts any exception that is raised while a scene is read and loaded to an InputError."""
+    """Converts an exception inside the ``with`` block, which reads and loads a scene, to an InputError."""
     try:
         yield
     except prosim_scene.SceneError as error:
@@ -36,8 +36,9 @@ def input_errors() -> Iterator[None]:
 
 
 def require_extra(extra: str, what: str) -> None:
-    """Raises ClickException with the message that ``what`` needs the extra, if packages of the extra are not
-    installed.
+    """Raises ClickException if packages of the ``extra`` are not installed.
+
+    The error message says that ``what`` needs the missing packages, and how to install these packages.
     """
     if extras.missing(extra):
         raise click.ClickException(extras.needs(what, extra))
@@ -47,16 +48,18 @@ def require_extra(extra: str, what: str) -> None:
 
 
 class PatternType(click.ParamType):
-    """The type of an option whose value is a text that matches a ``pattern``.
+    """The click type of an option whose text must match the regular expression ``pattern``.
 
-    ``make`` converts the groups of the pattern to the value; the user sees the message of a ValueError of ``make``.
+    The function ``make`` converts the groups of the match to the value of the option. If ``make`` raises a ValueError,
+    the user sees the message of this error. ``name`` and ``example`` appear in error messages, and show the form that
+    the text of the option must have.
     """
 
     def __init__(self, name: str, example: str, pattern: str, make: Callable[..., Any]) -> None:
         self.name, self.example, self.pattern, self.make = name, example, pattern, make
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Converts the text of the option to its value."""
+        """Converts the text ``value`` of the option on the command line to the option's value."""
         match = re.fullmatch(self.pattern, value, re.DOTALL)
         if not match:
             self.fail(f"'{value}' is not of the form {self.name}, such as {self.example}", param, ctx)
@@ -78,7 +81,7 @@ class Number(click.FloatRange):
     name = "number"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Converts the text of the option to a finite number."""
+        """Converts the text ``value`` of the option on the command line to a finite number."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"'{value}' is not a finite number.", param, ctx)
@@ -86,7 +89,7 @@ class Number(click.FloatRange):
 
 
 def _resolution(*size: str) -> tuple[int, ...]:
-    """Converts the texts of width and height to integers; raises ValueError for a size that is not allowed."""
+    """Converts the texts of width and height to integers; raises ValueError for an image size that is not allowed."""
     width, height = map(int, size)
     overrides.check_size(width, height)
     return width, height
@@ -103,7 +106,10 @@ def _frames(begin: str, end: str | None, step: str | None) -> range:
 
 
 def _snapshots(text: str) -> tuple[str, ...]:
-    """Splits a list of errors or of times (which end in s), all positive; returns them as they are written."""
+    """Splits ``text``, a list of errors such as 0.04 or of times such as 4s, at its commas; returns the parts as texts.
+
+    Raises ValueError for a list that has errors and times, and for a number that is not positive.
+    """
     snapshots = tuple(text.split(","))
     if len({snapshot.endswith("s") for snapshot in snapshots}) > 1:
         raise ValueError("give errors or times, not both")
@@ -113,7 +119,7 @@ def _snapshots(text: str) -> tuple[str, ...]:
 
 
 def _roots(text: str) -> tuple[int, ...]:
-    """Converts a list of integers to a sorted tuple; raises ValueError for fewer than two different integers."""
+    """Converts ``text``, integers with commas, to a sorted tuple; raises ValueError for fewer than two integers."""
     roots = sorted(set(map(int, text.split(","))))
     if len(roots) < 2:
         raise ValueError("give two different numbers or more")
@@ -148,7 +154,7 @@ ADDRESS = PatternType(
 
 
 class Option(click.Option):
-    """An option that belongs to a ``group`` of the help."""
+    """A command-line option that the help text shows in the group ``group``."""
 
     def __init__(self, *names: Any, group: str, **settings: Any) -> None:
         super().__init__(*names, **settings)
@@ -156,5 +162,5 @@ class Option(click.Option):
 
 
 def option(group: str, *names: str, **settings: Any) -> Callable[[Callable], Callable]:
-    """Returns a decorator that adds an :class:`Option` to a command."""
+    """Returns a decorator that adds an :class:`Option` of the group ``group`` to a command."""
     return click.option(*names, cls=Option, group=group, **settings)

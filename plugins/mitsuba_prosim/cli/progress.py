@@ -1,4 +1,4 @@
-"""Shows the progress of a command: a bar on a terminal, otherwise a line of text from time to time."""
+"""Shows the progress of a command: a bar on a terminal, or else a line of text from time to time."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ SHORTEST, LONGEST, SHARE = 10.0, 300.0, 0.25
 
 
 class Progress(tqdm):
-    """The progress of successive phases of work, or of the frames of an animation, on standard error.
+    """Shows on standard error the progress of successive phases of work, or of the frames of an animation.
 
-    ``doing`` is the text that is shown until the first phase begins. ``frames`` is the number of frames.
+    ``doing`` is the text that describes the work until the first phase begins. ``frames`` is the number of frames.
     """
 
     def __init__(self, doing: str, frames: int = 1) -> None:
@@ -26,10 +26,10 @@ class Progress(tqdm):
         super().__init__(None, doing, frames, leave=False, file=sys.stderr, miniters=0, smoothing=0, bar_format=form)
 
     def show(self, done: float, phase: str = "rendering") -> None:
-        """Shows the progress ``done`` of a phase, or of a frame, in [0, 1]; the bar never moves back.
+        """Shows ``done``, the finished fraction of a phase or frame, in [0, 1]; the bar never moves back.
 
         ``phase`` is the name of the phase. The estimate of the remaining time ignores the progress that the first call
-        for a phase reports, because an earlier render made this progress.
+        for a phase reports, because an earlier, interrupted render made this progress.
         """
         if phase != self.phase:
             if self.phase:
@@ -56,6 +56,6 @@ class Progress(tqdm):
             super().clear(*how, **more)
 
     def begin(self, number: int, finished: int, total: int) -> None:
-        """Shows that the frame with this number is being rendered; ``finished`` of ``total`` frames are finished."""
+        """Shows that the frame ``number`` is being rendered, and that ``finished`` of ``total`` frames are finished."""
         self.phase, self.finished, self.total = "rendering", finished, total
         self.set_description_str(f"frame {number}")

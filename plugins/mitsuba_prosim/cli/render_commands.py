@@ -1,5 +1,5 @@
-"""``prosim render``, ``prosim resume`` and ``prosim merge``: render a scene, continue a state, or merge parts to an
-image.
+"""``prosim render``, ``prosim resume`` and ``prosim merge``: render a scene, continue an interrupted render from a
+state file, or merge the parts of an image.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def render(job: Job) -> None:
     """Render SCENE, a file in the thesis's scene language (any name) or a Mitsuba scene (.xml).
 
     The command writes a linear EXR image, whose metadata describe the render, and a tone-mapped PNG image. Existing
-    files are replaced when the new ones are complete. Ctrl-C ends the render; the unfinished image is written (exit
+    files are replaced when the new files are complete. Ctrl-C ends the render; the unfinished image is written (exit
     code 1).
 
     The options --noise, --time and --spp set the quality. By default, the scene sets the quality.
@@ -55,11 +55,11 @@ def render(job: Job) -> None:
 @job_options(*TARGET_OPTIONS, "output", "exposure", "verbose", "threads", "workers", "cluster")
 @scene_option
 def resume(job: Job, state: Path, moved: Path | None) -> None:
-    """Continue a render from STATE, a file that prosim render --checkpoint has written, until its target.
+    """Continue the render that prosim render --checkpoint has stored in the file STATE.
 
-    The image is the same to the bit as without the interruption. If an option sets another target, the render continues
-    until this target is reached. The time for --time includes the time before the interruption. A state of another
-    scene or version is an error.
+    The image has the same bits as an image of a render without interruption. If an option sets another target, the
+    render continues until this target is reached. The time for --time includes the time of the render before the
+    interruption. If the scene or the software version has changed since STATE was written, the command fails.
     """
     record, before = checkpoint_and_job(state, moved)
     target: dict[str, Any] = {name: value for name in TARGET_OPTIONS if (value := getattr(job, name)) is not None}
@@ -88,10 +88,10 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
 @job_options("output", "exposure", "checkpoint", "verbose", "threads")
 @scene_option
 def merge(job: Job, part_files: tuple[Path, ...], moved: Path | None) -> None:
-    """Merge the PARTs of an image, files that prosim render --part has written.
+    """Merge all PARTs of an image, files that prosim render --part has written, to the whole image.
 
-    The image has the same bits as an image that is rendered at once, if all parts were rendered on the same kind of
-    processor. Each part must be given once; the order of the parts does not matter. The command renders nothing.
+    The image has the same bits as an image that is rendered without --part, if all parts were rendered on the same kind
+    of processor. Each part must be given once; the order of the parts does not matter. The command renders nothing.
     """
     record, before = checkpoint_and_job(part_files[0], moved, lambda _: checkpoint.merge(part_files))
     stem = files.output_stem(job.output, image_stem(part_files[0]), SUFFIXES)
@@ -104,10 +104,11 @@ def merge(job: Job, part_files: tuple[Path, ...], moved: Path | None) -> None:
 
 
 def continued_job(saved: Job, requested: Job, **changes: Any) -> Job:
-    """Returns the job ``saved``, which a state stores, with some fields of the job ``requested`` on the command line.
+    """Returns the job ``saved`` of a state file, with some fields replaced by those of the job ``requested``.
 
-    The fields of ``requested`` are the exposure, if it is given, and the fields that do not change the image, such as
-    the output and the workers. ``changes`` are further fields of the result.
+    ``requested`` is the job of the current command line. The replaced fields are the exposure, if the command line sets
+    the exposure, and the fields that do not change the image, such as the output and the workers. ``changes`` are
+    further fields of the result.
     """
     running = {name: getattr(requested, name) for name in RUNNING}
     exposure = saved.exposure if requested.exposure is None else requested.exposure
@@ -117,10 +118,11 @@ def continued_job(saved: Job, requested: Job, **changes: Any) -> Job:
 def checkpoint_and_job(
     state: Path, moved: Path | None, load: Callable[[Path], Checkpoint] = checkpoint.load
 ) -> tuple[Checkpoint, Job]:
-    """Returns a checkpoint and its job, with the path at which the job's scene is now; sets the job's variant.
+    """Reads the file ``state``, and returns its checkpoint and its job; sets the variant of the job.
 
-    ``moved`` is the new path of the job's scene, if the scene was moved. ``load`` reads the checkpoint. Raises
-    InputError.
+    The returned job has the path at which the scene file is now. ``moved`` is the new path of the scene file, if the
+    user has moved the file; else None. ``load`` reads the checkpoint. Raises InputError if the checkpoint cannot be
+    read or the scene file is missing.
     """
     with input_errors():
         # The variant must be set before the arrays are read.

@@ -43,8 +43,9 @@ SUFFIXES, STATE_SUFFIX = (".exr", ".png"), ".state.npz"
 class RenderTask:
     """An image that is to be rendered and written to ``stem``, a path without suffix.
 
-    ``begin`` is a checkpoint from which the render continues. ``facts`` are further metadata of a frame of an
-    animation; they are empty for a single image. An interrupted frame is not written.
+    ``begin`` is a checkpoint from which the render continues. ``facts`` are additional metadata for the EXR file of a
+    frame of an animation; ``facts`` is empty for a single image. If the render of a frame is interrupted, no image of
+    the frame is written.
     """
 
     job: Job
@@ -55,12 +56,12 @@ class RenderTask:
 
     @cached_property
     def scene(self) -> mi.Scene:
-        """The scene, which is loaded at the first use. Raises the errors of the scene's plugins."""
+        """The loaded scene; the first access loads the scene, and raises the errors of the scene's plugins."""
         return self.file.load()
 
     @cached_property
     def sensor(self) -> mi.Sensor:
-        """The sensor that the job selects. Raises ValueError if the scene has no such sensor."""
+        """The sensor that the job selects by a number; raises ValueError if the scene has no such sensor."""
         return scene_file.pick_sensor(self.scene, self.job.sensor)
 
     @property
@@ -70,18 +71,20 @@ class RenderTask:
 
     @cached_property
     def about(self) -> dict[str, Any]:
-        """The job and the digest of the scene, as a checkpoint stores them.
+        """The attributes of this task that a checkpoint stores: the job, and the digest of the scene.
 
-        The digest identifies the scene. Another process needs the job to continue the render.
+        The digest identifies the content of the scene. A process that continues the render needs the options in the
+        job.
         """
         image = self.job.image_fields() | {"scene": os.path.abspath(self.job.scene)}
         return {"job": image, "digest": self.file.digest()}
 
     def check(self) -> None:
-        """Raises the errors of loading the scene, and ValueError if the options do not suit the scene.
+        """Checks that the scene can be loaded and suits the options, and that the output files can be written.
 
-        Raises ValueError, too, if the checkpoint :attr:`begin` belongs to another scene, and InputError if the files of
-        the image cannot be written.
+        Raises the errors of loading the scene. Raises ValueError if the options do not suit the scene, or if the
+        checkpoint :attr:`begin` belongs to another scene. Raises InputError if the files of the image cannot be
+        written.
         """
         job, film, integrator = self.job, self.sensor.film(), self.integrator
         refuse_scalar([name for name in TARGETS if getattr(integrator, name, 0)], job.variant)
@@ -103,7 +106,7 @@ class RenderTask:
 
     @property
     def state_suffix(self) -> str:
-        """The suffix of the checkpoint's file, or "" if the job writes no checkpoint."""
+        """The suffix of the file for the checkpoint or the part of an image; "" if the job writes no such file."""
         return f".{self.job.part}.npz" if self.job.part else STATE_SUFFIX if self.job.checkpoint else ""
 
     def unfinished(self) -> Checkpoint | None:
@@ -116,10 +119,10 @@ class RenderTask:
 
 
 class Resources(ExitStack):
-    """Resources that all images of a job share: Mitsuba's log, the threads, a temporary ``folder``, and the workers.
+    """The resources that all images of a job share, such as Mitsuba's log, a temporary ``folder`` and the workers.
 
-    The workers start when the first image needs workers. ``signals`` are the numbers of the signals that have arrived
-    to end the job.
+    The workers start when the first image that needs workers is rendered. ``signals`` is the list of the numbers of the
+    signals, such as SIGINT, that have arrived to end the job.
     """
 
     def __init__(self, job: Job) -> None:
@@ -128,7 +131,7 @@ class Resources(ExitStack):
         self.dask: DaskExecutor | None = None
 
     def __enter__(self) -> Resources:
-        """Opens the log, sets the number of threads, and makes the temporary folder."""
+        """Starts to show Mitsuba's log, sets the number of threads, and creates the temporary folder."""
         self._handlers = self.enter_context(ExitStack())  # which is the last to be left
         self.enter_context(log(self.job.verbose))
         self.enter_context(session.threads(self.job.threads))
@@ -136,19 +139,20 @@ class Resources(ExitStack):
         return self
 
     def handle_signals(self) -> None:
-        """From now on, a signal ends the job, and does not end the process before all resources are released."""
+        """From this call on, a signal ends the job; the process ends only when all resources are released."""
         self._handlers.enter_context(interruptible(lambda: None, self.signals))
 
     @property
     def interruption(self) -> str | None:
-        """Why the job must end, in words: the cluster was lost, or a signal has arrived. None if the job continues."""
+        """The reason why the job must end, as text (the cluster was lost, or a signal has arrived), or None."""
         return (self.dask and self.dask.loss_reason) or ("interrupted" if self.signals else None)
 
     def executor(self, file: scene_file.SceneFile) -> DaskExecutor | None:
-        """Returns the executor that renders the image of ``file`` on workers; None if this process renders it.
+        """Returns the executor that renders the scene ``file`` on workers; None if this process renders the image.
 
         The first call starts the workers, or connects to the cluster; later calls send the new scene to the same
-        workers. Raises InputError if the scene cannot be sent to workers, and other ClickExceptions.
+        workers. Raises InputError if the scene cannot be sent to workers, and ClickException if no workers can be
+        started or reached.
         """
         job, option = self.job, self.job.distributed
         if option is None:
@@ -173,7 +177,7 @@ class Resources(ExitStack):
 
 
 class Outcome(NamedTuple):
-    """The end of the render of an image."""
+    """The result of the render of an image: the report, and the reasons for a black image and for an early end."""
 
     #: The lines that the command prints.
     report: str
@@ -184,10 +188,11 @@ class Outcome(NamedTuple):
 
 
 def render_image(task: RenderTask, bar: Progress, resources: Resources) -> Outcome:
-    """Renders an image, and writes its files and its checkpoint.
+    """Renders the image of ``task``, and writes the files of the image and the checkpoint.
 
-    Raises InputError (then no file has been written) and other ClickExceptions. If a single image is interrupted before
-    its first sample, the process exits: with 128 plus the number of the signal, or with 1 if the cluster was lost.
+    Raises InputError if the input is wrong (in this case, no file has been written), and other ClickExceptions. If a
+    single image is interrupted before its first sample, the process exits with the code 128 plus the number of the
+    signal, or with the code 1 if the cluster was lost.
     """
     state, snapshots = Path(f"{task.stem}{task.state_suffix}"), Snapshots(task)
     consumers: list[Any] = [CheckpointWriter(state, task.about)] if task.state_suffix else []
@@ -217,10 +222,11 @@ def render_image(task: RenderTask, bar: Progress, resources: Resources) -> Outco
 def run_steps(
     task: RenderTask, bar: Progress, resources: Resources, consumers: Sequence[Callable[[Any], None]]
 ) -> tuple[Any, float]:
-    """Renders a task until its end, a signal, or the loss of the cluster; returns the render and the elapsed seconds.
+    """Renders the image of ``task``; returns the render, which may have been interrupted, and the elapsed seconds.
 
-    Each of the ``consumers``, such as the writer of checkpoints, is called with the render after each step, from the
-    first sample on. Raises InputError and other ClickExceptions.
+    A signal or the loss of the cluster interrupts the render. After each step of the render in which samples exist,
+    each of the ``consumers``, such as the writer of checkpoints, is called with the render as its argument. Raises
+    InputError and other ClickExceptions.
     """
     job, executor, started = task.job, resources.executor(task.file), perf_counter()
     begin_render = halves.denoised_progressive if job.denoise else rendering.progressive
@@ -240,10 +246,10 @@ def run_steps(
 
 
 def written_line(task: RenderTask, written: Sequence[Path], seconds: float, interruption: str | None) -> str:
-    """Returns the first line of a report.
+    """Returns the first line of the report of a render.
 
-    The line has the written files, the part, the size, the variant, the seconds, the name of an integrator that was
-    nested in ``prosim_adaptive``, and the cause of an interruption.
+    The first line names the ``written`` files, the part of the image, the size of the image, the variant, the seconds,
+    the integrator that ``prosim_adaptive`` wraps, and the cause of an interruption.
     """
     job, (width, height) = task.job, task.sensor.film().crop_size()
     return (
@@ -256,11 +262,12 @@ def written_line(task: RenderTask, written: Sequence[Path], seconds: float, inte
 
 
 def render_and_write(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
-    """Renders the image of a job, or only the tiles of ``job.part``, writes the files, and prints a report.
+    """Renders the image of a job, or only the part ``job.part`` of the image; writes the files, and prints a report.
 
     ``stem`` is the path of the files without suffix. ``begin`` is a checkpoint from which the render continues. Raises
-    InputError (then no file has been written) and other ClickExceptions. After an interruption the process exits with
-    code 1, or with the code of :func:`render_image`.
+    InputError if the input is wrong (in this case, no file has been written), and other ClickExceptions. After an
+    interruption, the process exits with the code 1; after an interruption before the first sample, :func:`render_image`
+    exits with its own code.
     """
     with Resources(job) as resources:
         with input_errors():
@@ -278,18 +285,19 @@ def render_and_write(job: Job, stem: Path, begin: Checkpoint | None = None) -> N
 
 
 class Snapshots:
-    """Writes intermediate images of a task whose image has the path ``NAME``.
+    """Writes snapshots, which are intermediate images, during the render of a task.
 
-    The image is written to ``NAME.0.04.exr`` when ``--noise 0.04`` would end the render, or to ``NAME.4s.exr`` after 4
-    seconds. The metadata contain the actual error, sample counts and time.
+    ``NAME`` is the path of the task's image without suffix. The snapshot ``0.04`` is written to ``NAME.0.04.exr`` when
+    the RMS error is so low that the option ``--noise 0.04`` would end the render. The snapshot ``4s`` is written to
+    ``NAME.4s.exr`` after 4 seconds. The metadata of a snapshot contain its actual error, number of samples and time.
     """
 
     def __init__(self, task: RenderTask) -> None:
-        """``left`` are the texts of the snapshots that are still to be written; their order does not matter."""
+        """The attribute ``left`` has the snapshots that are not yet written, as texts such as "0.04" or "4s"."""
         self.task, self.left = task, sorted(task.job.snapshots or ())
 
     def __call__(self, render: Any) -> None:
-        """Writes the snapshots whose error or time has been reached."""
+        """Writes the snapshots whose error or time ``render`` has reached."""
         reached, task = render.reached if self.left else None, self.task
         if reached is None or not reached.min_samples:
             return
@@ -312,10 +320,11 @@ class Snapshots:
 def finished_image(
     task: RenderTask, render: Any, seconds: float, interrupted: bool
 ) -> tuple[dict[str, atomic.Content], list[str | None], str | None]:
-    """Returns the image of a render that has ended; the image is denoised if the job requires this.
+    """Returns the image files, lines for the report, and the reason for a black image, after the end of a ``render``.
 
-    The result is the content of each file by suffix, further lines for the report, and the reason why nothing is
-    visible (None if something is visible). The result is empty for a part and for an interrupted frame.
+    The image is denoised if the job has the option ``denoise``. The first result is a dictionary from the suffix of
+    each image file to the content of the file. The last result is None if something is visible in the image. For a part
+    of an image, and for an interrupted frame of an animation, there are no image files and no lines.
     """
     if task.job.part or (task.facts and interrupted):  # only a frame has ``facts``
         return {}, [], None

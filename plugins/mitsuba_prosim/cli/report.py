@@ -1,4 +1,4 @@
-"""The report of a render: the metadata of its image, and the lines that the command prints."""
+"""The report of a render: the metadata of the EXR file, and the lines that the command prints at the end."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ def metadata(
 ) -> dict[str, str]:
     """Returns the metadata of an EXR image.
 
-    For a progressive integrator, ``prosim.samples`` is the mean number of samples per pixel. ``prosim.noise``,
-    ``prosim.noise_99``, ``prosim.noise_999`` and ``prosim.noise_at_most`` exist if they were measured. ``prosim.ended``
-    is the result of :func:`end_cause`, if the result is not None.
+    For a progressive integrator, the entry ``prosim.samples`` is the mean number of samples per pixel. The entries
+    ``prosim.noise``, ``prosim.noise_99``, ``prosim.noise_999`` and ``prosim.noise_at_most`` exist if the render
+    measured these errors. The entry ``prosim.ended`` is the result of :func:`end_cause`; if this result is None, the
+    entry does not exist.
     """
     result = {
         "scene": job.scene,
@@ -49,7 +50,8 @@ def summary(
     """Returns a line with the noise, the samples and the seconds of a render, and the cause of its end.
 
     ``ended`` is the result of :func:`end_cause`. If ``ended`` is None, this function returns None. ``noise_bound`` is
-    an upper estimate of the noise for a render that did not measure the noise.
+    an upper bound of the noise (the RMS error of the displayed image) for a render that did not measure the noise; None
+    for other renders.
     """
     if ended is None:
         return None
@@ -99,14 +101,15 @@ def denoised_report(final: FinalImage, film: mi.Film) -> tuple[dict[str, str], s
 
 
 def noise_goals(integrator: mi.Integrator) -> list[str]:
-    """Returns the names among :data:`NOISES` of the error targets that an integrator has."""
+    """Returns the names of those error parameters in :data:`NOISES` for which ``integrator`` has a limit."""
     return [name for name in NOISES if getattr(integrator, name, 0)]
 
 
 def end_cause(integrator: mi.Integrator, reached: Reached, interrupted: bool) -> str | None:
-    """Returns the cause of a render's end: ``interrupted``, ``noise``, ``time``, or ``samples`` (the maximum number).
+    """Returns why a render has ended, as one of the words ``interrupted``, ``noise``, ``time`` and ``samples``.
 
-    Returns None if the integrator has neither an error target nor a time limit.
+    The word ``samples`` means that the render has ended because the pixels have the maximum number of samples. The
+    result is None if the integrator has neither an error target nor a time limit.
     """
     noises = noise_goals(integrator)
     if not (noises or integrator.time):

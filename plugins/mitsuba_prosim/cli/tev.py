@@ -24,9 +24,9 @@ CHANNELS = ["R", "G", "B"]
 
 
 class TevClient(ExitStack):
-    """Shows the content of ``film`` in the viewer tev, if the job has the option ``--view``.
+    """Shows the image on ``film`` in the viewer tev, if the job has the option ``--view``.
 
-    Raises ClickException if tev does not run, or if the package tevclient is missing.
+    The constructor raises ClickException if tev does not run, or if the package tevclient is missing.
     """
 
     def __init__(self, job: Job, film: mi.Film) -> None:
@@ -37,7 +37,7 @@ class TevClient(ExitStack):
             self._connect(*job.view)
 
     def _connect(self, host: str, port: int) -> None:
-        """Connects to tev, with a timeout, and creates an image there.
+        """Connects to the viewer tev, with a timeout, and creates an empty image in tev for the film.
 
         Raises ClickException if tev cannot be reached, or if the package tevclient is missing.
         """
@@ -60,14 +60,14 @@ class TevClient(ExitStack):
             socket.setdefaulttimeout(timeout)
 
     def update(self, render: Any) -> None:
-        """Shows the image of a render in progress, if enough time has passed since the last image."""
+        """Shows the current image of ``render`` in tev, if enough time has passed since the last image was sent."""
         if self._tev is not None and self._throttle.due:
             with self._throttle.drawing():
                 render.update_film()
                 self.show()
 
     def show(self) -> None:
-        """Sends the content of the film to tev. If tev has ended, warns once, and sends nothing more."""
+        """Sends the image on the film to tev; if tev has ended, warns once, and later calls send nothing."""
         colours = None if self._tev is None else images.colours(self._film.bitmap())
         if colours is None:
             return

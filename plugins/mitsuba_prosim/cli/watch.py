@@ -1,4 +1,4 @@
-"""``prosim watch``: shows a scene on a local page, and renders it again when the scene is saved."""
+"""``prosim watch``: shows a scene on a page in the browser, and renders the scene again when its file is saved."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ LEFT_OUT = ("output", "exposure", "checkpoint", "snapshots", "view", "crop", "wo
 @option("Page", "--port", type=Integer(0, 65535), default=0, help="Port of the page; 0: any free port.")
 @option("Page", "--browser/--no-browser", default=True, help="Open the page in a browser, or only print its address.")
 def watch(job: Job, port: int, browser: bool) -> None:
-    """Show SCENE on a page in the browser, and render it again when the file is saved.
+    """Show SCENE on a page in the browser, and render SCENE again when its file is saved.
 
-    Only this machine can open the page; the command prints its address, which contains a secret. The command writes
-    only the files that the user saves on the page, and the scene can use only files in its folder. Ctrl-C ends the
-    command.
+    Only this machine can open the page; the command prints the address of the page, which contains a secret. The
+    command writes only the files that the user saves on the page. Without --allow-outside, SCENE can use only files in
+    the folder of SCENE. Ctrl-C ends the command.
     """
     require_extra("watch", "prosim watch")
     from ..live import loaded_scene, server, viewer
@@ -61,7 +61,7 @@ def watch(job: Job, port: int, browser: bool) -> None:
         view = viewer.Viewer(Path(job.scene), open_scene, job.spp or 0, job.seed, job.denoise)
 
         def encode(exposure: float, factors: Any) -> dict[str, bytes]:
-            """Returns the files of the image by their suffixes, with the layers multiplied by ``factors``."""
+            """Returns suffix -> content of the image files; the layers of the image are multiplied by ``factors``."""
             state, bitmap, integrator, reached = view.result(factors)
             facts = metadata(job, integrator, reached, state.status != "done", state.seconds)
             if factors:
@@ -77,5 +77,5 @@ def watch(job: Job, port: int, browser: bool) -> None:
 
 
 def has_windows() -> bool:
-    """Whether a browser opens a window of its own, instead of starting in the terminal."""
+    """Tells whether a browser opens in its own window, not as a text browser in the terminal."""
     return sys.platform in ("darwin", "win32") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))

@@ -1,7 +1,8 @@
-"""The Python side of the ``mitsuba`` command, with the same options and the same order of steps.
+"""A Python program that replaces the native command ``mitsuba``, with the same options and the same order of steps.
 
-When a scene names a plugin in Python, the plugin's stand-in (``stand_in.c``) replaces the native process by this
-program. Before this program starts, the native command has checked the options and rendered the earlier scenes.
+When a scene uses a plugin in Python, the plugin's stand-in (``stand_in.c``) replaces the process of the native command
+by this program. Before this program starts, the native command has checked the options, and has rendered the scenes
+that come before the scene with the plugin on the command line.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ DRJIT_LEVELS = tuple(getattr(dr.LogLevel, name) for name in ("Error", "Warn", "I
 
 
 def parse_arguments(words: Sequence[str]) -> argparse.Namespace:
-    """Parses the options of the native command.
+    """Parses ``words``, the command-line arguments of the native command ``mitsuba``.
 
     The options of Dr.Jit's compiler, ``-V``, ``-O``, ``-W`` and ``-S``, are not supported.
     """
@@ -43,7 +44,8 @@ def run(plugin: str, words: Sequence[str]) -> None:
     """Renders the scenes of the command line: the first scene that uses ``plugin``, and all scenes after it.
 
     ``words`` are the arguments of the command. The native command has already rendered the scenes that precede the
-    first scene with ``plugin``. Without ``-o``, the film replaces the suffix of the scene's path by its own.
+    first scene with ``plugin``. Without the option ``-o``, an image is written to the path of its scene, with the
+    suffix of the film's image format.
     """
     options = parse_arguments(words)
     mi.set_log_level(MITSUBA_LEVELS[min(options.verbose, len(MITSUBA_LEVELS) - 1)])
@@ -67,7 +69,10 @@ def run(plugin: str, words: Sequence[str]) -> None:
 
 
 def main(plugin: str, *words: str) -> int:
-    """Renders the first scene of ``words`` that uses ``plugin``, and all later scenes. Returns the exit code."""
+    """Renders the first scene among the arguments ``words`` that uses ``plugin``, and all scenes after it.
+
+    Returns the exit code of the process.
+    """
     # Ctrl-C ends the process at once, as in the native command. An ignored signal stays ignored.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)

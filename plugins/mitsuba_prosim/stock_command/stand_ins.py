@@ -39,16 +39,17 @@ def installed() -> dict[str, Path]:
 
 
 def plugin_names() -> list[str]:
-    """Returns the names of the plugins in Python, which need stand-ins: those of installed packages, and of Mitsuba.
+    """Returns the names of all plugins that need stand-ins: the plugins in Python of Mitsuba and of installed packages.
 
-    The function loads the packages, records the names that they register, and sets the variant ``scalar_rgb``. The
-    functions ``mi.register_...`` are not restored.
+    The function sets the variant ``scalar_rgb``, imports the packages with plugins, and records the names of the
+    plugins that the packages register. To record the names, the function replaces the functions ``mi.register_...``,
+    and does not restore them.
     """
     mi.set_variant("scalar_rgb")
     names = {*PLUGINS_IN_PYTHON, *registry.PLUGINS}
 
     def record(register: Callable, name: str, *args: Any) -> Any:
-        """Adds the name of a plugin to ``names``, and registers the plugin."""
+        """Adds the ``name`` of a plugin to ``names``, and registers the plugin by the original ``register``."""
         names.add(name)
         return register(name, *args)
 
@@ -59,12 +60,12 @@ def plugin_names() -> list[str]:
 
 
 def compiler() -> list[str]:
-    """Returns the words of the command that starts the C compiler: the variable CC of the environment, or ``cc``."""
+    """Returns the words of the command that starts the C compiler: the environment variable CC, or ``cc``."""
     return (os.environ.get("CC") or "cc").split()
 
 
 def compile_stand_in(path: Path) -> None:
-    """Compiles a stand-in that starts this Python interpreter.
+    """Compiles a stand-in to the file ``path``; the stand-in starts the Python interpreter of this process.
 
     Raises RuntimeError if the compiler fails.
     """
@@ -80,8 +81,8 @@ def compile_stand_in(path: Path) -> None:
 def install(names: Iterable[str], folder: Path) -> list[Path]:
     """Writes a stand-in for each of the ``names`` to ``folder``, and returns the paths of the files.
 
-    Names of native plugins are left out. Raises RuntimeError if the compiler fails, and OSError if a file cannot be
-    written.
+    No stand-in is written for a name that a native plugin has. Raises RuntimeError if the compiler fails, and OSError
+    if a file cannot be written.
     """
     paths = [path for name in names if not (path := folder / f"{name}.so").exists() or is_stand_in(path)]
     with atomic.scratch() as scratch:
@@ -94,9 +95,9 @@ def install(names: Iterable[str], folder: Path) -> list[Path]:
 def link(remove: bool) -> None:
     """Let the `mitsuba` command run plugins that are written in Python.
 
-    Writes a stand-in for each plugin of every installed package (this one, and Mitsuba's own prb and the like) to
+    Writes a stand-in for each plugin in Python, of every installed package and of Mitsuba itself (prb and the like), to
     Mitsuba's folder of plugins. Needs Linux and a C compiler. Run `prosim link` once after each installation of a
-    package with plugins, and `prosim link --remove` before you uninstall this package.
+    package with plugins, and `prosim link --remove` before you uninstall mitsuba-prosim.
     """
     if sys.platform != "linux":
         raise click.ClickException("the stand-ins exist for Linux only; use prosim render.")

@@ -1,6 +1,6 @@
 """Stochastic ray tracing after Besuievsky (1992), as plugins of Mitsuba 3.
 
-Importing this package registers its plugins: at once if a variant is set, and again whenever the variant changes::
+Importing this package registers its plugins at once if a Mitsuba variant is set, and whenever the variant changes::
 
     import mitsuba as mi
     import mitsuba_prosim

@@ -1,4 +1,4 @@
-"""A lock for work that only one thread may do at a time: loading a scene, tracing and launching kernels."""
+"""A lock for work that only one thread may do at a time: loading a scene, tracing and launching Dr.Jit kernels."""
 
 from __future__ import annotations
 
@@ -16,14 +16,16 @@ def alone() -> Iterator[None]:
 
     Do not hold the lock while the user's code runs, nor across the ``yield`` of an iterator.
 
-    Mitsuba 3.9 has only one search path and one number of threads per process, and each loading of a scene replaces the
-    search path. Kernels call the objects of all scenes, including a scene that another thread is still loading: such a
-    kernel would call functions of incomplete objects.
+    Two threads must not load scenes at the same time, because Mitsuba 3.9 has only one search path for files and one
+    number of threads per process, and loading a scene replaces the search path. A kernel must not be traced while
+    another thread loads a scene, because a kernel contains calls of the objects of all scenes, including the incomplete
+    objects of the scene that is being loaded.
 
-    The garbage collector frees scenes in reference cycles. If the collector frees a scene while a kernel is traced,
-    virtual function calls before and after this moment differ in the number of instances. Then Dr.Jit 1.5 writes a
-    function twice, and LLVM aborts the process. The pause sets the collector's threshold, because :mod:`prosim_scene`
-    may enable the collector in another thread.
+    Python's garbage collector frees scenes, because scenes are in reference cycles. If the collector freed a scene
+    while a kernel is traced, virtual function calls before and after this moment would differ in the number of
+    instances. If the numbers of instances differ, Dr.Jit 1.5 writes a function twice into the kernel, and LLVM aborts
+    the process. This function pauses the collector by the collector's threshold, not by ``gc.disable``, because
+    :mod:`prosim_scene` may call ``gc.enable`` in another thread.
     """
     with _lock:
         thresholds = gc.get_threshold()

@@ -1,4 +1,4 @@
-"""Writing of files so that each file is complete or absent; temporary folders."""
+"""Writes files so that each file is either complete or absent; creates temporary folders."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ Content = bytes | memoryview | Callable[[Path], None]
 
 
 def check(paths: Iterable[Path], size: int) -> None:
-    """Checks that files of ``size`` bytes in total can be written, without writing them.
+    """Checks that the files ``paths``, with ``size`` bytes in total, can be written; writes none of these files.
 
-    Raises OSError if a name is too long, a folder or a device has the name of a file, or a folder is read-only or full.
+    Raises OSError if a name is too long, a folder or a device has the name of a file, a folder is read-only, or a disk
+    is full.
     """
     for path in map(Path, map(os.path.realpath, paths)):
         with suppress(FileNotFoundError):
@@ -45,8 +46,8 @@ def write(contents: Mapping[Path, Content]) -> list[Path]:
     """Writes files, creates their folders, and returns the paths of the files.
 
     Each existing file is replaced only when the new file is complete. A file that is replaced keeps its access
-    permissions; a symbolic link stays a link. Raises OSError if a file cannot be written; this file and the files after
-    it are unchanged.
+    permissions; a symbolic link stays a link. Raises OSError if a file cannot be written; this file and the later files
+    in ``contents`` stay unchanged.
     """
     for path, content in contents.items():
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -55,9 +56,10 @@ def write(contents: Mapping[Path, Content]) -> list[Path]:
 
 
 def rescue(contents: Mapping[Path, Content]) -> list[Path]:
-    """Writes files to a new folder on the first disk that has room, and returns their paths.
+    """Writes files that could not be written to their own folders to a new folder elsewhere, and returns the new paths.
 
-    Raises OSError if no disk has room.
+    The new folder is in the temporary folder, the home folder, the current folder or ``/dev/shm``: the first of these
+    in which all files can be written. Raises OSError if the files cannot be written in any of these folders.
     """
     failures = []
     for place in (Path(tempfile.gettempdir()), Path.home(), Path.cwd(), Path("/dev/shm")):

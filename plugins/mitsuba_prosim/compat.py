@@ -1,8 +1,9 @@
-"""Undocumented properties of Mitsuba and Dr.Jit that this package relies on.
+"""Code that relies on undocumented properties of Mitsuba and Dr.Jit.
 
-Each function or constant relies on one property. The comment above a function or constant describes the property, and
-names the version and, if there is one, the upstream issue. Some workarounds are modules of their own: ``alone`` (one
-thread at a time), ``registry`` (variants), ``llvm``, ``transport.workarounds`` (BSDFs that ignore the type mask),
+Each function or constant of this module relies on one property of Mitsuba or Dr.Jit. The comment above a function or
+constant describes the property on which the code relies, and names the version and, if there is one, the upstream
+issue. Other workarounds for Mitsuba and Dr.Jit are in the modules ``alone`` (one thread at a time), ``registry``
+(variants), ``llvm`` and ``transport.workarounds`` (BSDFs that ignore the type mask), and in the package
 ``stock_command``.
 """
 
@@ -31,7 +32,7 @@ TO_WORLD = ("to_world.transform", "to_world")
 
 
 def world_transform(sensor: mi.Sensor, time: float | mi.Float = 0.0) -> mi.AffineTransform4f:
-    """Returns the transform of ``sensor`` from its own space to the world at ``time``."""
+    """Returns the transform of ``sensor`` from camera space to world space at ``time``."""
     return _at(sensor.world_transform(), time)
 
 
@@ -43,7 +44,8 @@ def world_matrix(sensor: mi.Sensor) -> np.ndarray:
 
 
 def shape_transform(shape: mi.Shape | mi.ShapePtr) -> mi.AffineTransform4f:
-    """Returns the transform of ``shape`` from its own space to the world. The transform keeps its gradients.
+    """Returns the transform of ``shape`` from object space to world space. The returned transform keeps its derivatives
+    with respect to scene parameters.
 
     Raises KeyError for a mesh.
     """
@@ -52,9 +54,9 @@ def shape_transform(shape: mi.Shape | mi.ShapePtr) -> mi.AffineTransform4f:
 
 
 def to_world_name(parameters: MutableMapping[str, Any], prefix: str = "") -> str:
-    """Returns the name of the transform among the ``parameters`` of ``mi.traverse``.
+    """Returns the name of an object's transform to world space among the ``parameters`` that ``mi.traverse`` returns.
 
-    ``prefix`` is the prefix of the object's parameters, "lamp." for example.
+    ``prefix`` is the prefix of the names of the object's parameters, "lamp." for example.
     """
     return next((prefix + name for name in TO_WORLD if prefix + name in parameters), prefix + TO_WORLD[-1])
 
@@ -62,8 +64,9 @@ def to_world_name(parameters: MutableMapping[str, Any], prefix: str = "") -> str
 def set_world_transform(sensor: mi.Sensor, parameters: MutableMapping[str, Any], matrix: np.ndarray) -> None:
     """Sets the transform of ``sensor`` to ``matrix``.
 
-    ``parameters`` is the result of ``mi.traverse(sensor)``; call ``parameters.update`` afterwards. If a sensor in
-    Python does not expose its transform to ``mi.traverse``, the transform is an attribute of the sensor.
+    ``parameters`` is the result of ``mi.traverse(sensor)``; call ``parameters.update`` after this function. If a sensor
+    in Python does not expose its transform to ``mi.traverse``, this function sets the sensor's attribute
+    ``m_to_world``.
     """
     name = to_world_name(parameters)
     if name in parameters:
@@ -75,7 +78,7 @@ def set_world_transform(sensor: mi.Sensor, parameters: MutableMapping[str, Any],
 
 
 def _at(transform: Any, time: float | mi.Float) -> mi.AffineTransform4f:
-    """Returns the value of a transform at ``time``; the transform may be an AnimatedTransform4f or not."""
+    """Returns the value of ``transform`` at ``time``; an AffineTransform4f has the same value at all times."""
     return transform.eval(time) if hasattr(transform, "eval") else transform
 
 
@@ -94,7 +97,7 @@ def box_of_point(p: mi.ScalarPoint3f) -> mi.ScalarBoundingBox3f:
 
 
 def mesh_positions(shape: mi.Shape) -> np.ndarray | None:
-    """Returns the vertices of ``shape`` in world coordinates, shape (n, 3), double precision.
+    """Returns the vertex positions of the mesh ``shape`` in world coordinates, array shape (n, 3), double precision.
 
     Returns None if ``shape`` is no mesh.
     """
@@ -118,7 +121,7 @@ STEPS = 4096
 def shapes_in_order(scene: mi.Scene) -> list[mi.Shape]:
     """Returns the shapes of ``scene`` in an order that is the same in every process.
 
-    Meshes are last, ordered by their ids and places.
+    The meshes are last, sorted by their ids and bounding boxes.
     """
     return _meshes_in_order([(shape, shape) for shape in scene.shapes()])
 
@@ -132,17 +135,18 @@ def emitters_in_order(scene: mi.Scene) -> list[mi.Emitter]:
 
 
 def emitter_pointers(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> mi.EmitterPtr:
-    """Returns the ``emitters`` of ``scene`` as one Dr.Jit array."""
+    """Returns pointers to the ``emitters`` of ``scene``, as one Dr.Jit array."""
     numbers = {emitter: i for i, emitter in enumerate(scene.emitters())}
     return dr.gather(mi.EmitterPtr, scene.emitters_dr(), mi.UInt32([numbers[emitter] for emitter in emitters]))
 
 
 def _meshes_in_order(things: Sequence[tuple[Any, mi.Shape | None]]) -> list[Any]:
-    """Returns objects in an order that is the same in every process.
+    """Returns the objects in ``things``, in an order that is the same in every process.
 
-    ``things`` are pairs of an object and its shape. Objects whose shapes are no meshes are first, in their own order.
-    The others follow, sorted by the ids and the bounding boxes of their meshes. If these are equal, the objects are
-    sorted by the contents of the meshes.
+    ``things`` are pairs of an object and its shape. Objects whose shapes are no meshes are first, in the order of
+    ``things``. Objects whose shapes are meshes follow, sorted by the ids, the bounding boxes and the numbers of
+    triangles of the meshes. If several meshes have the same id, bounding box and number of triangles, their objects are
+    sorted by the contents of the meshes (:func:`_content`).
     """
     import numpy as np
 
@@ -179,9 +183,11 @@ def _content(shape: mi.Shape) -> list[tuple[str, bytes]]:
 
 
 def instantiate(config: mi.parser.ParserConfig, state: mi.parser.ParserState, in_python: Collection[str]) -> mi.Scene:
-    """Creates the scene of a parser state; the state cannot be used again.
+    """Creates the scene that the parser state ``state`` describes; this state cannot be used again.
 
-    Meshes that share a BSDF are merged, except for emitters. ``in_python`` has the names of the plugins in Python.
+    Meshes that share a BSDF are merged into one mesh, except for meshes that emit light. ``in_python`` has the names of
+    all plugins that are written in Python; if the scene uses such a plugin, the objects of the scene are not created in
+    parallel.
     """
     config.parallel = not any(node.props.plugin_name() in in_python for node in state.nodes)
     config.merge_meshes = False
@@ -200,7 +206,7 @@ def instantiate(config: mi.parser.ParserConfig, state: mi.parser.ParserState, in
 
 
 def children(props: mi.Properties) -> list[tuple[str, Any]]:
-    """Returns names and references of the objects among the properties of an object."""
+    """Returns ``(name, reference)`` for each child object among the properties ``props`` of a parsed object."""
     return [(name, value) for name, value in props.items() if isinstance(value, mi.Properties.ResolvedReference)]
 
 
@@ -210,14 +216,14 @@ def children(props: mi.Properties) -> list[tuple[str, Any]]:
 
 
 def met_shape(scene: mi.Scene, si: mi.SurfaceInteraction3f) -> mi.Shape | None:
-    """Returns the shape that one ray met; None if the shape is within an instance."""
+    """Returns the shape of ``scene`` that a single ray has hit; None if the ray has hit nothing, or an instance."""
     numbers = [_number(mi.ShapePtr(shape)) for shape in scene.shapes()]
     met = _number(si.shape)
     return scene.shapes()[numbers.index(met)] if met in numbers else None
 
 
 def _number(pointer: mi.ShapePtr) -> int:
-    """Returns the number of a shape in Dr.Jit's registry."""
+    """Returns the number by which Dr.Jit's registry identifies the shape that ``pointer`` points to."""
     return int(dr.reinterpret_array(mi.UInt32, pointer)[0])
 
 
@@ -237,7 +243,7 @@ EVALUATED_TOGETHER, DIFFUSE = ("Principled", "PrincipledThin"), ("SmoothDiffuse"
 
 
 # ---------------------------------------------------------------- emitters
-# A virtual function call is compiled for all kinds of emitters that exist. The method `eval_direction` of Mitsuba's
+# A virtual function call is compiled for all emitters that exist. The method `eval_direction` of Mitsuba's
 # "directionalarea" raises an error, which would end the call for all other emitters too (3.9).
 
 
@@ -246,8 +252,8 @@ def eval_direction(
 ) -> mi.Spectrum:
     """Returns ``emitter.eval_direction(it, ds, active)``.
 
-    ``emitter`` may be an array of emitters. For a ``directionalarea`` in an array the result is 0, because the method
-    of this emitter raises an error.
+    ``emitter`` may be an array of emitters. For a ``directionalarea`` emitter in an array of emitters, the result is 0,
+    because the method ``eval_direction`` of this emitter raises an error.
     """
     if not dr.is_jit_v(mi.Float) or isinstance(emitter, mi.Emitter):
         return emitter.eval_direction(it, ds, active)
@@ -320,9 +326,10 @@ ALIGNED = 64
 
 
 def dr_array(values: np.ndarray) -> Any:
-    """Returns a Dr.Jit array of 32-bit ``values``, row by row, in memory with Dr.Jit's alignment.
+    """Returns the 32-bit NumPy array ``values`` as a flat Dr.Jit array, row by row, in memory with Dr.Jit's alignment.
 
-    With this alignment, kernels are the same for all arrays.
+    A kernel depends on the memory alignment of the arrays that it reads. With Dr.Jit's alignment for all arrays, a
+    kernel is not compiled again for another array.
     """
     import numpy as np
 
@@ -339,10 +346,11 @@ def dr_array(values: np.ndarray) -> Any:
 
 
 def samples_elsewhere(parameters: mi.SceneParameters, prefix: str = "") -> bool:
-    """Tells whether the texture with these ``parameters`` is a bitmap with a ``to_uv``.
+    """Tells whether the texture with these ``parameters`` is a bitmap whose transform ``to_uv`` is not the identity.
 
-    Mitsuba 3.9 ignores ``to_uv`` when it samples a bitmap. So it samples other points than those at which the bitmap
-    emits. ``prefix`` is the prefix of the texture's parameters.
+    Mitsuba 3.9 ignores ``to_uv`` when it samples points of a bitmap by their brightness. So the points that Mitsuba
+    samples on an emitter whose bitmap has a ``to_uv`` are not the points at which the emitter is bright. ``prefix`` is
+    the prefix of the names of the texture's parameters.
     """
     if prefix + "data" not in parameters:
         return False
@@ -354,10 +362,11 @@ def samples_elsewhere(parameters: mi.SceneParameters, prefix: str = "") -> bool:
 
 
 def take_back_interrupts() -> None:
-    """Gives the signal SIGINT back to Python.
+    """Installs Python's handler of the signal SIGINT (Ctrl-C) again, which Mitsuba may have replaced.
 
-    Mitsuba (3.9) restores the signal handler after its own ``render``, but not if this render was called within another
-    render: Mitsuba would then handle Ctrl-C forever, for an integrator that may not exist any more.
+    Mitsuba 3.9 handles Ctrl-C during its own method ``render``, and restores Python's handler afterwards, but not if
+    ``render`` was called within another ``render``. Without this function, Mitsuba would handle Ctrl-C forever after
+    nested renders, for an integrator that may not exist any more.
     """
     handler = signal.getsignal(signal.SIGINT)
     if handler is not None and threading.current_thread() is threading.main_thread():

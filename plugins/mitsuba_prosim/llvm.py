@@ -1,9 +1,10 @@
 """The LLVM library that Dr.Jit has loaded, and whether this library works with Mitsuba.
 
 When Dr.Jit is imported, it loads the LLVM that ``DRJIT_LIBLLVM_PATH`` names, or else the newest LLVM in the system's
-library folders. The installation adds the start-up file ``mitsuba_prosim_llvm.pth``. If the variable
-``DRJIT_LIBLLVM_PATH`` is unset, the start-up file sets it to the library that this package requires.
-``pyproject.toml``, the start-up file and this module name the same version of LLVM; a test compares them.
+library folders. The installation of this package adds ``mitsuba_prosim_llvm.pth``, a file that Python executes at its
+start. If the variable ``DRJIT_LIBLLVM_PATH`` is unset, this start-up file sets the variable to the path of the LLVM
+library that this package requires. ``pyproject.toml``, the start-up file and this module name the same version of LLVM;
+a test compares them.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ def version() -> tuple[int, ...] | None:
 def library() -> str | None:
     """Returns the path of the LLVM that Dr.Jit has loaded, or None if the path is unknown.
 
-    The path is known on Linux, or from the variable ``DRJIT_LIBLLVM_PATH``.
+    On Linux, the path is that of the library in memory; on other systems, it is the value of the variable
+    ``DRJIT_LIBLLVM_PATH``.
     """
     try:
         with open("/proc/self/maps", encoding="utf-8", errors="replace") as maps:
@@ -39,7 +41,7 @@ def library() -> str | None:
 
 
 def problem() -> str | None:
-    """Returns the reason why LLVM variants would abort the process or are missing, with advice.
+    """Returns a message that tells why LLVM variants would abort the process or are missing, with advice for the user.
 
     Returns None if LLVM variants work.
     """

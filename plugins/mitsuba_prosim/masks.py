@@ -13,16 +13,16 @@ import mitsuba as mi
 
 
 def but_not(a: mi.Bool, b: mi.Bool) -> mi.Bool:
-    """Returns the mask ``a`` and not ``b``."""
+    """Returns the mask that is true where ``a`` is true and ``b`` is false."""
     return dr.select(b, False, a)
 
 
 def idle(active: mi.Bool) -> bool:
-    """Tells whether ``active`` is known to be false, so that there is nothing to compute.
+    """Tells whether the mask ``active`` is already known to be false, so that the caller has nothing to compute.
 
-    In scalar variants the mask is a Python boolean, which is known. If the mask is false, the shape, BSDF or emitter
-    may be missing and must not be called. In vectorised variants the mask is unknown while a kernel is recorded, so the
-    result is False.
+    In scalar variants the mask is a Python boolean, whose value is known. If the mask is false in a scalar variant, the
+    shape, BSDF or emitter that the caller would use may be None and must not be called. In vectorised variants the mask
+    is unknown while a kernel is recorded, so the result is False.
     """
     return not dr.is_jit_v(active) and not active
 
@@ -30,8 +30,9 @@ def idle(active: mi.Bool) -> bool:
 def fold(count: int, body: Callable[..., Any], state: Any, active: mi.Bool, unrolled: bool, **options: Any) -> Any:
     """Computes ``state = body(k, state)`` for each k from 0 to ``count`` - 1, and returns the last state.
 
-    If ``unrolled``, the kernel contains the code of ``body`` once for each k. If not ``unrolled``, the kernel has a
-    loop with these ``options``, and does not depend on the number of iterations.
+    If ``unrolled`` is true, the kernel contains the code of ``body`` once for each k. If ``unrolled`` is false, the
+    kernel contains a loop of the ``active`` lanes, so that the kernel does not depend on ``count``; ``options`` are
+    further arguments of ``dr.while_loop``.
     """
     if unrolled or not dr.is_jit_v(mi.Float):
         for k in range(count):
@@ -48,9 +49,9 @@ def fold(count: int, body: Callable[..., Any], state: Any, active: mi.Bool, unro
 
 
 def dispatch(pointer: Any, function: Callable[..., Any], *args: Any) -> Any:
-    """Calls ``function(instance, *args)`` for the instances of a Dr.Jit ``pointer``, and returns the results.
+    """Calls ``function(instance, *args)`` for each instance to which ``pointer`` points, and returns the results.
 
-    The function is traced once for each kind of instance. ``args`` must hold all Dr.Jit values that the function needs,
-    with the mask last. In scalar variants ``pointer`` is the instance.
+    The ``function`` is traced once for each instance to which ``pointer`` may point. ``args`` must hold all Dr.Jit
+    values that the function needs, with the mask last. In scalar variants, ``pointer`` is the instance itself.
     """
     return dr.dispatch(pointer, function, *args) if dr.is_jit_v(mi.Float) else function(pointer, *args)

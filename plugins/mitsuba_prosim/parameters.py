@@ -10,10 +10,10 @@ import mitsuba as mi
 
 
 def reject(props: mi.Properties, name: str, value: Any, allowed: str) -> ValueError:
-    """Returns the error for a parameter whose value is not allowed; the caller raises the error.
+    """Returns the ValueError for a plugin parameter whose value is not allowed; the caller raises this error.
 
     ``name`` is the name of the parameter. ``value`` is the value of the parameter, or None if the parameter is missing.
-    ``allowed`` is a phrase such as ``"a number >= 0"``.
+    ``allowed`` describes the allowed values in words, such as ``"a number >= 0"``.
     """
     where = f'"{props.id()}" ({props.plugin_name()})' if props.id() else props.plugin_name()
     return ValueError(
@@ -24,9 +24,11 @@ def reject(props: mi.Properties, name: str, value: Any, allowed: str) -> ValueEr
 def number(
     props: mi.Properties, name: str, default: float | None, low: float, high: float = inf, open_below: bool = False
 ) -> float:
-    """Reads a finite number from ``low`` to ``high``; ``low`` itself is not allowed if ``open_below``.
+    """Reads the parameter ``name``, a finite number from ``low`` to ``high``.
 
-    Without a ``default`` (None) the parameter is required. Raises ValueError for other values.
+    With ``open_below``, the number must be greater than ``low``.
+
+    If ``default`` is None, the parameter is required. Raises ValueError if the value is not allowed or missing.
     """
     value = props.get(name, default)
     if not _is_number(value) or not low <= value <= high or not isfinite(value) or (open_below and value == low):
@@ -35,9 +37,9 @@ def number(
 
 
 def whole(props: mi.Properties, name: str, default: int | None, low: int, high: int | None = None) -> int:
-    """Reads a whole number from ``low`` to ``high``: an integer, or a float such as 10.0.
+    """Reads the parameter ``name``, a whole number from ``low`` to ``high``, as an integer or as a float such as 10.0.
 
-    Without a ``default`` (None) the parameter is required. Raises ValueError for other values.
+    If ``default`` is None, the parameter is required. Raises ValueError if the value is not allowed or missing.
     """
     value = props.get(name, default)
     top = inf if high is None else high
@@ -47,7 +49,10 @@ def whole(props: mi.Properties, name: str, default: int | None, low: int, high: 
 
 
 def choice(props: mi.Properties, name: str, allowed: Sequence[str], default: str | None = None) -> str:
-    """Reads one of the words ``allowed``; the first word is the default. Raises ValueError for other values."""
+    """Reads the parameter ``name``, one of the words ``allowed``; raises ValueError for other values.
+
+    If ``default`` is None, the default is the first of the words.
+    """
     value = props.get(name, allowed[0] if default is None else default)
     if value not in allowed:
         raise reject(props, name, value, "one of " + ", ".join(allowed) if len(allowed) > 2 else " or ".join(allowed))
@@ -57,7 +62,8 @@ def choice(props: mi.Properties, name: str, allowed: Sequence[str], default: str
 def nested_integrator(props: mi.Properties) -> mi.SamplingIntegrator:
     """Returns the integrator that is nested in a plugin.
 
-    Raises ValueError if the plugin has no nested integrator, several nested objects, or an object of another kind.
+    Raises ValueError unless the plugin has exactly one nested object, and this object is an integrator that takes
+    samples from a sensor.
     """
     children = [child for _, child in props.objects()]
     if len(children) != 1 or not isinstance(children[0], mi.SamplingIntegrator):
@@ -68,20 +74,21 @@ def nested_integrator(props: mi.Properties) -> mi.SamplingIntegrator:
 
 
 def _is_number(value: Any) -> bool:
-    """Tells whether ``value`` is a number; a boolean is not."""
+    """Tells whether ``value`` is an integer or a float; the result is False for a boolean."""
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def _bounds(low: float, high: float, open_below: bool) -> str:
-    """Returns the allowed range as text, such as ``" > 0 and <= 1"``; an empty text without bounds."""
+    """Returns the range from ``low`` to ``high`` as text, such as ``" > 0 and <= 1"``; "" for an unlimited range."""
     parts = [f">{'' if open_below else '='} {low}"] * (low > -inf) + [f"<= {high}"] * (high < inf)
     return " " + " and ".join(parts) if parts else ""
 
 
 def constant_values(props: mi.Properties, name: str) -> list[float]:
-    """Returns the numbers of a parameter that is a number, a colour or a spectrum; no numbers for a texture or None.
+    """Returns the numbers of a parameter that is a number, a colour or a spectrum; an empty list for a texture.
 
-    Call this function before the parameter is converted to a texture.
+    The list is empty, too, if the parameter is missing. Call this function before ``props.get_texture`` converts the
+    parameter to a texture.
     """
     value = props.get(name)
     if value is None or isinstance(value, mi.Object):
@@ -92,17 +99,18 @@ def constant_values(props: mi.Properties, name: str) -> list[float]:
 
 
 def for_message(values: list[float]) -> float | list[float]:
-    """Returns the numbers of `constant_values` for a message: one number if all are equal, else the list."""
+    """Returns ``values``, rounded, for an error message: one number if all values are equal, else the list."""
     values = [round(v, 6) for v in values]
     return values[0] if len(set(values)) == 1 else values
 
 
 def expose(callback: mi.TraversalCallback, flags: mi.ParamFlags | None = None, /, **parameters: Any) -> None:
-    """Shows textures and Dr.Jit values to ``mi.traverse`` by name, as differentiable or with other ``flags``.
+    """Shows the textures and Dr.Jit values ``parameters`` of a plugin to ``mi.traverse``, by name.
 
-    The function ignores None, strings and plain numbers, including the numbers of scalar variants, which cannot be
-    changed in place. If a BSDF exposes a texture with the name ``ambient``, this texture becomes an attribute of the
-    BSDF.
+    ``callback`` is the argument of the plugin's method ``traverse``. Without ``flags``, the parameters are shown as
+    differentiable. The function ignores None, strings and Python numbers, such as all numbers of scalar variants,
+    because Python numbers cannot be changed in place. If a BSDF exposes a texture with the name ``ambient``,
+    ``BSDF.eval_attribute`` can evaluate this texture by its name.
     """
     flags = mi.ParamFlags.Differentiable if flags is None else flags
     for name, parameter in parameters.items():
@@ -111,6 +119,6 @@ def expose(callback: mi.TraversalCallback, flags: mi.ParamFlags | None = None, /
 
 
 def describe(plugin: mi.Object, **values: Any) -> str:
-    """Returns the text of ``to_string``: the class, and one line for each value that is not None."""
+    """Returns the text for ``plugin.to_string``: the class, and one line for each of ``values`` that is not None."""
     lines = [f"  {name} = {value}".replace("\n", "\n  ") for name, value in values.items() if value is not None]
     return f"{type(plugin).__name__}[\n" + ",\n".join(lines) + "\n]"

@@ -1,8 +1,9 @@
 """Registers the plugins with Mitsuba, for the active variant.
 
 A plugin class derives from a class of one variant (``mi.BSDF`` of ``llvm_ad_rgb``, for example). Therefore a module
-that defines a plugin is executed again when the variant changes, as Mitsuba's own Python integrators are. Modules of
-pure functions use the active variant of ``mi`` at each call, and are executed once.
+that defines a plugin is executed again when the variant changes, like the modules of Mitsuba's own integrators in
+Python. A module that defines only functions is executed once, because its functions use the active variant at each
+call.
 """
 
 from __future__ import annotations
@@ -34,9 +35,10 @@ _registered_for: str | None = None
 def plugin(kind: str, name: str) -> Callable[[type], type]:
     """Class decorator: registers the class as Mitsuba plugin ``name`` of the given ``kind`` ("bsdf", "emitter", ...).
 
-    Mitsuba 3.9 asks for the type of a plugin in ``scalar_rgb``, whatever variant is active. If the name were unknown in
-    ``scalar_rgb``, ``load_dict`` would merge equal emitters, and writing XML would fail. Therefore the class is also
-    registered for ``scalar_rgb``, until the plugins of ``scalar_rgb`` replace it.
+    Mitsuba 3.9 looks up the type of a plugin in the variant ``scalar_rgb``, even if another variant is active. If the
+    name of the plugin were unknown in ``scalar_rgb``, ``mi.load_dict`` would merge equal emitters into one, and writing
+    a scene as XML would fail. Therefore a class for another variant is registered for ``scalar_rgb``, too; when
+    ``scalar_rgb`` becomes the active variant, the class for ``scalar_rgb`` replaces this class.
     """
 
     def register(cls: type) -> type:
@@ -52,8 +54,9 @@ def plugin(kind: str, name: str) -> Callable[[type], type]:
 def create(name: str, **properties: Any) -> Any:
     """Creates an object of the plugin ``name`` with ``properties``.
 
-    Plugins use this function to create other plugins. ``mi.load_dict`` would replace the search path of the process for
-    a moment (Mitsuba 3.9); objects of the scene that other threads create at this moment would then read freed memory.
+    Plugins use this function, not ``mi.load_dict``, to create other plugins. ``mi.load_dict`` (Mitsuba 3.9) replaces
+    the file search path of the process for a moment, and objects of the scene that other threads create at this moment
+    would read freed memory.
     """
     props = mi.Properties(name)
     for key, value in properties.items():
@@ -62,7 +65,7 @@ def create(name: str, **properties: Any) -> Any:
 
 
 def modules() -> Iterator[str]:
-    """Yields the full names of the modules that are executed again for every variant, base classes first."""
+    """Yields the full names of the modules that are executed again for every variant; base classes come first."""
     yield from (f"{__package__}.{module}" for module in BASES)
     for folder in FOLDERS:
         path = Path(__file__).with_name(folder)
@@ -72,9 +75,9 @@ def modules() -> Iterator[str]:
 def register_plugins(*_: object) -> None:
     """Registers all plugins for the active variant.
 
-    The function does nothing if no variant is set, or if the plugins are registered already. Mitsuba calls this
-    function after each change of the variant; the arguments (old variant, new variant) are ignored. Raises RuntimeError
-    where LLVM would abort the process (see ``llvm.problem``).
+    The function does nothing if no variant is set, or if the plugins are already registered for the active variant.
+    Mitsuba calls this function after each change of the variant; the arguments (old variant, new variant) are ignored.
+    Raises RuntimeError if the active variant uses LLVM and LLVM would abort the process (see ``llvm.problem``).
     """
     global _registered_for
     variant = mi.variant()

@@ -105,9 +105,9 @@ class Composite(Pigmented):
         dr.make_opaque(self.eta)
 
     def reflected(self, si: mi.SurfaceInteraction3f, cos: mi.Float, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        """Returns Fresnel's reflectance times ks.
+        """Returns Fresnel's reflectance times the specular reflectance ks.
 
-        At every point and wavelength, ks is at most 1 - kd.
+        At every point and wavelength, ks is limited to 1 - kd, where kd is the diffuse reflectance.
         """
         if self.specular_reflectance is None:
             ks = dr.maximum(1 - self.diffuse_reflectance.eval(si, active), 0)
@@ -131,10 +131,13 @@ class Composite(Pigmented):
 
 
 def known_to_conserve(props: mi.Properties) -> bool:
-    """Tells whether the two reflectances are known to add up to at most 1 everywhere (s + d = 1, section 3.1.1).
+    """Tells whether the diffuse and specular reflectances are known to add up to at most 1 at every point and
+    wavelength.
 
-    The sum is known for numbers, and for colours in a variant that computes with colours. The sum of two textures or
-    spectra is known only at a point where they are evaluated. Raises ValueError if constants add up to more than 1.
+    In the thesis, the diffuse and the specular reflectance add up to 1 (section 3.1.1, s + d = 1). The sum of the
+    reflectances is known in advance for numbers, and, except in spectral variants, for colours. The sum of textures or
+    of spectra is known only after their evaluation at a point. Raises ValueError if constant reflectances add up to
+    more than 1.
     """
     names = "diffuse_reflectance", "specular_reflectance"
     if names[1] not in props:

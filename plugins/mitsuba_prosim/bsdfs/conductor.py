@@ -108,7 +108,7 @@ class Conductor(Material):
         self.set_components({self.specular_type(): mi.BSDFFlags.FrontSide})
 
     def reflected(self, si: mi.SurfaceInteraction3f, cos: mi.Float, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        """Returns Fresnel's reflectance at the cosine ``cos``, times the texture ``specular_reflectance``."""
+        """Returns Fresnel's reflectance for the incident cosine ``cos``, times the texture ``specular_reflectance``."""
         scale = 1 / self.ext_ior
         f = FRESNEL[self.fresnel](cos, self.eta.eval(si, active) * scale, self.k.eval(si, active) * scale)
         return f if self.specular_reflectance is None else f * self.specular_reflectance.eval(si, active)
@@ -137,18 +137,19 @@ class Conductor(Material):
 
 
 def metals() -> list[str]:
-    """Returns the names of the metals whose tables Mitsuba has; the list is empty if the folder of the tables is not
-    found.
+    """Returns the names of the metals whose indices of refraction Mitsuba has in files. The list is empty if the folder
+    of Mitsuba's files of metals is not found.
     """
     folder = Path(str(mi.file_resolver().resolve("data/ior/Cu.k.spd"))).parent
     return sorted(p.name.removesuffix(".k.spd") for p in folder.glob("*.k.spd"))
 
 
 def metal(props: mi.Properties) -> tuple[mi.Texture, mi.Texture]:
-    """Returns the textures ``(eta, k)`` of the metal that the parameters describe.
+    """Returns ``(eta, k)``, two textures: the complex index of refraction of the metal that the plugin's parameters
+    describe.
 
-    The parameter ``material`` selects a measured metal. Without ``material``, the parameters ``eta`` and ``k`` describe
-    the metal; the default is a perfect mirror. Raises ValueError for wrong parameters.
+    The parameter ``material`` selects a measured metal. Without the parameter ``material``, the parameters ``eta`` and
+    ``k`` describe the metal; their defaults 0 and 1 make a perfect mirror. Raises ValueError for wrong parameters.
     """
     material = props.get("material", "none")
     for name in ("eta", "k"):

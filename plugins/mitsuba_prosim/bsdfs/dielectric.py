@@ -131,20 +131,23 @@ class Dielectric(Material):
         self.set_components({self.specular_type(): sides, transmission: sides | flags.NonSymmetric})
 
     def probability(self, ctx: mi.BSDFContext, reflected: mi.Bool, f: mi.Float) -> mi.Float:
-        """Returns the probability of sampling reflection where ``reflected``, else of sampling transmission.
+        """Returns the probability of sampling the reflection where ``reflected`` is true, else that of the
+        transmission.
 
-        ``f`` is Fresnel's reflectance. The probability is 1 if ``ctx`` enables only one of the two components.
+        ``f`` is Fresnel's reflectance. The probability is 1 if ``ctx`` enables only the reflection or only the
+        transmission.
         """
         return dr.select(reflected, f, 1 - f) if all(self.enabled(ctx)) else mi.Float(1)
 
     def fraction(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, reflected: mi.Bool, face: Interface, active: mi.Bool
     ) -> mi.UnpolarizedSpectrum:
-        """Returns the fraction of the light that a facet reflects, where ``reflected``, or else transmits: a spectrum.
+        """Returns the fraction of the light that a facet reflects (where ``reflected`` is true) or transmits
+        (elsewhere), as a spectrum.
 
-        ``face`` has the reflectance and the indices of refraction, for one wavelength or for each channel. Transmitted
-        radiance is divided by the square of ``face.eta_it``, because the radiance fills another solid angle after
-        refraction. Transmitted importance is not divided.
+        ``face`` has the facet's reflectance and relative index of refraction, for one wavelength or for each channel.
+        Transmitted radiance is divided by the square of the relative index ``face.eta_it``, because refraction changes
+        the solid angle of the light; transmitted importance is not divided.
         """
         r, t = (
             1 if texture is None else texture.eval(si, active)
@@ -166,10 +169,11 @@ class Dielectric(Material):
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         """Samples a direction.
 
-        Smooth dispersive glass refracts one wavelength, which is chosen with the probabilities ``weights``. An
-        integrator that knows the throughput of a ray passes ``weights``. If ``weights`` is None, all wavelengths are
-        equally probable; equal probabilities are unbiased, but noisier. If ``undispersed``, all wavelengths take the
-        direction of the middle wavelength, which is biased, but avoids colour noise in an albedo.
+        Smooth dispersive glass refracts only one wavelength of a ray, which is chosen with the probabilities
+        ``weights``. An integrator that knows the ray's throughput passes ``weights`` proportional to the throughput. If
+        ``weights`` is None, all wavelengths are equally probable; equal probabilities are unbiased, but noisier. If
+        ``undispersed`` is true, all wavelengths are refracted in the direction of the middle wavelength, which is
+        biased, but avoids colour noise in an albedo image.
         """
         bs = dr.zeros(mi.BSDFSample3f)
         reflection, transmission = self.enabled(ctx)
@@ -220,13 +224,16 @@ class Dielectric(Material):
     def eval_facets(
         self, wi: mi.Vector3f, wo: mi.Vector3f, facet: Facet, reflected: mi.Bool, width: mi.Float, eta: mi.Float
     ) -> tuple[mi.Float, mi.Float]:
-        """Returns ``(value, pdf)`` of the facets like ``facet`` that scatter light from ``wo`` to ``wi``.
+        """Returns ``(value, pdf)`` of the microfacets with the normal of ``facet``, which scatter light from ``wo`` to
+        ``wi``.
 
-        The value does not include Fresnel's factor. Value and density are D(m) <wi, m> / cos_i times the ratio of the
-        solid angles of m and wo (Walter and others 2007, equations 14 and 17). The value is also multiplied by G, the
-        density by G1 of wi. Let eta_it be the index on the side of wo divided by the index on the side of wi; ``eta``
-        is the index inside divided by the index outside. By Snell's law (i_m + eta_it o_m) (i_m - eta_it o_m) = 1 -
-        eta_it², which is exact also for indices near 1.
+        ``value`` does not include Fresnel's reflectance or transmittance. ``value`` and ``pdf`` have the common factor
+        D(m) <wi, m> / cos_i times dm / dwo, the ratio of the solid angles of m and wo (Walter and others 2007,
+        equations 14 and 17). ``value`` has the further factor G (masking and shadowing); ``pdf`` has the further factor
+        G1(wi) (masking). The ratio eta_it is the index of refraction on the side of wo divided by the index on the side
+        of wi; ``eta`` is the index inside divided by the index outside. By Snell's law, i_m - eta_it o_m is (1 -
+        eta_it²) / (i_m + eta_it o_m), which loses no digits for indices near 1; i_m and o_m are the cosines of wi and
+        wo to m.
         """
         cos_i, cos_o, m = dr.abs(wi.z), dr.abs(wo.z), facet.m
         a, b = dr.abs(facet.i_m), dr.maximum(dr.abs(facet.o_m), 1e-30)
@@ -241,8 +248,8 @@ class Dielectric(Material):
     def eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
     ) -> tuple[mi.Spectrum, mi.Float]:
-        """Returns the BSDF times the cosine of ``wo``, and the density of :meth:`sample`; both are 0 for
-        smooth glass.
+        """Returns the value of the BSDF times the cosine of ``wo``, and the density with which :meth:`sample` samples
+        ``wo``. The value and the density are 0 for smooth glass.
         """
         # Each wavelength has its own facet and its own value. The density is the mean of their densities.
         reflected = (si.wi.z > 0) == (wo.z > 0)

@@ -60,7 +60,7 @@ class Lambertian(Material):
     def sample_direction(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.Vector3f, mi.UInt32, mi.Float, mi.UnpolarizedSpectrum]:
-        """Samples a direction with a density proportional to the cosine (:meth:`.Material.sample_direction`)."""
+        """Samples a direction with a density proportional to its cosine (see :meth:`.Material.sample_direction`)."""
         wo = mi.warp.square_to_cosine_hemisphere(sample2)
         pdf = mi.warp.square_to_cosine_hemisphere_pdf(wo)
         return wo, mi.UInt32(0), pdf, self.reflectance.eval(si, active & (pdf > 0))

@@ -1,4 +1,4 @@
-"""The empirical model: prosim_phong."""
+"""Phong's empirical reflection model: prosim_phong."""
 
 from __future__ import annotations
 

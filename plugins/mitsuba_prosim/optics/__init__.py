@@ -1,3 +1,3 @@
-"""The equations of the thesis's chapters 2 and 3: Fresnel's reflectance, microfacet distributions, geometric
-attenuation.
+"""The equations of chapters 2 and 3 of the thesis: reflectance by Fresnel's equations, microfacet distributions,
+geometric attenuation.
 """

@@ -1,6 +1,7 @@
-"""Indices of refraction that depend on the wavelength, by Cauchy's and Sellmeier's formulas, Abbe numbers, or names.
+"""Indices of refraction that depend on the wavelength: by Cauchy's or Sellmeier's formula, an Abbe number, or a name.
 
-Wavelengths are in nm. The formulas compute in µm, as catalogues of glasses do.
+The functions of this module take wavelengths in nm. Cauchy's and Sellmeier's formulas use wavelengths in µm, as in the
+catalogues of glass makers.
 """
 
 from __future__ import annotations
@@ -50,11 +51,11 @@ MATERIALS: dict[str, tuple[tuple[float, float], ...]] = {
 
 @dataclass(frozen=True)
 class Dispersion:
-    """The index of refraction of a material, by Cauchy's or Sellmeier's formula.
+    """The index of refraction of a material as a function of the wavelength, by Cauchy's or Sellmeier's formula.
 
-    Cauchy's formula is n = A + B/λ² (+ C/λ⁴), and Sellmeier's formula is n² = 1 + Σ B λ²/(λ² - C). ``coefficients``
-    maps names to values (``mi.Float``) in the order of the formula: A, B, C (Cauchy), or B1, C1, B2, C2 and so on
-    (Sellmeier).
+    Cauchy's formula is n = A + B/λ² (+ C/λ⁴), and Sellmeier's formula is n² = 1 + Σ B λ²/(λ² - C), where λ is the
+    wavelength in µm. ``coefficients`` maps the name of each coefficient to its value (``mi.Float``). The names of the
+    coefficients are A, B, C for Cauchy's formula, and B1, C1, B2, C2 and so on for Sellmeier's formula, in this order.
     """
 
     cauchy: bool
@@ -62,7 +63,9 @@ class Dispersion:
 
     @classmethod
     def of(cls, cauchy: bool, values: Sequence[float]) -> Dispersion:
-        """Returns the :class:`Dispersion` with the numbers ``values`` as coefficients."""
+        """Returns the :class:`Dispersion` with the coefficients ``values`` of Cauchy's formula if ``cauchy``, else of
+        Sellmeier's formula.
+        """
         names = "ABC" if cauchy else [f"{x}{i + 1}" for i in range(len(values) // 2) for x in "BC"]
         coefficients = {name: mi.Float(value) for name, value in zip(names, values, strict=False)}
         dr.make_opaque(coefficients)
@@ -85,7 +88,9 @@ class Dispersion:
 
 @dataclass(frozen=True)
 class Indices:
-    """The indices of refraction inside and outside of an interface; each is a number or depends on the wavelength."""
+    """The indices of refraction inside and outside of an interface; each index is a number or depends on the
+    wavelength.
+    """
 
     inside: float | Dispersion
     outside: float | Dispersion
@@ -94,7 +99,7 @@ class Indices:
 
     @classmethod
     def read(cls, props: mi.Properties) -> Indices:
-        """Reads both indices of refraction from the parameters of a plugin, see :func:`read_index`."""
+        """Reads the indices of refraction inside and outside of an interface from the parameters of a plugin."""
         inside, outside = read_index(props, "int", "bk7"), read_index(props, "ext", "air")
         if isinstance(inside, Dispersion) or isinstance(outside, Dispersion):
             return cls(inside, outside, None)
@@ -103,17 +108,19 @@ class Indices:
         return cls(inside, outside, eta)
 
     def etas(self, si: mi.SurfaceInteraction3f) -> list[mi.Float]:
-        """Returns the list of the relative indices of refraction: the index inside divided by the index outside.
+        """Returns a list of relative indices of refraction: the index inside divided by the index outside.
 
-        The list has one number. If an index depends on the wavelength, the list has one number for each channel of a
-        spectrum at ``si``.
+        If an index depends on the wavelength, the list has one number for each channel of a spectrum at ``si``. If no
+        index depends on the wavelength, the list has only one number.
         """
         if self.eta is not None:
             return [self.eta]
         return [mi.Float(_at(self.inside, w) / _at(self.outside, w)) for w in wavelengths(si)]
 
     def parameters(self) -> dict[str, Any]:
-        """Returns the indices and coefficients by their names in ``mi.traverse``, such as ``int_B1``."""
+        """Returns a dictionary of indices of refraction and coefficients; the keys are names in ``mi.traverse``
+        (``int_B1``).
+        """
         parameters: dict[str, Any] = {"eta": self.eta}
         for side, ior in (("int", self.inside), ("ext", self.outside)):
             values = ior.coefficients if isinstance(ior, Dispersion) else {"ior": ior}
@@ -122,15 +129,17 @@ class Indices:
 
 
 def _at(ior: float | Dispersion, wavelength: mi.Float | float) -> mi.Float | float:
-    """Returns the index of refraction at a wavelength in nm; a number ``ior`` is the same at all wavelengths."""
+    """Returns the index of refraction ``ior`` at a wavelength in nm; a number ``ior`` does not depend on the
+    wavelength.
+    """
     return ior.index(wavelength) if isinstance(ior, Dispersion) else ior
 
 
 def index(props: mi.Properties, name: str, default: float | str) -> float:
-    """Reads the index of refraction ``name`` from the parameters of a plugin: a number > 0, or a name from Mitsuba's
-    table such as "water".
+    """Reads an index of refraction from the parameter ``name`` of a plugin: a number > 0, or the name of a material in
+    Mitsuba's table, such as "water".
 
-    Returns the number. Raises ValueError for other values.
+    Returns the index as a number. Raises ValueError for other values.
     """
     value = props.get(name, default)
     try:
@@ -145,11 +154,12 @@ def index(props: mi.Properties, name: str, default: float | str) -> float:
 
 
 def read_index(props: mi.Properties, side: str, default: str) -> float | Dispersion:
-    """Reads the index of refraction on one ``side`` of an interface: "int" or "ext".
+    """Reads the index of refraction on one ``side`` of an interface from the parameters of a plugin: inside ("int") or
+    outside ("ext").
 
-    The parameter ``<side>_ior`` alone defines a number. An index that depends on the wavelength is defined by
-    ``<side>_ior`` with ``<side>_abbe``, or by one of ``<side>_cauchy``, ``<side>_sellmeier`` and ``<side>_material``.
-    Raises ValueError for wrong values.
+    The parameter ``<side>_ior`` alone defines an index that is the same at all wavelengths. An index that depends on
+    the wavelength is defined by ``<side>_ior`` with ``<side>_abbe``, or by one of ``<side>_cauchy``,
+    ``<side>_sellmeier`` and ``<side>_material``. Raises ValueError for wrong values.
     """
     ior, abbe = side + "_ior", side + "_abbe"
     names = [name for way in ("material", "cauchy", "sellmeier", "abbe") if (name := f"{side}_{way}") in props]
@@ -185,22 +195,25 @@ def read_index(props: mi.Properties, side: str, default: str) -> float | Dispers
 
 
 def cauchy(n_d: float, abbe: float) -> tuple[float, float]:
-    """Returns A and B of Cauchy's formula, from the index at the line d and the Abbe number V_d."""
+    """Returns the coefficients A and B of Cauchy's formula, from the index of refraction ``n_d`` at Fraunhofer's line d
+    (587.6 nm) and the Abbe number.
+    """
     b = (n_d - 1) / abbe / (1e6 / F**2 - 1e6 / C**2)
     return n_d - b * 1e6 / D**2, b
 
 
 def wavelengths(si: mi.SurfaceInteraction3f) -> list[mi.Float | float]:
-    """Returns the wavelength in nm of each channel of a spectrum at ``si``."""
+    """Returns a list with the wavelength in nm of each channel of a spectrum at the surface point ``si``."""
     if mi.is_spectral:
         return list(si.wavelengths)
     return [D] if mi.is_monochromatic else list(RGB)
 
 
 def choose(p: Sequence[mi.Float | float], sample: mi.Float) -> tuple[mi.UInt32, mi.Float]:
-    """Chooses an index k with the probability ``p[k]``, by the random number ``sample`` in [0, 1).
+    """Chooses a list index k with the probability ``p[k]``, by the random number ``sample`` in [0, 1).
 
-    Returns ``(k, rest)``. ``rest`` is a new random number in [0, 1]: the place of ``sample`` in the interval of k. The
+    Returns ``(k, rest)``. The interval [0, 1] is divided into one interval of length ``p[k]`` for each k. ``rest`` is a
+    new random number in [0, 1]: the relative position of ``sample`` within the interval of the chosen k. The
     probabilities sum up to 1.
     """
     k, below, width, total = mi.UInt32(0), mi.Float(0), mi.Float(p[0]), mi.Float(p[0])
@@ -214,7 +227,7 @@ def choose(p: Sequence[mi.Float | float], sample: mi.Float) -> tuple[mi.UInt32, 
 
 
 def pick(k: mi.UInt32, values: Sequence[mi.Float | float]) -> mi.Float:
-    """Returns ``values[k]``; each lane has its own index ``k``."""
+    """Returns ``values[k]``, where each lane of a Dr.Jit array has its own list index ``k``."""
     picked = mi.Float(values[0])
     for j in range(1, len(values)):
         picked = dr.select(k == j, values[j], picked)
@@ -222,5 +235,5 @@ def pick(k: mi.UInt32, values: Sequence[mi.Float | float]) -> mi.Float:
 
 
 def spectrum(values: Sequence[mi.Float]) -> mi.UnpolarizedSpectrum | mi.Float:
-    """Returns ``values``, one for each channel, as a spectrum; a single value is returned as a number."""
+    """Returns a spectrum whose channels are the ``values``; a list of one value is returned as a number."""
     return mi.UnpolarizedSpectrum(*values) if len(values) > 1 else values[0]

@@ -1,8 +1,8 @@
 """Microfacets: the facets of a rough surface (thesis, section 3.1.1, equation 3.1; Torrance and Sparrow 1967).
 
-The module has distributions of the facets' normals, masking and shadowing, reflection without Fresnel's reflectance,
-and sampling. Each facet is one side of a V-shaped cavity; the other side of the cavity is the mirror image of the facet
-about the macroscopic normal.
+The module defines distributions of facet normals, masking and shadowing, the BRDF of Torrance and Sparrow without
+Fresnel's reflectance, and the sampling of facets. The facets form V-shaped cavities; the two facets of a cavity are
+mirror images of each other about the normal of the macroscopic surface.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from . import cosine
 class Distribution(NamedTuple):
     """A distribution of facet normals, and the plugin parameters that select this distribution.
 
-    ``D(m, roughness)`` is the density of facets per solid angle around the normal ``m`` (local frame, m.z > 0). The
-    density D is normalised so that the integral of D(m) m.z over the hemisphere is 1; the thesis puts the factor 1 / pi
-    into equation 3.1 instead. ``polar(u, roughness)`` samples the polar angle of a facet with the density D(m) m.z,
-    from ``u`` in [0, 1), and returns the sine and the cosine of the angle. The polar angle increases with u, so
-    stratified numbers give stratified angles.
+    ``D(m, roughness)`` is the density, per solid angle, of facets with the normal ``m`` (local frame, m.z > 0). The
+    density D is normalised so that the integral of D(m) m.z over the hemisphere is 1. The density D of the thesis lacks
+    the factor 1 / pi, which the thesis puts into equation 3.1. ``polar(u, roughness)`` samples the polar angle of a
+    facet normal m with the density D(m) m.z, by ``u`` in [0, 1), and returns the sine and the cosine of the polar
+    angle. The polar angle increases with ``u``, so stratified numbers ``u`` give stratified polar angles.
     """
 
     name: str  #: value of the parameter ``distribution``
@@ -37,33 +37,41 @@ class Distribution(NamedTuple):
 
 
 def sin2(m: mi.Vector3f) -> mi.Float:
-    """Returns the squared sine of the polar angle. The formula x² + y² loses no digits near the pole, unlike
-    1 - m.z².
+    """Returns the squared sine of the polar angle of the unit vector ``m``. The formula x² + y² loses no digits near
+    the pole, unlike 1 - m.z².
     """
     return m.x * m.x + m.y * m.y
 
 
 def beckmann(m: mi.Vector3f, alpha: mi.Float) -> mi.Float:
-    """Returns Beckmann's density exp(-tan² / alpha²) / (pi alpha² cos⁴); alpha is the RMS slope (the thesis's m)."""
+    """Returns Beckmann's density of facet normals, exp(-tan² / alpha²) / (pi alpha² cos⁴) of the polar angle of ``m``.
+    ``alpha`` is the RMS slope of the facets, which the thesis calls m.
+    """
     cos2 = dr.maximum(m.z * m.z, 1e-8)
     alpha2 = dr.maximum(alpha * alpha, 1e-8)  # a texture may be 0 somewhere
     return dr.exp(-sin2(m) / (cos2 * alpha2)) / (dr.pi * alpha2 * cos2 * cos2)
 
 
 def beckmann_polar(u: mi.Float, alpha: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """Samples the polar angle for Beckmann's density: tan² = -alpha² ln(1 - u)."""
+    """Samples the polar angle of a facet normal for Beckmann's density, by tan² = -alpha² ln(1 - u); returns its
+    ``(sin, cos)``.
+    """
     tan2 = -dr.maximum(alpha * alpha, 1e-8) * dr.log(1 - u)
     cos = dr.rsqrt(1 + tan2)
     return dr.sqrt(tan2) * cos, cos
 
 
 def phong(m: mi.Vector3f, exponent: mi.Float) -> mi.Float:
-    """Returns the density (n + 2) / (2 pi) cos^n: Blinn's form of Phong's lobe, with the angle to the half vector."""
+    """Returns the density of facet normals in Blinn's form of Phong's model: (n + 2) / (2 pi) cos^n of the polar angle
+    of ``m``, where n is the ``exponent``.
+    """
     return (exponent + 2) * dr.inv_two_pi * cosine.power(dr.minimum(sin2(m) / (1 + m.z), 1), exponent)
 
 
 def phong_polar(u: mi.Float, exponent: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """Samples the polar angle for Phong's density: cos = (1 - u)^(1 / (n + 2))."""
+    """Samples the polar angle of a facet normal for Phong's density, by cos = (1 - u)^(1 / (n + 2)); returns its
+    ``(sin, cos)``.
+    """
     return cosine.sample(u, exponent + 1)
 
 
@@ -72,10 +80,10 @@ SINE = [(-4.0) ** k * factorial(k) / factorial(2 * k + 1) for k in range(9)]
 
 
 def gaussian_tail(s: mi.Float, alpha2: mi.Float) -> mi.Float:
-    """Returns the integral of exp(-t) sin(2a) / 2a over t from s to infinity, where t = (a / alpha)².
+    """Returns the integral of exp(-t) sin(2a) / (2a) over t from s to infinity, where t = (a / alpha)².
 
-    The result is a polynomial times exp(-s), because the integral of t^k exp(-t) is k! exp(-s) times the sum of s^j /
-    j! over j from 0 to k.
+    The function computes the integral from the power series of sin(2a) / (2a) in t, up to t^8. The integral of t^k
+    exp(-t) over t from s to infinity is k! exp(-s) times the sum of s^j / j! over j from 0 to k.
     """
     s = dr.minimum(s, 40)  # exp(-40) is negligible relative to 1, and s^8 does not overflow
     total, power, term, partial = 0.0, 1.0, 1.0, 1.0
@@ -88,10 +96,11 @@ def gaussian_tail(s: mi.Float, alpha2: mi.Float) -> mi.Float:
 
 
 def gaussian_limits(alpha: mi.Float) -> tuple[mi.Float, mi.Float, mi.Float]:
-    """Returns ``(alpha², tail, integral)`` for `gaussian_tail`.
+    """Returns ``(alpha², tail, integral)``: the square of ``alpha``, and two integrals of the integrand of
+    `gaussian_tail`.
 
-    ``tail`` is the integral of the Gaussian density from 90 degrees on, and ``integral`` is the integral from 0 to 90
-    degrees.
+    ``tail`` is the integral of this integrand over angles a above 90 degrees; ``integral`` is the integral of the same
+    integrand over angles a from 0 to 90 degrees.
     """
     alpha2 = dr.square(dr.clip(alpha, 1e-4, 2))  # above 2, cancellation becomes visible in single precision
     tail = gaussian_tail(dr.square(0.5 * dr.pi) / alpha2, alpha2)
@@ -99,10 +108,11 @@ def gaussian_limits(alpha: mi.Float) -> tuple[mi.Float, mi.Float, mi.Float]:
 
 
 def gaussian(m: mi.Vector3f, alpha: mi.Float) -> mi.Float:
-    """Returns the density C exp(-(a / alpha)²), where a is the polar angle: the density of Torrance and Sparrow.
+    """Returns Torrance and Sparrow's density of facet normals, C exp(-(a / alpha)²), where a is the polar angle of
+    ``m``.
 
-    The constant 1 / C is pi times the integral of exp(-(a / alpha)²) sin(2a) over [0, pi/2], a Dawson function of a
-    complex argument. A series computes the constant C to single precision for alpha <= 2.
+    The constant 1 / C is pi times the integral of exp(-(a / alpha)²) sin(2a) over a in [0, pi/2]; this integral is a
+    Dawson function of a complex argument. A series computes the constant C to single precision for alpha <= 2.
     """
     alpha2, _, total = gaussian_limits(alpha)
     a = dr.atan2(dr.sqrt(dr.maximum(sin2(m), 1e-14)), m.z)
@@ -110,11 +120,13 @@ def gaussian(m: mi.Vector3f, alpha: mi.Float) -> mi.Float:
 
 
 def gaussian_polar(u: mi.Float, alpha: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """Samples the polar angle for the Gaussian density by two of Halley's steps, to 3e-7.
+    """Samples the polar angle of a facet normal for the density :func:`gaussian`; returns its ``(sin, cos)``.
 
-    Halley's steps invert the series in y = sin²a, where the density is exp(-(a / alpha)²). The first step starts from
-    the nearer of two approximations: exp(-y / alpha²), good for wide distributions, and exp(-s (1 + 2/3 alpha²)) with s
-    = (a / alpha)², good for narrow distributions.
+    Two steps of Halley's method invert the distribution function of y = sin²a, where a is the polar angle; the density
+    of y is proportional to exp(-(a / alpha)²). The first step starts from the smaller of two approximate solutions y.
+    One solution is for the density exp(-y / alpha²), which is good for wide distributions. The other solution is for
+    the density exp(-s (1 + 2/3 alpha²)) of s = (a / alpha)², which is good for narrow distributions. The error of the
+    sampled distribution is below 5e-7 for alpha <= 1, and below 5e-6 for alpha <= 2.
     """
     alpha2, low, total = gaussian_limits(alpha)
     rate = 1 + (2 / 3) * alpha2
@@ -154,7 +166,7 @@ SHORTEST = 1e-36
 
 
 class Facet(NamedTuple):
-    """A microfacet: the normal ``m``, and the cosines between ``m`` and the two directions wi and wo."""
+    """A microfacet: the normal ``m``, and the cosines ``i_m`` and ``o_m`` between ``m`` and the directions wi, wo."""
 
     m: mi.Vector3f
     i_m: mi.Float
@@ -162,10 +174,12 @@ class Facet(NamedTuple):
 
 
 def facet_between(wi: mi.Vector3f, wo: mi.Vector3f, eta: mi.Float) -> Facet:
-    """Returns the facet that reflects or refracts light between ``wi`` and ``wo``; its normal has m.z >= 0.
+    """Returns the microfacet that reflects or refracts light between ``wi`` and ``wo``; the facet's normal has m.z >=
+    0.
 
-    Both directions are unit vectors in the local frame. The facet reflects if both are on the same side of the surface.
-    ``eta`` is the index of refraction inside (z < 0) divided by the index outside.
+    ``wi`` and ``wo`` are unit vectors in the local frame. The facet reflects if ``wi`` and ``wo`` are on the same side
+    of the surface, and refracts otherwise. ``eta`` is the index of refraction inside (z < 0) divided by the index
+    outside.
     """
     outside = wi.z > 0
     reflected = outside == (wo.z > 0)
@@ -183,8 +197,8 @@ def facet_between(wi: mi.Vector3f, wo: mi.Vector3f, eta: mi.Float) -> Facet:
 
 
 def g1(cos_w: mi.Float, cos_m: mi.Float, w_m: mi.Float) -> mi.Float:
-    """Returns the fraction of a facet that is visible from a direction w with w·m > 0: min(1, 2 (N·m) (N·w) /
-    (w·m)).
+    """Returns the fraction of a facet that is visible from a direction w with w·m > 0: min(1, 2 (N·m) (N·w) / (w·m)).
+    The normal of the facet is m, and the normal of the macroscopic surface is N.
     """
     return dr.minimum(1, 2 * cos_m * cos_w / w_m)
 
@@ -192,8 +206,9 @@ def g1(cos_w: mi.Float, cos_m: mi.Float, w_m: mi.Float) -> mi.Float:
 def g(cos_i: mi.Float, cos_o: mi.Float, cos_m: mi.Float, i_m: mi.Float) -> mi.Float:
     """Returns the fraction of a reflecting facet that is both lit and visible.
 
-    ``cos_i``, ``cos_o`` and ``cos_m`` are the cosines between the surface's normal and the two directions and the
-    facet's normal. ``i_m`` is the cosine between a direction and the facet's normal, the same for both directions.
+    ``cos_i``, ``cos_o`` and ``cos_m`` are the cosines of the angles from the surface's normal to wi, wo and the facet's
+    normal. ``i_m`` is the cosine between wi and the facet's normal, which is equal to the cosine between wo and the
+    facet's normal.
     """
     return g1(dr.minimum(cos_i, cos_o), cos_m, i_m)
 
@@ -203,10 +218,10 @@ def torrance_sparrow(
 ) -> tuple[mi.Float, mi.Float, mi.Float]:
     """Evaluates the microfacet BRDF of Torrance and Sparrow, and returns ``(i_m, value, pdf)``.
 
-    ``wi`` and ``wo`` are unit directions above the surface; the cosine of ``wi`` is above `GRAZING`. ``i_m`` is the
-    cosine between ``wi`` and the facet's normal, which Fresnel's equations need. ``value`` is the BRDF without
-    Fresnel's reflectance, times the cosine of ``wo``: D G / (4 cos_i). ``pdf`` is the density per solid angle with
-    which :func:`sample_visible` leads to ``wo``.
+    ``wi`` and ``wo`` are unit directions above the surface; the cosine of ``wi`` is greater than `GRAZING`. ``i_m`` is
+    the cosine between ``wi`` and the facet's normal, which Fresnel's equations need. ``value`` is the BRDF without
+    Fresnel's reflectance, times the cosine of ``wo``, which is D G / (4 cos_i). ``pdf`` is the density per solid angle
+    of the direction ``wo`` if a facet of :func:`sample_visible` reflects ``wi``.
     """
     m, i_m, _ = facet_between(wi, wo, mi.Float(1))
     density = distribution.D(m, roughness) / (4 * wi.z)
@@ -217,13 +232,14 @@ def torrance_sparrow(
 
 
 def azimuth(u: mi.Float, t: mi.Float) -> mi.Float:
-    """Samples an angle phi in [-pi, pi] with density max(0, min(2, 1 + t cos phi)) / (2 pi), for ``t`` >= 0.
+    """Samples the azimuth phi of a visible facet, with the density max(0, min(2, 1 + t cos phi)) / (2 pi) in [-pi, pi].
 
-    ``u`` is a number in [0, 1). Where the opposite facet of the cavity is turned away (t cos phi > 1), the density is
-    constant. Where the opposite facet is visible, the integral of the density leads to Kepler's equation, phi + t sin
-    phi = y. Two of Halley's steps solve Kepler's equation; the first step starts from the root for a linear density.
-    The error of the sampled distribution is below 1e-4 (at t = 1; on average 1e-7). Unlike a random choice between the
-    two facets, the map is continuous in ``u`` and needs no third random number.
+    ``u`` is a number in [0, 1); ``t`` is >= 0. Where the opposite facet of the V-shaped cavity faces away from the
+    viewer (t cos phi > 1), the density is constant. Where the opposite facet is visible too, the inversion of the
+    distribution function leads to Kepler's equation, phi + t sin phi = y. Two steps of Halley's method solve Kepler's
+    equation; the first step starts between the roots for a constant and for a linear density. The error of the sampled
+    distribution is below 1e-4 at t = 1, and about 1e-7 if t is not close to 1. Unlike a random choice between the two
+    facets of a cavity, this method is continuous in ``u`` and needs no further random number.
     """
     t = dr.minimum(t, 1e6)
     s = 2 * u - 1
@@ -246,11 +262,12 @@ def sample_visible(wi: mi.Vector3f, u: mi.Point2f, distribution: Distribution, r
     """Samples a facet that is visible from ``wi``, and returns the normal of the facet, a unit vector in the upper
     hemisphere.
 
-    ``wi`` is in the local frame, wi.z > 0. ``u`` is a point in the unit square. The normals m of the visible facets
-    have the density D(m) G1(w, m) max(0, <w, m>) / cos w. Here w is ``wi``, and G1 is the masking of V-shaped cavities
-    (Torrance and Sparrow 1967). The normals of the two facets of a cavity have the same polar angle, so the polar angle
-    has the density D(m) cos m. Only the azimuth of the normal depends on w: the density of the azimuth is proportional
-    to max(0, min(2, 1 + t cos phi)), with t = tan w tan m.
+    ``wi`` is in the local frame, wi.z > 0. ``u`` is a point in the unit square. The normals m of the facets that are
+    visible from w = ``wi`` have the density D(m) G1(w, m) max(0, <w, m>) / cos w. G1 is the masking function of
+    V-shaped cavities (Torrance and Sparrow 1967). The normals of the two facets of a cavity have the same polar angle,
+    so the polar angle of a visible normal m has the density D(m) cos m for any direction w. Only the azimuth phi of the
+    normal depends on w: the density of phi is proportional to max(0, min(2, 1 + t cos phi)), where t is the product of
+    the tangents of the polar angles of w and m.
     """
     sin_m, cos_m = distribution.polar(u.x, roughness)
     sin2_w = wi.x * wi.x + wi.y * wi.y

@@ -20,10 +20,10 @@ class Interface(NamedTuple):
 
 
 def eta2_minus_1(cos_i: mi.Float, eta: mi.Float) -> mi.Float:
-    """Returns eta_it² - 1, which is precise also for eta near 1.
+    """Returns eta_it² - 1, with full precision also for eta near 1.
 
-    eta_it is the index of refraction beyond the interface divided by the index on the incident side: ``eta`` if light
-    arrives from outside (``cos_i`` >= 0), and 1 / ``eta`` if light arrives from inside.
+    The ratio eta_it is the index of refraction beyond the interface divided by the index on the incident side. The
+    ratio is ``eta`` if light arrives from outside (``cos_i`` >= 0), and 1 / ``eta`` if light arrives from inside.
     """
     difference = (eta - 1) * (eta + 1)
     return dr.select(cos_i >= 0, difference, -difference * dr.square(dr.rcp(eta)))
@@ -32,10 +32,11 @@ def eta2_minus_1(cos_i: mi.Float, eta: mi.Float) -> mi.Float:
 def interface(cos_i: mi.Float, eta: mi.Float) -> Interface:
     """Returns the :class:`Interface` between two dielectrics.
 
-    ``cos_i`` is the cosine on the incident side, > 0 outside and < 0 inside; ``eta`` is the interior index divided by
-    the exterior index. The reflectance is for unpolarised light (thesis, equation 2.2), total reflection included.
-    Mitsuba's formula loses precision if eta is near 1. To keep the precision, each difference in Fresnel's equation,
-    such as cos_i - eta cos_t, is computed as (1 - eta²) divided by a sum.
+    ``cos_i`` is the cosine of the incident direction, > 0 if light arrives from outside, else < 0; ``eta`` is the index
+    of refraction inside divided by the index outside. The reflectance is that of unpolarised light (thesis, equation
+    2.2), and is 1 at total reflection. Mitsuba's formula for Fresnel's reflectance loses precision if ``eta`` is near
+    1. This function computes each difference in Fresnel's equations, such as cos_i - eta cos_t, as a multiple of eta² -
+    1, which keeps the precision.
     """
     _, cos_t, eta_it, eta_ti = mi.fresnel(cos_i, eta)
     c, t = dr.abs(cos_i), dr.abs(cos_t)
@@ -48,7 +49,7 @@ def interface(cos_i: mi.Float, eta: mi.Float) -> Interface:
 
 
 def conductor(cos_i: mi.Float, eta: mi.UnpolarizedSpectrum, k: mi.UnpolarizedSpectrum) -> mi.UnpolarizedSpectrum:
-    """Returns the exact reflectance of unpolarised light at a metal, a spectrum.
+    """Returns the exact reflectance of a metal for unpolarised light, as a spectrum.
 
     The metal has the relative index of refraction eta - i k, where eta and k are spectra.
     """
@@ -57,10 +58,10 @@ def conductor(cos_i: mi.Float, eta: mi.UnpolarizedSpectrum, k: mi.UnpolarizedSpe
 
 
 def conductor_thesis(cos_i: mi.Float, eta: mi.UnpolarizedSpectrum, k: mi.UnpolarizedSpectrum) -> mi.UnpolarizedSpectrum:
-    """Returns an approximate reflectance of a metal, which is good if eta² + k² >> 1.
+    """Returns an approximate reflectance of a metal; the approximation is good if eta² + k² >> 1.
 
-    The thesis uses this approximation of Fresnel's equations (section 2.2.3, after Cook and Torrance 1982). eta - i k
-    is the relative index of refraction; eta and k are spectra.
+    The thesis uses this approximation of Fresnel's equations (section 2.2.3, after Cook and Torrance 1982). The
+    relative index of refraction of the metal is eta - i k; eta and k are spectra.
     """
     e = eta * eta + k * k
     twice = 2 * eta * cos_i

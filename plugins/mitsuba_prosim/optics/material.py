@@ -1,6 +1,6 @@
 """The base classes of materials, and the parameters that materials share: reflectances and roughness.
 
-Like the plugin modules, this module is executed again when Mitsuba's variant changes (see ``registry``).
+Like the modules of plugins, this module is executed again after each change of Mitsuba's variant (see ``registry``).
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ Evaluated: TypeAlias = "tuple[mi.UnpolarizedSpectrum, mi.Float]"
 class Material(mi.BSDF):
     """A one-sided BSDF, whose back is black.
 
-    A subclass defines :meth:`sample_direction`, :meth:`evaluate` and the names of its parameters. A subclass that
-    scatters light on both sides defines :meth:`sample` and :meth:`eval_pdf` instead. The class does not use ``abc``,
-    because Mitsuba's classes have another metaclass.
+    A subclass defines :meth:`sample_direction` and :meth:`evaluate`, and lists the names of its parameters in
+    ``PARAMETERS``. A subclass that scatters light on both sides of a surface defines :meth:`sample` and
+    :meth:`eval_pdf` instead of :meth:`sample_direction` and :meth:`evaluate`. The class is not an abstract class of
+    Python's module ``abc``, because Mitsuba's classes have another metaclass.
     """
 
     #: Names of the attributes that ``to_string`` shows; ``mi.traverse`` shows the attributes that are textures or
@@ -41,7 +42,9 @@ class Material(mi.BSDF):
     roughness: Any = None
 
     def __init__(self, props: mi.Properties) -> None:
-        """Reads the parameter ``ambient``: the reflectance of ambient light, or None if the parameter is absent."""
+        """Reads the parameter ``ambient``, the reflectance for ambient light; ``self.ambient`` is None if the parameter
+        is absent.
+        """
         super().__init__(props)
         self.ambient = reflectance(props, "ambient")
 
@@ -54,7 +57,9 @@ class Material(mi.BSDF):
         self.m_flags = functools.reduce(operator.or_, self.m_components)
 
     def specular_type(self) -> mi.BSDFFlags:
-        """Returns the type of a specular reflection, which is a Dirac peak if the surface has no roughness."""
+        """Returns the BSDF flag of the specular reflection, which is ``DeltaReflection`` for an ideally smooth surface
+        and ``GlossyReflection`` otherwise.
+        """
         return mi.BSDFFlags.DeltaReflection if self.roughness is None else mi.BSDFFlags.GlossyReflection
 
     def enabled(self, ctx: mi.BSDFContext) -> list[bool]:
@@ -62,7 +67,7 @@ class Material(mi.BSDF):
         return [ctx.is_enabled(kind, i) for i, kind in enumerate(self.types)]
 
     def parameters(self) -> dict[str, Any]:
-        """Returns the parameters that ``to_string`` shows: name -> value."""
+        """Returns a dictionary of the parameters that ``to_string`` and ``mi.traverse`` show: name -> value."""
         own = {name: getattr(self, name) for name in (*self.PARAMETERS, "ambient")}
         if self.distribution is None:
             return own
@@ -71,17 +76,18 @@ class Material(mi.BSDF):
     def sample_direction(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.Vector3f, mi.UInt32, mi.Float, mi.UnpolarizedSpectrum]:
-        """Samples an enabled component for a viewer in front; returns ``(wo, component, pdf, weight)``.
+        """Samples a direction from an enabled component of the BSDF, for a viewer in front of the surface.
 
-        ``wo`` is a unit vector in the local frame. ``component`` is 0 or 1. ``pdf`` is the density of ``wo`` per solid
-        angle, or the probability of a Dirac peak; 0 if there is no sample. ``weight`` is the value of the BSDF times
-        the cosine of ``wo``, divided by ``pdf``.
+        Returns ``(wo, component, pdf, weight)``. ``wo`` is a unit vector in the local frame. ``component`` is the
+        number of the sampled component, 0 or 1. ``pdf`` is the density of ``wo`` per solid angle, or the probability of
+        a Dirac peak; ``pdf`` is 0 if no direction was sampled. ``weight`` is the value of the BSDF times the cosine of
+        ``wo``, divided by ``pdf``.
         """
         raise NotImplementedError
 
     def evaluate(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
-        """Returns value and density (:data:`Evaluated`) of the components that ``ctx`` enables, without ideal lobes.
-        The viewer ``si.wi`` and the direction ``wo`` are on the front side.
+        """Returns the value and the density (:data:`Evaluated`) of the components that ``ctx`` enables, without Dirac
+        peaks. The directions ``si.wi`` (to the viewer) and ``wo`` are on the front side of the surface.
         """
         raise NotImplementedError
 
@@ -93,7 +99,9 @@ class Material(mi.BSDF):
         sample2: mi.Point2f,
         active: mi.Bool = True,
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        """Samples a direction; returns ``(bs, weight)``, where the weight is value times cosine over density."""
+        """Samples a direction; returns ``(bs, weight)``. ``weight`` is the value of the BSDF times the cosine of the
+        direction, divided by the density.
+        """
         bs = dr.zeros(mi.BSDFSample3f)
         active = active & (si.wi.z > GRAZING)
         if active is False or not any(self.enabled(ctx)):
@@ -120,11 +128,11 @@ class Material(mi.BSDF):
         return mi.depolarizer(value) & active, dr.select(active, pdf, 0)
 
     def eval(self, *args: Any, **kwargs: Any) -> mi.Spectrum:
-        """Returns the value of the BSDF times the cosine; the arguments are those of :meth:`eval_pdf`."""
+        """Returns the value of the BSDF times the cosine of ``wo``; the arguments are those of :meth:`eval_pdf`."""
         return self.eval_pdf(*args, **kwargs)[0]
 
     def pdf(self, *args: Any, **kwargs: Any) -> mi.Float:
-        """Returns the density per solid angle; the arguments are those of :meth:`eval_pdf`."""
+        """Returns the density with which :meth:`sample` samples ``wo``; the arguments are those of :meth:`eval_pdf`."""
         return self.eval_pdf(*args, **kwargs)[1]
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
@@ -135,15 +143,16 @@ class Material(mi.BSDF):
 
 
 class Pigmented(Material):
-    """A one-sided BSDF with the components [specular, diffuse].
+    """A one-sided BSDF with two components: component 0 is specular, component 1 is diffuse.
 
-    A subclass defines the three methods ``specular_...``; the last two are called only for lobes that are no Dirac
-    peak. The class does not use ``abc``, because Mitsuba's classes have another metaclass.
+    A subclass defines :meth:`specular_weight`, :meth:`specular_sample` and :meth:`specular_eval_pdf`. The methods
+    :meth:`specular_sample` and :meth:`specular_eval_pdf` are called only if the specular lobe is no Dirac peak. The
+    class is not an abstract class of Python's module ``abc``, because Mitsuba's classes have another metaclass.
     """
 
     def __init__(self, props: mi.Properties, distributions: tuple[str, ...] = tuple(DISTRIBUTIONS)) -> None:
-        """Reads ``diffuse_reflectance`` and the roughness; ``distributions`` are the allowed distributions of
-        microfacets.
+        """Reads the parameters of the diffuse reflectance and of the roughness; ``distributions`` are the names of the
+        allowed microfacet distributions.
         """
         super().__init__(props)
         self.diffuse_reflectance = reflectance(props, "diffuse_reflectance", 0.5)
@@ -154,8 +163,8 @@ class Pigmented(Material):
     # A subclass defines the next three methods. (abc cannot say so: Mitsuba's classes have another metaclass.)
 
     def specular_weight(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        """Returns the fraction of light that the specular component reflects: exactly for a mirror, else an
-        estimate.
+        """Returns the fraction of the light that the specular component reflects. The fraction is exact for a mirror,
+        and an estimate for a rough surface.
         """
         raise NotImplementedError
 
@@ -164,7 +173,9 @@ class Pigmented(Material):
         raise NotImplementedError
 
     def specular_eval_pdf(self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
-        """Returns the value of the specular lobe times the cosine of ``wo``, and the density of the lobe at ``wo``."""
+        """Returns the value of the specular lobe times the cosine of ``wo``, and the density of the lobe's samples at
+        ``wo``.
+        """
         raise NotImplementedError
 
     def specular_probability(
@@ -172,7 +183,7 @@ class Pigmented(Material):
     ) -> mi.Float:
         """Returns the probability of sampling the specular component.
 
-        The probability is 1 or 0 where only one component is enabled.
+        The probability is 1 if only the specular component is enabled, and 0 if only the diffuse component is enabled.
         """
         specular, diffuse = self.enabled(ctx)
         if specular != diffuse:
@@ -184,7 +195,7 @@ class Pigmented(Material):
     def sample_direction(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.Vector3f, mi.UInt32, mi.Float, mi.UnpolarizedSpectrum]:
-        """Samples the specular or the diffuse component (:meth:`Material.sample_direction`)."""
+        """Samples a direction from the specular or the diffuse component (see :meth:`Material.sample_direction`)."""
         specular, diffuse = self.enabled(ctx)
         p_specular = self.specular_probability(ctx, si, self.diffuse_reflectance.eval(si, active), active)
         is_specular, mirror = sample1 < p_specular, self.roughness is None
@@ -227,9 +238,9 @@ class Pigmented(Material):
 
 
 def reflectance(props: mi.Properties, name: str, default: float | None = None) -> Any:
-    """Reads a reflectance, and returns it as a texture; None if the parameter is absent and has no ``default``.
+    """Returns the reflectance ``name`` as a texture, or None if the parameter is absent and ``default`` is None.
 
-    Raises ValueError unless a constant reflectance lies in [0, 1].
+    Raises ValueError if a constant reflectance is outside [0, 1]; the values of an image are not checked.
     """
     values = constant_values(props, name)
     if not all(0 <= v <= 1 for v in values):
@@ -240,10 +251,11 @@ def reflectance(props: mi.Properties, name: str, default: float | None = None) -
 
 
 def roughness(props: mi.Properties, allowed: tuple[str, ...] = tuple(DISTRIBUTIONS)) -> tuple[Distribution, Any]:
-    """Reads ``distribution`` and the roughness parameter of this distribution; returns ``(distribution, texture)``.
+    """Reads the microfacet ``distribution`` and its roughness; returns ``(distribution, texture of the roughness)``.
 
-    The texture is None for an ideally smooth surface: if the roughness is absent, or ``alpha`` is 0. If only
-    ``exponent`` is given, the default distribution is Phong's, else it is Beckmann's.
+    The texture is None for an ideally smooth surface: if the roughness parameter is absent, or if ``alpha`` is 0. The
+    default distribution is Phong's if the parameter ``exponent`` is present, and the first name in ``allowed``
+    otherwise.
     """
     name = choice(props, "distribution", allowed, "phong" if "exponent" in props else None)
     distribution = DISTRIBUTIONS[name]

@@ -1,4 +1,4 @@
-"""Traversal of BSDFs and scenes: BSDFs within BSDFs, and shapes within instances."""
+"""Traversal of BSDFs and scenes, including nested BSDFs and the shapes within instances."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ AMBIENT = "ambient"
 
 @functools.cache
 def _callback(variant: str) -> type:
-    """Returns the class of a traversal callback that collects the parameters and the child objects of an object.
+    """Returns a class of traversal callbacks, which collect the parameters and the child objects of a Mitsuba object.
 
-    ``variant`` is the active variant. All calls for one variant share one class. A new class for each call would stay
-    in memory, in a reference cycle, until Python's next garbage collection.
+    ``variant`` is the active variant of Mitsuba. All calls for the same ``variant`` return the same class. A new class
+    for each call would stay in memory, in a reference cycle, until Python's next garbage collection.
     """
 
     class Parts(mi.TraversalCallback):
-        """Stores the parameters and the child objects of an object by their names."""
+        """Traversal callback that stores the parameters and the child objects of a Mitsuba object by name."""
 
         def __init__(self) -> None:
             super().__init__()
@@ -38,9 +38,9 @@ def _callback(variant: str) -> type:
 
 
 def parts(thing: mi.Object) -> dict[str, Any]:
-    """Returns the parts of ``thing``, a BSDF, an emitter or another object: name in ``mi.traverse`` -> part.
+    """Returns a dictionary of the parts of the Mitsuba object ``thing``: name of the part in ``mi.traverse`` -> part.
 
-    The parts are BSDFs, textures, numbers or shapes.
+    The parts of an object are its nested BSDFs, textures, numbers and shapes.
     """
     callback = _callback(mi.variant())()
     thing.traverse(callback)
@@ -48,7 +48,7 @@ def parts(thing: mi.Object) -> dict[str, Any]:
 
 
 def all_within(bsdf: mi.BSDF) -> Iterator[mi.BSDF]:
-    """Yields ``bsdf`` and all BSDFs within it, at any depth."""
+    """Yields ``bsdf`` and all BSDFs that are nested in ``bsdf``, at any depth."""
     yield bsdf
     for part in parts(bsdf).values():
         if isinstance(part, mi.BSDF):
@@ -75,7 +75,7 @@ def all_flags(scene: mi.Scene) -> int:
 
 
 class Leaf(NamedTuple):
-    """A BSDF that contains no ``blendbsdf``, ``mask`` or ``twosided``, as a part of a mixture."""
+    """A BSDF in a mixture of BSDFs; the BSDF itself is no ``blendbsdf``, ``mask`` or ``twosided``."""
 
     #: Weight of the leaf in the mixture, and the factor of this weight that ``blendbsdf`` contributes.
     share: mi.Float
@@ -87,9 +87,10 @@ class Leaf(NamedTuple):
 
 
 def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[Leaf]:
-    """Returns the BSDFs that ``bsdf`` mixes at ``si``, with weights that sum up to 1.
+    """Returns the BSDFs that ``bsdf`` mixes at the surface point ``si``, with weights that sum up to 1.
 
-    The BSDFs are in the order of the intervals by which Mitsuba's random number chooses a BSDF.
+    Mitsuba divides [0, 1] into an interval for each BSDF, and a random number chooses the BSDF; the returned BSDFs are
+    in the order of their intervals.
     """
     kind, inner = bsdf.class_name(), parts(bsdf)
     if kind == BLEND:
@@ -118,9 +119,9 @@ def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[
 def ambient_reflectance(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.UnpolarizedSpectrum:
     """Returns the fraction of the ambient light that ``bsdf`` reflects towards ``si.wi``.
 
-    For an array of BSDFs, call this function by ``dr.dispatch``. The fraction is 0 without the attribute ``ambient``,
-    and on the back of one-sided BSDFs. ``mask``, ``blendbsdf``, ``bumpmap`` and ``normalmap`` hide the attributes of
-    the BSDFs within them, so these BSDFs are evaluated directly.
+    For an array of BSDFs, call this function by ``dr.dispatch``. The fraction is 0 for a BSDF without the attribute
+    ``ambient``, and on the back of a one-sided BSDF. Mitsuba's ``mask``, ``blendbsdf``, ``bumpmap`` and ``normalmap``
+    hide the attributes of their nested BSDFs, so this function evaluates the nested BSDFs directly.
     """
     total = mi.UnpolarizedSpectrum(0)
     for leaf in leaves(bsdf, si, active):
@@ -130,7 +131,7 @@ def ambient_reflectance(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.B
 
 
 def _ambient_of(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-    """Returns the ambient reflectance of one BSDF that is no ``mask``, ``blendbsdf`` or ``twosided``."""
+    """Returns the ambient reflectance of ``bsdf``, which is no ``mask``, ``blendbsdf`` or ``twosided``."""
     if bsdf.class_name() in MAPS:
         return ambient_reflectance(parts(bsdf)["nested_bsdf"], si, active)
     if not dr.all(bsdf.has_attribute(AMBIENT)):  # evaluating a missing attribute is an error in scalar variants

@@ -111,7 +111,7 @@ class Area(Source):
     def emitted(
         self, si: mi.SurfaceInteraction3f, d: mi.Vector3f, receiver: mi.Point3f, active: mi.Bool
     ) -> mi.Spectrum:
-        """Returns the radiance that the source emits in the direction ``d`` towards the point ``receiver``."""
+        """Returns the radiance that the light source emits in the direction ``d`` towards the point ``receiver``."""
         value = self.emission.eval(si, active) * self.relative_intensity(d)
         if self.unattenuated and (shape := self.get_shape()) is not None:
             value *= 4 * dr.squared_norm(receiver - shape.bbox().center()) / shape.surface_area()
@@ -129,7 +129,9 @@ class Area(Source):
     def sample_direction(
         self, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
-        """Samples a point of the source as seen from ``it``; returns ``(ds, weight)``: radiance over density."""
+        """Samples a point of the light source, as seen from the point ``it``; returns ``(ds, weight)``. ``weight`` is
+        the radiance of the sampled point, divided by the density ``ds.pdf`` per solid angle.
+        """
         # Dr.Jit traces every emitter that exists, also an emitter without a shape.
         if self.get_shape() is None:
             return dr.zeros(mi.DirectionSample3f), mi.Spectrum(0)
@@ -149,7 +151,7 @@ class Area(Source):
         return ds, self.eval_direction(it, ds, active) / dr.select(active, ds.pdf, 1)
 
     def pdf_direction(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool = True) -> mi.Float:
-        """Returns the density per solid angle with which :meth:`sample_direction` samples ``ds``."""
+        """Returns the density per solid angle with which :meth:`sample_direction` samples the point ``ds``."""
         if self.get_shape() is None:
             return mi.Float(0)
         cos = -dr.dot(ds.d, ds.n)
@@ -162,10 +164,11 @@ class Area(Source):
         return dr.select(active, pdf, mi.Float(0))
 
     def pdf_shape(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, pdf: mi.Float) -> mi.Float:
-        """Returns the density of `Shape.sample_direction` with full precision; ``pdf`` is Mitsuba's value.
+        """Returns the density of `Shape.sample_direction` with full precision; ``pdf`` is the density that Mitsuba
+        computes.
 
-        The density of Mitsuba's sphere has an error of 1 % at r/d = 0.001, because 1 - cos of the half-angle loses
-        digits. To keep all digits, this method computes 1 - cos as sin² / (1 + cos).
+        Mitsuba's density for a sphere of radius r at the distance d has an error of 1 % at r/d = 0.001, because 1 - cos
+        of the half-angle loses digits. To keep all digits, this method computes 1 - cos as sin² / (1 + cos).
         """
         shape = self.get_shape()
         if shape.class_name() != SPHERE or shape.has_flipped_normals():
@@ -178,7 +181,7 @@ class Area(Source):
     def sample_position(
         self, time: mi.Float, sample: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.PositionSample3f, mi.Float]:
-        """Samples a point of the source; returns the point, and one over its density per area."""
+        """Samples a point of the light source; returns the point, and the reciprocal of the density per area."""
         if self.get_shape() is None:
             return dr.zeros(mi.PositionSample3f), mi.Float(0)
         sample_position = self.sample_texture if self.textured else self.get_shape().sample_position
@@ -186,7 +189,9 @@ class Area(Source):
         return ps, dr.select(active & (ps.pdf > 0), 1 / dr.maximum(ps.pdf, 1e-30), mi.Float(0))
 
     def sample_texture(self, time: mi.Float, sample: mi.Point2f, active: mi.Bool) -> mi.PositionSample3f:
-        """Samples a point by the texture's own method, and computes the density per surface area."""
+        """Samples a point of the light source by the method of the emission texture; the returned density is per
+        surface area.
+        """
         uv, pdf = self.emission.sample_position(sample, active)
         si, density = self.at_texture(uv, pdf, active & (pdf > 0))
         ps = mi.PositionSample3f(si)
@@ -194,9 +199,10 @@ class Area(Source):
         return ps
 
     def at_texture(self, uv: mi.Point2f, pdf: mi.Float, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Float]:
-        """Returns the point of the shape at ``uv``, and the density per area at this point.
+        """Returns the point of the shape with the texture coordinates ``uv``, and the density of the point per surface
+        area.
 
-        ``pdf`` is the density of ``uv``.
+        ``pdf`` is the density of ``uv`` in the unit square.
         """
         si = self.get_shape().eval_parameterization(uv, mi.RayFlags.All, active)
         stretch = dr.norm(dr.cross(si.dp_du, si.dp_dv))
@@ -205,7 +211,7 @@ class Area(Source):
     def sample_ray(
         self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
-        """Samples a ray that the source emits; returns ``(ray, weight)``."""
+        """Samples a ray that the light source emits; returns ``(ray, weight)``."""
         if self.unattenuated:
             raise RuntimeError(f"{self.id()} (prosim_area): an unattenuated source has no rays of definite power.")
         ps, weight = self.sample_position(time, sample2, active)
@@ -223,7 +229,9 @@ class Area(Source):
     def sample_wavelengths(
         self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool = True
     ) -> tuple[mi.Color0f, mi.Spectrum]:
-        """Samples wavelengths; returns the wavelengths, and the emitted radiance divided by their density."""
+        """Samples wavelengths; returns the wavelengths, and the emitted radiance divided by the density of the
+        wavelengths.
+        """
         wavelengths, weight = self.sample_spectrum(si, sample, active)
         # Only the particle tracer calls this; its si.wi is the direction to the camera, in world coordinates.
         return wavelengths, weight * self.relative_intensity(si.wi)

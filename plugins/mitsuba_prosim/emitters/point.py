@@ -128,7 +128,7 @@ class Point(Source):
     def sample_ray(
         self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
-        """Samples a ray that the source emits; returns ``(ray, weight)``."""
+        """Samples a ray that the light source emits; returns ``(ray, weight)``."""
         if self.unattenuated:
             raise RuntimeError(f"{self.id()} (prosim_point): an unattenuated source has no rays of definite power.")
         d, total = self.sample_beam(sample3)
@@ -138,7 +138,7 @@ class Point(Source):
     def sample_direction(
         self, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
-        """Returns ``(ds, weight)``: the direction from ``it`` to the source, and the light that arrives at ``it``."""
+        """Returns ``(ds, weight)``: the direction from the point ``it`` to the source, and the irradiance at ``it``."""
         ds = mi.DirectionSample3f(self.sample_position(it.time, sample, active)[0])
         ds.emitter = mi.EmitterPtr(self) if dr.is_jit_v(mi.Float) else self
         ds.d = ds.p - it.p
@@ -150,8 +150,8 @@ class Point(Source):
         return mi.Float(0)
 
     def eval_direction(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool = True) -> mi.Spectrum:
-        """Returns the light that arrives at ``it``: the intensity, divided by the squared distance unless
-        ``unattenuated``.
+        """Returns the irradiance at the point ``it``, on a surface that faces the source. The irradiance is the
+        intensity in the direction of ``it``, divided by the squared distance unless the source is ``unattenuated``.
         """
         si = dr.zeros(mi.SurfaceInteraction3f)
         si.wavelengths = it.wavelengths
@@ -163,7 +163,7 @@ class Point(Source):
     def sample_position(
         self, time: mi.Float, sample: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.PositionSample3f, mi.Float]:
-        """Returns the position of the source as a sample, and the weight 1."""
+        """Returns the position of the point source as a ``mi.PositionSample3f``, and the weight 1."""
         ps = mi.PositionSample3f()
         ps.p, ps.n, ps.uv = self.position, mi.Normal3f(0), mi.Point2f(0)
         ps.time = time
@@ -174,7 +174,9 @@ class Point(Source):
     def sample_wavelengths(
         self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool = True
     ) -> tuple[mi.Color0f, mi.Spectrum]:
-        """Samples wavelengths; returns the wavelengths, and the emitted spectrum divided by their density."""
+        """Samples wavelengths; returns the wavelengths, and the emitted spectrum divided by the density of the
+        wavelengths.
+        """
         wavelengths, weight = self.sample_spectrum(si, sample, active)
         return wavelengths, weight * self.scale
 

@@ -1,9 +1,9 @@
 """Angular distributions of the intensity of a light source (thesis, section 5.2, figure 5.6): uniform, cone, spot.
 
-Let beta be the angle between the axis of the source and the direction of the light. A cone of half-opening alpha has
-the constant intensity 1 for beta <= alpha. A spot has the intensity cos^n(beta), cut off at alpha (90 degrees by
-default). The functions take the versines (1 - cos) of alpha and beta, because versines stay precise in narrow beams.
-The functions also take the exponent n of a spot; n is None for a cone.
+A cone light with the half-opening angle alpha has the constant relative intensity 1 at angles up to alpha from the
+axis. A spot light has the relative intensity cos^n(beta) at the angle beta <= alpha from the axis; the cut-off angle
+alpha is 90 degrees by default. The functions take the versine, 1 - cos, of each angle, because versines stay precise in
+narrow beams. The functions also take the exponent n of a spot light, which is None for a cone light.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from ..optics import cosine
 def falloff(versine: mi.Float, limit: mi.Float, exponent: mi.Float | None = None) -> mi.Float:
     """Returns the intensity of a beam, divided by the intensity on the axis: a number in [0, 1].
 
-    ``versine`` is 1 - cos of the angle from the axis, and ``limit`` is 1 - cos of the angle at which the beam ends. A
-    spot has an ``exponent``; a cone has None.
+    ``versine`` is 1 - cos of the angle from the axis, and ``limit`` is 1 - cos of the angle at which the beam ends.
+    ``exponent`` is the exponent of a spot light, or None for a cone light.
     """
     inside = dr.minimum(versine, 2) <= limit
     return dr.select(inside, mi.Float(1) if exponent is None else cosine.power(versine, exponent), mi.Float(0))
@@ -30,7 +30,7 @@ def total(limit: mi.Float, exponent: mi.Float | None = None) -> mi.Float:
 
 
 def sample_falloff(sample2: mi.Point2f, limit: mi.Float, exponent: mi.Float | None = None) -> mi.Vector3f:
-    """Samples a direction about the z axis with the density `falloff` / `total`, by ``sample2`` in [0, 1)²."""
+    """Samples a direction of a beam along the z axis by ``sample2`` in [0, 1)²; the density is `falloff` / `total`."""
     if exponent is None:
         p = mi.warp.square_to_uniform_disk_concentric(sample2)
         versine = limit * dr.squared_norm(p)

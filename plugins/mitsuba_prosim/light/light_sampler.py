@@ -1,8 +1,8 @@
-"""The choice of the lamp that a vertex of a path samples (a light sampler of pbrt; Estevez and Kulla 2018).
+"""The choice of the lamp that a path vertex samples, as by the light samplers of pbrt (Estevez and Kulla 2018).
 
 A lamp is chosen with a probability proportional to the importance of the lamp: an estimate of the light that the lamp
-sends to the vertex, without shadows. Every importance is positive, so that every lamp can be chosen. If a ray hits a
-lamp, the probability of choosing this lamp can be computed, because multiple importance sampling needs this
+sends to the path vertex, without shadows. Every importance is positive, so that every lamp can be chosen. Multiple
+importance sampling needs the probability of choosing a lamp that a ray has hit; the method `probability` returns this
 probability.
 """
 
@@ -37,9 +37,9 @@ FAR = 1e3
 class LightSampler:
     """Chooses one of the lamps ``emitters`` of ``scene``; the first lamp has the number 0.
 
-    Each lamp is modelled by a sphere. One part of the lamp's intensity is the same in all directions; the other part is
-    a lobe cos^n around an axis. The kernel contains separate code for each of up to ``UNROLLED`` lamps. More lamps are
-    visited by a loop.
+    Each lamp is modelled by a sphere. The modelled intensity of a lamp is the sum of a uniform part, which is the same
+    in all directions, and of a lobe cos^n around an axis. For at most ``UNROLLED`` lamps, the kernel contains separate
+    code for each lamp; for more lamps, the kernel contains a loop over the lamps.
     """
 
     UNROLLED = 16
@@ -74,16 +74,18 @@ class LightSampler:
     def choose(self, receiver: Receiver, sample: mi.Float, active: mi.Bool) -> tuple[mi.UInt32, mi.Float, mi.Float]:
         """Chooses a lamp by ``sample``, a number in [0, 1), and returns ``(k, probability, rest)``.
 
-        ``k`` is the number of the chosen lamp; ``probability`` is the probability of this choice. Each lamp has an
-        interval of [0, 1), as long as its probability. ``rest`` is a new number in [0, 1): the place of ``sample`` in
-        the interval of the chosen lamp.
+        ``k`` is the number of the chosen lamp; ``probability`` is the probability of choosing the lamp ``k``. The
+        interval [0, 1) is divided into one interval for each lamp, whose length is the probability of the lamp.
+        ``rest`` is a new number in [0, 1): the relative position of ``sample`` within the interval of the chosen lamp.
         """
         total = self.total(receiver, active)
         sample = sample * total
         State = tuple[mi.UInt32, mi.Float, mi.Float, mi.Float]
 
         def visit(k: Index, state: State) -> State:
-            """Chooses the lamp ``k`` if ``sample`` lies at or beyond the beginning of its interval."""
+            """Replaces the chosen lamp by the lamp ``k`` if ``sample`` is not below the beginning of the interval of
+            ``k``.
+            """
             chosen, importance, begin, end = state
             own_importance = self.importance(k, receiver, active)
             # Takes the last lamp whose interval begins at or below the number, because the sums are rounded.
@@ -121,8 +123,8 @@ class LightSampler:
     def _lamp(self, k: Index, active: mi.Bool) -> tuple[Any, ...]:
         """Returns the model of the lamp ``k``.
 
-        The model of a lamp has the center, the radius, the intensity of the uniform part, the intensity of the lobe,
-        the exponent of the lobe, and the axis of the lobe.
+        The model of a lamp is a tuple: the center of the lamp's sphere, the radius of the sphere, the intensity of the
+        uniform part, the intensity of the lobe, the exponent of the lobe, and the axis of the lobe.
         """
         if dr.is_jit_v(mi.Float):
             k = mi.UInt32(k)
@@ -136,10 +138,10 @@ class LightSampler:
 
 
 def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
-    """Returns the models of all lamps, shape (lamps, 10).
+    """Returns the models of all lamps as an array of the shape (number of lamps, 10).
 
-    A row of the array holds the center of a lamp (3 numbers), the radius, the intensity of the uniform part, the
-    intensity of the lobe, the exponent of the lobe, and the axis of the lobe (3 numbers).
+    A row of the array holds the center of a lamp's sphere (3 numbers), the radius of the sphere, the intensity of the
+    uniform part, the intensity of the lobe, the exponent of the lobe, and the axis of the lobe (3 numbers).
     """
     sphere = scene.bbox().bounding_sphere()
     size = max(float(sphere.radius), 1e-3)
@@ -163,7 +165,8 @@ def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
 def falls_with_distance(emitter: mi.Emitter) -> bool:
     """Tells whether the light of ``emitter`` decreases with the square of the distance.
 
-    The parallel light of a ``directionalarea`` does not, but counts as if it did, because it has a bounded origin.
+    The function returns True also for ``directionalarea``, whose parallel light does not decrease, because this light
+    starts from a bounded surface.
     """
     flags, kinds = emitter.flags(), mi.EmitterFlags
     bounded = mi.has_flag(flags, kinds.Surface) or mi.has_flag(flags, kinds.DeltaPosition)
@@ -171,10 +174,10 @@ def falls_with_distance(emitter: mi.Emitter) -> bool:
 
 
 def nearby_lamp_model(power: np.ndarray, origins: np.ndarray, directions: np.ndarray, size: float) -> np.ndarray:
-    """Returns the model of a nearby lamp, a row of :func:`lamp_models`, computed from rays that the lamp emits.
+    """Returns the model of a lamp whose light decreases with the distance, computed from rays that the lamp emits.
 
-    The rays have ``power``, shape (rays,), and ``origins`` and ``directions``, shape (rays, 3). ``size`` is the scene's
-    radius.
+    The model is a row of :func:`lamp_models`. ``power`` is the power of each ray, shape (rays,). ``origins`` and
+    ``directions`` are those of the rays, shape (rays, 3). ``size`` is the scene's radius.
     """
     low, high = origins.min(0), origins.max(0)
     center = (low + high) / 2
@@ -191,9 +194,11 @@ def nearby_lamp_model(power: np.ndarray, origins: np.ndarray, directions: np.nda
 
 
 def sample_lamps(scene: mi.Scene, emitters: Sequence[mi.Emitter], sample: Callable[..., Any]) -> list[np.ndarray]:
-    """Returns power, origin and direction of :data:`RAYS` samples of each of the ``emitters``, with a fixed seed.
+    """Returns the power, the origin and the direction of :data:`RAYS` random samples of each emitter, with a fixed
+    seed.
 
-    The powers have the shape (emitters, rays); origins and directions have the shape (emitters, rays, 3).
+    ``sample`` is the function that draws one sample: :func:`emitted_ray` or :func:`light_in_scene`. The powers have the
+    shape (emitters, samples); origins and directions have the shape (emitters, samples, 3).
     """
     count = len(emitters) * RAYS
     if not emitters:
@@ -213,13 +218,13 @@ def sample_lamps(scene: mi.Scene, emitters: Sequence[mi.Emitter], sample: Callab
 
 
 def emitted_ray(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
-    """Returns power, origin and direction of a random ray of ``emitter``.
+    """Returns the power, the origin and the direction of a random ray that ``emitter`` emits.
 
     The origin is NaN if ``emitter`` cannot emit rays. ``key`` is a hash key.
     """
 
     def sample(one: mi.Emitter, *u: mi.Float) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
-        """Returns brightness, origin and direction of a ray that the emitter ``one`` emits."""
+        """Returns the power, the origin and the direction of a random ray that the emitter ``one`` emits."""
         try:
             ray, weight = one.sample_ray(mi.Float(0), u[0], mi.Point2f(*u[1:3]), mi.Point2f(*u[3:5]))
         except RuntimeError:  # Dr.Jit calls all emitters of the process, also those of other scenes
@@ -233,8 +238,8 @@ def light_in_scene(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, m
     """Returns an estimate of the irradiance by ``emitter`` at a random point of the scene's bounding box, the point,
     and the direction to the emitter.
 
-    The estimate is one sample without shadows, for a surface that faces the emitter. It is the mean of the channels, or
-    the integral over the wavelengths, as for a ray that the emitter emits.
+    The estimate is one sample without shadows, for a surface that faces the emitter. The estimate is the mean of the
+    colour channels, or in spectral variants the integral over the wavelengths, like the power of :func:`emitted_ray`.
     """
     u = [to_unit(combine(key, j)) for j in range(6)]
     box = scene.bbox()
@@ -248,5 +253,5 @@ def light_in_scene(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, m
 
 
 def brightness(weight: mi.Spectrum) -> mi.Float:
-    """Returns the mean of the channels or wavelengths of ``weight``."""
+    """Returns the mean of the spectrum ``weight`` over the colour channels or the wavelengths."""
     return dr.mean(mi.unpolarized_spectrum(weight), axis=0)

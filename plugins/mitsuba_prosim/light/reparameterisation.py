@@ -1,11 +1,11 @@
 """Reparameterisation: derivatives of a direction towards a light source when the source or the receiver moves.
 
-Reparameterisation was introduced by Loubet, Holzschuch and Jakob (2019). A sampled direction is fixed while an image is
-rendered. If a sampled direction were fixed in the derivatives too, the derivatives would miss the light that enters and
-leaves at the edge of a moving source. Therefore the direction follows a point of the moving source, and the solid angle
-of the sample is scaled by the Jacobian of this map. Any map from directions to points of the light source is right if
-the Jacobian of the map is known. All samples of a source use the same map, whichever strategy drew them, so that MIS
-weights can be differentiated along the map.
+Reparameterisation was introduced by Loubet, Holzschuch and Jakob (2019). If sampled directions were constants in the
+derivatives, the derivatives would miss the light that enters and leaves at the edge of a moving light source. To
+include this light, the derivatives of a sampled direction follow a point of the moving source, and the Jacobian of the
+map from directions to points of the source scales the solid angle of the sample. Any map from directions to points of
+the source gives correct derivatives if the Jacobian of the map is known. All samples of a source use the same map,
+whether light sampling or BSDF sampling drew the sample, so that MIS weights can be differentiated along the map.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ def reparameterised_ray(
 ) -> tuple[mi.Vector3f, mi.Float]:
     """Returns ``(d, jacobian)``, both with derivatives, for the direction ``d`` of a ray from ``receiver``.
 
-    The direction moves with the light source that the ray meets. The direction is fixed where the ray meets no light
-    source.
+    The derivatives of the direction follow the light source that the ray hits. Where the ray hits no light source, the
+    function returns ``d`` unchanged and the Jacobian 1.
     """
     if lights.all_delta or not lights.lamps:
         return d, mi.Float(1)
@@ -41,10 +41,9 @@ def reparameterised_ray(
 def reparameterised_sample(
     lights: Lights, lamp: Lamp, receiver: Receiver, ds: mi.DirectionSample3f, weight: mi.Spectrum, active: mi.Bool
 ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
-    """Adds the derivatives of direction, density and weight to a sample ``(ds, weight)`` of ``lamp``, and returns the
-    sample.
+    """Returns the sample ``(ds, weight)`` of ``lamp``, with derivatives of the direction, the density and the weight.
 
-    The derivatives are added only if the lamp is a surface.
+    The function adds derivatives to the sample only if the lamp is a surface (an area light).
     """
     emitter, si = mi.EmitterPtr(lamp.emitter), receiver.si
     active = active & (ds.pdf > 0) & mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface)
@@ -72,5 +71,5 @@ def meet(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> mi.SurfaceInteracti
 
 
 def with_derivatives(value: Any, same: Any, active: mi.Bool) -> Any:
-    """Returns ``value``; in active lanes, its derivatives are replaced by the derivatives of ``same``."""
+    """Returns ``value``; where ``active`` is true, the derivatives of ``same`` replace the derivatives of ``value``."""
     return dr.select(active, dr.replace_grad(value, same), value)

@@ -1,6 +1,6 @@
-"""The base class of the light sources of this package: an emitted spectrum and a beam.
+"""The base class of the light sources of this package, which have an emitted spectrum and an angular distribution.
 
-Like the plugin modules, this module is executed again when Mitsuba's variant changes (see ``registry``).
+Like the modules of plugins, this module is executed again after each change of Mitsuba's variant (see ``registry``).
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ DISTRIBUTIONS = {"uniform": (), "cone": ("direction", "angle"), "spot": ("direct
 
 
 class Source(mi.Emitter):
-    """A light source with an emission and with an angular distribution about an axis (:mod:`.beam`).
+    """A light source with an emitted spectrum, and with an angular distribution about an axis (:mod:`.beam`).
 
-    ``quantity`` is the name of the parameter with the emission. ``place`` names the parameters that define the position
-    instead of ``to_world``.
+    ``quantity`` is the name of the parameter with the emitted spectrum, such as "radiance". The parameter ``to_world``
+    is an error; ``place`` is the phrase of the error message that tells how to place the light source instead.
     """
 
     #: The position in world coordinates; None if the source has a shape.
@@ -57,11 +57,11 @@ class Source(mi.Emitter):
 
     @property
     def uniform(self) -> bool:
-        """Whether the source emits the same intensity in every direction."""
+        """Whether the light source emits the same intensity in every direction."""
         return self.distribution == "uniform"
 
     def limit_versine(self) -> mi.Float:
-        """Returns 1 - cos of the angle from the axis beyond which the source emits no light."""
+        """Returns 1 - cos of the greatest angle from the axis at which the source emits light."""
         return 2 * dr.square(dr.sin(0.5 * dr.deg2rad(self.angle)))
 
     def relative_intensity(self, d: mi.Vector3f) -> mi.Float:
@@ -71,7 +71,7 @@ class Source(mi.Emitter):
         return beam.falloff(cosine.versine(d, dr.normalize(self.direction)), self.limit_versine(), self.exponent)
 
     def sample_beam(self, sample2: mi.Point2f) -> tuple[mi.Vector3f, mi.Float]:
-        """Samples a direction of light with a density proportional to the intensity.
+        """Samples a direction in which the source emits light, with a density proportional to the intensity.
 
         Returns ``(d, total)``: the direction, and the integral of the relative intensity in steradians
         (:func:`.beam.total`).
@@ -95,9 +95,10 @@ class Source(mi.Emitter):
     def sample_spectrum(
         self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool
     ) -> tuple[mi.Color0f, mi.UnpolarizedSpectrum]:
-        """Returns ``(wavelengths, weight)``: stratified samples of the emission spectrum.
+        """Samples wavelengths of the emitted spectrum; returns ``(wavelengths, weight)``.
 
-        In RGB variants the weight is the emission.
+        ``weight`` is the emitted spectrum divided by the density of the wavelengths, which are stratified. In RGB
+        variants there are no wavelengths, and ``weight`` is the emitted colour.
         """
         wavelengths = dr.zeros(type(si.wavelengths))
         if len(wavelengths):
@@ -105,7 +106,7 @@ class Source(mi.Emitter):
         return self.emission.sample_spectrum(si, wavelengths, active)
 
     def parameters(self) -> dict[str, Any]:
-        """Returns the parameters that ``to_string`` shows: name -> value."""
+        """Returns a dictionary of the parameters that ``to_string`` shows: name -> value."""
         own = {name: getattr(self, name) for name in ("distribution", *DISTRIBUTIONS["spot"], "unattenuated")}
         return {self.quantity: self.emission, **own}
 
@@ -114,11 +115,11 @@ class Source(mi.Emitter):
 
 
 def read_emission(props: mi.Properties, name: str, default: float | None = None) -> Any:
-    """Reads the emission of a light source from the parameter ``name``, and returns the emission as a texture.
+    """Returns the emitted spectrum of a light source, read from the parameter ``name``, as a texture.
 
-    Returns None if the parameter is absent and has no ``default``. Raises ValueError unless all numbers of the emission
-    are finite and not negative, including the texels of an image. In spectral variants Mitsuba converts texels to
-    coefficients, which may be negative: only NaN is an error for these coefficients.
+    Returns None if the parameter is absent and ``default`` is None. Raises ValueError unless all numbers of the emitted
+    spectrum are finite and not negative, including the texels of an image. In spectral variants, Mitsuba converts the
+    texels of an image to coefficients of spectra, which may be negative, so that only NaN is an error for texels.
     """
     allowed = "finite numbers >= 0"
     values = constant_values(props, name)

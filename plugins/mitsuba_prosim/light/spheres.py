@@ -1,8 +1,8 @@
-"""Spheres that emit light, sampled by the projected solid angle of the part above the horizon (thesis, section
-4.2.2.1).
+"""Spherical light sources, of which the part above the receiver's horizon is sampled by projected solid angle.
 
-With this sampling, the direct light of a diffuse surface that sees a whole uniform sphere has no variance (Ureña and
-Georgiev 2018; Peters and Dachsbacher 2019).
+Section 4.2.2.1 of the thesis samples a sphere by solid angle. With sampling by projected solid angle, the direct light
+of a diffuse surface that sees the whole of a uniform sphere has no variance (Ureña and Georgiev 2018; Peters and
+Dachsbacher 2019).
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from .strategy import Emitter, Index, LightSample, OtherLights, Receiver, direct
 
 
 class SphereLights(OtherLights):
-    """Samples emitters that are spheres and emit outwards.
+    """Samples emitters that are spheres and emit uniform radiance outwards.
 
-    ``emitters`` are all such emitters of a scene; the first emitter has the number 0.
+    ``emitters`` are all emitters of a scene that :meth:`can_sample` accepts; the first emitter has the number 0.
     """
 
     samples_below_horizon = False
@@ -43,13 +43,15 @@ class SphereLights(OtherLights):
         return not mi.has_flag(emitter.flags(), mi.EmitterFlags.SpatiallyVarying)
 
     def sphere(self, number: Index, active: mi.Bool = True) -> tuple[mi.Point3f, mi.Float]:
-        """Returns the centre and the radius of the spherical light source ``number`` of this strategy."""
+        """Returns the centre and the radius of the spherical light source with the ``number``."""
         return self.spheres[number] if isinstance(number, int) else dr.gather(tuple, self.table, number, active)
 
     def sample(
         self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
     ) -> LightSample:
-        """Returns ``(ds, weight)``: a sample of the part of the light source above the horizon of ``receiver``."""
+        """Returns ``(ds, weight)``: a sample of the part of the spherical light source above the horizon of
+        ``receiver``.
+        """
         return weighted(emitter, receiver, direction_to_sphere(receiver, *self.sphere(number), sample), active)
 
     def pdf(self, number: Index, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
@@ -65,15 +67,16 @@ class SphereLights(OtherLights):
     def reparameterised(
         self, number: Index, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f | None, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Float]:
-        """Returns ``(ds, jacobian)``, both with derivatives: the direction ``d``, which moves with the source
+        """Returns ``(ds, jacobian)``, both with derivatives, for the direction ``d``, which moves with the sphere
         ``number``.
 
-        The sphere's outline, seen from the receiver, bounds a disk. The direction belongs to a point of the disk within
-        the outline, lifted onto the unit sphere around the receiver. If the whole light source is above the horizon,
-        the point is lifted along the normal (the map of :mod:`.spherical_cap`). With this map, a diffuse surface gains
-        and loses no light between the parts of the source. If a part of the light source is below the horizon, the
-        point is lifted along the axis from the receiver to the source. A map to points of the light source itself would
-        be right too, but the Jacobian of such a map is unbounded near the outline of the source.
+        The outline of the spherical light source, seen from the receiver, bounds a disk. A direction to the light
+        source corresponds to a point of this disk, which is projected onto the unit sphere around the receiver. If the
+        whole light source is above the horizon, the point of the disk is projected along the surface normal, as in
+        :mod:`.spherical_cap`. With the projection along the normal, equal areas of the disk give equal irradiance at
+        the receiver. If a part of the light source is below the horizon, the point of the disk is projected along the
+        axis from the receiver to the centre of the source. A map from directions to points of the sphere itself would
+        be correct too, but the Jacobian of such a map is unbounded near the outline of the sphere.
         """
         center, radius = self.sphere(number, active)
         to_center = center - receiver.si.p
@@ -105,9 +108,9 @@ def sphere_of(emitter: Emitter) -> tuple[mi.Point3f, mi.Float]:
 def direction_to_sphere(
     receiver: Receiver, center: mi.Point3f, radius: mi.Float, sample: mi.Point2f
 ) -> mi.DirectionSample3f:
-    """Returns a ``mi.DirectionSample3f`` from ``receiver`` to a sphere.
+    """Returns a ``mi.DirectionSample3f`` from ``receiver`` to a sphere with the ``center`` and the ``radius``.
 
-    The direction is sampled by projected solid angle, above the horizon.
+    The direction is above the receiver's horizon, and is sampled by projected solid angle.
     """
     n = receiver.n
     to_center = center - receiver.si.p

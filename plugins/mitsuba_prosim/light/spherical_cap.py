@@ -1,28 +1,31 @@
-"""Sampling of a sphere that lights a surface: the part above the horizon is sampled nearly by projected solid angle.
+"""Sampling of the part of a spherical light source above a surface's horizon, nearly by projected solid angle.
 
 Directions with the density cos(theta) / (projected solid angle) leave no variance in the direct light of a diffuse
-surface that sees the whole of a uniform sphere. Section 4.2.2.1 of the thesis samples the solid angle instead. Sampling
-of the projected solid angle is due to Ureña and Georgiev (2018) and to Peters and Dachsbacher (2019). By Nusselt's
-analogy, directions that are uniform in projected solid angle are points of a plane region that are uniform in area. The
-plane region is the projection of the visible part of the sphere's cap onto the surface's tangent plane.
+surface that sees the whole of a uniform sphere. Section 4.2.2.1 of the thesis samples by solid angle, not by projected
+solid angle. Sampling by projected solid angle is due to Ureña and Georgiev (2018) and to Peters and Dachsbacher (2019).
+By Nusselt's analogy, directions that are uniform in projected solid angle project to points of a plane region that are
+uniform in area. The spherical light source covers a cap of the unit sphere of directions. The plane region is the
+projection of the cap's part above the horizon onto the tangent plane of the surface.
 
-The plane region is composed of two pieces here, each sampled without rejection:
+The plane region is composed of two pieces, each sampled without rejection:
 
 - the ellipse whose border is the projection of the cap's boundary circle, if the centre is above the horizon;
-- the crescent between the ellipse and the unit circle, where the horizon cuts the cap. The ellipse lies
-  inside the circle, and touches the circle at the crescent's two ends. A sphere with its centre at height -c has only
-  the crescent, which is equal to the crescent of a sphere at height c: the projections of mirrored caps are equal.
+- the crescent between the ellipse and the unit circle, where the horizon cuts the cap. The ellipse lies inside the unit
+  circle, and touches the circle at the two ends of the crescent. The region of a sphere whose centre is below the
+  horizon, at height -c, is only the crescent. This crescent is equal to the crescent of a sphere with its centre at
+  height c, because mirrored caps have equal projections.
 
-The ellipse is sampled uniformly. The crescent is sampled with a triangular density of the ordinate, which is close to
-the crescent's width. The variance due to the approximate width is at most 0.05 of the squared mean for spheres that
-subtend up to 37 degrees. The density of the samples needs only an estimate of the crescent's area, and no integral.
+The ellipse is sampled uniformly. The crescent is sampled with a triangular density of the ordinate, which approximates
+the crescent's width at the ordinate. The variance due to the approximate width is at most 0.05 of the squared mean for
+spheres whose radius subtends up to 37 degrees. An estimate of the crescent's area, without an integral, suffices to
+compute the exact density of the samples.
 
-Lengths in the plane are divided by s, the sine of the angle that the sphere's radius subtends. With this scaling, the
-results for tiny light sources are precise in single precision arithmetic. No step subtracts nearly equal numbers,
-except for the sliver of a sphere that is nearly below the horizon.
+Lengths in the plane are divided by s, the sine of the angle that the sphere's radius subtends, so that the results for
+tiny light sources are precise in single precision arithmetic. No step of the computation subtracts nearly equal
+numbers, unless the sphere is almost completely below the horizon.
 
-All functions take Dr.Jit arrays, or Python floats in scalar variants. A receiver inside the sphere or on the sphere
-(``sin2_theta_max >= 1``) sees no cap: all densities are 0 for such a receiver.
+All functions of this module take Dr.Jit arrays, or Python floats in scalar variants. A receiver inside the sphere or on
+the sphere (``sin2_theta_max >= 1``) sees no cap: all densities are 0 for such a receiver.
 """
 
 from __future__ import annotations
@@ -34,8 +37,8 @@ import mitsuba as mi
 def pdf_projected_cap(cos_n: mi.Float, sin2_theta_max: mi.Float, y: mi.Float, z: mi.Float) -> mi.Float:
     """Returns the density per solid angle with which `sample_projected_cap` samples a direction that meets the sphere.
 
-    The function `sample_projected_cap` explains ``cos_n``, ``sin2_theta_max`` and the local frame; ``y`` and ``z`` are
-    coordinates of the direction in this frame. The density is 0 below the horizon.
+    ``cos_n``, ``sin2_theta_max`` and the local frame are those of `sample_projected_cap`; ``y`` and ``z`` are
+    coordinates of the direction in the local frame. The density is 0 below the horizon.
     """
     region = _Region(cos_n, sin2_theta_max)
     eta = dr.minimum(dr.abs(y) / dr.maximum(region.s * region.t, _TINY), 1)
@@ -51,12 +54,13 @@ def sample_projected_cap(
 ) -> tuple[mi.Vector3f, mi.Float]:
     """Samples a direction towards a sphere, above the horizon, and returns ``(local direction, pdf)``.
 
-    The local frame has z along the normal, and the sphere's centre in the half-plane x >= 0 of the xz plane. ``cos_n``
-    and ``sin_n`` are the cosine and the sine of the angle between the normal and the direction to the centre: for a
-    source overhead, the cosine alone does not define the angle precisely. ``sin2_theta_max`` is (radius / distance)².
-    The density is per solid angle. The map from the unit square is continuous within each of the two pieces, so that
-    stratified samples stay stratified. The direction and the density are detached: derivatives pass through the
-    radiance from the direction, not through the choice of the direction.
+    The local frame has the z axis along the surface normal, and the sphere's centre in the half x >= 0 of the xz plane.
+    ``cos_n`` and ``sin_n`` are the cosine and the sine of the angle between the normal and the direction to the
+    sphere's centre: if this angle is small, the cosine alone does not define the angle precisely. ``sin2_theta_max`` is
+    (radius / distance)². The density is per solid angle. The map from the unit square to directions is continuous
+    within the ellipse and within the crescent, so that stratified samples stay stratified. The direction and the
+    density are detached: derivatives pass through the radiance that arrives from the direction, not through the choice
+    of the direction.
     """
     cos_n, sin_n, sin2_theta_max, sample2 = dr.detach((cos_n, sin_n, sin2_theta_max, sample2))
     region = _Region(cos_n, sin2_theta_max)
@@ -76,9 +80,9 @@ _TINY = 1e-35
 def _direction_in_ellipse(
     cos_n: mi.Float, sin_n: mi.Float, sin2_theta_max: mi.Float, sample: mi.Point2f
 ) -> mi.Vector3f:
-    """Returns the local unit direction to the point of the ellipse that ``sample``, a point in [0, 1)², selects.
+    """Returns the unit direction, in the local frame, to a point of the ellipse that ``sample`` in [0, 1)² selects.
 
-    The points are uniform in area. The other arguments are those of `sample_projected_cap`.
+    The points are uniform in the area of the ellipse. The other arguments are those of `sample_projected_cap`.
     """
     # Seen from above, the point's height is the height of the cap's boundary circle plus the bulge inside the circle.
     s, cos_max = dr.sqrt(sin2_theta_max), dr.safe_sqrt(1 - sin2_theta_max)
@@ -91,12 +95,12 @@ def _direction_in_ellipse(
 class _Region:
     """The ellipse, and the crescent between the ellipse and the unit circle.
 
-    The crescent lies at |y| <= s t; the ellipse and the circle are tangent to each other at the ends of the crescent.
-    ``m`` = |cos_n| / s is 0 for a centre on the horizon, and 1 for a sphere that touches the horizon. ``x_t`` is the
-    abscissa of the two tangent points. ``s`` is the sine of the angle that the sphere's radius subtends, and s t is the
-    ordinate of the upper tangent point. ``eta`` in [0, 1] is |y| / (s t). ``ellipse`` is the area of the ellipse
-    divided by s², or 0 if the centre is below the horizon; ``crescent`` estimates the area of the crescent divided by
-    s².
+    The ellipse touches the unit circle at the two ends of the crescent, whose y coordinates are -s t and s t. ``m`` =
+    |cos_n| / s is 0 for a sphere whose centre is on the horizon, and 1 for a sphere that touches the horizon. ``x_t``
+    is the x coordinate of the two points where the ellipse touches the circle. ``s`` is the sine of the angle that the
+    sphere's radius subtends, and s t is the y coordinate of the upper end of the crescent. ``eta`` in [0, 1] is the
+    scaled ordinate |y| / (s t) of a point. ``ellipse`` is the area of the ellipse divided by s², or 0 if the centre is
+    below the horizon; ``crescent`` estimates the area of the crescent divided by s².
     """
 
     def __init__(self, cos_n: mi.Float, sin2_theta_max: mi.Float) -> None:
@@ -116,26 +120,29 @@ class _Region:
         self.crescent = dr.select(outside, 2 * self.s * self.t * self.mean * self.middle, 0)
 
     def circle(self, eta: mi.Float) -> mi.Float:
-        """Returns the abscissa of the unit circle at the ordinate ``eta``."""
+        """Returns the x coordinate of the point of the unit circle with the scaled ordinate ``eta``."""
         return dr.safe_sqrt(1 - dr.square(self.s * self.t * eta))
 
     def relative_width(self, eta: mi.Float) -> mi.Float:
-        """Returns the crescent's width at ``eta``, divided by s² and by the parabola 1 - eta².
+        """Returns the crescent's width at the scaled ordinate ``eta``, divided by s² and by the parabola 1 - eta².
 
-        The width of the crescent is the width of the circle beyond the chord x_t minus the width of the ellipse beyond
-        this chord. With a common denominator, the numerator of the difference is (y_t² - y²)², and no term of the
-        denominator is negative.
+        The width of the crescent is the width of the circle beyond the chord x = x_t minus the width of the ellipse
+        beyond this chord. With a common denominator, the numerator of the difference of the two widths is proportional
+        to (y_t² - y²)², where y_t is the y coordinate of the crescent's upper end, and no term of the denominator is
+        negative.
         """
         circle, ellipse = self.circle(eta), dr.safe_sqrt(1 - dr.square(self.t * eta))
         product = (circle + self.x_t) * (ellipse + self.m * self.x_t) * (ellipse + self.m * circle)
         return self.sin2_n * dr.square(self.t2) * (1 - dr.square(eta)) / dr.maximum(product, 1e-20)
 
     def width(self, eta: mi.Float) -> mi.Float:
-        """Returns the crescent's width at the ordinate ``eta``, divided by s²."""
+        """Returns the crescent's width at the scaled ordinate ``eta``, divided by s²."""
         return (1 - dr.square(eta)) * self.relative_width(eta)
 
     def direction_in_crescent(self, eta: mi.Float, v: mi.Float) -> mi.Vector3f:
-        """Returns the direction to the point at the signed ordinate ``eta``; ``v`` is uniform across the crescent."""
+        """Returns the direction to the point of the crescent at the signed scaled ordinate ``eta``; ``v`` in [0, 1) is
+        the relative position between the ellipse (0) and the unit circle (1).
+        """
         circle = self.circle(eta)
         # The distance of the point from the unit circle, along x.
         to_circle = (1 - v) * self.width(eta) * dr.square(self.s)

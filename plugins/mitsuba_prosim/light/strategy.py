@@ -24,7 +24,7 @@ LightSample: TypeAlias = "tuple[mi.DirectionSample3f, mi.Spectrum]"
 
 @dataclass
 class Receiver:
-    """The point that receives light (``LightSampleContext`` of pbrt)."""
+    """The point at which direct light is computed (``LightSampleContext`` of pbrt)."""
 
     si: mi.SurfaceInteraction3f | mi.Interaction3f
     #: Unit normal on the viewer's side.
@@ -37,10 +37,11 @@ class Receiver:
 
 
 def weighted(emitter: Emitter, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> LightSample:
-    """Returns ``(ds, weight)`` for a sample ``ds`` of ``emitter``; the weight is radiance divided by density.
+    """Returns ``(ds, weight)`` for a sample ``ds`` of ``emitter``; ``weight`` is the emitted radiance divided by the
+    density.
 
-    The sample ``ds`` was drawn with the density ``ds.pdf`` per solid angle. ``ds.pdf`` and ``weight`` become 0 in
-    inactive lanes and where the density is 0.
+    The sample ``ds`` was drawn with the density ``ds.pdf`` per solid angle. The returned ``ds.pdf`` and ``weight`` are
+    0 in inactive lanes, and where the density is 0.
     """
     visible = active & (ds.pdf > 0)
     ds.emitter = mi.EmitterPtr(emitter) if dr.is_jit_v(mi.Float) else emitter
@@ -52,7 +53,7 @@ def weighted(emitter: Emitter, receiver: Receiver, ds: mi.DirectionSample3f, act
 def direction_sample(receiver: Receiver, d: mi.Vector3f) -> mi.DirectionSample3f:
     """Returns a ``mi.DirectionSample3f`` with the direction ``d`` and the time of ``receiver``.
 
-    The caller sets the point, the normal, the distance and the density, if they are needed.
+    The caller sets the point, the normal, the distance and the density of the sample, if needed.
     """
     ds = dr.zeros(mi.DirectionSample3f) if dr.is_jit_v(mi.Float) else mi.DirectionSample3f()
     ds.d, ds.time, ds.delta = d, receiver.si.time, mi.Bool(False)
@@ -62,8 +63,8 @@ def direction_sample(receiver: Receiver, d: mi.Vector3f) -> mi.DirectionSample3f
 class OtherLights:
     """Samples emitters by their own method ``sample_direction``. Base class of the other strategies.
 
-    This strategy takes all emitters that no other strategy can sample. ``emitters`` are the emitters that this strategy
-    samples; the first emitter has the number 0.
+    This strategy samples all emitters of a scene that no other strategy can sample. ``emitters`` are the emitters that
+    the strategy samples; the first emitter has the number 0.
     """
 
     #: Whether the strategy samples the whole source, including the part below the horizon.
@@ -82,10 +83,10 @@ class OtherLights:
     def sample(
         self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
     ) -> LightSample:
-        """Returns ``(ds, weight)``: a sample of the emitter ``number`` for ``receiver``.
+        """Returns ``(ds, weight)``: a sample of ``emitter``, which has the ``number``, for the point ``receiver``.
 
-        ``ds`` is a point of the source, with the density ``ds.pdf`` per solid angle. ``weight`` is the radiance of the
-        point divided by the density. ``sample`` is a point in [0, 1)².
+        ``ds`` is a point of the light source, with the density ``ds.pdf`` per solid angle. ``weight`` is the radiance
+        of the point ``ds`` divided by ``ds.pdf``. ``sample`` is a point in [0, 1)².
         """
         ds, weight = emitter.sample_direction(receiver.si, sample, active)
         ds.delta = mi.Bool(ds.delta)
@@ -98,11 +99,12 @@ class OtherLights:
     def reparameterised(
         self, number: Index, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f | None, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Float]:
-        """Returns ``(ds, jacobian)``, both with derivatives: a direction that moves with the source ``number``.
+        """Returns ``(ds, jacobian)``, both with derivatives: a direction that moves with the light source ``number``.
 
         The value of ``ds.d`` is the direction ``d``, which leads to the point ``met`` of the source. The derivatives of
-        ``met`` follow the shape (``mi.RayFlags.FollowShape``). ``jacobian`` is proportional to the solid angle of a
-        small part of the source around ``met``. The module :mod:`.reparameterisation` explains the method.
+        ``met`` follow the shape of the source (``mi.RayFlags.FollowShape``). ``jacobian`` is proportional to the solid
+        angle of a small part of the source around ``met``, seen from ``receiver``. The module
+        :mod:`.reparameterisation` explains the method.
         """
         assert met is not None
         to_point = met.p - receiver.si.p
@@ -115,7 +117,7 @@ class OtherLights:
 
 
 class ConstantSky(OtherLights):
-    """Samples Mitsuba's ``constant``, a sphere around the scene, by projected solid angle.
+    """Samples Mitsuba's emitter ``constant``, a sphere around the scene, by projected solid angle.
 
     ``distance`` is the radius of the sphere.
     """

@@ -1,6 +1,7 @@
 """The light sources of a scene, grouped by the strategies that sample them.
 
-A surface samples every light source (thesis, sections 4.1, 5.2), or one source that the :mod:`.light_sampler` chooses.
+A surface point samples every light source (thesis, sections 4.1, 5.2), or only one, which :mod:`.light_sampler`
+chooses.
 """
 
 from __future__ import annotations
@@ -33,9 +34,10 @@ Evaluate: TypeAlias = "Callable[[OtherLights, Index, mi.Bool], Any]"
 
 @dataclass
 class Lamp:
-    """The light source ``emitter``, which is number ``k`` of the table.
+    """The light source ``emitter``, which has the number ``k`` in :class:`Lights`.
 
-    ``groups`` are the groups to which the lamp may belong: several groups where the number ``k`` is a Dr.Jit array.
+    A group contains the lamps of one sampling strategy. ``groups`` are the groups to which the lamp may belong: several
+    groups are possible if ``k`` is a Dr.Jit array.
     """
 
     k: Index
@@ -68,10 +70,11 @@ class Lamp:
         return self._by_strategy(active, lambda strategy, k, mine: strategy.reparameterised(k, receiver, d, met, mine))
 
     def _by_side(self, receiver: Receiver, active: mi.Bool, evaluate: Evaluate) -> Any:
-        """Calls ``evaluate`` with the strategy that suits the side of ``receiver`` that light reaches.
+        """Calls ``evaluate`` with the sampling strategy for the sides of ``receiver`` that receive light, one side or
+        both.
 
-        The strategy is :data:`FROM_BOTH_SIDES` where light reaches ``receiver`` from both sides; elsewhere the strategy
-        is that of the lamp.
+        The strategy is :data:`FROM_BOTH_SIDES` where ``receiver`` receives light from both sides; elsewhere, the
+        strategy is the lamp's own strategy.
         """
         both_sides = receiver.both_sides
         below_horizon = all(strategy.samples_below_horizon for strategy, *_ in self.groups)
@@ -96,12 +99,14 @@ class Lamp:
 
 
 class Lights:
-    """All emitters of ``scene``, grouped by sampling strategy. Their order is the same in every process.
+    """All emitters of ``scene``, grouped by sampling strategy. The order of the emitters is the same in every process.
 
-    A constant sky is separate and last. Light sampling takes the sky only for lobes whose rays do not count emission.
-    Other lobes find the sky by their rays, at least as well. ``choose`` tells whether a surface samples one lamp that
-    the ``sampler`` chooses, instead of every lamp. The kernel contains separate code for each of up to ``UNROLLED``
-    lamps. More lamps are visited by a loop, whose kernel does not depend on the number of lamps.
+    A constant sky does not count as a lamp, and follows the lamps in the order of the emitters. A surface samples the
+    constant sky only for BSDF lobes whose direct light comes from light sampling alone. For other BSDF lobes, the rays
+    that are sampled from the lobe find the sky at least as well as light sampling. ``choose`` tells whether a surface
+    point samples only one lamp, which the ``sampler`` chooses, instead of every lamp. For at most ``UNROLLED`` lamps,
+    the kernel contains separate code for each lamp. For more lamps, the kernel contains loops over the lamps, and does
+    not depend on the number of lamps.
     """
 
     UNROLLED = 4
@@ -143,14 +148,15 @@ class Lights:
     def number_of(self, emitter: Emitter, active: mi.Bool) -> Index:
         """Returns the number of the lamp ``emitter``.
 
-        Returns the number of lamps if ``emitter`` is the sky or None.
+        The first lamp has the number 0. If ``emitter`` is the sky or None, the function returns the count of all lamps,
+        which is no lamp's number.
         """
         if not self.jit:
             return self.emitters.index(emitter) if active and emitter is not None else self.lamps
         return dr.gather(mi.UInt32, self.numbers, dr.reinterpret_array(mi.UInt32, emitter), active)
 
     def lamp(self, k: Index, groups: list[Group] | None = None) -> Lamp:
-        """Returns the lamp of the number ``k``, which belongs to one of the ``groups`` (default: any group)."""
+        """Returns the lamp with the number ``k``, which belongs to one of the ``groups`` (default: to any group)."""
         if isinstance(k, int):
             return Lamp(k, self.emitters[k], [group for group in self.groups if group[1] <= k < group[2]])
         return Lamp(k, dr.gather(mi.EmitterPtr, self.pointers, k), groups or self.groups)
@@ -158,8 +164,8 @@ class Lights:
     def for_each(self, body: Callable[[Lamp, Any], Any], total: Any, active: mi.Bool, attached: bool = False) -> Any:
         """Computes ``total = body(lamp, total)`` for each lamp in turn, and returns the last total.
 
-        ``attached`` tells whether derivatives of ``total`` are wanted. The loop is evaluated if derivatives are wanted,
-        because a symbolic loop would lose the derivatives.
+        ``attached`` tells whether derivatives of ``total`` are wanted. If derivatives are wanted, Dr.Jit runs the loop
+        over the lamps in evaluated mode, because a symbolic loop would lose the derivatives.
         """
         unrolled, mode = self.lamps <= self.UNROLLED, "evaluated" if attached else None
         for strategy, first, end in self.groups:

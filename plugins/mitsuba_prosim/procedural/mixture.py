@@ -1,10 +1,10 @@
 """The base class of textures that mix two other textures by a pattern.
 
-A pattern is a function of a point, with values in [0, 1]. The point is on the surface (u, v) or in space. The pattern
-is averaged over a box, which limits the frequencies of the pattern. The width of the box along each axis of the pattern
-is the pixel's footprint, if Mitsuba knows it, plus the parameter ``smoothing``.
+A pattern is a function of a point, with values in [0, 1]. The point of a pattern is given by the surface parameters (u,
+v), or is a point in space. To avoid aliasing, the pattern is averaged over a box. The width of the box along each axis
+of the pattern is the width of the pixel's footprint, if ray differentials exist, plus the parameter ``smoothing``.
 
-Like the plugin modules, this module is executed again when Mitsuba's variant changes (see ``registry``).
+Like the modules of plugins, this module is executed again after each change of Mitsuba's variant (see ``registry``).
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from ..parameters import describe, expose, number
 class Mixture(mi.Texture):
     """A texture that is the texture ``BASE`` where its pattern is 0, and the texture ``TOP`` where its pattern is 1.
 
-    A subclass sets the names below and the attributes of ``NUMBERS``, calls `parameters_changed` at the end of its
-    ``__init__``, and defines `value` and `average`. The class does not use ``abc``, because Mitsuba's classes have
-    another metaclass.
+    A subclass sets ``BASE``, ``TOP``, ``NUMBERS`` and the attributes that ``NUMBERS`` lists, calls `parameters_changed`
+    at the end of its ``__init__``, and defines `value` and `average`. The class is not an abstract class of Python's
+    module ``abc``, because Mitsuba's classes have another metaclass.
     """
 
     BASE: tuple[str, float]  #: name of the texture where the pattern is 0, and its default
@@ -49,10 +49,12 @@ class Mixture(mi.Texture):
         raise NotImplementedError
 
     def lookup(self, si: mi.SurfaceInteraction3f) -> tuple[mi.Point3f, mi.Vector3f]:
-        """Returns the point of the pattern that belongs to ``si``, and the widths of the box over which to average.
+        """Returns the point of the pattern that belongs to ``si``, and the widths of the box over which the pattern is
+        averaged.
 
-        Both are in the pattern's space: ``to_local`` transforms the uv, or the position if ``solid``. The box contains
-        the pixel's footprint, enlarged by ``smoothing`` along each axis.
+        The returned point and widths are in the space of the pattern. The matrix ``to_local`` transforms (u, v), or the
+        position if ``solid``, to the space of the pattern. The box contains the pixel's footprint, enlarged by
+        ``smoothing`` along each axis.
         """
         if self.solid:
             p = si.p
@@ -73,9 +75,9 @@ class Mixture(mi.Texture):
         return dr.lerp(self.base.eval_3(si, active), self.top.eval_3(si, active), self.value(si))
 
     def eval_1_grad(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Vector2f:
-        """Returns the gradient by (u, v), for bump maps.
+        """Returns the derivatives of the texture with respect to u and v, for bump maps.
 
-        Central differences compute the gradient, because nested textures may be of any kind.
+        The derivatives are central differences, because the nested textures may be of any kind.
         """
         gradient = []
         for du, dv in ((self.STEP, 0), (0, self.STEP)):
@@ -98,7 +100,9 @@ class Mixture(mi.Texture):
         return True
 
     def parameters(self, *names: str) -> dict[str, Any]:
-        """Returns the attributes ``names`` and the parameters that every mixture has: name -> value."""
+        """Returns a dictionary of the attributes ``names`` and of the parameters that every `Mixture` has: name ->
+        value.
+        """
         own = {name: getattr(self, name) for name in (*names, "to_local", "smoothing")}
         return {self.BASE[0]: self.base, self.TOP[0]: self.top, **own}
 

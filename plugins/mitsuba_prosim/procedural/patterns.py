@@ -16,7 +16,7 @@ SHARPEST = 1e-3
 def square_wave(x: mi.Float, duty: mi.Float, width: mi.Float) -> mi.Float:
     """Returns a square wave of period 1, averaged over a box of ``width`` around x.
 
-    The wave is 1 for |x| <= duty / 2 and 0 elsewhere.
+    In the period |x| <= 1/2, the wave is 1 for |x| <= ``duty`` / 2, and 0 elsewhere.
     """
     width = dr.maximum(width, SHARPEST)
     x = x + 0.5
@@ -24,7 +24,7 @@ def square_wave(x: mi.Float, duty: mi.Float, width: mi.Float) -> mi.Float:
     low = 0.5 - duty / 2
 
     def integral(x: mi.Float) -> mi.Float:
-        """Returns the integral of the wave from 0 to ``x``, where the wave is 1 from ``low`` to ``low`` + ``duty``."""
+        """Returns the integral from 0 to ``x`` of the wave, which is 1 from ``low`` to ``low`` + ``duty`` in [0, 1]."""
         whole = dr.floor(x)
         return whole * duty + dr.clip(x - whole - low, 0, duty)
 
@@ -36,10 +36,10 @@ def square_wave(x: mi.Float, duty: mi.Float, width: mi.Float) -> mi.Float:
 
 
 def gradient_noise(coordinates: Sequence[mi.Float], key: mi.UInt32) -> mi.Float:
-    """Returns gradient noise on the integer lattice; the noise is 0 on the points of the lattice.
+    """Returns gradient noise (Perlin noise) on the integer lattice; the noise is 0 at the points of the lattice.
 
     The lattice has one dimension for each of the ``coordinates``, at most three. ``key``, a 32-bit unsigned integer, is
-    the seed of the hash. The components of the gradients are uniform over [-1, 1].
+    the seed of the hash. The components of the random gradients are uniform over [-1, 1].
     """
     corners: list[tuple] = [(key, mi.Float(1), ())]  # hash, interpolation weight, and offset from the corner
     for x in coordinates:

@@ -1,4 +1,4 @@
-"""Integer hash functions, which make a sample a pure function of pixel, space and index."""
+"""Integer hash functions, which make a sample a pure function of pixel, space (pair of random numbers) and index."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ GOLDEN = 0x9E3779B9
 
 
 def hash32(x: Any) -> Any:
-    """Hashes a 32-bit unsigned integer by the output permutation of PCG-RXS-M-XS-32.
+    """Returns a hash of the 32-bit unsigned integer ``x``, by the output permutation of PCG-RXS-M-XS-32.
 
-    The function is described by O'Neill (2014) and Jarzynski and Olano (2020). ``x`` is a Python integer, a NumPy array
-    or a Dr.Jit array of 32-bit unsigned integers. The result has the same type and is uniform over the 32-bit range.
-    The bit masks are needed for Python's unbounded integers; Dr.Jit removes these masks from its kernels.
+    O'Neill (2014) and Jarzynski and Olano (2020) describe this hash function. ``x`` is a Python integer, a NumPy array
+    or a Dr.Jit array of 32-bit unsigned integers. The hash has the same type as ``x``, and is uniform over the 32-bit
+    unsigned integers. The masks with 0xFFFFFFFF are needed for Python's unbounded integers; Dr.Jit removes these masks
+    from its kernels.
     """
     x = (x * 747796405 + 2891336453) & 0xFFFFFFFF
     x = (((x >> ((x >> 28) + 4)) ^ x) * 277803737) & 0xFFFFFFFF
@@ -21,5 +22,5 @@ def hash32(x: Any) -> Any:
 
 
 def combine(key: Any, x: Any) -> Any:
-    """Returns a hash of the integer ``x`` under ``key``; the hashes of different ``x`` are unrelated."""
+    """Returns a hash of the integer ``x`` for the hash key ``key``; the hashes of different ``x`` are unrelated."""
     return hash32((key + (x * GOLDEN & 0xFFFFFFFF)) & 0xFFFFFFFF)

@@ -1,9 +1,11 @@
 """N-rook samples with rotations (thesis, sections 4.2.1.2 and 5.3.2).
 
-A space is a pair of random numbers of a sample. The two axes of a space are divided into N strata each. Pass r, for r
-from 0 to N - 1, takes N samples, one in each row and one in each column of strata. From pass to pass the columns are
-rotated by one, so that N passes sample each of the N² cells exactly once. A sample is a pure function of (seed, pixel,
-space, pass, index), so it does not depend on tiling, on the order of evaluation or on the number of workers.
+A "space" is one of the pairs of random numbers that a sample needs, such as the position in the pixel. Each axis of a
+space (the unit square of a pair of random numbers) is divided into N strata. Pass number r, from 0 to N - 1, takes N
+samples of a pixel: one sample in each row and in each column of strata. From pass to pass, the columns of the samples
+are rotated by one column, so that N passes sample each of the N² cells exactly once. A sample is a pure function of
+seed, pixel, space (pair of random numbers), pass and index, so it does not depend on tiling, on the order of evaluation
+or on the number of workers.
 """
 
 from __future__ import annotations
@@ -30,8 +32,8 @@ UInt: TypeAlias = "int | mi.UInt32"
 def pixel_key(seed: UInt, pixel: UInt) -> UInt:
     """Returns the hash key of a pixel; ``seed`` and ``pixel`` are 32-bit unsigned integers (Python or Dr.Jit).
 
-    The pixel is hashed before the seed is mixed in, and the sum is hashed again, so that the keys of one seed are not
-    the shifted keys of another seed. Different pixels have different keys under one seed.
+    The hash of the pixel is combined with the hash of the seed, and hashed again, so that the keys of one seed are not
+    the keys of another seed, shifted to other pixels. For the same seed, different pixels have different keys.
     """
     return combine(hash32(pixel), hash32(seed))
 
@@ -40,9 +42,9 @@ class Permutations:
     """Random permutations of the numbers from 0 to n - 1, stored in a table.
 
     For n <= 6 the table holds all n! permutations. For greater n the table holds 1024 permutations, and each
-    permutation is rotated by a random number of places, so that every element is equally likely in every place.
-    Mitsuba's ``mi.permute_kensler`` is five times slower, and does not choose all permutations of few elements equally
-    often. ``n`` is the number of elements, at least 1.
+    permutation is rotated by a random number of positions, so that every element is equally likely at every position.
+    Mitsuba's ``mi.permute_kensler`` is five times slower; for few elements, it does not choose all permutations equally
+    often. ``n`` is the number of elements of each permutation, at least 1.
     """
 
     ALL_UP_TO = 6
@@ -58,7 +60,7 @@ class Permutations:
     @classmethod
     @functools.cache
     def _rows(cls, n: int) -> np.ndarray:
-        """Returns the table of permutations, shape (number of permutations, n)."""
+        """Returns the table of the stored permutations, shape (number of permutations, n)."""
         import numpy as np  # slow to import, and only a render needs NumPy
 
         if n <= cls.ALL_UP_TO:
@@ -67,7 +69,7 @@ class Permutations:
         return np.argsort(keys, axis=1, kind="stable").astype(np.uint32)
 
     def __call__(self, h: UInt, i: UInt) -> UInt:
-        """Returns the element at place ``i`` of the permutation that the 32-bit hash ``h`` chooses; 0 <= ``i`` < n."""
+        """Returns element number ``i`` of the permutation that the 32-bit hash ``h`` selects; 0 <= ``i`` < n."""
         row = scale(h, self.count) * self.n
         if self.rotated:
             # The row depends on the upper bits of the hash. The upper bits of this product depend on all its bits.
@@ -87,12 +89,12 @@ def to_unit(h: UInt) -> mi.Float:
 
 
 class NRook:
-    """The ``t``-th N-rook sample of a pixel, in every space.
+    """The N-rook sample number ``t`` of a pixel; each call returns one pair of random numbers of this sample.
 
     ``permutations`` are the :class:`Permutations` of N elements; ``key`` is the :func:`pixel_key`; ``t`` is an integer
-    or a Dr.Jit array from 0 to N² - 1. ``jitter`` is ``"uniform"`` or ``"multi"``. Jitter ``"uniform"`` places the
-    sample anywhere in the cell, as in the thesis. Jitter ``"multi"`` places the sample so that the N² samples of all
-    passes also fill all N² strata of each axis (multi-jittered: Chiu, Shirley and Wang 1994; Kensler 2013).
+    or a Dr.Jit array from 0 to N² - 1. ``jitter`` is ``"uniform"`` or ``"multi"``. With the jitter ``"uniform"``, the
+    sample lies anywhere in its cell, as in the thesis. With the jitter ``"multi"``, the N² samples of all passes also
+    fill all N² strata of each axis (multi-jittered sampling by Chiu, Shirley and Wang 1994; Kensler 2013).
     """
 
     def __init__(self, permutations: Permutations, key: UInt, t: UInt, jitter: str = "multi") -> None:
@@ -104,7 +106,7 @@ class NRook:
         self.division = t, permutations.n
 
     def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:
-        """Returns the point in [0, 1)² of this sample for ``space``, the number of a space (see
+        """Returns the point of this sample, in [0, 1)², for the pair of random numbers ``space`` (numbered in
         ``transport_context.py``).
         """
         permute, n = self.permutations, self.permutations.n
@@ -126,7 +128,7 @@ class NRook:
         return mi.Point2f(dr.minimum((row + u) / n, below_one), dr.minimum((col + v) / n, below_one))
 
     def choice(self, space: UInt) -> mi.Float:
-        """Returns a number in [0, 1), without strata, that chooses among alternatives."""
+        """Returns a random number in [0, 1), which is not stratified, for a choice such as that of a lobe."""
         return to_unit(combine(combine(combine(self.key, space), self.r + 1), self.i))
 
 
@@ -139,11 +141,11 @@ class SamplerPoints:
         self.sampler = sampler
 
     def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:
-        """Returns the next point of the Mitsuba sampler; ``space`` has no influence."""
+        """Returns the next point in [0, 1)² of the Mitsuba sampler, and ignores ``space``."""
         return self.sampler.next_2d(active)
 
     def choice(self, space: UInt) -> mi.Float:
-        """Returns the next number of the Mitsuba sampler; ``space`` has no influence."""
+        """Returns the next number in [0, 1) of the Mitsuba sampler, and ignores ``space``."""
         return self.sampler.next_1d()
 
 

@@ -11,9 +11,9 @@ from .sobol import Sobol
 
 
 class PureSampler(mi.Sampler):
-    """A sampler whose samples are pure functions; it has no random generator with a state.
+    """A Mitsuba sampler whose samples are pure functions of seed, pixel, dimension and index.
 
-    A subclass defines :meth:`points`.
+    The sampler has no random generator with a state. A subclass defines :meth:`points`.
     """
 
     def __init__(self, props: mi.Properties) -> None:
@@ -23,7 +23,7 @@ class PureSampler(mi.Sampler):
         self.set_sample_count(whole(props, "sample_count", 4, 1))
 
     def points(self) -> NRook | Sobol:
-        """Returns the current sample, in every space."""
+        """Returns the current sample, an object whose calls return pairs of random numbers."""
         # A subclass defines this method. The class does not use abc, because Mitsuba's classes have another metaclass.
         raise NotImplementedError
 
@@ -33,12 +33,12 @@ class PureSampler(mi.Sampler):
         self.samples_per_wavefront: int | None = None  # until the caller sets the number
 
     def set_samples_per_wavefront(self, samples_per_wavefront: int) -> None:
-        """Sets how many samples of a pixel are in adjacent lanes of a wavefront."""
+        """Sets the number of samples of a pixel in one wavefront, where they are in adjacent lanes."""
         super().set_samples_per_wavefront(samples_per_wavefront)
         self.samples_per_wavefront = samples_per_wavefront
 
     def fork(self) -> PureSampler:
-        """Returns a sampler of the same kind that is not seeded."""
+        """Returns a new sampler of the same class and seed offset, which must be seeded before use."""
         copy = type(self)(mi.Properties())
         copy.base_seed, copy.samples_per_wavefront = self.base_seed, self.samples_per_wavefront
         mi.Sampler.set_sample_count(copy, self.sample_count())
@@ -51,7 +51,7 @@ class PureSampler(mi.Sampler):
         return copy
 
     def seed(self, seed: int | mi.UInt32, wavefront_size: int = 0xFFFFFFFF) -> None:
-        """Seeds the sampler, and makes the first sample of each pixel current."""
+        """Seeds the sampler, and starts the first sample of each pixel."""
         super().seed(seed, wavefront_size)
         key = mi.UInt32(seed) + self.base_seed
         lane = 0
@@ -68,22 +68,22 @@ class PureSampler(mi.Sampler):
         self.dimension = dr.opaque(mi.UInt32, 0)
 
     def advance(self) -> None:
-        """Makes the next sample of each pixel current."""
+        """Starts the next sample of each pixel, with its first dimension."""
         # The method of the base class would only advance its own counters, and call this method first.
         self.index += self.samples_per_wavefront
         self.dimension = dr.opaque(mi.UInt32, 0)
 
     def schedule_state(self) -> None:
-        """Schedules the index and the dimension for evaluation by Dr.Jit."""
+        """Schedules the sample index and the dimension of the sampler for evaluation by Dr.Jit."""
         super().schedule_state()
         dr.schedule(self.index, self.dimension)
 
     def next_2d(self, active: mi.Bool = True) -> mi.Point2f:
-        """Returns the next two dimensions of the current sample, a point in [0, 1)²."""
+        """Returns the next two random numbers of the current sample, a point in [0, 1)²."""
         sample = self.points()(self.dimension)
         self.dimension += 1
         return sample
 
     def next_1d(self, active: mi.Bool = True) -> mi.Float:
-        """Returns the next dimension of the current sample, a number in [0, 1)."""
+        """Returns the next random number of the current sample, in [0, 1)."""
         return self.next_2d(active).x

@@ -1,10 +1,11 @@
-"""Owen-scrambled Sobol' points, an unlimited sequence for each space.
+"""Owen-scrambled Sobol' points: an unlimited sequence for each space (pair of random numbers of a sample).
 
-The method is by Sobol' (1967), Owen (1995) and Burley (2020, Practical hash-based Owen scrambling). A space is a pair
-of random numbers of a sample. Every space has the first two dimensions of Sobol's sequence, shuffled and scrambled by a
-key of this space. Any block of 2^k samples that begins at a multiple of 2^k has one sample in each of 2^k equal
-rectangles of any shape. The points of different spaces are unrelated. A sample is a pure function of (seed, pixel,
-space, index).
+The method is by Sobol' (1967), Owen (1995) and Burley (2020, Practical hash-based Owen scrambling). A "space" is one of
+the pairs of random numbers that a sample needs, such as the position in the pixel. Every space, or pair of random
+numbers, uses the first two dimensions of Sobol's sequence, shuffled and scrambled by its own hash key. If the unit
+square is divided into 2^k equal dyadic rectangles of any proportions, every block of 2^k samples that begins at a
+multiple of 2^k has one sample in each rectangle. The points of different spaces (pairs of random numbers) are
+unrelated. A sample is a pure function of seed, pixel, space (pair of random numbers) and index.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from .nrook import NRook, SamplerPoints, UInt, to_unit
 
 
 class Sobol:
-    """The ``t``-th Sobol' sample of a pixel, in every space.
+    """The Sobol' sample number ``t`` of a pixel; each call returns one pair of random numbers of this sample.
 
-    ``key`` is the :func:`.pixel_key`; ``t`` is an integer or a Dr.Jit array; ``n`` is the number of samples that divide
-    the spectrum (:mod:`.wavelengths`).
+    ``key`` is the :func:`.pixel_key`; ``t`` is an integer or a Dr.Jit array; ``n`` is the number of samples among which
+    the spectrum is divided (:mod:`.wavelengths`).
     """
 
     def __init__(self, key: UInt, t: UInt, n: int = 1) -> None:
@@ -30,19 +31,19 @@ class Sobol:
         self.reversed = reverse(t)
 
     def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:
-        """Returns the point in [0, 1)² for ``space``, the number of a space (see ``transport_context.py``). Space 0
-        samples the place in the pixel.
+        """Returns the point of this sample, in [0, 1)², for the pair of random numbers ``space`` (numbered in
+        ``transport_context.py``). The pair with ``space`` = 0 is the position of the sample in the pixel.
         """
         return point(combine(self.key, space), self.reversed)
 
     def choice(self, space: UInt) -> mi.Float:
-        """Returns a number in [0, 1), without strata, that chooses among alternatives."""
+        """Returns a random number in [0, 1), which is not stratified, for a choice such as that of a lobe."""
         return to_unit(combine(combine(combine(self.key, space), 3), self.t))
 
 
 def point(key: UInt, reversed_index: UInt) -> mi.Point2f:
-    """Returns a point of the Sobol' sequence under ``key``; ``reversed_index`` has the bits of the point's index in
-    reverse order.
+    """Returns a point of the Sobol' sequence, shuffled and scrambled by the hash ``key``; ``reversed_index`` is the
+    index of the point with its 32 bits in reverse order.
     """
     i = reverse(scrambled(reversed_index, combine(key, 0)))  # the order of the points
     x, y = scrambled(i, combine(key, 1)), scrambled(pascal(i), combine(key, 2))
@@ -50,10 +51,10 @@ def point(key: UInt, reversed_index: UInt) -> mi.Point2f:
 
 
 def pascal(i: Any) -> Any:
-    """Computes the second coordinate of a Sobol' point from the first coordinate ``i``.
+    """Returns the second coordinate of a Sobol' point, computed from the first coordinate ``i``.
 
-    The bits of both coordinates are in reverse order. The function multiplies by Pascal's matrix modulo 2, in steps of
-    powers of two.
+    The bits of both coordinates are in reverse order. The function multiplies the vector of the bits of ``i`` by
+    Pascal's matrix modulo 2, in five steps with shifts by powers of two.
     """
     for shift, mask in ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F), (8, 0x00FF00FF), (16, 0x0000FFFF)):
         i = i ^ ((i >> shift) & mask)
@@ -61,10 +62,10 @@ def pascal(i: Any) -> Any:
 
 
 def z_curve(x: Any, y: Any) -> Any:
-    """Returns the Morton code of the pixel (x, y): the bits of x and y, interleaved; the lowest bit is that of x.
+    """Returns the Morton code of the pixel (x, y): the bits of x and y alternate, from the lowest bit of x on.
 
-    Pixels in the order of their codes lie on a Z-shaped curve through the image. ``x`` and ``y`` are arrays of 32-bit
-    unsigned integers, of Dr.Jit or NumPy; only their lowest 14 bits count.
+    Pixels in the order of their Morton codes lie on a Z-order curve through the image. ``x`` and ``y`` are arrays of
+    32-bit unsigned integers, of Dr.Jit or NumPy; only their lowest 14 bits count.
     """
     spread = [x & 0x3FFF, y & 0x3FFF]
     for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
@@ -76,8 +77,8 @@ def scrambled(x: Any, key: Any) -> Any:
     """Returns the Owen-scrambled form of ``x``, a 32-bit number whose bits are in reverse order.
 
     Whether a bit is flipped depends on ``key`` and on all lower bits of ``x`` (Laine and Karras 2011; constants by
-    Vegdahl 2021). The bit masks are needed for Python's unbounded integers; Dr.Jit removes these masks from its
-    kernels.
+    Vegdahl 2021). The masks with 0xFFFFFFFF are needed for Python's unbounded integers; Dr.Jit removes these masks from
+    its kernels.
     """
     x = x ^ (x * 0x3D20ADEA & 0xFFFFFFFF)
     x = (x + key) & 0xFFFFFFFF

@@ -1,9 +1,10 @@
-"""Wavelengths that divide the spectrum evenly among samples, and the choice of one wavelength at dispersive glass.
+"""Wavelengths that divide the spectrum evenly among the samples of a pixel; the choice of a wavelength at dispersive
+glass.
 
 Mitsuba samples four wavelengths that are a quarter of the spectrum apart, so one number determines all four
-wavelengths: the position within a quarter. Behind dispersive glass a ray keeps only one of the four wavelengths. The
-samples of a pixel together cover the whole spectrum if they keep each of the four wavelengths equally often, for each
-part of a quarter.
+wavelengths: the position within a quarter. Behind dispersive glass a ray keeps only one of the four wavelengths. Behind
+dispersive glass, the samples of a pixel cover the whole spectrum evenly if each of the four wavelengths is kept equally
+often for each position within a quarter.
 """
 
 from __future__ import annotations
@@ -16,24 +17,24 @@ from .nrook import to_unit
 
 
 def wavelength_number(key: mi.UInt32, t: mi.UInt32, n: int | mi.UInt32) -> mi.Float:
-    """Returns the number in [0, 1) that determines the wavelengths of the ``t``-th sample under ``key``.
+    """Returns the number in [0, 1) that determines the four wavelengths of the sample number ``t``.
 
     ``key`` is the hash key of a pixel, or the hash key of the image if all pixels and photons share wavelengths. The
-    ``n`` numbers of a pass divide a quarter of the spectrum into equal parts. The numbers of different passes are
-    shifted by the golden ratio. A shifted lattice of wavelengths is nearly exact for smooth spectra (Cranley and
-    Patterson 1976).
+    numbers of the ``n`` samples of a pass divide a quarter of the spectrum into ``n`` equal parts. From each pass to
+    the next pass, these numbers are shifted by the length of one part, divided by the golden ratio. Integration over a
+    shifted lattice of wavelengths is nearly exact for smooth spectra (Cranley and Patterson 1976).
     """
     r = t // n
     return to_unit(key + (t - r * n) * (dr.opaque(mi.UInt32, 1 << 30) // n) + r * GOLDEN // (4 * n))
 
 
 def wavelength_choice(key: mi.UInt32, t: mi.UInt32, n: int | mi.UInt32, rest: mi.Float) -> mi.Float:
-    """Returns the number in [0, 1) by which the ``t``-th sample of a pixel chooses one of four wavelengths.
+    """Returns the number in [0, 1) by which the sample number ``t`` of a pixel chooses one of its four wavelengths.
 
     The function :func:`wavelength_number`, with the same ``n``, has sampled the four wavelengths. In 4 n samples, each
-    of the n parts of a quarter is combined once with each of the four wavelengths; in four samples, each of the four
-    wavelengths is chosen once. ``rest`` in [0, 1) is the place in the chosen quarter; ``key`` is the hash key of the
-    choice.
+    of the n parts of a quarter of the spectrum is combined once with each of the four wavelengths; in four samples,
+    each of the four wavelengths is chosen once. The returned number is (k + ``rest``) / 4, where k is the number of the
+    chosen wavelength and ``rest`` is a number in [0, 1). ``key`` is the hash key of the choice.
     """
     n = mi.UInt32(n)
     # Without the turns, after the least common multiple of n and 4 samples the same parts would meet the same quarters

@@ -1,4 +1,4 @@
-"""A window on a view plane, with pixels of any shape: prosim_window."""
+"""A pinhole camera with a window on the view plane and pixels of any aspect ratio: prosim_window."""
 
 from __future__ import annotations
 

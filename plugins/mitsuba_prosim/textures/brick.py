@@ -101,7 +101,9 @@ class Brick(Mixture):
         self.parameters_changed([])
 
     def value(self, si: mi.SurfaceInteraction3f) -> mi.Float:
-        """Returns the fraction of brick at ``si``: 1 in a brick, 0 in the mortar, in (0, 1) at a smoothed edge."""
+        """Returns the fraction of brick at ``si``: 1 in a brick, 0 in the mortar, and between 0 and 1 at a smoothed
+        edge.
+        """
         p, width = self.lookup(si)
         pitch_x, pitch_y = self.brick_width + self.mortar_width, self.brick_height + self.mortar_width
         duty_x, duty_y = self.brick_width / pitch_x, self.brick_height / pitch_y

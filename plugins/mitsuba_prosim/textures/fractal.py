@@ -110,7 +110,7 @@ class Fractal(Mixture):
         self.parameters_changed([])
 
     def value(self, si: mi.SurfaceInteraction3f) -> mi.Float:
-        """Returns the sum of the octaves of gradient noise at ``si``, mapped to [0, 1]."""
+        """Returns the sum of the octaves of gradient noise at ``si``, scaled and clipped to [0, 1]."""
         p, width = self.lookup(si)
         width = dr.maximum(dr.maximum(width.x, width.y), width.z)
         frequency, amplitude, total, power = self.scale, mi.Float(1), mi.Float(0), mi.Float(0)

@@ -99,8 +99,8 @@ class Stripes(Mixture):
         self.parameters_changed([])
 
     def value(self, si: mi.SurfaceInteraction3f) -> mi.Float:
-        """Returns the fraction of ``color0`` at ``si``: 1 in its stripes, 0 in the others, in (0, 1) at a smoothed
-        edge.
+        """Returns the fraction of ``color0`` at ``si``: 1 in a stripe of ``color0``, 0 in a stripe of ``color1``,
+        between 0 and 1 at a smoothed edge.
         """
         p, width = self.lookup(si)
         axis = dr.normalize(self.axis) * self.frequency

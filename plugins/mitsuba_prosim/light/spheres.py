@@ -43,7 +43,7 @@ class SphereLights(OtherLights):
         return not mi.has_flag(emitter.flags(), mi.EmitterFlags.SpatiallyVarying)
 
     def sphere(self, number: Index, active: mi.Bool = True) -> tuple[mi.Point3f, mi.Float]:
-        """Returns the centre and the radius of the spherical light source with the ``number``."""
+        """Returns the centre and the radius of the spherical light source number ``number``."""
         return self.spheres[number] if isinstance(number, int) else dr.gather(tuple, self.table, number, active)
 
     def sample(
@@ -71,12 +71,12 @@ class SphereLights(OtherLights):
         ``number``.
 
         The outline of the spherical light source, seen from the receiver, bounds a disk. A direction to the light
-        source corresponds to a point of this disk, which is projected onto the unit sphere around the receiver. If the
-        whole light source is above the horizon, the point of the disk is projected along the surface normal, as in
-        :mod:`.spherical_cap`. With the projection along the normal, equal areas of the disk give equal irradiance at
-        the receiver. If a part of the light source is below the horizon, the point of the disk is projected along the
-        axis from the receiver to the centre of the source. A map from directions to points of the sphere itself would
-        be correct too, but the Jacobian of such a map is unbounded near the outline of the sphere.
+        source corresponds to a point of the disk within the outline, which is projected onto the unit sphere around the
+        receiver. If the whole light source is above the horizon, the point of the disk is projected along the surface
+        normal, as in :mod:`.spherical_cap`. With the projection along the normal, equal areas of the disk give equal
+        irradiance at the receiver. If a part of the light source is below the horizon, the point of the disk is
+        projected along the axis from the receiver to the centre of the source. A map from directions to points of the
+        sphere itself would be correct too, but the Jacobian of such a map is unbounded near the outline of the sphere.
         """
         center, radius = self.sphere(number, active)
         to_center = center - receiver.si.p

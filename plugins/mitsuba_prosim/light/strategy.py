@@ -83,7 +83,8 @@ class OtherLights:
     def sample(
         self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
     ) -> LightSample:
-        """Returns ``(ds, weight)``: a sample of ``emitter``, which has the ``number``, for the point ``receiver``.
+        """Returns ``(ds, weight)``: a sample of ``emitter``, number ``number`` of this strategy, for the point
+        ``receiver``.
 
         ``ds`` is a point of the light source, with the density ``ds.pdf`` per solid angle. ``weight`` is the radiance
         of the point ``ds`` divided by ``ds.pdf``. ``sample`` is a point in [0, 1)².

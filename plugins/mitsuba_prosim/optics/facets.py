@@ -96,11 +96,10 @@ def gaussian_tail(s: mi.Float, alpha2: mi.Float) -> mi.Float:
 
 
 def gaussian_limits(alpha: mi.Float) -> tuple[mi.Float, mi.Float, mi.Float]:
-    """Returns ``(alpha², tail, integral)``: the square of ``alpha``, and two integrals of the integrand of
-    `gaussian_tail`.
+    """Returns ``(alpha², tail, integral)``: the square of ``alpha``, and two integrals for the Gaussian density.
 
-    ``tail`` is the integral of this integrand over angles a above 90 degrees; ``integral`` is the integral of the same
-    integrand over angles a from 0 to 90 degrees.
+    ``tail`` is the integral of the integrand of `gaussian_tail` over angles a above 90 degrees; ``integral`` is the
+    integral of this integrand over angles a from 0 to 90 degrees.
     """
     alpha2 = dr.square(dr.clip(alpha, 1e-4, 2))  # above 2, cancellation becomes visible in single precision
     tail = gaussian_tail(dr.square(0.5 * dr.pi) / alpha2, alpha2)
@@ -123,10 +122,10 @@ def gaussian_polar(u: mi.Float, alpha: mi.Float) -> tuple[mi.Float, mi.Float]:
     """Samples the polar angle of a facet normal for the density :func:`gaussian`; returns its ``(sin, cos)``.
 
     Two steps of Halley's method invert the distribution function of y = sin²a, where a is the polar angle; the density
-    of y is proportional to exp(-(a / alpha)²). The first step starts from the smaller of two approximate solutions y.
-    One solution is for the density exp(-y / alpha²), which is good for wide distributions. The other solution is for
-    the density exp(-s (1 + 2/3 alpha²)) of s = (a / alpha)², which is good for narrow distributions. The error of the
-    sampled distribution is below 5e-7 for alpha <= 1, and below 5e-6 for alpha <= 2.
+    of y is proportional to exp(-(a / alpha)²). The first step starts from the smaller of two approximate solutions for
+    y: that of the density exp(-y / alpha²) is good for wide distributions, and that of the density exp(-s (1 + 2/3
+    alpha²)) of s = (a / alpha)² is good for narrow distributions. The error of the sampled distribution is below 5e-7
+    for alpha <= 1, and below 5e-6 for alpha <= 2.
     """
     alpha2, low, total = gaussian_limits(alpha)
     rate = 1 + (2 / 3) * alpha2

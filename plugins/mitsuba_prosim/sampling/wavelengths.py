@@ -21,8 +21,9 @@ def wavelength_number(key: mi.UInt32, t: mi.UInt32, n: int | mi.UInt32) -> mi.Fl
 
     ``key`` is the hash key of a pixel, or the hash key of the image if all pixels and photons share wavelengths. The
     numbers of the ``n`` samples of a pass divide a quarter of the spectrum into ``n`` equal parts. From each pass to
-    the next pass, these numbers are shifted by the length of one part, divided by the golden ratio. Integration over a
-    shifted lattice of wavelengths is nearly exact for smooth spectra (Cranley and Patterson 1976).
+    the next pass, the wavelength numbers are shifted by the distance of two neighbouring numbers, divided by the golden
+    ratio. Integration over a shifted lattice of wavelengths is nearly exact for smooth spectra (Cranley and Patterson
+    1976).
     """
     r = t // n
     return to_unit(key + (t - r * n) * (dr.opaque(mi.UInt32, 1 << 30) // n) + r * GOLDEN // (4 * n))

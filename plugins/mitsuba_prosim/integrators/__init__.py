@@ -1,1 +1,1 @@
-"""Integrator plugins (thesis, chapter 4 and sections 5.3 and 5.4)."""
+"""Integrator plugins for Mitsuba; chapter 4 and sections 5.3 and 5.4 of the thesis describe the ray tracer."""

@@ -1,6 +1,7 @@
-"""The stochastic ray tracer of the thesis (chapter 4, sections 5.3 and 5.4); photons and path tracing are options.
+"""The stochastic ray tracer of the thesis (chapter 4, sections 5.3 and 5.4), with optional photons and path tracing.
 
-The number of samples may adapt to each pixel. Every space of the samples has its own N-rook pattern, or Sobol' points.
+The integrator can take more samples in noisy pixels than in other pixels. Each sampled domain (the pixel, the lens,
+each light source and each lobe) has its own N-rook pattern, or its own Sobol' points.
 """
 
 from __future__ import annotations
@@ -245,7 +246,9 @@ class Prosim(ProgressiveIntegrator):
         expose(callback, ambient=self.ambient, background=self.background)
 
     def aov_names(self) -> list[str]:
-        """Returns the names of further channels; the names of layers are known only after a scene is rendered."""
+        """Returns the names of all AOVs of the integrator. Before the first render, the AOVs of the parameter
+        ``layers`` are missing from the list, because their names depend on the scene.
+        """
         return self._layer_channels + super().aov_names()
 
     def parameter_names(self) -> list[str]:
@@ -260,7 +263,7 @@ class Prosim(ProgressiveIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        """Returns the radiance along ``ray``, whether the ray meets a surface, and the further channels."""
+        """Returns the radiance along ``ray``, whether the ray meets a surface, and the values of the AOVs."""
         self._refuse_layers_and_caustics("are for its own render() alone, not within another integrator")
         transport = self._scalar or Transport(self._settings(), scene, camera_medium=medium)
         L, hit, _ = transport(ray, SamplerPoints(sampler), active)
@@ -272,7 +275,9 @@ class Prosim(ProgressiveIntegrator):
         return Settings(**{name: getattr(self, name) for name in SETTINGS})
 
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Transport:
-        """Returns the light transport for ``sensor``; ``attached`` tells whether derivatives are wanted."""
+        """Returns the :class:`.Transport`, which estimates the radiance along rays of ``sensor``. ``attached`` tells
+        whether the radiance must be differentiable.
+        """
         caustics = self._caustics(scene, sensor) if self.caustics else None
         transport = Transport(self._settings(), scene, attached, sensor.get_medium(), caustics)
         self._layer_channels = transport.aov_names
@@ -283,12 +288,16 @@ class Prosim(ProgressiveIntegrator):
         return super()._derivatives(scene, sensor, seed, spp)
 
     def _refuse_layers_and_caustics(self, why: str) -> None:
-        """Raises RuntimeError with the reason ``why`` if layers or caustics are requested."""
+        """Raises RuntimeError, with the reason ``why``, if the integrator's parameter ``layers`` or ``caustics`` is
+        switched on.
+        """
         if self.layers != "none" or self.caustics:
             raise RuntimeError(f"prosim: layers and caustics {why}; leave them out there.")
 
     def _caustics(self, scene: mi.Scene, sensor: mi.Sensor) -> Caustics | None:
-        """Returns the photons of the scene, or None if nothing is specular or no light source emits photons."""
+        """Returns the photon maps for the caustics of ``scene``, or None if no surface is specular or no light source
+        can emit photons.
+        """
         from ..photons.caustics import Caustics  # imported only for an image, to load the plugins faster
 
         # Photons may meet as many specular surfaces as a camera ray may meet before a light source.

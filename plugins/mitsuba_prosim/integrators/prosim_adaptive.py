@@ -1,4 +1,4 @@
-"""Adaptive N-rook sampling for any other integrator (thesis, sections 4.2.1 and 5.3.2)."""
+"""An integrator that adds adaptive N-rook sampling (thesis, sections 4.2.1 and 5.3.2) to any other integrator."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class ProsimAdaptive(ProgressiveIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        """Returns the result of the nested integrator along ``ray``, with the further channels of this integrator."""
+        """Returns the result of the nested integrator along ``ray``, with the AOVs of both integrators."""
         L, hit, others = InnerIntegrator(self.nested, scene, medium)(ray, SamplerPoints(sampler), active)
         aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
         return L, hit, others + aovs
@@ -95,7 +95,9 @@ class ProsimAdaptive(ProgressiveIntegrator):
     def render_forward(
         self, scene: mi.Scene, params: Any, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0
     ) -> mi.TensorXf:
-        """Returns the derivative of the image along the gradients of the scene parameters, by the nested integrator."""
+        """Returns the forward-mode derivative of the image, which the nested integrator computes from the gradients of
+        the scene parameters.
+        """
         gradient = self.nested.render_forward(scene, params, sensor, seed, spp or self.samples**2)
         own = len(self.aov_names()) - len(self.nested.aov_names())  # further channels, which have no derivatives
         return dr.concat((gradient, dr.zeros(mi.TensorXf, (*gradient.shape[:2], own))), axis=2) if own else gradient
@@ -109,9 +111,7 @@ class ProsimAdaptive(ProgressiveIntegrator):
         seed: int | mi.UInt32 = 0,
         spp: int = 0,
     ) -> None:
-        """Adds the gradients of the scene parameters for ``grad_in``, the gradient of the image, by the nested
-        integrator.
-        """
+        """Backpropagates the gradient ``grad_in`` of the image to the scene parameters, with the nested integrator."""
         own = len(self.aov_names()) - len(self.nested.aov_names())
         grad_in = grad_in[:, :, : grad_in.shape[2] - own]
         self.nested.render_backward(scene, params, grad_in, sensor, seed, spp or self.samples**2)

@@ -78,7 +78,9 @@ class ProsimDenoised(mi.SamplingIntegrator):
         return [*self.nested.aov_names(), *LAYERS]
 
     def cancel(self) -> None:
-        """Ends a render in progress; the image of a cancelled render is not denoised."""
+        """Ends the render in progress. A cancelled :meth:`render` denoises the samples so far, or raises RuntimeError
+        if a pixel has no sample of the second half of the samples yet.
+        """
         self.nested.cancel()
 
     def to_string(self) -> str:
@@ -93,7 +95,9 @@ class ProsimDenoised(mi.SamplingIntegrator):
         develop: bool = True,
         evaluate: bool = True,
     ) -> mi.TensorXf:
-        """Renders and denoises the whole image, and returns the developed image."""
+        """Renders the image with the nested integrator, stores the denoised image in the film, and returns the
+        developed film; an empty tensor if ``develop`` is false.
+        """
         # Imported for the first image: few users denoise, and the denoiser is slow to load.
         from ..denoising import halves, layers
 
@@ -104,7 +108,9 @@ class ProsimDenoised(mi.SamplingIntegrator):
             return final_image.sensor.film().develop() if develop else mi.TensorXf()
 
     def sample(self, *_: Any, **__: Any) -> NoReturn:
-        """Raises RuntimeError, because the denoiser cannot compute a single ray."""
+        """Raises RuntimeError, because the denoiser needs the whole image and cannot compute the radiance along a
+        single ray.
+        """
         raise RuntimeError(
             "prosim_denoised: the denoiser needs all pixels at once, so this integrator can't be nested in another "
             "integrator; nest the other integrator in prosim_denoised."

@@ -1,4 +1,4 @@
-"""An integrator that renders features of a view for denoisers: albedo and normal."""
+"""An integrator that renders the feature images which a denoiser uses: the albedo and the normal of each pixel."""
 
 from __future__ import annotations
 
@@ -54,7 +54,9 @@ class ProsimFeatures(mi.SamplingIntegrator):
         return list(features.NAMES)
 
     def render(self, *arguments: Any, **more: Any) -> mi.TensorXf:
-        """Renders the features. In vectorised variants, no other thread of this package renders at the same time."""
+        """Renders the albedo and the normals. In vectorised variants, this method holds a lock, so that no other thread
+        renders with this package at the same time.
+        """
         # All renders share the film. In scalar variants other threads take the samples, and these threads use the lock
         # themselves.
         with alone() if dr.is_jit_v(mi.Float) else nullcontext():
@@ -72,7 +74,9 @@ class ProsimFeatures(mi.SamplingIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        """Returns the albedo along ``ray``, whether the ray meets a surface, and the channels of albedo and normal."""
+        """Returns the visible albedo along ``ray``, whether the ray meets a surface, and the AOVs: the channels of the
+        albedo and of the normal.
+        """
         albedo, normal, hit = features.features(scene, sampler, mi.Ray3f(ray), active, self.hide_emitters, medium)
         return albedo, hit, [*features.colour(albedo, ray.wavelengths), *normal]
 

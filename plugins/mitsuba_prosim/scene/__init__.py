@@ -1,7 +1,8 @@
-"""Scene files and image files, for the folders ``cli``, ``live``, ``compare`` and ``parallel``.
+"""Reads scene files, starts renders and encodes images, for the commands, the live views and the other packages.
 
-The module ``session`` sets up Mitsuba. ``scene_file`` parses a scene file once and makes scenes from the result;
-``overrides`` changes the film and the integrators of the parsed scene. ``confinement`` checks that the files which a
-scene names are in the scene's folder. ``errors`` improves messages of Mitsuba. ``rendering`` starts progressive
-renders. ``black`` finds the reason why an image is black. ``images`` writes EXR and PNG files.
+The module ``session`` sets up Mitsuba. The module ``scene_file`` parses a scene file once and makes Mitsuba scenes from
+the parsed file; the module ``overrides`` changes the film, the integrators and the samplers of a parsed scene. The
+module ``confinement`` checks that a scene uses only files in the folder of the scene file. The module ``errors`` adds
+details to Mitsuba's error messages. The module ``rendering`` starts progressive renders. The module ``black`` finds the
+reason why a rendered image is black. The module ``images`` encodes EXR and PNG files.
 """

@@ -1,4 +1,4 @@
-"""Finds the reason why an image is black."""
+"""Finds the reason why a rendered image is black, for an error message."""
 
 from __future__ import annotations
 
@@ -21,10 +21,11 @@ IN_THE_PNG = "The EXR has these values; --exposure {} makes them bright in the P
 def reason(
     scene: mi.Scene, sensor: mi.Sensor, colours: np.ndarray, brighter: str = IN_THE_PNG, exposure: float = 0.0
 ) -> str | None:
-    """Returns the reason why an image is black, with a remedy; None if the image is not black.
+    """Returns a message with the reason why a rendered image is black, and a remedy; None if the image is not black.
 
     ``colours`` are the linear colours of the image, shape (height, width, 3), already multiplied by 2^``exposure``.
-    ``brighter`` is the advice for an image that is only too dark, such as :data:`IN_THE_PNG`.
+    ``brighter`` is the text of the advice for an image that is not completely black, but too dark to be seen; the
+    default is :data:`IN_THE_PNG`.
     """
     brightest = float(np.fmax.reduce(colours, axis=None, initial=0.0))  # the maximum without NaN values
     if brightest >= BLACK:
@@ -42,11 +43,14 @@ def reason(
 
 
 def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
-    """Returns the reason why a scene with lights gives a black image, as the end of a sentence.
+    """Returns the reason why the image of a scene with lights is black, as a text that completes "the picture is black:
+    ".
 
-    The function traces a grid of camera rays. At each visible point it samples one point on a light source.
+    The function traces camera rays through a regular grid of :data:`SIDE` x :data:`SIDE` points of the image. For each
+    surface point that a camera ray meets, the function samples one point on a light source.
 
-    These points follow the sequence of Roberts (2018), "The Unreasonable Effectiveness of Quasirandom Sequences".
+    The sampled points on light sources follow the sequence of Roberts (2018), "The Unreasonable Effectiveness of
+    Quasirandom Sequences".
     """
     k = dr.arange(mi.Float, SIDE * SIDE)
     x, y = dr.meshgrid(*[dr.arange(mi.Float, SIDE) + 0.5] * 2)

@@ -1,4 +1,4 @@
-"""Finds the files that an XML scene names, and checks that these files are in the scene's folder."""
+"""Finds the names of files in an XML scene, and checks that these files are in the folder of the scene file."""
 
 from __future__ import annotations
 
@@ -25,15 +25,16 @@ INSTALLED = os.path.dirname(os.path.abspath(mi.__file__))
 
 
 class OutsideError(ValueError):
-    """A scene names a file outside its folder."""
+    """The error that a scene refers to a file outside the folder of the scene file."""
 
 
 def named(text: str) -> Iterator[tuple[str, str, int]]:
-    """Yields ``(element, name, position)`` for each file and each folder that an :data:`ELEMENT` of an XML text names.
+    """Yields ``(element, name, position)`` for each XML element in ``text`` that contains the name of a file or folder.
 
-    An element ``path`` names a folder by its attribute ``value``. Other elements name a file by ``filename``.
-    ``name`` is the value of this attribute as written in the text, before parameters and entities are replaced.
-    ``position`` is the offset of the element in the text.
+    ``element`` is the tag of the XML element. In an element ``path``, the attribute ``value`` is the name of a folder.
+    In other elements, such as ``include``, the attribute ``filename`` is the name of a file. ``name`` is the name of
+    the file or folder as written in the text, before ``$key`` parameters and XML entities are replaced. ``position`` is
+    the offset of the XML element from the beginning of the text, in characters.
     """
     for found in ELEMENT.finditer(text):
         for attribute, value in ATTRIBUTE.findall(found[2]):
@@ -42,22 +43,24 @@ def named(text: str) -> Iterator[tuple[str, str, int]]:
 
 
 class Confinement:
-    """Allows only files below ``folders``, and files of Mitsuba's installation.
+    """Checks that a scene uses only files below the allowed ``folders``, and files of Mitsuba's installation.
 
-    The first of ``folders`` is the scene's folder. Symbolic links are followed. The methods raise :class:`OutsideError`
-    before Mitsuba opens a file. The checks do not protect against somebody who exchanges files in the allowed folders
-    between the check and the reading.
+    The first of ``folders`` is the folder of the scene file. A symbolic link counts as the file or folder to which it
+    leads. For a file that is not allowed, the methods raise :class:`OutsideError` before Mitsuba opens the file. The
+    checks do not protect against an attacker who replaces a file in an allowed folder after the check, but before
+    Mitsuba reads the file.
     """
 
     def __init__(self, folders: Iterable[Path]) -> None:
         self._folders = [os.path.realpath(folder) for folder in folders]
 
     def check_text(self, path: Path) -> None:
-        """Checks all files that Mitsuba's parser may open for the XML file ``path``; call this method before parsing.
+        """Checks all files that Mitsuba's parser may open while it parses the XML file ``path``; call this method
+        before parsing.
 
-        Files that <string> parameters name are not found here; see :meth:`check_state`. Raises OutsideError if a file
-        is not allowed or a name cannot be checked, and OSError if ``path`` or an XML file that it includes cannot be
-        read.
+        This method does not check the files that ``<string>`` parameters of plugins name; :meth:`check_state` checks
+        these files. Raises OutsideError if a file is not allowed or the name of a file cannot be checked, and OSError
+        if the file ``path`` or an included XML file cannot be read.
         """
         folders, texts = [str(folder) for folder in mi.file_resolver()], [path]
         for file in texts:  # the list grows in the loop
@@ -81,7 +84,9 @@ class Confinement:
                 texts += [place for place in map(Path, found) if tag == "include" and place not in texts]
 
     def check_state(self, state: mi.parser.ParserState) -> None:
-        """Checks the files that the parser has read, and the files that plugins would open in Mitsuba's search path."""
+        """Checks the XML files that the parser has read, the names of plugins, and all files that plugins would open
+        because a string parameter contains the name of the file.
+        """
         for file in map(str, state.files):
             if wrong := self._refusal("an <include>", file, file):
                 # :meth:`check_text` has allowed all includes before the parser read them.
@@ -94,10 +99,12 @@ class Confinement:
                     raise OutsideError(f"At {mi.parser.file_location(state, node)}: {wrong}")
 
     def _refusal_of_value(self, plugin: str, name: str, value: str) -> str | None:
-        """Returns the error message for a parameter that is a string; None if the parameter is allowed.
+        """Returns an error message if the string parameter ``name`` of a plugin names a file that is not allowed, else
+        None.
 
-        ``plugin`` is the plugin with this parameter. ``name`` and ``value`` are those of the parameter; the name "type"
-        stands for the name of the plugin.
+        ``plugin`` is the name of the plugin that has the parameter. ``value`` is the value of the parameter. If
+        ``name`` is "type", the function checks instead that Mitsuba cannot load ``plugin`` from a file outside
+        Mitsuba's installation.
         """
         resolver = mi.file_resolver()
         if name == "type":
@@ -114,10 +121,11 @@ class Confinement:
         return None
 
     def _refusal(self, what: str, name: str, *places: str) -> str | None:
-        """Returns the error message for a file outside the allowed folders; None if the file is allowed.
+        """Returns an error message if a file is outside the allowed folders; None if the file is allowed.
 
-        ``what`` is the element or the parameter that names the file, in words. ``name`` is the name that the scene
-        gives. ``places`` are all paths at which Mitsuba may find the file.
+        ``what`` describes, in words for the message, the XML element or the parameter that contains the name of the
+        file. ``name`` is the name of the file as the scene contains it. ``places`` are all paths at which Mitsuba may
+        find the file.
         """
         for path in places:
             if not os.path.isabs(path) and not os.path.exists(path):
@@ -131,10 +139,10 @@ class Confinement:
         return None
 
     def _is_installed(self, path: str) -> bool:
-        """Tells whether a file belongs to Mitsuba's installation.
+        """Tells whether the file ``path`` is in the folder of Mitsuba's installation.
 
-        The test uses the path as written, because symbolic links of an installation may lead out of it and are trusted.
-        A path with ".." is not trusted.
+        The function does not follow symbolic links, because links in Mitsuba's installation are trusted, even if they
+        lead to other folders. A path that contains ".." never counts as a part of Mitsuba's installation.
         """
         inside = map(Path(os.path.abspath(path)).is_relative_to, (INSTALLED, os.path.realpath(INSTALLED)))
         return ".." not in re.split(r"[/\\]", path) and any(inside)

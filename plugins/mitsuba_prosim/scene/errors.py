@@ -1,4 +1,6 @@
-"""Improves messages of Mitsuba's errors: shows the line of an XML file, a similar plugin, or the damaged image."""
+"""Adds details to Mitsuba's error messages: the line of the XML file, the name of a similar plugin, or the damaged
+image.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +16,13 @@ from .session import message
 
 
 def with_line(words: str, scene: Path | None = None) -> str:
-    """Returns a message with the line of the XML file that the message names, and a caret below the column.
+    """Returns an error message, followed by the line of the XML file to which the message refers, and a caret (^) below
+    the column of the error.
 
-    ``words`` is the message. If the message names several places, the last place is shown, because an included file is
-    named after the file that includes it. With ``scene``, only lines of this file and of files in its folder are shown:
-    an untrusted scene can put the name of any file into the message, and must not make other files visible.
+    ``words`` is the error message. If the message contains several positions (file, line and column), the last position
+    is shown, because Mitsuba names an included file after the file that includes it. If ``scene`` is the path of a
+    scene file, only lines of this file and of files in the same folder are shown. If lines of other files were shown,
+    an untrusted scene could reveal any file, because the scene can put the name of any file into the error message.
     """
     for place in reversed(list(PLACE.finditer(words))):
         path = Path(place[1])
@@ -29,7 +33,7 @@ def with_line(words: str, scene: Path | None = None) -> str:
 
 
 def _line(path: Path, line: int, column: int) -> str:
-    """Returns a line of an XML file and the caret below it; an empty text if the file cannot be read."""
+    """Returns a line of an XML file, with a caret (^) below ``column``; an empty text if the file cannot be read."""
     if path.suffix != ".xml":
         return ""
     try:
@@ -41,9 +45,11 @@ def _line(path: Path, line: int, column: int) -> str:
 
 
 def with_suggestion(words: str) -> str:
-    """Returns a message; if the message says that a plugin does not exist, with the name of a similar plugin.
+    """Returns an error message, with the name of a similar plugin added if the message says that a plugin does not
+    exist.
 
-    ``words`` is the message. The similar plugin is of the same kind, a BSDF for example.
+    ``words`` is the error message. The suggested plugin has the same kind as the missing plugin; for example, both are
+    BSDFs.
     """
     found = NOT_FOUND.search(words)
     if found is None:
@@ -57,9 +63,11 @@ def with_suggestion(words: str) -> str:
 
 
 def check_images(document: Document) -> None:
-    """Raises :class:`prosim_scene.SceneError` for the first image of a scene that Mitsuba cannot read.
+    """Reads all image files of a scene with Mitsuba; raises :class:`prosim_scene.SceneError` for the first image that
+    Mitsuba cannot read.
 
-    The error names the place of the image in the scene's text. The translator checks only the first bytes of an image.
+    The error message tells where the scene's text names the damaged image. This check is needed, because the translator
+    of the scene language checks only the first bytes of an image file.
     """
     folder = Path(document.source.filename).parent
     for name, way in images(document):

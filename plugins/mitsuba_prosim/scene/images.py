@@ -1,4 +1,4 @@
-"""Writes the image of a film as an EXR and a PNG file."""
+"""Encodes the image of a film as the content of an EXR file and of a PNG file."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ import OpenEXR
 def encode(
     bitmap: mi.Bitmap, facts: Mapping[str, str], exposure: float = 0.0, shown: Mapping[str, str] | None = None
 ) -> dict[str, bytes]:
-    """Returns an EXR with the metadata ``facts``, and a PNG with the metadata ``shown``: suffix -> content of the file.
+    """Returns the contents of an EXR file with the metadata ``facts`` and of a PNG file with the metadata ``shown``, as
+    a dictionary: suffix of the file -> content.
 
-    The PNG is brighter by ``exposure`` stops. Its highlights are compressed by :func:`compress`, and values that are
-    still above 1 are clipped. The EXR has the film's values. A film without colours has no PNG.
+    The PNG is brighter than the film by ``exposure`` stops. In the PNG, the highlights are compressed by
+    :func:`compress`, and values that are still above 1 are clipped. The EXR has the unchanged values of the film. If
+    the film has no colours, the dictionary contains no PNG.
     """
     images = {".exr": exr(bitmap, facts)}
     linear = colours(bitmap)
@@ -26,7 +28,7 @@ def encode(
 
 
 def colours(bitmap: mi.Bitmap) -> np.ndarray | None:
-    """Returns the linear colours of a film's image, shape (height, width, 3).
+    """Returns the linear colours of a film's image, as an array of shape (height, width, 3).
 
     Returns None if the film stores values that are not colours, such as spectral bins.
     """
@@ -37,19 +39,21 @@ def colours(bitmap: mi.Bitmap) -> np.ndarray | None:
 
 
 def luminance(rgb: np.ndarray) -> np.ndarray:
-    """Returns the luminance, shape (...), of linear colours, shape (..., 3), by the ITU-R BT.709 weights to four
-    decimals.
+    """Returns the luminance, shape (...), of linear colours, shape (..., 3), by the weights of ITU-R BT.709, rounded to
+    four decimals.
     """
     return rgb @ np.array([0.2126, 0.7152, 0.0722], dtype=rgb.dtype)
 
 
 def compress(rgb: np.ndarray) -> np.ndarray:
-    """Compresses highlights by the tone curve of Reinhard and others (2002, equation 4).
+    """Returns the image ``rgb`` with compressed highlights, by the tone curve of Reinhard and others (2002, equation
+    4).
 
-    ``rgb`` is the linear radiance, shape (height, width, 3), with white at 1. The curve is applied to the luminance, so
-    the ratios of the channels do not change. The 99th percentile of the luminance, or 1 if that is more, becomes 1.
-    Brighter pixels, and single channels of saturated colours, may stay above 1. An image whose values are at most 1
-    does not change.
+    ``rgb`` is the linear radiance, shape (height, width, 3), with white at 1. The tone curve is applied to the
+    luminance of each pixel, so the ratios of red, green and blue do not change. The tone curve maps the 99th percentile
+    of the image's luminance to 1 (white), or the luminance 1 if the percentile is below 1. After the compression,
+    pixels brighter than the 99th percentile, and single channels of saturated colours, may still be above 1. An image
+    whose values are all at most 1 does not change.
     """
     light = np.maximum(luminance(rgb), 0)[..., None]
     white = max(1.0, float(np.percentile(light, 99)))
@@ -57,10 +61,10 @@ def compress(rgb: np.ndarray) -> np.ndarray:
 
 
 def exr(bitmap: mi.Bitmap, facts: Mapping[str, str]) -> bytes:
-    """Returns an OpenEXR file of the bitmap with the metadata ``facts``.
+    """Returns the content of an OpenEXR file with the channels of ``bitmap`` and the metadata ``facts``.
 
-    The channels keep their names and their precision. OpenEXR's own library writes the file, because Mitsuba 3.9 hangs
-    with fewer than three threads.
+    In the file, the channels have the same names and the same precision as in ``bitmap``. The OpenEXR library writes
+    the file, because Mitsuba 3.9 hangs when it writes an EXR file with fewer than three threads.
     """
     pixels = np.atleast_3d(np.array(bitmap))
     # The name of a file may contain bytes that are not UTF-8.
@@ -73,7 +77,7 @@ def exr(bitmap: mi.Bitmap, facts: Mapping[str, str]) -> bytes:
 
 
 def png(image: np.ndarray, facts: Mapping[str, str] | None = None, effort: int = -1) -> bytes:
-    """Returns a PNG file (sRGB, 8 bits) of a linear image, shape (height, width, 3), with white at 1.
+    """Returns the content of a PNG file (sRGB, 8 bits) with a linear image, shape (height, width, 3), whose white is 1.
 
     ``facts`` are the metadata. ``effort`` is the compression level of zlib, 1 to 9; -1 for the default level.
     """

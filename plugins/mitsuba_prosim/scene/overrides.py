@@ -1,4 +1,4 @@
-"""Changes of a parsed scene: its film and its integrator, which may be nested in ``prosim_adaptive``."""
+"""Changes the film, the integrators and the samplers of a parsed scene, before Mitsuba loads the scene."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
 
 
 def check_size(width: int, height: int) -> None:
-    """Raises ValueError if no film can hold an image of this size in pixels."""
+    """Raises ValueError if an image of ``width`` x ``height`` pixels is empty or too large for a film."""
     if not (min(width, height) >= 1 and max(width, height) <= LONGEST_SIDE and width * height <= MOST_PIXELS):
         raise ValueError(
             f"an image of {width} x {height} pixels; allowed are 1 to {LONGEST_SIDE} pixels a side and "
@@ -34,12 +34,16 @@ def apply(
     crop: tuple[int, int, int, int] | None,
     parameters: dict[str, Any],
 ) -> str | None:
-    """Changes a parsed scene; returns the name of the integrator that is now nested in ``prosim_adaptive``, or None.
+    """Changes the film and the integrators of a parsed scene; returns the name of the integrator that this function
+    nests in ``prosim_adaptive``, or None.
 
-    ``resolution`` is (width, height) and ``crop`` is (x, y, width, height), both in pixels. ``parameters`` are
-    parameters of the integrator; the value None deletes a parameter. Parameters of sampling, such as ``samples``, go to
-    the outermost integrator, which :data:`WRAPPING` may nest in ``prosim_adaptive``. All other parameters go to every
-    ``prosim``. Raises ValueError if the changes do not suit the scene.
+    ``resolution`` is the new size (width, height) of the film and ``crop`` the new crop window (x, y, width, height),
+    both in pixels; None changes nothing. ``parameters`` are new values for parameters of the integrator; the value None
+    deletes a parameter from the scene. Parameters of sampling, such as ``samples``, are set for the outermost
+    integrator. If the outermost integrator is neither ``prosim`` nor ``prosim_adaptive``, a parameter in
+    :data:`WRAPPING`, such as ``noise``, nests the integrator in ``prosim_adaptive``. All parameters that do not concern
+    sampling are set for every integrator ``prosim`` in the scene. Raises ValueError if a film cannot have this size, or
+    if no integrator of the scene has the parameters.
     """
     for props in (node.props for node in state.nodes if node.type == mi.ObjectType.Film):
         _set(props, zip(("width", "height"), resolution or ()))
@@ -75,9 +79,9 @@ def apply(
 
 
 def set_sampler(state: mi.parser.ParserState, plugin: str) -> None:
-    """Replaces the samplers of all sensors by the ``plugin``, with the same numbers of samples.
+    """Replaces every sampler of a parsed scene by the sampler ``plugin``, with the same number of samples per pixel.
 
-    A sensor without a sampler gets one with four samples, as by Mitsuba.
+    A sensor without a sampler gets a sampler with four samples per pixel, the number that Mitsuba also uses by default.
     """
     types = [node.type for node in state.nodes]
     for number, kind in enumerate(types):
@@ -93,14 +97,15 @@ def set_sampler(state: mi.parser.ParserState, plugin: str) -> None:
 
 
 def _integrators(state: mi.parser.ParserState) -> list[mi.parser.SceneNode]:
-    """Returns the nodes of all integrators; the outermost integrator is first."""
+    """Returns the nodes of all integrators in a parsed scene; the outermost integrator is the first."""
     return [node for node in state.nodes if node.type == mi.ObjectType.Integrator]
 
 
 def _add(state: mi.parser.ParserState, kind: mi.ObjectType, props: mi.Properties) -> mi.Properties.ResolvedReference:
-    """Adds an object of this ``kind`` to ``state``, and returns its reference.
+    """Adds an object of the type ``kind``, with the properties ``props``, to a parsed scene; returns a reference to the
+    object.
 
-    Nodes that were taken from ``state`` before this call become invalid.
+    Nodes that the caller took from ``state.nodes`` before this call become invalid.
     """
     node = mi.parser.SceneNode()
     node.type, node.props = kind, props
@@ -109,7 +114,7 @@ def _add(state: mi.parser.ParserState, kind: mi.ObjectType, props: mi.Properties
 
 
 def _set(props: mi.Properties, parameters: Iterable[tuple[str, Any]]) -> None:
-    """Sets properties; a property whose value is None is deleted."""
+    """Sets the properties ``parameters`` in ``props``; a property whose new value is None is deleted."""
     for name, value in parameters:
         if value is not None:
             props[name] = value

@@ -1,4 +1,4 @@
-"""Starts a progressive render with any integrator."""
+"""Starts a progressive render, also with an integrator that can only render a whole image at once."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..sampling.hash import combine, hash32
 def is_progressive(integrator: mi.Integrator) -> bool:
     """Tells whether an integrator renders progressively, so that the image can be shown before it is finished.
 
-    Only the integrators of this package do so, and not in scalar variants.
+    Only the integrators ``prosim`` and ``prosim_adaptive`` can render progressively, and not in scalar variants.
     """
     return hasattr(integrator, "progressive") and dr.is_jit_v(mi.Float)
 
@@ -24,7 +24,7 @@ def is_progressive(integrator: mi.Integrator) -> bool:
 def require_progressive(integrator: mi.Integrator, what: str) -> None:
     """Raises ValueError if an integrator does not render progressively.
 
-    ``what`` is the option or the function that needs a progressive integrator.
+    ``what`` is the name, for the error message, of the option or the function that needs a progressive integrator.
     """
     if not is_progressive(integrator):
         raise ValueError(
@@ -36,10 +36,11 @@ def require_progressive(integrator: mi.Integrator, what: str) -> None:
 
 
 def progressive(scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int = 0, spp: int = 0, **how: Any) -> Any:
-    """Starts a render and returns it: a :class:`.Render`, or a :class:`Blocking` if the integrator is not progressive.
+    """Returns a new render, an iterator over its steps: a :class:`.Render`, or a :class:`Blocking` if the integrator is
+    not progressive.
 
-    ``spp`` is the number of samples per pixel; 0 stands for the number in the scene. ``how`` are further arguments of
-    the integrator's method ``progressive``; :class:`Blocking` uses only ``denoiser`` of them.
+    ``spp`` is the number of samples per pixel; 0 stands for the number in the scene. ``how`` are further arguments for
+    the integrator's method ``progressive``; of these arguments, :class:`Blocking` uses only ``denoiser``.
     """
     if not is_progressive(integrator):
         return Blocking(integrator, scene, sensor, seed, spp, how.get("denoiser"))
@@ -47,10 +48,10 @@ def progressive(scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int =
 
 
 class Blocking(Steps):
-    """Renders a whole image in one :class:`.Step`, with the interface of :class:`.Render`.
+    """Renders a whole image in one :class:`.Step`, but has the same interface as the progressive :class:`.Render`.
 
-    This class is for integrators that do not render progressively. With a ``denoiser``, this class renders two images,
-    each with half of the samples.
+    This class is for integrators that do not render progressively. If ``denoiser`` is not None, this class renders two
+    independent images, each with half of the samples.
     """
 
     second = reached = None
@@ -64,7 +65,7 @@ class Blocking(Steps):
         self.close = self._steps.close
 
     def _render(self, integrator: Any, scene: mi.Scene, seed: int) -> Generator[Step, None, None]:
-        """Renders one image, or two images for the denoiser, and yields a step after each image."""
+        """Renders one image, or two images if a denoiser needs them, and yields a :class:`.Step` after each image."""
         seeds, sensor = [seed], self._sensor
         if self.denoiser is not None:
             self._spp = ((self._spp or sensor.sampler().sample_count()) + 1) // 2
@@ -77,16 +78,17 @@ class Blocking(Steps):
             yield Step(number / len(seeds), number == len(seeds))
 
     def half_images(self) -> list[np.ndarray]:
-        """Returns the developed images so far, each of shape (height, width, channels).
+        """Returns the developed images that are rendered so far, each of shape (height, width, channels).
 
-        With a denoiser, there are at most two images, each with half of the samples. Otherwise there is at most one.
+        With a denoiser, the list has at most two images, each with half of the samples. Without a denoiser, the list
+        has at most one image.
         """
         return [np.array(image) for image in self._images]
 
     def counts(self) -> np.ndarray:
         """Returns the number of samples of each pixel so far, shape (height, width).
 
-        The sampler may round the requested number.
+        The sampler may round the requested number of samples; the returned numbers are those after rounding.
         """
         sampler = self._sensor.sampler().clone()
         sampler.set_sample_count(self._spp or sampler.sample_count())
@@ -94,4 +96,4 @@ class Blocking(Steps):
         return np.full((height, width), sampler.sample_count() * len(self._images))
 
     def update_film(self) -> None:
-        """Does nothing: Mitsuba has already stored the image in the film."""
+        """Does nothing, because Mitsuba has already stored the image in the film."""

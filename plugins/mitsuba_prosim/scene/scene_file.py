@@ -1,4 +1,4 @@
-"""A scene file in XML or in the thesis's scene language: it is translated, parsed, changed and loaded."""
+"""Parses, changes and loads a scene file in XML, or in the thesis's scene language, which is translated to XML."""
 
 from __future__ import annotations
 
@@ -29,7 +29,9 @@ COMMENT = re.compile("<!--.*?-->", re.DOTALL)
 
 
 class SceneFile:
-    """A scene file, which is read once; :meth:`load` makes scenes from its content."""
+    """A parsed scene file. The file is read only once; each call of :meth:`load` makes a new scene from the parsed
+    content.
+    """
 
     def __init__(
         self,
@@ -42,23 +44,27 @@ class SceneFile:
         confined: bool = False,
         **translation: Any,
     ) -> None:
-        """Reads the scene at ``path``: XML if the suffix is .xml, else the thesis's scene language.
+        """Reads the scene file ``path``, which is XML if its suffix is .xml, else a text in the thesis's scene
+        language.
 
         ``folder``
-            Folder for the translation, which must exist until all scenes are loaded.
+            Folder in which the translator writes its files; the folder must exist until the last call of :meth:`load`.
         ``definitions``
-            Values of the scene's ``$names``.
+            Values that replace the ``$name`` constants in the text of the scene.
         ``resolution``, ``crop``
-            (width, height), and (x, y, width, height), both in pixels.
+            New size (width, height) of the image, and new crop window (x, y, width, height), in pixels; None: as in the
+            file.
         ``integrator``
-            Parameters of the integrator, such as ``samples``; see :func:`.overrides.apply`.
+            New values for parameters of the scene's integrator, such as ``samples``; see :func:`.overrides.apply`.
         ``confined``
-            Whether the scene may name only files in its folder, see :class:`.confinement.Confinement`.
+            Whether the scene may use only files in the folder of the scene file, see :class:`.confinement.Confinement`.
         ``translation``
-            The arguments :data:`TRANSLATION` of :func:`prosim_scene.translate`.
+            Further arguments for :func:`prosim_scene.translate`, with the names in :data:`TRANSLATION`.
 
-        Raises :class:`prosim_scene.SceneError`, ValueError if the changes do not suit the scene, OutsideError, and the
-        errors of Mitsuba's parser. Warns if ``resolution`` distorts the image of a scene in the scene language.
+        Raises :class:`prosim_scene.SceneError` for a mistake in the scene language, ValueError if the changes do not
+        suit the scene, OutsideError if a ``confined`` scene uses a file outside its folder, and the errors of Mitsuba's
+        parser. Warns if ``resolution`` has another aspect ratio than the WINDOW of a scene in the scene language, which
+        distorts the image.
         """
         if unknown := sorted(translation.keys() - {*TRANSLATION}):
             raise TypeError(f"no such argument: {', '.join(unknown)}; integrator={{...}} takes samples and the like")
@@ -104,10 +110,12 @@ class SceneFile:
             raise ValueError(f"{self.path}: {error}") from None
 
     def digest(self) -> str:
-        """Returns the SHA-256 of the scene with its definitions and the files that the scene names.
+        """Returns a SHA-256 digest of the scene's content after the ``$name`` constants are replaced, and of the
+        contents of all files that the scene uses.
 
-        The digest does not depend on other changes of the scene, such as the resolution. Comments, names of files and
-        formats of numbers do not matter.
+        For an XML scene, the digest does not depend on the arguments ``resolution``, ``crop`` and ``integrator``. For a
+        scene in the scene language, the digest depends on ``resolution`` and on the number of samples, which the
+        translator writes. The digest does not depend on comments, names of files and formats of numbers.
         """
         state = mi.parser.ParserState(self._unchanged)
         for props, name, path in self._file_parameters(state):
@@ -116,10 +124,10 @@ class SceneFile:
         return hashlib.sha256(f"{versions}\n{mi.parser.write_string(state)}".encode()).hexdigest()
 
     def named_files(self) -> list[tuple[str, Path]]:
-        """Returns ``(name, path)`` for each XML file of the scene, and then for each other file that the scene names.
+        """Returns ``(name, path)`` for each XML file of the scene, and then for each other file that the scene uses.
 
-        ``name`` is the name in the scene's text, after the replacement of parameters; for an XML file, the name without
-        its folder.
+        ``name`` is the name of the file as in the scene's text, after the ``$name`` constants are replaced. For an XML
+        file, ``name`` does not contain the folder.
         """
         texts = [(path.name, path) for path in map(Path, map(str, self.state.files))]
         files = [(props[name], path) for props, name, path in self._file_parameters(self.state)]
@@ -127,12 +135,12 @@ class SceneFile:
         return [*texts, *files, *sorted(set(spectra))]
 
     def _spectrum_files(self, text: Path, folders: list[str], values: dict[str, str]) -> Iterator[tuple[str, Path]]:
-        """Yields ``(name, path)`` for each spectrum file that an XML text names.
+        """Yields ``(name, path)`` for each spectrum file that the XML file ``text`` or a file included in it uses.
 
         Mitsuba's parser replaces the names of spectrum files by the content of these files, so this method searches the
-        text of the scene. The search follows the rules of the parser: the first file with a name in the search path
-        counts, and the first value of a parameter counts. An included text is found and read with the folder of the
-        including text first in the search path.
+        XML text for the names. As in Mitsuba's parser, a file is taken from the first folder of the search path that
+        contains the file, and the first value that is set for a ``$key`` parameter is used. For an included XML file,
+        the folder of the including file is the first folder of the search path.
         """
         folders = [*folders]
         for found in ELEMENT.finditer(COMMENT.sub("", text.read_text(encoding="utf-8", errors="replace"))):
@@ -155,7 +163,7 @@ class SceneFile:
     def sources(self) -> list[Path]:
         """Returns the paths of the files that the scene uses, except for files that the translator wrote.
 
-        A scene file in XML is in the list. A scene file in the scene language is not.
+        The list contains the scene file itself if the scene file is XML, but not if it is in the scene language.
         """
         if self.document is None:
             return [path for _, path in self.named_files()]
@@ -165,7 +173,8 @@ class SceneFile:
     def _file_parameters(self, state: mi.parser.ParserState) -> Iterator[tuple[mi.Properties, str, Path]]:
         """Yields ``(properties, name, path)`` for each parameter of the scene whose value is the name of a file.
 
-        ``properties`` are those of the object with the parameter. ``name`` is the name of the parameter.
+        ``properties`` are the properties of the object that has the parameter. ``name`` is the name of the parameter,
+        and ``path`` is the path of the file.
         """
         for props in (node.props for node in state.nodes):
             for name in [name for name in props if props.type(name) == mi.Properties.Type.String and props[name]]:
@@ -176,9 +185,9 @@ class SceneFile:
     def load(self, sampler: str | None = None) -> mi.Scene:
         """Makes a scene from the parsed file.
 
-        ``sampler`` is a plugin that replaces the samplers of the scene, see :func:`.overrides.set_sampler`. Raises
-        Mitsuba's errors. For a scene in the scene language, a damaged image raises :class:`prosim_scene.SceneError`
-        with the image's place in the text.
+        ``sampler`` is the name of a sampler plugin that replaces the samplers of the scene, see
+        :func:`.overrides.set_sampler`. Raises Mitsuba's errors. If a scene in the scene language uses a damaged image,
+        the method raises :class:`prosim_scene.SceneError`, which tells where the scene's text names the image.
         """
         state = mi.parser.ParserState(self.state)
         if sampler:
@@ -196,10 +205,10 @@ class SceneFile:
 def parse(
     path: str | Path, parameters: Mapping[str, str], unused: mi.LogLevel = mi.LogLevel.Error
 ) -> mi.parser.ParserState:
-    """Parses an XML scene, and returns the state of Mitsuba's parser.
+    """Parses an XML scene file with Mitsuba's parser, and returns the parsed scene (the state of the parser).
 
-    ``parameters`` replace the ``$key`` constants of the scene. ``unused`` is the log level for parameters that the
-    scene does not use.
+    ``parameters`` are the values that replace the ``$key`` constants of the scene. ``unused`` is the log level of the
+    message that the scene does not use an entry of ``parameters``.
     """
     if taken := set(compat.RESERVED) & set(parameters):
         raise ValueError(f"-D {taken.pop()}=...: Mitsuba reserves this name; choose another")
@@ -209,12 +218,14 @@ def parse(
 
 
 def instantiate(state: mi.parser.ParserState) -> mi.Scene:
-    """Makes the scene of a parser state; the state cannot be used again."""
+    """Makes the Mitsuba scene that a parser state describes; the parser state cannot be used again."""
     return compat.instantiate(mi.parser.ParserConfig(mi.variant() or ""), state, registry.PLUGINS)
 
 
 def used_names(path: str | Path, definitions: Mapping[str, str], names: Iterable[str]) -> set[str]:
-    """Returns those of ``names`` that occur as ``$name`` in a scene file or in the files that it includes."""
+    """Returns those of ``names`` that occur as ``$name`` in the scene file ``path`` or in the files that this scene
+    file includes.
+    """
     files = [path]
     if Path(path).suffix.lower() == ".xml":
         with session.search_path([Path(path).parent]):
@@ -227,7 +238,8 @@ def used_names(path: str | Path, definitions: Mapping[str, str], names: Iterable
 def pick_sensor(scene: mi.Scene, index: int) -> mi.Sensor:
     """Returns the sensor with this index.
 
-    The messages of the errors begin like those of the native command ``mitsuba``.
+    The error messages of this function begin with the same text as the error messages of Mitsuba's own command
+    ``mitsuba``.
     """
     if not isinstance(scene, mi.Scene):
         raise TypeError("Root element of the input file must be a <scene> tag!")

@@ -26,7 +26,7 @@ PREFERRED = ("cuda_ad_rgb", "metal_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
 
 
 def has_backend(variant: str) -> bool:
-    """Tells whether this machine has the backend of a variant."""
+    """Tells whether this machine has the Dr.Jit backend (such as LLVM or CUDA) that a variant of Mitsuba needs."""
     backend, _ = BACKENDS[variant.partition("_")[0]]
     return backend is None or bool(dr.has_backend(backend))
 
@@ -37,10 +37,10 @@ def default_variant() -> str:
 
 
 def set_variant(variant: str | None = None) -> str:
-    """Sets the variant, loads the plugins of all packages, and returns the name of the variant.
+    """Sets Mitsuba's variant, loads the plugins of all installed packages, and returns the name of the variant.
 
-    Without ``variant``, the default is :func:`default_variant`. Raises ImportError if this Mitsuba does not have the
-    variant, and RuntimeError if this machine cannot use the variant.
+    Without ``variant``, the default is :func:`default_variant`. Raises ImportError if the installed Mitsuba does not
+    have the variant, and RuntimeError if this machine lacks the backend of the variant.
     """
     variant = variant or default_variant()
     if variant in mi.variants() and not has_backend(variant):
@@ -56,9 +56,10 @@ def set_variant(variant: str | None = None) -> str:
 
 
 def load_plugins() -> None:
-    """Imports the modules that packages name by entry points in the group ``mitsuba``; such modules register plugins.
+    """Imports the plugin modules of all installed packages: the modules of the entry points in the group ``mitsuba``,
+    which register plugins.
 
-    Mitsuba 3.10 and later import these modules themselves; Mitsuba 3.9 does not.
+    Mitsuba 3.10 and later import the modules of these entry points themselves; Mitsuba 3.9 does not.
     """
     for entry in entry_points(group="mitsuba"):
         try:
@@ -68,7 +69,9 @@ def load_plugins() -> None:
 
 
 def message(error: BaseException) -> str:
-    """Returns the message of an error and of its cause, without Python's traceback and Mitsuba's source lines."""
+    """Returns the messages of an exception and of its cause, without Python tracebacks and without references to lines
+    of Mitsuba's source code.
+    """
     cause = f" {message(error.__cause__)}" if error.__cause__ else ""
     words = SOURCE_LINE.sub("", TRACEBACK.sub("", str(error)) + cause)
     return NO_PARAMETER.sub(lambda found: f"{found[1]} has no parameter " + ", ".join(found[2].split('"')[1::2]), words)
@@ -76,9 +79,10 @@ def message(error: BaseException) -> str:
 
 @contextmanager
 def search_path(first: Sequence[str | Path] = (), last: Sequence[str | Path] = ()) -> Iterator[mi.FileResolver]:
-    """Adds the folders ``first`` before Mitsuba's search path and ``last`` after it, inside the ``with`` block.
+    """Inside the ``with`` block, Mitsuba's search path begins with the folders ``first`` and ends with the folders
+    ``last``.
 
-    Yields the search path. Other threads that change the search path must wait.
+    Yields the search path. Other threads that call this function wait until the ``with`` block ends.
     """
     with alone():
         before = mi.file_resolver()
@@ -96,7 +100,7 @@ def search_path(first: Sequence[str | Path] = (), last: Sequence[str | Path] = (
 
 @contextmanager
 def threads(count: int | None) -> Iterator[None]:
-    """Sets the number of threads inside the ``with`` block; None leaves the number unchanged."""
+    """Sets the number of Dr.Jit's threads to ``count`` inside the ``with`` block; None leaves the number unchanged."""
     before = dr.thread_count()
     dr.set_thread_count(count or before)
     try:
@@ -106,8 +110,10 @@ def threads(count: int | None) -> Iterator[None]:
 
 
 def enough_threads(reads_exr: bool = True) -> AbstractContextManager[None]:
-    """Sets at least :data:`~mitsuba_prosim.compat.EXR_THREADS` threads inside the ``with`` block.
+    """Inside the ``with`` block, Dr.Jit has at least :data:`~mitsuba_prosim.compat.EXR_THREADS` threads, which Mitsuba
+    needs to read an EXR file.
 
-    Without ``reads_exr``, the number does not change: Dr.Jit 1.5 may, very rarely, wait forever when threads end.
+    If ``reads_exr`` is false, the number of threads does not change, because Dr.Jit 1.5 may, very rarely, wait forever
+    when threads end.
     """
     return threads(max(dr.thread_count(), EXR_THREADS)) if reads_exr else nullcontext()

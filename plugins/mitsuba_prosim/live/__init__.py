@@ -1,8 +1,10 @@
-"""Live views: a local page that shows a scene while it is edited, and a progressive image in a notebook.
+"""Live views of a scene: a local web page that shows a scene while its file is edited, and a progressive image in a
+notebook.
 
-``viewer`` has the thread that renders, and executes the requests of other threads. ``publisher`` has the state that
-pages read, and limits how often an image is drawn. ``progressive_image`` renders images progressively, and ``picture``
-stores their layers. ``loaded_scene`` is an open scene file, ``orbit_camera`` moves the camera, and ``scene_watcher``
-detects changes of the scene's files. ``server`` serves the page and controls the access to it. ``notebook`` is the view
-in a notebook.
+The module ``viewer`` renders the images in one thread, in which it also executes the requests of other threads. The
+module ``publisher`` holds the state that the web page shows, and limits how often a new picture is drawn. The module
+``progressive_image`` renders images progressively, and the module ``picture`` stores the layers of an image. The module
+``loaded_scene`` opens a scene file, ``orbit_camera`` moves the camera, and ``scene_watcher`` detects changes of the
+scene's files. The module ``server`` serves the web page, and decides who may open the page. The module ``notebook``
+shows a progressive image in a notebook.
 """

@@ -1,4 +1,4 @@
-"""An open scene file, whose camera can be moved, and which can name the visible surface of a pixel."""
+"""Opens a scene file, moves the scene's camera, and finds the name of the surface that is visible at a pixel."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ COARSE = 1 << 14
 
 
 class LoadedScene:
-    """A scene that is loaded from ``file``, with the sensor number ``sensor``.
+    """A scene that is loaded from the scene file ``file``; the live view uses the sensor with the index ``sensor``.
 
     Raises the errors of loading plugins.
     """
@@ -39,7 +39,7 @@ class LoadedScene:
     # ---------------------------------------------------------------- the camera
 
     def _home(self) -> Camera | None:
-        """Returns the camera that the scene file describes; None if the sensor cannot be moved."""
+        """Returns the camera that the scene file describes; None if the live view cannot move a sensor of this type."""
         sensor: Any = self.sensor
         is_window = isinstance(self.sensor, registry.PLUGINS["prosim_window"])
         across: tuple[float, float]
@@ -59,8 +59,9 @@ class LoadedScene:
     def _pivot_distance(self, matrix: np.ndarray) -> float:
         """Returns the distance from the eye to the pivot, about which the camera rotates.
 
-        For a scene in the scene language, the pivot is in the view plane. For another scene, the pivot has the same
-        depth as the centre of the scene. ``matrix`` is the camera's 4x4 matrix to world coordinates.
+        For a scene in the thesis's scene language, the pivot is in the view plane. For an XML scene, the pivot has the
+        same depth as the centre of the scene's bounding box. ``matrix`` is the 4x4 matrix from camera coordinates to
+        world coordinates.
         """
         if self.file.document is not None:
             view = self.file.document.scene.view
@@ -71,7 +72,9 @@ class LoadedScene:
         return float(depth) if depth > 1e-6 else max(10 * self._near, 1e-3)
 
     def look(self, camera: Camera | None) -> None:
-        """Moves the scene's camera to ``camera``; None restores the camera that the scene file describes."""
+        """Gives the scene's sensor the position and the direction of ``camera``; None restores the view that the scene
+        file describes.
+        """
         assert self.home is not None
         camera = camera or self.home
         # The clipping planes must not hide objects that were visible before the camera moved.
@@ -85,7 +88,9 @@ class LoadedScene:
         self._params.update()
 
     def view_text(self, camera: Camera | None) -> str | None:
-        """Returns the text that describes the moved ``camera`` in the scene file; None for the scene file's camera."""
+        """Returns the text with which a scene file describes the moved ``camera``; None if the camera has not been
+        moved.
+        """
         if self.home is None or camera is None:
             return None
         if self.file.document is None:
@@ -94,9 +99,10 @@ class LoadedScene:
 
     @contextmanager
     def coarse(self) -> Iterator[None]:
-        """Inside the ``with`` block, the film has about :data:`COARSE` pixels or fewer. The film must be :attr:`whole`.
+        """Inside the ``with`` block, the film has about :data:`COARSE` pixels or fewer. The film must have no crop
+        window (:attr:`whole`).
 
-        Kernels do not depend on the size of the film, so none is compiled.
+        The change of the film's size causes no compilation, because Dr.Jit's kernels do not depend on this size.
         """
         try:
             divisor = max(1, ceil(sqrt(self.size[0] * self.size[1] / COARSE)))
@@ -113,7 +119,7 @@ class LoadedScene:
     # ---------------------------------------------------------------- the surface of a pixel
 
     def surface_at(self, x: int, y: int) -> str:
-        """Returns the name of the visible surface at the centre of pixel (x, y)."""
+        """Returns the name of the surface that the camera sees at the centre of pixel (x, y)."""
         position = mi.Point2f((x + 0.5) / self.size[0], (y + 0.5) / self.size[1])
         ray, _ = self.sensor.sample_ray(0.0, 0.5, position, mi.Point2f(0.5))
         si = self.scene.ray_intersect(ray)
@@ -123,11 +129,12 @@ class LoadedScene:
         return self._name(shape) if shape is not None else "a shape nested in another one"
 
     def _name(self, shape: mi.Shape) -> str:
-        """Returns the name of ``shape`` for the user.
+        """Returns the name under which the user knows ``shape``. For a light source, the name contains the id of the
+        shape.
 
-        In the scene language, the name contains the kinds of the primitives, and the number and the line of their
-        SURFACE.
-        Otherwise the name contains the kinds and ids of the shape and of its BSDF.
+        For a scene in the scene language, the name contains the kinds of the CSG primitives (such as SPHERE), and the
+        number and the line of their SURFACE statement. For an XML scene, the name contains the classes and the ids of
+        the shape and of its BSDF.
         """
         name = shape.id()
         if shape.is_emitter():

@@ -43,22 +43,24 @@ def show(
     spp: int = 0,
     exposure: float = 0.0,
 ) -> View:
-    """Renders ``scene`` progressively in a notebook, and shows the image, its error and samples, and a button to stop.
+    """Renders ``scene`` progressively in a notebook, and shows the image, maps of its error and of its sample counts,
+    and a button that stops the render.
 
     ``scene``
-        A Mitsuba scene, or the path of a scene file in the thesis's language or in XML.
+        A Mitsuba scene, or the path of a scene file in the thesis's scene language or in XML.
     ``sensor``, ``integrator``, ``seed``, ``spp``
         As in ``mi.render``; an integrator that is not progressive is nested in ``prosim_adaptive``.
     ``exposure``
         Exposure of the shown image, in stops.
 
-    In a notebook this function returns at once, and the image is rendered while the notebook is idle. ``await view``
-    waits for the end of the render. ``view.wait()`` waits, too, but blocks the notebook. Interrupting the kernel, or
-    running the cell again, stops the render. Outside a notebook this function returns at the end of the render.
+    In a notebook this function returns at once, and the image is rendered while the notebook is idle. With the returned
+    ``view``, the statement ``await view`` waits for the end of the render. ``view.wait()`` also waits for the end of
+    the render, but blocks the notebook. The render stops if the user interrupts the notebook's kernel or runs the cell
+    again. Outside a notebook this function returns at the end of the render.
 
-    At the end of the render, a still image or an error message replaces the controls; the notebook file stores the
-    image or message. ``view.image`` is the linear image. ``view.layers`` contains this image and the maps ``error`` and
-    ``samples``.
+    At the end of the render, a still image or an error message replaces the widgets, and is stored in the notebook
+    file. ``view.image`` is the rendered image in linear colours. The dictionary ``view.layers`` contains the rendered
+    image and maps of its error and of its sample counts.
 
     Raises ImportError if ipywidgets is not installed, RuntimeError if the variant is scalar or not set, and the errors
     of loading the scene.
@@ -84,9 +86,10 @@ def show(
 
 
 def stop_earlier(view: View) -> None:
-    """Stops the views that the notebook's cell of ``view`` made when it was executed before.
+    """Stops the renders of all views that earlier executions of the same notebook cell made; ``view`` is the newest
+    view.
 
-    Some notebooks do not identify their cells; then no view is stopped.
+    If the notebook program does not tell which cell it executes, this function stops no view.
     """
     from IPython import get_ipython
 
@@ -99,7 +102,7 @@ def stop_earlier(view: View) -> None:
 
 
 class View:
-    """A progressive image in a notebook, which :func:`show` makes."""
+    """A progressive image in a notebook; the function :func:`show` makes and returns this object."""
 
     def __init__(self, image: ProgressiveImage, exposure: float) -> None:
         """Displays the widgets of the view. Raises ImportError if ipywidgets is not installed."""
@@ -132,37 +135,40 @@ class View:
 
     @property
     def layers(self) -> dict[str, np.ndarray]:
-        """The latest image: ``final``, linear, (height, width, 3), and two maps of shape (height, width).
+        """The layers of the image so far, as a dictionary: name -> array.
 
-        The map ``error`` is the standard error of the luminance, the map ``samples`` is the number of samples. The
-        layers of the integrator's parameter ``layers`` are included. During the first pass over the image, the maps are
-        missing, and pixels without a sample are black. The dictionary is empty before the first image and after an
-        error.
+        The layer ``final`` is the linear image, shape (height, width, 3). The layer ``error`` is the standard error of
+        each pixel's luminance, and the layer ``samples`` is the number of samples of each pixel, both of shape (height,
+        width). The dictionary also has the layers that the integrator's parameter ``layers`` requests. During the first
+        pass over the image, the layers ``error`` and ``samples`` are missing, and pixels without a sample are black.
+        The dictionary is empty before an image is available, and after an error of the render.
         """
         return dict(self._layers)
 
     @property
     def image(self) -> np.ndarray:
-        """The linear image, (height, width, 3): the layer ``final`` of :attr:`layers`. Raises ValueError if there is no
-        image.
+        """The rendered image in linear colours, shape (height, width, 3), which is the layer ``final`` of
+        :attr:`layers`. Raises ValueError if there is no image.
         """
         if not self._layers:
             raise ValueError("show: there is no image yet; wait for it with view.wait()")
         return self._layers["final"]
 
     def stop(self) -> None:
-        """Ends the render; the image that has been rendered stays."""
+        """Ends the render; the image that has been rendered so far stays on the screen."""
         self._stopped = True
 
     def wait(self) -> View:
-        """Renders until the end, and blocks the notebook. Ctrl-C, or interrupting the kernel, stops the render."""
+        """Renders until the image is finished; the notebook cannot run other code during this call. The render stops if
+        the user presses Ctrl-C or interrupts the notebook's kernel.
+        """
         for _ in self._steps:
             pass
         return self
 
     def __await__(self) -> Generator[Any, None, View]:
-        """Waits for the end of the render, while the notebook runs other tasks. Interrupting the kernel stops the
-        render.
+        """Waits for the end of the render, while the notebook runs other tasks. The render stops if the user interrupts
+        the notebook's kernel.
         """
         if self.task is not None:
             yield from self.task.__await__()
@@ -170,7 +176,7 @@ class View:
         return self
 
     async def converge(self) -> None:
-        """Renders until the end, and lets the notebook run other tasks after each work item.
+        """Renders until the image is finished, and lets the notebook run other tasks after each work item.
 
         If the task is cancelled, the render stops, and the image so far stays on the screen.
         """
@@ -182,7 +188,9 @@ class View:
             self.wait()  # executes the last step, which replaces the widgets by the image
 
     def _render(self) -> Iterator[None]:
-        """Renders one work item before each ``yield``; at the end, a still image replaces the widgets."""
+        """Renders one work item (a part of the missing samples) before each ``yield``; at the end of the render, a
+        still image replaces the notebook's widgets.
+        """
         try:
             while not self._image.done and not self._stopped:
                 with interrupting(self.stop):
@@ -204,7 +212,7 @@ class View:
     def _draw(self) -> None:
         """Shows the selected layer, if it exists.
 
-        A map is shown in grey. Its 99th percentile is white.
+        A map is shown as a grey image, in which the 99th percentile of the map is white.
         """
         values = self._layers.get(self._layer.value)
         if values is None:
@@ -218,13 +226,15 @@ class View:
             self._shown.value = png(compress(values * self._factor), effort=FAST)
 
     def _status(self) -> str:
-        """Returns the mean number of samples per pixel and the seconds so far, as text."""
+        """Returns a text with the mean number of samples per pixel so far and the elapsed seconds."""
         samples = self._layers.get("samples")
         count = "the first pass" if samples is None else f"{samples.mean():.1f} samples a pixel"
         return f"{count}, {time.perf_counter() - self._started:.1f} s"
 
     def _replace(self) -> None:
-        """Replaces the widgets by a still image and the text of the label; widgets need a running kernel."""
+        """Replaces the notebook's widgets by a still image and a text, because widgets work only while the kernel is
+        running.
+        """
         if self._place is None:  # IPython is not running
             return
         still = {"text/plain": self._label.value}
@@ -237,7 +247,8 @@ class View:
 def interrupting(stop: Callable[[], None]) -> Iterator[None]:
     """Inside the ``with`` block, an interruption of the notebook's kernel calls ``stop`` and raises no exception.
 
-    So the current work item ends normally. An exception would leave an unfinished trace in Dr.Jit.
+    So the current work item ends normally. An exception in the middle of a work item would leave an unfinished trace in
+    Dr.Jit.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -20,10 +20,12 @@ STEEPEST = 89.0
 class Camera:
     """A view of the scene.
 
-    ``to_world`` is a 4x4 matrix without scaling; Mitsuba's cameras look along +z, and +x points to the left of the
-    image. ``distance`` is the distance from the eye to the pivot, which is on the viewing direction. ``up`` is the unit
-    axis for rotations to the left and right. ``across`` is the size (width, height) of the visible region at distance
-    1. ``home`` is the distance to the pivot in the scene file's view; None if this camera has the same distance.
+    ``to_world`` is the 4x4 matrix, without scaling, from camera coordinates to world coordinates. In camera
+    coordinates, the camera looks along +z, and +x points to the left of the image, as in Mitsuba. ``distance`` is the
+    distance from the eye to the pivot, the point in the viewing direction about which the camera rotates. ``up`` is the
+    unit vector of the axis about which the camera rotates to the left and right. ``across`` is the size (width, height)
+    of the region that is visible at distance 1 from the eye. ``home`` is the distance from the eye to the pivot in the
+    scene file's view; None if ``distance`` still has this value.
     """
 
     to_world: np.ndarray
@@ -43,9 +45,11 @@ class Camera:
         return np.asarray(self.eye + self.distance * self.to_world[:3, 2])
 
     def orbited(self, right: float, up: float) -> Camera:
-        """Returns the camera after rotations about the pivot by ``right`` and ``up`` degrees.
+        """Returns the camera after a rotation about the pivot, by ``right`` degrees to the right and ``up`` degrees
+        upwards.
 
-        The rotation upwards or downwards ends at :data:`STEEPEST`.
+        A rotation upwards or downwards ends when the viewing direction is :data:`STEEPEST` degrees above or below the
+        horizon.
         """
         level = np.degrees(np.arcsin(np.clip(-self.to_world[:3, 2] @ self.up, -1, 1)))
         # A camera that is already steeper than STEEPEST may stay so, but must not become steeper.
@@ -58,8 +62,9 @@ class Camera:
         return replace(self, to_world=moved @ self.to_world)
 
     def panned(self, right: float, up: float) -> Camera:
-        """Returns the camera after a translation by fractions of the image's width and height, measured at the
-        pivot.
+        """Returns the camera after a translation parallel to the image plane. In the image, points at the pivot's
+        distance move by the fraction ``right`` of the image's width to the right, and by the fraction ``up`` of the
+        image's height upwards.
         """
         width, height = self.across
         to_world = self.to_world.copy()
@@ -67,8 +72,8 @@ class Camera:
         return replace(self, to_world=to_world)
 
     def dollied(self, factor: float) -> Camera:
-        """Returns the camera with its distance to the pivot multiplied by ``factor``, within the limits of
-        :data:`FARTHEST`.
+        """Returns the camera after a motion towards or away from the pivot, which multiplies the distance to the pivot
+        by ``factor``, within the limits of :data:`FARTHEST`.
         """
         home = self.home or self.distance
         distance = min(max(factor * self.distance, home / FARTHEST), home * FARTHEST)
@@ -86,13 +91,15 @@ def rotation(axis: np.ndarray, degrees: float) -> np.ndarray:
 
 
 def nearest_axis(direction: np.ndarray) -> np.ndarray:
-    """Returns the axis of the world (+x, -x, +y, ...) that is nearest to a direction."""
+    """Returns the unit vector of the coordinate axis (+x, -x, +y, ...) that is nearest to ``direction``, in world
+    coordinates.
+    """
     k = int(np.argmax(np.abs(direction)))
     return np.asarray(np.sign(direction[k]) * np.eye(3)[k])
 
 
 def as_view(view: View, home: Camera, moved: Camera) -> str:
-    """Returns the text of a VIEW statement for the camera ``moved``.
+    """Returns the text of a VIEW statement, in the scene language, that describes the camera ``moved``.
 
     ``view`` is the VIEW statement of the scene file, and ``home`` is the camera that this statement describes.
     """
@@ -100,9 +107,10 @@ def as_view(view: View, home: Camera, moved: Camera) -> str:
     motion = moved.to_world @ np.linalg.inv(home.to_world)
 
     def vector(value: tuple[float, float, float], homogeneous: float) -> str:
-        """Returns the text of a point or a direction of ``view`` after the motion from ``home`` to ``moved``.
+        """Returns, as text, the coordinates of a point or a direction of ``view`` after the camera motion from ``home``
+        to ``moved``.
 
-        ``homogeneous`` is the fourth coordinate: 1 for a point, 0 for a direction.
+        ``homogeneous`` is the fourth homogeneous coordinate of ``value``: 1 for a point, 0 for a direction.
         """
         return format_numbers((motion @ [*value, homogeneous])[:3], size if homogeneous else 1.0)
 
@@ -120,14 +128,14 @@ def as_view(view: View, home: Camera, moved: Camera) -> str:
 
 
 def as_xml(moved: Camera) -> str:
-    """Returns the element ``transform`` of Mitsuba's XML for the camera ``moved``."""
+    """Returns the XML element ``transform`` that describes the camera ``moved`` in a Mitsuba scene."""
     rows = "\n            ".join(format_numbers(row) for row in moved.to_world)
     return f'<transform name="to_world">\n    <matrix value="{rows}"/>\n</transform>'
 
 
 def format_numbers(values: np.ndarray | tuple[float, ...], size: float = 0.0) -> str:
-    """Returns numbers as text, with seven digits, the precision of 32 bits.
+    """Returns the numbers ``values`` as text with seven significant digits, about the precision of 32-bit numbers.
 
-    A number whose magnitude is below 1e-7 ``size`` becomes 0.
+    A number whose absolute value is below 1e-7 times ``size`` is written as 0.
     """
     return " ".join(format(0.0 if abs(v) < 1e-7 * size else float(v) + 0.0, ".7g") for v in values)

@@ -1,4 +1,4 @@
-"""A linear image with layers, for the page and for the notebook."""
+"""A linear image with layers, for the web page and the notebook view."""
 
 from __future__ import annotations
 
@@ -23,20 +23,23 @@ Factors: TypeAlias = Sequence[tuple[str, np.ndarray]]
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """An image that is ready to be shown: name of a layer -> 32-bit array.
+    """An image that is ready to be shown. The attribute ``layers`` of a picture is a dictionary: name of a layer ->
+    32-bit array.
 
-    Layers are colours, shape (height, width, 3), or maps, shape (height, width). ``number`` is unique among the
-    pictures of a viewer. Layers of the integrator's parameter ``layers`` have names such as ``lights.lamp1``.
+    A layer is an image with colours, shape (height, width, 3), or a map with one value per pixel, shape (height,
+    width). No two pictures of a viewer have the same ``number``. The layers that the integrator's parameter ``layers``
+    requests have names such as ``lights.lamp1``.
     """
 
     number: int
     layers: Mapping[str, np.ndarray]
 
     def mixed(self, factors: Factors) -> Picture:
-        """Returns the picture after a multiplication of layers of the integrator by ``factors``.
+        """Returns the picture with some layers of the integrator multiplied by ``factors``, pairs of a layer's name and
+        a factor.
 
-        The layer ``final`` of the result is the sum of the multiplied layers. Raises KeyError for a name that is not a
-        layer of the integrator.
+        The layer ``final`` of the result is the sum of all layers of the integrator after the multiplication. Raises
+        KeyError if ``factors`` contains a name that is not the name of a layer of the integrator.
         """
         if not factors:
             return self
@@ -44,10 +47,10 @@ class Picture:
         return replace(self, layers={**self.layers, "final": final, **layers})
 
     def packed(self, layer: str) -> tuple[bytes, dict[str, str]]:
-        """Returns ``(content, headers)`` of the HTTP response for a layer.
+        """Returns ``(content, headers)`` of the HTTP response with which the server sends a layer to the web page.
 
-        ``content`` has the values row by row as 32-bit little-endian numbers. The header ``X-White`` is the 99th
-        percentile of the values of a map, or of the luminance of colours.
+        ``content`` has the values of the layer row by row, as 32-bit little-endian floating-point numbers. The header
+        ``X-White`` is the 99th percentile of a map's values, or of the luminance of a layer with colours.
         """
         values = self.layers[layer]
         height, width = values.shape[:2]
@@ -59,8 +62,8 @@ class Picture:
     def at(self, x: int, y: int, size: tuple[int, int]) -> dict[str, list[float | None] | float | None]:
         """Returns the value of each layer at pixel (x, y) of the final image: name of the layer -> value.
 
-        ``size`` is the (width, height) of the final image. A coarse picture has fewer pixels. Values that are not
-        finite are None.
+        ``size`` is the (width, height) of the final image. A coarse picture has fewer pixels than the final image; the
+        coarse pixel that contains pixel (x, y) is used. Values that are not finite are returned as None.
         """
         height, width = self.layers["final"].shape[:2]
         x, y = x * width // size[0], y * height // size[1]
@@ -71,10 +74,11 @@ class Picture:
 
 
 def layers_of_render(render: Render, integrator: mi.Integrator) -> dict[str, np.ndarray]:
-    """Returns the :data:`LAYERS` of a render, and the layers of the integrator's parameter ``layers``: name -> array.
+    """Returns the image, the error and the sample counts of a render (see :data:`LAYERS`), and the layers that the
+    integrator's parameter ``layers`` requests: name -> array.
 
-    The layers of the integrator get names such as ``lights.lamp1``. They are channels of the developed image, before
-    the other AOVs.
+    The layers that the integrator's parameter ``layers`` requests get names such as ``lights.lamp1``. In the developed
+    image, the channels of the layers that the integrator's parameter ``layers`` requests come before the other AOVs.
     """
     kind, image = getattr(integrator, "layers", "none"), np.array(render.image())
     layers = {"final": colours(image), "error": render.error(), "samples": render.counts().astype(np.float32)}
@@ -87,10 +91,10 @@ def layers_of_render(render: Render, integrator: mi.Integrator) -> dict[str, np.
 
 
 def fill_unknown(known: np.ndarray, values: np.ndarray, previous: np.ndarray | None = None) -> np.ndarray:
-    """Returns a layer with ``values`` where the mask ``known``, shape (height, width), is True.
+    """Returns a layer that has the ``values`` at all pixels where the mask ``known``, shape (height, width), is True.
 
-    Pixels where ``known`` is False are taken from the layer ``previous``, which may have fewer pixels. Without
-    ``previous`` such pixels are 0.
+    Pixels where ``known`` is False are taken from the layer ``previous``, which may have fewer pixels. If ``previous``
+    is None, the pixels where ``known`` is False are 0.
     """
     mask = known[..., None] if values.ndim == 3 else known
     if previous is None:
@@ -100,11 +104,13 @@ def fill_unknown(known: np.ndarray, values: np.ndarray, previous: np.ndarray | N
 
 
 def colours(image: np.ndarray) -> np.ndarray:
-    """Returns red, green and blue of a developed image of shape (height, width, channels), which may be grey."""
+    """Returns the colours, shape (height, width, 3), of a developed image of shape (height, width, channels), which may
+    be a grey image.
+    """
     image = image.astype(np.float32, copy=False)
     return image[..., :3] if image.shape[2] >= 3 else np.repeat(image[..., :1], 3, axis=2)
 
 
 def finite_or_none(value: float) -> float | None:
-    """Returns the number, or None if it is not finite, because JSON has only finite numbers."""
+    """Returns ``value``, or None if ``value`` is infinite or NaN, because JSON has only finite numbers."""
     return float(value) if math.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""Progressive images: rendered by the scene's integrator, denoised or not, or by Mitsuba's path tracer."""
+"""Renders images progressively, by the scene's integrator (with or without a denoiser) or by Mitsuba's ``path``."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ SECONDS = 0.4
 
 
 class ProgressiveImage:
-    """The image of ``scene`` by ``integrator``, which is rendered work item by work item.
+    """An image of ``scene`` that ``integrator`` renders progressively; each call of :meth:`step` renders one work item.
 
-    An integrator that is not progressive is nested in ``prosim_adaptive``. ``spp`` is the number of samples
-    per pixel; 0 means the scene's number. ``denoise`` tells whether the final image is denoised.
+    An integrator that cannot render progressively is nested in ``prosim_adaptive``, which can. ``spp`` is the number of
+    samples per pixel; 0 means the number in the scene. ``denoise`` tells whether the final image is denoised.
     """
 
     def __init__(
@@ -52,9 +52,10 @@ class ProgressiveImage:
         self._denoised: dict[str, np.ndarray] = {}
 
     def step(self) -> bool:
-        """Renders a work item; returns whether a picture of the image should be drawn now.
+        """Renders one work item; returns whether the caller should now draw a new picture of the image.
 
-        A picture is drawn at the end of each pass over the image, and within a pass if the last picture is old enough.
+        A new picture should be drawn at the end of each pass over the image, and during a pass if the latest picture is
+        old enough (see :class:`.Throttle`).
         """
         step = next(self._steps, None)
         if step is None:
@@ -65,7 +66,7 @@ class ProgressiveImage:
         return self.new and (step.complete or self.throttle.due)
 
     def _run(self) -> Iterator[Step]:
-        """Renders and, if requested, denoises the image; yields the progress after each work item."""
+        """Renders the image and, if requested, denoises it at the end; yields the progress after each work item."""
         begin = halves.denoised_progressive if self.denoise else rendering.progressive
         self.render = begin(self.scene, self.sensor, self.integrator, self.seed, self.spp, executor=Executor(SECONDS))
         for step in self.render:
@@ -83,11 +84,12 @@ class ProgressiveImage:
             yield Step(1.0, True)
 
     def layers(self) -> Mapping[str, np.ndarray]:
-        """Returns the layers of the current image, for a :class:`.Picture`, and sets :attr:`new` to False.
+        """Returns the layers of the image so far, from which the caller makes a :class:`.Picture`; sets :attr:`new` to
+        False.
 
-        The layers ``raw`` and ``denoised`` exist only after denoising; the final image is a mixture of them. During the
-        first pass over the image the maps are missing, and pixels without a sample are taken from the coarse image, or
-        are black.
+        The layers ``raw`` and ``denoised`` exist only after denoising; the layer ``final`` is then a mixture of ``raw``
+        and ``denoised``. During the first pass over the image, the layers ``error`` and ``samples`` are missing, and
+        pixels without a sample have the values of the coarse image, or are black if there is no coarse image.
         """
         if self.render is None:
             return self._coarse
@@ -98,10 +100,11 @@ class ProgressiveImage:
         return {name: fill_unknown(known, latest[name], self._coarse.get(name)) for name in without_maps(latest)}
 
     def begin_coarse(self) -> None:
-        """Renders the coarse image, which :meth:`layers` uses for pixels without a sample.
+        """Renders the coarse image (an image with few pixels), which :meth:`layers` shows where the image has no sample
+        yet.
 
-        The film must have few pixels during this call. A pixel has one sample, or, in a scene with dispersion, one
-        sample for each wavelength of a spectrum.
+        The caller must reduce the size of the film during this call, see :meth:`.LoadedScene.coarse`. Each pixel of the
+        coarse image has one sample, or, in a scene with dispersion, one sample for each wavelength of a spectrum.
         """
         each = dr.size_v(mi.Spectrum) if disperses(self.scene) else 1
         render = self.integrator.progressive(self.scene, self.sensor, self.seed, each**2)
@@ -110,12 +113,14 @@ class ProgressiveImage:
 
 
 def without_maps(layers: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Returns the ``layers`` that contain colours."""
+    """Returns the ``layers`` that contain colours, without the layers that are maps."""
     return {name: values for name, values in layers.items() if values.ndim == 3}
 
 
 def integrator_name(integrator: Any) -> str:
-    """Returns the name of an integrator's plugin, such as ``path``; of the nested integrator, if there is one."""
+    """Returns the plugin name of an integrator, such as ``path``. If the integrator contains a nested integrator,
+    returns the plugin name of the nested integrator.
+    """
     integrator = getattr(integrator, "nested", integrator)
     if hasattr(integrator, "parameter_names"):  # a plugin of this project
         return str(integrator.name)
@@ -123,7 +128,9 @@ def integrator_name(integrator: Any) -> str:
 
 
 def not_compared(integrator: Any) -> str | None:
-    """Returns the reason why this integrator cannot be compared with Mitsuba's ``path``; None if it can."""
+    """Returns the reason why the live view cannot compare ``integrator`` with Mitsuba's ``path``; None if the
+    comparison is possible.
+    """
     if integrator_name(integrator) == "path":
         return "the scene's integrator is the path tracer already"
     if not can_light(getattr(integrator, "background", None)):
@@ -132,9 +139,11 @@ def not_compared(integrator: Any) -> str | None:
 
 
 def rendered_by_path(image: ProgressiveImage) -> ProgressiveImage:
-    """Returns a progressive image of the scene of ``image``, with the same sampling, rendered by Mitsuba's ``path``.
+    """Returns a progressive image of the same scene and with the same sampling parameters as ``image``, but rendered by
+    Mitsuba's ``path``.
 
-    The background of the scene's integrator becomes an emitter.
+    The background of the scene's integrator is replaced by an emitter, because ``path`` has no parameter for a
+    background.
     """
     sampling = asdict(image.integrator.sampling)
     path = create("prosim_adaptive", nested=create("path"), channels=image.integrator.channels, **sampling)

@@ -1,5 +1,5 @@
-"""The state and the pictures of the live view. One thread publishes the state and the pictures, and every open page
-reads both.
+"""Holds the state and the pictures of the live view. The thread that renders publishes the state and the pictures; the
+web server sends both to every open page.
 """
 
 from __future__ import annotations
@@ -60,16 +60,18 @@ class State:
 
 
 class Publisher:
-    """The latest state and pictures. One thread publishes the state and the pictures; any thread may read both."""
+    """Holds the latest state and the latest pictures of the live view. Only one thread may call :meth:`publish`; any
+    thread may read the state and the pictures.
+    """
 
     def __init__(self, state: State) -> None:
         self.state, self.pictures, self.closed = state, dict[str, Picture](), False
 
     def publish(self, pictures: Mapping[str, Picture] | None = None, **changes: Any) -> None:
-        """Changes the state and the pictures.
+        """Changes fields of the state, and, if ``pictures`` is not None, replaces the pictures.
 
-        The picture ``own`` is rendered by the scene's integrator. The picture ``path``, which may be missing, is
-        rendered by Mitsuba's path tracer.
+        The entry ``own`` of ``pictures`` is the picture of the image that the scene's integrator renders. The entry
+        ``path`` of ``pictures``, which may be missing, is the picture of the image that Mitsuba's path tracer renders.
         """
         if pictures:
             self.pictures = dict(pictures)
@@ -80,7 +82,7 @@ class Publisher:
     async def follow(self) -> AsyncIterator[State]:
         """Yields the current state, and each later state, until the publisher is closed.
 
-        If the state changes several times within :data:`INTERVAL`, only the last of these states is yielded.
+        If the state changes several times within :data:`INTERVAL` seconds, only the last of these states is yielded.
         """
         last = None
         while not self.closed:
@@ -94,19 +96,21 @@ DRAW_INTERVAL, DRAW_FRACTION = 0.1, 0.03
 
 
 class Throttle:
-    """Limits how often pictures are drawn, so that drawing takes a small part of the time."""
+    """Limits how often pictures are drawn, so that drawing takes only a small fraction of the rendering time."""
 
     def __init__(self) -> None:
         self._next = 0.0
 
     @property
     def due(self) -> bool:
-        """Whether it is time for the next picture."""
+        """Whether enough time has passed since the latest picture, so that the next picture may be drawn."""
         return clock() >= self._next
 
     @contextmanager
     def drawing(self) -> Iterator[None]:
-        """Measures the duration of a ``with`` block that draws a picture, and sets the time of the next picture."""
+        """Measures how long the ``with`` block, which draws a picture, takes, and sets the earliest time of the next
+        picture.
+        """
         started = clock()
         yield
         now = clock()

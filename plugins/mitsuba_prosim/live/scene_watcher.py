@@ -19,7 +19,9 @@ Stamp = tuple[int, ...] | None
 
 
 def stamp(path: Path) -> Stamp:
-    """Returns the stamp of a file or folder; None if the path does not exist. Writing the file changes its stamp."""
+    """Returns the stamp (inode, size and modification time) of a file or folder; None if ``path`` does not exist. The
+    stamp of a file changes when the file is written.
+    """
     try:
         status = path.stat()
     except (OSError, ValueError):
@@ -28,10 +30,11 @@ def stamp(path: Path) -> Stamp:
 
 
 class SceneWatcher:
-    """Watches the files of the scene at ``path``, by checking them repeatedly.
+    """Detects changes of the scene file ``path`` and of the files that the scene uses, by checking all these files
+    repeatedly.
 
-    Notifications of the operating system are not used, because notifications fail for folders that are removed and made
-    again, and on some disks.
+    The class does not use the change notifications of the operating system, because these notifications fail for
+    folders that are deleted and made again, and on some file systems.
     """
 
     def __init__(self, path: Path) -> None:
@@ -40,27 +43,31 @@ class SceneWatcher:
         self.stamps = {path.absolute(): stamp(path)}
 
     def opened(self, files: Iterable[Path]) -> None:
-        """Starts to watch the scene file and the ``files`` that the scene uses."""
+        """Watches only the scene file and the ``files`` that the scene uses; call this method after the scene was
+        opened.
+        """
         self._watch({path.absolute() for path in [self._scene, *files]})
 
     def failed(self) -> None:
-        """Also watches the scene's folder, its subfolders and the files in both, because a file may be missing or
-        wrong.
+        """Also watches the folder of the scene file, its subfolders and all files in these folders, because the user
+        may repair the scene by adding or changing any of these files.
 
-        Call this method when the scene cannot be opened. The subfolders of subfolders are not searched.
+        Call this method when the scene cannot be opened. The files in subfolders of subfolders are not watched.
         """
         folder = self._scene.absolute().parent
         self._watch({*self.stamps, folder, *islice(chain(folder.glob("*"), folder.glob("*/*")), MAX_WATCHED_FILES)})
 
     def _watch(self, files: set[Path]) -> None:
-        """Watches these ``files`` and no others. Files that are watched already keep their known stamps."""
+        """Watches these ``files`` and no others. A file that was already watched keeps its last known stamp, so that no
+        change of the file is missed.
+        """
         self.stamps = {path: self.stamps[path] if path in self.stamps else stamp(path) for path in files}
 
     def changed(self) -> bool:
-        """Whether a watched file was written, made, removed or renamed since this method last returned True.
+        """Returns whether a watched file was written, made, removed or renamed since this method last returned True.
 
-        While a file is still being written, the result is False. Call this method often; it checks the files only from
-        time to time.
+        While a file is still being written, the result is False. The caller may call this method often, because the
+        method reads the stamps of the files only from time to time.
         """
         started = clock()
         if started < self._due:

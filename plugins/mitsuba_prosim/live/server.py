@@ -1,4 +1,4 @@
-"""The server of the live page. Only users of this machine who know the secret address can open the page."""
+"""The web server of the live page. Only users of this machine who know the secret address can open the page."""
 
 from __future__ import annotations
 
@@ -59,10 +59,10 @@ HEADERS = {
 
 @contextmanager
 def served(viewer: Viewer, encode: Encoder, sock: socket.socket) -> Iterator[str]:
-    """Serves the page in another thread, and yields the address of the page. The server ends at the end of the ``with``
-    block.
+    """Serves the live page in another thread until the ``with`` block ends, and yields the address of the page.
 
-    ``encode`` makes the files that the user saves. ``sock`` is the socket that listens.
+    ``encode`` is the function that makes the EXR and PNG files which the user saves from the page. ``sock`` is the
+    socket on which the server listens.
     """
     token = secrets.token_urlsafe(24)
     routes = [Mount(f"/{token}", routes=Pages(viewer, encode).routes())]
@@ -88,8 +88,8 @@ def served(viewer: Viewer, encode: Encoder, sock: socket.socket) -> Iterator[str
 
 
 def guard(token: str) -> Callable[[Request, RequestResponseEndpoint], Any]:
-    """Returns a middleware that refuses requests without the token, for another host name, or from another site's
-    page.
+    """Returns a middleware that refuses an HTTP request if its address lacks the secret token, if its host name is not
+    this machine, or if a page of another site sends the request.
     """
 
     async def dispatch(request: Request, call_next: RequestResponseEndpoint) -> Response:
@@ -108,13 +108,17 @@ def guard(token: str) -> Callable[[Request, RequestResponseEndpoint], Any]:
 
 
 class Pages:
-    """The responses to requests of the page. ``encode`` makes the files that the user saves."""
+    """Answers the HTTP requests of the live page. ``encode`` is the function that makes the EXR and PNG files which the
+    user saves from the page.
+    """
 
     def __init__(self, viewer: Viewer, encode: Encoder) -> None:
         self._viewer, self._publisher, self._encode = viewer, viewer.publisher, encode
 
     def routes(self) -> list[BaseRoute]:
-        """Returns the routes of the requests that the page sends, and of the page's own files."""
+        """Returns the HTTP routes: the addresses of all requests that the live page sends, and of the page's HTML, CSS
+        and JavaScript files.
+        """
         return [
             Route("/events", self.events),
             Route("/layer/{image}/{layer}", self.layer),
@@ -125,7 +129,7 @@ class Pages:
         ]
 
     async def events(self, _: Request) -> Response:
-        """Streams the state of the viewer to the page, at first and after each change."""
+        """Streams the state of the viewer to the page: the current state at once, and a new state after each change."""
 
         async def stream() -> AsyncIterator[str]:
             """Yields each state as a server-sent event."""
@@ -137,7 +141,7 @@ class Pages:
     async def layer(self, request: Request) -> Response:
         """Returns the values of a layer of a picture, see :meth:`.Picture.packed`.
 
-        The request may have factors of layers, see :func:`factors`.
+        The request may contain factors by which layers are multiplied, see :func:`factors`.
         """
         picture, name = self._publisher.pictures.get(request.path_params["image"]), request.path_params["layer"]
         if picture is None or name not in picture.layers:
@@ -147,7 +151,9 @@ class Pages:
         return Response(content, media_type="application/octet-stream", headers=facts)
 
     async def pixel(self, request: Request) -> Response:
-        """Returns the values of a pixel in all layers of all pictures, and the name of its visible surface."""
+        """Returns, as JSON, the values of a pixel in all layers of all pictures, and the name of the surface that is
+        visible at this pixel.
+        """
         x, y = (request.path_params[name] for name in "xy")
         width, height = self._publisher.state.size
         if not (x < width and y < height):
@@ -157,7 +163,9 @@ class Pages:
         return JSONResponse({**values, "surface": surface})
 
     async def save(self, request: Request) -> Response:
-        """Returns the image of the scene's integrator as an EXR or PNG file, after applying factors and exposure."""
+        """Returns the image of the scene's integrator as an EXR or PNG file. The request's factors multiply layers of
+        the image; the request's exposure makes only the PNG brighter.
+        """
         picture, suffix = self._publisher.pictures.get("own"), f".{request.path_params['suffix']}"
         if picture is None or suffix not in (".exr", ".png"):
             raise HTTPException(404)
@@ -166,7 +174,9 @@ class Pages:
         return Response(files[suffix], media_type="application/octet-stream")
 
     async def act(self, request: Request) -> Response:
-        """Schedules one of the :data:`ACTIONS`, whose name is in the address, in the thread that renders."""
+        """Schedules the action whose name is in the request's address (see :data:`ACTIONS`), for the thread that
+        renders.
+        """
         name = request.path_params["action"]
         if name not in ACTIONS:
             raise HTTPException(404)
@@ -177,15 +187,16 @@ class Pages:
         return Response(status_code=204)
 
     async def _call(self, work: Callable[[Viewer], Any]) -> Any:
-        """Executes a function in the thread that renders, and returns its result."""
+        """Executes the function ``work`` in the thread that renders, and returns the function's result."""
         return await asyncio.wrap_future(self._viewer.call(work))
 
 
 def factors(request: Request, picture: Picture) -> Factors:
-    """Returns the factors of layers in a request, see :func:`.parse_factor`.
+    """Returns the factors by which a request multiplies layers of ``picture``, as pairs of a layer's name and a factor.
 
-    The factors are the query parameters ``mix``, such as ``lights.lamp1=0.5``. Raises HTTPException for wrong
-    parameters, for two factors of one layer, and for a layer that the picture does not have.
+    Each query parameter ``mix`` of the request contains one factor, such as ``lights.lamp1=0.5``, see
+    :func:`.parse_factor`. Raises HTTPException if a factor has a wrong format, if a layer has two factors, or if the
+    picture does not have the layer.
     """
     texts = request.query_params.getlist("mix")
     try:
@@ -198,7 +209,9 @@ def factors(request: Request, picture: Picture) -> Factors:
 
 
 def clamped_number(request: Request, name: str, limit: float) -> float:
-    """Returns a query parameter as a number, clamped to [-limit, limit]; 0 if it is missing. Raises HTTPException."""
+    """Returns the query parameter ``name`` of a request as a number, clamped to [-limit, limit]; 0 if the parameter is
+    missing. Raises HTTPException if the parameter is not a finite number.
+    """
     try:
         value = float(request.query_params.get(name, "0"))
     except ValueError:

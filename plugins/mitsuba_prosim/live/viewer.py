@@ -1,4 +1,4 @@
-"""The thread that renders the image which the page requests."""
+"""Renders the image that the live page requests, and opens the scene again after each change of its files."""
 
 from __future__ import annotations
 
@@ -46,17 +46,18 @@ class ViewRequest:
 
 
 class Viewer:
-    """Renders and publishes the requested image of the scene at ``path``; opens the scene again after each change.
+    """Renders and publishes the image that the live page requests, and opens the scene file ``path`` again after each
+    change of the scene's files.
 
-    ``open_scene`` loads the scene. ``spp`` is the number of samples per pixel; 0 means the scene's number. ``denoise``
-    is whether the final image is denoised. Other threads may use only :attr:`publisher`, :meth:`call` and
-    :meth:`close`.
+    ``open_scene`` is the function that loads the scene. ``spp`` is the number of samples per pixel; 0 means the number
+    in the scene. ``denoise`` tells whether the final image is denoised. Threads other than the thread that renders may
+    use only :attr:`publisher`, :meth:`call` and :meth:`close`.
     """
 
     def __init__(
         self, path: Path, open_scene: Callable[[], LoadedScene], spp: int = 0, seed: int = 0, denoise: bool = False
     ) -> None:
-        """Makes the viewer; :meth:`run` opens the scene and renders."""
+        """Prepares the viewer, but does not open the scene; :meth:`run` opens the scene and renders."""
         self.publisher, self.watcher = Publisher(State(path.name)), SceneWatcher(path)
         #: The open scene; None if it could not be opened.
         self.scene: LoadedScene | None = None
@@ -80,23 +81,28 @@ class Viewer:
     # ---------------------------------------------------------------- requests
 
     def call(self, work: Callable[[Viewer], Any]) -> Future[Any]:
-        """Schedules a short function for the thread that renders; returns a future of its result."""
+        """Schedules the short function ``work`` for execution by the thread that renders, between two work items;
+        returns a future of the function's result.
+        """
         future: Future[Any] = Future()
         self._calls.put((work, future))
         return future
 
     def close(self) -> None:
-        """Ends the thread that renders, and the streams of the publisher."""
+        """Ends the thread that renders, and the streams of states that the publisher sends to open pages."""
         self.publisher.closed = True
 
     def change(self, **changes: Any) -> None:
-        """Changes fields of the request. Only functions that are given to :meth:`call` may call this method."""
+        """Changes fields of the current :class:`ViewRequest`. Only functions that :meth:`call` has scheduled may call
+        this method, because only the thread that renders may change the request.
+        """
         self._request = replace(self._request, **changes)
 
     def move(self, motion: Callable[[Camera], Camera]) -> None:
-        """Requests a view from a moved camera, if the scene's camera can be moved.
+        """Requests an image from a moved camera, if the live view can move the scene's sensor.
 
-        ``motion`` returns the moved camera. Only functions that are given to :meth:`call` may call this method.
+        ``motion`` is a function that returns the moved camera for the current camera. Only functions that :meth:`call`
+        has scheduled may call this method, because only the thread that renders may change the request.
         """
         if self._home is not None:
             self.change(camera=motion(self._request.camera or self._home), paused=False)
@@ -104,8 +110,10 @@ class Viewer:
     def result(self, factors: Factors = ()) -> tuple[State, mi.Bitmap, Any, Any]:
         """Returns ``(state, bitmap, integrator, reached)`` of the picture that the page shows.
 
-        ``bitmap`` has all layers, after a multiplication by ``factors``. ``reached`` has the samples, the error and the
-        time of the render. Only functions that are given to :meth:`call` may call this method.
+        ``bitmap`` has all layers of the picture, after some layers are multiplied by ``factors`` (pairs of a layer's
+        name and a factor). ``reached`` is a :class:`.Reached` with the samples, the error and the duration of the
+        render. Only functions that :meth:`call` has scheduled may call this method, because they run in the thread that
+        renders.
         """
         picture = self.publisher.pictures["own"].mixed(factors)
         channels = dict[str, np.ndarray]()
@@ -115,7 +123,9 @@ class Viewer:
         return self.publisher.state, layers.of_channels(channels), self._integrator, self._reached
 
     def run_calls(self, timeout: float = 0.0) -> None:
-        """Executes all functions that :meth:`call` has scheduled. Waits at most ``timeout`` seconds for the first."""
+        """Executes all functions that :meth:`call` has scheduled. If no function is scheduled, waits at most
+        ``timeout`` seconds for one.
+        """
         with suppress(Empty):
             while True:
                 work, future = self._calls.get(timeout=timeout)
@@ -130,7 +140,7 @@ class Viewer:
     # ---------------------------------------------------------------- rendering the requested image
 
     def run(self) -> None:
-        """Renders the requested images until :meth:`close` is called."""
+        """Renders the images that the page requests, until another thread calls :meth:`close`."""
         gc.collect()
         gc.freeze()  # later garbage collections then visit only younger objects
         try:
@@ -151,11 +161,13 @@ class Viewer:
 
     @property
     def _idle(self) -> bool:
-        """Whether there is nothing to do for the current request."""
+        """Whether the current request needs no more work, because rendering is finished or paused."""
         return self._request == self._shown and (self._request.paused or self._done)
 
     def _advance(self) -> None:
-        """Opens the scene, begins or pauses the image, or renders a work item: whatever the request needs next."""
+        """Does the next piece of work for the current request: opens the scene, begins or pauses the image, or renders
+        a work item.
+        """
         if not self.publisher.state.opened or self.watcher.changed():
             self._open()
         elif self.scene is None:
@@ -171,10 +183,10 @@ class Viewer:
     # ---------------------------------------------------------------- a new scene or view
 
     def _open(self) -> None:
-        """Opens the scene file, or opens it again after a change, and begins to render its image.
+        """Opens the scene file, for the first time or again after a change, and begins to render an image of the scene.
 
-        The translator's warnings are published. A camera that the user has moved stays, unless the file describes
-        another view than before.
+        This method publishes the warnings of the scene language's translator. A camera that the user has moved stays
+        there, unless the changed scene file describes another view than before the change.
         """
         # Dr.Jit's kernels contain the materials of all loaded scenes, so the previous scene must be deleted first.
         self.scene, self._images = None, {}
@@ -195,10 +207,11 @@ class Viewer:
         self._begin(scene)
 
     def _begin(self, scene: LoadedScene) -> None:
-        """Begins to render the requested view of ``scene`` from the first sample.
+        """Begins a new render, without earlier samples, of the view of ``scene`` that the page requests.
 
-        If the film has no crop window, this method renders and publishes a coarse image. The image by ``path`` is
-        deleted, and begins again in the next step.
+        If the film has no crop window, this method first renders and publishes a coarse image (an image with few
+        pixels). If the page compares with an image by Mitsuba's ``path``, that image is deleted, and
+        :meth:`_pause_or_compare` begins a new one in the next step.
         """
         self._shown = replace(self._request, compared=False, paused=False)
         self._reached, self._seconds = None, 0.0
@@ -219,9 +232,10 @@ class Viewer:
             self._publish()
 
     def _pause_or_compare(self) -> None:
-        """Handles a request that differs from the shown request only in ``compared`` or ``paused``.
+        """Handles a new request that differs from the request which is now shown only in ``compared`` or ``paused``.
 
-        Adds or deletes the image by ``path``. Before a pause, draws pictures of all samples that have been taken.
+        Adds or deletes the image by Mitsuba's ``path``. Before a pause, this method draws pictures that include all
+        samples taken so far.
         """
         request, own = self._request, self._images.get("own")
         if own is not None:
@@ -237,7 +251,9 @@ class Viewer:
     # ---------------------------------------------------------------- work item after work item
 
     def _step(self, scene: LoadedScene) -> None:
-        """Renders a work item of the unfinished image that has waited longest, and publishes the progress."""
+        """Renders one work item of an unfinished image, and publishes the progress; if two images are unfinished, they
+        take turns.
+        """
         started, changes = time.perf_counter(), dict[str, Any]()
         image_name, image = next((name, image) for name, image in self._images.items() if not image.done)
         if image.step():
@@ -250,14 +266,18 @@ class Viewer:
         self._publish(**changes)
 
     def _draw(self, image: ProgressiveImage) -> None:
-        """Stores a picture of the current ``image``; for the image ``own``, also the samples and the noise so far."""
+        """Stores a new picture of ``image`` as it is now. For the image of the scene's integrator, also stores the
+        number of samples and the noise so far.
+        """
         with image.throttle.drawing():
             image.picture = Picture(next(self._numbers), image.layers())
             if image is self._images["own"] and image.render is not None:
                 self._reached = image.render.reached
 
     def _publish(self, **changes: Any) -> None:
-        """Publishes the pictures, the progress, and other changes of the state."""
+        """Publishes the pictures, the progress and the other ``changes`` of the state, so that the open pages show
+        them.
+        """
         images, reached = self._images, self._reached
         pictures = {name: image.picture for name, image in images.items() if image.picture is not None}
         self.publisher.publish(
@@ -272,7 +292,9 @@ class Viewer:
         )
 
     def _fail(self, error: BaseException) -> None:
-        """Publishes an error, and ends the render. The next change of the scene or of the view starts a new render."""
+        """Publishes an error message, and ends the render. The next change of the scene's files or of the view starts a
+        new render.
+        """
         self._images, self._shown = {}, self._request
         expected = isinstance(error, (RuntimeError, TypeError, ValueError, OSError, MemoryError))
         words = with_suggestion(session.message(error)) if expected else f"{type(error).__name__}: {error}"

@@ -1,5 +1,7 @@
-"""``prosim compare``: measures the error of integrators and samplers against converged references.
+"""The command ``prosim compare``, which measures the error of integrators and samplers against converged reference
+images.
 
-``comparison`` has the runs and their results, ``methods`` the integrators and samplers in a scene, ``runs`` the
-references and timed rounds, ``measures`` the measures of error, and ``comparison_page`` the HTML page.
+The module ``comparison`` plans a comparison and collects its results. The module ``methods`` prepares the integrators
+and samplers for a scene. The module ``runs`` renders the reference images and measures the methods. The module
+``measures`` has the error measures. The module ``comparison_page`` makes the HTML page.
 """

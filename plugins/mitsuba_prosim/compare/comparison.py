@@ -1,4 +1,6 @@
-"""Compares two methods in interleaved runs; the results are numbers and images for a page."""
+"""Compares two methods (integrators with samplers) in interleaved runs; the results are numbers and images for an HTML
+page.
+"""
 
 from __future__ import annotations
 
@@ -26,8 +28,9 @@ COLOUR_MAPS = {"error": "magma", "flip": "magma", "counts": "viridis"}
 class Effort:
     """How much work a comparison does.
 
-    ``sqrt_spp`` are the square roots of the sample counts of the error curves. ``rounds`` is the number of measured
-    runs. ``seconds`` is the time for each reference. ``denoise`` tells whether each image is also denoised.
+    ``sqrt_spp`` are the square roots of the numbers of samples per pixel at which the error curves are measured.
+    ``rounds`` is the number of measured renders of each method. ``seconds`` is the rendering time of each reference
+    image. ``denoise`` tells whether the denoised images of the methods are also compared.
     """
 
     sqrt_spp: tuple[int, ...]
@@ -40,7 +43,9 @@ class Comparison:
     """Compares the methods ``a`` and ``b`` on a scene called ``name``. ``exposure`` is in stops."""
 
     def __init__(self, scene: ComparedScene, name: str, a: Spec, b: Spec, effort: Effort, exposure: float) -> None:
-        """``effort`` is the amount of work; :meth:`run` does the work."""
+        """Prepares the comparison; :meth:`run` renders and measures. ``effort`` tells how many images are rendered, and
+        how long.
+        """
         self.scene, self.a, self.b, self.effort, self.scale = scene, a, b, effort, 2.0**exposure
         #: Results that can be written as JSON, and images by name; both are complete after :meth:`run`.
         self.facts: dict[str, Any] = {
@@ -54,11 +59,12 @@ class Comparison:
         self.images: dict[str, np.ndarray] = {}
 
     def run(self) -> Iterator[tuple[str, float]]:
-        """Renders the references and all images, and fills ``facts`` and ``images``.
+        """Renders the reference images and the images of both methods, and stores the results in :attr:`facts` and
+        :attr:`images`.
 
-        Yields the name of the current phase of the work, and its progress, 0 to 1. The first section compares the
-        methods with light paths that both can simulate. If the scene selects other paths, a second section renders
-        these paths by the method that can simulate them.
+        Yields the name of the current phase of the work, and the progress of this phase, 0 to 1. The first section of
+        the results compares the methods on light paths that both methods can simulate. If only one method can simulate
+        the light paths that the scene file selects, a second section measures this method on these light paths.
         """
         a, b = self.a, self.b
         transport = b.transport or a.transport or "scene"
@@ -79,14 +85,16 @@ class Comparison:
 
 
 class Section:
-    """The part of a comparison that has one light transport.
+    """One section of a comparison, in which all methods simulate the same light paths.
 
-    ``specs`` are the specifications of the methods "a" and perhaps "b". ``rows`` are the runs for the rows of the
-    table, by role. ``curves`` are the runs for the error curves, by role and level. All images are multiplied by
-    ``scale``.
+    ``specs`` are the specifications of the method "a" and, if the section compares two methods, of the method "b".
+    ``rows`` are the runs whose results become the rows of the table: role -> runs. ``curves`` are the runs whose
+    results become the points of the error curves: role -> level -> runs. All images are multiplied by ``scale`` (the
+    exposure).
 
-    The roles of rows are "a", "b", "b at equal samples" and "b at equal time"; the roles of curves are "a" and "b". A
-    level is the square root of a sample count.
+    The roles of rows are "a", "b", "b at equal samples" and "b at equal time", and the same roles followed by
+    "denoised". The roles of curves are "a" and "b". The level of a point on an error curve is the square root of the
+    number of samples per pixel.
     """
 
     def __init__(
@@ -96,9 +104,9 @@ class Section:
         self.reference = Reference([reference_estimator(scene, spec, transport) for spec in specs.values()])
 
     def prepare(self) -> Iterator[tuple[str, float]]:
-        """Renders the reference, and makes the methods of ``rows`` and ``curves``.
+        """Renders the reference image, and prepares the runs in ``rows`` and ``curves``.
 
-        Yields the name of the current phase of the work, and its progress, 0 to 1.
+        Yields the name of the current phase of the work, and the progress of this phase, 0 to 1.
         """
         scene, transport, effort = self.scene, self.transport, self.effort
         for progress in self.reference.converge(effort.seconds):
@@ -123,14 +131,17 @@ class Section:
         }
 
     def runs(self) -> list[Runs]:
-        """Returns the runs of all methods; the rows of the table come first."""
+        """Returns all runs of this section: first the runs for the rows of the table, and then the runs for the error
+        curves.
+        """
         return [*self.rows.values(), *(point for curve in self.curves.values() for point in curve.values())]
 
     def facts(self) -> dict[str, Any]:
-        """Returns the results as a dictionary for JSON.
+        """Returns the results of this section as a dictionary that can be written as JSON.
 
         The dictionary has the rows of the table, the error curves with their log-log slopes, and facts about the
-        reference. With two curves, ``equal_error`` is the cost of b at the error of a, divided by the cost of a.
+        reference. If the section has two curves, ``equal_error`` is the cost that method b needs to reach the error of
+        method a, divided by the cost of method a.
         """
         rows = [{"role": role, "name": run.method.name} | run.facts() for role, run in self.rows.items()]
         curves: list[dict[str, Any]] = []
@@ -151,7 +162,9 @@ class Section:
         return result
 
     def images(self) -> dict[str, np.ndarray]:
-        """Returns the images, error maps and sample counts of the rows of the table."""
+        """Returns the reference image, and the image, the error maps and the sample counts of each row of the table:
+        name -> array.
+        """
         images = {"reference": self.image}
         for role, run in self.rows.items():
             images |= {
@@ -164,7 +177,8 @@ class Section:
 
 
 def median(facts: Mapping[str, Any], name: str) -> float:
-    """Returns the median of a measure of a row or of a point on a curve (see :meth:`.Runs.facts`).
+    """Returns the median over all rounds of the measure ``name``, from the results ``facts`` of a row or of a point on
+    a curve (see :meth:`.Runs.facts`).
 
     The result is at least 1e-7, so that its logarithm exists.
     """
@@ -173,7 +187,9 @@ def median(facts: Mapping[str, Any], name: str) -> float:
 
 
 def at_level(scene: ComparedScene, spec: Spec, transport: str, n: int) -> Method:
-    """Returns the method of ``spec`` with ``n``² samples per pixel; an adaptive method takes at most this number."""
+    """Returns the method of ``spec`` with ``n``² samples per pixel; for ``prosim``, ``n`` becomes the parameter
+    ``samples``.
+    """
     if not spec.is_adaptive:
         return scene.method(spec, transport, spp=n * n)
     integrator: Any = scene.method(spec, transport).integrator
@@ -183,24 +199,26 @@ def at_level(scene: ComparedScene, spec: Spec, transport: str, n: int) -> Method
 
 
 def reference_estimator(scene: ComparedScene, spec: Spec, transport: str) -> Method:
-    """Returns the method with 64 samples for every pixel. The reference is the mean of many images of this method."""
+    """Returns the method of ``spec`` with 64 samples in every pixel. The reference image is computed as the mean of
+    many images that the returned method renders.
+    """
     if spec.is_adaptive:
         return scene.method(spec.with_parameters(adaptive="none", samples=8, **UNTARGETED), transport)
     return scene.method(spec, transport, spp=64)
 
 
 def equal_cost_methods(scene: ComparedScene, a: Method, b: Spec, transport: str) -> tuple[Method, Method]:
-    """Returns two variants of the method ``b``: with the same number of samples as ``a``, and with the same time as
-    ``a``.
+    """Returns two variants of the method ``b``: one with the same number of samples as ``a``, and one with about the
+    same rendering time as ``a``.
 
-    "Time" is the processor time; the function renders ``a`` and ``b`` several times to measure it. The times differ by
-    at most 10 %, if one of the first four sample counts is good enough. Otherwise the fifth sample count is used
-    without a check.
+    The function renders ``a`` and ``b`` several times to measure their processor times. The variant with equal time has
+    the processor time of ``a`` within about 10 %, if one of the first four tried sample counts achieves this. If none
+    of the first four tried sample counts gives equal times, the fifth sample count is used without a check.
     """
     samples = max(round(float(np.mean(a.render(0)[1]))), 1)
 
     def processor_seconds(method: Method) -> float:
-        """Returns the median processor seconds of three renders."""
+        """Returns the median processor time of three renders by ``method``, in seconds per thread."""
         method.render(0)  # compiles the kernels
         return float(np.median([method.render(0)[3] for _ in range(3)]))
 
@@ -216,10 +234,12 @@ def equal_cost_methods(scene: ComparedScene, a: Method, b: Spec, transport: str)
 
 
 def equal_error(points: list[dict[str, Any]], cost: str, measure: str, row: dict[str, Any]) -> dict[str, Any]:
-    """Returns the cost at which the curve ``points`` has the error of ``row``, divided by the cost of ``row``.
+    """Returns the ratio of two costs: the cost at which the error curve ``points`` has the same error as ``row``,
+    divided by the cost of ``row``.
 
-    If the curve does not reach the error of ``row``, ``reached`` is False and the highest cost of the curve is used. If
-    the curve starts below the error of ``row``, the lowest cost of the curve is used.
+    If all errors of the curve are above the error of ``row``, the result ``reached`` is False and the highest cost of
+    the curve is used. If already the first point of the curve has a smaller error than ``row``, the cost of this point
+    is used.
     """
     costs = [median(point, cost) for point in points]
     *errors, error = (median(facts, measure) for facts in (*points, row))
@@ -228,10 +248,11 @@ def equal_error(points: list[dict[str, Any]], cost: str, measure: str, row: dict
 
 
 def scales(images: Mapping[str, np.ndarray]) -> dict[str, float]:
-    """Returns, for each kind of map, the value at the upper end of its colour scale, the same for all maps of a kind.
+    """Returns, for each kind of map (errors, ꟻLIP and sample counts), the value at the upper end of the colour scale,
+    which all maps of this kind share.
 
-    For sample counts, this is the maximum. For errors, it is the 99.5th percentile, so that a few very bright pixels do
-    not make the rest of the map dark.
+    For sample counts, the colour scale ends at the maximum. For errors, the colour scale ends at the 99.5th percentile,
+    so that a few pixels with very large errors do not make the rest of the map dark.
     """
     result = {}
     for kind in COLOUR_MAPS:

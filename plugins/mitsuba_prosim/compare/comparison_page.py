@@ -1,4 +1,6 @@
-"""The page of ``prosim compare``: one HTML file without links, and its numbers as JSON."""
+"""Makes the page with the results of ``prosim compare``, one HTML file that needs no other files, and a JSON file with
+the same numbers.
+"""
 
 import base64
 import io
@@ -30,8 +32,8 @@ COLOURS = {"a": "#c2410c", "b": "#1d4ed8"}
 
 
 def html(facts: Facts, images: Mapping[str, np.ndarray]) -> str:
-    """Returns the HTML text of the page. Elements ``<data value=...>`` hold each number with the full precision of
-    ``facts``.
+    """Returns the HTML text of the page. Each number on the page is an HTML element ``<data value=...>``, whose value
+    has the full precision of ``facts``.
     """
     import jinja2
 
@@ -46,15 +48,15 @@ def html(facts: Facts, images: Mapping[str, np.ndarray]) -> str:
 
 
 def described(role: str) -> str:
-    """Describes the role of a row of the table, in words."""
+    """Returns the role of a table row in words, such as "equal time, denoised" for "b at equal time denoised"."""
     kind = "equal samples" if "samples" in role else "equal time" if "time" in role else "as in the scene"
     return kind + (", denoised" if role.endswith(" denoised") else "")
 
 
 def number(value: float | None, form: str = ".3g") -> str:
-    """Returns a number as an HTML element ``<data>``, which has the exact value; "–" for None.
+    """Returns a number as an HTML element ``<data>`` with the exact number as its value; "–" for None.
 
-    The reader sees the number in Python's format ``form``, but never with an exponent.
+    The page shows the number in the Python format ``form``, but always without an exponent.
     """
     import markupsafe
 
@@ -72,7 +74,9 @@ def data_uri(file: io.BytesIO, kind: str) -> str:
 
 
 def encode(facts: Facts, images: Mapping[str, np.ndarray]) -> dict[str, str]:
-    """Returns the images as data URIs of PNG files; maps of one kind have the same colour scale."""
+    """Returns each image as the data URI of a PNG file: name -> URI. All maps of the same kind, such as all error maps,
+    have the same colour scale.
+    """
     from matplotlib.image import imsave
 
     result = {}
@@ -89,7 +93,7 @@ def encode(facts: Facts, images: Mapping[str, np.ndarray]) -> dict[str, str]:
 
 
 def chart(section: Facts) -> str:
-    """Draws the error curves of a section; returns an SVG image as a data URI."""
+    """Draws the curves of error against cost of a section; returns the chart as the data URI of an SVG image."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.5, 6.6), layout="constrained")
@@ -114,5 +118,5 @@ def chart(section: Facts) -> str:
 
 
 def json_text(facts: Facts) -> str:
-    """Returns all results as JSON, with the full precision of each number."""
+    """Returns the results ``facts`` of a comparison as JSON text, with the full precision of each number."""
     return json.dumps(facts, indent=1, ensure_ascii=False) + "\n"

@@ -1,6 +1,6 @@
-"""Measures of the error between an image and its reference, and properties of curves of error against cost.
+"""Error measures between an image and its reference image, and properties of error curves (error against cost).
 
-Images are arrays of shape (height, width, 3) with linear colours; white is 1.
+In this module, images are arrays of shape (height, width, 3) with linear colours; white is 1.
 """
 
 from collections.abc import Sequence
@@ -9,20 +9,21 @@ import numpy as np
 
 
 def display(image: np.ndarray) -> np.ndarray:
-    """Converts a linear image to displayed values: sRGB in [0, 1]."""
+    """Converts a linear image to the values that a screen displays: sRGB in [0, 1]."""
     image = np.clip(image, 0, 1)
     return np.where(image <= 0.0031308, 12.92 * image, 1.055 * np.power(image, 1 / 2.4) - 0.055)
 
 
 def rmse(image: np.ndarray, reference: np.ndarray) -> float:
-    """Root mean squared error of the linear image, over pixels and channels."""
+    """Root mean squared error of the linear image against the reference, over all pixels and channels."""
     return float(np.sqrt(np.mean(np.square(image - reference))))
 
 
 def tone_mapped_error(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Error of each pixel, shape (height, width): the root mean square over the three channels after tone mapping.
+    """Error of each pixel after tone mapping, shape (height, width): the root mean square of the errors of the three
+    channels.
 
-    The tone curve is a square root, with white at 1 and without an upper limit.
+    The tone curve is the square root of the linear value; values above white (1) are not clipped.
     """
     difference = np.sqrt(np.maximum(image, 0)) - np.sqrt(np.maximum(reference, 0))
     return np.sqrt(np.mean(np.square(difference), axis=2))
@@ -39,7 +40,8 @@ def percentile99(image: np.ndarray, reference: np.ndarray) -> float:
 
 
 def relative_mse(image: np.ndarray, reference: np.ndarray) -> float:
-    """Mean, over pixels and channels, of the squared error divided by the squared reference plus 0.01.
+    """Mean of the relative squared error over all pixels and channels: the squared error divided by (the squared
+    reference value plus 0.01).
 
     Source: Rousselle et al. (2011).
     """
@@ -47,9 +49,10 @@ def relative_mse(image: np.ndarray, reference: np.ndarray) -> float:
 
 
 def ssim(image: np.ndarray, reference: np.ndarray) -> float:
-    """Structural similarity of the displayed images; 1 for equal images. Source: Wang et al. (2004).
+    """Structural similarity (SSIM) of the displayed image and the displayed reference; 1 for equal images. Source: Wang
+    et al. (2004).
 
-    The images need at least 7 x 7 pixels.
+    The image and the reference must have at least 7 x 7 pixels.
     """
     from skimage.metrics import structural_similarity
 
@@ -57,7 +60,8 @@ def ssim(image: np.ndarray, reference: np.ndarray) -> float:
 
 
 def flip_map(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """ꟻLIP of the displayed images: the visible difference of each pixel, 0 to 1, at 67 pixels per degree.
+    """The error measure ꟻLIP of each pixel, 0 to 1: the difference that a viewer sees between the displayed image and
+    the displayed reference, at 67 pixels per degree of the visual angle.
 
     Source: Andersson et al. (2020).
     """
@@ -77,17 +81,20 @@ ALL = {f.__name__: f for f in (rmse, tone_mapped_rmse, percentile99, relative_ms
 
 
 def slope(costs: Sequence[float], errors: Sequence[float]) -> float:
-    """Slope of the logarithm of error over the logarithm of cost, by least squares.
+    """Slope of an error curve in a log-log plot (error against cost), by a least-squares fit.
 
-    Independent samples have the slope -0.5, ideally stratified samples -1.
+    The slope of the RMS error against the number of samples is -0.5 for independent samples, and -1 for ideally
+    stratified samples.
     """
     return float(np.polyfit(np.log(costs), np.log(errors), 1)[0])
 
 
 def cost_at(error: float, costs: Sequence[float], errors: Sequence[float]) -> float | None:
-    """Cost at which a curve of points (cost, error) reaches ``error``, by linear interpolation of the logarithms.
+    """Cost at which an error curve, given by ``costs`` and ``errors``, reaches the value ``error``, by linear
+    interpolation of the logarithms.
 
-    The result is None if the curve does not reach ``error``, or starts below ``error``.
+    The result is None if all errors of the curve are above ``error``, or if already the error at the lowest cost is
+    below ``error``.
     """
     order = np.argsort(costs)
     x, y = np.log(np.asarray(costs, float)[order]), np.log(np.asarray(errors, float)[order])

@@ -1,4 +1,6 @@
-"""The methods that a comparison renders: integrators and samplers in one scene."""
+"""Prepares the methods that are compared. A method is an integrator with its parameters and a sampler, which render one
+scene.
+"""
 
 from __future__ import annotations
 
@@ -24,16 +26,16 @@ TRANSPORT: dict[str, dict[str, Any]] = {"direct": {"max_level": 0}, "paths": {"m
 
 
 class Spec:
-    """The specification of a method, such as ``path:multijitter,max_depth=5``, and its parts.
-
-    ``changes`` replace parameters in the text.
+    """The parsed specification of a method: integrator, sampler and parameters, such as
+    ``path:multijitter,max_depth=5``.
     """
 
     def __init__(self, text: str, **changes: Any) -> None:
-        """Parses ``text``; a value that is not a Python literal or a boolean is a string.
+        """Parses the specification ``text``. The value of a parameter is a Python literal, ``true`` or ``false``; any
+        other value is read as a string.
 
-        ``changes`` are parameters that replace those of ``text``. Raises ValueError if ``text`` does not have the form
-        :data:`FORM`.
+        ``changes`` are parameters that replace the parameters of the same names in ``text``. Raises ValueError if
+        ``text`` does not have the form :data:`FORM`.
         """
         head, *parameters = text.split(",")
         self.text = text
@@ -53,35 +55,40 @@ class Spec:
             raise ValueError(f"{text!r} is not of the form {FORM}")
 
     def with_parameters(self, **changes: Any) -> Spec:
-        """Returns this specification with other values of some parameters."""
+        """Returns a copy of this specification, in which the parameters ``changes`` are replaced or added."""
         return Spec(self.text, **self.parameters | changes)
 
     def until(self, noise: float) -> Spec:
-        """Returns this specification with the error target ``noise``, if the integrator :attr:`is_adaptive`.
+        """Returns a copy of this specification with the error target ``noise``; an unchanged copy if the integrator is
+        not adaptive.
 
-        The policy is ``graded``, unless the specification has another value of the parameter ``adaptive``.
+        In the copy, the parameter ``adaptive`` (the sampling policy) is ``graded``, unless this specification already
+        has a value of the parameter.
         """
         changes = {"adaptive": self.parameters.get("adaptive", "graded"), "noise": noise} if self.is_adaptive else {}
         return self.with_parameters(**changes)
 
     @property
     def is_adaptive(self) -> bool:
-        """Whether the integrator is ``prosim``, whose own parameters decide how many samples it takes.
+        """Whether the integrator is ``prosim``, whose parameters, and not the sampler, determine the number of samples.
 
-        The property is true for ``prosim,adaptive=none``, too, although its number of samples is fixed.
+        The property is true also for ``prosim,adaptive=none``, although this method takes the same number of samples in
+        each pixel.
         """
         return self.integrator == "prosim"
 
     @property
     def transport(self) -> str | None:
-        """The light transport that the integrator computes; None for an integrator that can compute each transport."""
+        """The light paths that the integrator simulates: "paths" (all light paths) or "direct" (direct light only);
+        None for ``prosim``, which can simulate any selection of light paths.
+        """
         return {"prosim": None, "direct": "direct"}.get(self.integrator, "paths")
 
 
 @dataclass(eq=False)
 class Method:
-    """An integrator, a scene, and a sensor with a sampler. ``spp`` is the number of samples per pixel; 0 means the
-    integrator's number.
+    """A method of a comparison: an integrator that renders a scene, seen by a sensor with a sampler. ``spp`` is the
+    number of samples per pixel; 0 means the number in the integrator's parameters.
     """
 
     name: str
@@ -93,7 +100,7 @@ class Method:
     denoised: bool = False
 
     def render(self, seed: int) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """Renders an image; returns the image and its cost.
+        """Renders an image with the seed ``seed``; returns the image and the cost of the render.
 
         The result is the image (height, width, 3), the sample counts (height, width), the elapsed seconds, and the
         processor seconds per thread.
@@ -123,7 +130,9 @@ class ComparedScene:
         self.settings = {name: value for name, value in props.items() if isinstance(value, (bool, int, float, str))}
 
     def sensor(self, sampler: str | None = None) -> mi.Sensor:
-        """Returns the first sensor of the scene, with the sampler that is named, or with its own sampler."""
+        """Returns the first sensor of the scene, with the sampler plugin ``sampler``, or with the sampler in the scene
+        file if ``sampler`` is None.
+        """
         if sampler not in self._sensors:
             self._sensors[sampler] = self.file.load(sampler).sensors()[0]
             gc.collect()  # deletes the loaded scene, because Dr.Jit traces the BSDFs of all existing scenes
@@ -131,7 +140,9 @@ class ComparedScene:
 
     @cached_property
     def lit(self) -> mi.Scene:
-        """The scene with the integrator's background as an emitter, because other integrators have no background."""
+        """The scene with the background of the integrator ``prosim`` replaced by an emitter, because other integrators
+        have no background.
+        """
         background = self.textures.get("background")
         return self.scene if background is None else with_background_emitter(self.scene, background)
 
@@ -139,8 +150,8 @@ class ComparedScene:
         """Returns the :class:`Method` of a specification.
 
         ``transport`` selects the light paths: "scene" (as the scene file says), "paths" (all) or "direct" (direct light
-        only). ``spp`` is the number of samples per pixel. If ``spp`` is 0, an adaptive integrator chooses the number of
-        samples, and other integrators take the sampler's.
+        only). ``spp`` is the number of samples per pixel. If ``spp`` is 0, the parameters of ``prosim`` determine the
+        number of samples; any other integrator takes the sampler's number.
         """
         settings: dict[str, Any] = {"type": spec.integrator}
         if spec.integrator == self.integrator:
@@ -158,16 +169,18 @@ class ComparedScene:
 
 
 def can_light(background: Any) -> bool:
-    """Whether ``background`` is None, or a texture that can be converted to an emitter: a colour or a bitmap."""
+    """Whether the integrator's ``background`` is None, or can be converted to an emitter because it is a constant
+    colour or a bitmap.
+    """
     return background is None or not background.is_spatially_varying() or "data" in mi.traverse(background)
 
 
 def with_background_emitter(scene: mi.Scene, background: mi.Texture) -> mi.Scene:
-    """Returns a scene of the same shapes and emitters, with ``background`` as an additional emitter, and without a
-    sensor.
+    """Returns a new scene with the shapes and emitters of ``scene``, with ``background`` as an additional emitter, and
+    without a sensor.
 
-    The two scenes share their objects, because Dr.Jit traces all BSDFs and emitters that exist. Raises ValueError if
-    the background varies in space and is not a bitmap.
+    The new scene contains the same objects as ``scene``, not copies, because Dr.Jit traces all BSDFs and emitters that
+    exist. Raises ValueError if the background varies in space and is not a bitmap.
     """
     if not can_light(background):
         raise ValueError(

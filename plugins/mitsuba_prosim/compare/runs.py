@@ -1,4 +1,4 @@
-"""Renders converged references, and measures methods in timed, interleaved runs."""
+"""Renders converged reference images, and measures the time and the error of methods in interleaved renders."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ REFERENCE_SEEDS = 1 << 20
 class Runs:
     """The runs of one method.
 
-    ``values`` are the results of all rounds, by name: "seconds", "cpu" and each measure of error against ``reference``.
-    ``image`` is the last image multiplied by ``scale``. ``counts`` is the number of samples of each pixel of the last
-    image.
+    ``values`` are the results of all rounds: name -> list. The names in ``values`` are "seconds" (elapsed time), "cpu"
+    (processor time) and the names of the error measures, which compare the image with ``reference``. ``image`` is the
+    latest image of the method, multiplied by ``scale`` (the exposure). ``counts`` is the number of samples of each
+    pixel of the latest image.
     """
 
     method: Method
@@ -37,9 +38,11 @@ class Runs:
     counts: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def measure(self, number: int) -> None:
-        """Renders an image with the seed ``number``, and stores its time and its errors in ``values``.
+        """Renders an image with the seed ``number``, and stores the rendering time and the errors of the image in
+        ``values``.
 
-        ``number`` is the number of the round. Round 0 only compiles the kernels; its time and errors are not stored.
+        ``number`` is the number of the round. Round 0 only compiles the kernels; the time and the errors of round 0 are
+        not stored.
         """
         image, self.counts, seconds, cpu = self.method.render(number)
         self.image = image * self.scale
@@ -49,8 +52,8 @@ class Runs:
                 self.values.setdefault(name, []).append(value)
 
     def facts(self) -> dict[str, Any]:
-        """Returns the mean number of samples per pixel of the last image; and the median, minimum and maximum of each
-        result over the rounds.
+        """Returns the mean number of samples per pixel of the latest image, and, for each time and each error measure,
+        the median, the minimum and the maximum over all rounds.
         """
         return {"samples": float(np.mean(self.counts))} | {
             name: {"median": float(np.median(values)), "least": min(values), "most": max(values)}
@@ -59,9 +62,10 @@ class Runs:
 
 
 def interleaved(runs: Sequence[Runs], rounds: int) -> Iterator[float]:
-    """Measures each of the ``runs`` once for warming up, and then once in each round; yields the progress, 0 to 1.
+    """Calls :meth:`Runs.measure` of each of ``runs`` once for warming up, and then once in each round; yields the
+    progress, 0 to 1.
 
-    The runs are measured in turn, so that other load of the machine affects all runs equally.
+    The methods render in turn, so that other load of the machine affects the measured times of all methods equally.
     """
     for number in range(rounds + 1):
         for k, run in enumerate(runs):
@@ -70,10 +74,11 @@ def interleaved(runs: Sequence[Runs], rounds: int) -> Iterator[float]:
 
 
 class Reference:
-    """A converged image. It is complete after :meth:`converge`.
+    """A converged reference image; the attributes of this object are complete after :meth:`converge`.
 
-    The ``estimators`` are methods with the same expected image; each of the methods renders many images. The reference
-    is the mean of the estimators' mean images, weighted by the inverse of their variances.
+    The ``estimators`` are methods whose images have the same expected value; each of these methods renders many images.
+    The reference image is the weighted mean of the methods' mean images; each weight is proportional to the inverse of
+    the mean image's variance.
     """
 
     def __init__(self, estimators: Sequence[Method]) -> None:
@@ -82,8 +87,8 @@ class Reference:
         self.seconds, self.passes = 0.0, 0
 
     def converge(self, seconds: float) -> Iterator[float]:
-        """Renders the estimators in turn for ``seconds`` seconds, and at least three times each; yields the progress, 0
-        to 1.
+        """Renders images with each estimator in turn for ``seconds`` seconds, but at least three images with each;
+        yields the progress, 0 to 1.
         """
         sums, squares, begin = np.zeros(1), np.zeros(1), time.perf_counter()
         while self.passes < 3 or self.seconds < seconds:
@@ -108,7 +113,7 @@ class Reference:
 
 
 def machine() -> dict[str, str | int | float | None]:
-    """Returns the software, the processor, the number of cores and the load of this machine."""
+    """Returns a description of this machine: its software, its processor, its number of cores and its current load."""
     return environment.this_environment() | {
         "cores": os.cpu_count(),
         "threads": dr.thread_count(),

@@ -1,8 +1,9 @@
-"""A denoiser that estimates the error of its result, and mixes the denoised image with the samples.
+"""Denoises an image, mixes the denoised image with the raw image, and estimates the error of the result.
 
-The module ``oidn`` calls the denoiser. ``mixing`` mixes the images at the scales of ``pyramid``. ``denoised`` combines
-the denoiser and the mixture. ``halves`` renders two independent images of a scene and the features. ``layers`` stores
-the result in a bitmap or in a film.
+The module ``oidn`` calls Open Image Denoise. The module ``mixing`` mixes the raw and the denoised image separately at
+several scales, which the module ``pyramid`` computes. The module ``denoised`` denoises two independent images of a
+scene and mixes the result. The module ``halves`` renders two independent images of a scene, and the albedo and the
+normals for the denoiser. The module ``layers`` stores the final image and its layers in a bitmap or in a film.
 """
 
 from .denoised import denoise

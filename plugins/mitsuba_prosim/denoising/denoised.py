@@ -16,16 +16,18 @@ def denoise(
     normal: np.ndarray | None = None,
     fast: bool = False,
 ) -> Denoised:
-    """Denoises an image that consists of two halves of the samples, and mixes the result with the raw image.
+    """Denoises an image that is given as two images, each from half of the samples, and mixes the denoised image with
+    the raw image.
 
     ``first``, ``second``
         Linear images of the same scene, with equally many samples and different seeds: shape (height, width, channels)
-        with 1 or 3 channels, or (height, width). A value that is not finite is replaced by the value of the other half,
-        or by black if no half has a finite value.
+        with 1 or 3 channels, or (height, width). A pixel value that is not finite is replaced by the value of the other
+        image, or by 0 if neither image has a finite value.
     ``albedo``, ``normal``
-        Images of :ref:`integrator-prosim_features` from independent samples: shape (height, width, 3), or None.
+        Images of :ref:`integrator-prosim_features`, from samples that are independent of ``first`` and ``second``:
+        shape (height, width, 3), or None.
     ``fast``
-        Use smaller networks, which are several times faster.
+        Use smaller neural networks, which are several times faster.
 
     Returns a :class:`Denoised`. Raises ValueError where the shapes do not fit, and :class:`.oidn.MissingError` where
     the package mitsuba-oidn is not installed.
@@ -45,8 +47,8 @@ def denoise(
 
 
 def denoise_halves(first: np.ndarray, second: np.ndarray, denoiser: Denoiser) -> Denoised:
-    """Denoises two halves of shape (height, width, 1 or 3) by a ``denoiser`` that holds the features
-    (:func:`denoise`).
+    """Denoises the images ``first`` and ``second``, shape (height, width, 1 or 3), by a ``denoiser`` that has the
+    albedo and the normals, see :func:`denoise`.
     """
     first, second = (np.where(np.isfinite(a), a, b) for a, b in ((first, second), (second, first)))
     # Values are clipped so that their squares are finite.

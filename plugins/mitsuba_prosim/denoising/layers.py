@@ -1,4 +1,4 @@
-"""A denoised image with its layers (raw image, denoised image, errors), as a bitmap or in a film."""
+"""Stores the final image of the denoiser and its layers (raw image, denoised image, errors) in a bitmap or a film."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from .halves import FinalImage
 
 
 def bitmap(final: FinalImage) -> mi.Bitmap:
-    """Returns a bitmap with all :func:`channels` of the denoised image."""
+    """Returns a bitmap with the final image and all its layers, see :func:`channels`."""
     return of_channels(channels(final, final.names[: final.denoised().final.shape[2]]))
 
 
 def channels(final: FinalImage, colours: Sequence[str]) -> dict[str, np.ndarray]:
     """Returns the channels of the final image and of all layers: name -> array of shape (height, width).
 
-    The channels are the colours of the final image, the integrator's own channels, the layers ``raw`` and ``denoised``,
-    and the errors of the final, the raw and the denoised image. The errors are ``error.Y``, ``error_raw.Y`` and
-    ``error_denoised.Y``.
+    The channels are the colours of the final image, alpha and the AOVs of the integrator, the layers ``raw`` and
+    ``denoised``, and the errors of the final, the raw and the denoised image. The channels of the three errors have the
+    names ``error.Y``, ``error_raw.Y`` and ``error_denoised.Y``.
     """
     denoised = final.denoised()
     errors = {"": denoised.final_error, "_raw": denoised.raw_error, "_denoised": denoised.denoised_error}
@@ -32,10 +32,10 @@ def channels(final: FinalImage, colours: Sequence[str]) -> dict[str, np.ndarray]
 
 
 def update_film(final: FinalImage, names: Sequence[str]) -> None:
-    """Writes the final image to the film.
+    """Writes the final image and its layers to the film of the sensor.
 
-    ``names`` are the :func:`channels` to store after the colours. Raises ValueError if the film's colours are not R, G,
-    B or Y.
+    ``names`` are the names of the :func:`channels` that the film stores in addition to the colours of the final image.
+    Raises ValueError if the film stores neither RGB colours nor the luminance.
     """
     film = final.sensor.film()
     if final.names[0] not in ("R", "Y"):
@@ -51,10 +51,11 @@ def update_film(final: FinalImage, names: Sequence[str]) -> None:
 
 
 def parse_factor(text: str) -> tuple[str, np.ndarray]:
-    """Parses a layer and its factor, for :func:`mixed`: returns ``(name, factor)`` of a text such as ``lamp1=0.5`` or
-    ``lamp1=1,0.8,0.6`` (red, green, blue).
+    """Returns the name of a layer and its factor from a text such as ``lamp1=0.5`` or ``lamp1=1,0.8,0.6`` (red, green,
+    blue), for :func:`mixed`.
 
-    Raises ValueError for a text of another form, and for a factor that is negative or above :data:`.BRIGHTEST`.
+    Raises ValueError if the text has another form, or if a number of the factor is negative or above
+    :data:`.BRIGHTEST`.
     """
     name, _, values = text.partition("=")
     factor = np.array(values.split(","), dtype=np.float64)
@@ -66,10 +67,11 @@ def parse_factor(text: str) -> tuple[str, np.ndarray]:
 def mixed(
     layers: Mapping[str, np.ndarray], factors: Iterable[tuple[str, np.ndarray]]
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Multiplies layers by factors, and returns ``(sum, layers)``: the sum of all layers, and the layers.
+    """Multiplies ``layers`` by ``factors``, and returns ``(sum, layers)``: the sum of all layers after the
+    multiplication, and these layers.
 
-    Each layer has the shape (height, width, 3). ``factors`` are pairs of the name of a layer and a factor, which has
-    one number or three numbers. Raises KeyError if no layer has the name of a factor.
+    Each layer has the shape (height, width, 3). ``factors`` are pairs (name of a layer, factor); a factor has one
+    number, or three numbers for red, green and blue. Raises KeyError if ``factors`` contains a name that no layer has.
     """
     result = dict(layers)
     for name, factor in factors:
@@ -78,15 +80,16 @@ def mixed(
 
 
 def planes(prefix: str, image: np.ndarray, colours: Sequence[str] = "RGB") -> dict[str, np.ndarray]:
-    """Returns the channels of ``image``, shape (height, width, 1 or 3): name -> array of shape (height, width).
+    """Returns the channels of ``image``, shape (height, width, 1 or 3), as a dictionary: name -> array of shape
+    (height, width).
 
-    A name is ``prefix`` plus the name of the colour. An image of one channel is repeated for each of the ``colours``,
-    because films store three colours.
+    The name of a channel is ``prefix`` plus the name of the colour, such as ``raw.R``. If ``image`` has only one
+    channel, each of the ``colours`` gets the values of this channel, because films store three colours.
     """
     return {prefix + name: image[..., k % image.shape[2]] for k, name in enumerate(colours)}
 
 
 def of_channels(planes: dict[str, np.ndarray]) -> mi.Bitmap:
-    """Returns a bitmap of named channels, each of shape (height, width)."""
+    """Returns a bitmap with the channels ``planes``: name of a channel -> array of shape (height, width)."""
     values = np.stack(list(planes.values()), axis=2, dtype=np.float32)
     return mi.Bitmap(values, mi.Bitmap.PixelFormat.MultiChannel, list(planes))

@@ -1,25 +1,32 @@
-"""Mixes a denoised image with the raw image. Two independent halves of the samples estimate the errors of both images.
+"""Mixes a denoised image with the raw image. The errors of the raw and of the denoised image are estimated from two
+images, each from an independent half of the samples.
 
 Let A and B be images of the same scene from different samples, M = (A + B) / 2 the raw image, and d = (A - B) / 2. The
-noise d has the variance of M's noise, and is independent of M's noise if the noise is Gaussian. The denoiser is applied
-to M + d/2 and M - d/2 separately. D is the mean of the two results, and e is their difference, the response of the
-denoiser to noise like d. In any window of pixels, the following estimators are about unbiased (Stein 1981; exactly if
-the denoiser is linear in the noise):
+half difference d of the images A and B contains only noise, which has the same variance as the noise of their mean M.
+If the noise of A and B is Gaussian, the half difference d is independent of the noise of the mean M. The denoiser is
+applied separately to M + d/2 and M - d/2, the raw image M plus and minus half of the noise d. The denoised image D is
+the mean of the denoiser's two results, and e is the difference of the two results: the denoiser's response to the noise
+d. As means over any window of pixels, the following estimators are about unbiased (Stein 1981; exactly unbiased if the
+denoiser is linear in the noise):
 
     d²                      the variance of the raw image M,
     d e                     the covariance of D and M,
     (M - D)² - d² + 2 d e   the squared error of D,
     (M - D)² - d² + d e     (M - D) times the signal that D lacks.
 
-A share of M - D is added to the denoised image D, separately at each scale. The share depends on the fraction of signal
-in M - D, as in Wiener's filter. Light that the denoiser removed from small spots returns in the mixture as a wide,
-faint difference, which many pixels together determine. The variance of each share is estimated too. If the share does
-not differ significantly from the share of a wide neighbourhood, the share of the neighbourhood is used (James and Stein
-1961).
+At each scale of an image pyramid, a share (0 to 1) of M - D, the raw image minus the denoised image, is added to the
+denoised image D. As in Wiener's filter, the share of M - D that is added is the estimated fraction of M - D (raw minus
+denoised image) that is signal, not noise. If the denoiser has removed the light of small spots, the coarse scales add
+this light again as a wide, faint correction, because only many pixels together show that light is missing. The share of
+M - D that is added at a pixel is uncertain, so the variance of the share is estimated, too. The less significantly the
+share of a pixel differs from the share of a wide neighbourhood, the more it is moved towards the share of the
+neighbourhood (James and Stein 1961).
 
-Let f be the tone curve (:func:`display_value`). The squared error of the displayed result f(F) is estimated by (f(F) -
-f(A)) (f(F) - f(B)) plus twice the product of the noise and its response, which includes the response of the shares. The
-mean of the estimated squared error over the image is nearly unbiased.
+Let f be the tone curve (:func:`display_value`), and F the mixture. The squared error of the displayed mixture f(F) is
+estimated by (f(F) - f(A)) (f(F) - f(B)) plus twice the product of the displayed noise and the response of f(F) to this
+noise. The response of the mixture to noise includes the change of the shares that the noise causes. The mean of the
+estimated squared errors over the whole image is a nearly unbiased estimate of the mean squared error of the displayed
+mixture.
 """
 
 from __future__ import annotations
@@ -61,7 +68,9 @@ COMMON = 1.08
 
 @dataclass(frozen=True)
 class Denoised:
-    """A denoised image: images of shape (height, width, channels) and maps of shape (height, width)."""
+    """The result of the denoiser: the raw, the denoised and the final image, shape (height, width, channels), and maps
+    of their errors, shape (height, width).
+    """
 
     #: The mean of the two halves; the output of the denoiser; and the mixture of both images.
     raw: np.ndarray
@@ -79,12 +88,12 @@ class Denoised:
 
     @property
     def raw_noise(self) -> float:
-        """Estimated RMS error of the displayed luminance of the raw image (white = 1)."""
+        """Estimated RMS error of the raw image's displayed luminance over all pixels (white = 1)."""
         return float(self.raw_squares.mean()) ** 0.5
 
     @property
     def noise(self) -> float:
-        """Estimated RMS error of the displayed luminance of the final image (white = 1)."""
+        """Estimated RMS error of the final image's displayed luminance over all pixels (white = 1)."""
         return max(float(self.final_squares.mean()), 0.0) ** 0.5
 
     @property
@@ -94,29 +103,33 @@ class Denoised:
         The error exceeds the bound with a probability of about 5 %: 95 % of a normal distribution are below its mean
         plus 1.645 standard deviations. The bound contains the factor :data:`COMMON`.
 
-        The noise of ``final_squares`` at a pixel is about the product of the noise of the two halves. If s² is the
-        variance of the raw image, each half has the variance 2 s², and the product has the variance 4 s^4.
-        ``raw_squares`` are d², and the mean of d^4 is 3 s^4 for Gaussian noise, so 4/3 d^4 estimates 4 s^4.
+        At each pixel, the noise of the estimate ``final_squares`` is about the product of the noise of the two half
+        images. If s² is the variance of the raw image, each half image has the variance 2 s², and the product of the
+        noise of the two half images has the variance 4 s^4. ``raw_squares`` are d², where d is noise of the variance
+        s²; for Gaussian noise, the mean of d^4 is 3 s^4, so 4/3 d^4 estimates 4 s^4.
         """
         deviation = float(np.sqrt(np.sum(self.raw_squares**2) * 4 / 3)) / self.raw_squares.size
         return COMMON * max(float(self.final_squares.mean()) + 1.645 * deviation, 0.0) ** 0.5
 
 
 def inputs(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the two images to denoise.
+    """Returns the two images to which the denoiser is applied.
 
-    Each image is three quarters of one half of the samples plus one quarter of the other half: M + d/2 and M - d/2 in
-    the notation of this module.
+    Each of the returned images is three quarters of ``first`` or ``second`` plus one quarter of the other image. The
+    returned images are M + d/2 and M - d/2, where M is the mean of ``first`` and ``second``, and d is half their
+    difference.
     """
     quarter = (first - second) / 4
     return first - quarter, second + quarter
 
 
 def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_second: np.ndarray) -> Denoised:
-    """Returns the mixture of (first + second) / 2 and (near_first + near_second) / 2 with the least expected error.
+    """Returns the mixture of the raw image (first + second) / 2 and the denoised image (near_first + near_second) / 2
+    that has the least expected error.
 
-    ``near_first`` and ``near_second`` are the denoised images of :func:`inputs`. All four arguments have the same
-    shape (height, width, channels), and only finite values. The halves ``first`` and ``second`` are independent.
+    ``near_first`` and ``near_second`` are the denoiser's results for the two images that :func:`inputs` returns. All
+    four arguments have the same shape (height, width, channels), and only finite values. The images ``first`` and
+    ``second`` are from independent halves of the samples.
     """
     # In the notation of this module: M, d, D and e.
     raw, noise = (first + second) / 2, (first - second) / 2
@@ -143,10 +156,10 @@ def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_seco
 
 
 def unmixed(raw: np.ndarray, error: np.ndarray, noise: float) -> Denoised:
-    """Returns the raw image as a :class:`Denoised`, without a denoiser.
+    """Returns a :class:`Denoised` whose final image is the raw image, because the denoiser is not needed.
 
     ``error``, shape (height, width), is proportional to the standard error of each pixel's luminance. This function
-    multiplies it by a constant factor, so that the RMS error of the displayed image (white = 1) is ``noise``.
+    multiplies ``error`` by a constant factor, so that the RMS error of the displayed image (white = 1) is ``noise``.
     """
     error = np.nan_to_num(error, posinf=0)
     squares = np.square(error / (2 * display_value(raw)))  # the slope of the tone curve is 1 / (2 display_value)
@@ -160,10 +173,10 @@ def combined(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns ``(mixture, response)``.
 
-    ``mixture`` is the mixture of ``raw`` and ``denoised``. ``response`` is the change of the mixture if ``noise`` is
-    added to the samples and the shares stay constant. ``followed`` is the change of the denoised image due to
-    ``noise``. ``weight``, shape (height, width), is the factor by which the squared error of each pixel is multiplied.
-    See :func:`mix` for its value.
+    ``mixture`` is the mixture of the images ``raw`` and ``denoised``. ``response`` is the change of the mixture if
+    ``noise`` is added to the raw image and the shares of the mixture stay constant. ``followed`` is the change of the
+    denoised image if ``noise`` is added to the raw image. ``weight``, shape (height, width), is the factor by which the
+    squared error of each pixel is multiplied, because the mixture minimises a weighted error.
     """
     scales = [bands(image, SCALES, LEAST_SIDE) for image in (raw - denoised, noise, noise - followed)]
     # At each scale: r is M - D, d the noise, t the noise that the denoiser takes away (so e = d - t), w the weight.
@@ -178,17 +191,18 @@ def combined(
 def squares(
     image: np.ndarray, first: np.ndarray, second: np.ndarray, response: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns ``(raw_squares, final_squares)``, the squared errors of :class:`Denoised`, shape (height, width).
+    """Returns the maps ``raw_squares`` and ``final_squares`` of :class:`Denoised`: the estimated squared errors of the
+    displayed raw image and of the displayed final image.
 
-    ``response`` is half the change of ``image`` if the noise d = (first - second) / 2 is added to the samples. The
-    docstring of this module explains the estimator of ``final_squares``.
+    ``image`` is the final image. ``response`` is half the change of ``image`` if the noise d = (first - second) / 2 is
+    added to the raw image. The docstring of this module explains the estimator of ``final_squares``.
     """
     final, a, b, above, below = (display_value(x) for x in (image, first, second, image + response, image - response))
     return np.square((a - b) / 2), (final - a) * (final - b) + (a - b) * (above - below)
 
 
 def display_value(image: np.ndarray) -> np.ndarray:
-    """Returns the displayed luminance, shape (height, width), by the tone curve of
+    """Returns the displayed luminance of a linear image, shape (height, width), by the tone curve of
     :func:`~mitsuba_prosim.engine.error.displayed`.
     """
     luminance = image @ LUMINANCE if image.shape[2] == 3 else image[..., 0]
@@ -196,18 +210,22 @@ def display_value(image: np.ndarray) -> np.ndarray:
 
 
 def displayed_squared(image: np.ndarray) -> np.ndarray:
-    """Returns about the square of the displayed value of each pixel, shape (height, width).
+    """Returns an approximation of the squared :func:`display_value` of each pixel, shape (height, width).
 
-    The mean of the channels replaces the luminance, because the errors are means over the channels, too.
+    The approximation uses the mean of the colour channels instead of the luminance, because the errors are also means
+    over the channels.
     """
     return np.maximum(image.mean(2), 0) + np.float32(0.01)
 
 
 def shares(removed: np.ndarray, noise: np.ndarray, followed: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Returns the share of M - D that is added to D at one scale: 0 to 1, shape (height, width).
+    """Returns, for one scale, the share (0 to 1) of M - D, the raw image minus the denoised image, that is added to the
+    denoised image D; shape (height, width).
 
-    ``removed``, ``noise`` and ``followed`` are M - D, d and e at this scale, shape (height, width, channels).
-    ``weight``, shape (height, width), is the factor by which the squared error of each pixel is multiplied.
+    At this scale, ``removed`` is the raw image minus the denoised image, ``noise`` is the noise d of the raw image, and
+    ``followed`` is the denoiser's response to the noise d; shape (height, width, channels). ``weight``, shape (height,
+    width), is the factor by which the squared error of each pixel is multiplied, because the mixture minimises a
+    weighted error.
     """
     # (M - D)², and its part that is signal; their ratio is the share.
     all_removed = (removed * removed).mean(2) * weight
@@ -225,22 +243,24 @@ def shares(removed: np.ndarray, noise: np.ndarray, followed: np.ndarray, weight:
 
 
 def spread(squares: np.ndarray, light: np.ndarray) -> np.ndarray:
-    """Distributes squared errors over the neighbourhood of each pixel, in proportion to the light.
+    """Smooths maps of squared errors over the neighbourhood of each pixel; brighter pixels get a greater part of the
+    error.
 
-    The squared errors relative to the light are averaged in the narrow window, and multiplied by the light of the
-    pixel. ``squares`` are n maps of squared errors, shape (height, width, n); ``light`` is positive, shape (height,
-    width). The result has the shape (n, height, width).
+    The squared errors are divided by the mean of ``light`` around them, averaged in the window :data:`NARROW`, and
+    multiplied by the ``light`` of the pixel. ``squares`` are n maps of squared errors, shape (height, width, n).
+    ``light`` is the brightness of each pixel, which must be positive, shape (height, width). The result has the shape
+    (n, height, width).
     """
     light_around = blur(light, *NARROW)[..., None]
     return np.moveaxis(light[..., None] * blur(squares / light_around, *NARROW), 2, 0)
 
 
 def with_light(image: np.ndarray, raw: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Returns ``image`` with the total light of ``raw`` in each channel.
+    """Returns ``image`` after a small change that gives each colour channel the same sum over all pixels as in ``raw``.
 
-    The change is at most the fraction :data:`LIGHT` of the light of ``image``. ``variance`` is the squared error of
-    each pixel, shape (height, width). All pixels get about the same part of the change, except for converged pixels
-    (:data:`SURE`), which get almost nothing.
+    The sum of a channel changes by at most the fraction :data:`LIGHT` of the sum in ``image``. ``variance`` is the
+    estimated squared error of each pixel of ``image``, shape (height, width). About the same value is added to each
+    pixel, except that almost nothing is added to converged pixels (see :data:`SURE`).
     """
     old_light = image.sum((0, 1), dtype=np.float64)
     missing = np.clip(raw.sum((0, 1), dtype=np.float64) - old_light, -LIGHT * abs(old_light), LIGHT * abs(old_light))
@@ -249,5 +269,5 @@ def with_light(image: np.ndarray, raw: np.ndarray, variance: np.ndarray) -> np.n
 
 
 def ratio(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Returns a / b, or 1 where b is not above 0."""
+    """Returns a / b for each element of the arrays; 1 where b is 0 or negative."""
     return np.divide(a, b, out=np.ones_like(a), where=b > 0)

@@ -14,7 +14,9 @@ class MissingError(ImportError):
 
 
 def load() -> ModuleType:
-    """Imports the module ``mitsuba_oidn``. Raises :class:`MissingError`, which names the package to install."""
+    """Imports and returns the module ``mitsuba_oidn``. If the module is not installed, raises :class:`MissingError`,
+    which names the package to install.
+    """
     try:
         import mitsuba_oidn
     except ImportError as error:
@@ -23,11 +25,11 @@ def load() -> ModuleType:
 
 
 class Denoiser:
-    """Open Image Denoise with the features of one view.
+    """Calls Open Image Denoise with the features (albedo and normals) of one view of a scene.
 
     The features are the albedo in [0, 1] and the normals in [-1, 1], arrays of shape (height, width, 3), or None. The
-    denoiser runs on the CPU in all variants. The bits of the denoised image depend on the number of threads. ``fast``
-    selects smaller networks, and features that are not denoised.
+    denoiser runs on the CPU in all variants of Mitsuba. The last bits of the denoised image depend on the number of
+    threads. ``fast`` selects smaller neural networks; the features are then used without being denoised first.
     """
 
     def __init__(self, albedo: np.ndarray | None = None, normal: np.ndarray | None = None, fast: bool = False) -> None:
@@ -42,7 +44,9 @@ class Denoiser:
         self.quality = quality.Fast if fast else quality.High
 
     def __call__(self, image: np.ndarray) -> np.ndarray:
-        """Returns the denoised ``image``, which is linear, of any range and of shape (height, width, 1 or 3)."""
+        """Returns the denoised ``image``. The values of ``image`` are linear and may be above 1; its shape is (height,
+        width, 1 or 3).
+        """
         colours = np.ascontiguousarray(np.broadcast_to(image, (*image.shape[:2], 3)), dtype=np.float32)
         result = self.oidn.denoise(
             colours, self.albedo, self.normal, hdr=True, clean_aux=self.clean, quality=self.quality, device=self.device
@@ -50,7 +54,9 @@ class Denoiser:
         return np.array(result).mean(2, keepdims=True) if image.shape[2] == 1 else np.array(result)
 
     def _feature(self, kind: str, feature: np.ndarray | None, quality: Any) -> np.ndarray | None:
-        """Returns a feature, denoised with this ``quality`` unless ``quality`` is None."""
+        """Returns a feature (albedo or normals), denoised by a network of this ``quality``; if ``quality`` is None, the
+        feature is not denoised.
+        """
         if feature is None:
             return None
         feature = np.ascontiguousarray(feature, dtype=np.float32)

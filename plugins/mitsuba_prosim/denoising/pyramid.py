@@ -8,10 +8,11 @@ import numpy as np
 
 
 def average(image: np.ndarray, times: int = 1) -> np.ndarray:
-    """Returns a weighted mean of each pixel and its neighbours within two rows and columns, repeated ``times`` times.
+    """Returns a smoothed image: each pixel becomes a weighted mean of the pixels within two rows and columns; this
+    filter is applied ``times`` times.
 
-    The result is about a Gaussian filter with a standard deviation of ``times``**0.5 pixels. Pixels beyond the border
-    have the values of the border.
+    The effect of the repeated filter is about that of a Gaussian filter with a standard deviation of ``times``**0.5
+    pixels. Pixels beyond the border of the image have the values of the nearest pixels at the border.
     """
     for _ in range(times):
         image = _across(_along(image))
@@ -19,22 +20,23 @@ def average(image: np.ndarray, times: int = 1) -> np.ndarray:
 
 
 def reduce(image: np.ndarray) -> np.ndarray:
-    """Returns the image at half the width and height, rounded up."""
+    """Returns a smoothed copy of the image at half the width and height, rounded up."""
     return _across(_along(image)[::2])[:, ::2]
 
 
 def expand(image: np.ndarray, height: int, width: int) -> np.ndarray:
-    """Returns a smooth image of the given size, about twice the size of ``image``; the details that :func:`reduce`
-    has removed stay lost.
+    """Returns ``image`` enlarged smoothly to ``width`` x ``height`` pixels, about twice its width and height. This
+    function does not restore the details that :func:`reduce` removed from an image.
     """
     return _doubled(_doubled(image, height).swapaxes(0, 1), width).swapaxes(0, 1)
 
 
 def blur(image: np.ndarray, levels: int, times: int) -> np.ndarray:
-    """Returns a wide, cheap mean around each pixel.
+    """Returns the mean over a wide window around each pixel, which is computed cheaply at a coarse scale.
 
-    The image is reduced ``levels`` times, averaged ``times`` times, and expanded again. The result is about a Gaussian
-    filter of the variance (2 (4^levels - 1) / 3 + 4^levels times) pixels².
+    The image is reduced ``levels`` times by :func:`reduce`, smoothed by :func:`average` with ``times``, and enlarged to
+    its old size by :func:`expand`. The effect of this function is about that of a Gaussian filter of the variance (2
+    (4^levels - 1) / 3 + 4^levels times) pixels².
     """
     smaller = gaussian_pyramid(image, levels + 1)
     result = average(smaller[-1], times)
@@ -44,9 +46,10 @@ def blur(image: np.ndarray, levels: int, times: int) -> np.ndarray:
 
 
 def gaussian_pyramid(image: np.ndarray, count: int, least_side: int = 0) -> list[np.ndarray]:
-    """Returns at most ``count`` levels of the Gaussian pyramid; the first level is ``image``.
+    """Returns at most ``count`` levels of the Gaussian pyramid; the first level is ``image``, and each further level
+    has half the width and height.
 
-    The pyramid ends at the first level with a side below ``least_side`` pixels.
+    The pyramid ends at the first level whose width or height is below ``least_side`` pixels.
     """
     result = [image]
     while len(result) < count and min(result[-1].shape[:2]) >= least_side:
@@ -57,15 +60,18 @@ def gaussian_pyramid(image: np.ndarray, count: int, least_side: int = 0) -> list
 def bands(image: np.ndarray, most: int, least_side: int) -> list[np.ndarray]:
     """Returns the Laplacian pyramid of ``image``, finest level first; at most ``most`` levels.
 
-    Each level is a level of ``gaussian_pyramid(image, most, least_side)`` minus the next coarser level, expanded to the
-    same size. The last level is the coarsest level of the Gaussian pyramid itself. :func:`from_bands` is the inverse.
+    Each level of the Laplacian pyramid is a level of ``gaussian_pyramid(image, most, least_side)`` minus the next
+    coarser level, expanded to the same size. The last level of the Laplacian pyramid is the coarsest level of the
+    Gaussian pyramid. The function :func:`from_bands` is the inverse of this function.
     """
     scales = gaussian_pyramid(image, most, least_side)
     return [fine - expand(coarse, *fine.shape[:2]) for fine, coarse in itertools.pairwise(scales)] + scales[-1:]
 
 
 def from_bands(bands: list[np.ndarray]) -> np.ndarray:
-    """Returns the image whose Laplacian pyramid is ``bands``, the inverse of the function :func:`bands`."""
+    """Returns the image whose Laplacian pyramid is ``bands``; this function is the inverse of the function
+    :func:`bands`.
+    """
     *finer, result = bands
     for band in reversed(finer):
         result = band + expand(result, *band.shape[:2])
@@ -73,7 +79,9 @@ def from_bands(bands: list[np.ndarray]) -> np.ndarray:
 
 
 def _along(image: np.ndarray) -> np.ndarray:
-    """Returns a weighted mean of each entry and its neighbours within two rows."""
+    """Returns the image in which each pixel is a weighted mean of the pixel and its neighbours up to two rows above and
+    below.
+    """
     n = len(image)
     padded = np.concatenate([image[:1], image[:1], image, image[-1:], image[-1:]])
     outer = padded[:n] + padded[4:]
@@ -82,12 +90,14 @@ def _along(image: np.ndarray) -> np.ndarray:
 
 
 def _across(image: np.ndarray) -> np.ndarray:
-    """Returns a weighted mean of each entry and its neighbours within two columns."""
+    """Returns the image in which each pixel is a weighted mean of the pixel and its neighbours up to two columns to the
+    left and right.
+    """
     return _along(image.swapaxes(0, 1)).swapaxes(0, 1)
 
 
 def _doubled(image: np.ndarray, n: int) -> np.ndarray:
-    """Returns a smooth array with ``n`` rows, about twice the number of rows of ``image``."""
+    """Returns ``image`` enlarged smoothly to ``n`` rows, about twice the number of rows of ``image``."""
     padded = np.concatenate([image[:1], image, image[-1:]])
     before, after = padded[:-2], padded[2:]
     result = np.empty_like(image, shape=(n, *image.shape[1:]))

@@ -1,5 +1,5 @@
-"""Converts the CSG tree to triangles: meshes of primitives, transforms, Boolean operations, and the resulting
-surfaces.
+"""Converts the CSG tree to triangles: makes the meshes of the primitives, transforms them, applies Boolean operations,
+and computes the resulting surfaces.
 """
 
 from .detail import TOLERANCE

@@ -1,15 +1,18 @@
-"""Chooses the tessellation of curved faces: the number of segments, and its limits.
+"""Chooses the tessellation of curved faces: the number of segments that approximate a circle, and where facets are
+concentrated.
 
 - The active zone of a solid (Rossignac and Voelcker 1989) is a region outside of which the solid has no effect on the
-  result of the CSG tree. A ball that contains the active zone follows from the tree alone.
-- Cap refinement: sometimes only a cap of a ball is a part of the result, for example a face of a lens. The two faces
-  of a lens meet at a small angle, so the chord error is many times larger at the rim. The facets of such a ball are
-  concentrated near the cap: a Lorentz transformation maps the sphere to itself and concentrates its points around one
-  of them (Penrose 1959). This map is projective, so a convex mesh stays convex.
+  result of the CSG tree. A ball that contains the active zone is computed from the tree and from bounding balls,
+  without an evaluation of the tree.
+- Cap refinement: sometimes only a spherical cap of a ball is a part of the result, for example a face of a lens. The
+  two faces of a lens meet at a small angle, so the error of the lens's rim is many times larger than the chord error of
+  the faces. If only a cap of a ball is a part of the result, the ball's facets are concentrated near the cap by a
+  Lorentz transformation, which maps the sphere to itself and concentrates its points around one point (Penrose 1959). A
+  Lorentz transformation is a projective map, so a convex mesh stays convex.
 - An inscribed ball touches a curved face of another solid from inside, for example a ball in a pipe of the same width.
-  Both faces are approximated by chords. Near the contact, the facets of the ball would penetrate the facets of the
-  pipe, and patches of the wrong solid would be visible, many pixels wide. So the ball shrinks by at most the chord
-  error of the outer solid.
+  The mesh approximates the faces of both the ball and the pipe by flat facets. Near the contact of the ball with the
+  pipe, the facets of the ball would penetrate the facets of the pipe, and patches of the wrong solid would be visible,
+  many pixels wide. Therefore an inscribed ball is made smaller by at most the chord error of the outer solid.
 """
 
 import math
@@ -30,11 +33,12 @@ _Operand = tuple[np.ndarray, int, int]
 
 
 def active_zones(tree: Tree, solids: Sequence[Solid], of_leaf: np.ndarray) -> np.ndarray:
-    """Returns balls (n, 4) that contain the active zones of the solids with one leaf.
+    """Returns a ball for each solid (n, 4); if the solid has only one leaf, the ball contains the solid's active zone.
 
-    A ball is a row of its centre and its radius. The radius is infinite if no ball is known. ``of_leaf`` has the number
-    of the solid of each leaf. A subtracted solid has an effect only inside the solid from which it is subtracted. An
-    operand of an intersection has an effect only inside the other operand.
+    Each row of the result is the centre and the radius of a ball. The radius is infinite if no ball that contains the
+    active zone is known. ``of_leaf`` has, for each leaf, the number of its solid. A subtracted solid has an effect only
+    inside the solid from which it is subtracted. An operand of an intersection has an effect only inside the other
+    operand.
     """
     balls = np.empty((len(solids), 4))
     for primitive, numbers in group_equal(s.primitive for s in solids).items():
@@ -42,7 +46,9 @@ def active_zones(tree: Tree, solids: Sequence[Solid], of_leaf: np.ndarray) -> np
     zones = np.tile([0.0, 0.0, 0.0, math.inf], (len(solids), 1))
 
     def combine(symbol: str, first: _Operand, second: _Operand) -> _Operand:
-        """Returns a bounding ball of an operator's result, and the range of its leaves; updates ``zones``."""
+        """Returns a bounding ball of an operator's result, and the range of the leaf numbers of both operands; updates
+        ``zones``.
+        """
         (a, begin, middle), (b, _, end) = first, second
         if symbol == "+":
             large, small = (a, b) if a[3] > b[3] else (b, a)
@@ -59,15 +65,16 @@ def active_zones(tree: Tree, solids: Sequence[Solid], of_leaf: np.ndarray) -> np
 
 
 def _smaller(balls: np.ndarray, ball: np.ndarray) -> np.ndarray:
-    """Returns ``balls`` (..., 4); ``ball`` replaces those with a larger radius."""
+    """Returns a copy of ``balls`` (..., 4) in which ``ball`` replaces each ball with a larger radius."""
     return np.where(balls[..., 3:] <= ball[3], balls, ball)
 
 
 def refined_cap(solid: Solid, zone: np.ndarray, camera: Camera, tolerance: float) -> tuple[int, np.ndarray]:
-    """Returns the segments and the ``facet_map`` of a ball of which perhaps only a cap is in its active zone.
+    """Returns the number of segments and the ``facet_map`` of a ball; if only a cap of the ball is in its active zone,
+    the facets are concentrated there.
 
-    ``solid`` has the segments of a ball without refinement. ``zone`` is a ball that contains the active zone. The chord
-    error stays below ``tolerance`` pixels, also at the rim of the cap.
+    ``solid.segments`` is the number of segments without cap refinement. ``zone`` is a ball (centre, radius) that
+    contains the active zone of the solid. The chord error stays below ``tolerance`` pixels, also at the rim of the cap.
     """
     axis = np.linalg.solve(solid.to_world, [*zone[:3], 1])[:3]
     distance, radius = float(np.linalg.norm(axis)), float(zone[3]) / solid.narrowest
@@ -94,9 +101,9 @@ def refined_cap(solid: Solid, zone: np.ndarray, camera: Camera, tolerance: float
 def _lorentz(axis: np.ndarray, refinement: float) -> np.ndarray:
     """Returns the projective map (4, 4) of the unit sphere to itself that concentrates points around ``axis``.
 
-    The map is a Lorentz transformation, which makes the facets of a ball smaller near a visible cap. ``axis`` is a unit
-    vector and a fixed point. Near ``axis``, the map divides distances by ``refinement``; near -``axis``, it multiplies
-    them.
+    The map is a Lorentz transformation, which makes the facets of a ball smaller near a visible cap. The unit vector
+    ``axis`` is a fixed point of the map. Near the point ``axis``, the map divides distances by ``refinement``; near the
+    opposite point -``axis``, the map multiplies distances by ``refinement``.
     """
     near, far = np.append(axis, 1), np.append(axis, -1)  # eigenvectors; each has the squared length 2
     return np.eye(4) + (refinement - 1) / 2 * np.outer(near, near) + (1 / refinement - 1) / 2 * np.outer(far, far)
@@ -109,9 +116,9 @@ BATCH = 1 << 8  # the number of pairs of solids that are tested at a time
 
 
 def shrink_inscribed(solids: list[Solid]) -> None:
-    """Sets ``shrink`` of the solids that touch a curved face of another solid from inside.
+    """Sets the factor ``shrink`` of each ball that touches a curved face of another solid from inside.
 
-    The number ``segments`` of all solids must be known.
+    The attribute ``segments`` of all solids must be set before.
     """
     curved = [s for s in solids if s.primitive.curved is not None]
     surfaces = np.array([s.curved_surface if s.curved_surface >= 0 else -1 - i for i, s in enumerate(curved)], int)
@@ -130,11 +137,12 @@ def shrink_inscribed(solids: list[Solid]) -> None:
 
 
 def _inscribed_pairs(solids: Sequence[Solid], surfaces: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Yields the numbers of a ball and of another solid, for each ball that lies inside the quadric of the other
-    solid's curved face, and touches it.
+    """Yields pairs of numbers of a ball and of an outer solid: the ball lies inside the quadric of the outer solid's
+    curved face, and touches this face.
 
-    ``surfaces`` (n,) has a number for each solid's curved face; equal faces have equal numbers. An inner pipe or cone
-    is excluded: it would touch along a line or with its rim, where a gap would look like a wall.
+    ``surfaces`` (n,) has, for each solid, the number of the surface on which its curved face lies. Cylinders and cones
+    inside other solids are excluded: they would touch the outer solid along a line or with their rim, where a gap would
+    look like a wall.
     """
     boxes, to_world = world_box_corners(solids), np.array([s.to_world for s in solids]).reshape(-1, 4, 4)
     to_local, inradius = np.linalg.inv(to_world), np.array([s.inradius for s in solids])
@@ -165,7 +173,7 @@ def choose_segments(
 ) -> None:
     """Sets ``segments`` of all solids so that the chord error stays below ``tolerance`` pixels.
 
-    ``zones`` are balls that contain the active zones of the solids. If only a cap of a ball is in its active zone,
+    ``zones`` (n, 4) are the balls that :func:`active_zones` returns. If only a cap of a ball is in its active zone,
     this function also sets the ball's ``facet_map``. Solids that share a curved face get the same number of segments.
     If the solids would have more than MAX_TRIANGLES triangles, all solids become coarser, and a :class:`SceneWarning`
     is emitted. Raises :class:`SceneError` if even the coarsest meshes have too many triangles.
@@ -204,7 +212,7 @@ def choose_segments(
 
 
 def warn_of_rounding(document: Document, camera: Camera, vertices: np.ndarray) -> None:
-    """Warns if single precision, which the renderer has, rounds the eye's coordinates by more than a tenth of a pixel.
+    """Warns if the renderer's single precision rounds the eye's coordinates by more than a tenth of a pixel.
 
     The size of a pixel is measured at the vertex that is nearest to the eye.
     """

@@ -1,4 +1,4 @@
-"""Finds equal keys, and boxes that overlap or touch."""
+"""Groups equal keys, and finds axis-aligned boxes that overlap or touch."""
 
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from typing import TypeVar
@@ -9,7 +9,7 @@ K = TypeVar("K", bound=Hashable)
 
 
 def group_equal(keys: Iterable[K]) -> dict[K, list[int]]:
-    """Returns, for each distinct key, the positions (from 0) at which the key occurs."""
+    """Returns a dictionary from each distinct key to the positions (from 0) in ``keys`` at which the key occurs."""
     groups: dict[K, list[int]] = {}
     for number, key in enumerate(keys):
         groups.setdefault(key, []).append(number)
@@ -20,10 +20,10 @@ MAX_PAIRS = 1 << 16  # the largest number of pairs that are tested at a time
 
 
 def sweep(low: np.ndarray, high: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yields pairs of boxes that touch, each pair once, as two arrays of box numbers.
+    """Yields the pairs of boxes that touch or overlap, each pair once, as two arrays of box numbers.
 
-    ``low`` and ``high`` (n, 3) are the minimum and maximum corners of the boxes. Each item has many pairs. The first
-    box of a pair has the smaller minimum x; the pairs are sorted by this x.
+    ``low`` and ``high`` (n, 3) are the minimum and maximum corners of the boxes. Each yielded item contains many pairs.
+    The first box of a pair has the smaller minimum x; the pairs are sorted by the minimum x of their first boxes.
     """
     order = np.argsort(low[:, 0], kind="stable")
     low, high = low[order], high[order]
@@ -46,16 +46,20 @@ def sweep(low: np.ndarray, high: np.ndarray) -> Iterator[tuple[np.ndarray, np.nd
 
 
 def touching(boxes: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """Returns the numbers of the boxes (n, 2, 3) that touch a ``box`` (2, 3), in ascending order."""
+    """Returns the numbers, in ascending order, of those of the ``boxes`` (n, 2, 3) that touch or overlap ``box`` (2,
+    3).
+    """
     return np.flatnonzero(((boxes[:, 0] <= box[1]) & (boxes[:, 1] >= box[0])).all(axis=1))
 
 
 def components(
     low: np.ndarray, high: np.ndarray, connected: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
 ) -> np.ndarray:
-    """Labels the connected components of boxes that touch; the label is the smallest box number in the component.
+    """Returns the label of each box: the smallest box number in the connected component of touching boxes that contains
+    the box.
 
-    ``connected(first, second)`` returns which of several pairs of touching boxes are connected; the default is all.
+    ``connected(first, second)`` returns which of several pairs of touching boxes are connected; without this function,
+    all touching boxes are connected.
     """
     label = np.arange(len(low))
     for first, second in sweep(low, high):

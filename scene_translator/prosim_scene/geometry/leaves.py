@@ -1,4 +1,4 @@
-"""The leaves of the CSG tree: their solids, the surfaces that several leaves share, normals and uv."""
+"""Computes tables of the leaves of the CSG tree: their solids, the surfaces that they share, their normals and uv."""
 
 import math
 from collections.abc import Hashable, Mapping, Sequence
@@ -24,13 +24,14 @@ FAR = 16  # a scene whose distance from the origin is more than this number of s
 class Leaves:
     """Tables of the leaves of a scene's CSG tree.
 
-    ``solids`` are the distinct solids; ``of_leaf`` has the number of the solid of each leaf. ``origin`` (3,) is a point
-    in the world; all positions are relative to this point. Facets that coincide lie within ``thickness``, a length in
-    the unit of the scene.
+    ``solids`` is the list of the distinct solids; ``of_leaf`` has, for each leaf, the number of its solid. All
+    positions are relative to ``origin`` (3,), a point in world coordinates. The distance between coincident facets of
+    different solids is at most ``thickness``, in scene units.
 
-    After :meth:`make_meshes`, ``meshes`` are the meshes of the solids, and ``boxes`` (n, 2, 3) are their minimum and
-    maximum corners. The facets of all solids have consecutive numbers; those of solid i start at ``first[i]``.
-    ``faces`` has the face of each facet, ``planes`` has the planes that facets share.
+    After :meth:`make_meshes`, ``meshes`` has the meshes of the solids, and ``boxes`` (n, 2, 3) has the minimum and the
+    maximum corner of each mesh. The facets of all solids have consecutive numbers; the numbers of solid i's facets
+    start at ``first[i]``. ``faces`` has, for each facet, the number of the primitive's face on which the facet lies;
+    ``planes`` has the planes that facets of several solids share.
     """
 
     def __init__(
@@ -43,10 +44,10 @@ class Leaves:
     ) -> None:
         """``tolerance`` is the largest chord error of curved faces in pixels.
 
-        ``meshes`` are the solids of mesh files, by file name. ``cuts_several_media`` (n,) is True for leaves that cut
-        several media. A face of such a leaf becomes a face of several solids, and these faces coincide. Raises
-        :class:`SceneError` for a transform that is nearly singular or too extreme for Mitsuba, and for too many
-        triangles.
+        ``meshes`` is a dictionary from the names of mesh files to their solids. ``cuts_several_media`` (n,) is True for
+        each leaf that cuts several media. A face of a leaf that cuts several media becomes a face of the solids of all
+        these media, and these faces coincide. Raises :class:`SceneError` for a transform that is nearly singular or too
+        extreme for Mitsuba, and for too many triangles.
         """
         keys = [(leaf.shape, leaf.file, leaf.index) for _, leaf in document.scene.leaves]
         numbers_of_keys = {key: i for i, key in enumerate(dict.fromkeys(keys))}
@@ -76,7 +77,9 @@ class Leaves:
         self.of_primitive = group_equal(s.primitive for s in self.solids)
 
     def _find_shared_surfaces(self, cuts_several_media: np.ndarray) -> None:
-        """Sets ``surfaces`` and ``facet_map`` of each :class:`.Solid` with shared surfaces, and merges equal solids."""
+        """Sets ``surfaces`` and ``facet_map`` of each :class:`.Solid` that shares surfaces with other solids, and
+        merges equal solids.
+        """
         uses = np.bincount(self.of_leaf) + np.bincount(self.of_leaf, cuts_several_media)
         counts = [len(s.primitive.quadrics) for s in self.solids]
         if not any(counts):
@@ -101,7 +104,7 @@ class Leaves:
         self.of_leaf = renumbered[self.of_leaf]
 
     def cache_key(self) -> Hashable:
-        """Returns a hashable key, equal for leaves with equal tables."""
+        """Returns a hashable key of this object; two :class:`Leaves` objects with equal keys have equal tables."""
         solids = tuple(
             (s.primitive.name, s.segments, s.shrink, s.to_world.tobytes(), s.facet_map.tobytes(), s.surfaces.tobytes())
             for s in self.solids
@@ -109,7 +112,9 @@ class Leaves:
         return solids, self.of_leaf.tobytes(), self.origin.tobytes()
 
     def make_meshes(self) -> None:
-        """Makes the meshes of all solids, and moves their vertices onto the planes that facets share."""
+        """Makes the meshes of all solids, and moves the vertices of the meshes onto the planes that facets of several
+        solids share.
+        """
         meshes = [s.mesh() for s in self.solids]
         self.first = np.cumsum([0, *(len(m.faces) for m in meshes)])
         self.faces = np.concatenate([m.faces for m in meshes])
@@ -129,9 +134,11 @@ class Leaves:
         self.boxes = np.stack([f.reduceat(vertices, ends[:-1]) for f in (np.minimum, np.maximum)], axis=1)
 
     def corner_attributes(self, positions: np.ndarray, leaf: np.ndarray, face: np.ndarray) -> CornerAttributes:
-        """Returns the corner attributes of n triangles; the normals are outward unit vectors in world coordinates.
+        """Returns the normals and uv at the corners of n triangles; the normals are outward unit vectors in world
+        coordinates.
 
-        ``positions`` (n, 3, 3) are the corners, ``leaf`` (n,) and ``face`` (n,) the leaf and the face of each triangle.
+        ``positions`` (n, 3, 3) are the positions of the corners; ``leaf`` (n,) and ``face`` (n,) are the numbers of the
+        leaf and of its face to which each triangle belongs.
         """
         solid = self.of_leaf[leaf]
         inverse = self.to_local[solid]
@@ -152,8 +159,8 @@ class Leaves:
 def _check_transforms(document: Document, indices: Sequence[int], matrices: np.ndarray, boxes: np.ndarray) -> None:
     """Raises SceneError for the first transform that is nearly singular or whose numbers are too extreme for Mitsuba.
 
-    ``matrices`` (n, 4, 4) are the transforms, ``indices`` their indices in the scene. ``boxes`` (n, 8, 3) are the
-    corners of the bounding boxes of the solids in world coordinates.
+    ``matrices`` (n, 4, 4) are the matrices of the transforms, ``indices`` are the indices of their TRANSFORM
+    statements. ``boxes`` (n, 8, 3) are the corners of the bounding boxes of the solids in world coordinates.
     """
     wrong = ~(np.abs(boxes).max(axis=(1, 2)) <= LARGEST)
     widths = np.linalg.svd(np.where(wrong[:, None, None], 0, matrices[:, :3, :3]), compute_uv=False)

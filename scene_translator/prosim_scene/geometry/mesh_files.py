@@ -28,17 +28,19 @@ Properties = list[tuple[str, list[str]]]
 
 
 class MeshFile(Primitive):
-    """A closed mesh from a file. Each triangle is a facet and a face; no face can coincide with a face of another
-    solid.
+    """A closed mesh from a file. Each triangle of the mesh file is a separate face of the solid, with a single facet.
+    Faces of a mesh file are never treated as coincident with faces of other solids.
 
-    The file's normals are used where they point outwards; otherwise the normal is that of the triangle. uv is the
-    file's uv, or else (x, y) in the coordinates of the file.
+    A normal of the file is used if it points outwards; otherwise the normal of the triangle is used. The texture
+    coordinates uv are those of the file; if the file has no uv, they are (x, y) in the coordinates of the file.
     """
 
     quadrics = np.empty((0, 4, 4))
 
     def __init__(self, data: bytes) -> None:
-        """Reads the content of a file. Raises ValueError, with the reason, if the file does not describe a solid."""
+        """Reads the content of a mesh file. Raises ValueError, with the reason, if the file does not describe a
+        solid.
+        """
         self.name = f"mesh {hashlib.sha256(data).hexdigest()}"
         try:
             points, index, normals, uv = _ply(data) if data[:3] == b"ply" else _obj(data.decode("latin-1"))
@@ -73,11 +75,13 @@ class MeshFile(Primitive):
         self.uv = None if uv is None else uv[index[..., 1]]
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
-        """Returns the file's mesh, for any number of segments."""
+        """Returns the mesh of the file; ``segments`` and ``facet_map`` have no effect."""
         return self._mesh
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
-        """Returns the file's normals and uv, interpolated over the file's triangles ``face``."""
+        """Returns normals and uv at the points ``p``, interpolated in the file's triangles whose numbers are
+        ``face``.
+        """
         along = (p - self._origin[face, None]) @ self._dual[face]
         weights = np.concatenate([1 - along.sum(axis=2, keepdims=True), along], axis=2)
         flat = np.repeat(self._flat[face, None], 3, axis=1)
@@ -89,7 +93,8 @@ class MeshFile(Primitive):
 
 @lru_cache(maxsize=16)
 def mesh_file(data: bytes) -> MeshFile:
-    """Returns the solid of a file with this content. Raises ValueError as MeshFile does.
+    """Returns the solid of a mesh file with the content ``data``. Raises ValueError if the file does not describe a
+    solid.
 
     The result is cached, because all frames of an animation use the same file.
     """
@@ -97,9 +102,10 @@ def mesh_file(data: bytes) -> MeshFile:
 
 
 def _check_table(table: np.ndarray | None, index: np.ndarray, width: int) -> None:
-    """Raises ValueError if a table of vertex data does not have ``width`` finite numbers for each index.
+    """Raises ValueError if a table of vertex data does not have a row of ``width`` finite numbers for each index in
+    ``index``.
 
-    A table that is None is allowed.
+    A table that is None causes no error.
     """
     if table is None:
         return
@@ -110,7 +116,9 @@ def _check_table(table: np.ndarray | None, index: np.ndarray, width: int) -> Non
 
 
 def _check_closed(points: np.ndarray, triangles: np.ndarray) -> None:
-    """Raises ValueError unless each edge occurs as often in one direction as in the opposite direction."""
+    """Raises ValueError if a mesh is not closed: its triangles use an edge more often in one direction than in the
+    opposite direction.
+    """
     a, b = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     edges, number = np.unique(np.minimum(a, b) * len(points) + np.maximum(a, b), return_inverse=True)
     wrong = np.flatnonzero(np.bincount(number, np.sign(b - a)) != 0)
@@ -162,10 +170,12 @@ def _ply(data: bytes) -> Raw:
 
 
 def _rows(body: bytes, position: int, count: int, properties: Properties) -> tuple[dict[str, Any], int]:
-    """Reads ``count`` rows of a PLY element, which begins at the byte ``position`` of ``body``.
+    """Reads ``count`` rows of a PLY element; the rows begin at the byte ``position`` of ``body``, the file's content
+    after the header.
 
-    Returns a dictionary from property names to values, and the position after the last row. The values are an array if
-    every list property has one length in all rows; otherwise they are a list with one entry per row.
+    Returns a dictionary from property names to values, and the position after the last row. The values of a property
+    are an array if every list property has the same length in all rows; otherwise the values are a list with one entry
+    per row.
     """
     if not count or not properties:
         return {}, position
@@ -222,8 +232,8 @@ def _number(text: str, count: int) -> int:
 
 
 def _fans(polygons: Sequence[Any]) -> np.ndarray:
-    """Divides convex polygons, each a sequence of corners, into triangles (m, 3, ...). Raises ValueError if there are
-    none.
+    """Divides convex polygons, each a sequence of corners, into m triangles (m, 3, ...). Raises ValueError if there are
+    no triangles.
     """
     result = []
     for count, numbers in group_equal(map(len, polygons)).items():

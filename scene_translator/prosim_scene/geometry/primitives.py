@@ -1,4 +1,4 @@
-"""The primitives of the scene language, each in its own coordinates.
+"""Defines the primitives of the scene language, each in its own coordinates, and makes their meshes.
 
 CUBE is [0, 1]^3. SPHERE is the unit ball. CYLINDER is x^2 + y^2 <= 1, 0 <= z <= 1. CONE is x^2 + y^2 <= z^2, 0 <= z <=
 1, with its apex at the origin.
@@ -27,10 +27,11 @@ ON_AXIS = 1e-6  # a corner that is nearer than this to the axis or the apex has 
 
 @dataclass(frozen=True)
 class Mesh:
-    """A closed mesh: ``vertices`` (n, 3) and ``triangles`` (m, 3), which all have the same orientation.
+    """A closed mesh with ``vertices`` (n, 3) and with ``triangles`` (m, 3), which are consistently oriented.
 
-    A facet is a plane polygon; ``facets`` (m,) has the facet of each triangle. ``faces`` (k,) has the face of the
-    primitive on which each facet lies. A flat face is one facet; many facets approximate a curved face.
+    A facet of a mesh is a flat polygon of one or more triangles; ``facets`` (m,) has the facet number of each triangle.
+    ``faces`` (k,) has, for each of the k facets, the number of the primitive's face on which the facet lies. A flat
+    face is one facet; many facets approximate a curved face.
     """
 
     vertices: np.ndarray
@@ -44,7 +45,7 @@ class CornerAttributes:
     """Normals and uv at the corners of n triangles on a primitive.
 
     ``normals`` (n, 3, 3) point outwards and have any length. ``uv`` has the shape (n, 3, 2). ``unshared`` (n, 3) is
-    True for a corner that triangles must not share.
+    True for a corner whose vertex must not be shared with other triangles.
     """
 
     normals: np.ndarray
@@ -53,7 +54,9 @@ class CornerAttributes:
 
 
 class Primitive(ABC):
-    """A solid. A solid with a curved face is convex, and is bounded by planes and one quadric."""
+    """A primitive in its own coordinates. A primitive with a curved face is convex, and is bounded by planes and one
+    quadric.
+    """
 
     #: The name of the primitive in the language; for a mesh file, a digest of the content.
     name: str
@@ -75,26 +78,31 @@ class Primitive(ABC):
 
     @abstractmethod
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
-        """Returns a mesh with ``segments`` around a circle; the vertices of a curved face lie on the quadric.
+        """Returns a mesh that approximates a full circle by ``segments`` line segments; the vertices of a curved face
+        lie on the face's quadric.
 
-        ``facet_map`` (4, 4) maps the quadric to itself, or another primitive's equal quadric to the quadric of this
-        primitive. ``facet_map`` moves the facets of the curved face, and keeps their order. For a sphere, ``facet_map``
-        may be projective.
+        The matrix ``facet_map`` (4, 4) maps the quadric of the curved face to itself, or another primitive's coincident
+        quadric to the quadric of this primitive. ``facet_map`` moves the facets of the curved face, and keeps the order
+        of these facets. For a sphere, ``facet_map`` may be projective.
         """
 
     @abstractmethod
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
-        """Returns normals and uv of triangles ``p`` (n, 3, 3), in the primitive's space, on the faces ``face`` (n,)."""
+        """Returns the normals and uv at the corners ``p`` (n, 3, 3) of n triangles, which lie on the faces with the
+        numbers ``face`` (n,); all coordinates are those of the primitive.
+        """
 
     @cached_property
     def box_corners(self) -> np.ndarray:
-        """The corners (8, 3) of the bounding box."""
+        """The corners (8, 3) of the primitive's bounding box."""
         return box_corners(self.box)
 
     def ball(self, to_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the size of the curved face (n,) for each transform (n, 4, 4), and a bounding ball.
+        """Returns, for each of n transforms (n, 4, 4), the size of the transformed curved face (n,), and a bounding
+        ball of the transformed primitive.
 
-        A bounding ball is a row of its centre and its radius (n, 4), in the world.
+        The size is about the longest semi-axis of the curved face. The bounding balls are an array (n, 4); each row has
+        the centre and the radius of a ball, in world coordinates.
         """
         corners = self.box_corners @ to_world[:, :3, :3].transpose(0, 2, 1) + to_world[:, None, :3, 3]
         center = corners.mean(axis=1)
@@ -102,9 +110,11 @@ class Primitive(ABC):
         return radius, np.append(center, radius[:, None], axis=1)
 
     def segments(self, to_world: np.ndarray, camera: Camera, tolerance: float) -> np.ndarray:
-        """Returns the number of segments around a circle for each transform (n, 4, 4).
+        """Returns, for each transform (n, 4, 4), the number of line segments by which the mesh must approximate a full
+        circle.
 
-        For the returned number of segments, a multiple of 4, the chord error is below ``tolerance`` pixels.
+        With the returned number of segments, a multiple of 4, the chord error is below ``tolerance`` pixels if
+        MAX_SEGMENTS allows it. For a primitive outside the window, the tolerance is OUTSIDE_TOLERANCE times larger.
         """
         if self.curved is None:
             return np.full(len(to_world), 4)
@@ -135,21 +145,22 @@ def distance_to_segments(a: np.ndarray, b: np.ndarray, point: np.ndarray) -> flo
 
 
 def plane(*nd: float) -> np.ndarray:
-    """Returns the plane n.p + d = 0 as a quadric."""
+    """Returns the quadric (4, 4) of the plane n.p + d = 0; the numbers ``nd`` are the normal n and the offset d."""
     return np.outer(nd, nd).astype(float)
 
 
 def circle(segments: int) -> np.ndarray:
-    """Returns the corners (segments, 2) of a regular polygon in the unit circle."""
+    """Returns the corners (segments, 2) of a regular polygon that is inscribed in the unit circle."""
     angle = 2 * math.pi * np.arange(segments) / segments
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 def azimuth(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the azimuth of the corners of triangles, and which corners are on the axis.
+    """Returns the azimuth of each corner of triangles, as a fraction of a full turn about the z axis, and whether each
+    corner is on this axis.
 
-    The azimuth is in [0, 1], or up to 2 in triangles that cross the seam. The azimuth of a corner on the axis is the
-    mean of the azimuths of the triangle's other corners.
+    The azimuth is in [0, 1]; in a triangle that crosses the seam at azimuth 0, 1 is added to azimuths below 0.5. The
+    azimuth of a corner on the axis is the mean of the azimuths of the triangle's other corners.
     """
     on_axis = np.hypot(p[..., 0], p[..., 1]) < ON_AXIS
     u = np.arctan2(p[..., 1], p[..., 0]) / (2 * math.pi) % 1.0
@@ -183,7 +194,9 @@ class Cube(Primitive):
         return Mesh(box_corners(self.box), triangles, np.repeat(np.arange(6), 2), np.arange(6))
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
-        """Returns normals and uv; uv are the two coordinates along the face."""
+        """Returns normals and uv; uv are the coordinates of a corner along the two axes that are parallel to the
+        face.
+        """
         normals = np.zeros_like(p)
         axis = face % 3
         normals[np.arange(len(p)), :, axis] = np.where(face < 3, -1, 1)[:, None]
@@ -213,18 +226,20 @@ class Sphere(Primitive):
     segment_factor = 1.64  # the largest triangles lie at the centres of the octahedron's faces
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
-        """Returns a subdivided octahedron, whose vertices are mapped by ``facet_map``."""
+        """Returns a mesh of the unit sphere: a subdivided octahedron, whose vertices are mapped by ``facet_map``."""
         vertices, triangles = _subdivided_octahedron(segments)
         mapped = np.append(vertices, np.ones((len(vertices), 1)), axis=1) @ facet_map.T  # homogeneous coordinates
         return Mesh(mapped[:, :3] / mapped[:, 3:], triangles, np.arange(len(triangles)), np.zeros(len(triangles), int))
 
     def ball(self, to_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the size of the curved face, which MAX_ASPECT limits, and a bounding ball."""
+        """Returns the size of the transformed sphere, and a bounding ball; the size is the longest semi-axis, but at
+        most MAX_ASPECT times the second longest semi-axis.
+        """
         longest, second, _ = np.linalg.svd(to_world[:, :3, :3], compute_uv=False).T
         return np.minimum(longest, MAX_ASPECT * second), np.append(to_world[:, :3, 3], longest[:, None], axis=1)
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
-        """Returns normals and uv: azimuth and polar angle, scaled to [0, 1]."""
+        """Returns normals and uv; u is the azimuth and v the polar angle, each scaled to [0, 1]."""
         radius = np.linalg.norm(p, axis=2)
         u, on_axis = azimuth(p)
         v = np.arccos(np.clip(p[..., 2] / radius, -1, 1)) / math.pi
@@ -232,15 +247,17 @@ class Sphere(Primitive):
 
 
 class _OfRevolution(Primitive):
-    """A solid of revolution about z with radius 1. Face 0 is the side, face 1 the disc at z = 1, face 2 the disc at z =
-    0.
+    """A solid of revolution about z with radius 1. Face 0 is the curved side, face 1 is the disc at z = 1, and face 2
+    is the disc at z = 0.
     """
 
     box = np.array([[-1.0, -1, 0], [1, 1, 1]])
     curved = 0
 
     def ball(self, to_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the size of the curved face, and a bounding ball."""
+        """Returns the size of the curved face, which is the longest semi-axis of the transformed discs, and a bounding
+        ball.
+        """
         size = np.linalg.norm(to_world[:, :3, :2], 2, axis=(1, 2))  # the longest semi-axis of the discs
         half = to_world[:, :3, 2] / 2  # the vector from a disc, or from the apex, to the centre
         radius = np.linalg.norm(half, axis=1) + size
@@ -257,13 +274,13 @@ class _OfRevolution(Primitive):
 
 
 def fan(segments: int) -> np.ndarray:
-    """Returns the triangles of a disc with ``segments`` corners, counter-clockwise if seen from above."""
+    """Returns the triangles of a disc with ``segments`` corners, counter-clockwise if seen from +z."""
     i = np.arange(1, segments - 1)
     return np.stack([np.zeros_like(i), i, i + 1], axis=1)
 
 
 class Cylinder(_OfRevolution):
-    """A cylinder, whose faces are a side and two discs."""
+    """A cylinder, whose faces are a curved side and two discs."""
 
     name = "cylinder"
     quadrics = np.array([np.diag([1.0, 1, 0, -1]), plane(0, 0, 1, -1), plane(0, 0, 1, 0)])
@@ -283,7 +300,7 @@ class Cylinder(_OfRevolution):
 
 
 class Cone(_OfRevolution):
-    """A cone with its apex at the origin, whose faces are a side and one disc."""
+    """A cone with its apex at the origin, whose faces are a curved side and one disc."""
 
     name = "cone"
     quadrics = np.array([np.diag([1.0, 1, -1, 0]), plane(0, 0, 1, -1)])
@@ -300,7 +317,9 @@ class Cone(_OfRevolution):
         return Mesh(np.append(ring, np.zeros((1, 3)), axis=0), np.append(fan(segments), side, axis=0), facets, faces)
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
-        """Returns normals and uv as for other solids of revolution, and special normals at the apex."""
+        """Returns normals and uv as for other solids of revolution, except at the apex, where each triangle has the
+        side's normal at the midpoint of the other two corners.
+        """
         side = super().corner_attributes(p, face)
         apex = (np.linalg.norm(p, axis=2) < ON_AXIS) & (face == 0)[:, None]
         tips = apex.any(axis=1)

@@ -1,4 +1,4 @@
-"""Solids: primitives with their transforms, and their meshes."""
+"""Defines solids, which are primitives with their transforms, and makes the meshes of solids."""
 
 import math
 from collections.abc import Sequence
@@ -15,12 +15,16 @@ IDENTITY.flags.writeable = False
 
 @dataclass(eq=False)
 class Solid:
-    """A primitive with its transform; equal leaves of the CSG tree share one solid.
+    """A primitive with its transform; leaves of the CSG tree with the same primitive and transform share one solid.
 
-    ``to_world`` is a 4x4 matrix. ``segments`` is the number of segments around a circle. ``surfaces`` has for each face
-    the number of the surface that it shares with other solids, or -1. If several solids share a curved surface, all of
-    them use the facets of its owner, the largest solid. ``facet_map`` maps the owner's space to the space of this
-    solid. ``shrink`` is a factor of the curved face's size: 1 or slightly less.
+    The 4x4 matrix ``to_world`` is the transform. ``segments`` is the number of line segments by which the mesh
+    approximates a full circle. ``surfaces`` has, for each face of the solid, the number of the surface (plane or
+    quadric) that the face shares with faces of other solids, or -1 if the face shares no surface. If several solids
+    share a curved surface, their meshes have the same facets on this surface: those of the owner of the surface, the
+    largest of these solids. The 4x4 matrix ``facet_map`` moves the facets of the curved face: it maps the space of the
+    owner of a shared surface to the space of this solid, or concentrates the facets of a ball near a visible cap. The
+    size of the curved face is multiplied by ``shrink``, which is below 1 only for a ball that touches another solid
+    from inside.
     """
 
     primitive: Primitive
@@ -32,13 +36,13 @@ class Solid:
 
     @cached_property
     def narrowest(self) -> float:
-        """The shortest semi-axis of the curved face in the world."""
+        """The length of the shortest semi-axis of the curved face in world coordinates."""
         return float(np.linalg.norm(self.to_world[:3, : self.primitive.axes], -2))
 
     @property
     def inradius(self) -> float:
-        """The inradius of the mesh of the curved face in the primitive's space, without ``facet_map`` and
-        ``shrink``.
+        """The inradius of the mesh of the curved face in the primitive's coordinates, where the radius of the curved
+        face is 1; without the effects of ``facet_map`` and ``shrink``.
         """
         return math.cos(math.pi * self.primitive.segment_factor / self.segments)
 
@@ -48,7 +52,9 @@ class Solid:
         return -1 if self.primitive.curved is None else int(self.surfaces[self.primitive.curved])
 
     def mesh(self) -> Mesh:
-        """Returns the mesh of the solid in the world; its triangles are counter-clockwise if seen from outside."""
+        """Returns the mesh of the solid in world coordinates; the triangles are counter-clockwise if seen from
+        outside.
+        """
         linear, offset = self.to_world[:3, :3], self.to_world[:3, 3]
         mirrored = np.linalg.det(linear) < 0
         if self.facet_map is not IDENTITY:
@@ -64,12 +70,14 @@ class Solid:
 
 @lru_cache(maxsize=64)
 def unit_mesh(primitive: Primitive, segments: int) -> Mesh:
-    """Returns the mesh of a primitive in its own space; the result is cached for equal solids."""
+    """Returns the mesh of a primitive in the primitive's coordinates; the result is cached for later calls with equal
+    arguments.
+    """
     return primitive.mesh(segments, IDENTITY)
 
 
 def world_box_corners(solids: Sequence[Solid]) -> np.ndarray:
-    """Returns the corners (n, 8, 3) of the bounding boxes of solids, transformed to the world."""
+    """Returns the corners (n, 8, 3) of the bounding boxes of n solids' primitives, transformed to world coordinates."""
     own = np.array([s.primitive.box_corners for s in solids]).reshape(-1, 8, 3)
     to_world = np.array([s.to_world for s in solids]).reshape(-1, 4, 4)
     return np.asarray(own @ to_world[:, :3, :3].transpose(0, 2, 1) + to_world[:, None, :3, 3])

@@ -1,4 +1,6 @@
-"""Computes the triangles of the result: one mesh for each material and each pair of media, with normals and uv."""
+"""Computes the surfaces of the evaluated CSG tree: one mesh, with normals and uv, for each combination of a material
+with the media on both sides of a face.
+"""
 
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
@@ -22,7 +24,8 @@ from .solids import world_box_corners
 
 
 class MeshKey(NamedTuple):
-    """The material of a primitive, and the media on both sides of a face. Triangles with equal keys share a mesh.
+    """The key of a mesh: the material of a primitive, and the media on both sides of a face. Triangles with equal keys
+    share a mesh.
 
     The normal of a face points to the medium ``outside``; None is air. For an opaque primitive ``inside`` is None;
     ``outside`` is None, too, unless the primitive reflects by Fresnel's equations.
@@ -35,9 +38,10 @@ class MeshKey(NamedTuple):
 
 @dataclass(eq=False)
 class Triangles:
-    """Triangles of one material: ``index`` (n, 3) into ``vertices`` (k, 3), unit ``normals`` (k, 3) and ``uv`` (k, 2).
+    """Triangles with common vertices; ``index`` (n, 3) has the vertex numbers of each triangle's corners, ``vertices``
+    (k, 3), unit ``normals`` (k, 3) and ``uv`` (k, 2) have the data of each vertex.
 
-    Equal corners of triangles are stored as one vertex.
+    Triangles share a vertex only if their corners have the same position, normal and uv.
     """
 
     vertices: np.ndarray
@@ -54,9 +58,9 @@ class Triangles:
 def corner_keys(vertex: np.ndarray, face: np.ndarray, corners: CornerAttributes, first: int) -> np.ndarray:
     """Returns keys (n, 3) of triangle corners; corners with equal keys become one vertex.
 
-    Two corners have equal keys if they have the same number ``vertex`` (n, 3), the same ``face`` (n,), and lie on the
-    same side of the seam of uv. Each unshared corner has a unique key; ``first`` determines the key of the first
-    unshared corner.
+    Two corners have equal keys if they have the same vertex number in ``vertex`` (n, 3) and the same face number in
+    ``face`` (n,), and lie on the same side of the seam of uv. Each corner that is ``unshared`` gets a unique negative
+    key; ``first`` is the number of unshared corners that already have keys.
     """
     wrapped = (np.floor(corners.uv[..., 0]) > 0).astype(int)
     keys = np.asarray((vertex * 8 + face[:, None]) * 2 + wrapped)
@@ -66,11 +70,12 @@ def corner_keys(vertex: np.ndarray, face: np.ndarray, corners: CornerAttributes,
 
 @dataclass(eq=False)
 class SurfaceMesh:
-    """The boundary of the evaluated CSG tree, without materials: all triangles, sorted by kind.
+    """The boundary of the evaluated CSG tree, without materials: all ``triangles``, sorted by their kinds.
 
-    A kind is a combination of a leaf, the medium inside and the medium outside; ``kinds`` has these three numbers for
-    each kind. The triangles of kind i are those from ``starts[i]`` to ``starts[i + 1]``. ``visible`` (kinds,) is False
-    for a kind whose triangles are all seams without width.
+    The kind of a triangle is the combination of its leaf, the medium inside and the medium outside; the list ``kinds``
+    has these three numbers for each kind. The triangles of kind i have the numbers from ``starts[i]`` to ``starts[i +
+    1]`` - 1. ``visible`` has one flag for each kind; it is False if all triangles of the kind are slivers that are too
+    thin to be visible.
     """
 
     triangles: Triangles
@@ -79,7 +84,9 @@ class SurfaceMesh:
     visible: np.ndarray
 
     def of_kinds(self, kinds: list[int]) -> Triangles:
-        """Returns the triangles of some ``kinds``, which are positions in the list ``kinds`` of this object."""
+        """Returns the triangles of those kinds whose positions in the attribute ``kinds`` are the numbers in the
+        argument ``kinds``.
+        """
         mesh = self.triangles
         chosen = np.concatenate([mesh.index[self.starts[kind] : self.starts[kind + 1]] for kind in kinds])
         vertices, index = np.unique(chosen, return_inverse=True)
@@ -100,14 +107,15 @@ def tessellate(
     cached: Callable[[Hashable, Callable[[], SurfaceMesh]], SurfaceMesh] = lambda _, make: make(),
     meshes: Mapping[str, Primitive] | None = None,
 ) -> dict[MeshKey, Triangles]:
-    """Returns the triangles of a document's scene, by material and media.
+    """Evaluates the CSG tree of a document's scene, and returns a dictionary of the resulting triangles; the keys are
+    the material and the media of the triangles.
 
-    ``tolerance`` is the largest chord error of curved faces in pixels. ``medium(leaf)`` returns the medium of a
-    dielectric, or None. ``material(leaf)`` returns a hashable key; faces with equal keys and between the same media
-    share a mesh. ``fresnel(leaf)`` returns whether an opaque primitive reflects by Fresnel's equations, which depend on
-    the medium outside. ``cached(key, make)`` returns ``make()``, or an earlier result for an equal key. ``meshes`` are
-    the solids of mesh files, by file name. Raises :class:`SceneError` for a singular transform, and for too many
-    triangles.
+    ``tolerance`` is the largest chord error of curved faces in pixels. ``medium(leaf)`` returns a hashable key of the
+    medium inside a dielectric leaf, or None for an opaque leaf. ``material(leaf)`` returns a hashable key of the leaf's
+    material; faces with equal keys between the same media share a mesh. ``fresnel(leaf)`` returns whether an opaque
+    leaf reflects by Fresnel's equations, which depend on the medium outside. ``cached(key, make)`` returns ``make()``,
+    or the result of an earlier call with an equal key. ``meshes`` is a dictionary from the names of mesh files to their
+    solids. Raises :class:`SceneError` for a singular transform, and for too many triangles.
     """
     numbered_leaves = document.scene.leaves
     leaves = [leaf for _, leaf in numbered_leaves]
@@ -148,10 +156,11 @@ def tessellate(
 
 
 def _boundary(tree: csg.Tree, table: Leaves, media_of: list[int], fresnel: bool, cutters: np.ndarray) -> Boundary:
-    """Evaluates the CSG tree; returns the boundary of the result.
+    """Evaluates the CSG tree; returns the boundary of the resulting solids.
 
-    ``media_of[i]`` is the medium of leaf i. ``fresnel`` is whether any opaque leaf reflects by Fresnel's equations.
-    ``cutters[i]`` is whether leaf i is in the second operand of an operator - or *.
+    ``media_of[i]`` is the number of the medium of leaf i. ``fresnel`` is True if any opaque leaf reflects by Fresnel's
+    equations. ``cutters[i]`` is True if leaf i is in the second operand of an operator - or *, so that it can cut other
+    leaves.
     """
     table.make_meshes()
     ids = OriginalIds(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
@@ -162,7 +171,9 @@ def _boundary(tree: csg.Tree, table: Leaves, media_of: list[int], fresnel: bool,
     small_neighbours = csg.count_small_neighbours(boxes)
 
     def body(number: int, medium: int) -> csg.Body | None:
-        """Returns the solid of a leaf for the evaluation of ``medium``; None if the leaf has no effect there."""
+        """Returns the solid of a leaf for the evaluation of the CSG tree for one ``medium``; None if the leaf has no
+        effect on the solids of this medium.
+        """
         if medium != media_of[number] and not cutters[number]:
             return None
         i = int(table.of_leaf[number])
@@ -192,9 +203,10 @@ def _boundary(tree: csg.Tree, table: Leaves, media_of: list[int], fresnel: bool,
 
 
 def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
-    """Converts the mesh of a primitive to manifold3d's type, with an original id.
+    """Converts the mesh of a primitive to manifold3d's type ``Manifold``, whose triangles have the number
+    ``original_id`` of this mesh.
 
-    ``first`` is the number of the mesh's first facet.
+    The mesh's first facet gets the number ``first``, and the following facets get the numbers after it.
     """
     mesh64 = Mesh64(
         mesh.vertices.astype(np.float64, copy=False),
@@ -207,7 +219,9 @@ def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
 
 
 def _surface_mesh(table: Leaves, boundary: Boundary, count: int) -> SurfaceMesh:
-    """Computes normals and uv of a boundary; ``count`` is the number of media, including air."""
+    """Returns the triangles of a boundary, sorted by kind, with their normals and uv; ``count`` is the number of media,
+    including air.
+    """
     vertices, triangles = boundary
     del boundary  # frees memory
     codes = (triangles["leaf"].astype(int) * count + triangles["inside"] + 1) * count + triangles["outside"] + 1
@@ -241,8 +255,9 @@ def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, in
     """Returns the media inside and outside of a face for its :class:`MeshKey`; ``own`` is the medium of the face's
     leaf.
 
-    In the key, an opaque face has a medium outside only if the face ``reflects`` by Fresnel's equations. If a
-    dielectric cuts an opaque solid, the dielectric owns the face of the cut.
+    For an opaque face, the result contains the medium outside only if the face ``reflects`` by Fresnel's equations;
+    otherwise it contains air instead. A face that a dielectric cuts into an opaque solid belongs to the dielectric, so
+    the medium inside is that of the dielectric.
     """
     if own == OPAQUE:
         return own, outside if reflects else AIR
@@ -252,7 +267,7 @@ def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, in
 def _warn_of_mixed_cut(document: Document, number: int, leaf: Leaf, opaque: bool) -> None:
     """Warns that an opaque leaf cuts glass, or that a glass leaf cuts an opaque solid.
 
-    The leaf that cuts owns the faces of the cut, so these faces have the material of this leaf.
+    The faces of a cut belong to the leaf that cuts, so they have the material of this leaf.
     """
     surface = f"SURFACE {leaf.index}"
     what, problem, expected = "an opaque solid", "is a dieletrico, so the solid looks hollow", "another material"
@@ -267,9 +282,10 @@ def _warn_of_mixed_cut(document: Document, number: int, leaf: Leaf, opaque: bool
 
 
 def _report_vanished(document: Document, vanished: list[tuple[int, Leaf]], empty: bool) -> None:
-    """Warns of leaves that have no face in the result.
+    """Warns of leaves of which no face is visible in the result.
 
-    ``vanished`` are these leaves with their positions in the CSG tree. ``empty`` is whether no leaf has a face.
+    ``vanished`` lists the leaves without a visible face, each with its position in the CSG tree. ``empty`` is True if
+    no leaf of the scene has a visible face.
     """
     if empty:
         document.warn("the tree's result is empty; check its operators and transforms", "csg")

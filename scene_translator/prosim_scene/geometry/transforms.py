@@ -12,9 +12,11 @@ AXES = {"rotate-x": (1, 2), "rotate-y": (2, 0), "rotate-z": (0, 1)}  # turns the
 
 
 def matrices(transforms: Sequence[model.Transform]) -> np.ndarray:
-    """Returns the matrices (n, 4, 4) of TRANSFORMs, whose steps are applied in their order.
+    """Returns the matrices (n, 4, 4) of n TRANSFORMs; each matrix applies the steps of its TRANSFORM in the written
+    order.
 
-    TRANSFORMs with the same kinds of steps are computed in one batch.
+    The matrices of all TRANSFORMs with the same sequence of step kinds, such as scale and translate, are computed in
+    one batch.
     """
     result = np.tile(np.eye(4), (len(transforms), 1, 1))
     for kinds, numbers in group_equal(tuple(step.kind for step in transform.steps) for transform in transforms).items():
@@ -26,9 +28,9 @@ def matrices(transforms: Sequence[model.Transform]) -> np.ndarray:
 
 
 def _matrices(kind: str, values: np.ndarray) -> np.ndarray:
-    """Returns the matrices (n, 4, 4) of steps of one kind.
+    """Returns the matrices (n, 4, 4) of n steps of the kind ``kind``, such as "scale".
 
-    ``values`` are the numbers of the steps: (n, 3), or (n, 1) in degrees.
+    ``values`` are vectors (n, 3) for the kinds "scale" and "translate", and angles (n, 1) in degrees for rotations.
     """
     result = np.tile(np.eye(4), (len(values), 1, 1))
     if kind == "scale":

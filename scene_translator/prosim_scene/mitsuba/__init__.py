@@ -1,10 +1,10 @@
-"""The targets of a translation: the plugins that the translated scene uses.
+"""Translates scenes for a target, which determines the plugins that the translated scene uses.
 
 The target ``prosim`` uses the plugins of this project, the target ``stock`` uses only plugins that are part of Mitsuba.
 Each target is a module that defines:
 
 ``SAMPLER``
-    The name of the sampler plugin, which takes N^2 samples per pixel.
+    The name of the sampler plugin; its sample count is N^2, where N is NSAMPLES of the scene.
 ``settings(context)``
     Returns the scene's settings, such as the integrator, as entries of the scene's dictionary.
 ``camera(context, camera)``
@@ -12,9 +12,10 @@ Each target is a module that defines:
 ``light(context, number, light)``
     Returns the dictionary of an emitter, or of a shape with an emitter, for an AREA or POINT light.
 ``surface(context, number, leaf, sides)``
-    Returns the entries of a shape's dictionary for the SURFACE of a primitive: ``leaf``, node ``number`` of the CSG
-    tree. ``sides`` (:class:`.materials.MediumInterface`) are the media on both sides of the surface.
+    Returns the entries of a shape's dictionary for the SURFACE of the primitive ``leaf``, which is node ``number`` of
+    the CSG tree. ``sides`` (:class:`.materials.MediumInterface`) are the media on both sides of the surface.
 
-Both targets use the modules ``lights``, ``materials``, ``textures`` and ``sensor``. ``translation_context`` has the
-document and the options of a translation. ``assemble`` makes the dictionary of the whole scene.
+The modules of both targets use the modules ``lights``, ``materials``, ``textures`` and ``sensor``. The class
+``Context`` in the module ``translation_context`` has the document and the options of a translation. The module
+``assemble`` makes the dictionary of a scene.
 """

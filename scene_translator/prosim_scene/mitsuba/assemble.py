@@ -21,8 +21,8 @@ from .translation_context import Context, check_single_precision, meshes
 
 
 def medium_key(scene: Scene, leaf: Leaf) -> Hashable:
-    """Returns a key of the medium inside a primitive: the medium's refraction and absorption; None for an opaque
-    primitive.
+    """Returns a hashable key of the medium inside a primitive: the medium's refraction and absorption; None for an
+    opaque primitive.
     """
     surface = scene.surfaces[leaf.index]
     if surface.material != "dielectric":
@@ -31,12 +31,14 @@ def medium_key(scene: Scene, leaf: Leaf) -> Hashable:
 
 
 def has_fresnel_reflection(scene: Scene, leaf: Leaf) -> bool:
-    """Whether a primitive is opaque and reflects by Fresnel's equations, which depend on the medium outside."""
+    """Whether a primitive is opaque and reflects by Fresnel's equations; then its reflection depends on the medium
+    outside.
+    """
     return scene.surfaces[leaf.index].material in ("conductor", "composite")
 
 
 def appearance_key(scene: Scene, leaf: Leaf) -> Hashable:
-    """Returns a key that is equal for primitives that may share a mesh: material and textures.
+    """Returns a key of the material and the textures of a primitive; primitives with equal keys may share a mesh.
 
     The coordinates of a solid texture depend on the primitive's transform, so the key of a primitive with a solid
     texture contains the primitive's index.
@@ -53,10 +55,11 @@ def assemble(
     image_path: Callable[[Path], str] = str,
     cache: TranslationCache | None = None,
 ) -> Node:
-    """Returns the dictionary of a scene for the target that ``options`` selects.
+    """Returns the Mitsuba dictionary of a scene, for the target that ``options`` selects.
 
-    ``store(name, content)`` stores the PLY file of a mesh, ``image_path(path)`` converts the path of an image; both
-    return the file name for the dictionary. ``cache`` is the translation cache.
+    ``store(name, content)`` stores the PLY file of a mesh, ``image_path(path)`` converts the path of an image file;
+    both functions return the file name that the dictionary contains. ``cache`` may contain the evaluated CSG tree of an
+    earlier translation.
     """
     scene, target = document.scene, prosim_target if options.target == "prosim" else stock_target
     context = Context(document, options, image_path)
@@ -89,10 +92,11 @@ def assemble(
 def _shapes(
     context: Context, target: ModuleType, triangles: dict[MeshKey, Triangles], store: Callable[[str, bytes], str]
 ) -> Node:
-    """Returns the shapes of a scene, in the order of the CSG tree.
+    """Returns the dictionaries of the shapes of a scene, in the order of the CSG tree.
 
     There is one shape for each :class:`MeshKey` in ``triangles``. ``store(name, content)`` stores the PLY file of a
-    mesh, and returns its file name. A mesh that is too small for single precision is left out, with a warning.
+    mesh, and returns its file name. A mesh whose triangles are all degenerate in single precision is left out, with a
+    warning.
     """
     document, scene = context.document, context.scene
     groups = group_equal(appearance_key(scene, leaf) for _, leaf in scene.leaves)
@@ -127,5 +131,7 @@ def _shapes(
 
 
 def _comment_with_line(document: Document, text: str, *path: str | int) -> Comment:
-    """Returns a comment that ends with the number of the line on which the text states a value."""
+    """Returns the comment ``text``, followed by the number of the line on which the scene's text states the value at
+    ``path``.
+    """
     return Comment(f"{text} (line {document.line(*path)})")

@@ -1,17 +1,21 @@
-"""Translates LIGHTS, AMBIENT and BACKGROUND; the value 65535 of the language is 1.0.
+"""Translates the statement LIGHTS and the colours of AMBIENT and BACKGROUND; the value 65535 of the scene language
+becomes 1.0 in Mitsuba.
 
-The option ``light_units`` of a translation defines the meaning of a light's Intensity. E is Intensity/65535, d is the
-distance from the light to VRP (the VIEW's reference point), r is the radius of the light:
+The option ``light_units`` of a translation defines the meaning of a light's Intensity. In the descriptions of the three
+light units, E is Intensity/65535, d is the distance from the light to VRP (the VIEW's reference point), and r is the
+radius of the light:
 
 ``calibrated``
-    E is the irradiance on a surface that faces the light at the distance d, on the axis of a cone or a spot. A point
-    has the intensity I = E d^2. A sphere that emits uniformly has the radiance L = E d^2/(pi r^2). For another sphere,
-    L is E divided by the integral, over the solid angle of the sphere, of the angular falloff times the cosine.
+    E is the irradiance on a surface that faces the light at the distance d; for a cone or a spot, the surface is on the
+    axis of the light. A calibrated point light has the radiant intensity I = E d^2. A calibrated sphere that emits
+    uniformly has the radiance L = E d^2/(pi r^2). For a calibrated sphere with the distribution CONE or SPOT, the
+    radiance L on the axis is E divided by an integral over the solid angle of the sphere: the integral of the angular
+    falloff times the cosine.
 ``radiance``
-    E is the radiance of the light. A point has the intensity I = pi r^2 E; its radius r is virtual (thesis, section
-    5.2).
+    E is the radiance of the light. With the light units "radiance", a point light has the radiant intensity I = pi r^2
+    E, as if it were a distant sphere of the radius r (thesis, section 5.2).
 ``unattenuated``
-    E is the irradiance at any distance from the light.
+    E is the irradiance at any distance from the light: the irradiance does not decrease with the distance.
 """
 
 import math
@@ -24,7 +28,7 @@ FULL_SCALE = 65535
 
 
 def from_full_scale(color: Vector) -> tuple[float, ...]:
-    """Divides a colour of the language by its full scale, 65535."""
+    """Divides a colour of the scene language by 65535, the language's value for 1.0."""
     return tuple(c / FULL_SCALE for c in color)
 
 
@@ -32,7 +36,8 @@ def radiance_or_intensity(context: Context, number: int, light: Light, units: st
     """Returns the radiance of an area light, or the intensity of a point light, as the dictionary of a colour.
 
     ``units`` defines the meaning of the light's Intensity: "calibrated", "radiance" or "unattenuated". Raises
-    SceneError for a calibrated light at VRP.
+    SceneError if ``units`` is "calibrated" and the light is at VRP or contains it, because the irradiance at VRP is
+    then undefined.
     """
     factor = 1.0
     if units == "calibrated":
@@ -48,11 +53,13 @@ def radiance_or_intensity(context: Context, number: int, light: Light, units: st
 
 
 def facing_irradiance(light: Light, distance: float) -> float:
-    """Returns the irradiance that a spherical light, whose radiance is 1 along its axis, causes on a facing surface.
+    """Returns the irradiance that a spherical light, whose radiance is 1 along its axis, causes on a surface that faces
+    the light.
 
-    The surface is on the axis of the light, at ``distance`` from its centre. A ray at the angle t to the axis has the
-    radiance cos^n t, so the irradiance is the integral of 2 pi cos^(n+1) t sin t dt over the sphere. If the cone of the
-    light is narrower than the sphere, the integral is over the cone.
+    The illuminated surface is on the axis of the light, at ``distance`` from the light's centre. A ray at the angle t
+    to the axis has the radiance cos^n t (n is a spot's exponent, or else 0), so the irradiance is the integral of 2 pi
+    cos^(n+1) t sin t dt from t = 0 to the angular radius of the sphere. If the half-angle of the light's cone is
+    smaller than the angular radius of the sphere, the integral ends at this half-angle.
     """
     n = light.exponent if light.distribution == "spot" else 0.0
     sine2 = (light.radius / distance) ** 2
@@ -62,7 +69,9 @@ def facing_irradiance(light: Light, distance: float) -> float:
 
 
 def warn_of_radius(context: Context, number: int, light: Light) -> None:
-    """Warns if the virtual radius of a point light has no effect."""
+    """Warns if the scene states the radius of a point light and the light units are not "radiance", so the radius has
+    no effect.
+    """
     path = "lights", number, "radius"
     if light.kind == "point" and context.options.light_units != "radiance" and context.document.is_given(*path):
         reason = "raio has an effect on a POINT light only with light units 'radiance'; delete it"
@@ -75,10 +84,11 @@ def sky_emitter(context: Context, number: int, light: Light) -> Node:
 
 
 def emitter(prefix: str, light: Light, color: Node, parameters: Node) -> Node:
-    """Returns the emitter of a POINT light, or the sphere of an AREA light, which emits light and reflects none.
+    """Returns the emitter of a POINT light, or the sphere of an AREA light; the sphere emits light and reflects no
+    light.
 
-    ``prefix`` and the kind of the light are the name of the emitter's plugin. ``color`` is its radiance or intensity,
-    ``parameters`` are its other parameters.
+    The name of the emitter's plugin is ``prefix`` followed by the kind of the light. ``color`` is the radiance of an
+    AREA light or the intensity of a POINT light, and ``parameters`` are the other parameters of the emitter's plugin.
     """
     plugin = prefix + light.kind
     if light.kind == "point":

@@ -1,4 +1,6 @@
-"""Translates a SURFACE to a BSDF of this project's plugins; computes properties of a SURFACE for both targets."""
+"""Translates a SURFACE to a BSDF of this project's plugins, and computes properties of a SURFACE that the targets
+``prosim`` and ``stock`` both need.
+"""
 
 import math
 from dataclasses import dataclass
@@ -16,10 +18,12 @@ MIN_ABSORPTION = 1e-7
 
 @dataclass(frozen=True)
 class MediumInterface:
-    """The media on the two sides of a face; each medium is the index of a SURFACE.
+    """The media on the two sides of a face; each medium is represented by the index of a SURFACE whose primitives
+    consist of this medium.
 
-    ``inside`` is the index of the face's own SURFACE if this is opaque, else the index of the inner medium. ``outside``
-    is None if the outer medium is air.
+    ``inside`` is the SURFACE index of the medium on the inner side of the face; for an opaque primitive, it is the
+    index of the primitive's SURFACE. ``outside`` is the SURFACE index of the medium on the outer side of the face; None
+    is air.
     """
 
     inside: int
@@ -27,7 +31,9 @@ class MediumInterface:
 
 
 def roughness_parameters(surface: Surface) -> Node:
-    """Returns the parameters of a BSDF for the roughness of a surface; a smooth surface has none."""
+    """Returns the parameters of a BSDF that describe the roughness of a surface; for a smooth surface, the result is
+    empty.
+    """
     if surface.exponent is not None:
         return {"distribution": "phong", "exponent": surface.exponent}
     if surface.slope:
@@ -36,7 +42,9 @@ def roughness_parameters(surface: Surface) -> Node:
 
 
 def reflectances(surface: Surface) -> tuple[Vector, Vector, Vector]:
-    """Returns kd, ks and ka of a surface; missing values have the defaults of the material."""
+    """Returns the diffuse, specular and ambient reflectances kd, ks and ka of a surface; values that the scene does not
+    state are defaults of the material.
+    """
     kd = surface.kd or GREY
     ks = surface.ks or ((1 - kd[0], 1 - kd[1], 1 - kd[2]) if surface.material == "composite" else BLACK)
     ka = surface.ka
@@ -51,9 +59,11 @@ def effective_textures(leaf: Leaf, surface: Surface) -> tuple[Texture | None, Te
 
 
 def mean_index(context: Context, index: int | None) -> float:
-    """Returns the index of refraction of the medium inside SURFACE ``index``, or of the air if ``index`` is None.
+    """Returns the index of refraction of the medium inside primitives with SURFACE number ``index``; if ``index`` is
+    None, that of the air.
 
-    The result is the mean of the channels r, g and b; different channels cause a warning.
+    The result is the mean of the indices of refraction of the channels r, g and b; if they differ, a warning is
+    emitted.
     """
     if index is None:
         return context.scene.air_index
@@ -68,17 +78,19 @@ def mean_index(context: Context, index: int | None) -> float:
 
 
 def mean_indices(context: Context, sides: MediumInterface) -> Node:
-    """Returns a BSDF's parameters for the indices of refraction on both sides of a face: one number for each side."""
+    """Returns the BSDF parameters ``int_ior`` and ``ext_ior``: the mean indices of refraction on the inner and the
+    outer side of a face.
+    """
     return {"int_ior": mean_index(context, sides.inside), "ext_ior": mean_index(context, sides.outside)}
 
 
 def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> Node:
-    """Returns the BSDF, for this project's plugins, of a primitive: ``leaf``, node ``number`` of the CSG tree."""
+    """Returns the BSDF, a plugin of this project, of the primitive ``leaf``, node ``number`` of the CSG tree."""
     surface = context.scene.surfaces[leaf.index]
     (kd, ks, ka), rough = reflectances(surface), roughness_parameters(surface)
 
     def textured(color: Vector) -> Node:
-        """Returns a colour that is multiplied by the textures of the primitive."""
+        """Returns the reflectance ``color`` multiplied by the textures of the primitive."""
         return textures.reflectance(context, number, leaf, effective_textures(leaf, surface), color)
 
     if surface.material == "conductor":
@@ -113,10 +125,11 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> N
 
 
 def _refraction(context: Context, index: int | None) -> Node:
-    """Returns the refraction of the medium inside SURFACE ``index``, or of the air if ``index`` is None.
+    """Returns BSDF parameters for the refraction of the medium inside primitives with SURFACE number ``index``; if
+    ``index`` is None, of the air.
 
-    The keys of the result are parameters of a BSDF without their prefix, which is "int_" for the inner side of a face
-    and "ext_" for the outer side.
+    The keys of the result are the names of BSDF parameters without the prefix; the prefix is "int_" for the inner side
+    of a face and "ext_" for the outer side.
     """
     surface = Surface() if index is None else context.scene.surfaces[index]
     if surface.glass:
@@ -126,7 +139,7 @@ def _refraction(context: Context, index: int | None) -> Node:
 
 
 def absorbs(surface: Surface) -> bool:
-    """Whether the medium inside a surface absorbs light."""
+    """Whether the medium inside primitives with the SURFACE ``surface`` absorbs light."""
     return surface.material == "dielectric" and min(surface.transmittance or (1.0,)) < 1
 
 
@@ -138,10 +151,11 @@ def media(context: Context, sides: MediumInterface) -> Node:
 
 
 def _absorbing_medium(surface: Surface) -> Node:
-    """Returns the absorbing medium inside a surface.
+    """Returns the dictionary of the absorbing medium inside primitives with the SURFACE ``surface``.
 
-    By Beer's law, the transmittance T over the thickness d is exp(-s d). Mitsuba's colours are at most 1, so the
-    absorption s is divided by ``scale``.
+    By Beer's law, the transmittance T over the thickness d is exp(-s d), where s is the absorption coefficient.
+    Mitsuba's colours are at most 1, so the absorption coefficients of the three channels are divided by the largest of
+    them, which becomes the medium's parameter ``scale``.
     """
     assert surface.transmittance is not None
     sigma = [-math.log(t) / surface.thickness for t in surface.transmittance]
@@ -153,9 +167,10 @@ def _absorbing_medium(surface: Surface) -> Node:
 def phong_exponent(surface: Surface) -> float | None:
     """Returns the exponent of a surface's Phong lobe, or None for a mirror.
 
-    An exponent in the scene is returned as it is. An RMS slope m is converted to n = 2/m^2 - 2, limited to the range of
-    the scene language. Walter et al. (2007) give this formula for the angle to the half vector. Here n is used for the
-    angle to the mirror direction, so the lobe is about half as wide as Beckmann's.
+    A Phong exponent that the scene states is returned unchanged. An RMS slope m is converted to the Phong exponent n =
+    2/m^2 - 2, clamped to the range that the scene language allows. Walter et al. (2007) give the formula n = 2/m^2 - 2
+    for the angle between the half vector and the normal. The Phong lobe uses the exponent n for the angle between the
+    reflected ray and the mirror direction, so the lobe is about half as wide as the lobe of Beckmann's distribution.
     """
     if surface.exponent is None and surface.slope:
         return min(max(2 / surface.slope**2 - 2, 0.0), numbers_of("OPTIC", "exponent").high)
@@ -165,7 +180,8 @@ def phong_exponent(surface: Surface) -> float | None:
 def beckmann_slope(surface: Surface) -> float:
     """Returns the RMS slope m of Beckmann's distribution for a surface, or 0 if the surface is smooth.
 
-    A Phong exponent n is converted to m = sqrt(2/(n + 2)), the inverse of the formula of :func:`phong_exponent`.
+    A Phong exponent n is converted to the RMS slope m = sqrt(2/(n + 2)), the inverse of the formula of
+    :func:`phong_exponent`.
     """
     if surface.exponent is not None:
         return math.sqrt(2 / (surface.exponent + 2))

@@ -1,4 +1,4 @@
-"""The target ``prosim``: the plugins of this project."""
+"""Translates a scene for the target ``prosim``, which uses the plugins of this project."""
 
 from ..model import Leaf, Light
 from ..nodes import Comment, Default, Node, rgb
@@ -10,9 +10,11 @@ SAMPLER = "nrook"
 
 
 def settings(context: Context) -> Node:
-    """Returns the integrator of a scene, with a comment.
+    """Returns the integrator ``prosim`` with the settings of a scene, and a comment that lists the statements of these
+    settings.
 
-    Colours are divided by the language's full scale, 65535; a background image is not.
+    The colours of AMBIENT and BACKGROUND are divided by 65535, the scene language's value for 1.0; the colours of a
+    background image are not.
     """
     scene = context.scene
     background = rgb(lights.from_full_scale(scene.background.color))
@@ -37,12 +39,14 @@ def settings(context: Context) -> Node:
 
 
 def camera(context: Context, camera: Camera) -> Camera:
-    """Returns the given camera unchanged, because this target supports every camera."""
+    """Returns ``camera`` unchanged, because the target ``prosim`` supports every camera."""
     return camera
 
 
 def light(context: Context, number: int, light: Light) -> Node:
-    """Returns the emitter of a POINT light, or the sphere of an AREA light, which contains an emitter."""
+    """Returns the dictionary of the emitter of a POINT light, or of the sphere of an AREA light, which contains an
+    emitter.
+    """
     units = context.options.light_units
     parameters: Node = {}
     if light.distribution != "uniform":
@@ -57,5 +61,5 @@ def light(context: Context, number: int, light: Light) -> Node:
 
 
 def surface(context: Context, number: int, leaf: Leaf, sides: materials.MediumInterface) -> Node:
-    """Returns the BSDF of a primitive, and the media on both sides of its surface."""
+    """Returns the BSDF of a primitive, and the absorbing media on both sides of its surface."""
     return {"bsdf": materials.bsdf(context, number, leaf, sides), **materials.media(context, sides)}

@@ -1,4 +1,4 @@
-"""Translates a camera to Mitsuba's sensor; off-centre windows and oblique views are exact.
+"""Translates a camera to a Mitsuba sensor; the translation is exact, also for off-centre windows and oblique views.
 
 The scene language has no clipping planes, so the clipping planes of the sensor enclose the whole scene.
 """
@@ -24,8 +24,8 @@ def clipping_depths(camera: Camera, meshes: Collection[Triangles], lights: Itera
 
     A depth is a distance from the eye along the viewing direction, in scene units.
 
-    The far plane is at least twice as deep as any triangle and light. If a triangle may be near the eye, the depth of
-    the near plane is tiny, but never 0.
+    The depth of the far clipping plane is at least twice the depth of any triangle and light. If a triangle may lie in
+    front of the default near clipping plane, the near plane gets a tiny depth, which is never 0.
     """
     depths = [_depth(camera, np.array(light.position)) + light.radius for light in lights if light.kind != "sky"]
     depths += [_depth(camera, mesh.vertices).max() for mesh in meshes]
@@ -43,13 +43,14 @@ def _depth(camera: Camera, points: np.ndarray) -> np.ndarray:
 
 
 def _is_near(point: np.ndarray, mesh: Triangles, distance: float) -> bool:
-    """Whether the bounding box of a triangle comes within ``distance`` of a point, along each axis."""
+    """Whether the bounding box of any triangle of ``mesh`` is closer than ``distance`` to a point along each axis."""
     below, above = mesh.vertices < point + distance, mesh.vertices > point - distance
     return bool(np.all(below[mesh.index].any(axis=1) & above[mesh.index].any(axis=1), axis=1).any())
 
 
 def sensor(context: Context, target: ModuleType, camera: Camera, meshes: Collection[Triangles]) -> Node:
-    """Returns the sensor of a camera: Mitsuba's ``perspective`` for square pixels, ``prosim_window`` for other pixels.
+    """Returns the dictionary of a camera's sensor, which is Mitsuba's ``perspective`` for square pixels and
+    ``prosim_window`` for other pixels.
 
     The clipping planes of the sensor clip no triangle of ``meshes`` and no light.
     """

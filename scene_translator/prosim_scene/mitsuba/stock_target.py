@@ -1,4 +1,6 @@
-"""The target ``stock``: only plugins that are part of Mitsuba. Each approximation is one warning."""
+"""Translates a scene for the target ``stock``, which uses only plugins that are part of Mitsuba. Each kind of
+approximation causes one warning.
+"""
 
 import math
 from dataclasses import replace
@@ -17,12 +19,14 @@ SAMPLER = "multijitter"
 
 
 def _approximate(context: Context, reason: str, *path: str | int) -> None:
-    """Warns that this target approximates the scene; each ``reason`` is reported only once."""
+    """Emits a warning that the target ``stock`` approximates the scene; a second warning with the same ``reason`` is
+    not emitted.
+    """
     context.approximate(f"stock target: {reason}", *path)
 
 
 def settings(context: Context) -> Node:
-    """Returns the integrator and the background of a scene, with a comment."""
+    """Returns the integrator and the background of a scene, and a comment that lists their statements."""
     scene = context.scene
     absorbing = any(materials.absorbs(scene.surfaces[leaf.index]) for _, leaf in scene.leaves)
     integrator = "volpath" if absorbing else "path"
@@ -55,9 +59,10 @@ def settings(context: Context) -> Node:
 
 
 def camera(context: Context, camera: Camera) -> Camera:
-    """Returns a camera with square pixels, which sees the window of the given camera.
+    """Returns a camera with square pixels whose window is that of ``camera``, except for rounding to whole pixels.
 
-    The width of the image stays the same, and the height changes. Raises SceneError if the image is too large.
+    If the pixels of ``camera`` are not square, the returned camera's image has the same width in pixels, but another
+    height. Raises SceneError if this image would have too many pixels.
     """
     if camera.square_pixels:
         return camera
@@ -74,9 +79,9 @@ def camera(context: Context, camera: Camera) -> Camera:
 
 
 def light(context: Context, number: int, light: Light) -> Node:
-    """Returns the emitter of a light, or the sphere of an AREA light, which contains an emitter.
+    """Returns the dictionary of the emitter of a light, or of the sphere of an AREA light, which contains an emitter.
 
-    A light with the distribution CONE or SPOT becomes Mitsuba's ``spot``, also if it is an AREA light.
+    A light with the distribution CONE or SPOT becomes Mitsuba's point light ``spot``, even if it is an AREA light.
     """
     path, units = ("lights", number), context.options.light_units
     if units == "unattenuated":
@@ -100,8 +105,8 @@ def light(context: Context, number: int, light: Light) -> Node:
 
 
 def _spot_angles(light: Light) -> tuple[float, float]:
-    """Returns two angles in degrees for Mitsuba's ``spot`` light: below the first angle the light is constant, above
-    the second it is black.
+    """Returns the angles ``beam_width`` and ``cutoff_angle`` of Mitsuba's emitter ``spot`` in degrees: the intensity is
+    constant below the first angle, and 0 above the second angle.
     """
     limit = min(light.angle or 90.0, 90.0 if light.distribution == "spot" else 179.0)
     if light.distribution == "cone":
@@ -123,7 +128,9 @@ def _to_world_along(position: Vector, direction: Vector) -> np.ndarray:
 
 
 def surface(context: Context, number: int, leaf: Leaf, sides: materials.MediumInterface) -> Node:
-    """Returns the BSDF of a primitive, the media on both sides of its surface, and an emitter for the ambient term."""
+    """Returns the BSDF of a primitive, the absorbing media on both sides of its surface, and an emitter for the ambient
+    term.
+    """
     scene = context.scene
     surface = scene.surfaces[leaf.index]
     kd, ks, ka = materials.reflectances(surface)
@@ -147,8 +154,8 @@ def surface(context: Context, number: int, leaf: Leaf, sides: materials.MediumIn
 
 
 def _mean_color(kind: str, parameters: dict[str, Any]) -> np.ndarray:
-    """Returns the mean colour (r, g, b) of a pattern of this ``kind``; ``parameters`` are the values of all its
-    parameters.
+    """Returns the mean colour (r, g, b) of a pattern of the kind ``kind``, whose parameters have the values
+    ``parameters``.
     """
     if kind == "brick":
         width, height, joint = parameters["brick_width"], parameters["brick_height"], parameters["mortar_width"]
@@ -163,9 +170,10 @@ def _mean_color(kind: str, parameters: dict[str, Any]) -> np.ndarray:
 def _bsdf(
     context: Context, index: int, surface: Surface, sides: materials.MediumInterface, diffuse: Node, ks: Vector
 ) -> Node:
-    """Returns the BSDF of a SURFACE: ``surface`` and its ``index``.
+    """Returns the BSDF of the SURFACE ``surface``, which has the index ``index``.
 
-    ``diffuse`` is the colour or texture of its diffuse reflection, ``ks`` the colour of its specular reflection.
+    ``diffuse`` is the colour or texture of the surface's diffuse reflection, ``ks`` the colour of its specular
+    reflection.
     """
     path = "surfaces", index
     alpha = materials.beckmann_slope(surface)

@@ -1,7 +1,8 @@
-"""Translates the textures in the two slots of a primitive to Mitsuba's textures.
+"""Translates the textures in the two texture slots of a primitive to Mitsuba's textures.
 
-Slot 1 is a pattern or an image in the surface's parameters (u, v). Slot 2 is a solid texture: a pattern in the
-primitive's own space. The colours of both textures are multiplied with ka and kd.
+The first texture slot of a primitive has a pattern or an image in the coordinates (u, v) of the surface. The second
+texture slot has a solid texture: a pattern in the coordinates (x, y, z) of the primitive before its TRANSFORM. The
+primitive's ambient and diffuse reflectances ka and kd are multiplied by the colours of both textures.
 """
 
 from collections.abc import Callable, Sequence
@@ -47,9 +48,10 @@ Colored = Callable[[Sequence[float]], Node]
 
 
 def parameters(scene: Scene, name: str, solid: bool) -> tuple[str, dict[str, Any]]:
-    """Returns the kind of a texture, and the values of all its parameters, with defaults.
+    """Returns the kind of a texture, and the values of all its parameters; parameters that the scene does not state
+    have their defaults.
 
-    ``solid`` is True for a texture in the second slot.
+    ``solid`` is True for a solid texture (in the second texture slot).
     """
     pattern = scene.patterns[name]
     axis = {"axis": STRIPES_AXIS[solid]} if pattern.kind == "stripes" else {}
@@ -59,16 +61,19 @@ def parameters(scene: Scene, name: str, solid: bool) -> tuple[str, dict[str, Any
 def reflectance(
     context: Context, number: int, leaf: Leaf, slots: Sequence[Texture | None], color: Sequence[float]
 ) -> Node:
-    """Returns a colour of a primitive multiplied by its two textures: an rgb dictionary or a (nested) texture.
+    """Returns the reflectance ``color`` of a primitive multiplied by the primitive's two textures, as an rgb dictionary
+    or a (nested) texture.
 
-    The primitive is ``leaf``, node ``number`` of the CSG tree. ``slots`` are its two textures. ``color`` is its ka or
-    kd: r, g and b.
+    The primitive is ``leaf``, node ``number`` of the CSG tree. ``slots`` are the surface texture and the solid texture
+    of the primitive. ``color`` (r, g, b) is the primitive's ambient reflectance ka or its diffuse reflectance kd.
     """
     surface_texture, solid_texture = slots
     scene = context.scene
 
     def inner(factor: Sequence[float]) -> Node:
-        """Returns the colour multiplied by a factor and by the solid texture of the second slot."""
+        """Returns the primitive's reflectance ``color`` multiplied by ``factor`` and by the primitive's solid texture,
+        if there is one.
+        """
         product = np.multiply(color, factor)
         if solid_texture is None:
             return rgb_clipped(product)
@@ -86,10 +91,10 @@ def reflectance(
 
 
 def pattern(scene: Scene, texture: Texture, solid: bool, colored: Colored) -> Node:
-    """Returns the plugin of a pattern.
+    """Returns the dictionary of the texture plugin of a pattern.
 
-    The colours of the pattern are factors; ``colored`` converts each of them to a colour or a nested texture. ``solid``
-    is True for a texture in the second slot.
+    The colours of a pattern are factors of a reflectance; the function ``colored`` converts each factor to a colour or
+    a nested texture. ``solid`` is True for a solid texture (in the second texture slot).
     """
     assert texture.name is not None
     kind, values = parameters(scene, texture.name, solid)

@@ -1,4 +1,6 @@
-"""The context of a translation: its document and options; the files that a scene uses; limits of single precision."""
+"""Defines the context of a translation (its document and its options), finds the files that a scene uses, and checks
+numbers against the limit of single precision.
+"""
 
 import os
 import re
@@ -21,10 +23,11 @@ T = TypeVar("T")
 
 
 class Context:
-    """A document, its ``scene``, and the options of its translation.
+    """The context of a translation: the ``document``, its ``scene``, and the ``options`` of the translation.
 
-    An image of the scene has ``samples``² samples per pixel. ``image_path`` converts the path of an image file to its
-    file name in the translation. ``reported`` is the set of approximations that have been reported.
+    ``samples`` is the number N of samples that the option ``samples`` states, or else NSAMPLES of the scene. The
+    function ``image_path`` converts the path of an image file to the file name that the translated scene contains.
+    ``reported`` is the set of approximations of which the user has been warned.
     """
 
     def __init__(self, document: Document, options: Options, image_path: Callable[[Path], str]) -> None:
@@ -34,34 +37,43 @@ class Context:
         self.reported = set[str]()
 
     def approximate(self, reason: str, *path: str | int) -> None:
-        """Warns of an approximation; each ``reason`` is reported only once."""
+        """Emits a warning that the translation approximates the scene; a second warning with the same ``reason`` is not
+        emitted.
+        """
         if reason not in self.reported:
             self.reported.add(reason)
             self.document.warn(reason, *path)
 
     def read_mesh(self, name: str, *path: str | int) -> Primitive:
-        """Returns the solid of a mesh file. Raises SceneError if the file may not be used, or has no closed mesh."""
+        """Returns the solid of the mesh file ``name``. Raises SceneError if the option ``allow_outside`` forbids the
+        file's folder, or if the file cannot be read or has no closed mesh.
+        """
         return self._read_file("mesh", _mesh, name, *path)
 
     def image(self, plugin: str, name: str, *path: str | int) -> Node:
-        """Returns the dictionary of a ``plugin`` that shows an image.
+        """Returns the dictionary of the Mitsuba plugin ``plugin``, a texture or an environment emitter, with the image
+        file ``name``.
 
-        Raises SceneError if the file may not be used, or is not an image.
+        Raises SceneError if the option ``allow_outside`` forbids the file's folder, or if the file cannot be read or is
+        not an image.
         """
         return {"type": plugin, "filename": self._read_file("image", self._image_filename, name, *path)}
 
     def _image_filename(self, path: Path) -> str:
-        """Returns the file name of an image in the translation. Raises ValueError if the file is not an image."""
+        """Returns the file name by which the translated scene refers to an image file. Raises ValueError if the file is
+        not an image.
+        """
         if not is_image(path):
             raise ValueError(f"is not an image; expected one of {FORMATS}")
         return self.image_path(path)
 
     def _read_file(self, kind: str, read: Callable[[Path], T], name: str, *path: str | int) -> T:
-        """Returns the result of ``read`` for the path of the file that a value in the scene names.
+        """Returns the result of ``read(file)``, where ``file`` is the path of the file that the scene calls ``name``.
 
-        ``kind`` is "image" or "mesh", ``name`` is the value, and ``path`` is the path of the value in the model. The
-        file must be in the scene's folder or below, if the option ``allow_outside`` is False. Raises SceneError if the
-        file may not be used or does not exist, and if ``read`` raises OSError or ValueError.
+        ``kind`` is "image" or "mesh", for error messages, and ``path`` is the path of the value ``name`` in the model,
+        such as ("background", "image"). If the option ``allow_outside`` is False, the file must be in the scene's
+        folder or in a folder below it. Raises SceneError if the file is in another folder or does not exist, and if
+        ``read`` raises OSError or ValueError.
         """
         folder = Path(self.document.source.filename).parent
         try:
@@ -94,9 +106,10 @@ def _mesh(path: Path) -> Primitive:
 
 
 def check_single_precision(document: Document, node: Node, *path: str | int) -> Node:
-    """Returns ``node`` unchanged; raises a SceneError if a number in ``node`` exceeds single precision.
+    """Returns the dictionary ``node`` unchanged; raises SceneError if a number in it is too large for Mitsuba's single
+    precision.
 
-    ``path`` is the path, in the model, of the value from which ``node`` was made.
+    ``path`` is the path in the model, such as ("lights", 0), of the value from which ``node`` was made.
     """
     for value in values_in(plain(node, np.asarray)):
         for number in () if isinstance(value, str) else np.ravel(value).tolist():
@@ -114,8 +127,8 @@ TGA_FOOTER = b"TRUEVISION-XFILE.\0"
 
 
 def is_image(path: Path) -> bool:
-    """Whether a file has the first bytes (TGA: the last bytes) of an image format that Mitsuba reads. Raises
-    OSError.
+    """Whether the first bytes of a file (of a TGA file, the last bytes) are those of an image format that Mitsuba
+    reads. Raises OSError if the file cannot be read.
     """
     with path.open("rb") as file:
         head = file.read(8)
@@ -124,12 +137,16 @@ def is_image(path: Path) -> bool:
 
 
 def located(folder: Path, name: str) -> Path:
-    """Returns the path of the file that a scene in ``folder`` calls ``name``."""
+    """Returns the path of the file that a scene calls ``name``; a relative name is relative to the scene's folder
+    ``folder``.
+    """
     return folder / name.replace("\\", "/")
 
 
 def images(document: Document) -> list[tuple[str, ValuePath]]:
-    """Lists the names of the image files that a scene uses, each with the path of this value in the model."""
+    """Lists the names of the image files that a scene uses, each with its path in the model, such as ("background",
+    "image").
+    """
     scene = document.scene
     names: dict[ValuePath, str | None] = {("background", "image"): scene.background.image}
     names |= {("lights", number, "image"): light.image for number, light in enumerate(scene.lights)}
@@ -139,5 +156,7 @@ def images(document: Document) -> list[tuple[str, ValuePath]]:
 
 
 def meshes(document: Document) -> dict[str, ValuePath]:
-    """Returns the names of the mesh files that a scene uses, each with the path of this value in the model."""
+    """Returns a dictionary from the name of each mesh file that a scene uses to the path of this name in the model,
+    such as ("csg", 5, "file").
+    """
     return {leaf.file: ("csg", number, "file") for number, leaf in document.scene.leaves if leaf.file is not None}

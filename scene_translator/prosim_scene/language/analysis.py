@@ -56,8 +56,8 @@ def analyse(
 ) -> tuple[Reader, list[Problem], Document | None]:
     """Reads a text and checks the scene; returns ``(reader, problems, document)``.
 
-    ``problems`` are the errors and warnings in the order of the text. The document is None if there is an error. Raises
-    SceneError for a text that is too large.
+    ``problems`` are the errors and warnings in the order of the text. The document is None if the text has an error.
+    Raises SceneError if the text is larger than SIZE_LIMIT.
     """
     if len(text) > SIZE_LIMIT:
         raise too_large(filename)
@@ -88,10 +88,10 @@ def too_large(path: AnyPath) -> SceneError:
 
 
 def _with_separate_indices(document: Document) -> Document:
-    """Returns an equal document in which no primitive is inside a named solid.
+    """Returns an equivalent document in which the primitives of named solids have separate indices.
 
-    Each combination of a primitive's index with the indices of the named solids around it has a new index, with a
-    SURFACE and a TRANSFORM of its own.
+    Each combination of a primitive's index with the indices of the named solids around the primitive gets a new index,
+    for which a SURFACE and a TRANSFORM are added to the scene.
     """
     scene, spans = document.scene, dict(document.spans)
     surfaces, transforms, csg = dict(scene.surfaces), dict(scene.transforms), list(scene.csg)
@@ -114,7 +114,7 @@ def _with_separate_indices(document: Document) -> Document:
 
 
 def _used_indices(scene: Scene) -> set[int]:
-    """Returns the indices that the primitives of the CSG tree use."""
+    """Returns the indices of the primitives in the CSG tree, and of the named solids around these primitives."""
     return {index for _, leaf in scene.leaves for index in (leaf.index, *leaf.within)}
 
 
@@ -129,7 +129,9 @@ def _scene_problems(document: Document) -> Iterator[Problem]:
 
 
 def _settings_problems(document: Document) -> Iterator[SceneError]:
-    """Yields errors about the channels and the resolution of a scene."""
+    """Yields an error if the scene saves none of the channels R, G and B, and an error if its image has too many
+    pixels.
+    """
     scene = document.scene
     if not any(scene.channels):
         yield document.error("found FALSE for all channels; expected TRUE for one at least", "channels", code="range")
@@ -139,7 +141,9 @@ def _settings_problems(document: Document) -> Iterator[SceneError]:
 
 
 def _lights_problems(document: Document) -> Iterator[Problem]:
-    """Yields errors about lights without a position, and warnings about a nearly dark light, AMBIENT or BACKGROUND."""
+    """Yields errors about lights without a position, and warnings about nearly dark colours of lights, AMBIENT or
+    BACKGROUND.
+    """
     scene = document.scene
     intensities: list[tuple[Vector, Path]] = [(scene.ambient, ("ambient",))]
     intensities += [(scene.background.color, ("background",))] * (scene.background.image is None)
@@ -155,9 +159,9 @@ def _lights_problems(document: Document) -> Iterator[Problem]:
 
 
 def _materials_problems(document: Document) -> Iterator[Problem]:
-    """Yields errors about missing or contradictory optics of a material.
+    """Yields errors about missing or contradictory optical parameters of a material.
 
-    Yields warnings about values without effect.
+    Yields a warning about each thickness that has no effect, because the material has no transmittance.
     """
     for index, s in document.scene.surfaces.items():
         wrong = ""
@@ -182,7 +186,7 @@ def _materials_problems(document: Document) -> Iterator[Problem]:
 def _kinds_problems(document: Document) -> Iterator[Problem]:
     """Yields errors about textures without a kind, and about parameters that a kind of texture does not have.
 
-    If a light or a material has a parameter that its kind does not use, the problem is a warning.
+    Yields a warning about each parameter of a light or a material that has no effect on this kind of light or material.
     """
     for key, pattern in document.scene.patterns.items():
         if not pattern.kind:
@@ -203,7 +207,7 @@ def _kinds_problems(document: Document) -> Iterator[Problem]:
 
 
 def _indices_problems(document: Document) -> Iterator[SceneError]:
-    """Yields an error for each index of a primitive that has no SURFACE or no TRANSFORM."""
+    """Yields an error for each index of a primitive for which the scene has no SURFACE or no TRANSFORM."""
     statements = [path for path in document.spans if len(path) == 2]  # also of statements with an error
     surfaces, transforms = ({key for field, key in statements if field == name} for name in ("surfaces", "transforms"))
     reported = set()
@@ -222,7 +226,9 @@ def _indices_problems(document: Document) -> Iterator[SceneError]:
 
 
 def _textures_problems(document: Document) -> Iterator[SceneError]:
-    """Yields errors about unknown textures, and about images in the slot of a solid texture."""
+    """Yields errors about unknown textures, and about images in the second texture slot, which allows only solid
+    textures.
+    """
     names, reported = list(document.scene.patterns), set[str]()
     slots = ((number, *slot) for number, leaf in document.scene.leaves for slot in enumerate(leaf.textures))
     for number, slot, texture in slots:

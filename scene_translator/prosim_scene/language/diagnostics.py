@@ -23,34 +23,37 @@ class Span(NamedTuple):
 
 
 class Diagnostic(Exception):  # noqa: N818 - also of warnings
-    """A problem of a scene. ``str()`` is the whole message: file, line, column, the problem, and a caret.
+    """A problem in the text of a scene. ``str()`` returns the whole message: file, line, column, the problem, and a
+    caret under the faulty text.
 
-    The parts of the message are attributes: ``filename``; ``line`` and ``column`` (both from 1; 0 if the problem has no
-    position in the text); ``reason``; ``span`` or None; ``code``, a fixed name for this kind of problem.
+    The attributes are the parts of the message, namely ``filename``; ``line`` and ``column`` (both from 1; 0 if the
+    problem has no position in the text); ``reason``; ``span`` or None; ``code``, a fixed name for this kind of problem.
     """
 
     line = column = 0
     span: Span | None = None
 
     def __init__(self, reason: str, filename: AnyPath = "", code: str = "", message: str = "") -> None:
-        """The default of ``message`` is the reason, after the file name if there is one."""
+        """If ``message`` is empty, the message consists of the file name, if there is one, and of the reason."""
         self.filename, self.reason, self.code = str(filename), reason, code
         super().__init__(message or (f"{filename}: {reason}" if filename else reason))
 
 
 class SceneWarning(Diagnostic, UserWarning):
-    """A probable mistake in a valid scene. It is emitted through ``warnings.warn``.
+    """A probable mistake, or an approximation, in a valid scene. A SceneWarning is emitted through ``warnings.warn``.
 
-    A SceneWarning has the attributes of a :class:`SceneError`.
+    A SceneWarning has the attributes of a :class:`SceneError`, except ``others``.
     """
 
 
 class SceneError(Diagnostic, ValueError):
-    """Wrong input. ``str()`` is the whole message: file, line, column, the problem, the expected input, and a caret.
+    """An error in the input. ``str()`` returns the whole message: file, line, column, the problem, the expected input,
+    and a caret under the faulty text.
 
-    The parts of the message are attributes: ``filename``; ``line`` and ``column`` (both from 1; 0 if the error has no
-    position in the text); ``reason``; ``span`` or None; ``code``, a fixed name for this kind of error. ``others`` are
-    the further errors of the text; the message shows the first few of them.
+    The attributes are the parts of the message, namely ``filename``; ``line`` and ``column`` (both from 1; 0 if the
+    error has no position in the text); ``reason``; ``span`` or None; ``code``, a fixed name for this kind of error. The
+    attribute ``others`` has the errors that follow the first error in the text; the message shows the first few of
+    them.
     """
 
     others: tuple["SceneError", ...] = ()
@@ -61,7 +64,9 @@ Kind = TypeVar("Kind", SceneError, SceneWarning)
 
 
 def combined_error(errors: Sequence[SceneError]) -> SceneError:
-    """Combines several errors into one: a copy of the first error, with the messages of the others after its own."""
+    """Combines several errors into one, which is a copy of the first error; its message is followed by the messages of
+    the other errors.
+    """
     first, *others = errors
     more = len(others) - MAX_SHOWN
     ending = ["and many more errors" if len(others) >= MAX_ERRORS else f"and {more} more errors"] if more > 0 else []
@@ -72,7 +77,9 @@ def combined_error(errors: Sequence[SceneError]) -> SceneError:
 
 
 class Source:
-    """The text of a scene and its file name; converts offsets to lines, columns and messages."""
+    """The text of a scene and the name of its file; converts text offsets to lines and columns, and makes messages
+    about parts of the text.
+    """
 
     def __init__(self, text: str, filename: AnyPath) -> None:
         self.text, self.filename = text, str(filename)
@@ -110,7 +117,7 @@ class Source:
     def diagnostic(self, kind: type[Kind], span: Span, reason: str, code: str) -> Kind:
         """Returns an error or a warning about the text at ``span``; ``kind`` is the class of the result.
 
-        The reason in its message ends with the values of the ``$names`` in the span.
+        If the text at ``span`` contains ``$names``, the values of these names are added to the reason in the message.
         """
         used = dict.fromkeys(USE.findall(self.text[span.start : min(span.end, span.start + MAX_QUOTE)]))
         unexplained = [name for name in used if name in self.names and f"${name}" not in reason]

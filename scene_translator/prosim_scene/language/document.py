@@ -1,4 +1,4 @@
-"""A document: a scene, and the span of each of its values in the text."""
+"""Defines a document, which is a scene together with the position (span) of each of its values in the text."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -13,9 +13,10 @@ Path = tuple[str | int, ...]
 
 @dataclass(frozen=True)
 class Document:
-    """A scene, its ``source`` text, and the ``spans`` of its values in this text, by the paths of the values.
+    """A ``scene``, its ``source`` text, and ``spans``, a dictionary from the path of each value, such as ("view",
+    "eye"), to the position of the value in the text.
 
-    ``uses`` are the ``$names`` that the text uses.
+    ``uses`` is the set of the ``$names`` that the text uses.
     """
 
     source: Source
@@ -24,7 +25,9 @@ class Document:
     uses: frozenset[str] = frozenset()
 
     def is_given(self, *path: str | int) -> bool:
-        """Whether the text states the value at this path of the model; otherwise the value is a default."""
+        """Whether the text states the value with the path ``path``, such as ("view", "eye"); if not, the value is a
+        default.
+        """
         return path in self.spans
 
     def span(self, *path: str | int) -> Span:
@@ -58,9 +61,11 @@ class Document:
         warnings.warn(self.warning(reason, *path), stacklevel=2)
 
     def operands_note(self, number: int) -> str:
-        """Returns a note on the operands of the nearest operator - or * above node ``number`` of the CSG tree, or "".
+        """Returns a note on the operands of the nearest operator - or * above node ``number`` of the CSG tree, or "" if
+        there is no such operator.
 
-        Messages about solids that vanish end with the note, because users often write an operator between its operands.
+        Warnings about solids that vanish in the result end with this note, because users often write an operator
+        between its operands by mistake.
         """
         ends = subtree_ends(self.scene.csg)
         above = [i for i in range(number) if ends[i] > number and self.text_of("csg", i) in ("-", "*")]
@@ -72,9 +77,10 @@ class Document:
 
 
 def subtree_ends(csg: Sequence[Operator | Leaf]) -> list[int]:
-    """Returns, for each node of a CSG tree in prefix order, the index after the subtree that begins at this node.
+    """Returns, for each node of a CSG tree in prefix order, the position after the last node of the subtree that begins
+    at this node.
 
-    The index is beyond the end of ``csg`` if operands are missing.
+    If operands are missing at the end of ``csg``, the position after the subtree is beyond the end of ``csg``.
     """
     ends = list(range(1, 2 * len(csg) + 2))
     for i in reversed(range(len(csg))):

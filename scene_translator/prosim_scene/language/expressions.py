@@ -1,7 +1,7 @@
-"""Computes the values of ``$names`` and of arithmetic in braces.
+"""Computes the values of ``$names`` and of arithmetic expressions in braces.
 
-The parser lark (LALR) reads the arithmetic by the grammar in expression.lark. A loop evaluates the syntax tree from its
-leaves up, so a deeply nested expression does not exceed Python's recursion limit.
+The parser generator lark (LALR) parses the expressions by the grammar in the file expression.lark. A loop evaluates the
+syntax tree from its leaves up, so a deeply nested expression does not exceed Python's recursion limit.
 """
 
 import math
@@ -31,7 +31,7 @@ MAX_LENGTH = 10_000
 def _in_degrees(function: Callable[[float], float], exact: tuple[float, ...]) -> Callable[[float], float]:
     """Converts a ``function`` of an angle in radians into a function of an angle in degrees.
 
-    ``exact`` has the values of the function at 0, 90, 180 and 270 degrees, which have no rounding error.
+    ``exact`` has the values of the function at 0, 90, 180 and 270 degrees, without rounding errors.
     """
     return lambda x: exact[int(x // 90) % 4] if x % 90 == 0 else function(math.radians(math.fmod(x, 360)))
 
@@ -55,7 +55,7 @@ CONSTANTS = {"pi": math.pi}
 
 
 def number_text(value: float) -> str:
-    """Writes a number in the syntax of the language, without loss of precision."""
+    """Returns the text of a number in the syntax of the scene language, without loss of precision."""
     return str(int(value)) if abs(value) < 1e15 and value == int(value) else repr(value)
 
 
@@ -67,7 +67,7 @@ class Definitions:
     """
 
     def __init__(self, source: Source, given: Mapping[str, object] | None = None) -> None:
-        """Raises SceneError for a name or a value that the language does not allow."""
+        """Raises SceneError if ``given`` has a name or a value that the scene language does not allow."""
         self.source = source
         self.caller_values = {name: _caller_value_text(source, name, value) for name, value in (given or {}).items()}
         self.defaults: dict[str, str] = {}
@@ -77,12 +77,12 @@ class Definitions:
         source.names.update({name: f"{quote(text)}, by -D {name}={text}" for name, text in self.caller_values.items()})
 
     def set_default(self, name: str, text: str) -> None:
-        """Stores the value that a DEFAULT statement sets for a name."""
+        """Stores the value that a DEFAULT statement sets for the name ``name``."""
         self.defaults[name] = text
         self.source.names.setdefault(name, quote(text))
 
     def value_text(self, name: str, span: Span) -> str | None:
-        """Returns the value of a name as text; for a name without a value returns None and adds an error to
+        """Returns the value of a ``$name`` as text; if the name has no value, returns None and adds an error to
         ``undefined``. ``span`` is the position of the name in the text.
         """
         self.uses.add(name)
@@ -110,8 +110,8 @@ class Definitions:
         return float(text)
 
     def check_uses(self) -> None:
-        """Raises SceneError if the caller defines a name that the scene does not use; call it after the whole text is
-        read.
+        """Raises SceneError if the caller defines a name that the scene does not use. ``check_uses`` may be called only
+        after the whole text is read.
         """
         for name, text in self.caller_values.items():
             if name not in self.uses | self.defaults.keys() | {FRAME, TIME}:
@@ -144,8 +144,9 @@ def evaluate(source: Source, braces: Span, definitions: Definitions) -> float:
 
     ``braces`` is the span of the expression with its braces.
 
-    Raises SceneError for wrong syntax, an unknown word, a wrong number of arguments, more than MAX_LENGTH characters,
-    and a value that is not a finite number; this includes the values of names and intermediate results.
+    Raises SceneError for wrong syntax, an unknown word, a wrong number of arguments, and more than MAX_LENGTH
+    characters. Raises SceneError also if the result, an intermediate result or the value of a name is not a finite
+    number.
     """
     first, inside = braces.start + 1, source.text[braces.start + 1 : braces.end - 1]
     if len(inside) > MAX_LENGTH:
@@ -201,9 +202,10 @@ def _value(source: Source, node: Tree[Token], span: Span, operands: list[float],
 
 
 def _operation(name: str) -> Callable[..., float]:
-    """Returns the function of an operator; for a number or a constant returns ``float``.
+    """Returns the function that computes the operator with the name ``name``; for a number or a constant, returns
+    ``float``.
 
-    The grammar gives operators the names that they have in Python's module ``operator``.
+    In the grammar, operators have the names of the functions in Python's module ``operator``.
     """
     return math.pow if name == "power" else getattr(operator, name, float)
 

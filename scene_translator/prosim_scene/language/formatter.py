@@ -24,8 +24,8 @@ def format(text: str, filename: AnyPath = "<string>") -> str:
     """Returns the text of a scene in the canonical layout: one statement or parameter per line, and canonical
     spellings.
 
-    Comments, names and expressions stay as they are written. ``parse(format(x)) == parse(x)`` and ``format(format(x))
-    == format(x)``. Raises :class:`SceneError` where ``parse`` does, but not for names without a value.
+    Comments, ``$names`` and expressions are not changed. ``parse(format(x)) == parse(x)`` and ``format(format(x)) ==
+    format(x)``. Raises :class:`SceneError` for the same errors as ``parse``, except for ``$names`` without a value.
     """
     reader, problems, _ = analyse(text, filename)
     errors = [problem for problem in problems if isinstance(problem, SceneError) and problem.code != "undefined"]
@@ -43,7 +43,9 @@ def format(text: str, filename: AnyPath = "<string>") -> str:
 
 @dataclass
 class _Line:
-    """A line of the formatted text: its indentation ``depth``, words, the ``mark`` before the values, and comments."""
+    """A line of the formatted text: its indentation ``depth``, its ``words``, the ``mark`` between its keyword and its
+    values, and its ``comments``.
+    """
 
     depth: int
     words: list[str] = field(default_factory=list)
@@ -62,7 +64,7 @@ class _Line:
 
 
 class _Layout:
-    """The lines of the formatted text that are complete so far."""
+    """The lines of the formatted text, to which tokens and comments are added in the order of the text."""
 
     def __init__(self, source: str) -> None:
         self.source = source
@@ -72,11 +74,11 @@ class _Layout:
         self.missing_operands: list[int] = []  # how many operands each enclosing run of operators still lacks
 
     def add_line(self, depth: int, word: str, comment_depth: int, mark: str = "") -> int:
-        """Adds a line that begins with ``word``; returns its number, or the number of the first comment line directly
-        above it.
+        """Adds a line that begins with ``word``; returns the number of the new line, or the number of the first of the
+        comment lines directly above the new line.
 
-        ``depth`` is the indentation of the line. The comment lines directly above get the indentation
-        ``comment_depth``. ``mark`` is the mark between the word and its values: "=", "(" or none.
+        ``depth`` is the indentation of the new line. Comment lines directly above the new line get the indentation
+        ``comment_depth``. ``mark`` is the mark between the word and its values: "=", "(" or "" for no mark.
         """
         at = len(self.lines)
         while at and not self.lines[at - 1].words:  # a line without words is a comment
@@ -138,7 +140,7 @@ class _Layout:
                 self.add_line(depth - 1, text, 1)
 
     def add_value(self, token: Token) -> None:
-        """Adds a value after its keyword; names and expressions stay as they are written."""
+        """Adds a value after its keyword; ``$names`` and expressions are not changed."""
         text = self.source[token.start : token.end]
         if token.role == "VARIABLE":  # after DEFAULT
             text += " ="

@@ -1,8 +1,8 @@
 """Reads the statements of a scene and the position of each value in the text.
 
-The reader is a recursive-descent parser over the grammar roles of ``words``. After a wrong value the reader continues
-with the same statement. After a syntax error the reader skips the rest of the statement, and continues at the next line
-that begins with the keyword of a statement.
+The reader is a recursive-descent parser over the grammar roles of tokens, which the module ``words`` defines. After a
+wrong value the reader continues with the same statement. After a syntax error the reader skips the rest of the
+statement, and continues at the next line that begins with the keyword of a statement.
 """
 
 import math
@@ -61,14 +61,15 @@ Tree = tuple[model.Operator | model.Leaf, ...]
 
 
 class Reader(Scanner):
-    """Reads the text of a scene.
+    """Reads the text of a scene, and stores the values of its statements.
 
-    ``fields`` are the values of the fields of a Scene, and the named ``solids``. ``spans`` maps the path of each value
-    to its position in the text. ``errors`` and ``warnings`` are the problems within single statements. ``skipped`` is
-    the offset of the first part of the text that was skipped because of an error, or infinity if no part was skipped.
-    The list ``tokens`` ends with END and a comment: all text after END.
+    ``fields`` is a dictionary of the values for the fields of a :class:`.Scene`, and of the named ``solids``. ``spans``
+    maps the path of each value to the value's position in the text. ``errors`` and ``warnings`` are the problems that
+    the reader finds; the module ``analysis`` finds further problems. ``skipped`` is the offset of the first part of the
+    text that was skipped because of an error, or infinity if no part was skipped. All text after END is one comment,
+    which is the last token in the list ``tokens``.
 
-    ``define``: values of ``$names`` that the caller sets.
+    ``define`` is a dictionary of the ``$names`` whose values the caller sets.
     """
 
     def __init__(self, text: str, filename: str = "<string>", define: Mapping[str, object] | None = None) -> None:
@@ -126,8 +127,8 @@ class Reader(Scanner):
     def read_statement(self) -> None:
         """Reads a statement, and stores its value in ``fields``.
 
-        The value of a second equal statement, or of a statement with a wrong index, is not stored: its path begins with
-        "duplicate" or "unknown", and no field has this name.
+        The value of a duplicate statement, or of a statement with a wrong index, is discarded: its path begins with
+        "duplicate" or "unknown" instead of the name of a field.
         """
         role = self.keyword.role
         if role not in KEYED:
@@ -140,8 +141,9 @@ class Reader(Scanner):
             self.fields[str(field)] = value
 
     def skip_statement(self, error: SceneError) -> bool:
-        """Continues at the next line that begins with the keyword of a statement; returns whether such a line
-        exists. Removes the tokens that were read beyond the beginning of this line.
+        """Skips the rest of a statement after an error: continues at the next line that begins with the keyword of a
+        statement. Returns False if no line after the error begins with such a keyword. Removes the tokens that were
+        read beyond the beginning of the next statement.
         """
         start = max(error.span.start if error.span else 0, self.keyword.start)
         next_statement = STATEMENT_LINE.search(self.source.text, start + 1)
@@ -154,7 +156,7 @@ class Reader(Scanner):
     # ---- Tokens
 
     def with_expected_role(self, token: Token) -> Token:
-        """Returns a copy of the token, which is the name of a solid, with the role USE.
+        """Returns a copy of ``token``, which is the name of a solid, with the grammar role USE.
 
         Raises SceneError if the token is not the name of a solid, or if the grammar expects no name of a solid here.
         """
@@ -164,15 +166,17 @@ class Reader(Scanner):
         return self.last
 
     def add_error(self, span: Span, reason: str, code: str) -> None:
-        """Adds an error about the text at ``span``, unless there are more than MAX_ERRORS errors."""
+        """Adds an error about the text at ``span``, unless the reader has already found more than MAX_ERRORS errors."""
         if len(self.errors) <= MAX_ERRORS:
             self.errors.append(self.source.error(span, reason, code))
 
     def begin_value(self, *path: str | int, at: Token | None = None) -> None:
-        """Sets the ``path`` and the span of the statement's value; reports a second statement for the same value.
+        """Sets the ``path`` and the span of the current statement's value; reports an error if an earlier statement
+        sets the same value.
 
-        A second statement gets a path of its own, so its parts are not compared with the parts of the first statement.
-        The span is the span of the token ``at``, or else the span of the statement's keyword.
+        The value of a duplicate statement gets a different path, so that its parameters are not reported as duplicates
+        of the first statement's parameters. The span of the value is that of the token ``at``, or, if ``at`` is None,
+        that of the statement's keyword.
         """
         token, self.path = at or self.keyword, path
         if path in self.spans:
@@ -181,13 +185,14 @@ class Reader(Scanner):
         self.store_span(token.span)
 
     def store_span(self, span: Span, *path: str | int) -> None:
-        """Stores the span of the statement's value, or of the part of this value that ``path`` names."""
+        """Stores the span of the current statement's value, or of that part of the value to which ``path`` leads."""
         self.spans[self.path + path] = span
 
     def store_span_once(self, token: Token, what: str, *path: str | int) -> None:
-        """Stores the span of a part of the statement's value; reports an error if this part has been read before.
+        """Stores the span of a part of the current statement's value; reports an error if the statement has already set
+        this part.
 
-        ``what`` is the name of the part in the error message.
+        ``what`` is the name of this part of the value in the error message.
         """
         if first := self.spans.get(self.path + path):
             line, _ = self.source.line_column(first.start)
@@ -203,7 +208,7 @@ class Reader(Scanner):
     # ---- Values
 
     def read_numbers(self, keyword: Token, follow: frozenset[str], first: Token | None = None) -> Any:
-        """Reads the numbers, or TRUE and FALSE, after a keyword; returns their value, or None if it is wrong.
+        """Reads the numbers, or TRUE and FALSE, after a keyword; returns their value, or None if the numbers are wrong.
 
         ``first`` is the token after the keyword, if this token has already been read. ``follow`` are the grammar roles
         that the token after the numbers may have.
@@ -218,8 +223,8 @@ class Reader(Scanner):
         return self.checked_numbers(keyword, allowed)
 
     def checked_numbers(self, keyword: Token, allowed: Numbers) -> Any:
-        """Returns the value of the numbers that were read after ``keyword``; adds an error and returns None if they are
-        wrong.
+        """Returns the value of the numbers that were read after ``keyword``; if the numbers are wrong, adds an error
+        and returns None.
         """
         tokens = self.number_tokens
         if self.definitions.undefined and any(self.source.text[token.start] in "${" for token in tokens):
@@ -246,9 +251,10 @@ class Reader(Scanner):
         return None
 
     def read_parameters(self, follow: frozenset[str], *owner: str | int) -> dict[str, Any]:
-        """Reads the parameters that begin at the current token; returns their values by their names in the model.
+        """Reads the parameters that begin at the current token; returns a dictionary from their names in the model to
+        their values.
 
-        ``owner`` is, for the parameters of a light, the path of this light in the statement's value. ``follow`` are the
+        For the parameters of a light, ``owner`` is the number of this light in the LIGHTS statement. ``follow`` are the
         grammar roles that the token after a parameter may have.
         """
         parameters: dict[str, Any] = {}
@@ -283,7 +289,7 @@ class Reader(Scanner):
         self.definitions.set_default(name.text[1:], value.text)
 
     def read_setting(self) -> Any:
-        """Reads a statement that has one keyword and its numbers, or TRUE and FALSE."""
+        """Reads a statement that consists of one keyword and its numbers or flags (TRUE and FALSE)."""
         word = find_word(self.keyword.role, self.keyword.text)
         return self.read_numbers(self.keyword, STATEMENT_END | {"BOOL"} if word.numbers.flags else STATEMENT_END)
 
@@ -326,8 +332,8 @@ class Reader(Scanner):
         return model.View(**self.read_parameters(VIEW))
 
     def read_index(self, field: str, follow: frozenset[str]) -> None:
-        """Reads the index after SURFACE or TRANSFORM; the statement then sets the value with this index in ``field``,
-        a field of the model. ``follow`` are the grammar roles that the token after the index may have.
+        """Reads the index after SURFACE or TRANSFORM; the statement sets the value with this index in the model's field
+        ``field``. ``follow`` are the grammar roles that the token after the index may have.
         """
         index = self.read_numbers(self.keyword, follow)
         if index is None and not self.definitions.undefined:
@@ -340,8 +346,8 @@ class Reader(Scanner):
         return model.Surface(**self.read_parameters(SURFACE))
 
     def read_material(self, parameters: dict[str, Any]) -> None:
-        """Reads ``material KIND [NAME]`` or ``metal NAME`` into ``parameters``; NAME is the name of a metal or of a
-        glass.
+        """Reads ``material KIND [NAME]`` or ``metal NAME``, and stores both values in ``parameters``; NAME is the name
+        of a metal or a glass.
         """
         kind = self.token
         if kind.role == "MATERIAL":
@@ -404,7 +410,8 @@ class Reader(Scanner):
     def read_csg_tree(self) -> Tree:
         """Reads the CSG tree of a CSG-TREE or SOLID statement: operators and primitives in prefix order.
 
-        The nodes of a named solid replace its name. The result is empty if the tree has an error.
+        Where the tree uses the name of a solid, the result contains the nodes of this solid. If the tree has an error,
+        the result is empty.
         """
         error_count, first_token = len(self.errors), len(self.tokens)
         nodes: list[model.Operator | model.Leaf] = []
@@ -427,7 +434,9 @@ class Reader(Scanner):
         return tuple(nodes) if len(self.errors) == error_count else ()
 
     def check_tree(self, nodes: list[model.Operator | model.Leaf]) -> None:
-        """Reports the first node after the end of the CSG tree, or the last operator with a missing operand."""
+        """Adds an error about the first node after the end of a complete CSG tree, or about the last operator that
+        lacks an operand.
+        """
         ends, count = subtree_ends(nodes), len(nodes)
         if ends[0] == count:
             return
@@ -448,10 +457,11 @@ class Reader(Scanner):
         self.add_error(spans[number], reason, code)
 
     def read_use(self, number: int) -> Tree:
-        """Reads the name of a solid and an index; returns the nodes of this solid, for the CSG tree that uses it.
+        """Reads the name of a solid and an index; returns the nodes of this solid, for the CSG tree that uses the
+        solid.
 
-        ``number`` is the position of the first returned node in that CSG tree. Raises SceneError if the uses of named
-        solids have more than :data:`MAX_PRIMITIVES` primitives.
+        ``number`` is the position of the first returned node in the CSG tree that uses the solid. Raises SceneError if
+        the uses of named solids have more than :data:`MAX_PRIMITIVES` primitives.
         """
         keyword, solid = self.token, self.fields["solids"][normalise(self.token.text)]
         index = self.read_numbers(keyword, TREE)
@@ -491,8 +501,8 @@ class Reader(Scanner):
     # ---- Syntax errors
 
     def unexpected_token(self, token: Token) -> SceneError:
-        """Returns the error for a token that the grammar does not allow here: it names the token, the expected input
-        and a suggestion.
+        """Returns the error about a token that the grammar does not allow; the message names the token, the expected
+        input and a suggestion.
         """
         roles, text, span = self.expected, token.text, token.span
         keyword, wanted = self.wanted or ("", words.NO_NUMBERS)
@@ -537,8 +547,8 @@ class Reader(Scanner):
     def expected_words(self, roles: frozenset[str]) -> list[str]:
         """Lists the words of the language that have one of the grammar ``roles``, for error messages.
 
-        The list has at most 20 names of solids. It ends with "the next statement" if ``roles`` contains roles of
-        statements.
+        The list contains at most 20 names of solids. If ``roles`` contains roles of statements, the list ends with "the
+        next statement", or consists of "a statement".
         """
         inner = [role for role in words.ORDER if role in roles - STATEMENTS]
         names = [name for role in inner for name in words.role_in_words(role)]
@@ -547,7 +557,9 @@ class Reader(Scanner):
 
 
 def _texture(token: Token) -> model.Texture | None:
-    """Returns the texture that a token of a texture slot names: a texture by its name, an image file, or None."""
+    """Returns the texture that a token in a texture slot stands for: a texture by its name, an image file, or None for
+    NULL.
+    """
     if token.role == "TEXTURE_NAME":
         return model.Texture(name=words.texture_name(token.text))
     return model.Texture(image=token.text) if token.role != "NULL" else None

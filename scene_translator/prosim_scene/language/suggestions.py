@@ -25,7 +25,9 @@ ARITHMETIC = re.compile(r"[*/^$]|^[-+]$|(?<=[\d.])[-+]")
 
 
 def word_hint(word: str) -> str:
-    """Returns ``; `` and the equivalent of a word of another language, or an empty string if no equivalent is known."""
+    """Returns ``; `` and the equivalent, in the scene language, of a word of another language; returns an empty string
+    if no equivalent is known.
+    """
     text = SUGGESTIONS.get(normalise(word))
     return f"; {text}" if text else ""
 
@@ -33,7 +35,8 @@ def word_hint(word: str) -> str:
 def nearest(word: str, words: Iterable[str]) -> str:
     """Returns ``; did you mean 'X'?`` for the known word nearest to ``word``, or an empty string if no word is near.
 
-    Two words are near if most of their letters agree, in order, or if one is a permutation of the other.
+    Two words are near if most of their letters agree, in order, or if one word is a permutation of the other word's
+    letters.
     """
     spelling = normalise(word)[:MAX_QUOTE]
     known = {normalise(w): w for w in words}
@@ -43,10 +46,11 @@ def nearest(word: str, words: Iterable[str]) -> str:
 
 
 def suggestion_for(word: str, roles: Collection[str]) -> str:
-    """Returns a suggestion for an unknown word where a word of one of ``roles`` is expected, or an empty string.
+    """Returns a suggestion for an unknown word in a place where a word with one of the grammar ``roles`` is expected,
+    or an empty string.
 
-    The name of a metal or a glass is suggested together with its material. For other words the suggestion is a hint for
-    users of other languages, or the nearest known word.
+    If the unknown word is the name of a metal or a glass, the suggestion is this name after the keyword of its
+    material. For any other word, the suggestion is a hint for users of other languages, or the nearest known word.
     """
     fitting = [*spellings_of(*roles), *(ALIASES if "TEXTURE_NAME" in roles else [])]
     for material, (_, names) in NAMED.items():
@@ -56,8 +60,8 @@ def suggestion_for(word: str, roles: Collection[str]) -> str:
 
 
 def unknown_name(role: str, word: str) -> str:
-    """Returns the reason of the error about an unknown metal or glass ``word`` that follows a word with this
-    ``role``.
+    """Returns the text of the error that ``word`` is not the name of a known metal or glass; ``word`` follows a word
+    with the grammar role ``role``.
     """
     what, names = NAMED[role]
     # The message lists one name of each metal or glass: the first one.
@@ -70,8 +74,8 @@ def unknown_name(role: str, word: str) -> str:
 
 
 def mark_hint(text: str, start: int) -> str:
-    """Returns ``; `` and the equivalent of a mark of another language at ``start``, or "" if no such mark begins
-    there.
+    """Returns ``; `` and the equivalent, in the scene language, of a punctuation mark of another language, such as
+    ``//``, at the text offset ``start``; returns "" if no such mark begins at this offset.
     """
     for pattern, instead in MARK_HINTS.items():
         if re.compile(pattern, re.IGNORECASE | re.MULTILINE).match(text, start):

@@ -34,11 +34,11 @@ PLACEHOLDERS = ("NUMBER", "WORD", *sorted(VALUES))
 
 
 class Token(NamedTuple):
-    """A token: the piece of the text from ``start`` to ``end``.
+    """A token, which is the piece of the text from the offset ``start`` to the offset ``end``.
 
-    ``role`` is the grammar role of the token. Two roles are special: COMMENT, and EQUALS (a misplaced ``=`` or ``:``).
-    At the end of the text the role is ``""``. ``text`` is the content of the token: the value of a name or an
-    expression, a string without its quotes.
+    ``role`` is the grammar role of the token. The role of a comment is COMMENT, and the role of a misplaced ``=`` or
+    ``:`` is EQUALS. A token with the empty role ``""`` stands for the end of the text. ``text`` is the content of the
+    token: for a ``$name`` or an expression its value, and for a string the text without its quotes.
     """
 
     role: str
@@ -48,7 +48,7 @@ class Token(NamedTuple):
 
     @property
     def span(self) -> Span:
-        """The range of text offsets that the token covers."""
+        """The text offsets at which the token starts and ends."""
         return Span(self.start, self.end)
 
 
@@ -57,12 +57,13 @@ START = Token("", "", 0, 0)
 
 
 class Scanner(ABC):
-    """Reads the tokens of a text, in order.
+    """Reads the tokens of a scene's text, in order.
 
-    ``tokens`` lists the tokens that were read, with comments; ``last`` is the last token that is not a comment.
-    ``token`` is the current token, ``previous_end`` is the end of the token before it, ``expected`` is the set of
-    grammar roles that may stand at its place, and ``keyword`` is the first token of the current statement. A ``$name``
-    without a value is replaced by a placeholder: a token with a role that the grammar expects.
+    ``tokens`` lists the tokens that were read, including comments; ``last`` is the last token that is not a comment.
+    ``token`` is the current token, and ``previous_end`` is the text offset at the end of the token before the current
+    token. ``expected`` is the set of grammar roles that the current token may have. ``keyword`` is the first token of
+    the current statement. A ``$name`` without a value is replaced by a placeholder: a token with a role that the
+    grammar expects.
     """
 
     def __init__(self, source: Source, definitions: Definitions) -> None:
@@ -111,7 +112,7 @@ class Scanner(ABC):
 
     @cached_property
     def closings(self) -> dict[int, int]:
-        """The offset of each ``(`` that is closed -> the offset after its ``)``."""
+        """A dictionary from the offset of each ``(`` that is closed to the offset after the matching ``)``."""
         open_starts: list[int] = []
         closings: dict[int, int] = {}
         for parenthesis in PARENTHESIS.finditer(self.source.text):
@@ -124,8 +125,8 @@ class Scanner(ABC):
     def read_comment(self, kind: str, start: int) -> None:
         """Reads the comment that begins at ``start``.
 
-        ``kind`` is "comment" for a comment that begins with ``#``, and "mark" for a comment in parentheses, which may
-        contain parentheses.
+        ``kind`` is "comment" for a comment that begins with ``#``, and "mark" for a comment in parentheses; parentheses
+        may be nested.
         """
         if kind == "mark":
             if start not in self.closings:
@@ -135,8 +136,8 @@ class Scanner(ABC):
         self.tokens.append(Token("COMMENT", self.source.text[start : self.position], start, self.position))
 
     def rare_token(self, kind: str, piece: str, span: Span) -> Token:
-        """Returns the token of a less frequent kind; ``kind`` is the name of the group of :data:`PIECE` that
-        matched.
+        """Returns the token of a less frequent kind; ``kind`` is the name of the group that matched in the regular
+        expression :data:`PIECE`.
         """
         if kind == "mark":
             raise self.source.error(span, "found ')' without its '('; expected it after a '('", "unclosed")
@@ -178,11 +179,11 @@ class Scanner(ABC):
 
 @lru_cache(maxsize=1 << 12)
 def role_of(text: str, expected: frozenset[str], statement: str) -> str:
-    """Returns the grammar role of a word: the role of an expected keyword, else of a name, else of an unexpected
-    keyword.
+    """Returns the grammar role of a word: the role of an expected keyword if the word is one, otherwise the role of a
+    name, otherwise the role of an unexpected keyword.
 
-    ``expected`` are the roles that the grammar allows here. A word that may continue the current ``statement`` or begin
-    the next statement continues the current statement.
+    ``expected`` are the roles that the grammar allows here. If a word can either continue the current ``statement`` or
+    begin the next statement, it gets the role that continues the current statement.
     """
     spelling = normalise(text)
     roles = [word.role for word in WORDS_BY_SPELLING.get(spelling, ())]

@@ -1,4 +1,4 @@
-"""The words of the scene language, from the file ``words.txt``: keywords, and the names of metals, glasses and
+"""Reads the words of the scene language from the file ``words.txt``: keywords, and the names of metals, glasses and
 textures.
 """
 
@@ -18,7 +18,9 @@ PIXELS = 2**28
 
 @dataclass(frozen=True)
 class Numbers:
-    """Describes the numbers that follow a word: how many there are, their names in messages, and their range."""
+    """Describes the numbers that must follow a word of the language: their count, their names in messages, and their
+    range.
+    """
 
     count: int = 1
     names: str = ""  #: their names in messages, such as "x y z"
@@ -49,15 +51,17 @@ class Numbers:
         return f"{zero}{kind}{magnitude}{least}{self.high:.10g} at most"
 
     def allows_count(self, count: int) -> bool:
-        """Whether the word may have this count of numbers."""
+        """Whether the word may be followed by ``count`` numbers."""
         return count == self.count or (self.channels and count == 1)
 
     def parse(self, text: str) -> float:
-        """Converts a text to a number. A text that should be a flag, and is none, becomes the wrong number -1."""
+        """Converts a text to a number. If a flag is expected and the text is not TRUE, FALSE, 1 or 0, the result is -1,
+        which is never allowed.
+        """
         return FLAGS.get(normalise(text), -1) if self.flags else float(text)
 
     def allows(self, number: float) -> bool:
-        """Whether this number is allowed."""
+        """Whether ``number`` is an allowed value."""
         if not self.low <= number <= self.high or (self.whole and number != int(number)):
             return False
         return abs(number) >= self.least or (number == 0 and not self.nonzero)
@@ -75,7 +79,9 @@ NO_NUMBERS = Numbers(0)
 
 
 def _numbers(cell: str) -> Numbers:
-    """Parses a table cell that describes numbers, such as "3 r g b: 0 to 1e6, channels" or "1: TRUE or FALSE"."""
+    """Parses the description of numbers in a cell of ``words.txt``, such as "3 r g b: 0 to 1e6, channels" or "1: TRUE
+    or FALSE".
+    """
     if not cell:
         return NO_NUMBERS
     count_and_names, allowed = cell.split(": ")
@@ -92,7 +98,7 @@ def _numbers(cell: str) -> Numbers:
 class Word:
     """A word of the language: one row of ``words.txt``, which explains the columns.
 
-    ``statement`` is the heading above the row.
+    ``statement`` is the heading above the row in ``words.txt``, such as "LIGHTS".
     """
 
     statement: str
@@ -105,15 +111,15 @@ class Word:
 
     @property
     def canonical(self) -> str:
-        """The spelling that messages and the formatter use."""
+        """The canonical spelling of the word, which messages and the formatter use."""
         return self.spellings[0]
 
 
 def _table() -> dict[str, list[list[str]]]:
     """Reads ``words.txt``; returns a dictionary from each heading to the rows below this heading.
 
-    The first cell of a row is the text of the indented lines below the row in the file, or "". This text is the meaning
-    of the word, or the hint of a suggestion.
+    In the result, the first cell of a row is the text of the indented lines below the row in the file, or "". The text
+    of the indented lines is the meaning of the word, or the hint of a suggestion.
     """
     table: dict[str, list[list[str]]] = {}
     for row in re.split(r"\n(?! )", Path(__file__).with_name("words.txt").read_text(encoding="utf-8")):
@@ -128,7 +134,7 @@ def _table() -> dict[str, list[list[str]]]:
 def _word(
     heading: str, meaning: str, role: str, spellings: str, name: str = "", numbers: str = "", kinds: str = ""
 ) -> Word:
-    """Makes the Word that the cells of one row of ``words.txt`` describe."""
+    """Returns the :class:`Word` that the cells of one row of ``words.txt`` describe."""
     return Word(heading, role, tuple(spellings.split()), name, _numbers(numbers), tuple(kinds.split()), meaning)
 
 
@@ -172,7 +178,7 @@ SUGGESTIONS = {word: text for text, words in TABLE["suggestions"] for word in wo
 
 
 def normalise(word: str) -> str:
-    """Returns the form of a word that is used for comparisons: lower case without accents."""
+    """Returns a word in lower case and without accents, for comparisons with other words."""
     if word.isascii():
         return word.lower()
     return "".join(c for c in unicodedata.normalize("NFKD", word) if not unicodedata.combining(c)).lower()
@@ -187,7 +193,7 @@ for _word_of_table in WORDS:
 
 @lru_cache(maxsize=1 << 10)
 def find_word(role: str, spelling: str) -> Word:
-    """Returns the word of ``words.txt`` that has this role and this spelling."""
+    """Returns the word of ``words.txt`` that has the grammar role ``role`` and the spelling ``spelling``."""
     return next(word for word in WORDS_BY_SPELLING[normalise(spelling)] if word.role == role)
 
 
@@ -202,12 +208,14 @@ def spellings_of(*roles: str) -> list[str]:
 
 
 def numbers_of(role: str, name: str) -> Numbers:
-    """Describes the numbers that follow the word of this role for the model's field ``name``."""
+    """Returns the description of the numbers after the word that has the grammar role ``role`` and sets the field
+    ``name`` of the model.
+    """
     return next(word.numbers for word in words_of(role) if word.name == name)
 
 
 def canonical_spelling(role: str) -> str:
-    """Returns the canonical spelling of the first word that has this grammar role."""
+    """Returns the canonical spelling of the first word in ``words.txt`` that has the grammar role ``role``."""
     return words_of(role)[0].canonical
 
 
@@ -217,7 +225,7 @@ def role_in_words(role: str) -> list[str]:
 
 
 def texture_name(word: str) -> str:
-    """Returns the model's name of the texture that the text calls ``word``."""
+    """Returns the name that the model has for the texture that the scene's text calls ``word``."""
     name = normalise(word)
     return ALIASES.get(name, name)
 

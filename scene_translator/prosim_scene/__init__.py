@@ -1,11 +1,12 @@
-"""Translates scenes from the thesis's scene language to Mitsuba XML files and PLY meshes. Never imports Mitsuba.
+"""Translates scenes from the thesis's scene language to Mitsuba XML files and PLY meshes. This package never imports
+Mitsuba.
 
     >>> import prosim_scene
     >>> prosim_scene.translate("examples/palito.scn", "build")
 
-Wrong input raises :class:`SceneError`, whose message shows the wrong part of the text. A :class:`SceneWarning`, which
-is emitted through :mod:`warnings`, reports a probable mistake or an approximation. ``docs/language.md`` describes the
-language.
+If the input is wrong, the functions raise a :class:`SceneError`, whose message shows the wrong part of the scene's
+text. A :class:`SceneWarning`, which is emitted through :mod:`warnings`, reports a probable mistake or an approximation.
+The page ``docs/language.md`` describes the scene language.
 """
 
 from .language import document_of, parse

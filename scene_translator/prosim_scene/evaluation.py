@@ -1,4 +1,4 @@
-"""Evaluates the CSG tree of a scene in a separate process, and returns the errors and warnings, for an editor."""
+"""Evaluates the CSG tree of a scene in a separate process, and returns the errors and warnings that an editor shows."""
 
 import asyncio
 import faulthandler
@@ -32,9 +32,10 @@ def evaluate(text: str, filename: str) -> list[Problem]:
 
 
 async def evaluate_in_process(text: str, filename: str) -> list[Problem] | None:
-    """Runs :func:`evaluate` in a new process; returns its result, or None after :data:`TIME_LIMIT` or a failure.
+    """Runs :func:`evaluate` in a new process; returns its result, or None if the process fails or reaches the
+    :data:`TIME_LIMIT`.
 
-    If this coroutine is cancelled, it ends the process.
+    If this coroutine is cancelled, it kills the process that evaluates the scene.
     """
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-c", "from prosim_scene.evaluation import main; main()"),
@@ -53,10 +54,11 @@ async def evaluate_in_process(text: str, filename: str) -> list[Problem] | None:
 
 
 def main() -> None:
-    """Reads a pickled scene from standard input, evaluates its CSG tree, and writes the pickled list of errors and
-    warnings to standard output.
+    """Reads the pickled text of a scene from standard input, evaluates the CSG tree of the scene, and writes the
+    pickled list of errors and warnings to standard output.
 
-    The input contains a time limit in seconds. After this time the process ends with exit code 1.
+    The pickled input also contains the time limit of the evaluation in seconds. If the evaluation takes longer than the
+    time limit, the process ends with exit code 1.
     """
     text, filename, seconds = pickle.load(sys.stdin.buffer)
     with open(os.devnull, "w") as nowhere:

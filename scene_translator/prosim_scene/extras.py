@@ -15,12 +15,12 @@ EXTRAS = {
 
 
 def missing(extra: str) -> list[str]:
-    """Lists the modules of an extra that are not installed."""
+    """Lists the modules that the extra ``extra`` needs and that are not installed."""
     return [module for module in EXTRAS[extra] if find_spec(module) is None]
 
 
 def needs(feature: str, extra: str) -> str:
-    """Returns the message that a feature needs an extra: the missing modules, and the command that installs the
+    """Returns the message that a feature needs an extra, with the missing modules and the command that installs the
     extra.
     """
     modules = ", ".join(missing(extra)) or "a module that can be imported"

@@ -7,10 +7,10 @@ from contextlib import contextmanager
 
 @contextmanager
 def garbage_collection_paused() -> Iterator[None]:
-    """Pauses Python's garbage collection in a ``with`` statement or a decorated function.
+    """Pauses Python's garbage collection during a ``with`` statement or a decorated function.
 
-    Garbage collection would take a third of the time of reading a scene. A collection would free nothing while a scene
-    is read, because the new objects have no reference cycles.
+    Without the pause, garbage collection takes a third of the time in which a scene is read. While a scene is read, a
+    garbage collection would free nothing, because the new objects have no reference cycles.
     """
     enabled = gc.isenabled()
     gc.disable()

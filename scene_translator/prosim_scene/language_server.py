@@ -1,4 +1,6 @@
-"""``prosim language-server``: connects ``symbols`` to an editor by the Language Server Protocol."""
+"""The command ``prosim language-server``, which connects the module ``symbols`` to an editor by the Language Server
+Protocol (LSP).
+"""
 
 import asyncio
 import gc
@@ -30,7 +32,9 @@ DELAY = 0.03
 
 
 class OpenDocument:
-    """One version of a document that is open in an editor, and the ``pending`` task or timer for this version."""
+    """One version of a document that is open in an editor. ``pending`` is the asyncio task or timer that will publish
+    further diagnostics of this version.
+    """
 
     def __init__(self, document: TextDocument) -> None:
         """Stores the text of a document, and its lines."""
@@ -45,16 +49,18 @@ class OpenDocument:
 
     @cached_property
     def symbols(self) -> Symbols:
-        """The symbols of the document. The text is analysed at the first use of this property."""
+        """The symbols of the document. The first use of this property analyses the text of the document."""
         return Symbols(self.scene_text, self.filename)
 
     def offset(self, position: lsp.Position) -> int:
-        """Converts an LSP position to a text offset, clamped to the end of the line and of the text."""
+        """Converts an LSP position to a text offset; a position beyond the end of its line is clamped to the end of
+        this line.
+        """
         line_position = self.codec.position_from_client_units(self.lines, position)
         return min(self.symbols.reader.source.line_starts[line_position.line] + line_position.character, len(self.text))
 
     def range(self, start: int, end: int) -> lsp.Range:
-        """Converts two text offsets to an LSP range."""
+        """Converts the text offsets ``start`` and ``end`` to an LSP range."""
         numbers = map(self.symbols.reader.source.line_column, (start, end))  # of lines and columns, from 1
         positions = [lsp.Position(line - 1, column - 1) for line, column in numbers]
         return lsp.Range(*(self.codec.position_to_client_units(self.lines, position) for position in positions))
@@ -62,7 +68,7 @@ class OpenDocument:
     def diagnostic(self, problem: Problem) -> lsp.Diagnostic:
         """Converts an error or a warning to an LSP diagnostic.
 
-        A problem without a span is shown at the beginning of the text.
+        The editor shows a problem without a position in the text at the beginning of the text.
         """
         severity = lsp.DiagnosticSeverity.Error if isinstance(problem, SceneError) else lsp.DiagnosticSeverity.Warning
         start, end = problem.span or (0, 1)
@@ -79,13 +85,15 @@ class SceneServer(LanguageServer):
         self.documents: dict[str, OpenDocument] = {}
 
     def update(self, uri: str) -> OpenDocument:
-        """Replaces a document by its current version, and returns the new version."""
+        """Replaces the stored version of the document ``uri`` by the editor's current version, and returns the current
+        version.
+        """
         self.close(uri)
         self.documents[uri] = OpenDocument(self.workspace.get_text_document(uri))
         return self.documents[uri]
 
     def close(self, uri: str) -> None:
-        """Removes a document, and cancels the pending work for it."""
+        """Removes the document ``uri``, and cancels the task or timer that is pending for this document."""
         document = self.documents.pop(uri, None)
         if document and document.pending:
             document.pending.cancel()
@@ -108,7 +116,7 @@ server = SceneServer()
 
 @click.command("language-server")
 def language_server() -> None:
-    """Help an editor with scenes: errors while you write, completion, meanings, layout.
+    """Help an editor with scenes: show errors while you type, complete and explain words, format the text.
 
     An editor starts this command, and communicates with it through standard input and output.
     """
@@ -148,14 +156,16 @@ def closed(ls: SceneServer, params: lsp.DidCloseTextDocumentParams) -> None:
 
 @server.feature(lsp.TEXT_DOCUMENT_COMPLETION, lsp.CompletionOptions(trigger_characters=["$", "-"]))
 def complete(ls: SceneServer, params: lsp.CompletionParams) -> list[lsp.CompletionItem]:
-    """Returns the completions at a position: the words that fit there."""
+    """Returns the completions at a position in a document: the words that the scene language allows there."""
     document = ls.documents[params.text_document.uri]
     offset = document.offset(params.position)
     return [_completion_item(one, document.range(one.start, offset)) for one in document.symbols.completions(offset)]
 
 
 def _completion_item(item: Completion, replaced: lsp.Range) -> lsp.CompletionItem:
-    """Converts a completion to an LSP completion item. Indices are sorted by number, other words by alphabet."""
+    """Converts a completion to an LSP completion item. The editor lists completions of lower rank first; within a rank,
+    indices are in numerical order and other words in alphabetical order.
+    """
     return lsp.CompletionItem(
         label=item.label,
         kind=lsp.CompletionItemKind[item.kind],
@@ -179,8 +189,11 @@ def hover(ls: SceneServer, params: lsp.HoverParams) -> lsp.Hover | None:
 @server.feature(lsp.TEXT_DOCUMENT_DEFINITION)
 @server.feature(lsp.TEXT_DOCUMENT_REFERENCES)
 def locations(ls: SceneServer, params: lsp.DefinitionParams | lsp.ReferenceParams) -> list[lsp.Location]:
-    """Returns the locations of all occurrences of the symbol at a position, or only of its definitions: SURFACE or
-    TRANSFORM of an index, TEXTURE, SOLID, or DEFAULT of a name.
+    """Returns the locations of all occurrences of the symbol at a position, or, if the editor asks for the definition,
+    only of the symbol's definitions.
+
+    The statements SURFACE and TRANSFORM define an index, TEXTURE defines a texture, SOLID a solid, and DEFAULT a
+    ``$name``.
     """
     document, all_occurrences = ls.documents[params.text_document.uri], isinstance(params, lsp.ReferenceParams)
     if (at_position := document.symbols.occurrence_at(document.offset(params.position))) is None:

@@ -1,5 +1,5 @@
-"""The classes of a scene's values, which are immutable. ``language.document`` stores the position of each value in the
-text.
+"""The classes of a scene's contents, such as lights, primitives and materials; their objects are immutable. The module
+``language.document`` stores the position of each value of a scene in the scene's text.
 """
 
 from dataclasses import dataclass, field
@@ -13,7 +13,9 @@ GREY: Vector = (0.5, 0.5, 0.5)
 
 @dataclass(frozen=True)
 class Light:
-    """A light source (section 5.2 of the thesis): a sphere, a point (whose ``radius`` is virtual), or a sky."""
+    """A light source (section 5.2 of the thesis): a sphere, a point, or a sky. A point light has no size; with the
+    light units "radiance", its ``radius`` scales its intensity.
+    """
 
     kind: str  # "area", "point", or "sky": an environment image, for which only ``image`` has a meaning
     position: Vector = (0.0, 0.0, 0.0)
@@ -28,7 +30,9 @@ class Light:
 
 @dataclass(frozen=True)
 class Background:
-    """The radiance of rays that leave the scene (65535 is 1.0), or the file of a latitude-longitude image."""
+    """The background of a scene: the radiance ``color`` of rays that leave the scene (65535 is 1.0), or the file name
+    ``image`` of a latitude-longitude image.
+    """
 
     color: Vector = (0.0, 0.0, 0.0)
     image: str | None = None
@@ -36,9 +40,11 @@ class Background:
 
 @dataclass(frozen=True)
 class View:
-    """The camera.
+    """The camera of a scene, as its VIEW statement describes it.
 
-    A ``vpn`` of 0 0 0 means eye - vrp. ``window`` is umin, vmin, umax, vmax on the view plane, relative to ``vrp``.
+    If the view plane normal ``vpn`` is (0, 0, 0), the vector ``eye`` - ``vrp`` is used as normal. The image shows the
+    rectangle ``window`` (umin, vmin, umax, vmax) on the view plane, in coordinates relative to the view reference point
+    ``vrp``.
     """
 
     resolution: tuple[int, int] = (500, 500)
@@ -51,14 +57,16 @@ class View:
 
 @dataclass(frozen=True)
 class Operator:
-    """An operator of the CSG tree: ``+``, ``-`` or ``*``. It stands before its two operands."""
+    """An operator of the CSG tree: ``+``, ``-`` or ``*``. In the tree, an operator stands before its two operands."""
 
     symbol: str
 
 
 @dataclass(frozen=True)
 class Texture:
-    """The texture in one of the two slots of a primitive: the name of a texture (t-...) or an image file."""
+    """The texture in one of the two texture slots of a primitive: the name of a texture (t-...), or the name of an
+    image file.
+    """
 
     name: str | None = None
     image: str | None = None
@@ -66,11 +74,11 @@ class Texture:
 
 @dataclass(frozen=True)
 class Leaf:
-    """A primitive, which is a leaf of the CSG tree: its shape, index, textures (surface, solid), and the file of a
-    mesh.
+    """A primitive, which is a leaf of the CSG tree: its shape, the index of its SURFACE and its TRANSFORM, its two
+    textures (surface texture, solid texture), and for a mesh the name of its file.
 
-    ``within`` is used only while the text is read: the indices of the named solids that contain the primitive, the
-    innermost first.
+    If named solids (SOLID) contain the primitive, ``within`` has the indices of these solids, the innermost first. In
+    the scene that :func:`prosim_scene.parse` returns, ``within`` is always empty.
     """
 
     shape: str  # "cube", "sphere", "cylinder", "cone" or "mesh"
@@ -82,7 +90,9 @@ class Leaf:
 
 @dataclass(frozen=True)
 class Surface:
-    """The optical properties of a primitive. A missing value is None; its default depends on the material."""
+    """The optical properties of a primitive, from its SURFACE statement. A property that the scene does not state is
+    None; the material determines its default.
+    """
 
     material: str | None = None  # "conductor", "dielectric", "lambertian", "composite"; None: the classic Phong surface
     metal: str | None = None  # the name of one of Mitsuba's tables
@@ -101,7 +111,9 @@ class Surface:
 
 @dataclass(frozen=True)
 class Step:
-    """One step of a transform: "scale" or "translate" (three values), or "rotate-x|y|z" (one value, in degrees)."""
+    """One step of a transform: "scale" or "translate" with three values, or "rotate-x", "rotate-y" or "rotate-z" with
+    an angle in degrees.
+    """
 
     kind: str
     values: tuple[float, ...]
@@ -124,11 +136,12 @@ class Pattern:
 
 @dataclass(frozen=True)
 class Scene:
-    """A whole scene.
+    """A scene: the values of all its statements.
 
-    ``csg`` is the CSG tree in prefix order, so a deeply nested tree needs no recursion. The keys of ``surfaces`` and
-    ``transforms`` are the indices of the leaves. The keys of ``patterns`` are the names of textures. Each use of a part
-    of a named solid has a separate index.
+    ``csg`` is a flat sequence of the nodes of the CSG tree, in prefix order, so that code can process a deeply nested
+    tree without recursion. The index of a leaf is the key of its SURFACE in ``surfaces`` and of its TRANSFORM in
+    ``transforms``. The keys of ``patterns`` are the names of the textures. Primitives of named solids (SOLID) have new
+    indices: one for each combination of the primitive's index with the index of a use of the solid.
     """
 
     name: str
@@ -149,5 +162,5 @@ class Scene:
 
     @cached_property
     def leaves(self) -> list[tuple[int, Leaf]]:
-        """The primitives of the CSG tree, each with its position in ``csg``."""
+        """The primitives of the CSG tree, each with its position (from 0) in the sequence ``csg``."""
         return [(number, node) for number, node in enumerate(self.csg) if isinstance(node, Leaf)]

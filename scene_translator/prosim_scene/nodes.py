@@ -1,4 +1,4 @@
-"""A Mitsuba scene as nested dictionaries, as ``mi.load_dict`` expects them, and as XML text."""
+"""Represents a Mitsuba scene as nested dictionaries for ``mi.load_dict``, and converts the dictionaries to XML."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator
@@ -35,34 +35,41 @@ Node = dict[str, Any]
 
 @dataclass(frozen=True)
 class Default:
-    """The default of a value that Mitsuba's command line can set by ``-D name=value``."""
+    """A named number in the XML file: its default ``value``, which Mitsuba's command-line option ``-D name=value`` can
+    replace.
+    """
 
     name: str
     value: int | float
 
 
 class Comment(str):
-    """A comment before the next XML element; the key of the comment in its dictionary is ignored."""
+    """A comment, which is written to the XML file before the next element of the same dictionary; the comment's key in
+    the dictionary has no effect.
+    """
 
 
 class Point(list[float]):
-    """Three coordinates that XML writes as a point; a plain list of three numbers is a vector."""
+    """Three coordinates that become an XML element ``point``; a plain list of three numbers becomes an XML element
+    ``vector``.
+    """
 
 
 def rgb(color: Iterable[float]) -> Node:
-    """Returns the dictionary of a colour, which has the channels r, g and b."""
+    """Returns Mitsuba's dictionary (type "rgb") of a colour with the channels r, g and b."""
     return {"type": "rgb", "value": [float(c) for c in color]}
 
 
 def rgb_clipped(color: Iterable[float]) -> Node:
-    """Returns the dictionary of a reflectance: a colour whose channels are clipped to at most 1."""
+    """Returns Mitsuba's dictionary (type "rgb") of a reflectance: a colour whose channels are clipped to at most 1."""
     return rgb(min(c, 1.0) for c in color)
 
 
 def plain(value: Any, transform: Callable[[np.ndarray], Any]) -> Any:
     """Returns a copy of a plugin's dictionary, or of a value in it, for ``mi.load_dict``.
 
-    The copy has no comments. Defaults are replaced by their values, and matrices by the results of ``transform``.
+    The copy contains no :class:`Comment`. In the copy, each :class:`Default` is replaced by its value, and each matrix
+    by the result of ``transform(matrix)``.
     """
     if isinstance(value, dict):
         return {key: plain(part, transform) for key, part in value.items() if not isinstance(part, Comment)}
@@ -72,7 +79,7 @@ def plain(value: Any, transform: Callable[[np.ndarray], Any]) -> Any:
 
 
 def values_in(node: Node) -> Iterator[Any]:
-    """Yields the values in a plugin's dictionary and in its nested dictionaries."""
+    """Yields the values in a plugin's dictionary and in the dictionaries that are nested in it."""
     for value in node.values():
         if isinstance(value, dict):
             yield from values_in(value)
@@ -81,7 +88,7 @@ def values_in(node: Node) -> Iterator[Any]:
 
 
 def xml(scene: Node) -> str:
-    """Returns the XML text of a scene."""
+    """Returns the XML text of a scene's dictionary."""
     root = ElementTree.Element("scene", version="3.0.0")
     for name, value in {d.name: d.value for d in values_in(scene) if isinstance(d, Default)}.items():
         ElementTree.SubElement(root, "default", name=name, value=xml_number(value))
@@ -96,12 +103,12 @@ def xml(scene: Node) -> str:
 
 
 def is_valid_in_xml(text: str) -> bool:
-    """Whether a name is valid in XML: it contains no control characters and no invalid Unicode."""
+    """Whether a file name can be written to an XML file: it contains no control characters and no invalid Unicode."""
     return not INVALID_IN_XML.search(text)
 
 
 def xml_number(value: float) -> str:
-    """Formats a number for XML with ten significant digits; Mitsuba's single precision has fewer."""
+    """Formats a number for XML with ten significant digits, which is more than Mitsuba's single precision has."""
     return format(value, ".10g")
 
 
@@ -139,7 +146,7 @@ def _append(parent: ElementTree.Element, name: str, value: Any, depth: int) -> N
 
 
 def _scalar(value: Any) -> tuple[str, str]:
-    """Returns the XML tag and the text of a number, a boolean, a string, or a default."""
+    """Returns the XML tag and the text of a number, a boolean, a string, or a :class:`Default`."""
     if isinstance(value, Default):
         return _scalar(value.value)[0], f"${value.name}"
     if isinstance(value, bool):

@@ -1,4 +1,6 @@
-"""The symbols of a scene's text for an editor: indices, textures, solids and names; completion; meanings of words."""
+"""Finds the symbols in a scene's text (indices, textures, solids and ``$names``), completions, and the meanings of
+words, for an editor.
+"""
 
 import re
 from bisect import bisect_right
@@ -25,7 +27,9 @@ BRACES = re.compile(r"\{(?:[^{}\n]*[^{}\n$\w])?([$\w]*)\Z")
 
 
 class Symbol(NamedTuple):
-    """A named item of a scene; the ``kind`` of the item is "index", "texture", "solid" or "name"."""
+    """A symbol of a scene: its ``kind`` is "index", "texture", "solid" or "name" (a ``$name``), and its ``key`` is the
+    number or the name.
+    """
 
     kind: str
     key: str
@@ -41,10 +45,12 @@ class Occurrence(NamedTuple):
 
 
 class Completion(NamedTuple):
-    """A word that fits at the text offset ``start``. ``detail`` describes the word's parameters.
+    """A completion: a word that can replace the partial word that begins at the text offset ``start``. ``detail`` is a
+    short note that the editor shows beside the word: the names of the numbers after a keyword, or the value of a name.
 
-    A completion with a lower ``rank`` is shown first. Words within the current statement rank before the keywords that
-    begin a statement, and canonical spellings before other spellings.
+    The editor shows completions with a lower ``rank`` first. Words that continue the current statement have a lower
+    ``rank`` than keywords that begin a new statement, and canonical spellings have a lower ``rank`` than other
+    spellings.
     """
 
     label: str
@@ -74,7 +80,7 @@ class Symbols:
 
     @cached_property
     def table(self) -> dict[Symbol, list[Occurrence]]:
-        """Symbol -> its occurrences, in the order of the text."""
+        """A dictionary from each symbol to the symbol's occurrences, in the order of the text."""
         result: dict[Symbol, list[Occurrence]] = {}
         for before, token in pairwise([START, *self.tokens]):
             for occurrence in self._occurrences(token, before.role):
@@ -94,15 +100,17 @@ class Symbols:
             yield Occurrence(Symbol("solid", words.normalise(token.text)), *token.span, before == "SOLID")
 
     def occurrence_at(self, offset: int) -> Occurrence | None:
-        """Returns the occurrence of a symbol that contains an offset or ends there; None if there is no symbol."""
+        """Returns the occurrence of a symbol that contains the text offset ``offset`` or ends at it; None if there is
+        no symbol.
+        """
         occurrences = (occurrence for found in self.table.values() for occurrence in found)
         return min((o for o in occurrences if o.start <= offset <= o.end), key=lambda o: o.start, default=None)
 
     # ---- Meanings
 
     def hover(self, offset: int) -> tuple[int, int, str] | None:
-        """Returns ``(start, end, Markdown)`` for the word at an offset: its range in the text, and its meaning; or
-        None.
+        """Returns ``(start, end, Markdown)``, the text range and the meaning of the word at the text offset ``offset``;
+        None if no meaning is known.
         """
         if occurrence := self.occurrence_at(offset):
             return occurrence.start, occurrence.end, self._symbol_markdown(occurrence.symbol)
@@ -132,7 +140,9 @@ class Symbols:
     # ---- Completion
 
     def completions(self, offset: int) -> list[Completion]:
-        """Lists the words that fit at an offset, and that can replace the partial word before this offset."""
+        """Lists the words that the language allows at the text offset ``offset``; each word can replace the partial
+        word before this offset.
+        """
         line = self.text[self.text.rfind("\n", 0, offset) + 1 : offset]
         if braces := BRACES.search(line):  # arithmetic
             start = offset - len(braces[1])
@@ -161,15 +171,16 @@ class Symbols:
         return result
 
     def _name_completions(self, start: int) -> list[Completion]:
-        """Lists the completions for ``$names``, with their values."""
+        """Lists a completion for each ``$name`` that has a value; the editor shows the value beside the name."""
         return [Completion(f"${name}", "Variable", start, value, rank=1) for name, value in self.names.items()]
 
     def _index_completions(self, role: str, start: int) -> list[Completion]:
-        """Lists completions for an index after a keyword with this grammar role.
+        """Lists the completions for an index after a keyword with the grammar role ``role``.
 
         After SURFACE, the completions are the indices in the text that have no SURFACE statement; after TRANSFORM,
-        those without a TRANSFORM statement. After a primitive or the name of a solid, they are the indices that have a
-        SURFACE or a TRANSFORM statement. If there are no such indices, the completion is the next unused index.
+        those without a TRANSFORM statement. After a primitive or the name of a solid, the completions are the indices
+        that have a SURFACE or a TRANSFORM statement. If no index of the text fits, the only completion is the largest
+        index of the text plus 1.
         """
         spans, indices = self.reader.spans, sorted(int(key) for kind, key in self.table if kind == "index")
         if role in STATEMENTS:
@@ -181,9 +192,10 @@ class Symbols:
 
 
 def _keyword_completions(role: str, start: int) -> Iterator[Completion]:
-    """Yields completions for the keywords of a grammar role.
+    """Yields a completion for each spelling of the keywords that have the grammar role ``role``.
 
-    The parameters of the current statement come before the keywords of new statements; canonical spellings come first.
+    In the editor's list, parameters of the current statement come before keywords of new statements, and canonical
+    spellings before other spellings.
     """
     kind, rank = ("Keyword", 2) if role in STATEMENTS else ("Property", 0)
     for word in words.words_of(role):
@@ -192,12 +204,16 @@ def _keyword_completions(role: str, start: int) -> Iterator[Completion]:
 
 
 def _names_of_numbers(word: Word) -> str:
-    """Returns the names of the numbers after a word, such as ``x y z``, or TRUE for each flag."""
+    """Returns the names of the numbers that follow a keyword, such as ``x y z``; for a keyword with flags, returns one
+    TRUE for each flag.
+    """
     return " ".join(["TRUE"] * word.numbers.count) if word.numbers.flags else word.numbers.names
 
 
 def description(word: Word) -> str:
-    """Describes a word, as Markdown: its meaning, its values with their range, and its other spellings."""
+    """Returns a description of a word of the language as Markdown: the word's meaning, the range of the numbers after
+    the word, and the word's other spellings.
+    """
     lines = [f"**{word.canonical}** {_names_of_numbers(word)}".rstrip(), word.meaning]
     if word.numbers.count and not word.numbers.flags:
         each = "each " if word.numbers.count > 1 else ""
@@ -208,7 +224,9 @@ def description(word: Word) -> str:
 
 
 def _name_markdown(kind: str, names: dict[str, str], name: str) -> str:
-    """Describes the name of a metal or a glass, as Markdown: its table or material, and its other names."""
+    """Returns a description of the metal or glass ``name`` as Markdown: its name in Mitsuba or in prosim_dielectric, a
+    glass's index of refraction, and all its names in the scene language.
+    """
     if name not in names:
         return f"no {kind} has this name"
     index = f": n-refr = {words.INDICES[names[name]]} at 587.6 nm" if kind == "glass" else ""

@@ -17,7 +17,9 @@ PART = ".prosim-part-"
 
 
 def read(path: AnyPath) -> str:
-    """Reads the text of a scene file: UTF-8, UTF-16 with a byte order mark, or else Latin-1. Raises SceneError."""
+    """Reads the text of a scene file, which is UTF-8, UTF-16 with a byte order mark, or otherwise Latin-1. Raises
+    SceneError if the file cannot be read or is too large.
+    """
     path = Path(path)
     try:
         if path.stat().st_size > SIZE_LIMIT:
@@ -37,8 +39,8 @@ def read(path: AnyPath) -> str:
 def rewrite(path: AnyPath, text: str) -> None:
     """Replaces the text of a scene file atomically.
 
-    The file keeps its permissions. If ``path`` is a symbolic link, its target is rewritten. Raises SceneError if the
-    file cannot be written; the file is then unchanged.
+    The file keeps its permissions. If ``path`` is a symbolic link, the target of the link is rewritten. Raises
+    SceneError if the file cannot be written; the file is then unchanged.
     """
     try:
         os.stat(path)  # a missing file is an error
@@ -52,9 +54,9 @@ def replace(path: Path, content: bytes | memoryview | Callable[[Path], None], fo
     permissions.
 
     ``content`` is the new content as bytes, or a function that writes the new content to a given path and may be called
-    twice. The new file is first written to ``folder``, where the caller can find and remove unfinished files. The
-    folder of ``path`` is used instead if ``folder`` is None or on another disk, or if ``path`` is a link. Raises
-    OSError if the content cannot be replaced; the file is then unchanged.
+    twice. The new file is first written to ``folder``, where the caller can find and remove unfinished files. If
+    ``folder`` is None or on another disk, or if ``path`` is a link, the new file is first written to the folder of the
+    replaced file. Raises OSError if the content cannot be replaced; the file is then unchanged.
     """
     if path.is_symlink():
         path, folder = Path(os.path.realpath(path)), None
@@ -76,6 +78,6 @@ def replace(path: Path, content: bytes | memoryview | Callable[[Path], None], fo
 
 
 def refuse_special(path: Path) -> None:
-    """Raises OSError for a device or a pipe, because replacing the file would remove it."""
+    """Raises OSError if ``path`` is a device or a pipe, because a replacement by a file would remove it."""
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise FileExistsError(errno.EEXIST, "this is a device or a pipe, not a file", str(path))

@@ -17,7 +17,9 @@ UNITS = ("calibrated", "radiance", "unattenuated")
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """The options of a translation, which :func:`translate` describes. Raises SceneError for a wrong value."""
+    """The options of a translation; :func:`prosim_scene.translate` describes them. Raises SceneError if an option has a
+    wrong value.
+    """
 
     target: str = "prosim"
     light_units: str = "calibrated"
@@ -38,7 +40,9 @@ class Options:
         self._check("resolution", allowed, f"width and height, each {pixels.range_in_words()}, and {PIXELS} in all")
 
     def _check(self, name: str, allowed: bool, expected: str) -> None:
-        """Raises SceneError about the option ``name`` if its value is not ``allowed``."""
+        """Raises SceneError about the option ``name`` if ``allowed`` is False; the message says which values are
+        ``expected``.
+        """
         if not allowed:
             raise SceneError(f"{name} is {getattr(self, name)!r}; expected {expected}")
 
@@ -49,8 +53,8 @@ def _is_positive(value: Any) -> bool:
 
 
 def _are_allowed(values: Any, allowed: Numbers) -> bool:
-    """Whether ``values`` are whole numbers that a word of the language may have, and whose product is at most
-    :data:`PIXELS`.
+    """Whether ``values`` are as many whole numbers as ``allowed`` describes, each in the allowed range, with a product
+    of at most :data:`PIXELS`.
     """
     numbers = list(values) if isinstance(values, Iterable) else []
     whole = len(numbers) == allowed.count and all(isinstance(number, Integral) for number in numbers)

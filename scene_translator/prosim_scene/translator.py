@@ -1,4 +1,4 @@
-"""Translates a scene file to a Mitsuba scene: XML and meshes on disk, or a dictionary."""
+"""Translates a scene file to a Mitsuba scene, either as XML and mesh files on disk or as a dictionary."""
 
 import shutil
 import sys
@@ -20,7 +20,7 @@ from .writer import MARK, TranslationCache, TranslationFiles
 
 
 def document(path: AnyPath, define: Mapping[str, object] | None = None) -> Document:
-    """Reads a scene file; returns the scene and the position of each value in the text.
+    """Reads a scene file; returns a document: the scene, and the position of each value in the file's text.
 
     ``define`` sets values of ``$names``, as for :func:`prosim_scene.parse`. The functions :func:`translate`,
     :func:`load` and :func:`check` accept the returned document instead of a path, so that a scene is read only once.
@@ -30,7 +30,7 @@ def document(path: AnyPath, define: Mapping[str, object] | None = None) -> Docum
 
 
 def _opened(source: AnyPath | Document, define: Mapping[str, object] | None) -> Document:
-    """Returns the document of a scene file; a ``source`` that is a document is not read again."""
+    """Returns the document of the scene file ``source``; if ``source`` is a document, returns it unchanged."""
     if not isinstance(source, Document):
         return document(source, define)
     if define:
@@ -47,32 +47,32 @@ def translate(
     cache: TranslationCache | None = None,
     **options: Any,
 ) -> Path:
-    """Translates a scene file, or a :func:`document`, to ``<out_dir>/<stem>.xml`` and meshes; returns the path of the
-    XML.
+    """Translates a scene file, or a :func:`document`, to ``<out_dir>/<stem>.xml`` and mesh files; returns the path of
+    the XML file.
 
     ``out_dir``
-        Folder of the result, which is made if it does not exist. Default: the scene's folder.
+        Folder of the translated files, which is created if it does not exist. Default: the scene's folder.
     ``define``
-        Values of the ``$names`` in the scene, numbers or words.
+        Dictionary of values (numbers or words) for the ``$names`` in the scene.
     ``cache``
-        A :class:`TranslationCache`, which keeps the surface of the solids for the next translation.
+        A :class:`TranslationCache`, which keeps the surface of the evaluated CSG tree for the next translation.
 
     The functions :func:`load` and :func:`check` have the following options, too:
 
     ``target``
-        "prosim" for this project's plugins, "stock" for Mitsuba's own plugins only (each approximation is a
-        SceneWarning, once).
+        "prosim" for this project's plugins, "stock" for Mitsuba's own plugins only (each kind of approximation causes
+        one SceneWarning).
     ``light_units``
         "calibrated", "radiance" or "unattenuated": see :mod:`prosim_scene.mitsuba.lights`.
     ``tolerance``
         Largest chord error of a curved face, in pixels of the image (default 0.1).
     ``resolution``, ``samples``
-        (width, height) and N, which replace RESOLUTION and NSAMPLES of the scene.
+        Image size (width, height) and number of samples N, which replace RESOLUTION and NSAMPLES of the scene.
     ``allow_outside``
-        Whether files outside the scene's folder may be used.
+        Whether the scene may use image and mesh files outside the scene's folder.
 
     Raises :class:`SceneError` for wrong input, and then writes no file. Emits a :class:`SceneWarning` for a probable
-    mistake. Only files of earlier translations are overwritten or removed.
+    mistake. A translation overwrites and removes only files of earlier translations.
     """
     checked, opened = Options(**options), _opened(source, define)
     source_path = Path(opened.source.filename)
@@ -99,10 +99,10 @@ def load(
 ) -> Node:
     """Translates a scene file to a dictionary for ``mi.load_dict``; :func:`translate` describes the options.
 
-    The meshes are written to a temporary folder. The folder exists until the dictionary and its copies are deleted, or
-    the process ends. ``transform`` converts a 4x4 array to Mitsuba's type for a transform. The default of
-    ``transform`` is ``mitsuba.ScalarTransform4f`` of the active variant if Mitsuba is imported; otherwise arrays are
-    not converted.
+    The PLY files of the meshes are written to a temporary folder. The temporary folder of the meshes exists until the
+    returned dictionary and its copies are deleted, or the process ends. The function ``transform`` converts a 4x4 array
+    to Mitsuba's type for a transform. The default of ``transform`` is ``mitsuba.ScalarTransform4f`` of the active
+    variant if Mitsuba is imported; otherwise arrays are not converted.
     """
     checked, opened = Options(**options), _opened(source, define)
     try:
@@ -117,8 +117,8 @@ def load(
 
 
 class _TemporaryFolder:
-    """A temporary folder. The folder is removed when no reference to this object or to a :class:`_FileName` in the
-    folder exists.
+    """A temporary folder. The temporary folder is removed when no reference to this object or to a :class:`_FileName`
+    in the folder exists.
     """
 
     def __init__(self) -> None:
@@ -126,7 +126,7 @@ class _TemporaryFolder:
         weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)  # also at the end of the process
 
     def store(self, name: str, content: bytes) -> str:
-        """Writes the PLY file of a mesh; returns the file name."""
+        """Writes the PLY file of a mesh to the temporary folder; returns the file name."""
         file = _FileName(self.path / f"{name}.ply")
         file.folder = self
         Path(file).write_bytes(content)
@@ -134,7 +134,9 @@ class _TemporaryFolder:
 
 
 class _FileName(str):
-    """The name of a file in a temporary folder. The folder exists as long as a reference to the name exists."""
+    """The name of a file in a temporary folder. The temporary folder exists as long as a reference to this file name
+    exists.
+    """
 
     folder: _TemporaryFolder
 
@@ -145,7 +147,8 @@ class _FileName(str):
 def check(source: AnyPath | Document, *, define: Mapping[str, object] | None = None, **options: Any) -> Scene:
     """Analyses a scene file and evaluates its CSG tree, without writing a file; returns the scene.
 
-    Raises :class:`SceneError` and emits :class:`SceneWarning` as :func:`translate` does, for empty solids, too.
+    Raises a :class:`SceneError` and emits a :class:`SceneWarning` in the same cases as :func:`translate`, for example
+    for primitives that are invisible in the evaluated CSG tree.
     """
     checked, opened = Options(**options), _opened(source, define)
     assemble(opened, checked, lambda name, _: name)

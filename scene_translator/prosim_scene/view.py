@@ -1,7 +1,8 @@
 """Computes the camera of a scene from its VIEW statement; off-centre windows and oblique views are exact.
 
-The ray through pixel (i, j) of a w x h image starts at the eye E. The ray passes the point VRP + u (umin +
-(i+1/2)(umax-umin)/w) + v (vmax - (j+1/2)(vmax-vmin)/h) of the view plane.
+The ray through pixel (i, j) of a w x h image starts at the eye, and passes through the point VRP + u (umin +
+(i+1/2)(umax-umin)/w) + v (vmax - (j+1/2)(vmax-vmin)/h) of the view plane; the unit vectors u and v point to the right
+and up in the image.
 """
 
 from dataclasses import dataclass
@@ -19,10 +20,12 @@ WIDEST, NARROWEST = 1e5, 1e-9  # largest and smallest side of a window, relative
 class Camera:
     """A camera in world coordinates: the position of the eye, three unit axes, and the window on the view plane.
 
-    ``u`` points to the right in the image, ``v`` up, and ``n`` from the view plane to the eye's side.
+    The axis ``u`` points to the right in the image, ``v`` points up, and ``n`` is the view plane's normal on the side
+    of the eye.
 
     ``depth`` is the distance of the eye from the view plane. ``left, bottom, right, top`` are the borders of the window
-    on this plane, relative to the orthogonal projection of the eye. ``resolution`` is (width, height) in pixels.
+    on the view plane, relative to the orthogonal projection of the eye onto this plane. ``resolution`` is (width,
+    height) in pixels.
     """
 
     eye: np.ndarray
@@ -43,8 +46,8 @@ class Camera:
 
     @property
     def square_pixels(self) -> bool:
-        """Whether pixels are square: the difference of width and height, summed over the image, is below 1e-4
-        pixels.
+        """Whether pixels are square: the differences of width and height of the pixels in a row or a column add up to
+        less than 1e-4 pixels.
         """
         w, h = self.pixel
         return abs(w / h - 1) * max(self.resolution) < 1e-4
@@ -59,7 +62,8 @@ class Camera:
     def may_see(self, corners: np.ndarray) -> np.ndarray:
         """Whether the convex hull of points (..., n, 3) may intersect the view frustum.
 
-        The test is conservative: False is certain, True is not.
+        The test is conservative: if the result is False, the camera certainly does not see the points; if True, it may
+        see them.
         """
         x, y, z = np.moveaxis((corners - self.eye) @ np.stack([self.u, self.v, -self.n]).T, -1, 0)
         x, y = x * self.depth, y * self.depth  # now x and y can be compared with the window's borders times z
@@ -68,8 +72,8 @@ class Camera:
 
 
 def distortion_message(width: int, height: int, ratio: float) -> str | None:
-    """Returns the message that an image of this size has non-square pixels, because its window has another aspect
-    ``ratio``.
+    """Returns the message that an image of ``width`` x ``height`` pixels is distorted, because the scene's window has
+    another aspect ratio (``ratio``).
 
     Returns None if the distortion is below 1 %, or is caused only by rounding to whole pixels.
     """

@@ -1,8 +1,11 @@
-"""Writes the files of a translation: ``STEM.xml``, and its meshes as binary PLY files in the folder ``STEM-meshes``.
+"""Writes the files of a translation, which are the XML file ``STEM.xml`` and the meshes as binary PLY files in the
+folder ``STEM-meshes``.
 
-The file name of a mesh ends in the digest of the file's content. A mesh that an XML file names therefore never changes,
-even if a translation is killed. Simultaneous translations of one scene write the same files. A translation removes a
-mesh of an earlier translation if the digest in its name agrees with its content. No other files are removed.
+The file name of a mesh ends in the digest of the file's content. The content of a mesh file to which an XML file refers
+never changes, even if a translation is killed, because another content has another file name. Simultaneous translations
+of one scene write the same files, so they do not conflict. A translation removes a mesh file of an earlier translation
+only if the digest in the file name agrees with the content. A translation also removes the unfinished files of killed
+translations, but no other files.
 """
 
 import os
@@ -22,9 +25,10 @@ from .text_files import PART, refuse_special, replace
 
 
 def ply_bytes(triangles: Triangles, with_uv: bool) -> bytes | None:
-    """Returns the content of a binary PLY file, or None if no triangle has an area in single precision.
+    """Returns the content of a binary PLY file with the ``triangles``, or None if all triangles are degenerate.
 
-    Triangles without area are left out. ``with_uv`` is True for a file with texture coordinates.
+    A triangle is degenerate if two of its corners are equal in single precision; the file contains no degenerate
+    triangles. If ``with_uv`` is True, the file contains texture coordinates.
     """
     vertices, index = triangles.vertices.astype("<f4"), triangles.index
     a, b, c = (vertices[index[:, i]] for i in range(3))
@@ -46,10 +50,12 @@ def ply_bytes(triangles: Triangles, with_uv: bool) -> bytes | None:
 
 
 class TranslationCache:
-    """A translation cache: the surface of the CSG tree that was evaluated last, with its cache key.
+    """A cache for repeated translations, which stores the surface of the CSG tree that was evaluated last, and the
+    cache key of this surface.
 
-    The key does not depend on materials. The cache needs as much memory as the evaluation of the CSG tree.
-    ``evaluations`` is the number of trees that were evaluated.
+    The cache key of a surface does not depend on colours and textures. The cache needs as much memory as the evaluation
+    of the CSG tree. ``evaluations`` counts the CSG trees that were evaluated because the cache did not contain their
+    surface.
     """
 
     def __init__(self) -> None:
@@ -83,16 +89,18 @@ class TranslationFiles:
         self.meshes: dict[str, bytes] = {}
 
     def store(self, name: str, content: bytes) -> str:
-        """Keeps the content of a mesh until all files are written; returns the path of the mesh for the XML file.
+        """Stores the content of a mesh until :meth:`write` writes it to a file; returns the path by which the XML file
+        refers to the mesh file.
 
-        The file name of the mesh is ``name`` and the digest of the content.
+        The name of the mesh file consists of ``name`` and the digest of the content.
         """
         file = f"{name}-{_digest(content)}.ply"
         self.meshes[file] = content
         return f"{self.mesh_folder.name}/{file}"
 
     def image_path(self, path: Path) -> str:
-        """Returns the path of an image for the XML file, relative to the folder of the XML file if possible.
+        """Returns the path by which the XML file refers to an image file, relative to the folder of the XML file if
+        possible.
 
         Raises ValueError for a path that is not valid in XML.
         """
@@ -108,9 +116,10 @@ class TranslationFiles:
     def write(self, text: str) -> Path:
         """Writes the XML ``text`` and the meshes; returns the path of the XML file.
 
-        The XML file is replaced last, so the meshes that it names always exist. Meshes of earlier translations are
-        removed. Raises OSError, or FileExistsError if a file of the user has the path of a result; no file has changed
-        then.
+        The XML file is replaced after the meshes are written, so the mesh files that the XML file names always exist.
+        Meshes of earlier translations are removed at the end. Raises OSError if the files cannot be written, in
+        particular FileExistsError if a file that no translation wrote has the path of a result; existing files are then
+        unchanged.
         """
         _check_replaceable(self.xml, self.mesh_folder)
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -141,7 +150,7 @@ def _digest(content: bytes) -> str:
 
 
 def _check_replaceable(xml: Path, mesh_folder: Path) -> None:
-    """Raises OSError if an existing file or folder was not written by a translation."""
+    """Raises OSError if a translation would replace a file or a folder that no translation wrote."""
     if xml.is_dir():
         raise IsADirectoryError(0, "the translation would replace this folder; move it, or choose another folder", xml)
     refuse_special(xml)
@@ -157,9 +166,9 @@ def _check_replaceable(xml: Path, mesh_folder: Path) -> None:
 def _locked(folder: Path) -> Iterator[bool]:
     """Locks a folder, so that no other translation removes the new meshes before the new XML file names them.
 
-    Yields whether the folder is locked. Locks do not exist on Windows and on some network file systems, and need the
-    permission to read the folder. The operating system removes the lock of a killed process. Raises TimeoutError after
-    LOCK_TIMEOUT seconds.
+    Yields True if the folder is locked. The folder is not locked on Windows, on network file systems without locks, and
+    without the permission to read the folder. The operating system removes the lock of a killed process. Raises
+    TimeoutError if another translation keeps the folder locked for LOCK_TIMEOUT seconds.
     """
     if sys.platform == "win32":
         yield False
@@ -202,6 +211,8 @@ def _remove_old_meshes(mesh_folder: Path, meshes: dict[str, bytes]) -> None:
 
 
 def _is_from_translation(path: Path) -> bool:
-    """Whether a translation wrote this file: it is unfinished, or its name contains the digest of its content."""
+    """Whether a translation wrote the file ``path``: the file name is that of an unfinished file, or contains the
+    digest of the file's content.
+    """
     match = MESH.fullmatch(path.name)
     return bool(path.name.startswith(PART) or (match and _digest(path.read_bytes()) == match[1]))

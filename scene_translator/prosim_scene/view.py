@@ -1,4 +1,5 @@
-"""Computes the camera of a scene from its VIEW statement; off-centre windows and oblique views are exact.
+"""Computes the camera of a scene from its VIEW statement; the camera is exact, also for off-centre windows and oblique
+views.
 
 The ray through pixel (i, j) of a w x h image starts at the eye, and passes through the point VRP + u (umin +
 (i+1/2)(umax-umin)/w) + v (vmax - (j+1/2)(vmax-vmin)/h) of the view plane; the unit vectors u and v point to the right
@@ -55,7 +56,7 @@ class Camera:
     def footprint(self, distance: np.ndarray | float) -> np.ndarray:
         """Returns the length that the smaller side of a pixel covers at a distance from the eye.
 
-        The distance counts as at least ``depth`` / 1000, so the result is never 0.
+        A distance below ``depth`` / 1000 is replaced by ``depth`` / 1000, so the result is never 0.
         """
         return np.asarray(min(self.pixel) * np.maximum(distance, 1e-3 * self.depth) / self.depth)
 

@@ -164,7 +164,7 @@ def _check_replaceable(xml: Path, mesh_folder: Path) -> None:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[bool]:
-    """Locks a folder, so that no other translation removes the new meshes before the new XML file names them.
+    """Locks a folder, so that no other translation removes the new meshes before the new XML file refers to them.
 
     Yields True if the folder is locked. The folder is not locked on Windows, on network file systems without locks, and
     without the permission to read the folder. The operating system removes the lock of a killed process. Raises

@@ -33,12 +33,13 @@ _Operand = tuple[np.ndarray, int, int]
 
 
 def active_zones(tree: Tree, solids: Sequence[Solid], of_leaf: np.ndarray) -> np.ndarray:
-    """Returns a ball for each solid (n, 4); if the solid has only one leaf, the ball contains the solid's active zone.
+    """Returns a ball for each solid (n, 4): outside its ball, a solid with only one leaf has no effect on the CSG
+    tree's result.
 
-    Each row of the result is the centre and the radius of a ball. The radius is infinite if no ball that contains the
-    active zone is known. ``of_leaf`` has, for each leaf, the number of its solid. A subtracted solid has an effect only
-    inside the solid from which it is subtracted. An operand of an intersection has an effect only inside the other
-    operand.
+    Each row of the result is the centre and the radius of a ball. The radius is infinite if the CSG tree does not limit
+    the region in which the solid has an effect. ``of_leaf`` has, for each leaf, the number of its solid. A subtracted
+    solid has an effect only inside the solid from which it is subtracted. An operand of an intersection has an effect
+    only inside the other operand.
     """
     balls = np.empty((len(solids), 4))
     for primitive, numbers in group_equal(s.primitive for s in solids).items():
@@ -70,11 +71,12 @@ def _smaller(balls: np.ndarray, ball: np.ndarray) -> np.ndarray:
 
 
 def refined_cap(solid: Solid, zone: np.ndarray, camera: Camera, tolerance: float) -> tuple[int, np.ndarray]:
-    """Returns the number of segments and the ``facet_map`` of a ball; if only a cap of the ball is in its active zone,
-    the facets are concentrated there.
+    """Returns the number of segments and the ``facet_map`` of a ball; if only a cap of the ball has an effect on the
+    CSG tree's result, the facets are concentrated near this cap.
 
-    ``solid.segments`` is the number of segments without cap refinement. ``zone`` is a ball (centre, radius) that
-    contains the active zone of the solid. The chord error stays below ``tolerance`` pixels, also at the rim of the cap.
+    ``solid.segments`` is the number of segments without cap refinement. Outside the ball ``zone`` (centre, radius), the
+    solid has no effect on the CSG tree's result. The chord error stays below ``tolerance`` pixels, also at the rim of
+    the cap.
     """
     axis = np.linalg.solve(solid.to_world, [*zone[:3], 1])[:3]
     distance, radius = float(np.linalg.norm(axis)), float(zone[3]) / solid.narrowest
@@ -173,10 +175,10 @@ def choose_segments(
 ) -> None:
     """Sets ``segments`` of all solids so that the chord error stays below ``tolerance`` pixels.
 
-    ``zones`` (n, 4) are the balls that :func:`active_zones` returns. If only a cap of a ball is in its active zone,
-    this function also sets the ball's ``facet_map``. Solids that share a curved face get the same number of segments.
-    If the solids would have more than MAX_TRIANGLES triangles, all solids become coarser, and a :class:`SceneWarning`
-    is emitted. Raises :class:`SceneError` if even the coarsest meshes have too many triangles.
+    ``zones`` (n, 4) are the balls that :func:`active_zones` returns. If only a cap of a ball has an effect on the CSG
+    tree's result, this function also sets the ball's ``facet_map``. Solids that share a curved face get the same number
+    of segments. If the solids would have more than MAX_TRIANGLES triangles, all solids become coarser, and a
+    :class:`SceneWarning` is emitted. Raises :class:`SceneError` if even the coarsest meshes have too many triangles.
     """
     requested_tolerance = tolerance
     while True:

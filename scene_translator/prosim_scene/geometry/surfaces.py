@@ -203,8 +203,8 @@ def _boundary(tree: csg.Tree, table: Leaves, media_of: list[int], fresnel: bool,
 
 
 def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
-    """Converts the mesh of a primitive to manifold3d's type ``Manifold``, whose triangles have the number
-    ``original_id`` of this mesh.
+    """Converts the mesh of a primitive to manifold3d's type ``Manifold``; manifold3d stores the number ``original_id``
+    of the mesh with its triangles.
 
     The mesh's first facet gets the number ``first``, and the following facets get the numbers after it.
     """

@@ -182,8 +182,8 @@ def role_of(text: str, expected: frozenset[str], statement: str) -> str:
     """Returns the grammar role of a word: the role of an expected keyword if the word is one, otherwise the role of a
     name, otherwise the role of an unexpected keyword.
 
-    ``expected`` are the roles that the grammar allows here. If a word can either continue the current ``statement`` or
-    begin the next statement, it gets the role that continues the current statement.
+    ``expected`` are the roles that the grammar allows at the word's place. If a word can either continue the current
+    ``statement`` or begin the next statement, it gets the role that continues the current statement.
     """
     spelling = normalise(text)
     roles = [word.role for word in WORDS_BY_SPELLING.get(spelling, ())]

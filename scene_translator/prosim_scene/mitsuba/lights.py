@@ -2,20 +2,21 @@
 becomes 1.0 in Mitsuba.
 
 The option ``light_units`` of a translation defines the meaning of a light's Intensity. In the descriptions of the three
-light units, E is Intensity/65535, d is the distance from the light to VRP (the VIEW's reference point), and r is the
-radius of the light:
+light units, d is the distance from the light to VRP (the VIEW's reference point), and r is the radius of the light:
 
 ``calibrated``
-    E is the irradiance on a surface that faces the light at the distance d; for a cone or a spot, the surface is on the
-    axis of the light. A calibrated point light has the radiant intensity I = E d^2. A calibrated sphere that emits
-    uniformly has the radiance L = E d^2/(pi r^2). For a calibrated sphere with the distribution CONE or SPOT, the
-    radiance L on the axis is E divided by an integral over the solid angle of the sphere: the integral of the angular
-    falloff times the cosine.
+    E = Intensity/65535 is the irradiance on a surface that faces the light at the distance d; for a cone or a spot, the
+    surface is on the axis of the light. A calibrated point light, which causes the irradiance E at the distance d, has
+    the radiant intensity I = E d^2. A calibrated sphere of radius r that emits uniformly has the radiance L = E d^2/(pi
+    r^2), so that it causes the irradiance E at the distance d. For a calibrated sphere with the distribution CONE or
+    SPOT, the radiance L on the axis is the irradiance E divided by an integral over the solid angle of the sphere: the
+    integral of the angular falloff times the cosine.
 ``radiance``
-    E is the radiance of the light. With the light units "radiance", a point light has the radiant intensity I = pi r^2
-    E, as if it were a distant sphere of the radius r (thesis, section 5.2).
+    E = Intensity/65535 is the radiance of the light. With the light units "radiance", a point light has the radiant
+    intensity I = pi r^2 E, as if it were a distant sphere of the radius r (thesis, section 5.2).
 ``unattenuated``
-    E is the irradiance at any distance from the light: the irradiance does not decrease with the distance.
+    E = Intensity/65535 is the irradiance at any distance from the light: the irradiance does not decrease with the
+    distance.
 """
 
 import math

@@ -14,7 +14,7 @@ def settings(context: Context) -> Node:
     settings.
 
     The colours of AMBIENT and BACKGROUND are divided by 65535, the scene language's value for 1.0; the colours of a
-    background image are not.
+    background image are not divided.
     """
     scene = context.scene
     background = rgb(lights.from_full_scale(scene.background.color))

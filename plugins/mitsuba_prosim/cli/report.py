@@ -92,7 +92,7 @@ def denoised_report(final: FinalImage, film: mi.Film) -> tuple[dict[str, str], s
         facts["prosim.denoised"] = "no, the raw image is within the limit"
         line = "not denoised: the raw image is within the limit"
     if final.render.reached and (estimates := final.render.state.estimates):
-        facts["prosim.denoised.estimates"] = json.dumps(estimates)  # samples, networks, noise
+        facts["prosim.denoised.estimates"] = json.dumps(estimates)  # samples, networks, ratio of the errors
     if result.at_most > TOLERANCE * max(result.noise, limit):
         line += f", uncertain: its noise may be {result.at_most:.2g}"
     if not film.rfilter().is_box_filter():

@@ -10,7 +10,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ..engine.error_target import AIM, Noise
+from ..engine.error_target import AIM, Noise, counts_for_ratio, mean
 from ..engine.render import Render
 from ..registry import create
 from ..sampling.hash import combine, hash32
@@ -23,8 +23,9 @@ from .oidn import Denoiser
 #: Square root of the number of samples of a pixel's features.
 FEATURE_SAMPLES = 4
 
-#: Exponent of the power law by which more samples reduce the error of the raw image: a mean of several scenes.
-RATE = 0.7
+#: Exponents of two power laws, means of several scenes. More samples reduce the error of the raw image, and increase
+#: the ratio of the error of the denoised image to the error of the raw image.
+RATE, RATIO_RATE = 0.68, 0.1
 
 #: With a probability of about 95 %, the error of the final image is at most this many times the limit.
 TOLERANCE = 1.1
@@ -77,28 +78,29 @@ class FinalImage:
     """Denoises the two halves of a ``render`` at its end, and earlier to estimate the error of the final image.
 
     With an error target, the render begins as without a denoiser. If the raw image reaches the target, the render ends
-    and the raw image is the result. If the raw image lacks many samples, the second half of the samples begins when the
-    error is at most 2 ``FAR`` times the target. The denoiser is first called when the error is at most ``FAR`` times
-    the target. The estimated error of the denoised image then decides how many samples the next pass takes. The
-    decisions depend only on samples and rounded errors. The image does not depend on measured times, nor on bits of the
-    denoiser that differ with the number of threads.
+    and the raw image is the result. If the raw image lacks many samples, the second half of the samples begins. The
+    denoiser is first called when the error of the raw image is at most ``FAR`` times the target. The estimated error of
+    the denoised image then decides how many samples the next pass takes. The decisions depend only on samples and
+    rounded errors. The image does not depend on measured times, nor on bits of the denoiser that differ with the number
+    of threads.
 
     With an error target, the denoiser uses the smallest networks without features, which cost little ("plain"). It uses
     the best networks if the image needs many samples even so.
     """
 
-    #: Maximum ratio of the raw image's error to the target at which the denoiser is called.
-    FAR = 3.0
-    #: Ratio of the error to the target at which a pass aims after a call of the denoiser, because a further call costs
-    #: more than some samples.
-    CLOSE = 0.95
+    #: Maximum ratio of the raw image's error to the target at which the denoiser is first called.
+    FAR = 2.7
+    #: Ratio of the error to its limit at which a pass aims before the denoiser is called, because another pass or
+    #: another call costs more than some samples.
+    CLOSE = 0.93
     #: Maximum number of calls of the denoiser that estimate the error.
     CALLS = 5
     #: Cost of a call of the denoiser with the smallest networks, in rays per pixel.
-    CALL_COST = 64
-    #: Minimum number of samples that the raw image lacks when the second half begins, and minimum number of samples of
-    #: the final image for which the best networks are worth their time, in multiples of the cost of a call.
-    BEGIN, BEST = 5, 32
+    CALL_COST = 48
+    #: In multiples of the cost of a call: the minimum number of samples that the raw image lacks when the second half
+    #: begins; the minimum number of samples that the denoiser must save after a call; and the minimum number of samples
+    #: of the image for which the best networks are worth their time.
+    BEGIN, SAVED, BEST = 6, {"plain": 2, "best": 6}, 32
 
     def __init__(self, scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int, fast: bool) -> None:
         """The caller must set ``render``, the :class:`.Render` whose image is denoised, before the first other call.
@@ -214,38 +216,46 @@ class FinalImage:
         excess = target.excess(raw)
         if not excess > 1:  # the excess is NaN without limits
             return raw
-        # ``by_raw`` and, below, ``by_final`` are the samples per pixel at which the raw and the final image reach the
-        # target. ``cost`` is the cost of a call of the denoiser in samples per pixel.
-        by_raw, cost = samples * (excess / AIM) ** (1 / RATE), self._call_cost
-        # A complete second half doubles the samples, which is not worth while if the raw image needs few more samples.
-        if not second.complete and by_raw - 2 * samples < self.BEGIN * cost:
-            return raw
-        far = self.FAR if second.complete else 2 * self.FAR
-        if not estimates and excess > far:
-            target.loosening = far  # the next pass only aims at the error at which the next decision is made
-            return raw
+        # ``cost`` is the cost of a call of the denoiser. Below, ``by_raw`` and ``by_final`` are the counts at which the
+        # raw and the final image reach the target. All three are samples per pixel.
+        ratio, cost = (excess / AIM) ** (1 / RATE), self._call_cost
         if not second.complete:
-            render.begin_complete_second()
+            # A complete second half doubles the samples, which is not worth while for an image that needs few samples.
+            least = 2 * samples + self.BEGIN * cost
+            if samples * ratio >= least and self._needed(ratio) >= least:
+                render.begin_complete_second()
             return raw
+        if not estimates and excess > self.FAR:
+            target.sample_ratio = (excess / (self.CLOSE * self.FAR)) ** (1 / RATE)
+            return raw
+        by_raw = self._needed(ratio)
         networks = estimates[-1][1] if estimates else "plain"
         # Calls the denoiser at most twice: with the networks so far, and then perhaps with the best networks.
         while True:
             if estimates:
-                last, _, *error = estimates[-1]  # the samples and the errors of the last call
-                noise = scaled(error, (last / samples) ** 0.5)  # the error falls as samples to the power of -1/2
+                last, _, ratio = estimates[-1]  # the samples and the ratio of the errors at the last call
+                noise = scaled(raw, ratio * (samples / last) ** RATIO_RATE)
                 excess = target.excess(noise)
-                by_final = samples * (excess / AIM) ** 2
+                by_final = self._needed((excess / AIM) ** (1 / (RATE - RATIO_RATE)))
                 if last == samples and excess <= 1:
                     return noise
-                if by_raw - by_final < cost or len(estimates) >= self.CALLS:  # the denoiser saves too few samples
-                    return raw
-                if by_final > self.BEST * cost and not self.fast and networks == "plain":
+                if min(by_raw, by_final) > self.BEST * cost and not self.fast and networks == "plain":
                     networks = "best"
+                elif (
+                    by_raw - by_final < self.SAVED[networks] * cost or len(estimates) >= self.CALLS
+                ):  # the denoiser saves too few samples
+                    return raw
                 elif last == samples or excess > 1:  # more samples are needed before the next call
-                    target.loosening = self.CLOSE
+                    target.sample_ratio = (excess / self.CLOSE) ** (1 / (RATE - RATIO_RATE))
                     return noise
             result = self._latest(networks, samples)
-            self._record(networks, raw, result.at_most / result.raw_noise)
+            # Rounded, because the bits of a denoised image depend on the number of threads.
+            estimates.append((samples, networks, float(f"{result.at_most / result.raw_noise:.3g}")))
+
+    def _needed(self, ratio: float) -> float:
+        """Returns the samples per pixel that reduce the error as much as ``ratio`` times the samples in each pixel."""
+        images = 2 if self.render.second.complete else 1
+        return images * mean(counts_for_ratio(self.render.state, ratio))
 
     @property
     def _call_cost(self) -> float:
@@ -260,11 +270,6 @@ class FinalImage:
             return self.CALL_COST / 10
         follows = transport.settings.max_level > 0 and (transport.reflects or transport.refracts)
         return self.CALL_COST / (1 + transport.lights.lamps) / (2 if follows else 1)
-
-    def _record(self, networks: str, raw: Noise, ratio: float) -> None:
-        """Stores the errors of the raw image multiplied by ``ratio``, rounded, as an estimate of ``networks``."""
-        noise = (float(f"{error:.3g}") for error in scaled(raw, ratio))
-        self.render.state.estimates.append((self._samples, networks, *noise))
 
 
 def features(

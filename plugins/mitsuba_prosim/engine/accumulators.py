@@ -93,8 +93,8 @@ class FilmState:
         self.accumulators = Accumulators.empty(estimator.sums_per_pixel, area(self.outer))
         #: The last measurement by :class:`.SecondImage`, see :data:`.error_target.Noise`.
         self.noise: tuple[float, float, float, float] = (float("nan"),) * 4
-        #: Estimates of the error of the denoised image: samples per pixel, the denoiser's networks, and the four
-        #: errors as in ``noise``.
+        #: Estimates of the error of the denoised image: samples per pixel, the denoiser's networks, and the ratio of
+        #: the error of the denoised image to the error of the raw image.
         self.estimates = list[Sequence[Any]]()
         #: Number of decisions of the policy so far; 0 before the end of the first pass.
         self.rounds = 0

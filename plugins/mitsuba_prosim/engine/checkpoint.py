@@ -26,7 +26,7 @@ from .plan import TARGETS
 from .tiles import Part
 
 #: Version of the format.
-FORMAT = 11
+FORMAT = 12
 
 #: Parameters of sampling that decide how many samples a pixel gets. A render may continue from a checkpoint with other
 #: values of these parameters, and with other :data:`.TARGETS`.

@@ -66,8 +66,9 @@ class ErrorTarget:
     started: float
     #: Seconds at the end that the denoiser needs. The denoiser sets this number.
     denoiser_seconds: float = 0.0
-    #: The next pass aims at errors of this multiple of the limits. The denoiser sets this factor.
-    loosening: float = 1.0
+    #: Ratio of the samples after the next pass to the samples before; 0 if the measured error decides. The denoiser
+    #: sets this ratio.
+    sample_ratio: float = 0.0
 
     def excess(self, noise: Sequence[float]) -> float:
         """Returns the largest ratio of a measured error in ``noise`` to its limit; NaN without limits.
@@ -186,26 +187,34 @@ def concentration(squares: np.ndarray) -> float:
 
 
 def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarray:
-    """Returns the counts after the next pass.
+    """Returns the counts after the next pass: as high as the target requires, but limited to the size of one pass.
 
-    The counts are in proportion to the requested samples. The counts are as high as the target requires, but limited to
-    the size of one pass (``most``, the mean number of samples of a pixel after the pass). ``goal`` is the mean variance
-    of the pixels' means at which the target is reached. ``speed`` is the number of samples per pixel and second; 0 if
-    unknown.
+    ``speed`` is the number of samples per pixel and second; 0 if unknown.
+    """
+    have, ratio = mean(state.accumulators.count), None
+    most = (UNCERTAIN_GROWTH if state.noise[3] > UNCERTAIN * state.noise[0] else GROWTH) * have
+    if target.seconds:
+        share = 0.9 if target.seconds_left < target.seconds / 5 else 0.5  # the last pass uses the rest of the time
+        most = min(most, have + speed * target.seconds_left * share) if speed else 2 * have
+    if any(target.limits):
+        ratio = target.sample_ratio or remaining_factor(state, target)
+    return counts_for_ratio(state, ratio, most)
+
+
+def counts_for_ratio(state: FilmState, ratio: float | None, most: float = np.inf) -> np.ndarray:
+    """Returns counts that reduce the error as much as ``ratio`` times the samples in each pixel.
+
+    The additional samples are taken where the policy requests them, so the counts have a smaller mean than ``ratio``
+    times the counts so far. ``most`` is the maximum of the mean; ``ratio`` is None if only ``most`` limits the counts.
     """
     request, count = np.minimum(state.request(), np.float32(UNLIMITED)), np.array(state.accumulators.count)
     # All samples of a pixel so far may agree by chance. So every pixel of the region gets samples from time to time.
     # ``region`` is a view of ``request``.
     region = state.crop(request, state.plan.region)
     region += np.float32(mean(region.ravel()) / 20)
-    variances, have = display_variance(state.accumulators), mean(count)
-    most, goal = (UNCERTAIN_GROWTH if state.noise[3] > UNCERTAIN * state.noise[0] else GROWTH) * have, None
-    if target.seconds:
-        share = 0.9 if target.seconds_left < target.seconds / 5 else 0.5  # the last pass uses the rest of the time
-        most = min(most, have + speed * target.seconds_left * share) if speed else 2 * have
-    if any(target.limits):
-        goal = mean(variances / np.float32(count)) / remaining_factor(state, target, AIM * target.loosening)
-    caustics = state.estimator.transport.caustics
+    variances, caustics = display_variance(state.accumulators), state.estimator.transport.caustics
+    # The mean variance of the pixels' means at which the samples suffice.
+    goal = None if ratio is None else mean(variances / np.float32(count)) / ratio
 
     def after(effort: float) -> np.ndarray:
         """Returns the counts after a pass in which each pixel gets its requested samples times ``effort``."""
@@ -217,19 +226,19 @@ def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarr
         return np.maximum(counts, count)
 
     def reaches(effort: float) -> bool:
-        """Tells whether a pass with this ``effort`` reaches the goal of the error, or the maximum size of a pass."""
+        """Tells whether a pass with this ``effort`` reaches ``goal`` or ``most``."""
         counts = np.float32(after(effort))
         return mean(counts) >= most or (goal is not None and mean(variances / counts) <= goal)
 
     return after(smallest_effort(reaches))
 
 
-def remaining_factor(state: FilmState, target: ErrorTarget, aim: float = AIM) -> float:
-    """Returns the ratio of the samples needed for ``aim`` times the target to the samples so far.
+def remaining_factor(state: FilmState, target: ErrorTarget) -> float:
+    """Returns the ratio of the samples needed for :data:`AIM` times the target to the samples so far.
 
     The error is assumed to fall as samples to the power of -:data:`RATE`.
     """
-    return (target.excess(state.noise) / aim) ** (1 / RATE)
+    return (target.excess(state.noise) / AIM) ** (1 / RATE)
 
 
 def limit_by_photons(count: np.ndarray, wanted: np.ndarray, max_samples: int, maps: int, photons: int) -> int:

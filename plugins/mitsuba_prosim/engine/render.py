@@ -258,7 +258,7 @@ class Render(Steps):
                 state.wanted = None
             if (second := self.second) is not None:
                 yield self._second_pass(second)
-                target.loosening = 1.0
+                target.sample_ratio = 0.0
                 state.noise = self.denoiser.estimate(self) if self.denoiser else second.noise()
                 if self.second is not second:  # the denoiser has begun a complete second image: take its samples
                     continue

@@ -253,9 +253,15 @@ class FinalImage:
             estimates.append((samples, networks, float(f"{result.at_most / result.raw_noise:.3g}")))
 
     def _needed(self, ratio: float) -> float:
-        """Returns the samples per pixel that reduce the error as much as ``ratio`` times the samples in each pixel."""
-        images = 2 if self.render.second.complete else 1
-        return images * mean(counts_for_ratio(self.render.state, ratio))
+        """Returns the samples per pixel that reduce the error as much as ``ratio`` times the samples in each pixel.
+
+        The result is infinite if the maximum number of samples of a pixel does not reduce the error as much.
+        """
+        state, plan = self.render.state, self.render.state.plan
+        counts = counts_for_ratio(state, ratio)
+        if state.crop(counts, plan.region).min() == plan.max_samples:
+            return float("inf")
+        return mean(counts) * (2 if self.render.second.complete else 1)
 
     @property
     def _call_cost(self) -> float:

@@ -1,4 +1,6 @@
-"""Renders two images of a scene with different samples, and features of the view, for the denoiser."""
+"""Renders the inputs of the denoiser: two images of a scene with different samples, and the albedo and normals of the
+visible surfaces.
+"""
 
 from __future__ import annotations
 
@@ -41,9 +43,10 @@ def render(
 ) -> Denoised:
     """Renders ``scene`` with its own integrator, or with ``integrator``, and denoises the image.
 
-    Half of the samples (``spp``, or the sample count of the integrator) use one seed; the other half use another seed.
-    The integrator's parameter ``noise`` is the error target of the final image. The render overwrites the sensor's
-    film, which does not hold the denoised image afterwards. ``fast`` selects smaller networks, see :func:`.denoise`.
+    Half of the ``spp`` samples per pixel use one seed, and the other half use another seed; if ``spp`` is 0, the sample
+    count in the scene is used. The integrator's parameter ``noise`` is the error target of the final image. The render
+    overwrites the sensor's film; the denoised image is only returned, not written to the film. ``fast`` selects smaller
+    networks, see :func:`.denoise`.
 
     Raises ValueError for films that store no colours, and :class:`.oidn.MissingError` if the package mitsuba-oidn is
     not installed.
@@ -61,10 +64,10 @@ def denoised_progressive(
     fast: bool = False,
     **options: Any,
 ) -> Any:
-    """Begins a progressive render whose image is denoised at its end.
+    """Returns a new progressive render that takes two halves of the samples for the denoiser.
 
-    ``render.denoiser`` is the :class:`FinalImage` of the returned render. ``options`` are passed to
-    :func:`.rendering.progressive`. Raises ValueError for films that store no colours.
+    The attribute ``denoiser`` of the returned render is a :class:`FinalImage`, which denoises the image. ``options``
+    are passed to :func:`.rendering.progressive`. Raises ValueError for films that store no colours.
     """
     if isinstance(sensor, int):
         sensor = scene.sensors()[sensor]
@@ -75,17 +78,19 @@ def denoised_progressive(
 
 
 class FinalImage:
-    """Denoises the two halves of a ``render`` at its end, and earlier to estimate the error of the final image.
+    """Denoises the image of a ``render`` from two images, each with half of the samples, and estimates the error.
 
-    With an error target, the render begins as without a denoiser. If the raw image reaches the target, the render ends
-    and the raw image is the result. If the raw image lacks many samples, the second half of the samples begins. The
-    denoiser is first called when the error of the raw image is at most ``FAR`` times the target. The estimated error of
-    the denoised image then decides how many samples the next pass takes. The decisions depend only on samples and
-    rounded errors. The image does not depend on measured times, nor on bits of the denoiser that differ with the number
-    of threads.
+    If a render has an error target but no time limit, a large image gets the same first samples as without a denoiser.
+    If the image without denoising (the raw image) reaches the error target, the render ends, and the raw image is the
+    result. If the raw image still needs many samples to reach the error target, the render begins a second image for
+    the other half of the samples. To estimate the error, the denoiser is first called when the error of the raw image
+    is at most ``FAR`` times the error target. After the first call of the denoiser, the estimated error of the denoised
+    image decides how many samples the next pass takes. Without a time limit, the number of samples depends neither on
+    measured times nor on the last bits of the denoiser's output, which differ with the number of threads.
 
-    With an error target, the denoiser uses the smallest networks without features, which cost little ("plain"). It uses
-    the best networks if the image needs many samples even so.
+    To estimate the error of the denoised image, the denoiser first uses its smallest neural networks without albedo and
+    normals ("plain"), which cost little time. If the image needs many samples even with the networks "plain", the
+    denoiser changes to its best networks, unless ``fast`` is true.
     """
 
     #: Maximum ratio of the raw image's error to the target at which the denoiser is first called.
@@ -103,8 +108,8 @@ class FinalImage:
     BEGIN, SAVED, BEST = 6, {"plain": 2, "best": 6}, 32
 
     def __init__(self, scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int, fast: bool) -> None:
-        """The caller must set ``render``, the :class:`.Render` whose image is denoised, before the first other call.
-        ``fast`` excludes the best networks.
+        """Before any other use, the caller must set the attribute ``render`` to the :class:`.Render` whose image is
+        denoised. ``fast`` excludes the best networks.
         """
         self.scene, self.sensor, self.integrator, self.seed, self.fast = scene, sensor, integrator, seed, fast
         self.render: Any = None
@@ -113,30 +118,33 @@ class FinalImage:
 
     @cached_property
     def names(self) -> list[str]:
-        """Names of the channels of :attr:`images`; the film's own channels are first.
+        """Names of the channels of :attr:`images`: first the film's channels (colours, alpha), then the integrator's
+        channels.
 
-        The names are read before the rendering of the features changes the film.
+        The channel names are read from the film once and stored, because rendering the albedo and normals later changes
+        the film's channels.
         """
         return [field.name for field in self.sensor.film().bitmap().struct_()]
 
     @property
     def images(self) -> list[np.ndarray]:
-        """The developed halves of the image so far with all channels, each of shape (height, width, channels).
+        """One or two developed images, each from half of the samples so far: all channels, shape (height, width,
+        channels).
 
-        The list has only one image if the second half has no samples, or has samples of some pixels only.
+        The list has only the first image if any pixel has no sample of the second half.
         """
         return self.render.half_images()
 
     @property
     def colours(self) -> list[np.ndarray]:
-        """The colours of each of :attr:`images`, shape (height, width, 1 or 3)."""
+        """The colour channels of each image in :attr:`images`, shape (height, width, 1 or 3)."""
         return [image[..., : 1 if self.names[0] == "Y" else 3] for image in self.images]
 
     def other_channels(self) -> dict[str, np.ndarray]:
-        """Returns alpha and the further channels of the integrator, for both halves together: name -> array.
+        """Returns all channels except the colours, combined from both images of :attr:`images`: name -> array.
 
-        Each array has the shape (height, width). A channel is the mean of the halves, with two exceptions: "samples" is
-        the sum, and "error" is the standard error of the mean of two independent images.
+        Each array has the shape (height, width). A channel is the mean of this channel in the two images, with two
+        exceptions: "samples" is the sum, and "error" is the standard error of the mean of two independent images.
         """
         images, names, result = self.images, self.names, {}
         for k in range(1 if names[0] == "Y" else 3, len(names)):
@@ -147,21 +155,24 @@ class FinalImage:
 
     @cached_property
     def features(self) -> tuple[np.ndarray, np.ndarray]:
-        """Albedo and normal of the view, see the function :func:`features`."""
+        """Albedo and normals of the visible surfaces, see the function :func:`features`."""
         return features(self.scene, self.sensor, self.seed, getattr(self.integrator, "hide_emitters", False))
 
     def _load(self, networks: str) -> Denoiser:
-        """Returns a denoiser with these ``networks``, see :attr:`networks`."""
+        """Returns a denoiser with neural networks of the kind ``networks``: "plain", "fast" or "best", see
+        :attr:`networks`.
+        """
         albedo, normal = (None, None) if networks == "plain" else self.features
         return Denoiser(albedo, normal, networks != "best")
 
     @property
     def networks(self) -> str:
-        """Which networks of the denoiser suit the samples so far: "plain", "fast", "best" or "none".
+        """Kind of the denoiser's neural networks for the samples so far: "plain", "fast", "best", or "none" (no
+        denoiser).
 
-        "plain" are the fast networks without features. "none" means that the raw image has reached the error target. If
-        the last estimate was made with the same samples, its networks are used again, because the estimate is valid for
-        the image of these networks only.
+        The networks "plain" are the fast networks without albedo and normals. The value "none" means that the image has
+        reached the error target without denoising. If no samples were added since the error of the denoised image was
+        last estimated, the networks of this estimate are used, because the estimate is valid for these networks only.
         """
         if self.render.second is not None:
             if self.render.target.excess(self.render.second.noise()) <= 1:
@@ -173,15 +184,17 @@ class FinalImage:
         return "fast" if self.fast else "best"
 
     def denoised(self) -> Denoised:
-        """Returns the denoised image of the samples so far, or the raw image if the raw image has reached the error
+        """Returns the denoised image of the samples so far, or the image without denoising if it has reached the error
         target.
         """
         return self._latest(self.networks, self._samples)
 
     def _denoise(self, networks: str, _: float) -> Denoised:
-        """Returns the denoised image by these ``networks``, or the raw image if ``networks`` is "none".
+        """Returns the image denoised by neural networks of the kind ``networks``, or the raw image if ``networks`` is
+        "none".
 
-        The number of samples is an argument only because it is a part of the cache's key.
+        The second argument, the number of samples, is only a part of the cache's key: the cached image is valid until
+        samples are added.
         """
         colours = self.colours
         if networks == "none":
@@ -200,7 +213,8 @@ class FinalImage:
         return float(reached.samples) if reached else 0.0
 
     def estimate(self, render: Render) -> Noise:
-        """Returns an estimate of the error of the final image, by which ``render`` decides how to continue.
+        """Returns an estimate of the error of the final image, from which ``render`` decides whether more samples are
+        needed.
 
         If this method does not call the denoiser, the estimate is extrapolated from the denoiser's last call, or is the
         error of the raw image. If this method begins a complete second image, ``render`` takes the samples of the
@@ -253,9 +267,11 @@ class FinalImage:
             estimates.append((samples, networks, float(f"{result.at_most / result.raw_noise:.3g}")))
 
     def _needed(self, ratio: float) -> float:
-        """Returns the samples per pixel that reduce the error as much as ``ratio`` times the samples in each pixel.
+        """Returns the mean number of samples per pixel with which the error is as small as with ``ratio`` times the
+        current samples in every pixel.
 
-        The result is infinite if the maximum number of samples of a pixel does not reduce the error as much.
+        The policy of adaptive sampling distributes the samples. The result is infinite if all pixels would need the
+        maximum number of samples of a pixel, which may not suffice.
         """
         state, plan = self.render.state, self.render.state.plan
         counts = counts_for_ratio(state, ratio)
@@ -267,9 +283,11 @@ class FinalImage:
     def _call_cost(self) -> float:
         """Cost of a call of the denoiser with the smallest networks, in samples per pixel.
 
-        The cost is :attr:`CALL_COST` divided by the number of rays of a sample. A sample is assumed to have 10 rays if
-        it follows paths. Otherwise, a sample has one ray and a shadow ray to each lamp, and twice as many rays if
-        reflected or refracted rays are followed. The number is estimated from the scene, because measured times differ.
+        The cost is :attr:`CALL_COST` divided by the number of rays of a sample. If the integrator traces paths, a
+        sample is assumed to trace 10 rays. If the integrator does not trace paths, a sample is assumed to trace one
+        camera ray and one shadow ray to each lamp, and twice as many rays if reflected or refracted rays are followed.
+        The number of rays is estimated from the scene, not from measured times, because the decisions of a render must
+        be reproducible.
         """
         transport = self.render.state.estimator.transport
         if not hasattr(transport, "lights") or not transport.settings.follows_tree:  # follows paths
@@ -281,10 +299,11 @@ class FinalImage:
 def features(
     scene: mi.Scene, sensor: mi.Sensor, seed: int = 0, hide_emitters: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Renders the features of the view by :ref:`integrator-prosim_features`, and returns ``(albedo, normal)``.
+    """Renders the visible surfaces' albedo and normals by :ref:`integrator-prosim_features`; returns ``(albedo,
+    normal)``.
 
-    The film's filter applies. The samples of the features differ from the samples of an image with the same ``seed``,
-    so that the two halves of the image stay independent.
+    The film's filter applies. The samples of the albedo and normals differ from the samples of an image with the same
+    ``seed``, so that the noise of the albedo and normals is independent of the noise of the image.
     """
     nested = create("prosim_features", hide_emitters=hide_emitters)
     integrator = create("prosim_adaptive", nested=nested, samples=FEATURE_SAMPLES, adaptive="none")
@@ -294,7 +313,7 @@ def features(
 
 
 def scaled(noise: Sequence[float], factor: float) -> Noise:
-    """Returns the four errors of ``noise``, each multiplied by ``factor``."""
+    """Returns the four errors of the measurement ``noise`` (:data:`.Noise`), each multiplied by ``factor``."""
     return noise[0] * factor, noise[1] * factor, noise[2] * factor, noise[3] * factor
 
 

@@ -1,8 +1,9 @@
 """Checkpoints: progressive renders stored as files.
 
-Another process can continue a checkpoint, or merge the checkpoints of the parts of an image. A checkpoint is a ZIP
-archive of NumPy arrays (``.npz``) without compression. The archive contains ``facts`` (a JSON text), the arrays of the
-pixels, and the arrays of the second image. The checksums of the ZIP archive protect the content.
+Another process can continue the render of a checkpoint, or merge the checkpoints of the parts of an image. A checkpoint
+is a ZIP archive of NumPy arrays (``.npz``) without compression. The archive of a checkpoint contains ``facts`` (a JSON
+text), the arrays of the pixels, and the arrays of the second image. The checksums of the ZIP archive reveal damaged
+data when a checkpoint is read.
 """
 
 from __future__ import annotations
@@ -40,21 +41,23 @@ PIXELS, SECOND = "pixels.", "second."
 
 
 class CheckpointError(ValueError):
-    """A file from which no render can continue."""
+    """Raised for a checkpoint file from which no render can continue."""
 
 
 class NotACheckpointError(CheckpointError):
-    """A file that is no checkpoint."""
+    """Raised for a file that is no checkpoint."""
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A :class:`.FilmState` between two steps, stored exactly as NumPy arrays.
+    """A bit-identical copy, as NumPy arrays, of the :class:`.FilmState` between two steps of a render.
 
-    ``attributes`` are names and numbers for JSON. ``pixels`` maps names to the values of the pixels that have samples,
-    shape (pixels,); the array ``index`` has the indices of these pixels in the plan's domain. ``second`` has the arrays
-    of the second image. ``about`` are further attributes for JSON, which the caller adds. ``environment`` describes the
-    process that took the samples, see :func:`.this_environment`.
+    ``attributes`` describe the image and the progress of the render, as values for JSON. ``pixels`` maps names of
+    arrays to arrays with one value for each pixel that has samples, shape (number of pixels,). The array
+    ``pixels["index"]`` has the index of each stored pixel in the rectangle ``plan.domain``, row by row. ``second`` maps
+    names of arrays to the accumulators of the second image; empty without a second image. ``about`` are attributes that
+    the caller adds, as values for JSON. ``environment`` describes the process that took the samples, see
+    :func:`.this_environment`.
     """
 
     attributes: Mapping[str, Any]
@@ -65,10 +68,10 @@ class Checkpoint:
 
     @classmethod
     def of(cls, state: FilmState, seconds: float, finished: bool) -> Checkpoint:
-        """Returns the checkpoint of ``state`` after ``seconds``.
+        """Returns the checkpoint of ``state`` after ``seconds`` of rendering.
 
-        ``finished`` tells whether the image has all requested samples. The checkpoint of a finished part has only the
-        pixels that the part owns, because the policy needs no other pixels any more.
+        ``finished`` tells whether the image has all requested samples. The checkpoint of a finished part of an image
+        does not have the pixels around the part, because only the decisions of adaptive sampling needed these pixels.
         """
         attributes = {
             "samples": identity(state),
@@ -104,9 +107,10 @@ class Checkpoint:
     def restore(self, state: FilmState) -> bool:
         """Copies this checkpoint into ``state``, which has no samples yet.
 
-        If one of the parameters :data:`DECIDING` differs, the policy decides again. Returns whether the image needs no
-        more samples: the checkpoint is finished, and neither :data:`DECIDING` nor :data:`.TARGETS` differ. Raises
-        ValueError if the checkpoint has the samples of another image.
+        If one of the sampling parameters :data:`DECIDING` differs between the checkpoint and ``state``, the policy of
+        adaptive sampling decides again. Returns whether the image needs no more samples: the checkpoint is finished,
+        and ``state`` has the same parameters :data:`DECIDING` and :data:`.TARGETS`. Raises ValueError if the checkpoint
+        has the samples of another image.
         """
         mine, theirs = self.attributes["samples"], json.loads(json.dumps(identity(state)))
         if name := next((name for name, value in theirs.items() if mine.get(name) != value), None):
@@ -149,7 +153,9 @@ class Checkpoint:
 
 
 def identity(state: FilmState) -> dict[str, Any]:
-    """Returns the attributes that identify the samples and the sums of an image."""
+    """Returns the attributes of an image that must be equal in a checkpoint and in the render that continues from the
+    checkpoint.
+    """
     plan, caustics = state.plan, state.estimator.transport.caustics
     return {
         "samples of a pass": plan.n,
@@ -165,20 +171,22 @@ def identity(state: FilmState) -> dict[str, Any]:
 
 
 def index(state: FilmState) -> np.ndarray:
-    """Returns the indices of the pixels of ``state`` in the plan's domain."""
+    """Returns the index of each pixel of ``state`` in the rectangle ``state.plan.domain``, whose pixels are numbered
+    row by row.
+    """
     left, top, right, _ = state.plan.domain
     return ((np.array(state.y) - top) * (right - left) + np.array(state.x) - left).astype(np.uint32)
 
 
 def arrays(sums: Accumulators) -> dict[str, np.ndarray]:
-    """Returns the arrays of accumulators: name -> array."""
+    """Returns the accumulators ``sums`` as NumPy arrays by name: name -> array."""
     named = {f.name: getattr(sums, f.name) for f in fields(sums) if f.name != "sums"}
     named |= {f"sum{k}": values for k, values in enumerate(sums.sums)}
     return {name: np.array(values) for name, values in named.items()}
 
 
 def accumulators(named: Mapping[str, np.ndarray]) -> Accumulators:
-    """Returns accumulators with the arrays ``named``, the inverse of :func:`arrays`."""
+    """Returns :class:`.Accumulators` from the arrays ``named`` (name -> array): the inverse of :func:`arrays`."""
     sums = [dr_array(named[f"sum{k}"]) for k in range(sum(name.startswith("sum") for name in named))]
     return Accumulators(sums, *(dr_array(named[f.name]) for f in fields(Accumulators)[1:]))
 
@@ -189,16 +197,17 @@ def accumulators(named: Mapping[str, np.ndarray]) -> Accumulators:
 def save(checkpoint: Checkpoint, path: str | Path) -> None:
     """Writes ``checkpoint`` to ``path``.
 
-    An older file is replaced only when the new file is complete. Raises OSError.
+    An older file at ``path`` is replaced only when the new file is completely written. Raises OSError.
     """
     atomic.write({Path(path): checkpoint.write})
 
 
 def read(path: str | Path, arrays: bool = True) -> Checkpoint:
-    """Reads a checkpoint, without a check of its environment; reading is quick without ``arrays``.
+    """Reads a checkpoint, but does not check the environment in which the checkpoint was made.
 
-    Raises NotACheckpointError for a file that is no checkpoint. Raises CheckpointError for another version of the
-    format, and for a damaged or incomplete file. Raises OSError if the file cannot be read.
+    If ``arrays`` is false, only the attributes are read, not the arrays, which saves time. Raises NotACheckpointError
+    for a file that is no checkpoint. Raises CheckpointError for another version of the format, and for a damaged or
+    incomplete file. Raises OSError if the file cannot be read.
     """
     try:
         with np.load(path) as archive:
@@ -222,10 +231,11 @@ def read(path: str | Path, arrays: bool = True) -> Checkpoint:
 
 
 def load(path: str | Path) -> Checkpoint:
-    """Reads a checkpoint that this process can continue.
+    """Reads a checkpoint, and checks that this process can continue its render.
 
-    Warns if the checkpoint was made with another processor or LLVM. Raises the errors of :func:`read`, and
-    CheckpointError if the checkpoint was made by other versions of the software or in another variant.
+    Warns if the checkpoint was made with another processor or LLVM version than this process has. Raises the errors of
+    :func:`read`, and CheckpointError if the checkpoint was made by other versions of the software or in another Mitsuba
+    variant.
     """
     checkpoint = read(path)
     check_environments({Path(path): checkpoint})
@@ -233,10 +243,10 @@ def load(path: str | Path) -> Checkpoint:
 
 
 def check_environments(checkpoints: Mapping[Path, Checkpoint]) -> None:
-    """Checks that this process can continue some checkpoints.
+    """Checks that this process can continue the renders of all ``checkpoints`` (path -> checkpoint).
 
-    Raises CheckpointError if a checkpoint was made by other versions of the software or in another variant. Warns once
-    if checkpoints were made with another processor or LLVM.
+    Raises CheckpointError if a checkpoint was made by other versions of the software or in another Mitsuba variant.
+    Gives one warning if any checkpoints were made with another processor or LLVM version than this process has.
     """
     elsewhere = []
     for path, checkpoint in checkpoints.items():
@@ -257,7 +267,8 @@ def check_environments(checkpoints: Mapping[Path, Checkpoint]) -> None:
 class CheckpointWriter:
     """Writes the checkpoint of a render to ``path`` from time to time.
 
-    Warns only the first time that writing fails. ``about`` are the further attributes of the :class:`Checkpoint`.
+    If the file cannot be written, the first failure causes a warning, and later failures cause none. ``about`` are the
+    caller's attributes, which are stored in each :class:`Checkpoint`.
     """
 
     #: Minimum seconds between two checkpoints; maximum fraction of the time for writing checkpoints.
@@ -268,7 +279,7 @@ class CheckpointWriter:
         self.next, self.failed = time.perf_counter() + self.SHORTEST, False
 
     def __call__(self, render: Any) -> None:
-        """Writes the checkpoint of ``render`` if it is time for the next checkpoint."""
+        """Writes a checkpoint of ``render`` if enough time has passed since the last checkpoint."""
         started = time.perf_counter()
         if started < self.next:
             return
@@ -287,10 +298,10 @@ class CheckpointWriter:
 
 
 def merge(paths: Sequence[str | Path]) -> Checkpoint:
-    """Returns the checkpoint of a whole image, whose parts are in the files ``paths``, in any order.
+    """Returns the checkpoint of a whole image, merged from the checkpoint files ``paths`` of its parts, in any order.
 
-    Warns once if parts were made with another processor or LLVM than this process has. Raises the errors of
-    :func:`load`, and CheckpointError if a part is missing, given twice, not finished, or of another image.
+    Gives one warning if any parts were made with another processor or LLVM version than this process has. Raises the
+    errors of :func:`load`, and CheckpointError if a part is missing, given twice, not finished, or of another image.
     """
     parts = {Path(path): read(path, arrays=False) for path in paths}
     check_parts(parts)
@@ -301,7 +312,8 @@ def merge(paths: Sequence[str | Path]) -> Checkpoint:
 def put_together(parts: Iterable[Checkpoint]) -> Checkpoint:
     """Returns the checkpoint of a whole image from the checkpoints of all its finished parts, in any order.
 
-    The second image is left out; a render takes the samples of the second image again.
+    The result does not have the second image; a render that continues from the result takes the samples of the second
+    image again.
     """
     headers, arrays = [], []
     for part in parts:
@@ -338,7 +350,7 @@ def check_parts(parts: Mapping[Path, Checkpoint]) -> None:
 
 
 def common_attributes(checkpoint: Checkpoint) -> dict[str, Any]:
-    """Returns the attributes that all parts of one image have in common."""
+    """Returns the attributes of ``checkpoint`` that must be equal in the checkpoints of all parts of one image."""
     attributes, about = checkpoint.attributes, checkpoint.about
     everything = attributes["samples"] | attributes["sampling"] | checkpoint.environment | about.get("job", {})
     return {

@@ -1,5 +1,5 @@
-"""The error target of an image: when a render stops, how its error is measured, and how many samples the next pass
-takes.
+"""The error target of an image: when a render stops, how the error of the image is measured, and how many samples the
+next pass over the image takes.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ SHARE, SHORTEST, LONGEST = 0.01, 0.01, 0.5
 #: Maximum ratio of the samples after a pass to the samples before. A greater ratio is unsafe, because few samples
 #: estimate the error badly.
 GROWTH = 4
-#: The same ratio after an uncertain estimate, which may be too large.
+#: Maximum ratio of the samples after a pass to the samples before, if the error estimate is uncertain: the estimate
+#: may be too large.
 UNCERTAIN_GROWTH = 1.4
 
 #: Ratio of the error to the target at which a pass aims. A ratio of 1 would often be missed.
@@ -57,8 +58,9 @@ Noise: TypeAlias = "tuple[float, float, float, float]"
 class ErrorTarget:
     """The target at which a render ends: limits of the error and of the time.
 
-    ``limits`` are the limits of the RMS error of the displayed image (white = 1) and of the errors of 99 % and of 99.9
-    % of its pixels; 0 stands for no limit. The render ends when all errors are within ``limits``, or after ``seconds``.
+    ``limits`` are three upper limits: of the RMS error of the displayed image (white = 1), and of the errors of 99 %
+    and of 99.9 % of the pixels; 0 stands for no limit. The render ends when all errors are within ``limits``, or after
+    ``seconds`` seconds; if ``seconds`` is 0, the time is not limited.
     """
 
     limits: tuple[float, float, float]
@@ -71,11 +73,11 @@ class ErrorTarget:
     sample_ratio: float = 0.0
 
     def excess(self, noise: Sequence[float]) -> float:
-        """Returns the largest ratio of a measured error in ``noise`` to its limit; NaN without limits.
+        """Returns the largest ratio of a measured error in ``noise`` to the limit of this error; NaN without limits.
 
-        The upper bound of the RMS error, divided by :data:`TOLERANCE`, counts too. If the bound is more than
-        :data:`UNCERTAIN` times the error, it does not count: few pixels have most of the error, and
-        :attr:`.Reached.uncertain` reports this.
+        The upper bound of the RMS error, divided by :data:`TOLERANCE`, is compared with the limit of the RMS error,
+        too. If the upper bound is more than :data:`UNCERTAIN` times the RMS error, the bound is ignored, because few
+        pixels have most of the error; :attr:`.Reached.uncertain` reports this case.
         """
         rms, *tails, bound = noise
         rms = max(rms, bound / TOLERANCE) if bound <= UNCERTAIN * rms else rms
@@ -89,27 +91,31 @@ class ErrorTarget:
 
     @property
     def seconds_left(self) -> float:
-        """Seconds that are left for samples before the denoiser must start; infinite without a time limit."""
+        """Remaining seconds in which the render may take samples before the denoiser must start; infinite without a
+        time limit.
+        """
         return self.seconds - self.denoiser_seconds - self.elapsed if self.seconds else np.inf
 
     @property
     def time_is_up(self) -> bool:
-        """Whether the time limit is reached, except for :data:`SHARE` of it, about the time of one work item."""
+        """Whether at most the fraction :data:`SHARE` of the time limit is left, about the time of one work item."""
         return self.seconds_left <= self.seconds * SHARE
 
     @property
     def item_seconds(self) -> float:
-        """Maximum seconds of a work item: :data:`SHARE` of the limit, within bounds; infinite without a time limit."""
+        """Maximum seconds of a work item: the fraction :data:`SHARE` of the time limit, but at least :data:`SHORTEST`
+        and at most :data:`LONGEST`; infinite without a time limit.
+        """
         return min(LONGEST, max(self.seconds * SHARE, SHORTEST)) if self.seconds else np.inf
 
 
 class SecondImage:
-    """Error estimator: an independent second image of some pixels.
+    """An independent second image of some or all pixels, from which the error of the first image is estimated.
 
-    The difference between the first and the second image shows the error of both, however well the samples are
-    distributed in the scene. The variance of the samples within a pixel does not show the error of the image: well
-    distributed samples can be ten times better. ``complete`` tells whether the second image has all pixels; if so, the
-    final image is the mean of the two images.
+    The difference between two independent images shows the error of these images, however well the samples are
+    distributed. The variance of the samples within a pixel does not show the error of the image: if the samples are
+    well distributed, the actual error can be ten times smaller. ``complete`` tells whether the second image has all
+    pixels. If the second image is complete, the final image is the mean of the first and the second image.
     """
 
     #: One pixel of this many is in the second image, and at least this number of pixels.
@@ -120,10 +126,12 @@ class SecondImage:
 
     @alone()
     def __init__(self, state: FilmState, complete: bool = False) -> None:
-        """Begins the second image of ``state``: all pixels of the region if ``complete``, else a random choice of them.
+        """Begins a second image for ``state``: of all pixels of the plan's region if ``complete`` is true, else of
+        randomly chosen pixels.
 
-        If only few pixels are chosen, each of them is sampled several times with different seeds. If ``state`` stores
-        accumulators with the right number of pixels, the second image continues from these accumulators.
+        If fewer than :attr:`FEW` pixels are chosen, each chosen pixel is sampled several times with different seeds. If
+        ``state.second`` already has accumulators for this number of pixels, the second image continues from these
+        accumulators.
         """
         self.state, self.estimator, self.complete = state, state.estimator, complete
         #: The rectangle of the pixels of a complete second image, row by row.
@@ -148,13 +156,13 @@ class SecondImage:
 
     @alone()
     def noise(self) -> Noise:
-        """Returns the error of the displayed image.
+        """Returns the measured error of the displayed image, see :data:`Noise`.
 
         The displayed image is the first image, or the mean of both images if the second image is complete. For each
         pixel of the second image, the method replaces the samples of this pixel in the first image by those of the
         second image, and sums the squared changes of the displayed values of all pixels within the filter's reach. The
-        tone curve is applied before the difference. A difference of radiances times the slope of the tone curve would
-        depend mostly on bright spots.
+        tone curve is applied to the values before their difference is computed. If the difference of radiances were
+        multiplied by the slope of the tone curve instead, the measured error would depend mostly on bright spots.
         """
         plan, channels, own = self.plan, self.estimator.channels, mi.UInt32(self.index)
         film, of_pixel, stored = film_values(self.state), len(channels.names), channels.names.index("W") + 1
@@ -182,14 +190,17 @@ class SecondImage:
 
 
 def concentration(squares: np.ndarray) -> float:
-    """Returns the inverse of the effective number of pixels that have the error; ``squares`` are squared errors."""
+    """Returns how concentrated the squared errors ``squares`` are: 1 if one pixel has the whole error, 1/n if n pixels
+    have equal errors.
+    """
     return float(np.sum(squares**2) / max(np.sum(squares) ** 2, 1e-300))
 
 
 def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarray:
-    """Returns the counts after the next pass: as high as the target requires, but limited to the size of one pass.
+    """Returns the total number of samples of each pixel after the next pass: as many as the error target requires, but
+    limited to the maximum size of one pass.
 
-    ``speed`` is the number of samples per pixel and second; 0 if unknown.
+    ``speed`` is the measured speed of the render, in samples per pixel and second; 0 if the speed is not known.
     """
     have, ratio = mean(state.accumulators.count), None
     most = (UNCERTAIN_GROWTH if state.noise[3] > UNCERTAIN * state.noise[0] else GROWTH) * have
@@ -202,10 +213,12 @@ def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarr
 
 
 def counts_for_ratio(state: FilmState, ratio: float | None, most: float = np.inf) -> np.ndarray:
-    """Returns counts that reduce the error as much as ``ratio`` times the samples in each pixel.
+    """Returns the number of samples for each pixel with which the error is as small as with ``ratio`` times the current
+    samples in every pixel.
 
-    The additional samples are taken where the policy requests them, so the counts have a smaller mean than ``ratio``
-    times the counts so far. ``most`` is the maximum of the mean; ``ratio`` is None if only ``most`` limits the counts.
+    The policy of adaptive sampling distributes the additional samples, so fewer samples suffice than ``ratio`` times
+    the current number in every pixel. ``most`` is the maximum of the mean number of samples per pixel. ``ratio`` is
+    None if only ``most`` limits the numbers of samples.
     """
     request, count = np.minimum(state.request(), np.float32(UNLIMITED)), np.array(state.accumulators.count)
     # All samples of a pixel so far may agree by chance. So every pixel of the region gets samples from time to time.
@@ -217,7 +230,9 @@ def counts_for_ratio(state: FilmState, ratio: float | None, most: float = np.inf
     goal = None if ratio is None else mean(variances / np.float32(count)) / ratio
 
     def after(effort: float) -> np.ndarray:
-        """Returns the counts after a pass in which each pixel gets its requested samples times ``effort``."""
+        """Returns the number of samples of each pixel after a pass, if all requested numbers are multiplied by
+        ``effort``.
+        """
         counts = state.counts_for(request * np.float32(effort))
         if caustics is not None:
             plan = state.plan
@@ -226,7 +241,9 @@ def counts_for_ratio(state: FilmState, ratio: float | None, most: float = np.inf
         return np.maximum(counts, count)
 
     def reaches(effort: float) -> bool:
-        """Tells whether a pass with this ``effort`` reaches ``goal`` or ``most``."""
+        """Tells whether a pass with the factor ``effort`` reaches the variance ``goal`` or the mean number of samples
+        ``most``.
+        """
         counts = np.float32(after(effort))
         return mean(counts) >= most or (goal is not None and mean(variances / counts) <= goal)
 
@@ -234,21 +251,24 @@ def counts_for_ratio(state: FilmState, ratio: float | None, most: float = np.inf
 
 
 def remaining_factor(state: FilmState, target: ErrorTarget) -> float:
-    """Returns the ratio of the samples needed for :data:`AIM` times the target to the samples so far.
+    """Returns the factor by which the samples must increase until the error is :data:`AIM` times the error target.
 
-    The error is assumed to fall as samples to the power of -:data:`RATE`.
+    The error is assumed to be proportional to the number of samples to the power of -:data:`RATE`.
     """
     return (target.excess(state.noise) / AIM) ** (1 / RATE)
 
 
 def limit_by_photons(count: np.ndarray, wanted: np.ndarray, max_samples: int, maps: int, photons: int) -> int:
-    """Returns the maximum number of samples of a pixel in a pass, so that photon passes are worth their cost.
+    """Returns the maximum number of samples that a pixel may have after a pass over the image, so that enough samples
+    use the photons of each photon pass.
 
-    A photon pass emits ``photons`` photons, and has the photon maps of ``maps`` successive samples of each pixel. Its
-    cost is fixed. So the last photon passes are left out if few samples would use them (:data:`SPARSE`); a later pass
-    over the image takes these samples. The result is the maximum of the counts ``wanted``, or less if photon passes are
-    left out, or 0 if all photon passes are left out. ``count`` has the samples of each pixel so far. ``max_samples`` is
-    the maximum number of samples of a pixel; no photon pass is left out if the pass reaches this number.
+    A photon pass emits ``photons`` photons, and makes the photon maps for ``maps`` successive samples of each pixel.
+    The cost of a photon pass does not depend on the number of samples that use its photons. The last photon passes are
+    left out if too few samples would use their photons (:data:`SPARSE`); a later pass over the image takes these
+    samples. The result is the maximum of the requested counts ``wanted``, or less if photon passes are left out, or 0
+    if all photon passes are left out. ``count`` is the number of samples that each pixel already has. ``max_samples``
+    is the plan's maximum number of samples of a pixel; if the maximum of ``wanted`` is this number, no photon pass is
+    left out.
     """
     last, lacking = int(wanted.max()), wanted > count
     if last == max_samples or not lacking.any():
@@ -262,7 +282,7 @@ def limit_by_photons(count: np.ndarray, wanted: np.ndarray, max_samples: int, ma
 
 
 def display_variance(accumulators: Accumulators) -> np.ndarray:
-    """Returns the variance of a sample of each pixel, as a squared error of the displayed value
+    """Returns, for each pixel, the variance of one sample, converted from radiance to displayed values
     (:func:`.in_display_units`).
     """
     total, squares, count = accumulators.statistics()
@@ -270,9 +290,10 @@ def display_variance(accumulators: Accumulators) -> np.ndarray:
 
 
 def smallest_effort(reaches: Callable[[float], bool]) -> float:
-    """Returns the smallest effort from 2^-20 to 2^40 for which ``reaches`` is true, within 0.1 %; 2^40 if none is.
+    """Returns the smallest effort from 2^-20 to 2^40 for which ``reaches(effort)`` is true, within 0.1 %; 2^40 if
+    ``reaches`` is always false.
 
-    The effort is the number of samples per requested sample.
+    The effort is the factor by which all requested numbers of samples are multiplied.
     """
     exponents = np.linspace(-20, 40, 2**16 + 1)
     return float(2 ** exponents[bisect_left(exponents[:-1], True, key=lambda exponent: reaches(2**exponent))])

@@ -1,4 +1,4 @@
-"""A progressive render: a loop over work items, which its consumers may leave at any time."""
+"""A progressive render: an iterator over the work items of an image, which the caller may stop after any work item."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .work import Executor, Pixels, Step, Steps, photon_batches, work_items
 
 
 class Reached(NamedTuple):
-    """Samples, error and time of an image so far."""
+    """Number of samples, error and elapsed time of the image so far."""
 
     #: Mean and minimum number of samples of a pixel.
     samples: float
@@ -44,14 +44,15 @@ class Reached(NamedTuple):
 
     @property
     def uncertain(self) -> bool:
-        """Whether the RMS error is uncertain, because few pixels have most of it or rays may miss a lamp."""
+        """Whether the RMS error is uncertain, because few pixels have most of the error or rays may miss a lamp."""
         return self.tiny_lamp or self.noise_at_most > UNCERTAIN * self.noise
 
 
 class Pass(NamedTuple):
-    """The samples that ``pixels`` lack to the counts ``wanted``, fewer where a pixel converges.
+    """A pass over the image: takes samples until each of ``pixels`` has ``wanted`` samples or has converged.
 
-    A pass after an incomplete pass takes the first samples of the other pixels, so :meth:`Render.stop` cannot end it.
+    After a pass that ended early, the next pass takes the first sample of each pixel that has no sample;
+    :meth:`Render.stop` cannot end this next pass.
     """
 
     pixels: Pixels
@@ -66,19 +67,21 @@ Passes = Iterator["Pass | Step"]
 
 
 class Render(Steps):
-    """The image of ``plan``, or of a ``part`` of it, in progress: an iterator over :class:`Step` objects.
+    """A progressive render of the image ``plan``, or of the ``part`` of this image: an iterator over :class:`Step`
+    objects.
 
-    The methods of this class may be called between two steps. When the render ends or is closed, the film holds the
-    image so far. To cancel a render, leave the loop and call :meth:`close`, which completes the first sample of every
-    pixel if the render has started. ``estimator`` takes the samples. ``executor`` computes work items, by default in
-    this process. ``begin`` is a checkpoint from which the render continues.
+    The methods of this class may be called between two steps of the iteration. After the end of the render or a call of
+    :meth:`close`, the film holds the image so far. To cancel a render, leave the loop over its steps and call
+    :meth:`close`. If the render has started, :meth:`close` takes the first sample of each pixel that has no sample.
+    ``estimator`` takes the samples. ``executor`` computes the work items; the default executor computes them in this
+    process. ``begin`` is a checkpoint from which the render continues.
 
     ``denoiser`` is a ``FinalImage``, which estimates the error of the denoised image. The denoiser needs a complete
-    second image. The complete second image begins when the denoiser requests it, or at the end if the limits are not
-    reached. The second image begins at once if there is a time limit, or if the image is so small that the second image
-    has all pixels anyway.
+    second image. The complete second image begins when the denoiser requests it, or at the end of the render if the
+    image without denoising has not reached the error target. With a time limit, or with an error target for a small
+    image, the complete second image begins together with the first image.
 
-    Raises ValueError if ``begin`` belongs to another image.
+    Raises ValueError if the checkpoint ``begin`` belongs to another image.
     """
 
     def __init__(
@@ -120,12 +123,14 @@ class Render(Steps):
         self._stopped = True
 
     def close(self) -> None:
-        """Ends the render. If any pixel has a sample, the others get their first sample, so no pixel is missing."""
+        """Ends the render. If any pixel has a sample, the pixels without samples get their first sample, so that no
+        pixel of the image is missing.
+        """
         self.stop()
         self.run()
 
     def _run(self) -> Generator[Step, None, None]:
-        """Takes the samples of all passes; afterwards the film holds the image."""
+        """Takes the samples of all passes over the image, yields the steps, and then writes the image to the film."""
         target = self.target
         try:
             for current in self._passes():
@@ -169,23 +174,26 @@ class Render(Steps):
         self.update_film()
 
     def _must_end(self, wanted: np.ndarray) -> bool:
-        """Tells whether the pass to the counts ``wanted`` ends now.
+        """Tells whether the current pass, in which the pixels get ``wanted`` samples, must end now.
 
-        The time limit cannot end a pass of only the first sample of each pixel.
+        The time limit does not end a pass that takes only the first sample of each pixel.
         """
         return bool((self._complete and self._stopped) or (np.any(wanted > 1) and self.target.time_is_up))
 
     def begin_complete_second(self) -> SecondImage:
-        """Begins or continues a complete second image, and returns it; the samples of a partial one are lost."""
+        """Begins or continues a complete second image, and returns it; the samples of a second image of only some
+        pixels are discarded.
+        """
         self.second = SecondImage(self.state, complete=True)
         return self.second
 
     # ---------------------------------------------------------------- the passes
 
     def _passes(self) -> Passes:
-        """Yields the passes over the image, up to the first one that does not come to its end.
+        """Yields the passes over the image until the image is complete or a pass ends early.
 
-        If the image does not reach the target, passes over a second image for the denoiser follow.
+        If the render has a denoiser and the image has not reached the error target, passes over the second image
+        follow.
         """
         state = self.state
         one = state.counts_of_part(np.ones(dr.width(state.x), np.uint32), state.margin)
@@ -205,9 +213,10 @@ class Render(Steps):
                 state.noise = second.noise()
 
     def _image_passes(self, one: np.ndarray) -> Passes:
-        """Yields the passes over the image; a restored state continues with its samples and decisions.
+        """Yields the passes over the first image; a state from a checkpoint continues with the checkpoint's samples and
+        decisions.
 
-        ``one`` is 1 for each pixel that needs samples, and 0 for the others.
+        The array ``one`` is 1 for each pixel that needs samples, and 0 for all other pixels.
         """
         state, plan, policy = self.state, self.state.plan, self.state.policy
         # Maximum number of samples of the whole image. The progress uses it while later passes are not decided.
@@ -237,11 +246,11 @@ class Render(Steps):
             state.wanted = None
 
     def _refine(self) -> Passes:
-        """Yields the passes until the error target is reached; after each pass, the error is measured.
+        """Yields passes until the error target or the time limit is reached; after each pass, the error is measured.
 
         In each pass, the number of samples of a pixel is the number that the policy requests, times a factor that
-        depends on the error target and the time limit. If a restored state is within a pass (``state.wanted`` is not
-        None), this pass continues first, without a measurement.
+        depends on the error target and the time limit. If the checkpoint was made during a pass (``state.wanted`` is
+        not None), the render first completes this pass, and then measures the error.
         """
         state, target, started = self.state, self.target, time.perf_counter()
         have = mean(state.counts)
@@ -276,7 +285,9 @@ class Render(Steps):
                 return
 
     def _second_pass(self, second: SecondImage, most: int = UNLIMITED) -> Pass:
-        """Returns the pass of the samples that the ``second`` image lacks, up to ``most`` samples of a pixel."""
+        """Returns a pass in which each pixel of the ``second`` image gets as many samples as the pixel has in the first
+        image, but at most ``most``.
+        """
         return Pass(second, np.minimum(np.array(self.state.accumulators.count)[second.index], np.uint32(most)))
 
     # ---------------------------------------------------------------- the image so far
@@ -285,7 +296,8 @@ class Render(Steps):
     def update_film(self, second: bool = False) -> None:
         """Writes the image so far to the film.
 
-        If ``second`` is true, writes the second image to the film instead; the second image must be complete.
+        If ``second`` is true, writes the second image instead of the first image to the film; the second image must be
+        complete.
         """
         # After the end of the render, the values of the first image are stored; otherwise they are computed now.
         stored, image = (self._values, self.state) if self.second is None or not second else (None, self.second)
@@ -297,7 +309,7 @@ class Render(Steps):
     def image(self, second: bool = False) -> mi.TensorXf:
         """Returns the developed image so far, shape (height, width, channels).
 
-        If ``second`` is true, returns the second image instead; the second image must be complete.
+        If ``second`` is true, returns the second image instead of the first image; the second image must be complete.
         """
         self.update_film(second)
         return self.film.develop()
@@ -305,8 +317,8 @@ class Render(Steps):
     def half_images(self) -> list[np.ndarray]:
         """Returns a list of one or two images of shape (height, width, channels).
 
-        These are the developed image so far, and the second image if it is complete and each of its pixels has a
-        sample.
+        The list has the developed first image, and the second image if the second image is complete and has a sample of
+        each pixel.
         """
         second = self.second
         both = second is not None and second.complete and np.all(np.array(second.accumulators.count) > 0)
@@ -322,15 +334,15 @@ class Render(Steps):
 
     @alone()
     def error(self) -> np.ndarray:
-        """Returns the standard error of the luminance of each pixel, estimated from its own samples, shape (height,
-        width).
+        """Returns the standard error of the luminance of each pixel of the first image, estimated from the samples
+        within the pixel, shape (height, width).
         """
         return self.state.crop(self.state.accumulators.error(self.state.plan.n), self.state.plan.window)
 
     @alone()
     def counts(self) -> np.ndarray:
-        """Returns the number of samples of each pixel, shape (height, width); samples of a complete second image count
-        too.
+        """Returns the number of samples of each pixel, shape (height, width), including the samples of a complete
+        second image.
         """
         counts = np.array(self.state.accumulators.count)
         if self.second is not None and self.second.complete:
@@ -341,9 +353,9 @@ class Render(Steps):
     def noise_bound(self) -> float:
         """Returns an upper bound of the RMS error of the displayed image (white = 1).
 
-        The bound is estimated from the samples within each pixel, as if they were independent. The samples are well
-        distributed, so the actual error is smaller; only a second image can measure the actual error. The bound is NaN
-        if a pixel has less than two samples.
+        The bound is estimated from the samples within each pixel, as if these samples were independent. The samples are
+        better distributed than independent samples, so the actual error is smaller than the bound; only a second image
+        can measure the actual error. The bound is NaN if a pixel has fewer than two samples.
         """
         state, sums = self.state, self.state.accumulators
         total, _, count = sums.statistics()

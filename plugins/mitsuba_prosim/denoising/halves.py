@@ -264,7 +264,8 @@ class FinalImage:
                     return noise
             result = self._latest(networks, samples)
             # Rounded, because the bits of a denoised image depend on the number of threads.
-            estimates.append((samples, networks, float(f"{result.at_most / result.raw_noise:.3g}")))
+            ratio = float(f"{result.at_most / TOLERANCE / result.raw_noise:.3g}")
+            estimates.append((samples, networks, ratio))
 
     def _needed(self, ratio: float) -> float:
         """Returns the mean number of samples per pixel with which the error is as small as with ``ratio`` times the

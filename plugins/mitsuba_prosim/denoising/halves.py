@@ -253,11 +253,10 @@ class FinalImage:
                 by_final = self._needed((excess / AIM) ** (1 / (RATE - RATIO_RATE)))
                 if last == samples and excess <= 1:
                     return noise
+                saves = by_raw - by_final >= self.SAVED[networks] * cost
                 if min(by_raw, by_final) > self.BEST * cost and not self.fast and networks == "plain":
                     networks = "best"
-                elif (
-                    by_raw - by_final < self.SAVED[networks] * cost or len(estimates) >= self.CALLS
-                ):  # the denoiser saves too few samples
+                elif not saves or len(estimates) >= self.CALLS:  # the denoiser saves too few samples
                     return raw
                 elif last == samples or excess > 1:  # more samples are needed before the next call
                     target.sample_ratio = (excess / self.CLOSE) ** (1 / (RATE - RATIO_RATE))

@@ -63,8 +63,9 @@ class Comparison:
         :attr:`images`.
 
         Yields the name of the current phase of the work, and the progress of this phase, 0 to 1. The first section of
-        the results compares the methods on light paths that both methods can simulate. If only one method can simulate
-        the light paths that the scene file selects, a second section measures this method on these light paths.
+        the results compares the methods on light paths that both methods can simulate; if neither method is ``prosim``,
+        each method simulates its own light paths. If only one of the methods is ``prosim``, a second section measures
+        this method on the light paths that the scene file selects.
         """
         a, b = self.a, self.b
         transport = b.transport or a.transport or "scene"
@@ -85,7 +86,7 @@ class Comparison:
 
 
 class Section:
-    """One section of a comparison, in which all methods simulate the same light paths.
+    """One section of a comparison, which measures the methods on the light paths ``transport`` (see :data:`LIGHT`).
 
     ``specs`` are the specifications of the method "a" and, if the section compares two methods, of the method "b".
     ``rows`` are the runs whose results become the rows of the table: role -> runs. ``curves`` are the runs whose
@@ -100,13 +101,16 @@ class Section:
     def __init__(
         self, scene: ComparedScene, transport: str, specs: dict[str, Spec], effort: Effort, scale: float
     ) -> None:
+        """Prepares the reference image; :meth:`prepare` renders it."""
         self.scene, self.transport, self.specs, self.effort, self.scale = scene, transport, specs, effort, scale
         self.reference = Reference([reference_estimator(scene, spec, transport) for spec in specs.values()])
 
     def prepare(self) -> Iterator[tuple[str, float]]:
         """Renders the reference image, and prepares the runs in ``rows`` and ``curves``.
 
-        Yields the name of the current phase of the work, and the progress of this phase, 0 to 1.
+        Yields the name of the current phase of the work, and the progress of this phase, 0 to 1. A method b that is
+        ``prosim`` has one row; any other method b has two rows, with the same number of samples as method a and with
+        about the same time.
         """
         scene, transport, effort = self.scene, self.transport, self.effort
         for progress in self.reference.converge(effort.seconds):
@@ -141,7 +145,7 @@ class Section:
 
         The dictionary has the rows of the table, the error curves with their log-log slopes, and facts about the
         reference. If the section has two curves, ``equal_error`` is the cost that method b needs to reach the error of
-        method a, divided by the cost of method a.
+        method a, divided by the cost of method a, for two error measures and two costs (see :func:`equal_error`).
         """
         rows = [{"role": role, "name": run.method.name} | run.facts() for role, run in self.rows.items()]
         curves: list[dict[str, Any]] = []
@@ -178,7 +182,7 @@ class Section:
 
 def median(facts: Mapping[str, Any], name: str) -> float:
     """Returns the median over all rounds of the measure ``name``, from the results ``facts`` of a row or of a point on
-    a curve (see :meth:`.Runs.facts`).
+    a curve (see :meth:`.Runs.facts`). If ``name`` is "samples", returns the mean number of samples per pixel.
 
     The result is at least 1e-7, so that its logarithm exists.
     """
@@ -189,6 +193,9 @@ def median(facts: Mapping[str, Any], name: str) -> float:
 def at_level(scene: ComparedScene, spec: Spec, transport: str, n: int) -> Method:
     """Returns the method of ``spec`` with ``n``² samples per pixel; for ``prosim``, ``n`` becomes the parameter
     ``samples``.
+
+    For ``prosim``, the threshold of adaptive sampling becomes smaller in proportion to 1/``n``, and the error target
+    and the time limit are switched off.
     """
     if not spec.is_adaptive:
         return scene.method(spec, transport, spp=n * n)
@@ -199,8 +206,8 @@ def at_level(scene: ComparedScene, spec: Spec, transport: str, n: int) -> Method
 
 
 def reference_estimator(scene: ComparedScene, spec: Spec, transport: str) -> Method:
-    """Returns the method of ``spec`` with 64 samples in every pixel. The reference image is computed as the mean of
-    many images that the returned method renders.
+    """Returns the method of ``spec`` with 64 samples in every pixel, without adaptive sampling, error target and time
+    limit. The reference image is computed as the mean of many images that the returned method renders.
     """
     if spec.is_adaptive:
         return scene.method(spec.with_parameters(adaptive="none", samples=8, **UNTARGETED), transport)
@@ -211,9 +218,10 @@ def equal_cost_methods(scene: ComparedScene, a: Method, b: Spec, transport: str)
     """Returns two variants of the method ``b``: one with the same number of samples as ``a``, and one with about the
     same rendering time as ``a``.
 
-    The function renders ``a`` and ``b`` several times to measure their processor times. The variant with equal time has
-    the processor time of ``a`` within about 10 %, if one of the first four tried sample counts achieves this. If none
-    of the first four tried sample counts gives equal times, the fifth sample count is used without a check.
+    ``b`` must not be adaptive. The function renders ``a`` and ``b`` several times to measure their processor times. The
+    variant with equal time has the processor time of ``a`` within about 10 %, if one of the first four tried sample
+    counts achieves this. If none of the first four tried sample counts gives equal times, the fifth sample count is
+    used without a check.
     """
     samples = max(round(float(np.mean(a.render(0)[1]))), 1)
 
@@ -234,12 +242,12 @@ def equal_cost_methods(scene: ComparedScene, a: Method, b: Spec, transport: str)
 
 
 def equal_error(points: list[dict[str, Any]], cost: str, measure: str, row: dict[str, Any]) -> dict[str, Any]:
-    """Returns the ratio of two costs: the cost at which the error curve ``points`` has the same error as ``row``,
-    divided by the cost of ``row``.
+    """Returns ``{"ratio": ..., "reached": ...}``. The ratio is the cost at which the error curve ``points`` has the
+    same error as ``row``, divided by the cost of ``row``; ``reached`` tells whether the curve reaches this error.
 
     If all errors of the curve are above the error of ``row``, the result ``reached`` is False and the highest cost of
     the curve is used. If already the first point of the curve has a smaller error than ``row``, the cost of this point
-    is used.
+    is used. ``cost`` is "samples" or "cpu", and ``measure`` is the name of an error measure.
     """
     costs = [median(point, cost) for point in points]
     *errors, error = (median(facts, measure) for facts in (*points, row))
@@ -252,7 +260,8 @@ def scales(images: Mapping[str, np.ndarray]) -> dict[str, float]:
     which all maps of this kind share.
 
     For sample counts, the colour scale ends at the maximum. For errors, the colour scale ends at the 99.5th percentile,
-    so that a few pixels with very large errors do not make the rest of the map dark.
+    so that a few pixels with very large errors do not make the rest of the map dark. If all values are 0, the colour
+    scale ends at 1.
     """
     result = {}
     for kind in COLOUR_MAPS:

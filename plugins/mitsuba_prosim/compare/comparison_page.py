@@ -75,7 +75,7 @@ def data_uri(file: io.BytesIO, kind: str) -> str:
 
 def encode(facts: Facts, images: Mapping[str, np.ndarray]) -> dict[str, str]:
     """Returns each image as the data URI of a PNG file: name -> URI. All maps of the same kind, such as all error maps,
-    have the same colour scale.
+    have the same colour scale. Images that are not maps are shown in sRGB.
     """
     from matplotlib.image import imsave
 
@@ -93,7 +93,9 @@ def encode(facts: Facts, images: Mapping[str, np.ndarray]) -> dict[str, str]:
 
 
 def chart(section: Facts) -> str:
-    """Draws the curves of error against cost of a section; returns the chart as the data URI of an SVG image."""
+    """Draws the curves of error against cost of a section; returns the chart as the data URI of an SVG image. Circles
+    are the points of the curves, and diamonds are the rows of the table.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.5, 6.6), layout="constrained")

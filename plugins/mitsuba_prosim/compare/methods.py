@@ -149,9 +149,14 @@ class ComparedScene:
     def method(self, spec: Spec, transport: str, spp: int = 0) -> Method:
         """Returns the :class:`Method` of a specification.
 
-        ``transport`` selects the light paths: "scene" (as the scene file says), "paths" (all) or "direct" (direct light
-        only). ``spp`` is the number of samples per pixel. If ``spp`` is 0, the parameters of ``prosim`` determine the
-        number of samples; any other integrator takes the sampler's number.
+        For ``prosim``, ``transport`` selects the light paths: "scene" (as the scene file says), "paths" (all) or
+        "direct" (direct light only); any other integrator simulates its own light paths (:attr:`Spec.transport`).
+        Unless ``transport`` is "scene", the scene's background is an emitter (:attr:`lit`). If the specification names
+        the integrator of the scene file, the parameters in the scene file apply, too, but the parameters of the
+        specification take precedence.
+
+        ``spp`` is the number of samples per pixel. If ``spp`` is 0, the parameters of ``prosim`` determine the number
+        of samples; any other integrator takes the sampler's number.
         """
         settings: dict[str, Any] = {"type": spec.integrator}
         if spec.integrator == self.integrator:

@@ -88,7 +88,7 @@ class Reference:
 
     def converge(self, seconds: float) -> Iterator[float]:
         """Renders images with each estimator in turn for ``seconds`` seconds, but at least three images with each;
-        yields the progress, 0 to 1.
+        yields the progress, 0 to 1. At the end, this method computes the reference image and its error.
         """
         sums, squares, begin = np.zeros(1), np.zeros(1), time.perf_counter()
         while self.passes < 3 or self.seconds < seconds:

@@ -19,8 +19,8 @@ denoised image D. As in Wiener's filter, the share of M - D that is added is the
 denoised image) that is signal, not noise. If the denoiser has removed the light of small spots, the coarse scales add
 this light again as a wide, faint correction, because only many pixels together show that light is missing. The share of
 M - D that is added at a pixel is uncertain, so the variance of the share is estimated, too. The less significantly the
-share of a pixel differs from the share of a wide neighbourhood, the more it is moved towards the share of the
-neighbourhood (James and Stein 1961).
+share at a pixel differs from the share in a wide neighbourhood of the pixel, the more the share at the pixel is moved
+towards the share in the neighbourhood (James and Stein 1961).
 
 Let f be the tone curve (:func:`display_value`), and F the mixture. The squared error of the displayed mixture f(F) is
 estimated by (f(F) - f(A)) (f(F) - f(B)) plus twice the product of the displayed noise and the response of f(F) to this
@@ -124,8 +124,9 @@ def inputs(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_second: np.ndarray) -> Denoised:
-    """Returns the mixture of the raw image (first + second) / 2 and the denoised image (near_first + near_second) / 2
-    that has the least expected error.
+    """Returns a :class:`Denoised` whose final image is the mixture of the raw image (first + second) / 2 and the
+    denoised image (near_first + near_second) / 2 that has the least expected error. Finally, :func:`with_light`
+    corrects the sum of each colour channel of the mixture.
 
     ``near_first`` and ``near_second`` are the denoiser's results for the two images that :func:`inputs` returns. All
     four arguments have the same shape (height, width, channels), and only finite values. The images ``first`` and
@@ -156,10 +157,12 @@ def mix(first: np.ndarray, second: np.ndarray, near_first: np.ndarray, near_seco
 
 
 def unmixed(raw: np.ndarray, error: np.ndarray, noise: float) -> Denoised:
-    """Returns a :class:`Denoised` whose final image is the raw image, because the denoiser is not needed.
+    """Returns a :class:`Denoised` whose raw, denoised and final image are all the image ``raw``, because the denoiser
+    is not needed.
 
-    ``error``, shape (height, width), is proportional to the standard error of each pixel's luminance. This function
-    multiplies ``error`` by a constant factor, so that the RMS error of the displayed image (white = 1) is ``noise``.
+    ``error``, shape (height, width), is proportional to the standard error of each pixel's luminance; values that are
+    not finite count as 0. This function multiplies ``error`` by a constant factor, so that the RMS error of the
+    displayed image (white = 1) is ``noise``.
     """
     error = np.nan_to_num(error, posinf=0)
     squares = np.square(error / (2 * display_value(raw)))  # the slope of the tone curve is 1 / (2 display_value)
@@ -173,17 +176,18 @@ def combined(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns ``(mixture, response)``.
 
-    ``mixture`` is the mixture of the images ``raw`` and ``denoised``. ``response`` is the change of the mixture if
-    ``noise`` is added to the raw image and the shares of the mixture stay constant. ``followed`` is the change of the
-    denoised image if ``noise`` is added to the raw image. ``weight``, shape (height, width), is the factor by which the
-    squared error of each pixel is multiplied, because the mixture minimises a weighted error.
+    ``mixture`` is the mixture of the images ``raw`` and ``denoised``; the mixture is nowhere darker than the darkest of
+    the raw, the denoised and the smoothed raw image. ``response`` is the change of the mixture if ``noise`` is added to
+    the raw image and the shares of the mixture stay constant. ``followed`` is the change of the denoised image if
+    ``noise`` is added to the raw image. ``weight``, shape (height, width), is the factor by which the squared error of
+    each pixel is multiplied, because the mixture minimises a weighted error.
     """
     scales = [bands(image, SCALES, LEAST_SIDE) for image in (raw - denoised, noise, noise - followed)]
     # At each scale: r is M - D, d the noise, t the noise that the denoiser takes away (so e = d - t), w the weight.
     parts = [shares(r, d, d - t, w)[..., None] for r, d, t, w in zip(*scales, gaussian_pyramid(weight, len(scales[0])))]
     image = denoised + from_bands([share * r for share, r in zip(parts, scales[0])])
     # Around a very bright pixel, scales with different shares do not cancel, and pixels could become too dark. So the
-    # result is never darker than all of its inputs.
+    # result is nowhere darker than the darkest of the raw image, the denoised image and the smoothed raw image.
     image = np.maximum(image, np.minimum(np.minimum(raw, denoised), average(raw)))
     return image, followed + from_bands([share * taken for share, taken in zip(parts, scales[2])])
 
@@ -198,6 +202,7 @@ def squares(
     added to the raw image. The docstring of this module explains the estimator of ``final_squares``.
     """
     final, a, b, above, below = (display_value(x) for x in (image, first, second, image + response, image - response))
+    # a - b is twice the displayed noise, and above - below is the response of the displayed mixture to the noise d.
     return np.square((a - b) / 2), (final - a) * (final - b) + (a - b) * (above - below)
 
 

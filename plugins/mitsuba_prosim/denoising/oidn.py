@@ -33,11 +33,13 @@ class Denoiser:
     """
 
     def __init__(self, albedo: np.ndarray | None = None, normal: np.ndarray | None = None, fast: bool = False) -> None:
+        """Denoises the features, unless ``fast`` is true; raises :class:`MissingError` without ``mitsuba-oidn``."""
         self.oidn = load()
         self.device = self.oidn.Device(self.oidn.DeviceType.CPU)
         quality = self.oidn.Quality
         # Denoised features preserve more of a texture than noisy features. The best network is worth its time for the
         # albedo and for the image; for normals the fastest network is equally good.
+        #: Whether the denoiser of the image may assume that the features have no noise.
         self.clean = albedo is not None and not fast
         self.albedo = self._feature("albedo", albedo, None if fast else quality.High)
         self.normal = self._feature("normal", normal, None if fast else quality.Fast)
@@ -55,7 +57,7 @@ class Denoiser:
 
     def _feature(self, kind: str, feature: np.ndarray | None, quality: Any) -> np.ndarray | None:
         """Returns a feature (albedo or normals), denoised by a network of this ``quality``; if ``quality`` is None, the
-        feature is not denoised.
+        feature is not denoised. If ``feature`` is None, the result is None.
         """
         if feature is None:
             return None

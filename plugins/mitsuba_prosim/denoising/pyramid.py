@@ -80,7 +80,7 @@ def from_bands(bands: list[np.ndarray]) -> np.ndarray:
 
 def _along(image: np.ndarray) -> np.ndarray:
     """Returns the image in which each pixel is a weighted mean of the pixel and its neighbours up to two rows above and
-    below.
+    below. Rows beyond the border of the image have the values of the nearest row at the border.
     """
     n = len(image)
     padded = np.concatenate([image[:1], image[:1], image, image[-1:], image[-1:]])

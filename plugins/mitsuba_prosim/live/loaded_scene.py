@@ -26,6 +26,7 @@ class LoadedScene:
     """
 
     def __init__(self, file: SceneFile, sensor: int = 0) -> None:
+        """Loads the scene; raises the errors of loading plugins, and those of :func:`.pick_sensor`."""
         self.file, self.scene = file, file.load()
         self.sensor = pick_sensor(self.scene, sensor)
         film = self.sensor.film()
@@ -39,7 +40,11 @@ class LoadedScene:
     # ---------------------------------------------------------------- the camera
 
     def _home(self) -> Camera | None:
-        """Returns the camera that the scene file describes; None if the live view cannot move a sensor of this type."""
+        """Returns the camera that the scene file describes; None if the live view cannot move a sensor of this type.
+        The live view can move Mitsuba's ``perspective`` and the sensor ``prosim_window``.
+
+        This method also stores the distances of the sensor's near and far clipping planes.
+        """
         sensor: Any = self.sensor
         is_window = isinstance(self.sensor, registry.PLUGINS["prosim_window"])
         across: tuple[float, float]
@@ -60,8 +65,9 @@ class LoadedScene:
         """Returns the distance from the eye to the pivot, about which the camera rotates.
 
         For a scene in the thesis's scene language, the pivot is in the view plane. For an XML scene, the pivot has the
-        same depth as the centre of the scene's bounding box. ``matrix`` is the 4x4 matrix from camera coordinates to
-        world coordinates.
+        same depth as the centre of the scene's bounding box. If the pivot would not be in front of the eye, or the
+        bounding box is empty, the distance is 10 times the distance of the near clipping plane, but at least 0.001.
+        ``matrix`` is the 4x4 matrix from camera coordinates to world coordinates.
         """
         if self.file.document is not None:
             view = self.file.document.scene.view
@@ -73,7 +79,7 @@ class LoadedScene:
 
     def look(self, camera: Camera | None) -> None:
         """Gives the scene's sensor the position and the direction of ``camera``; None restores the view that the scene
-        file describes.
+        file describes. The live view must be able to move this sensor (:attr:`home` is not None).
         """
         assert self.home is not None
         camera = camera or self.home
@@ -88,8 +94,9 @@ class LoadedScene:
         self._params.update()
 
     def view_text(self, camera: Camera | None) -> str | None:
-        """Returns the text with which a scene file describes the moved ``camera``; None if the camera has not been
-        moved.
+        """Returns the text with which a scene file describes the moved ``camera``: a VIEW statement in the scene
+        language, or a ``transform`` element in XML. Returns None if the camera has not been moved (``camera`` is None),
+        or if the live view cannot move this sensor.
         """
         if self.home is None or camera is None:
             return None
@@ -119,7 +126,10 @@ class LoadedScene:
     # ---------------------------------------------------------------- the surface of a pixel
 
     def surface_at(self, x: int, y: int) -> str:
-        """Returns the name of the surface that the camera sees at the centre of pixel (x, y)."""
+        """Returns the name of the surface that the camera sees at the centre of pixel (x, y). The result is
+        "background" if the camera sees no surface there. For a shape nested in another shape, such as an instance, the
+        result only says that the shape is nested.
+        """
         position = mi.Point2f((x + 0.5) / self.size[0], (y + 0.5) / self.size[1])
         ray, _ = self.sensor.sample_ray(0.0, 0.5, position, mi.Point2f(0.5))
         si = self.scene.ray_intersect(ray)

@@ -89,7 +89,8 @@ def stop_earlier(view: View) -> None:
     """Stops the renders of all views that earlier executions of the same notebook cell made; ``view`` is the newest
     view.
 
-    If the notebook program does not tell which cell it executes, this function stops no view.
+    If the notebook program does not tell which cell it executes, this function stops no view. The function also stores
+    the cell of ``view`` in :data:`_made`.
     """
     from IPython import get_ipython
 
@@ -155,12 +156,12 @@ class View:
         return self._layers["final"]
 
     def stop(self) -> None:
-        """Ends the render; the image that has been rendered so far stays on the screen."""
+        """Ends the render after the current work item; the image that has been rendered so far stays on the screen."""
         self._stopped = True
 
     def wait(self) -> View:
-        """Renders until the image is finished; the notebook cannot run other code during this call. The render stops if
-        the user presses Ctrl-C or interrupts the notebook's kernel.
+        """Renders until the image is finished or :meth:`stop` is called, and returns the view; the notebook cannot run
+        other code during this call. The render stops if the user presses Ctrl-C or interrupts the notebook's kernel.
         """
         for _ in self._steps:
             pass
@@ -168,7 +169,7 @@ class View:
 
     def __await__(self) -> Generator[Any, None, View]:
         """Waits for the end of the render, while the notebook runs other tasks. The render stops if the user interrupts
-        the notebook's kernel.
+        the notebook's kernel. Outside a notebook, where :func:`show` has already waited, this method returns at once.
         """
         if self.task is not None:
             yield from self.task.__await__()
@@ -188,8 +189,9 @@ class View:
             self.wait()  # executes the last step, which replaces the widgets by the image
 
     def _render(self) -> Iterator[None]:
-        """Renders one work item (a part of the missing samples) before each ``yield``; at the end of the render, a
-        still image replaces the notebook's widgets.
+        """Renders one work item (a part of the missing samples) before each ``yield``, until the image is finished or
+        :meth:`stop` is called. At the end of the render, a still image replaces the notebook's widgets; after an error,
+        the error message replaces the widgets.
         """
         try:
             while not self._image.done and not self._stopped:
@@ -212,7 +214,8 @@ class View:
     def _draw(self) -> None:
         """Shows the selected layer, if it exists.
 
-        A map is shown as a grey image, in which the 99th percentile of the map is white.
+        A layer with colours is shown with the view's exposure and compressed highlights. A map is shown as a grey
+        image, in which the 99th percentile of the map is white.
         """
         values = self._layers.get(self._layer.value)
         if values is None:
@@ -226,14 +229,16 @@ class View:
             self._shown.value = png(compress(values * self._factor), effort=FAST)
 
     def _status(self) -> str:
-        """Returns a text with the mean number of samples per pixel so far and the elapsed seconds."""
+        """Returns a text with the mean number of samples per pixel so far and the elapsed seconds. During the first
+        pass over the image, the number of samples is not shown.
+        """
         samples = self._layers.get("samples")
         count = "the first pass" if samples is None else f"{samples.mean():.1f} samples a pixel"
         return f"{count}, {time.perf_counter() - self._started:.1f} s"
 
     def _replace(self) -> None:
-        """Replaces the notebook's widgets by a still image and a text, because widgets work only while the kernel is
-        running.
+        """Replaces the notebook's widgets by a text and, if there is an image, by a still image, because widgets work
+        only while the kernel is running.
         """
         if self._place is None:  # IPython is not running
             return
@@ -248,7 +253,7 @@ def interrupting(stop: Callable[[], None]) -> Iterator[None]:
     """Inside the ``with`` block, an interruption of the notebook's kernel calls ``stop`` and raises no exception.
 
     So the current work item ends normally. An exception in the middle of a work item would leave an unfinished trace in
-    Dr.Jit.
+    Dr.Jit. Outside the main thread, this function does nothing, because only the main thread is interrupted.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -49,7 +49,7 @@ class Camera:
         upwards.
 
         A rotation upwards or downwards ends when the viewing direction is :data:`STEEPEST` degrees above or below the
-        horizon.
+        horizon, the plane that is perpendicular to the axis :attr:`up`.
         """
         level = np.degrees(np.arcsin(np.clip(-self.to_world[:3, 2] @ self.up, -1, 1)))
         # A camera that is already steeper than STEEPEST may stay so, but must not become steeper.
@@ -83,7 +83,9 @@ class Camera:
 
 
 def rotation(axis: np.ndarray, degrees: float) -> np.ndarray:
-    """Returns the 3x3 matrix of a rotation about a unit axis (Rodrigues' formula)."""
+    """Returns the 3x3 matrix of a right-handed rotation by ``degrees`` about the unit vector ``axis`` (Rodrigues'
+    formula).
+    """
     x, y, z = axis
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     angle = np.radians(degrees)
@@ -103,6 +105,7 @@ def as_view(view: View, home: Camera, moved: Camera) -> str:
 
     ``view`` is the VIEW statement of the scene file, and ``home`` is the camera that this statement describes.
     """
+    # The greatest coordinate. Coordinates of points that are much smaller are rounding errors, and are written as 0.
     size = float(np.abs([view.eye, view.vrp]).max())
     motion = moved.to_world @ np.linalg.inv(home.to_world)
 
@@ -115,6 +118,7 @@ def as_view(view: View, home: Camera, moved: Camera) -> str:
         return format_numbers((motion @ [*value, homogeneous])[:3], size if homogeneous else 1.0)
 
     # The view plane and the window keep their position relative to the eye, also after a change of the distance.
+    # If VPN is 0 0 0, the normal of the view plane is OBS - VRP, also for the moved camera.
     lines = [
         "VIEW",
         "RESOLUTION {} {}".format(*view.resolution),

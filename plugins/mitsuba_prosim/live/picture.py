@@ -35,11 +35,12 @@ class Picture:
     layers: Mapping[str, np.ndarray]
 
     def mixed(self, factors: Factors) -> Picture:
-        """Returns the picture with some layers of the integrator multiplied by ``factors``, pairs of a layer's name and
-        a factor.
+        """Returns the picture with some layers of the integrator (such as ``lights.lamp1``) multiplied by ``factors``,
+        pairs of a layer's name and a factor. If ``factors`` is empty, returns the picture without a change.
 
-        The layer ``final`` of the result is the sum of all layers of the integrator after the multiplication. Raises
-        KeyError if ``factors`` contains a name that is not the name of a layer of the integrator.
+        The layer ``final`` of the result is the sum of all layers of the integrator after the multiplication; other
+        layers, such as ``error``, do not change. Raises KeyError if ``factors`` contains a name that is not the name of
+        a layer of the integrator.
         """
         if not factors:
             return self
@@ -49,8 +50,11 @@ class Picture:
     def packed(self, layer: str) -> tuple[bytes, dict[str, str]]:
         """Returns ``(content, headers)`` of the HTTP response with which the server sends a layer to the web page.
 
-        ``content`` has the values of the layer row by row, as 32-bit little-endian floating-point numbers. The header
-        ``X-White`` is the 99th percentile of a map's values, or of the luminance of a layer with colours.
+        ``content`` has the values of the layer row by row, as 32-bit little-endian floating-point numbers; NaN is sent
+        as 0, and an infinite value as the greatest finite number. The header ``X-White`` is the 99th percentile of a
+        map's values, or of the luminance of a layer with colours, where negative values count as 0; if the percentile
+        is not finite, the header is 1. The other headers are the picture's number and the layer's width and height.
+        Raises KeyError if the picture has no such layer.
         """
         values = self.layers[layer]
         height, width = values.shape[:2]
@@ -63,7 +67,8 @@ class Picture:
         """Returns the value of each layer at pixel (x, y) of the final image: name of the layer -> value.
 
         ``size`` is the (width, height) of the final image. A coarse picture has fewer pixels than the final image; the
-        coarse pixel that contains pixel (x, y) is used. Values that are not finite are returned as None.
+        coarse pixel that contains pixel (x, y) is used. The value of a layer with colours is a list of three numbers;
+        the value of a map is one number. Numbers that are not finite are returned as None.
         """
         height, width = self.layers["final"].shape[:2]
         x, y = x * width // size[0], y * height // size[1]
@@ -77,8 +82,9 @@ def layers_of_render(render: Render, integrator: mi.Integrator) -> dict[str, np.
     """Returns the image, the error and the sample counts of a render (see :data:`LAYERS`), and the layers that the
     integrator's parameter ``layers`` requests: name -> array.
 
-    The layers that the integrator's parameter ``layers`` requests get names such as ``lights.lamp1``. In the developed
-    image, the channels of the layers that the integrator's parameter ``layers`` requests come before the other AOVs.
+    The layers that the integrator's parameter ``layers`` requests get names such as ``lights.lamp1``. If this parameter
+    is ``none``, or the integrator does not have it, there are no such layers. In the developed image, the channels of
+    the requested layers come before the other AOVs.
     """
     kind, image = getattr(integrator, "layers", "none"), np.array(render.image())
     layers = {"final": colours(image), "error": render.error(), "samples": render.counts().astype(np.float32)}
@@ -104,8 +110,9 @@ def fill_unknown(known: np.ndarray, values: np.ndarray, previous: np.ndarray | N
 
 
 def colours(image: np.ndarray) -> np.ndarray:
-    """Returns the colours, shape (height, width, 3), of a developed image of shape (height, width, channels), which may
-    be a grey image.
+    """Returns the first three channels of a developed image, shape (height, width, channels), as colours of shape
+    (height, width, 3). If the image has fewer than three channels, as a grey image has, the first channel is repeated
+    three times.
     """
     image = image.astype(np.float32, copy=False)
     return image[..., :3] if image.shape[2] >= 3 else np.repeat(image[..., :1], 3, axis=2)

@@ -55,7 +55,8 @@ class ProgressiveImage:
         """Renders one work item; returns whether the caller should now draw a new picture of the image.
 
         A new picture should be drawn at the end of each pass over the image, and during a pass if the latest picture is
-        old enough (see :class:`.Throttle`).
+        old enough (see :class:`.Throttle`), but only if new samples were taken. If no work item is left, the result is
+        False, and :attr:`done` becomes True.
         """
         step = next(self._steps, None)
         if step is None:
@@ -70,6 +71,7 @@ class ProgressiveImage:
         begin = halves.denoised_progressive if self.denoise else rendering.progressive
         self.render = begin(self.scene, self.sensor, self.integrator, self.seed, self.spp, executor=Executor(SECONDS))
         for step in self.render:
+            # Denoising counts as the last 4 % of the progress.
             yield Step(0.96 * step.done, step.complete) if self.denoise else step
         if self.denoise:
             result = self.render.denoiser.denoised()
@@ -80,12 +82,14 @@ class ProgressiveImage:
                 "raw": result.raw,
                 "denoised": result.denoised,
             }
+            # The noise of the render becomes that of the denoised image; the errors of 99 % and 99.9 % are not known.
             self.render.state.noise, self.new = (result.noise, np.nan, np.nan, result.at_most), True
             yield Step(1.0, True)
 
     def layers(self) -> Mapping[str, np.ndarray]:
         """Returns the layers of the image so far, from which the caller makes a :class:`.Picture`; sets :attr:`new` to
-        False.
+        False. Before the first call of :meth:`step`, returns the layers of the coarse image, or an empty dictionary if
+        there is no coarse image.
 
         The layers ``raw`` and ``denoised`` exist only after denoising; the layer ``final`` is then a mixture of ``raw``
         and ``denoised``. During the first pass over the image, the layers ``error`` and ``samples`` are missing, and
@@ -104,7 +108,8 @@ class ProgressiveImage:
         yet.
 
         The caller must reduce the size of the film during this call, see :meth:`.LoadedScene.coarse`. Each pixel of the
-        coarse image has one sample, or, in a scene with dispersion, one sample for each wavelength of a spectrum.
+        coarse image has one sample. In a scene with dispersion, the coarse image is the first pass of a render with n²
+        samples per pixel, where n is the number of wavelengths of a spectrum.
         """
         each = dr.size_v(mi.Spectrum) if disperses(self.scene) else 1
         render = self.integrator.progressive(self.scene, self.sensor, self.seed, each**2)
@@ -140,10 +145,10 @@ def not_compared(integrator: Any) -> str | None:
 
 def rendered_by_path(image: ProgressiveImage) -> ProgressiveImage:
     """Returns a progressive image of the same scene and with the same sampling parameters as ``image``, but rendered by
-    Mitsuba's ``path``.
+    Mitsuba's ``path`` and never denoised.
 
-    The background of the scene's integrator is replaced by an emitter, because ``path`` has no parameter for a
-    background.
+    If the scene's integrator has a background, the background is replaced by an emitter, because ``path`` has no
+    parameter for a background. Raises ValueError if the background cannot become an emitter, see :func:`not_compared`.
     """
     sampling = asdict(image.integrator.sampling)
     path = create("prosim_adaptive", nested=create("path"), channels=image.integrator.channels, **sampling)

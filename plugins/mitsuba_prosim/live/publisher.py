@@ -68,7 +68,7 @@ class Publisher:
         self.state, self.pictures, self.closed = state, dict[str, Picture](), False
 
     def publish(self, pictures: Mapping[str, Picture] | None = None, **changes: Any) -> None:
-        """Changes fields of the state, and, if ``pictures`` is not None, replaces the pictures.
+        """Changes fields of the state, and, if ``pictures`` is neither None nor empty, replaces the pictures.
 
         The entry ``own`` of ``pictures`` is the picture of the image that the scene's integrator renders. The entry
         ``path`` of ``pictures``, which may be missing, is the picture of the image that Mitsuba's path tracer renders.

@@ -11,7 +11,8 @@ from time import perf_counter as clock
 #: Minimum number of seconds between two checks of the files, and the maximum fraction of the time for checks.
 INTERVAL, FRACTION = 0.02, 0.02
 
-#: Maximum number of files in the scene's folder that are watched while the scene cannot be opened.
+#: Maximum number of files and folders in the scene's folder and its subfolders that are watched while the scene cannot
+#: be opened.
 MAX_WATCHED_FILES = 1000
 
 #: The identity of a file's content: inode, size and time of the last change; None for a missing file.
@@ -49,8 +50,8 @@ class SceneWatcher:
         self._watch({path.absolute() for path in [self._scene, *files]})
 
     def failed(self) -> None:
-        """Also watches the folder of the scene file, its subfolders and all files in these folders, because the user
-        may repair the scene by adding or changing any of these files.
+        """Also watches the folder of the scene file, and the files and folders in it and in its subfolders, at most
+        :data:`MAX_WATCHED_FILES`, because the user may repair the scene by adding or changing any of these files.
 
         Call this method when the scene cannot be opened. The files in subfolders of subfolders are not watched.
         """
@@ -67,7 +68,7 @@ class SceneWatcher:
         """Returns whether a watched file was written, made, removed or renamed since this method last returned True.
 
         While a file is still being written, the result is False. The caller may call this method often, because the
-        method reads the stamps of the files only from time to time.
+        method reads the stamps of the files only from time to time, and returns False without a check at other times.
         """
         started = clock()
         if started < self._due:

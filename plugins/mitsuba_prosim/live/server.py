@@ -62,7 +62,7 @@ def served(viewer: Viewer, encode: Encoder, sock: socket.socket) -> Iterator[str
     """Serves the live page in another thread until the ``with`` block ends, and yields the address of the page.
 
     ``encode`` is the function that makes the EXR and PNG files which the user saves from the page. ``sock`` is the
-    socket on which the server listens.
+    socket on which the server listens. At the end of the ``with`` block, the viewer and the socket are closed.
     """
     token = secrets.token_urlsafe(24)
     routes = [Mount(f"/{token}", routes=Pages(viewer, encode).routes())]
@@ -93,7 +93,9 @@ def guard(token: str) -> Callable[[Request, RequestResponseEndpoint], Any]:
     """
 
     async def dispatch(request: Request, call_next: RequestResponseEndpoint) -> Response:
-        """Answers a request whose address has the token and whose headers name this machine; refuses other requests."""
+        """Answers a request whose address begins with the token and whose headers name this machine; refuses other
+        requests with the status 403. All responses get the :data:`HEADERS`.
+        """
         host, origin = request.headers.get("host", ""), request.headers.get("origin")
         first_folder = request.scope["path"].lstrip("/").partition("/")[0]
         authorised = secrets.compare_digest(first_folder.encode(), token.encode())
@@ -141,7 +143,8 @@ class Pages:
     async def layer(self, request: Request) -> Response:
         """Returns the values of a layer of a picture, see :meth:`.Picture.packed`.
 
-        The request may contain factors by which layers are multiplied, see :func:`factors`.
+        The request may contain factors by which layers are multiplied, see :func:`factors`. The status is 404 if the
+        picture or the layer does not exist.
         """
         picture, name = self._publisher.pictures.get(request.path_params["image"]), request.path_params["layer"]
         if picture is None or name not in picture.layers:
@@ -152,7 +155,8 @@ class Pages:
 
     async def pixel(self, request: Request) -> Response:
         """Returns, as JSON, the values of a pixel in all layers of all pictures, and the name of the surface that is
-        visible at this pixel.
+        visible at this pixel. The JSON object is empty if the current image does not have this pixel; the name of the
+        surface is empty if no scene is open.
         """
         x, y = (request.path_params[name] for name in "xy")
         width, height = self._publisher.state.size
@@ -164,7 +168,8 @@ class Pages:
 
     async def save(self, request: Request) -> Response:
         """Returns the image of the scene's integrator as an EXR or PNG file. The request's factors multiply layers of
-        the image; the request's exposure makes only the PNG brighter.
+        the image; the request's exposure makes only the PNG brighter. The status is 404 if there is no image yet, or
+        for another kind of file.
         """
         picture, suffix = self._publisher.pictures.get("own"), f".{request.path_params['suffix']}"
         if picture is None or suffix not in (".exr", ".png"):
@@ -175,7 +180,8 @@ class Pages:
 
     async def act(self, request: Request) -> Response:
         """Schedules the action whose name is in the request's address (see :data:`ACTIONS`), for the thread that
-        renders.
+        renders, and returns without waiting. The query parameters ``x`` and ``y`` describe a camera motion. The status
+        is 404 for an unknown action, and 400 if a factor of the distance (action "dolly") is not positive.
         """
         name = request.path_params["action"]
         if name not in ACTIONS:
@@ -196,7 +202,7 @@ def factors(request: Request, picture: Picture) -> Factors:
 
     Each query parameter ``mix`` of the request contains one factor, such as ``lights.lamp1=0.5``, see
     :func:`.parse_factor`. Raises HTTPException if a factor has a wrong format, if a layer has two factors, or if the
-    picture does not have the layer.
+    picture does not have the layer. Only layers that the integrator's parameter ``layers`` requests can have factors.
     """
     texts = request.query_params.getlist("mix")
     try:

@@ -108,23 +108,26 @@ class Viewer:
             self.change(camera=motion(self._request.camera or self._home), paused=False)
 
     def result(self, factors: Factors = ()) -> tuple[State, mi.Bitmap, Any, Any]:
-        """Returns ``(state, bitmap, integrator, reached)`` of the picture that the page shows.
+        """Returns ``(state, bitmap, integrator, reached)`` of the latest published picture by the scene's integrator,
+        even if the page also shows an image by Mitsuba's ``path``.
 
         ``bitmap`` has all layers of the picture, after some layers are multiplied by ``factors`` (pairs of a layer's
         name and a factor). ``reached`` is a :class:`.Reached` with the samples, the error and the duration of the
-        render. Only functions that :meth:`call` has scheduled may call this method, because they run in the thread that
-        renders.
+        render; None before the first sample. Only functions that :meth:`call` has scheduled may call this method,
+        because they run in the thread that renders. Raises KeyError if no picture has been published.
         """
         picture = self.publisher.pictures["own"].mixed(factors)
         channels = dict[str, np.ndarray]()
         for layer, values in picture.layers.items():
+            # The channels of the layer lights.lamp1 are lamp1.R, lamp1.G and lamp1.B; a map has one channel, error.Y.
             prefix = "" if layer == "final" else layer.rpartition(".")[2] + "."
             channels |= layers.planes(prefix, values) if values.ndim == 3 else {prefix + "Y": values}
         return self.publisher.state, layers.of_channels(channels), self._integrator, self._reached
 
     def run_calls(self, timeout: float = 0.0) -> None:
         """Executes all functions that :meth:`call` has scheduled. If no function is scheduled, waits at most
-        ``timeout`` seconds for one.
+        ``timeout`` seconds for one. The future that :meth:`call` returned receives the result or the exception of the
+        function. A function whose future was cancelled is not executed.
         """
         with suppress(Empty):
             while True:
@@ -166,11 +169,11 @@ class Viewer:
 
     def _advance(self) -> None:
         """Does the next piece of work for the current request: opens the scene, begins or pauses the image, or renders
-        a work item.
+        a work item. Does nothing if the image is finished or paused.
         """
         if not self.publisher.state.opened or self.watcher.changed():
             self._open()
-        elif self.scene is None:
+        elif self.scene is None:  # the scene could not be opened
             self._shown = self._request
         elif self._request.camera is not self._shown.camera:
             self.scene.look(self._request.camera)
@@ -186,7 +189,8 @@ class Viewer:
         """Opens the scene file, for the first time or again after a change, and begins to render an image of the scene.
 
         This method publishes the warnings of the scene language's translator. A camera that the user has moved stays
-        there, unless the changed scene file describes another view than before the change.
+        there, unless the changed scene file describes another view than before the change, or a sensor that the live
+        view cannot move. A paused render is resumed.
         """
         # Dr.Jit's kernels contain the materials of all loaded scenes, so the previous scene must be deleted first.
         self.scene, self._images = None, {}
@@ -210,7 +214,7 @@ class Viewer:
         """Begins a new render, without earlier samples, of the view of ``scene`` that the page requests.
 
         If the film has no crop window, this method first renders and publishes a coarse image (an image with few
-        pixels). If the page compares with an image by Mitsuba's ``path``, that image is deleted, and
+        pixels). If the page also shows an image by Mitsuba's integrator ``path``, that image is deleted, and
         :meth:`_pause_or_compare` begins a new one in the next step.
         """
         self._shown = replace(self._request, compared=False, paused=False)
@@ -234,8 +238,9 @@ class Viewer:
     def _pause_or_compare(self) -> None:
         """Handles a new request that differs from the request which is now shown only in ``compared`` or ``paused``.
 
-        Adds or deletes the image by Mitsuba's ``path``. Before a pause, this method draws pictures that include all
-        samples taken so far.
+        Adds or deletes the image by Mitsuba's ``path``; no image is added if :func:`.not_compared` gives a reason.
+        Before a pause, this method draws pictures that include all samples taken so far. After an error, when no image
+        exists, nothing is drawn or published.
         """
         request, own = self._request, self._images.get("own")
         if own is not None:
@@ -252,7 +257,8 @@ class Viewer:
 
     def _step(self, scene: LoadedScene) -> None:
         """Renders one work item of an unfinished image, and publishes the progress; if two images are unfinished, they
-        take turns.
+        take turns. After each pass over the image of the scene's integrator, also publishes the reason if the picture
+        is black.
         """
         started, changes = time.perf_counter(), dict[str, Any]()
         image_name, image = next((name, image) for name, image in self._images.items() if not image.done)
@@ -266,8 +272,8 @@ class Viewer:
         self._publish(**changes)
 
     def _draw(self, image: ProgressiveImage) -> None:
-        """Stores a new picture of ``image`` as it is now. For the image of the scene's integrator, also stores the
-        number of samples and the noise so far.
+        """Stores a new picture of ``image`` as it is now. For the image of the scene's integrator, if its render has
+        begun, also stores the number of samples and the noise so far.
         """
         with image.throttle.drawing():
             image.picture = Picture(next(self._numbers), image.layers())
@@ -276,7 +282,7 @@ class Viewer:
 
     def _publish(self, **changes: Any) -> None:
         """Publishes the pictures, the progress and the other ``changes`` of the state, so that the open pages show
-        them.
+        them. Before the first picture of the scene's integrator, the previous pictures remain.
         """
         images, reached = self._images, self._reached
         pictures = {name: image.picture for name, image in images.items() if image.picture is not None}
@@ -294,6 +300,9 @@ class Viewer:
     def _fail(self, error: BaseException) -> None:
         """Publishes an error message, and ends the render. The next change of the scene's files or of the view starts a
         new render.
+
+        If the scene file does not exist, publishes the status ``missing`` without an error message. If no scene is
+        open, also watches the files in the scene's folder, see :meth:`.SceneWatcher.failed`.
         """
         self._images, self._shown = {}, self._request
         expected = isinstance(error, (RuntimeError, TypeError, ValueError, OSError, MemoryError))

@@ -23,9 +23,12 @@ def reason(
 ) -> str | None:
     """Returns a message with the reason why a rendered image is black, and a remedy; None if the image is not black.
 
-    ``colours`` are the linear colours of the image, shape (height, width, 3), already multiplied by 2^``exposure``.
-    ``brighter`` is the text of the advice for an image that is not completely black, but too dark to be seen; the
-    default is :data:`IN_THE_PNG`.
+    ``colours`` are the linear colours of the image, shape (height, width, 3), already multiplied by 2^``exposure``. The
+    image counts as black if all its colours are below :data:`BLACK`, half of the darkest grey value of a PNG; NaN
+    values are ignored. ``brighter`` is the text of the advice for an image that is not completely black, but too dark
+    to be seen; ``{}`` in this text is replaced by the exposure, in stops, that makes the image bright. The default is
+    :data:`IN_THE_PNG`. In scalar variants, the message is less exact, because no camera rays are traced to find the
+    reason.
     """
     brightest = float(np.fmax.reduce(colours, axis=None, initial=0.0))  # the maximum without NaN values
     if brightest >= BLACK:
@@ -62,11 +65,12 @@ def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
     if dr.all(~visible | (dr.dot(si.n, ray.d) > 0)):
         return "all visible surfaces show their inner side: the eye is within a solid, or a mesh is turned inside out."
     on_light = mi.Point2f(k * 0.7548776662466927, k * 0.5698402909980532)
+    # False: without a test for shadows, which follows below.
     ds, light = scene.sample_emitter_direction(si, on_light - dr.floor(on_light), False, visible)
     lit = visible & (dr.max(mi.unpolarized_spectrum(light)) > 0)
     if not dr.any(lit):
         return "no light arrives at the visible surfaces: the lights shine elsewhere, or are dark."
-    lit &= dr.dot(si.n, ds.d) > 0
+    lit &= dr.dot(si.n, ds.d) > 0  # the light arrives at the outer side of the surface
     if dr.any(lit & ~scene.ray_test(si.spawn_ray_to(ds.p), lit)):
         return (
             "light arrives at the visible surfaces, and none is reflected to the eye. Are they black, or mirrors or "

@@ -29,12 +29,13 @@ class OutsideError(ValueError):
 
 
 def named(text: str) -> Iterator[tuple[str, str, int]]:
-    """Yields ``(element, name, position)`` for each XML element in ``text`` that contains the name of a file or folder.
+    """Yields ``(element, name, position)`` for each XML element ``include``, ``spectrum`` or ``path`` in ``text`` that
+    contains the name of a file or folder, even within an XML comment.
 
     ``element`` is the tag of the XML element. In an element ``path``, the attribute ``value`` is the name of a folder.
-    In other elements, such as ``include``, the attribute ``filename`` is the name of a file. ``name`` is the name of
-    the file or folder as written in the text, before ``$key`` parameters and XML entities are replaced. ``position`` is
-    the offset of the XML element from the beginning of the text, in characters.
+    In the elements ``include`` and ``spectrum``, the attribute ``filename`` is the name of a file. ``name`` is the name
+    of the file or folder as written in the text, before ``$key`` parameters and XML entities are replaced. ``position``
+    is the offset of the XML element from the beginning of the text, in characters.
     """
     for found in ELEMENT.finditer(text):
         for attribute, value in ATTRIBUTE.findall(found[2]):
@@ -59,8 +60,9 @@ class Confinement:
         before parsing.
 
         This method does not check the files that ``<string>`` parameters of plugins name; :meth:`check_state` checks
-        these files. Raises OutsideError if a file is not allowed or the name of a file cannot be checked, and OSError
-        if the file ``path`` or an included XML file cannot be read.
+        these files. Raises OutsideError if a file is not allowed, if the name of a file contains a ``$key`` parameter,
+        an XML entity or white space other than blanks, or if an XML file is not in UTF-8. Raises OSError if the file
+        ``path`` or an included XML file cannot be read.
         """
         folders, texts = [str(folder) for folder in mi.file_resolver()], [path]
         for file in texts:  # the list grows in the loop
@@ -68,7 +70,7 @@ class Confinement:
             try:
                 text = file.read_text(encoding="utf-8")
             except UnicodeDecodeError:
-                text = "\0"
+                text = "\0"  # is refused in the next lines
             if "\0" in text or OTHER_ENCODING.match(text):
                 raise OutsideError(f"{file} is not in UTF-8, so its names can't be checked; save it in UTF-8")
             for tag, name, position in named(text):
@@ -85,7 +87,8 @@ class Confinement:
 
     def check_state(self, state: mi.parser.ParserState) -> None:
         """Checks the XML files that the parser has read, the names of plugins, and all files that plugins would open
-        because a string parameter contains the name of the file.
+        because a string parameter contains the name of the file. ``state`` is the parsed scene. Raises OutsideError for
+        the first file or plugin that is not allowed.
         """
         for file in map(str, state.files):
             if wrong := self._refusal("an <include>", file, file):
@@ -102,9 +105,10 @@ class Confinement:
         """Returns an error message if the string parameter ``name`` of a plugin names a file that is not allowed, else
         None.
 
-        ``plugin`` is the name of the plugin that has the parameter. ``value`` is the value of the parameter. If
-        ``name`` is "type", the function checks instead that Mitsuba cannot load ``plugin`` from a file outside
-        Mitsuba's installation.
+        ``plugin`` is the name of the plugin that has the parameter. ``value`` is the value of the parameter, which may
+        be the name of a file, the name of a material for which Mitsuba opens the :data:`.MATERIAL_FILES`, or any other
+        text. If ``name`` is "type", the function checks instead that the name ``plugin`` consists of letters, digits,
+        "_" and "-", and that Mitsuba cannot load ``plugin`` from a file outside Mitsuba's installation.
         """
         resolver = mi.file_resolver()
         if name == "type":
@@ -121,11 +125,13 @@ class Confinement:
         return None
 
     def _refusal(self, what: str, name: str, *places: str) -> str | None:
-        """Returns an error message if a file is outside the allowed folders; None if the file is allowed.
+        """Returns an error message if a file is neither in an allowed folder nor in Mitsuba's installation; None if the
+        file is allowed.
 
         ``what`` describes, in words for the message, the XML element or the parameter that contains the name of the
         file. ``name`` is the name of the file as the scene contains it. ``places`` are all paths at which Mitsuba may
-        find the file.
+        find the file; each of these paths must be allowed. A relative path at which no file exists counts as a path in
+        the folder of the scene file.
         """
         for path in places:
             if not os.path.isabs(path) and not os.path.exists(path):

@@ -17,12 +17,13 @@ from .session import message
 
 def with_line(words: str, scene: Path | None = None) -> str:
     """Returns an error message, followed by the line of the XML file to which the message refers, and a caret (^) below
-    the column of the error.
+    the column of the error. If no line can be shown, returns the message alone.
 
     ``words`` is the error message. If the message contains several positions (file, line and column), the last position
-    is shown, because Mitsuba names an included file after the file that includes it. If ``scene`` is the path of a
-    scene file, only lines of this file and of files in the same folder are shown. If lines of other files were shown,
-    an untrusted scene could reveal any file, because the scene can put the name of any file into the error message.
+    whose line can be shown is used, because Mitsuba names an included file after the file that includes it. If
+    ``scene`` is the path of a scene file, only lines of this file and of files in its folder and subfolders are shown.
+    If lines of other files were shown, an untrusted scene could reveal any file, because the scene can put the name of
+    any file into the error message.
     """
     for place in reversed(list(PLACE.finditer(words))):
         path = Path(place[1])
@@ -33,7 +34,9 @@ def with_line(words: str, scene: Path | None = None) -> str:
 
 
 def _line(path: Path, line: int, column: int) -> str:
-    """Returns a line of an XML file, with a caret (^) below ``column``; an empty text if the file cannot be read."""
+    """Returns a line of an XML file, with a caret (^) below ``column``; an empty text if the suffix of the file is not
+    .xml, if the file cannot be read, or if the file has no such line.
+    """
     if path.suffix != ".xml":
         return ""
     try:
@@ -41,15 +44,17 @@ def _line(path: Path, line: int, column: int) -> str:
         start = source.line_starts[line - 1] + max(column - 1, 0)
     except (OSError, ValueError, IndexError):
         return ""
+    # The first line of the message, which has only the position, is left out.
     return source.message(Span(start, start + 1), "").partition("\n")[2]
 
 
 def with_suggestion(words: str) -> str:
     """Returns an error message, with the name of a similar plugin added if the message says that a plugin does not
-    exist.
+    exist, and if there is a similar plugin.
 
     ``words`` is the error message. The suggested plugin has the same kind as the missing plugin; for example, both are
-    BSDFs.
+    BSDFs. If the message does not tell the kind of the missing plugin ("unknown"), the suggested plugin may have any
+    kind.
     """
     found = NOT_FOUND.search(words)
     if found is None:
@@ -70,7 +75,7 @@ def check_images(document: Document) -> None:
     of the scene language checks only the first bytes of an image file.
     """
     folder = Path(document.source.filename).parent
-    for name, way in images(document):
+    for name, way in images(document):  # ``way``: where the scene's text names the image
         try:
             mi.Bitmap(str(located(folder, name)))
         except RuntimeError as error:

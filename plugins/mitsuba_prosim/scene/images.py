@@ -30,7 +30,8 @@ def encode(
 def colours(bitmap: mi.Bitmap) -> np.ndarray | None:
     """Returns the linear colours of a film's image, as an array of shape (height, width, 3).
 
-    Returns None if the film stores values that are not colours, such as spectral bins.
+    Grey values and XYZ colours are converted to RGB; the film's AOVs are left out. Returns None if the film stores
+    values that are not colours, such as spectral bins.
     """
     layer = next((layer for name, layer in bitmap.split() if name == "<root>"), bitmap)
     if layer.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:
@@ -52,8 +53,8 @@ def compress(rgb: np.ndarray) -> np.ndarray:
     ``rgb`` is the linear radiance, shape (height, width, 3), with white at 1. The tone curve is applied to the
     luminance of each pixel, so the ratios of red, green and blue do not change. The tone curve maps the 99th percentile
     of the image's luminance to 1 (white), or the luminance 1 if the percentile is below 1. After the compression,
-    pixels brighter than the 99th percentile, and single channels of saturated colours, may still be above 1. An image
-    whose values are all at most 1 does not change.
+    pixels brighter than the 99th percentile, and single channels of saturated colours, may still be above 1. The image
+    does not change if the 99th percentile is at most 1, or if the image contains NaN.
     """
     light = np.maximum(luminance(rgb), 0)[..., None]
     white = max(1.0, float(np.percentile(light, 99)))
@@ -78,6 +79,7 @@ def exr(bitmap: mi.Bitmap, facts: Mapping[str, str]) -> bytes:
 
 def png(image: np.ndarray, facts: Mapping[str, str] | None = None, effort: int = -1) -> bytes:
     """Returns the content of a PNG file (sRGB, 8 bits) with a linear image, shape (height, width, 3), whose white is 1.
+    Values outside [0, 1] are clipped.
 
     ``facts`` are the metadata. ``effort`` is the compression level of zlib, 1 to 9; -1 for the default level.
     """

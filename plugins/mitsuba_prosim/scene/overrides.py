@@ -42,8 +42,9 @@ def apply(
     deletes a parameter from the scene. Parameters of sampling, such as ``samples``, are set for the outermost
     integrator. If the outermost integrator is neither ``prosim`` nor ``prosim_adaptive``, a parameter in
     :data:`WRAPPING`, such as ``noise``, nests the integrator in ``prosim_adaptive``. All parameters that do not concern
-    sampling are set for every integrator ``prosim`` in the scene. Raises ValueError if a film cannot have this size, or
-    if no integrator of the scene has the parameters.
+    sampling are set for every integrator ``prosim`` in the scene. A scene without an integrator first gets Mitsuba's
+    default, ``path``. Raises ValueError if a film cannot have this size, or if no integrator of the scene has the
+    parameters.
     """
     for props in (node.props for node in state.nodes if node.type == mi.ObjectType.Film):
         _set(props, zip(("width", "height"), resolution or ()))
@@ -80,8 +81,10 @@ def apply(
 
 def set_sampler(state: mi.parser.ParserState, plugin: str) -> None:
     """Replaces every sampler of a parsed scene by the sampler ``plugin``, with the same number of samples per pixel.
+    Other parameters of a replaced sampler are dropped.
 
     A sensor without a sampler gets a sampler with four samples per pixel, the number that Mitsuba also uses by default.
+    A sampler whose number of samples is not given gets four samples per pixel, too.
     """
     types = [node.type for node in state.nodes]
     for number, kind in enumerate(types):

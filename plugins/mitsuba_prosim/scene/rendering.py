@@ -36,8 +36,8 @@ def require_progressive(integrator: mi.Integrator, what: str) -> None:
 
 
 def progressive(scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int = 0, spp: int = 0, **how: Any) -> Any:
-    """Returns a new render, an iterator over its steps: a :class:`.Render`, or a :class:`Blocking` if the integrator is
-    not progressive.
+    """Returns a new render, an iterator over its steps: a :class:`.Render`, or a :class:`Blocking` if
+    :func:`is_progressive` is false, also for ``prosim`` in scalar variants.
 
     ``spp`` is the number of samples per pixel; 0 stands for the number in the scene. ``how`` are further arguments for
     the integrator's method ``progressive``; of these arguments, :class:`Blocking` uses only ``denoiser``.
@@ -51,21 +51,28 @@ class Blocking(Steps):
     """Renders a whole image in one :class:`.Step`, but has the same interface as the progressive :class:`.Render`.
 
     This class is for integrators that do not render progressively. If ``denoiser`` is not None, this class renders two
-    independent images, each with half of the samples.
+    independent images in two steps, each with half of the samples, rounded up. ``spp`` is the number of samples per
+    pixel; 0 means the number of the sensor's sampler.
     """
 
+    #: A progressive :class:`.Render` may have a second image and measured errors; this class has neither.
     second = reached = None
 
     def __init__(
         self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, seed: int, spp: int, denoiser: Any = None
     ) -> None:
+        """Prepares the render; the steps of the iterator render the images. ``spp`` is the number of samples per pixel,
+        of both images together if there is a ``denoiser``; 0 means the number of the sensor's sampler.
+        """
         self.denoiser, self._sensor, self._spp = denoiser, sensor, spp
         self._images: list[mi.TensorXf] = []
         super().__init__(self._render(integrator, scene, seed))
-        self.close = self._steps.close
+        self.close = self._steps.close  # no further image is rendered
 
     def _render(self, integrator: Any, scene: mi.Scene, seed: int) -> Generator[Step, None, None]:
-        """Renders one image, or two images if a denoiser needs them, and yields a :class:`.Step` after each image."""
+        """Renders one image, or, if there is a denoiser, two images with half of the samples each; yields a
+        :class:`.Step` after each image.
+        """
         seeds, sensor = [seed], self._sensor
         if self.denoiser is not None:
             self._spp = ((self._spp or sensor.sampler().sample_count()) + 1) // 2
@@ -86,7 +93,8 @@ class Blocking(Steps):
         return [np.array(image) for image in self._images]
 
     def counts(self) -> np.ndarray:
-        """Returns the number of samples of each pixel so far, shape (height, width).
+        """Returns the number of samples of each pixel so far, shape (height, width). At least one image must have been
+        rendered.
 
         The sampler may round the requested number of samples; the returned numbers are those after rounding.
         """

@@ -48,7 +48,8 @@ class SceneFile:
         language.
 
         ``folder``
-            Folder in which the translator writes its files; the folder must exist until the last call of :meth:`load`.
+            Folder in which the translator of the scene language writes its files, unused for XML; the folder must exist
+            until the last call of :meth:`load`.
         ``definitions``
             Values that replace the ``$name`` constants in the text of the scene.
         ``resolution``, ``crop``
@@ -59,12 +60,13 @@ class SceneFile:
         ``confined``
             Whether the scene may use only files in the folder of the scene file, see :class:`.confinement.Confinement`.
         ``translation``
-            Further arguments for :func:`prosim_scene.translate`, with the names in :data:`TRANSLATION`.
+            Further arguments for :func:`prosim_scene.translate`, with the names in :data:`TRANSLATION`. For XML, the
+            arguments in :data:`LANGUAGE` are errors, and the others have no effect.
 
         Raises :class:`prosim_scene.SceneError` for a mistake in the scene language, ValueError if the changes do not
-        suit the scene, OutsideError if a ``confined`` scene uses a file outside its folder, and the errors of Mitsuba's
-        parser. Warns if ``resolution`` has another aspect ratio than the WINDOW of a scene in the scene language, which
-        distorts the image.
+        suit the scene, TypeError for an unknown name in ``translation``, OutsideError if a ``confined`` scene uses a
+        file outside its folder, and the errors of Mitsuba's parser. Warns if ``resolution`` has another aspect ratio
+        than the WINDOW of a scene in the scene language, which distorts the image.
         """
         if unknown := sorted(translation.keys() - {*TRANSLATION}):
             raise TypeError(f"no such argument: {', '.join(unknown)}; integrator={{...}} takes samples and the like")
@@ -115,7 +117,8 @@ class SceneFile:
 
         For an XML scene, the digest does not depend on the arguments ``resolution``, ``crop`` and ``integrator``. For a
         scene in the scene language, the digest depends on ``resolution`` and on the number of samples, which the
-        translator writes. The digest does not depend on comments, names of files and formats of numbers.
+        translator writes, but not on ``crop`` and the other parameters of the integrator. The digest does not depend on
+        comments, names of files and formats of numbers.
         """
         state = mi.parser.ParserState(self._unchanged)
         for props, name, path in self._file_parameters(state):
@@ -137,15 +140,17 @@ class SceneFile:
     def _spectrum_files(self, text: Path, folders: list[str], values: dict[str, str]) -> Iterator[tuple[str, Path]]:
         """Yields ``(name, path)`` for each spectrum file that the XML file ``text`` or a file included in it uses.
 
-        Mitsuba's parser replaces the names of spectrum files by the content of these files, so this method searches the
-        XML text for the names. As in Mitsuba's parser, a file is taken from the first folder of the search path that
-        contains the file, and the first value that is set for a ``$key`` parameter is used. For an included XML file,
-        the folder of the including file is the first folder of the search path.
+        ``folders`` is the search path. ``values`` are the values of the ``$key`` parameters; this method adds the
+        values of the elements ``default`` that it finds. Mitsuba's parser replaces the names of spectrum files by the
+        content of these files, so this method searches the XML text for the names. As in Mitsuba's parser, a file is
+        taken from the first folder of the search path that contains the file, and the first value that is set for a
+        ``$key`` parameter is used. For an included XML file, the folder of the including file is the first folder of
+        the search path.
         """
         folders = [*folders]
         for found in ELEMENT.finditer(COMMENT.sub("", text.read_text(encoding="utf-8", errors="replace"))):
             attributes = {key: html.unescape(value[1:-1]) for key, value in ATTRIBUTE.findall(found[2])}
-            for key in sorted(values, key=len, reverse=True):
+            for key in sorted(values, key=len, reverse=True):  # $key may be the beginning of a longer name
                 attributes = {name: value.replace(f"${key}", values[key]) for name, value in attributes.items()}
             tag, name = found[1], attributes.get("filename", attributes.get("value", ""))
             if tag == "default":
@@ -171,7 +176,8 @@ class SceneFile:
         return [located(self.path.parent, name) for name in names]
 
     def _file_parameters(self, state: mi.parser.ParserState) -> Iterator[tuple[mi.Properties, str, Path]]:
-        """Yields ``(properties, name, path)`` for each parameter of the scene whose value is the name of a file.
+        """Yields ``(properties, name, path)`` for each parameter of the scene whose value is the name of an existing
+        file. The caller may change the parameter.
 
         ``properties`` are the properties of the object that has the parameter. ``name`` is the name of the parameter,
         and ``path`` is the path of the file.
@@ -186,8 +192,9 @@ class SceneFile:
         """Makes a scene from the parsed file.
 
         ``sampler`` is the name of a sampler plugin that replaces the samplers of the scene, see
-        :func:`.overrides.set_sampler`. Raises Mitsuba's errors. If a scene in the scene language uses a damaged image,
-        the method raises :class:`prosim_scene.SceneError`, which tells where the scene's text names the image.
+        :func:`.overrides.set_sampler`; None keeps the samplers. Raises Mitsuba's errors. If a scene in the scene
+        language uses a damaged image, the method raises :class:`prosim_scene.SceneError`, which tells where the scene's
+        text names the image.
         """
         state = mi.parser.ParserState(self.state)
         if sampler:
@@ -208,7 +215,8 @@ def parse(
     """Parses an XML scene file with Mitsuba's parser, and returns the parsed scene (the state of the parser).
 
     ``parameters`` are the values that replace the ``$key`` constants of the scene. ``unused`` is the log level of the
-    message that the scene does not use an entry of ``parameters``.
+    message that the scene does not use an entry of ``parameters``. Raises ValueError if ``parameters`` contains a name
+    that Mitsuba reserves, and the errors of Mitsuba's parser.
     """
     if taken := set(compat.RESERVED) & set(parameters):
         raise ValueError(f"-D {taken.pop()}=...: Mitsuba reserves this name; choose another")
@@ -223,8 +231,11 @@ def instantiate(state: mi.parser.ParserState) -> mi.Scene:
 
 
 def used_names(path: str | Path, definitions: Mapping[str, str], names: Iterable[str]) -> set[str]:
-    """Returns those of ``names`` that occur as ``$name`` in the scene file ``path`` or in the files that this scene
-    file includes.
+    """Returns those of ``names`` that occur as ``$name`` in the scene file ``path`` or, if this file is XML, in a file
+    that it includes. Occurrences in comments count, too.
+
+    ``definitions`` are the values of the ``$name`` constants, with which an XML file is parsed to find the included
+    files.
     """
     files = [path]
     if Path(path).suffix.lower() == ".xml":
@@ -239,7 +250,8 @@ def pick_sensor(scene: mi.Scene, index: int) -> mi.Sensor:
     """Returns the sensor with this index.
 
     The error messages of this function begin with the same text as the error messages of Mitsuba's own command
-    ``mitsuba``.
+    ``mitsuba``. Raises TypeError if ``scene`` is not a scene but another object, and ValueError if the scene has no
+    sensor with this index.
     """
     if not isinstance(scene, mi.Scene):
         raise TypeError("Root element of the input file must be a <scene> tag!")

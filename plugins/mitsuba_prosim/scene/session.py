@@ -59,7 +59,8 @@ def load_plugins() -> None:
     """Imports the plugin modules of all installed packages: the modules of the entry points in the group ``mitsuba``,
     which register plugins.
 
-    Mitsuba 3.10 and later import the modules of these entry points themselves; Mitsuba 3.9 does not.
+    Mitsuba 3.10 and later import the modules of these entry points themselves; Mitsuba 3.9 does not. If the plugins of
+    a package cannot be loaded, this function warns and continues.
     """
     for entry in entry_points(group="mitsuba"):
         try:
@@ -70,7 +71,8 @@ def load_plugins() -> None:
 
 def message(error: BaseException) -> str:
     """Returns the messages of an exception and of its cause, without Python tracebacks and without references to lines
-    of Mitsuba's source code.
+    of Mitsuba's source code. If the message says that a plugin does not have some parameters, the message is shortened
+    to the name of the plugin, the names of these parameters, and those of their values that are strings.
     """
     cause = f" {message(error.__cause__)}" if error.__cause__ else ""
     words = SOURCE_LINE.sub("", TRACEBACK.sub("", str(error)) + cause)

@@ -71,8 +71,7 @@ def test_slope_and_equal_error():
     costs = np.array([1.0, 4, 16])
     assert measures.slope(costs, 3 / costs) == pytest.approx(-1)
     assert measures.cost_at(1.0, costs, 3 / costs) == pytest.approx(3)
-    assert measures.cost_at(0.1, costs, 3 / costs) is None
-    assert measures.cost_at(4.0, costs, 3 / costs) is None
+    assert measures.cost_at(0.1, costs, 3 / costs) is measures.cost_at(4.0, costs, 3 / costs) is None
 
 
 # ---- runs
@@ -162,7 +161,7 @@ def test_every_number_on_the_page_is_in_the_json_and_nothing_in_the_network(repo
     [
         (["nosuchintegrator"], '"nosuchintegrator" not found!'),
         (["prosim", "path:multijiter"], "'path:multijiter': failed to instantiate"),
-        (["prosim", "path,max_dept=4,nom=1"], "path has no parameter max_dept, nom\n"),
+        (["prosim", "path,max_dept=4,nom=x"], "path has no parameter max_dept, nom\n"),
         (["prosim,samples=-1"], "samples"),
         (["prosim,samples"], "PARAMETER=VALUE"),
         (["--sqrt-spp", "1,1"], "two different numbers"),

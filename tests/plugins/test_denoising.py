@@ -12,6 +12,8 @@ from mitsuba_prosim import denoising
 from mitsuba_prosim.denoising import halves, layers, oidn
 from mitsuba_prosim.denoising.mixing import LIGHT, display_value, inputs, mix, with_light
 from mitsuba_prosim.denoising.pyramid import average, blur
+from mitsuba_prosim.live.picture import layers_of_render
+from mitsuba_prosim.live.progressive_image import ProgressiveImage
 from mitsuba_prosim.sampling.hash import combine, hash32
 from scenes import T, area, diffuse, film, load_scene, penumbra, rectangle, rgb
 from test_record import Elsewhere
@@ -290,7 +292,9 @@ def test_films_without_colours_are_refused(variant_spectral):
 
 @pytest.mark.parametrize("pixel_format, names", [("rgba", "RGBA"), ("luminance_alpha", "YA"), ("luminance", "Y")])
 def test_the_integrator_is_the_denoised_image_of_the_nested_one(variant_rgb, denoiser, pixel_format, names):
-    """To the bit in colours, with a wide filter and in a crop, beside the nested integrator's own channels."""
+    """To the bit in colours, with a wide filter and in a crop, beside the nested integrator's own channels. The live
+    view shows the same image, and grey values as a grey.
+    """
     scene = penumbra(size=24, rfilter="gaussian", type="prosim", samples=2, aovs="samples")
     crop = {"crop_offset_x": 3, "crop_offset_y": 5, "crop_width": 14, "crop_height": 9}
     scene["sensor"]["film"] |= crop | {"pixel_format": pixel_format}
@@ -301,8 +305,8 @@ def test_the_integrator_is_the_denoised_image_of_the_nested_one(variant_rgb, den
     scene = mi.load_dict(scene)
     denoiser = halves.denoised_progressive(scene, scene.sensors()[0], scene.integrator(), 3).run().denoiser
     wanted = denoiser.denoised()
-    expected = {"error": wanted.final_error, "error_raw": wanted.raw_error, "error_denoised": wanted.denoised_error}
-    expected = {f"{name}.Y": error for name, error in expected.items()}
+    errors = {"error": wanted.final_error, "error_raw": wanted.raw_error, "error_denoised": wanted.denoised_error}
+    expected = {f"{name}.Y": error for name, error in errors.items()}
     for layer, values in ("", wanted.final), ("raw.", wanted.raw), ("denoised.", wanted.denoised):
         letters = "RGB" if layer else names.strip("A")
         expected |= {f"{layer}{c}": values[..., k % values.shape[2]] for k, c in enumerate(letters)}
@@ -310,6 +314,12 @@ def test_the_integrator_is_the_denoised_image_of_the_nested_one(variant_rgb, den
     for name, values in expected.items():
         np.testing.assert_allclose(planes[name], values, 0 if "R" in names else 1e-5, err_msg=name)
     assert image.shape[:2] == (9, 14) and np.all(planes["samples"] == 2) and planes.get("A", np.ones(1)).max() == 1
+    live = ProgressiveImage(scene.integrator(), scene, scene.sensors()[0], 0, 3, denoise=True)
+    while not live.done:
+        live.step()
+    raw = layers_of_render(live.render, live.integrator)["final"], denoiser.colours[0]
+    for shown, colours in (live.layers()["final"], wanted.final), raw:
+        assert np.array_equal(shown, colours * np.ones(3, np.float32))
     saved = {field.name for field in layers.bitmap(denoiser).struct_()}
     colours = [layer + c for layer in ("", "raw.", "denoised.") for c in names.strip("A")]
     assert saved == {*names, "samples", *colours, "error.Y", "error_raw.Y", "error_denoised.Y"}
@@ -381,22 +391,18 @@ def test_where_the_denoiser_does_not_pay_the_result_is_the_image_without_it(vari
     assert all(np.array_equal(others[name], alone[..., k]) for name, k in (("samples", 3), ("error", 4)))
 
 
-def test_the_error_beyond_the_limit_is_that_of_the_image(variant_rgb, denoiser):
-    """Where the maximum number of samples ends the render far from its limit."""
-    render = begun(mi.load_dict(cornell(96, noise=1e-4, max_samples=40))).run()
+def test_a_render_that_ends_before_its_limit(variant_rgb, denoiser):
+    """By the maximum number of samples: the error is that of the image, and the same bits come from a checkpoint in the
+    last pass, that over the second half.
+    """
+    scene = mi.load_dict(cornell(96, noise=1e-4, max_samples=40, band=5000))
+    render, stopped = begun(scene).run(), begun(scene)
     result = render.denoiser.denoised()
     assert result.noise < result.raw_noise == pytest.approx(render.reached.noise, rel=1e-3)
-
-
-def test_a_render_resumed_in_its_last_pass_has_the_same_bits(variant_rgb, denoiser):
-    """That over the second half, where no pixel may get more samples."""
-    scene = mi.load_dict(cornell(96, noise=0.006, max_samples=40, band=5000))
-    render = begun(scene).run()
-    stopped = begun(scene)
     next(stopped for _ in stopped if stopped.second.complete)
     again = begun(scene, begin=stopped.checkpoint()).run()
     assert again.state.estimates == render.state.estimates
-    assert np.array_equal(again.denoiser.denoised().final, render.denoiser.denoised().final)
+    assert np.array_equal(again.denoiser.denoised().final, result.final)
 
 
 @pytest.mark.slow

@@ -246,12 +246,13 @@ def equal_error(points: list[dict[str, Any]], cost: str, measure: str, row: dict
     same error as ``row``, divided by the cost of ``row``; ``reached`` tells whether the curve reaches this error.
 
     If all errors of the curve are above the error of ``row``, the result ``reached`` is False and the highest cost of
-    the curve is used. If already the first point of the curve has a smaller error than ``row``, the cost of this point
-    is used. ``cost`` is "samples" or "cpu", and ``measure`` is the name of an error measure.
+    the curve is used. If already the cheapest point of the curve has a smaller error than ``row``, the cost of this
+    point is used. ``cost`` is "samples" or "cpu", and ``measure`` is the name of an error measure.
     """
     costs = [median(point, cost) for point in points]
     *errors, error = (median(facts, measure) for facts in (*points, row))
-    needed = costs[0] if error > errors[0] else measures.cost_at(error, costs, errors)
+    cheapest = int(np.argmin(costs))
+    needed = costs[cheapest] if error > errors[cheapest] else measures.cost_at(error, costs, errors)
     return {"ratio": (max(costs) if needed is None else needed) / median(row, cost), "reached": needed is not None}
 
 

@@ -86,11 +86,12 @@ def layers_of_render(render: Render, integrator: mi.Integrator) -> dict[str, np.
     is ``none``, or the integrator does not have it, there are no such layers. In the developed image, the channels of
     the requested layers come before the other AOVs.
     """
-    kind, image = getattr(integrator, "layers", "none"), np.array(render.image())
-    layers = {"final": colours(image), "error": render.error(), "samples": render.counts().astype(np.float32)}
+    kind, image, estimator = getattr(integrator, "layers", "none"), np.array(render.image()), render.state.estimator
+    first = image.shape[2] - len(estimator.channels.aov_names)  # the first AOV; before it are the colours and alpha
+    final = colours(image[..., :first])
+    layers = {"final": final, "error": render.error(), "samples": render.counts().astype(np.float32)}
     if kind != "none":
-        names = render.state.estimator.channels.aov_names
-        for k, name in enumerate(render.state.estimator.transport.aov_names, image.shape[2] - len(names)):
+        for k, name in enumerate(estimator.transport.aov_names, first):
             if name.endswith(".R"):
                 layers[f"{kind}.{name[:-2]}"] = colours(image[..., k : k + 3])
     return layers

@@ -16,7 +16,7 @@ from ..engine.work import Executor, Step
 from ..registry import create
 from ..scene import rendering
 from ..transport.scattering import disperses
-from .picture import Picture, fill_unknown, layers_of_render
+from .picture import Picture, colours, fill_unknown, layers_of_render
 from .publisher import Throttle
 
 #: Approximate duration of a work item in seconds. The viewer handles new requests between work items.
@@ -76,11 +76,11 @@ class ProgressiveImage:
         if self.denoise:
             result = self.render.denoiser.denoised()
             self._denoised = {
-                "final": result.final,
+                "final": colours(result.final),
                 "error": result.final_error,
                 "samples": self.render.counts().astype(np.float32),
-                "raw": result.raw,
-                "denoised": result.denoised,
+                "raw": colours(result.raw),
+                "denoised": colours(result.denoised),
             }
             # The noise of the render becomes that of the denoised image; the errors of 99 % and 99.9 % are not known.
             self.render.state.noise, self.new = (result.noise, np.nan, np.nan, result.at_most), True

@@ -1,5 +1,6 @@
 """Sets up Mitsuba: the variant, the plugins of all packages, the number of threads and the search path."""
 
+import re
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -72,11 +73,17 @@ def load_plugins() -> None:
 def message(error: BaseException) -> str:
     """Returns the messages of an exception and of its cause, without Python tracebacks and without references to lines
     of Mitsuba's source code. If the message says that a plugin does not have some parameters, the message is shortened
-    to the name of the plugin, the names of these parameters, and those of their values that are strings.
+    to the name of the plugin and the names of these parameters.
     """
     cause = f" {message(error.__cause__)}" if error.__cause__ else ""
     words = SOURCE_LINE.sub("", TRACEBACK.sub("", str(error)) + cause)
-    return NO_PARAMETER.sub(lambda found: f"{found[1]} has no parameter " + ", ".join(found[2].split('"')[1::2]), words)
+
+    def shortened(found: re.Match[str]) -> str:
+        """Returns the short form of a match of :data:`NO_PARAMETER`."""
+        names = re.findall(r'- \w+ "([^"\n]+)":', found[2])
+        return f"{found[1]} has no parameter {', '.join(names)}"
+
+    return NO_PARAMETER.sub(shortened, words)
 
 
 @contextmanager

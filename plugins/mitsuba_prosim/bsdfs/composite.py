@@ -105,9 +105,11 @@ class Composite(Pigmented):
         dr.make_opaque(self.eta)
 
     def reflected(self, si: mi.SurfaceInteraction3f, cos: mi.Float, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        """Returns Fresnel's reflectance times the specular reflectance ks.
+        """Returns Fresnel's reflectance times the specular reflectance ks, for light at the cosine ``cos`` to the
+        normal of the reflecting facet.
 
-        At every point and wavelength, ks is limited to 1 - kd, where kd is the diffuse reflectance.
+        Without the parameter ``specular_reflectance``, ks is 1 - kd, where kd is the diffuse reflectance. At every
+        point and wavelength, ks is limited to 1 - kd.
         """
         if self.specular_reflectance is None:
             ks = dr.maximum(1 - self.diffuse_reflectance.eval(si, active), 0)
@@ -136,8 +138,9 @@ def known_to_conserve(props: mi.Properties) -> bool:
 
     In the thesis, the diffuse and the specular reflectance add up to 1 (section 3.1.1, s + d = 1). The sum of the
     reflectances is known in advance for numbers, and, except in spectral variants, for colours. The sum of textures or
-    of spectra is known only after their evaluation at a point. Raises ValueError if constant reflectances add up to
-    more than 1.
+    of spectra is known only after their evaluation at a point. The result is True if the specular reflectance is
+    absent, because the default is 1 minus the diffuse reflectance. An absent diffuse reflectance counts as 0.5. Raises
+    ValueError if constant reflectances add up to more than 1.
     """
     names = "diffuse_reflectance", "specular_reflectance"
     if names[1] not in props:

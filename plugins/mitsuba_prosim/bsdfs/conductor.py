@@ -108,7 +108,9 @@ class Conductor(Material):
         self.set_components({self.specular_type(): mi.BSDFFlags.FrontSide})
 
     def reflected(self, si: mi.SurfaceInteraction3f, cos: mi.Float, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        """Returns Fresnel's reflectance for the incident cosine ``cos``, times the texture ``specular_reflectance``."""
+        """Returns Fresnel's reflectance, times the texture ``specular_reflectance`` if the plugin has this parameter.
+        ``cos`` is the cosine between the incident light and the normal of the reflecting facet.
+        """
         scale = 1 / self.ext_ior
         f = FRESNEL[self.fresnel](cos, self.eta.eval(si, active) * scale, self.k.eval(si, active) * scale)
         return f if self.specular_reflectance is None else f * self.specular_reflectance.eval(si, active)
@@ -116,7 +118,12 @@ class Conductor(Material):
     def sample_direction(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.Vector3f, mi.UInt32, mi.Float, mi.UnpolarizedSpectrum]:
-        """Samples the reflected direction (:meth:`.Material.sample_direction`)."""
+        """Samples the reflected direction, and returns ``(wo, component, pdf, weight)``
+        (:meth:`.Material.sample_direction`).
+
+        An ideally smooth surface reflects in the mirror direction, with ``pdf`` 1. On a rough surface, a visible facet
+        is sampled, which reflects. ``pdf`` is 0 if the facet reflects below the surface.
+        """
         if self.roughness is None:
             return mi.reflect(si.wi), mi.UInt32(0), mi.Float(1), self.reflected(si, si.wi.z, active)
         width = self.roughness.eval_1(si, active)
@@ -128,6 +135,7 @@ class Conductor(Material):
         active = active & (pdf > 0)
         if active is False:
             return wo, mi.UInt32(0), pdf, mi.UnpolarizedSpectrum(0)
+        # The value F D G / (4 cos), divided by the density D G1 / (4 cos).
         weight = facets.g(si.wi.z, wo.z, m.z, i_m) / dr.select(active, g1, 1)
         return wo, mi.UInt32(0), pdf, self.reflected(si, i_m, active) * weight
 
@@ -148,8 +156,9 @@ def metal(props: mi.Properties) -> tuple[mi.Texture, mi.Texture]:
     """Returns ``(eta, k)``, two textures: the complex index of refraction of the metal that the plugin's parameters
     describe.
 
-    The parameter ``material`` selects a measured metal. Without the parameter ``material``, the parameters ``eta`` and
-    ``k`` describe the metal; their defaults 0 and 1 make a perfect mirror. Raises ValueError for wrong parameters.
+    The parameter ``material`` selects a measured metal, whose textures are read from Mitsuba's files. If the parameter
+    ``material`` is absent or "none", the parameters ``eta`` and ``k`` describe the metal; their defaults 0 and 1 make a
+    perfect mirror. Raises ValueError for wrong parameters, and RuntimeError if the files of a metal cannot be read.
     """
     material = props.get("material", "none")
     for name in ("eta", "k"):

@@ -123,6 +123,7 @@ class Dielectric(Material):
         self.specular_reflectance = reflectance(props, "specular_reflectance")
         self.specular_transmittance = reflectance(props, "specular_transmittance")
         self.distribution, self.roughness = roughness(props)
+        # Without refraction, the facet between two directions is not defined.
         if self.roughness is not None and self.indices.inside == self.indices.outside:
             raise reject(props, "int_ior", self.indices.inside, "another index than ext_ior, for a rough surface")
         flags = mi.BSDFFlags
@@ -146,8 +147,9 @@ class Dielectric(Material):
         (elsewhere), as a spectrum.
 
         ``face`` has the facet's reflectance and relative index of refraction, for one wavelength or for each channel.
-        Transmitted radiance is divided by the square of the relative index ``face.eta_it``, because refraction changes
-        the solid angle of the light; transmitted importance is not divided.
+        The fraction includes the texture ``specular_reflectance`` or ``specular_transmittance``, if the plugin has this
+        parameter. Transmitted radiance is divided by the square of the relative index ``face.eta_it``, because
+        refraction changes the solid angle of the light; transmitted importance is not divided.
         """
         r, t = (
             1 if texture is None else texture.eval(si, active)
@@ -167,13 +169,17 @@ class Dielectric(Material):
         weights: Sequence[mi.Float] | None = None,
         undispersed: bool = False,
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        """Samples a direction.
+        """Samples a direction; returns ``(bs, weight)``. ``weight`` is the value of the BSDF times the cosine of the
+        direction, divided by the density ``bs.pdf``; both are 0 if no direction was sampled.
 
-        Smooth dispersive glass refracts only one wavelength of a ray, which is chosen with the probabilities
-        ``weights``. An integrator that knows the ray's throughput passes ``weights`` proportional to the throughput. If
-        ``weights`` is None, all wavelengths are equally probable; equal probabilities are unbiased, but noisier. If
-        ``undispersed`` is true, all wavelengths are refracted in the direction of the middle wavelength, which is
-        biased, but avoids colour noise in an albedo image.
+        If ``ctx`` enables reflection and transmission, a facet reflects with the probability of Fresnel's reflectance.
+        Smooth dispersive glass reflects all wavelengths of a ray, but refracts only one wavelength, which is chosen
+        with the probabilities ``weights``. An integrator that knows the ray's throughput passes ``weights``
+        proportional to the throughput. If ``weights`` is None, all wavelengths are equally probable; equal
+        probabilities are unbiased, but noisier. Rough dispersive glass ignores ``weights``: an equally probable
+        wavelength determines the direction, and the weight counts all wavelengths. If ``undispersed`` is true, all
+        wavelengths are refracted in the direction of the middle wavelength, which is biased, but avoids colour noise in
+        an albedo image.
         """
         bs = dr.zeros(mi.BSDFSample3f)
         reflection, transmission = self.enabled(ctx)
@@ -199,6 +205,7 @@ class Dielectric(Material):
         bs.sampled_type = dr.select(reflected, mi.UInt32(+self.types[0]), mi.UInt32(+self.types[1]))
         if self.roughness is None:
             spectra = Interface(*map(dispersion.spectrum, zip(*faces)))
+            # If the ray is refracted, only the channel of the chosen wavelength keeps its value.
             kept = [dr.select(reflected | undispersed | (k == j), 1.0, 0.0) for j in range(len(faces))]
             value = self.fraction(ctx, si, reflected, spectra, active) * mi.UnpolarizedSpectrum(*kept)
             mean = sum((p[j] * each.f for j, each in enumerate(faces)), mi.Float(0))
@@ -227,13 +234,14 @@ class Dielectric(Material):
         """Returns ``(value, pdf)`` of the microfacets with the normal of ``facet``, which scatter light from ``wo`` to
         ``wi``.
 
-        ``value`` does not include Fresnel's reflectance or transmittance. ``value`` and ``pdf`` have the common factor
-        D(m) <wi, m> / cos_i times dm / dwo, the ratio of the solid angles of m and wo (Walter and others 2007,
-        equations 14 and 17). ``value`` has the further factor G (masking and shadowing); ``pdf`` has the further factor
-        G1(wi) (masking). The ratio eta_it is the index of refraction on the side of wo divided by the index on the side
-        of wi; ``eta`` is the index inside divided by the index outside. By Snell's law, i_m - eta_it o_m is (1 -
-        eta_it²) / (i_m + eta_it o_m), which loses no digits for indices near 1; i_m and o_m are the cosines of wi and
-        wo to m.
+        ``width`` is the roughness; ``reflected`` tells whether the facets reflect or refract. ``value`` does not
+        include Fresnel's reflectance or transmittance, and ``pdf`` does not include the probability of sampling a
+        reflection or a refraction. ``value`` and ``pdf`` have the common factor D(m) <wi, m> / cos_i times dm / dwo,
+        the ratio of the solid angles of m and wo (Walter and others 2007, equations 14 and 17). ``value`` has the
+        further factor G (masking and shadowing); ``pdf`` has the further factor G1(wi) (masking). The ratio eta_it is
+        the index of refraction on the side of wo divided by the index on the side of wi; ``eta`` is the index inside
+        divided by the index outside. By Snell's law, i_m - eta_it o_m is (1 - eta_it²) / (i_m + eta_it o_m), which
+        loses no digits for indices near 1; i_m and o_m are the cosines of wi and wo to m.
         """
         cos_i, cos_o, m = dr.abs(wi.z), dr.abs(wo.z), facet.m
         a, b = dr.abs(facet.i_m), dr.maximum(dr.abs(facet.o_m), 1e-30)
@@ -249,7 +257,10 @@ class Dielectric(Material):
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
     ) -> tuple[mi.Spectrum, mi.Float]:
         """Returns the value of the BSDF times the cosine of ``wo``, and the density with which :meth:`sample` samples
-        ``wo``. The value and the density are 0 for smooth glass.
+        ``wo``.
+
+        The value and the density are 0 for smooth glass, and where ``ctx`` does not enable the reflection or
+        transmission that leads to ``wo``.
         """
         # Each wavelength has its own facet and its own value. The density is the mean of their densities.
         reflected = (si.wi.z > 0) == (wo.z > 0)

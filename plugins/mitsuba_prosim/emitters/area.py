@@ -105,21 +105,29 @@ class Area(Source):
         super().__init__(props, "radiance", "that of the shape")
         varies = self.emission.is_spatially_varying()
         self.m_flags = mi.EmitterFlags.Surface | (mi.EmitterFlags.SpatiallyVarying if varies else 0)
-        #: Whether the texture samples the points.
+        #: Whether the texture samples the points. A bitmap with ``to_uv`` would not sample the bright points.
         self.textured = varies and not samples_elsewhere(mi.traverse(self.emission))
 
     def emitted(
         self, si: mi.SurfaceInteraction3f, d: mi.Vector3f, receiver: mi.Point3f, active: mi.Bool
     ) -> mi.Spectrum:
-        """Returns the radiance that the light source emits in the direction ``d`` towards the point ``receiver``."""
+        """Returns the radiance that the light source emits at the point ``si`` in the direction ``d``, in world
+        coordinates, towards the point ``receiver``.
+
+        The radiance depends on ``receiver`` only if the source is ``unattenuated``: then the radiance grows with the
+        square of the distance from the centre of the shape. The radiance is 0 where ``active`` is false.
+        """
         value = self.emission.eval(si, active) * self.relative_intensity(d)
         if self.unattenuated and (shape := self.get_shape()) is not None:
             value *= 4 * dr.squared_norm(receiver - shape.bbox().center()) / shape.surface_area()
         return dr.select(active, mi.depolarizer(value), mi.Spectrum(0))
 
     def eval(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
+        """Returns the radiance that the light source emits at the point ``si`` in the direction ``si.wi``. The radiance
+        is 0 on the inner side of the shape.
+        """
         active = active & (si.wi.z > 0) & si.is_valid()
-        d = si.to_world(si.wi)
+        d = si.to_world(si.wi)  # to the receiver, which is at the distance si.t
         return self.emitted(si, d, si.p + d * dr.select(active, si.t, 0), active)
 
     def eval_direction(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool = True) -> mi.Spectrum:
@@ -130,7 +138,10 @@ class Area(Source):
         self, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
         """Samples a point of the light source, as seen from the point ``it``; returns ``(ds, weight)``. ``weight`` is
-        the radiance of the sampled point, divided by the density ``ds.pdf`` per solid angle.
+        the radiance of the sampled point towards ``it``, divided by the density ``ds.pdf`` per solid angle.
+
+        The emission texture samples the point if ``textured`` is true, otherwise the shape does. The density and the
+        weight are 0 if the source faces away from ``it`` at the sampled point, and for an emitter without a shape.
         """
         # Dr.Jit traces every emitter that exists, also an emitter without a shape.
         if self.get_shape() is None:
@@ -151,7 +162,9 @@ class Area(Source):
         return ds, self.eval_direction(it, ds, active) / dr.select(active, ds.pdf, 1)
 
     def pdf_direction(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool = True) -> mi.Float:
-        """Returns the density per solid angle with which :meth:`sample_direction` samples the point ``ds``."""
+        """Returns the density per solid angle with which :meth:`sample_direction` samples the point ``ds``. The density
+        is 0 if the source faces away at this point, and for an emitter without a shape.
+        """
         if self.get_shape() is None:
             return mi.Float(0)
         cos = -dr.dot(ds.d, ds.n)
@@ -164,11 +177,12 @@ class Area(Source):
         return dr.select(active, pdf, mi.Float(0))
 
     def pdf_shape(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, pdf: mi.Float) -> mi.Float:
-        """Returns the density of `Shape.sample_direction` with full precision; ``pdf`` is the density that Mitsuba
-        computes.
+        """Returns the density of `Shape.sample_direction`, with full precision for a small or distant sphere; ``pdf``
+        is the density that Mitsuba computes.
 
         Mitsuba's density for a sphere of radius r at the distance d has an error of 1 % at r/d = 0.001, because 1 - cos
-        of the half-angle loses digits. To keep all digits, this method computes 1 - cos as sin² / (1 + cos).
+        of the half-angle loses digits. To keep all digits, this method computes 1 - cos as sin² / (1 + cos). The method
+        returns ``pdf`` for other shapes, for spheres that emit inwards, and where sin² = (r/d)² is 0.9 or more.
         """
         shape = self.get_shape()
         if shape.class_name() != SPHERE or shape.has_flipped_normals():
@@ -181,7 +195,11 @@ class Area(Source):
     def sample_position(
         self, time: mi.Float, sample: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.PositionSample3f, mi.Float]:
-        """Samples a point of the light source; returns the point, and the reciprocal of the density per area."""
+        """Samples a point of the light source; returns the point, and the reciprocal of the density per area.
+
+        The reciprocal is 0 in inactive lanes and for an emitter without a shape, which has no points. The emission
+        texture samples the point if ``textured`` is true, otherwise the shape does.
+        """
         if self.get_shape() is None:
             return dr.zeros(mi.PositionSample3f), mi.Float(0)
         sample_position = self.sample_texture if self.textured else self.get_shape().sample_position
@@ -202,7 +220,8 @@ class Area(Source):
         """Returns the point of the shape with the texture coordinates ``uv``, and the density of the point per surface
         area.
 
-        ``pdf`` is the density of ``uv`` in the unit square.
+        ``pdf`` is the density of ``uv`` in the unit square. The density per surface area is 0 if the shape has no point
+        with these coordinates.
         """
         si = self.get_shape().eval_parameterization(uv, mi.RayFlags.All, active)
         stretch = dr.norm(dr.cross(si.dp_du, si.dp_dv))
@@ -211,7 +230,11 @@ class Area(Source):
     def sample_ray(
         self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
-        """Samples a ray that the light source emits; returns ``(ray, weight)``."""
+        """Samples a ray that the light source emits; returns ``(ray, weight)``.
+
+        ``weight`` is the emitted radiance times the cosine at the source, divided by the densities of the point, the
+        direction and the wavelengths. Raises RuntimeError if the source is ``unattenuated``.
+        """
         if self.unattenuated:
             raise RuntimeError(f"{self.id()} (prosim_area): an unattenuated source has no rays of definite power.")
         ps, weight = self.sample_position(time, sample2, active)
@@ -229,8 +252,8 @@ class Area(Source):
     def sample_wavelengths(
         self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool = True
     ) -> tuple[mi.Color0f, mi.Spectrum]:
-        """Samples wavelengths; returns the wavelengths, and the emitted radiance divided by the density of the
-        wavelengths.
+        """Samples wavelengths; returns the wavelengths, and the radiance that the point ``si`` emits in the direction
+        ``si.wi``, divided by the density of the wavelengths.
         """
         wavelengths, weight = self.sample_spectrum(si, sample, active)
         # Only the particle tracer calls this; its si.wi is the direction to the camera, in world coordinates.

@@ -103,6 +103,10 @@ class Point(Source):
     """
 
     def __init__(self, props: mi.Properties) -> None:
+        """Reads the parameters. The attribute ``scale`` is the factor from the emitted spectrum to the intensity on the
+        axis: 1, or the area pi r² of a disk with the virtual radius r if the spectrum is a radiance. Raises ValueError
+        for wrong values and combinations.
+        """
         super().__init__(props, "radiance" if "radiance" in props else "intensity", '"position" and "direction"')
         position = props.get("position", mi.ScalarPoint3f(0))
         if not all(map(math.isfinite, position)):
@@ -128,7 +132,11 @@ class Point(Source):
     def sample_ray(
         self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
-        """Samples a ray that the light source emits; returns ``(ray, weight)``."""
+        """Samples a ray that the light source emits; returns ``(ray, weight)``.
+
+        ``weight`` is the intensity in the direction of the ray, divided by the densities of the direction and of the
+        wavelengths. Raises RuntimeError if the source is ``unattenuated``.
+        """
         if self.unattenuated:
             raise RuntimeError(f"{self.id()} (prosim_point): an unattenuated source has no rays of definite power.")
         d, total = self.sample_beam(sample3)
@@ -138,7 +146,9 @@ class Point(Source):
     def sample_direction(
         self, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
-        """Returns ``(ds, weight)``: the direction from the point ``it`` to the source, and the irradiance at ``it``."""
+        """Returns ``(ds, weight)``: the direction from the point ``it`` to the source, and the irradiance at ``it``, on
+        a surface that faces the source. No random number is used: the position is the only point of the source.
+        """
         ds = mi.DirectionSample3f(self.sample_position(it.time, sample, active)[0])
         ds.emitter = mi.EmitterPtr(self) if dr.is_jit_v(mi.Float) else self
         ds.d = ds.p - it.p
@@ -174,7 +184,7 @@ class Point(Source):
     def sample_wavelengths(
         self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool = True
     ) -> tuple[mi.Color0f, mi.Spectrum]:
-        """Samples wavelengths; returns the wavelengths, and the emitted spectrum divided by the density of the
+        """Samples wavelengths; returns the wavelengths, and the intensity on the axis divided by the density of the
         wavelengths.
         """
         wavelengths, weight = self.sample_spectrum(si, sample, active)

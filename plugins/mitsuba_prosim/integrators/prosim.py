@@ -216,6 +216,9 @@ class Prosim(ProgressiveIntegrator):
     name = "prosim"
 
     def __init__(self, props: mi.Properties) -> None:
+        """Reads the parameters. Raises ValueError for wrong values and combinations, and for ``caustics`` and
+        ``layers`` in scalar variants.
+        """
         super().__init__(props)
         self.max_level = whole(props, "max_level", 4, -1)
         self.diffuse_bounces = whole(props, "diffuse_bounces", 0, -1)
@@ -263,8 +266,15 @@ class Prosim(ProgressiveIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        """Returns the radiance along ``ray``, whether the ray meets a surface, and the values of the AOVs."""
+        """Returns the radiance along ``ray``, whether the ray meets a surface, and the values of the AOVs. The AOVs
+        ``samples`` and ``error`` are 0.
+
+        ``medium`` is the medium around the camera. A render in a scalar variant does not use ``medium``, because the
+        medium of the sensor is already known. Raises RuntimeError if the parameter ``layers`` or ``caustics`` is
+        switched on.
+        """
         self._refuse_layers_and_caustics("are for its own render() alone, not within another integrator")
+        # ``_scalar`` is the transport object of a render in a scalar variant, otherwise None.
         transport = self._scalar or Transport(self._settings(), scene, camera_medium=medium)
         L, hit, _ = transport(ray, SamplerPoints(sampler), active)
         # The own channels (samples, error) are statistics of a pixel, which one ray does not have.
@@ -277,6 +287,8 @@ class Prosim(ProgressiveIntegrator):
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Transport:
         """Returns the :class:`.Transport`, which estimates the radiance along rays of ``sensor``. ``attached`` tells
         whether the radiance must be differentiable.
+
+        The function also stores the names of the channels of the layers, for :meth:`aov_names`.
         """
         caustics = self._caustics(scene, sensor) if self.caustics else None
         transport = Transport(self._settings(), scene, attached, sensor.get_medium(), caustics)

@@ -84,7 +84,9 @@ class ProsimAdaptive(ProgressiveIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        """Returns the result of the nested integrator along ``ray``, with the AOVs of both integrators."""
+        """Returns the result of the nested integrator along ``ray``, with the AOVs of both integrators. The own AOVs
+        ``samples`` and ``error`` are 0, because they are statistics of a pixel.
+        """
         L, hit, others = InnerIntegrator(self.nested, scene, medium)(ray, SamplerPoints(sampler), active)
         aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
         return L, hit, others + aovs
@@ -97,6 +99,9 @@ class ProsimAdaptive(ProgressiveIntegrator):
     ) -> mi.TensorXf:
         """Returns the forward-mode derivative of the image, which the nested integrator computes from the gradients of
         the scene parameters.
+
+        If ``spp`` is 0, each pixel gets N² samples, where N is the parameter ``samples``. The derivatives of the AOVs
+        that this integrator adds are 0.
         """
         gradient = self.nested.render_forward(scene, params, sensor, seed, spp or self.samples**2)
         own = len(self.aov_names()) - len(self.nested.aov_names())  # further channels, which have no derivatives
@@ -111,7 +116,11 @@ class ProsimAdaptive(ProgressiveIntegrator):
         seed: int | mi.UInt32 = 0,
         spp: int = 0,
     ) -> None:
-        """Backpropagates the gradient ``grad_in`` of the image to the scene parameters, with the nested integrator."""
+        """Backpropagates the gradient ``grad_in`` of the image to the scene parameters, with the nested integrator.
+
+        If ``spp`` is 0, each pixel gets N² samples, where N is the parameter ``samples``. The last channels of
+        ``grad_in``, the AOVs that this integrator adds, are ignored.
+        """
         own = len(self.aov_names()) - len(self.nested.aov_names())
         grad_in = grad_in[:, :, : grad_in.shape[2] - own]
         self.nested.render_backward(scene, params, grad_in, sensor, seed, spp or self.samples**2)

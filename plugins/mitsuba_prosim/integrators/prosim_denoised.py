@@ -97,6 +97,10 @@ class ProsimDenoised(mi.SamplingIntegrator):
     ) -> mi.TensorXf:
         """Renders the image with the nested integrator, stores the denoised image in the film, and returns the
         developed film; an empty tensor if ``develop`` is false.
+
+        The ``spp`` samples per pixel are divided between two images for the denoiser; if ``spp`` is 0, both images
+        together have about as many samples as a render by the nested integrator alone. The argument ``evaluate`` is
+        ignored.
         """
         # Imported for the first image: few users denoise, and the denoiser is slow to load.
         from ..denoising import halves, layers

@@ -20,7 +20,7 @@ def falloff(versine: mi.Float, limit: mi.Float, exponent: mi.Float | None = None
     ``versine`` is 1 - cos of the angle from the axis, and ``limit`` is 1 - cos of the angle at which the beam ends.
     ``exponent`` is the exponent of a spot light, or None for a cone light.
     """
-    inside = dr.minimum(versine, 2) <= limit
+    inside = dr.minimum(versine, 2) <= limit  # rounding may give a versine above 2
     return dr.select(inside, mi.Float(1) if exponent is None else cosine.power(versine, exponent), mi.Float(0))
 
 
@@ -34,6 +34,7 @@ def sample_falloff(sample2: mi.Point2f, limit: mi.Float, exponent: mi.Float | No
     if exponent is None:
         p = mi.warp.square_to_uniform_disk_concentric(sample2)
         versine = limit * dr.squared_norm(p)
+        # sin² = versine (2 - versine), where versine is limit times the squared radius of p.
         p *= dr.safe_sqrt(limit * (2 - versine))
         return mi.Vector3f(p.x, p.y, 1 - versine)
     sin, cos = cosine.sample(sample2.x * cosine.cdf(limit, exponent), exponent)

@@ -47,6 +47,7 @@ class LightSampler:
     def __init__(self, scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> None:
         self.count = len(emitters)
         rows = lamp_models(scene, emitters)
+        # The columns 5 and 6 are the intensity and the exponent of the lobe.
         #: Whether any lamp has a lobe; and whether any lamp has a beam, which is a lobe narrower than a cosine.
         self.lobes, self.beams = bool(rows[:, 5].max() > 0), bool(rows[:, 6].max() > 1)
         self.rows: list[list[float]] = rows.tolist()
@@ -57,7 +58,9 @@ class LightSampler:
             dr.make_opaque(self.table)
 
     def total(self, receiver: Receiver, active: mi.Bool) -> mi.Float:
-        """Returns the sum of the importances of all lamps at ``receiver``."""
+        """Returns the sum of the importances of all lamps at ``receiver``, or ``receiver.importance`` if that sum is
+        already known.
+        """
         if receiver.importance is not None:
             return receiver.importance
 
@@ -96,11 +99,15 @@ class LightSampler:
         state = (mi.UInt32(0), mi.Float(1), mi.Float(0), mi.Float(0))
         k, importance, begin, _ = fold(self.count, visit, state, active, self.count <= self.UNROLLED)
         rest = dr.clip((sample - begin) / importance, 0, 1 - 2.0**-24)
-        return k, dr.select(total > 0, importance / total, 1), rest
+        return k, dr.select(total > 0, importance / total, 1), rest  # the total is 0 only in inactive lanes
 
     def importance(self, k: Index, receiver: Receiver, active: mi.Bool) -> mi.Float:
         """Returns an estimate of the light that the lamp ``k`` sends to ``receiver``, without shadows, in a unit that
         is the same for all lamps.
+
+        The estimate is the intensity of the lamp towards ``receiver``, times the cosine at the receiver, divided by the
+        squared distance. The cosine at the receiver is an upper bound over the whole lamp, but at least
+        :data:`LEAST_COSINE`. The distance is at least the radius of the lamp's sphere. So the importance is positive.
         """
         # The choice of a lamp has no derivatives.
         p, n, both_sides = dr.detach(receiver.si.p), dr.detach(receiver.n), receiver.both_sides
@@ -113,7 +120,7 @@ class LightSampler:
             height = dr.select(both_sides, dr.abs(height), height)
         cos_receiver = dr.clip((height + radius) * inverse, LEAST_COSINE, 1)
         intensity = uniform
-        if self.lobes:
+        if self.lobes:  # intensity = uniform part + lobe cos^exponent; without beams, all exponents are 1
             cos_lamp = dr.clip((radius - dr.dot(axis, to_lamp)) * inverse, 0, 1)
             if self.beams:
                 cos_lamp = dr.select(cos_lamp > 0, dr.power(dr.maximum(cos_lamp, 1e-6), exponent), 0)
@@ -124,10 +131,11 @@ class LightSampler:
         """Returns the model of the lamp ``k``.
 
         The model of a lamp is a tuple: the center of the lamp's sphere, the radius of the sphere, the intensity of the
-        uniform part, the intensity of the lobe, the exponent of the lobe, and the axis of the lobe.
+        uniform part, the intensity of the lobe, the exponent of the lobe, and the axis of the lobe. In vectorised
+        variants, the axis is None if no lamp has a lobe.
         """
         if dr.is_jit_v(mi.Float):
-            k = mi.UInt32(k)
+            k = mi.UInt32(k)  # a row of the table has twelve numbers: three vectors of four
             a = dr.gather(mi.Vector4f, self.table, k * 3, active)
             if not self.lobes:
                 return mi.Point3f(a.x, a.y, a.z), a.w, dr.gather(mi.Float, self.table, k * 12 + 4, active), 0, 1, None
@@ -141,7 +149,10 @@ def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
     """Returns the models of all lamps as an array of the shape (number of lamps, 10).
 
     A row of the array holds the center of a lamp's sphere (3 numbers), the radius of the sphere, the intensity of the
-    uniform part, the intensity of the lobe, the exponent of the lobe, and the axis of the lobe (3 numbers).
+    uniform part, the intensity of the lobe, the exponent of the lobe, and the axis of the lobe (3 numbers). The model
+    of a lamp whose light decreases with the distance is computed from rays that the lamp emits. Any other lamp, and a
+    lamp that cannot emit rays, has the same intensity in all directions, and a sphere around the scene with the radius
+    :data:`FAR` times that of the scene. Each lamp gets a further uniform part, so that no importance is 0.
     """
     sphere = scene.bbox().bounding_sphere()
     size = max(float(sphere.radius), 1e-3)
@@ -165,8 +176,9 @@ def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
 def falls_with_distance(emitter: mi.Emitter) -> bool:
     """Tells whether the light of ``emitter`` decreases with the square of the distance.
 
-    The function returns True also for ``directionalarea``, whose parallel light does not decrease, because this light
-    starts from a bounded surface.
+    The result is True for surfaces and points that emit light, unless they have a true attribute ``unattenuated``
+    (light sources of this package). The function returns True also for ``directionalarea``, whose parallel light does
+    not decrease, because this light starts from a bounded surface.
     """
     flags, kinds = emitter.flags(), mi.EmitterFlags
     bounded = mi.has_flag(flags, kinds.Surface) or mi.has_flag(flags, kinds.DeltaPosition)
@@ -184,7 +196,8 @@ def nearby_lamp_model(power: np.ndarray, origins: np.ndarray, directions: np.nda
     radius = max(np.linalg.norm(origins - center, axis=1).max(), 1e-4 * size)
     mean = power @ directions / (power.sum() or 1)
     # The mean cosine of the lobe cos^n is (n + 1) / (n + 2). For a cosine lobe this is 2/3; a smaller mean shows a
-    # uniform part. The model has the mean cosine of a sphere or a flat surface, except for the noise of the rays.
+    # uniform part. A mean above 0.7 shows a beam, and a mean below 0.1 shows a uniform lamp. The model has the mean
+    # cosine of a sphere or a flat surface, except for the noise of the rays.
     cosine = min(float(np.linalg.norm(mean)), 0.9999)
     exponent = (2 * cosine - 1) / (1 - cosine) if cosine > 0.7 else 1.0
     uniform = max(1 - 1.5 * cosine, LEAST_EVEN) if cosine > 0.1 else 1.0
@@ -198,7 +211,8 @@ def sample_lamps(scene: mi.Scene, emitters: Sequence[mi.Emitter], sample: Callab
     seed.
 
     ``sample`` is the function that draws one sample: :func:`emitted_ray` or :func:`light_in_scene`. The powers have the
-    shape (emitters, samples); origins and directions have the shape (emitters, samples, 3).
+    shape (emitters, samples); origins and directions have the shape (emitters, samples, 3). Negative and non-finite
+    powers are replaced by 0.
     """
     count = len(emitters) * RAYS
     if not emitters:
@@ -220,7 +234,8 @@ def sample_lamps(scene: mi.Scene, emitters: Sequence[mi.Emitter], sample: Callab
 def emitted_ray(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
     """Returns the power, the origin and the direction of a random ray that ``emitter`` emits.
 
-    The origin is NaN if ``emitter`` cannot emit rays. ``key`` is a hash key.
+    The power is the mean of the channels of the ray's weight. If ``emitter`` cannot emit rays, the power is 0 and the
+    origin is NaN. ``key`` is a hash key.
     """
 
     def sample(one: mi.Emitter, *u: mi.Float) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:

@@ -25,8 +25,8 @@ def reparameterised_ray(
 ) -> tuple[mi.Vector3f, mi.Float]:
     """Returns ``(d, jacobian)``, both with derivatives, for the direction ``d`` of a ray from ``receiver``.
 
-    The derivatives of the direction follow the light source that the ray hits. Where the ray hits no light source, the
-    function returns ``d`` unchanged and the Jacobian 1.
+    The derivatives of the direction follow the lamp that the ray hits. Where the ray hits no lamp, the function returns
+    ``d`` unchanged and the Jacobian 1. A constant sky is no lamp.
     """
     if lights.all_delta or not lights.lamps:
         return d, mi.Float(1)
@@ -43,7 +43,9 @@ def reparameterised_sample(
 ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
     """Returns the sample ``(ds, weight)`` of ``lamp``, with derivatives of the direction, the density and the weight.
 
-    The function adds derivatives to the sample only if the lamp is a surface (an area light).
+    The function adds derivatives to the sample only if the lamp is a surface (an area light), if the density is not 0,
+    and, for a lamp whose derivatives follow its shape, if the sampled point is found on the lamp. Otherwise, the sample
+    is returned unchanged.
     """
     emitter, si = mi.EmitterPtr(lamp.emitter), receiver.si
     active = active & (ds.pdf > 0) & mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface)

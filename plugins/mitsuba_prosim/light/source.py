@@ -21,23 +21,24 @@ DISTRIBUTIONS = {"uniform": (), "cone": ("direction", "angle"), "spot": ("direct
 
 
 class Source(mi.Emitter):
-    """A light source with an emitted spectrum, and with an angular distribution about an axis (:mod:`.beam`).
-
-    ``quantity`` is the name of the parameter with the emitted spectrum, such as "radiance". The parameter ``to_world``
-    is an error; ``place`` is the phrase of the error message that tells how to place the light source instead.
-    """
+    """A light source with an emitted spectrum, and with an angular distribution about an axis (:mod:`.beam`)."""
 
     #: The position in world coordinates; None if the source has a shape.
     position: Any = None
 
     def __init__(self, props: mi.Properties, quantity: str, place: str) -> None:
+        """Reads the parameters. ``quantity`` is the name of the parameter with the emitted spectrum, such as
+        "radiance". Raises ValueError for wrong values, and for parameters that the distribution does not have. The
+        parameter ``to_world`` is an error; ``place`` is the phrase of the error message that tells how to place the
+        light source instead.
+        """
         super().__init__(props)
         if "to_world" in props:
             raise reject(props, "to_world", "a transform", place)
         self.quantity, self.emission = quantity, read_emission(props, quantity, 1.0)
         self.unattenuated = props.get("unattenuated", False)
         self.distribution = choice(props, "distribution", tuple(DISTRIBUTIONS))
-        for name in DISTRIBUTIONS["spot"]:
+        for name in DISTRIBUTIONS["spot"]:  # a spot has all further parameters
             if name in props and name not in DISTRIBUTIONS[self.distribution]:
                 raise reject(props, name, props[name], f'no "{name}" with distribution {self.distribution}')
         #: The axis in world coordinates, of any length; the angle in degrees; the exponent. Each is None if the
@@ -73,8 +74,8 @@ class Source(mi.Emitter):
     def sample_beam(self, sample2: mi.Point2f) -> tuple[mi.Vector3f, mi.Float]:
         """Samples a direction in which the source emits light, with a density proportional to the intensity.
 
-        Returns ``(d, total)``: the direction, and the integral of the relative intensity in steradians
-        (:func:`.beam.total`).
+        Returns ``(d, total)``: the direction in world coordinates, and the integral of the relative intensity in
+        steradians (:func:`.beam.total`). A uniform source emits over the whole sphere of directions.
         """
         if self.uniform:
             return mi.warp.square_to_uniform_sphere(sample2), mi.Float(4 * dr.pi)
@@ -97,8 +98,8 @@ class Source(mi.Emitter):
     ) -> tuple[mi.Color0f, mi.UnpolarizedSpectrum]:
         """Samples wavelengths of the emitted spectrum; returns ``(wavelengths, weight)``.
 
-        ``weight`` is the emitted spectrum divided by the density of the wavelengths, which are stratified. In RGB
-        variants there are no wavelengths, and ``weight`` is the emitted colour.
+        ``weight`` is the emitted spectrum divided by the density of the wavelengths, which are stratified. In RGB and
+        monochromatic variants there are no wavelengths, and ``weight`` is the emitted colour or number.
         """
         wavelengths = dr.zeros(type(si.wavelengths))
         if len(wavelengths):
@@ -117,9 +118,10 @@ class Source(mi.Emitter):
 def read_emission(props: mi.Properties, name: str, default: float | None = None) -> Any:
     """Returns the emitted spectrum of a light source, read from the parameter ``name``, as a texture.
 
-    Returns None if the parameter is absent and ``default`` is None. Raises ValueError unless all numbers of the emitted
-    spectrum are finite and not negative, including the texels of an image. In spectral variants, Mitsuba converts the
-    texels of an image to coefficients of spectra, which may be negative, so that only NaN is an error for texels.
+    ``default`` is the emitted spectrum if the parameter is absent; the function returns None if ``default`` is None
+    too. Raises ValueError unless all numbers of the emitted spectrum are finite and not negative, including the texels
+    of an image. In spectral variants, Mitsuba converts the texels of an image to coefficients of spectra, which may be
+    negative, so that only NaN is an error for texels.
     """
     allowed = "finite numbers >= 0"
     values = constant_values(props, name)

@@ -18,7 +18,7 @@ from .strategy import Emitter, Index, LightSample, OtherLights, Receiver, direct
 
 
 class SphereLights(OtherLights):
-    """Samples emitters that are spheres and emit uniform radiance outwards.
+    """Samples emitters that are spheres and emit outwards, with a radiance that does not vary over the sphere.
 
     ``emitters`` are all emitters of a scene that :meth:`can_sample` accepts; the first emitter has the number 0.
     """
@@ -28,14 +28,16 @@ class SphereLights(OtherLights):
 
     def __init__(self, emitters: Sequence[mi.Emitter]) -> None:
         self.spheres = [sphere_of(emitter) for emitter in emitters]
-        if self.spheres and dr.is_jit_v(mi.Float):
+        if self.spheres and dr.is_jit_v(mi.Float):  # a table that an array of numbers can index
             centers, radii = zip(*self.spheres)
             self.table = mi.Point3f(*map(dr.concat, zip(*centers))), dr.concat(radii)
             dr.make_opaque(self.table)
 
     @staticmethod
     def can_sample(emitter: Emitter) -> bool:
-        """Tells whether ``emitter`` is a sphere that emits outwards with uniform radiance."""
+        """Tells whether ``emitter`` is a sphere that emits outwards, and whose radiance does not vary over the sphere.
+        The radiance may vary with the direction.
+        """
         shape = emitter.get_shape()
         if shape is None or shape.class_name() != SPHERE or shape.has_flipped_normals():
             return False
@@ -55,7 +57,9 @@ class SphereLights(OtherLights):
         return weighted(emitter, receiver, direction_to_sphere(receiver, *self.sphere(number), sample), active)
 
     def pdf(self, number: Index, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
-        """Returns the density per solid angle with which :meth:`sample` samples the direction ``ds``."""
+        """Returns the density per solid angle with which :meth:`sample` samples the direction ``ds``, which meets the
+        sphere. The density is 0 below the horizon, and for a receiver inside the sphere.
+        """
         center, radius = self.sphere(number, active)
         to_center = center - receiver.si.p
         inv_d2 = dr.rcp(dr.squared_norm(to_center))
@@ -70,13 +74,14 @@ class SphereLights(OtherLights):
         """Returns ``(ds, jacobian)``, both with derivatives, for the direction ``d``, which moves with the sphere
         ``number``.
 
-        The outline of the spherical light source, seen from the receiver, bounds a disk. A direction to the light
-        source corresponds to a point of the disk within the outline, which is projected onto the unit sphere around the
-        receiver. If the whole light source is above the horizon, the point of the disk is projected along the surface
-        normal, as in :mod:`.spherical_cap`. With the projection along the normal, equal areas of the disk give equal
-        irradiance at the receiver. If a part of the light source is below the horizon, the point of the disk is
-        projected along the axis from the receiver to the centre of the source. A map from directions to points of the
-        sphere itself would be correct too, but the Jacobian of such a map is unbounded near the outline of the sphere.
+        The point ``met`` is not used. The outline of the spherical light source, seen from the receiver, bounds a disk.
+        A direction to the light source corresponds to a point of the disk within the outline, which is projected onto
+        the unit sphere around the receiver. If the whole light source is above the horizon, the point of the disk is
+        projected along the surface normal, as in :mod:`.spherical_cap`. With the projection along the normal, equal
+        areas of the disk give equal irradiance at the receiver. If a part of the light source is below the horizon, the
+        point of the disk is projected along the axis from the receiver to the centre of the source. A map from
+        directions to points of the sphere itself would be correct too, but the Jacobian of such a map is unbounded near
+        the outline of the sphere.
         """
         center, radius = self.sphere(number, active)
         to_center = center - receiver.si.p
@@ -85,8 +90,9 @@ class SphereLights(OtherLights):
         s2 = dr.minimum(dr.square(radius) * inv_d2, 1 - 1e-6)
         s, cos_max = dr.sqrt(s2), dr.sqrt(1 - s2)
         cos_n = dr.dot(axis, receiver.n)
+        # Direction of the projection.
         lift = dr.select((cos_n > 0) & (dr.square(cos_n) > s2), mi.Vector3f(receiver.n), axis)
-        with dr.suspend_grad():
+        with dr.suspend_grad():  # the point of the disk is constant: only the disk moves
             height = (dr.dot(axis, d) - cos_max) / dr.dot(axis, lift)
             in_disk = (d - height * lift - cos_max * axis) / s
         in_disk -= axis * dr.dot(axis, in_disk)
@@ -110,7 +116,9 @@ def direction_to_sphere(
 ) -> mi.DirectionSample3f:
     """Returns a ``mi.DirectionSample3f`` from ``receiver`` to a sphere with the ``center`` and the ``radius``.
 
-    The direction is above the receiver's horizon, and is sampled by projected solid angle.
+    The direction is above the receiver's horizon, and is sampled by projected solid angle. The point and the normal are
+    those where the direction meets the sphere. The density is 0 if the receiver is inside the sphere, or if the sphere
+    is below the horizon.
     """
     n = receiver.n
     to_center = center - receiver.si.p

@@ -57,17 +57,19 @@ def sample_projected_cap(
     The local frame has the z axis along the surface normal, and the sphere's centre in the half x >= 0 of the xz plane.
     ``cos_n`` and ``sin_n`` are the cosine and the sine of the angle between the normal and the direction to the
     sphere's centre: if this angle is small, the cosine alone does not define the angle precisely. ``sin2_theta_max`` is
-    (radius / distance)². The density is per solid angle. The map from the unit square to directions is continuous
-    within the ellipse and within the crescent, so that stratified samples stay stratified. The direction and the
-    density are detached: derivatives pass through the radiance that arrives from the direction, not through the choice
-    of the direction.
+    (radius / distance)². The density is per solid angle; the density is 0 if the sphere is below the horizon, or if
+    ``sin2_theta_max`` is 1 or more. The directions to the sphere above the horizon project to a region of the xy plane,
+    which is composed of an ellipse and a crescent (:class:`_Region`). A point of this region selects the direction. The
+    map from the unit square to directions is continuous within the ellipse and within the crescent, so that stratified
+    samples stay stratified. The direction and the density are detached: derivatives pass through the radiance that
+    arrives from the direction, not through the choice of the direction.
     """
     cos_n, sin_n, sin2_theta_max, sample2 = dr.detach((cos_n, sin_n, sin2_theta_max, sample2))
     region = _Region(cos_n, sin2_theta_max)
     p = region.ellipse / dr.maximum(region.ellipse + region.crescent, _TINY)
     in_ellipse = sample2.x < p  # the probability of the ellipse
     u = dr.select(in_ellipse, sample2.x / dr.maximum(p, _TINY), (sample2.x - p) / dr.maximum(1 - p, _TINY))
-    u_y = 2 * u - 1
+    u_y = 2 * u - 1  # in the crescent: eta has the density 2 (1 - eta), and the sign of u_y is that of y
     eta = 1 - dr.sqrt(1 - dr.abs(u_y))
     whole = _direction_in_ellipse(cos_n, sin_n, sin2_theta_max, mi.Point2f(u, sample2.y))
     d = dr.select(in_ellipse, whole, region.direction_in_crescent(dr.mulsign(eta, u_y), sample2.y))
@@ -82,7 +84,8 @@ def _direction_in_ellipse(
 ) -> mi.Vector3f:
     """Returns the unit direction, in the local frame, to a point of the ellipse that ``sample`` in [0, 1)² selects.
 
-    The points are uniform in the area of the ellipse. The other arguments are those of `sample_projected_cap`.
+    The points are uniform in the area of the ellipse. The other arguments and the local frame are those of
+    `sample_projected_cap`.
     """
     # Seen from above, the point's height is the height of the cap's boundary circle plus the bulge inside the circle.
     s, cos_max = dr.sqrt(sin2_theta_max), dr.safe_sqrt(1 - sin2_theta_max)
@@ -104,6 +107,9 @@ class _Region:
     """
 
     def __init__(self, cos_n: mi.Float, sin2_theta_max: mi.Float) -> None:
+        """Computes the region for a sphere; ``cos_n`` and ``sin2_theta_max`` are those of `sample_projected_cap`. Both
+        areas are 0 if ``sin2_theta_max`` is 1 or more.
+        """
         s2 = dr.minimum(sin2_theta_max, 1)
         self.s = dr.maximum(dr.sqrt(s2), _TINY)
         self.m = dr.minimum(dr.abs(cos_n) / self.s, 1)
@@ -111,6 +117,7 @@ class _Region:
         self.x_t = dr.minimum(dr.safe_sqrt((1 - s2) / self.sin2_n), 1)
         self.t2 = dr.minimum((1 - self.m) * (1 + self.m) / self.sin2_n, 1)
         self.t = dr.sqrt(self.t2)
+        #: The width of the crescent at y = 0, divided by s².
         self.middle = self.t2 * (1 - self.m) / ((1 + self.x_t) * (1 + self.m * self.x_t))
         # The mean width divided by the width in the middle. For a small sphere with m = 0, the width is nearly a
         # parabola in eta, and the ratio is 2/3. For m near 1, it is nearly a squared parabola, and the ratio is 8/15.
@@ -152,9 +159,11 @@ class _Region:
     def pdf(self, in_ellipse: mi.Bool, eta: mi.Float) -> mi.Float:
         """Returns the density, per area of the plane, of a sample in the ellipse (``in_ellipse``) or the crescent.
 
-        ``eta`` is the scaled ordinate |y| / (s t) of the sample.
+        ``eta`` is the scaled ordinate |y| / (s t) of the sample. The density is 0 if both areas are 0.
         """
         area = dr.square(self.s) * (self.ellipse + self.crescent)
+        # In the crescent, the density of eta is proportional to 1 - eta. The width at eta has the same factor, which
+        # cancels: (1 - eta²) / (1 - eta) = 1 + eta.
         width = dr.maximum((1 + eta) * self.relative_width(eta), 1e-6 * self.middle + _TINY)
         density = dr.select(in_ellipse, 1, 2 * self.mean * self.middle / width)
         return dr.select(area > 0, density / dr.maximum(area, _TINY), 0)

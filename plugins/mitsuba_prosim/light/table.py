@@ -74,7 +74,9 @@ class Lamp:
         both.
 
         The strategy is :data:`FROM_BOTH_SIDES` where ``receiver`` receives light from both sides; elsewhere, the
-        strategy is the lamp's own strategy.
+        strategy is the lamp's own strategy. If all strategies that the lamp may have sample the whole source, including
+        the part below the horizon, the lamp's own strategy is used everywhere. The arguments of ``evaluate`` are the
+        strategy, the number of the lamp, and a mask.
         """
         both_sides = receiver.both_sides
         below_horizon = all(strategy.samples_below_horizon for strategy, *_ in self.groups)
@@ -85,7 +87,11 @@ class Lamp:
         return two_sided if idle(above) else dr.select(both_sides, two_sided, self._by_strategy(above, evaluate))
 
     def _by_strategy(self, active: mi.Bool, evaluate: Evaluate) -> Any:
-        """Calls ``evaluate`` with the strategy of the lamp, the lamp's number within the strategy, and a mask."""
+        """Calls ``evaluate`` with the strategy of the lamp, the lamp's number within the strategy, and a mask.
+
+        If the lamps of different lanes may belong to several groups, ``evaluate`` is called once for each group, and
+        the result of a lane is that of the lamp's own group.
+        """
         if len(self.groups) == 1:
             strategy, first, _ = self.groups[0]
             return evaluate(strategy, self.k - first, active)
@@ -112,10 +118,14 @@ class Lights:
     UNROLLED = 4
 
     def __init__(self, scene: mi.Scene, choose: bool = False) -> None:
+        """Groups the emitters of ``scene`` by sampling strategy. ``choose`` tells whether a surface point samples only
+        one lamp, which the ``sampler`` chooses, instead of every lamp.
+        """
         self.scene = scene
         strategies = {
             e: next(s for s in (ConstantSky, *STRATEGIES) if s.can_sample(e)) for e in emitters_in_order(scene)
         }
+        # Lamps are numbered group by group; the constant sky, of which a scene has at most one, follows.
         skies = [e for e, s in strategies.items() if s is ConstantSky]
         self.groups: list[Group] = []
         self.emitters: list[mi.Emitter] = []
@@ -140,7 +150,7 @@ class Lights:
             identity = list(dr.reinterpret_array(mi.UInt32, self.pointers))
             numbers = {which: number for number, which in enumerate(identity)}
             self.numbers = mi.UInt32([numbers.get(which, self.lamps) for which in range(max(identity) + 1)])
-        #: Chooses one of several lamps; None where every lamp is sampled.
+        #: Chooses one of several lamps; None if every lamp is sampled, or if there is at most one lamp.
         from .light_sampler import LightSampler  # imported only for an image, as NumPy is slow to import
 
         self.sampler = LightSampler(scene, self.emitters[: self.lamps]) if choose and self.lamps > 1 else None
@@ -149,20 +159,23 @@ class Lights:
         """Returns the number of the lamp ``emitter``.
 
         The first lamp has the number 0. If ``emitter`` is the sky or None, the function returns the count of all lamps,
-        which is no lamp's number.
+        which is no lamp's number. The result has no meaning in inactive lanes.
         """
         if not self.jit:
             return self.emitters.index(emitter) if active and emitter is not None else self.lamps
         return dr.gather(mi.UInt32, self.numbers, dr.reinterpret_array(mi.UInt32, emitter), active)
 
     def lamp(self, k: Index, groups: list[Group] | None = None) -> Lamp:
-        """Returns the lamp with the number ``k``, which belongs to one of the ``groups`` (default: to any group)."""
+        """Returns the lamp with the number ``k``. If ``k`` is a Dr.Jit array, the lamps belong to the ``groups``
+        (default: all groups); if ``k`` is an integer, the group follows from ``k``.
+        """
         if isinstance(k, int):
             return Lamp(k, self.emitters[k], [group for group in self.groups if group[1] <= k < group[2]])
         return Lamp(k, dr.gather(mi.EmitterPtr, self.pointers, k), groups or self.groups)
 
     def for_each(self, body: Callable[[Lamp, Any], Any], total: Any, active: mi.Bool, attached: bool = False) -> Any:
-        """Computes ``total = body(lamp, total)`` for each lamp in turn, and returns the last total.
+        """Computes ``total = body(lamp, total)`` for each lamp in turn, and returns the last total. A constant sky is
+        no lamp.
 
         ``attached`` tells whether derivatives of ``total`` are wanted. If derivatives are wanted, Dr.Jit runs the loop
         over the lamps in evaluated mode, because a symbolic loop would lose the derivatives.

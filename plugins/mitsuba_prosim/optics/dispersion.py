@@ -63,8 +63,8 @@ class Dispersion:
 
     @classmethod
     def of(cls, cauchy: bool, values: Sequence[float]) -> Dispersion:
-        """Returns the :class:`Dispersion` with the coefficients ``values`` of Cauchy's formula if ``cauchy``, else of
-        Sellmeier's formula.
+        """Returns the :class:`Dispersion` with the coefficients ``values``: A, B (and C) of Cauchy's formula if
+        ``cauchy`` is true, else B1, C1, B2, C2 and so on of Sellmeier's formula.
         """
         names = "ABC" if cauchy else [f"{x}{i + 1}" for i in range(len(values) // 2) for x in "BC"]
         coefficients = {name: mi.Float(value) for name, value in zip(names, values, strict=False)}
@@ -72,15 +72,17 @@ class Dispersion:
         return cls(cauchy, coefficients)
 
     def index(self, wavelength: mi.Float | float) -> mi.Float:
-        """Returns the index of refraction at a wavelength in nm."""
+        """Returns the index of refraction at a ``wavelength`` in nm. A wavelength below 300 nm counts as 300 nm, and a
+        wavelength above 1000 nm counts as 1000 nm.
+        """
         square = dr.square(dr.clip(mi.Float(wavelength), SHORTEST, LONGEST) * 1e-3)
         values = list(self.coefficients.values())
-        if self.cauchy:
+        if self.cauchy:  # n = A + B/λ² (+ C/λ⁴), by Horner's rule
             n = mi.Float(0)
             for value in reversed(values):
                 n = n / square + value
             return n
-        n2 = mi.Float(1)
+        n2 = mi.Float(1)  # Sellmeier: n² = 1 + Σ B λ²/(λ² - C)
         for b, c in zip(values[::2], values[1::2], strict=True):
             n2 = n2 + b * square / (square - c)
         return dr.sqrt(n2)
@@ -99,7 +101,12 @@ class Indices:
 
     @classmethod
     def read(cls, props: mi.Properties) -> Indices:
-        """Reads the indices of refraction inside and outside of an interface from the parameters of a plugin."""
+        """Reads the indices of refraction inside and outside of an interface from the parameters of a plugin
+        (:func:`read_index`).
+
+        If the plugin has no parameter of a side, the index is that of bk7 glass inside, or of air outside, at all
+        wavelengths. Raises ValueError for wrong values.
+        """
         inside, outside = read_index(props, "int", "bk7"), read_index(props, "ext", "air")
         if isinstance(inside, Dispersion) or isinstance(outside, Dispersion):
             return cls(inside, outside, None)
@@ -110,16 +117,19 @@ class Indices:
     def etas(self, si: mi.SurfaceInteraction3f) -> list[mi.Float]:
         """Returns a list of relative indices of refraction: the index inside divided by the index outside.
 
-        If an index depends on the wavelength, the list has one number for each channel of a spectrum at ``si``. If no
-        index depends on the wavelength, the list has only one number.
+        If an index depends on the wavelength, the list has one number for each channel of a spectrum at ``si`` (each
+        wavelength; or r, g and b). If no index depends on the wavelength, the list has only one number.
         """
         if self.eta is not None:
             return [self.eta]
         return [mi.Float(_at(self.inside, w) / _at(self.outside, w)) for w in wavelengths(si)]
 
     def parameters(self) -> dict[str, Any]:
-        """Returns a dictionary of indices of refraction and coefficients; the keys are names in ``mi.traverse``
-        (``int_B1``).
+        """Returns a dictionary of the parameters that ``to_string`` and ``mi.traverse`` show: name -> value.
+
+        ``eta`` is the index inside divided by the index outside, or None if an index depends on the wavelength. An
+        index that is a number has the name ``int_ior`` or ``ext_ior``, and only ``to_string`` shows such a number. An
+        index that depends on the wavelength has one name for each coefficient, such as ``int_B1``.
         """
         parameters: dict[str, Any] = {"eta": self.eta}
         for side, ior in (("int", self.inside), ("ext", self.outside)):
@@ -136,10 +146,11 @@ def _at(ior: float | Dispersion, wavelength: mi.Float | float) -> mi.Float | flo
 
 
 def index(props: mi.Properties, name: str, default: float | str) -> float:
-    """Reads an index of refraction from the parameter ``name`` of a plugin: a number > 0, or the name of a material in
-    Mitsuba's table, such as "water".
+    """Reads an index of refraction from the parameter ``name`` of a plugin: a finite number > 0, or the name of a
+    material in Mitsuba's table, such as "water".
 
-    Returns the index as a number. Raises ValueError for other values.
+    ``default`` is the value if the parameter is missing. Returns the index as a number. Raises ValueError for other
+    values.
     """
     value = props.get(name, default)
     try:
@@ -157,15 +168,18 @@ def read_index(props: mi.Properties, side: str, default: str) -> float | Dispers
     """Reads the index of refraction on one ``side`` of an interface from the parameters of a plugin: inside ("int") or
     outside ("ext").
 
-    The parameter ``<side>_ior`` alone defines an index that is the same at all wavelengths. An index that depends on
-    the wavelength is defined by ``<side>_ior`` with ``<side>_abbe``, or by one of ``<side>_cauchy``,
-    ``<side>_sellmeier`` and ``<side>_material``. Raises ValueError for wrong values.
+    An index that is the same at all wavelengths is returned as a number: the parameter ``<side>_ior`` alone, or the
+    index of the material ``default`` if the plugin has no parameter of this side. An index that depends on the
+    wavelength is returned as a :class:`Dispersion`. Such an index is defined by ``<side>_ior`` with the Abbe number
+    ``<side>_abbe``, or by one of ``<side>_material``, ``<side>_cauchy`` and ``<side>_sellmeier``. Raises ValueError for
+    wrong values, for other combinations of these parameters, and for coefficients whose index is not positive and
+    finite from 360 to 830 nm.
     """
     ior, abbe = side + "_ior", side + "_abbe"
     names = [name for way in ("material", "cauchy", "sellmeier", "abbe") if (name := f"{side}_{way}") in props]
     if not names:
         return index(props, ior, default)
-    first = ior if ior in props else names[0]
+    first = ior if ior in props else names[0]  # no other parameter may accompany it, except that abbe needs ior
     for name in names:
         if name != first and (first, name) != (ior, abbe):
             raise reject(props, name, props[name], f'no "{name}" together with "{first}"')
@@ -195,15 +209,20 @@ def read_index(props: mi.Properties, side: str, default: str) -> float | Dispers
 
 
 def cauchy(n_d: float, abbe: float) -> tuple[float, float]:
-    """Returns the coefficients A and B of Cauchy's formula, from the index of refraction ``n_d`` at Fraunhofer's line d
-    (587.6 nm) and the Abbe number.
+    """Returns the coefficients A and B of Cauchy's formula n = A + B/λ² for λ in µm, from the index of refraction
+    ``n_d`` at Fraunhofer's line d (587.6 nm) and the Abbe number.
     """
     b = (n_d - 1) / abbe / (1e6 / F**2 - 1e6 / C**2)
     return n_d - b * 1e6 / D**2, b
 
 
 def wavelengths(si: mi.SurfaceInteraction3f) -> list[mi.Float | float]:
-    """Returns a list with the wavelength in nm of each channel of a spectrum at the surface point ``si``."""
+    """Returns a list with the wavelength in nm of each channel of a spectrum at the surface point ``si``.
+
+    In spectral variants, these are the wavelengths of ``si``. In RGB variants, these are the constants :data:`RGB`,
+    which represent r, g and b. In monochromatic variants, the only wavelength is that of Fraunhofer's line d (587.6
+    nm).
+    """
     if mi.is_spectral:
         return list(si.wavelengths)
     return [D] if mi.is_monochromatic else list(RGB)
@@ -218,7 +237,7 @@ def choose(p: Sequence[mi.Float | float], sample: mi.Float) -> tuple[mi.UInt32, 
     """
     k, below, width, total = mi.UInt32(0), mi.Float(0), mi.Float(p[0]), mi.Float(p[0])
     for j in range(1, len(p)):
-        further = (sample >= total) & (p[j] > 0)
+        further = (sample >= total) & (p[j] > 0)  # an index of probability 0 is never chosen
         k = dr.select(further, mi.UInt32(j), k)
         below, width = dr.select(further, total, below), dr.select(further, p[j], width)
         total = total + p[j]

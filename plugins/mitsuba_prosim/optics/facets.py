@@ -45,7 +45,7 @@ def sin2(m: mi.Vector3f) -> mi.Float:
 
 def beckmann(m: mi.Vector3f, alpha: mi.Float) -> mi.Float:
     """Returns Beckmann's density of facet normals, exp(-tan² / alpha²) / (pi alpha² cos⁴) of the polar angle of ``m``.
-    ``alpha`` is the RMS slope of the facets, which the thesis calls m.
+    ``alpha`` is the RMS slope of the facets, which the thesis calls m. An ``alpha`` below 1e-4 counts as 1e-4.
     """
     cos2 = dr.maximum(m.z * m.z, 1e-8)
     alpha2 = dr.maximum(alpha * alpha, 1e-8)  # a texture may be 0 somewhere
@@ -53,8 +53,8 @@ def beckmann(m: mi.Vector3f, alpha: mi.Float) -> mi.Float:
 
 
 def beckmann_polar(u: mi.Float, alpha: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """Samples the polar angle of a facet normal for Beckmann's density, by tan² = -alpha² ln(1 - u); returns its
-    ``(sin, cos)``.
+    """Samples the polar angle of a facet normal for Beckmann's density, by tan² = -alpha² ln(1 - u); returns ``(sin,
+    cos)`` of the polar angle. ``u`` is in [0, 1). An ``alpha`` below 1e-4 counts as 1e-4.
     """
     tan2 = -dr.maximum(alpha * alpha, 1e-8) * dr.log(1 - u)
     cos = dr.rsqrt(1 + tan2)
@@ -65,12 +65,13 @@ def phong(m: mi.Vector3f, exponent: mi.Float) -> mi.Float:
     """Returns the density of facet normals in Blinn's form of Phong's model: (n + 2) / (2 pi) cos^n of the polar angle
     of ``m``, where n is the ``exponent``.
     """
+    # sin² / (1 + cos) is 1 - cos without cancellation.
     return (exponent + 2) * dr.inv_two_pi * cosine.power(dr.minimum(sin2(m) / (1 + m.z), 1), exponent)
 
 
 def phong_polar(u: mi.Float, exponent: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """Samples the polar angle of a facet normal for Phong's density, by cos = (1 - u)^(1 / (n + 2)); returns its
-    ``(sin, cos)``.
+    """Samples the polar angle of a facet normal for Phong's density, by cos = (1 - u)^(1 / (n + 2)), where n is the
+    ``exponent`` and ``u`` is in [0, 1); returns ``(sin, cos)`` of the polar angle.
     """
     return cosine.sample(u, exponent + 1)
 
@@ -82,10 +83,12 @@ SINE = [(-4.0) ** k * factorial(k) / factorial(2 * k + 1) for k in range(9)]
 def gaussian_tail(s: mi.Float, alpha2: mi.Float) -> mi.Float:
     """Returns the integral of exp(-t) sin(2a) / (2a) over t from s to infinity, where t = (a / alpha)².
 
-    The function computes the integral from the power series of sin(2a) / (2a) in t, up to t^8. The integral of t^k
-    exp(-t) over t from s to infinity is k! exp(-s) times the sum of s^j / j! over j from 0 to k.
+    ``alpha2`` is alpha². The function computes the integral from the power series of sin(2a) / (2a) in t, up to t^8.
+    The integral of t^k exp(-t) over t from s to infinity is k! exp(-s) times the sum of s^j / j! over j from 0 to k. An
+    ``s`` above 40 counts as 40, where the integral is negligible.
     """
     s = dr.minimum(s, 40)  # exp(-40) is negligible relative to 1, and s^8 does not overflow
+    # SINE[k] includes k!; power is alpha^(2k); term is s^k / k!; partial is the sum of the terms from 0 to k.
     total, power, term, partial = 0.0, 1.0, 1.0, 1.0
     for k, c in enumerate(SINE):
         total += c * power * partial
@@ -98,8 +101,9 @@ def gaussian_tail(s: mi.Float, alpha2: mi.Float) -> mi.Float:
 def gaussian_limits(alpha: mi.Float) -> tuple[mi.Float, mi.Float, mi.Float]:
     """Returns ``(alpha², tail, integral)``: the square of ``alpha``, and two integrals for the Gaussian density.
 
-    ``tail`` is the integral of the integrand of `gaussian_tail` over angles a above 90 degrees; ``integral`` is the
-    integral of this integrand over angles a from 0 to 90 degrees.
+    An ``alpha`` outside [1e-4, 2] counts as the nearer end of this range. Both integrals have the integrand and the
+    variable t of `gaussian_tail`. ``tail`` is the integral over angles a above 90 degrees; ``integral`` is the integral
+    over angles a from 0 to 90 degrees.
     """
     alpha2 = dr.square(dr.clip(alpha, 1e-4, 2))  # above 2, cancellation becomes visible in single precision
     tail = gaussian_tail(dr.square(0.5 * dr.pi) / alpha2, alpha2)
@@ -111,7 +115,8 @@ def gaussian(m: mi.Vector3f, alpha: mi.Float) -> mi.Float:
     ``m``.
 
     The constant 1 / C is pi times the integral of exp(-(a / alpha)²) sin(2a) over a in [0, pi/2]; this integral is a
-    Dawson function of a complex argument. A series computes the constant C to single precision for alpha <= 2.
+    Dawson function of a complex argument. A series computes the constant C to single precision for alpha <= 2. An
+    ``alpha`` outside [1e-4, 2] counts as the nearer end of this range.
     """
     alpha2, _, total = gaussian_limits(alpha)
     a = dr.atan2(dr.sqrt(dr.maximum(sin2(m), 1e-14)), m.z)
@@ -119,13 +124,15 @@ def gaussian(m: mi.Vector3f, alpha: mi.Float) -> mi.Float:
 
 
 def gaussian_polar(u: mi.Float, alpha: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """Samples the polar angle of a facet normal for the density :func:`gaussian`; returns its ``(sin, cos)``.
+    """Samples the polar angle of a facet normal for the density :func:`gaussian`; returns ``(sin, cos)`` of the polar
+    angle.
 
-    Two steps of Halley's method invert the distribution function of y = sin²a, where a is the polar angle; the density
-    of y is proportional to exp(-(a / alpha)²). The first step starts from the smaller of two approximate solutions for
-    y: that of the density exp(-y / alpha²) is good for wide distributions, and that of the density exp(-s (1 + 2/3
-    alpha²)) of s = (a / alpha)² is good for narrow distributions. The error of the sampled distribution is below 5e-7
-    for alpha <= 1, and below 5e-6 for alpha <= 2.
+    ``u`` is a number in [0, 1). An ``alpha`` outside [1e-4, 2] counts as the nearer end of this range. Two steps of
+    Halley's method invert the distribution function of y = sin²a, where a is the polar angle; the density of y is
+    proportional to exp(-(a / alpha)²). The first step starts from the smaller of two approximate solutions for y: that
+    of the density exp(-y / alpha²) is good for wide distributions, and that of the density exp(-s (1 + 2/3 alpha²)) of
+    s = (a / alpha)² is good for narrow distributions. The error of the sampled distribution is below 5e-7 for alpha <=
+    1, and below 5e-6 for alpha <= 2.
     """
     alpha2, low, total = gaussian_limits(alpha)
     rate = 1 + (2 / 3) * alpha2
@@ -178,7 +185,8 @@ def facet_between(wi: mi.Vector3f, wo: mi.Vector3f, eta: mi.Float) -> Facet:
 
     ``wi`` and ``wo`` are unit vectors in the local frame. The facet reflects if ``wi`` and ``wo`` are on the same side
     of the surface, and refracts otherwise. ``eta`` is the index of refraction inside (z < 0) divided by the index
-    outside.
+    outside. The cosines of a reflecting facet to ``wi`` and ``wo`` are equal, and negative if both directions are
+    inside. If ``eta`` is 1 and ``wo`` is -``wi``, no facet is defined, and the normal and the cosines are 0.
     """
     outside = wi.z > 0
     reflected = outside == (wo.z > 0)
@@ -187,6 +195,7 @@ def facet_between(wi: mi.Vector3f, wo: mi.Vector3f, eta: mi.Float) -> Facet:
     square = dr.maximum(dr.squared_norm(h), SHORTEST)
     inverse = dr.rsqrt(square)
     m = dr.mulsign(h * inverse, h.z)
+    # The half vector of a reflection has the length 2 cos, where cos is the cosine between wi and m.
     half = dr.mulsign(0.5 * square * inverse, wi.z)
     return Facet(m, dr.select(reflected, half, dr.dot(wi, m)), dr.select(reflected, half, dr.dot(wo, m)))
 
@@ -197,7 +206,8 @@ def facet_between(wi: mi.Vector3f, wo: mi.Vector3f, eta: mi.Float) -> Facet:
 
 def g1(cos_w: mi.Float, cos_m: mi.Float, w_m: mi.Float) -> mi.Float:
     """Returns the fraction of a facet that is visible from a direction w with w·m > 0: min(1, 2 (N·m) (N·w) / (w·m)).
-    The normal of the facet is m, and the normal of the macroscopic surface is N.
+    The normal of the facet is m, and the normal of the macroscopic surface is N. ``cos_w`` is N·w, ``cos_m`` is N·m,
+    and ``w_m`` is w·m.
     """
     return dr.minimum(1, 2 * cos_m * cos_w / w_m)
 
@@ -233,12 +243,13 @@ def torrance_sparrow(
 def azimuth(u: mi.Float, t: mi.Float) -> mi.Float:
     """Samples the azimuth phi of a visible facet, with the density max(0, min(2, 1 + t cos phi)) / (2 pi) in [-pi, pi].
 
-    ``u`` is a number in [0, 1); ``t`` is >= 0. Where the opposite facet of the V-shaped cavity faces away from the
-    viewer (t cos phi > 1), the density is constant. Where the opposite facet is visible too, the inversion of the
-    distribution function leads to Kepler's equation, phi + t sin phi = y. Two steps of Halley's method solve Kepler's
-    equation; the first step starts between the roots for a constant and for a linear density. The error of the sampled
-    distribution is below 1e-4 at t = 1, and about 1e-7 if t is not close to 1. Unlike a random choice between the two
-    facets of a cavity, this method is continuous in ``u`` and needs no further random number.
+    ``u`` is a number in [0, 1); ``t`` >= 0 is the product of the tangents of the polar angles of the viewer's direction
+    and of the facet's normal. The azimuth 0 is the azimuth of the viewer. Where the opposite facet of the V-shaped
+    cavity faces away from the viewer (t cos phi > 1), the density is constant. Where the opposite facet is visible too,
+    the inversion of the distribution function leads to Kepler's equation, phi + t sin phi = y. Two steps of Halley's
+    method solve Kepler's equation; the first step starts between the roots for a constant and for a linear density. The
+    error of the sampled distribution is below 1e-4 at t = 1, and about 1e-7 if t is not close to 1. Unlike a random
+    choice between the two facets of a cavity, this method is continuous in ``u`` and needs no further random number.
     """
     t = dr.minimum(t, 1e6)
     s = 2 * u - 1
@@ -251,7 +262,7 @@ def azimuth(u: mi.Float, t: mi.Float) -> mi.Float:
     phi = edge + width * dr.lerp(p, 1 - dr.sqrt(1 - p), dr.minimum(t, 1))
     for _ in range(2):
         sin, cos = dr.sincos(phi)
-        f, slope, curve = phi + t * sin - y, 1 + t * cos, t * sin
+        f, slope, curve = phi + t * sin - y, 1 + t * cos, t * sin  # f, its derivative, and minus its second derivative
         step = f * slope / dr.maximum(slope * slope + 0.5 * f * curve, 1e-12)
         phi = dr.clip(phi - step, edge, edge + width)
     return dr.mulsign(dr.select(v < 2 * edge, 0.5 * v, phi), s)
@@ -273,6 +284,6 @@ def sample_visible(wi: mi.Vector3f, u: mi.Point2f, distribution: Distribution, r
     inverse = dr.rsqrt(dr.maximum(sin2_w, 1e-30))
     phi = azimuth(u.y, sin2_w * inverse * sin_m / dr.maximum(wi.z * cos_m, 1e-30))
     sin, cos = dr.sincos(phi)
-    # The azimuth is measured from the azimuth of wi, if wi has one.
+    # The azimuth is measured from the azimuth of wi, or from the x axis if wi is the pole.
     x, y = dr.select(sin2_w > 1e-30, wi.x * inverse, 1), dr.select(sin2_w > 1e-30, wi.y * inverse, 0)
     return mi.Normal3f(sin_m * (cos * x - sin * y), sin_m * (cos * y + sin * x), cos_m)

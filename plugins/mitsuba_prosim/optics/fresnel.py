@@ -42,7 +42,7 @@ def interface(cos_i: mi.Float, eta: mi.Float) -> Interface:
     c, t = dr.abs(cos_i), dr.abs(cos_t)
     eta2 = dr.square(eta_it)
     difference = eta2_minus_1(cos_i, eta)
-    # The amplitudes that s- and p-polarised light have after reflection.
+    # The amplitudes that s- and p-polarised light have after reflection, except for the sign.
     s = difference / dr.maximum(dr.square(c + eta_it * t), 1e-30)
     p = difference * (c * c * (eta2 + 1) - 1) / dr.maximum(eta2 * dr.square(eta_it * c + t), 1e-30)
     return Interface(dr.select(t > 0, 0.5 * (s * s + p * p), 1), cos_t, eta_it, eta_ti)
@@ -51,17 +51,19 @@ def interface(cos_i: mi.Float, eta: mi.Float) -> Interface:
 def conductor(cos_i: mi.Float, eta: mi.UnpolarizedSpectrum, k: mi.UnpolarizedSpectrum) -> mi.UnpolarizedSpectrum:
     """Returns the exact reflectance of a metal for unpolarised light, as a spectrum.
 
-    The metal has the relative index of refraction eta - i k, where eta and k are spectra.
+    ``cos_i`` is the cosine of the incident direction. The metal has the relative index of refraction eta - i k, where
+    eta and k are spectra.
     """
     channels = (mi.fresnel_conductor(cos_i, mi.Complex2f(n, x)) for n, x in zip(eta, k, strict=True))
     return mi.UnpolarizedSpectrum(*channels)
 
 
 def conductor_thesis(cos_i: mi.Float, eta: mi.UnpolarizedSpectrum, k: mi.UnpolarizedSpectrum) -> mi.UnpolarizedSpectrum:
-    """Returns an approximate reflectance of a metal; the approximation is good if eta² + k² >> 1.
+    """Returns an approximate reflectance of a metal, as a spectrum; the approximation is good if eta² + k² >> 1.
 
-    The thesis uses this approximation of Fresnel's equations (section 2.2.3, after Cook and Torrance 1982). The
-    relative index of refraction of the metal is eta - i k; eta and k are spectra.
+    The thesis uses this approximation of Fresnel's equations (section 2.2.3, after Cook and Torrance 1982). ``cos_i``
+    is the cosine of the incident direction. The relative index of refraction of the metal is eta - i k; eta and k are
+    spectra.
     """
     e = eta * eta + k * k
     twice = 2 * eta * cos_i

@@ -67,7 +67,10 @@ class Material(mi.BSDF):
         return [ctx.is_enabled(kind, i) for i, kind in enumerate(self.types)]
 
     def parameters(self) -> dict[str, Any]:
-        """Returns a dictionary of the parameters that ``to_string`` and ``mi.traverse`` show: name -> value."""
+        """Returns a dictionary of the parameters that ``to_string`` and ``mi.traverse`` show: name -> value, or None
+        for an absent parameter. A material with microfacets also has the name of their distribution, and the roughness
+        under the name ``alpha`` or ``exponent``.
+        """
         own = {name: getattr(self, name) for name in (*self.PARAMETERS, "ambient")}
         if self.distribution is None:
             return own
@@ -100,7 +103,10 @@ class Material(mi.BSDF):
         active: mi.Bool = True,
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         """Samples a direction; returns ``(bs, weight)``. ``weight`` is the value of the BSDF times the cosine of the
-        direction, divided by the density.
+        direction, divided by the density ``bs.pdf``.
+
+        The density and the weight are 0 if the viewer (``si.wi``) is not in front of the surface, if ``ctx`` enables no
+        component, or if no direction was sampled.
         """
         bs = dr.zeros(mi.BSDFSample3f)
         active = active & (si.wi.z > GRAZING)
@@ -109,6 +115,7 @@ class Material(mi.BSDF):
         bs.wo, component, pdf, weight = self.sample_direction(ctx, si, sample1, sample2, active)
         bs.eta = 1
         bs.sampled_component = component
+        # A material has one or two components.
         bs.sampled_type = dr.select(component == 0, mi.UInt32(+self.types[0]), mi.UInt32(+self.types[-1]))
         active = active & (pdf > 0)
         bs.pdf = dr.select(active, pdf, 0)
@@ -119,6 +126,9 @@ class Material(mi.BSDF):
     ) -> tuple[mi.Spectrum, mi.Float]:
         """Returns the value of the BSDF times the cosine of ``wo``, and the density with which :meth:`sample` samples
         ``wo``.
+
+        The value and the density do not include Dirac peaks. The value and the density are 0 unless the viewer
+        (``si.wi``) and ``wo`` are both in front of the surface.
         """
         active = active & (si.wi.z > GRAZING) & (wo.z > 0)
         smooth = mi.has_flag(self.m_flags, mi.BSDFFlags.Smooth)
@@ -181,9 +191,11 @@ class Pigmented(Material):
     def specular_probability(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, kd: mi.UnpolarizedSpectrum, active: mi.Bool
     ) -> mi.Float:
-        """Returns the probability of sampling the specular component.
+        """Returns the probability of sampling the specular component; ``kd`` is the diffuse reflectance at ``si``.
 
-        The probability is 1 if only the specular component is enabled, and 0 if only the diffuse component is enabled.
+        If ``ctx`` enables both components, the probability is ks / (ks + kd), where ks and kd are the means of the
+        specular weight and of the diffuse reflectance over the channels, or 1/2 if both are black. The probability is 1
+        if only the specular component is enabled, and 0 if only the diffuse component is enabled.
         """
         specular, diffuse = self.enabled(ctx)
         if specular != diffuse:
@@ -195,7 +207,13 @@ class Pigmented(Material):
     def sample_direction(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.Vector3f, mi.UInt32, mi.Float, mi.UnpolarizedSpectrum]:
-        """Samples a direction from the specular or the diffuse component (see :meth:`Material.sample_direction`)."""
+        """Samples a direction from the specular or the diffuse component, and returns ``(wo, component, pdf, weight)``
+        (see :meth:`Material.sample_direction`).
+
+        ``pdf`` and ``weight`` are those of all enabled components together, without the Dirac peak of a mirror. If the
+        mirror is sampled, ``pdf`` is the probability of the specular component, and ``weight`` counts only the mirror.
+        ``pdf`` is 0 if ``wo`` is below the surface.
+        """
         specular, diffuse = self.enabled(ctx)
         p_specular = self.specular_probability(ctx, si, self.diffuse_reflectance.eval(si, active), active)
         is_specular, mirror = sample1 < p_specular, self.roughness is None
@@ -212,6 +230,9 @@ class Pigmented(Material):
         return wo, dr.select(is_specular, mi.UInt32(0), 1), pdf, value / dr.select(pdf > 0, pdf, 1)
 
     def evaluate(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
+        """Returns ``(value, pdf)`` of the components that ``ctx`` enables, without the Dirac peak of a mirror: the
+        value times the cosine of ``wo``, and the density with which :meth:`sample` samples ``wo``.
+        """
         specular, diffuse = self.enabled(ctx)
         value, pdf = mi.UnpolarizedSpectrum(0), mi.Float(0)
         kd = self.diffuse_reflectance.eval(si, active)
@@ -225,7 +246,8 @@ class Pigmented(Material):
             value += lobe
             pdf += p_specular * density
         # The integrator prb divides the remaining radiance of a path by this value. If the lobe is nearly 0 and a
-        # channel has no pigment, the result would be rounding error divided by 1e-30. prb skips a value of 0.
+        # channel has no pigment, the result would be rounding error divided by 1e-30. prb skips a value of 0. The
+        # subtraction sets a negligible value to 0, but keeps the derivatives of the value.
         value -= dr.detach(dr.select(value > LEAST_WEIGHT * pdf * wo.z, 0, value))
         return value, pdf
 
@@ -238,9 +260,11 @@ class Pigmented(Material):
 
 
 def reflectance(props: mi.Properties, name: str, default: float | None = None) -> Any:
-    """Returns the reflectance ``name`` as a texture, or None if the parameter is absent and ``default`` is None.
+    """Returns the reflectance ``name`` as a texture. If the parameter is absent, the reflectance is ``default``; the
+    function returns None if ``default`` is None too.
 
-    Raises ValueError if a constant reflectance is outside [0, 1]; the values of an image are not checked.
+    Raises ValueError if a constant reflectance (a number, a colour or a spectrum) is outside [0, 1]; the values of a
+    texture, such as an image, are not checked.
     """
     values = constant_values(props, name)
     if not all(0 <= v <= 1 for v in values):
@@ -253,9 +277,11 @@ def reflectance(props: mi.Properties, name: str, default: float | None = None) -
 def roughness(props: mi.Properties, allowed: tuple[str, ...] = tuple(DISTRIBUTIONS)) -> tuple[Distribution, Any]:
     """Reads the microfacet ``distribution`` and its roughness; returns ``(distribution, texture of the roughness)``.
 
-    The texture is None for an ideally smooth surface: if the roughness parameter is absent, or if ``alpha`` is 0. The
-    default distribution is Phong's if the parameter ``exponent`` is present, and the first name in ``allowed``
-    otherwise.
+    ``allowed`` are the names of the allowed distributions. The default distribution is Phong's if the parameter
+    ``exponent`` is present, and the first name in ``allowed`` otherwise. The roughness parameter is ``exponent`` for
+    Phong's distribution, and ``alpha`` for other distributions. The texture is None for an ideally smooth surface: if
+    the roughness parameter is absent, or if ``alpha`` is the number 0. Raises ValueError for a distribution that is not
+    allowed, for the roughness parameter of another distribution, and for a constant roughness out of range.
     """
     name = choice(props, "distribution", allowed, "phong" if "exponent" in props else None)
     distribution = DISTRIBUTIONS[name]

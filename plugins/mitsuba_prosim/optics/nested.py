@@ -59,6 +59,7 @@ def all_shapes(scene: mi.Scene) -> list[mi.Shape]:
     """Returns the shapes of ``scene``, and the shapes within the instances of the scene."""
     shapes = list(scene.shapes())
     if any(shape.class_name() == INSTANCE for shape in shapes):
+        # The shapes that are instanced are not in ``scene.shapes()``, but are parts of the scene's groups of shapes.
         groups = [part for part in parts(scene).values() if isinstance(part, mi.Shape)]
         shapes += [s for group in groups for s in parts(group).values() if isinstance(s, mi.Shape)]
     return shapes
@@ -89,8 +90,11 @@ class Leaf(NamedTuple):
 def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[Leaf]:
     """Returns the BSDFs that ``bsdf`` mixes at the surface point ``si``, with weights that sum up to 1.
 
-    Mitsuba divides [0, 1] into an interval for each BSDF, and a random number chooses the BSDF; the returned BSDFs are
-    in the order of their intervals.
+    The BSDFs in Mitsuba's ``blendbsdf``, ``mask`` and ``twosided`` are mixed, at any depth; any other ``bsdf`` is
+    returned as the only leaf. The hole of a ``mask`` is a leaf whose BSDF is None. In a ``twosided``, the BSDF of the
+    viewer's side has the weight 1, and the BSDF of the other side has the weight 0. Mitsuba divides [0, 1] into an
+    interval for each BSDF, and a random number chooses the BSDF; the returned BSDFs are in the order of their
+    intervals.
     """
     kind, inner = bsdf.class_name(), parts(bsdf)
     if kind == BLEND:
@@ -131,7 +135,11 @@ def ambient_reflectance(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.B
 
 
 def _ambient_of(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-    """Returns the ambient reflectance of ``bsdf``, which is no ``mask``, ``blendbsdf`` or ``twosided``."""
+    """Returns the ambient reflectance of ``bsdf``, which is no ``mask``, ``blendbsdf`` or ``twosided``.
+
+    The reflectance of a ``bumpmap`` or ``normalmap`` is that of the nested BSDF. The reflectance is 0 for a BSDF
+    without the attribute ``ambient``, and on the back of a one-sided BSDF.
+    """
     if bsdf.class_name() in MAPS:
         return ambient_reflectance(parts(bsdf)["nested_bsdf"], si, active)
     if not dr.all(bsdf.has_attribute(AMBIENT)):  # evaluating a missing attribute is an error in scalar variants

@@ -54,7 +54,7 @@ class Mixture(mi.Texture):
 
         The returned point and widths are in the space of the pattern. The matrix ``to_local`` transforms (u, v), or the
         position if ``solid``, to the space of the pattern. The box contains the pixel's footprint, enlarged by
-        ``smoothing`` along each axis.
+        ``smoothing`` along each axis. Without ray differentials, the footprint is a point.
         """
         if self.solid:
             p = si.p

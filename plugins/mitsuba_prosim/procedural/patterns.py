@@ -16,10 +16,11 @@ SHARPEST = 1e-3
 def square_wave(x: mi.Float, duty: mi.Float, width: mi.Float) -> mi.Float:
     """Returns a square wave of period 1, averaged over a box of ``width`` around x.
 
-    In the period |x| <= 1/2, the wave is 1 for |x| <= ``duty`` / 2, and 0 elsewhere.
+    In the period |x| <= 1/2, the wave is 1 for |x| <= ``duty`` / 2, and 0 elsewhere. A ``width`` below :data:`SHARPEST`
+    counts as :data:`SHARPEST`.
     """
     width = dr.maximum(width, SHARPEST)
-    x = x + 0.5
+    x = x + 0.5  # from here on, the band with the value 1 is in the middle of the period [0, 1)
     x -= dr.floor(x)
     low = 0.5 - duty / 2
 

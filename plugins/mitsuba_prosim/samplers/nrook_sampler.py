@@ -56,7 +56,7 @@ class NRookSampler(PureSampler):
         self.jitter = choice(props, "jitter", JITTERS)
 
     def set_sample_count(self, spp: int) -> None:
-        """Sets the number of samples per pixel, rounded up to a square number."""
+        """Sets the number of samples per pixel, rounded up to a square number. Rounding logs a warning."""
         n = grid_size(spp)
         super().set_sample_count(n * n)
         if n * n != spp:
@@ -64,7 +64,7 @@ class NRookSampler(PureSampler):
         self.permutations = Permutations(n)
 
     def fork(self) -> NRookSampler:
-        """Returns a new sampler with the same jitter and permutations, which must be seeded before use."""
+        """Returns a new sampler with the same parameters and permutations, which must be seeded before use."""
         copy = super().fork()
         copy.jitter, copy.permutations = self.jitter, self.permutations
         return copy

@@ -52,7 +52,7 @@ class Permutations:
     def __init__(self, n: int) -> None:
         table = self._rows(n)
         self.n, self.count, self.rotated = n, len(table), n > self.ALL_UP_TO
-        self.table = table.ravel()
+        self.table = table.ravel()  # one permutation after another
         if dr.is_jit_v(mi.UInt32):
             self.table = mi.UInt32(self.table)
             dr.make_opaque(self.table)
@@ -69,7 +69,9 @@ class Permutations:
         return np.argsort(keys, axis=1, kind="stable").astype(np.uint32)
 
     def __call__(self, h: UInt, i: UInt) -> UInt:
-        """Returns element number ``i`` of the permutation that the 32-bit hash ``h`` selects; 0 <= ``i`` < n."""
+        """Returns element number ``i`` of the permutation that the 32-bit hash ``h`` selects; 0 <= ``i`` < n. For n >
+        6, the hash also selects the number of positions by which the stored permutation is rotated.
+        """
         row = scale(h, self.count) * self.n
         if self.rotated:
             # The row depends on the upper bits of the hash. The upper bits of this product depend on all its bits.
@@ -98,16 +100,22 @@ class NRook:
     """
 
     def __init__(self, permutations: Permutations, key: UInt, t: UInt, jitter: str = "multi") -> None:
+        """Prepares the sample number ``t`` of a pixel; ``key`` is the :func:`pixel_key` of the pixel. A pass has
+        ``permutations.n`` samples.
+        """
         self.permutations, self.key, self.t, self.jitter = permutations, key, t, jitter
         #: Number of the pass, and the index in the pass.
         self.r = t // permutations.n
         self.i = t - self.r * permutations.n
-        #: The last two arguments of :func:`.wavelength_number`: which sample takes which part of the spectrum.
+        #: The arguments ``t`` and ``n`` of :func:`.wavelength_number` and :func:`.wavelength_choice`: which sample
+        #: takes which part of the spectrum.
         self.division = t, permutations.n
 
     def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:
-        """Returns the point of this sample, in [0, 1)², for the pair of random numbers ``space`` (numbered in
-        ``transport_context.py``).
+        """Returns the point of this sample, in [0, 1)², in the space number ``space``; ``active`` is ignored.
+
+        A space is one of the pairs of random numbers of the sample, such as ``PIXEL`` or ``LENS``; the spaces are
+        numbered in ``transport_context.py``.
         """
         permute, n = self.permutations, self.permutations.n
         h_space = combine(self.key, space)
@@ -141,7 +149,7 @@ class SamplerPoints:
         self.sampler = sampler
 
     def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:
-        """Returns the next point in [0, 1)² of the Mitsuba sampler, and ignores ``space``."""
+        """Returns the next point in [0, 1)² of the Mitsuba sampler; the number ``space`` is ignored."""
         return self.sampler.next_2d(active)
 
     def choice(self, space: UInt) -> mi.Float:
@@ -150,5 +158,5 @@ class SamplerPoints:
 
 
 def grid_size(sample_count: int) -> int:
-    """Returns the smallest N with N² >= ``sample_count``."""
+    """Returns the smallest N >= 1 with N² >= ``sample_count``."""
     return max(1, math.isqrt(max(sample_count, 1) - 1) + 1)

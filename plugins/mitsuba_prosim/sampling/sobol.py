@@ -31,8 +31,10 @@ class Sobol:
         self.reversed = reverse(t)
 
     def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:
-        """Returns the point of this sample, in [0, 1)², for the pair of random numbers ``space`` (numbered in
-        ``transport_context.py``). The pair with ``space`` = 0 is the position of the sample in the pixel.
+        """Returns the point of this sample, in [0, 1)², in the space number ``space``; ``active`` is ignored.
+
+        A space is one of the pairs of random numbers of the sample, such as ``PIXEL`` (number 0, the position in the
+        pixel) or ``LENS``; the spaces are numbered in ``transport_context.py``.
         """
         return point(combine(self.key, space), self.reversed)
 
@@ -42,8 +44,8 @@ class Sobol:
 
 
 def point(key: UInt, reversed_index: UInt) -> mi.Point2f:
-    """Returns a point of the Sobol' sequence, shuffled and scrambled by the hash ``key``; ``reversed_index`` is the
-    index of the point with its 32 bits in reverse order.
+    """Returns a point of the Sobol' sequence in [0, 1)², shuffled and scrambled by the hash ``key``; ``reversed_index``
+    is the index of the point with its 32 bits in reverse order.
     """
     i = reverse(scrambled(reversed_index, combine(key, 0)))  # the order of the points
     x, y = scrambled(i, combine(key, 1)), scrambled(pascal(i), combine(key, 2))
@@ -68,6 +70,7 @@ def z_curve(x: Any, y: Any) -> Any:
     32-bit unsigned integers, of Dr.Jit or NumPy; only their lowest 14 bits count.
     """
     spread = [x & 0x3FFF, y & 0x3FFF]
+    # Each step moves half of the bits apart, until there is a gap after each bit.
     for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
         spread = [(v | (v << shift)) & mask for v in spread]
     return spread[0] | (spread[1] << 1)

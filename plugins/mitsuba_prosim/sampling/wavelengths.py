@@ -19,13 +19,14 @@ from .nrook import to_unit
 def wavelength_number(key: mi.UInt32, t: mi.UInt32, n: int | mi.UInt32) -> mi.Float:
     """Returns the number in [0, 1) that determines the four wavelengths of the sample number ``t``.
 
-    ``key`` is the hash key of a pixel, or the hash key of the image if all pixels and photons share wavelengths. The
-    numbers of the ``n`` samples of a pass divide a quarter of the spectrum into ``n`` equal parts. From each pass to
-    the next pass, the wavelength numbers are shifted by the distance of two neighbouring numbers, divided by the golden
-    ratio. Integration over a shifted lattice of wavelengths is nearly exact for smooth spectra (Cranley and Patterson
-    1976).
+    ``key`` is the hash key of a pixel, or the hash key of the image if all pixels and photons share wavelengths; the
+    key shifts all numbers, modulo 1. A pass has ``n`` samples. The numbers of a pass are evenly spaced over a quarter
+    of [0, 1), and so divide a quarter of the spectrum into ``n`` equal parts. In each pass, the wavelength numbers are
+    shifted by a fraction of the distance of two neighbouring numbers. From each pass to the next pass, this fraction
+    grows by one over the golden ratio, modulo 1. Integration over a shifted lattice of wavelengths is nearly exact for
+    smooth spectra (Cranley and Patterson 1976).
     """
-    r = t // n
+    r = t // n  # number of the pass
     return to_unit(key + (t - r * n) * (dr.opaque(mi.UInt32, 1 << 30) // n) + r * GOLDEN // (4 * n))
 
 
@@ -38,8 +39,9 @@ def wavelength_choice(key: mi.UInt32, t: mi.UInt32, n: int | mi.UInt32, rest: mi
     chosen wavelength and ``rest`` is a number in [0, 1). ``key`` is the hash key of the choice.
     """
     n = mi.UInt32(n)
-    # Without the turns, after the least common multiple of n and 4 samples the same parts would meet the same quarters
-    # again.
+    # Each part must meet all four wavelengths. After ``around`` samples (the least common multiple of n and 4), t alone
+    # would combine the same parts with the same wavelengths again, so ``turns`` then shifts the wavelengths by one,
+    # and by a random number after every 4 n samples.
     around = n * (4 // dr.minimum(n & (~n + 1), 4))
     turns = t // around + combine(key, t // (4 * n))
     return (mi.Float((t + turns) & 3) + rest) * 0.25

@@ -64,6 +64,7 @@ class Window(mi.Sensor):
     """
 
     def __init__(self, props: mi.Properties) -> None:
+        """Reads the parameters. Raises ValueError unless left < right, bottom < top and 0 < near_clip < far_clip."""
         super().__init__(props)
         self.left, self.right = number(props, "left", -1.0, -inf), number(props, "right", 1.0, -inf)
         self.bottom, self.top = number(props, "bottom", -1.0, -inf), number(props, "top", 1.0, -inf)
@@ -91,7 +92,9 @@ class Window(mi.Sensor):
         self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
         """Returns ``(ray, weight)``: the camera ray, in world coordinates, through the position ``sample2`` in the crop
-        window, in [0, 1)².
+        window, in [0, 1)². The ray begins at the near clipping plane, and ends at the far clipping plane.
+
+        ``weight`` is the weight of the wavelengths that ``sample1`` selects. A pinhole needs no ``sample3``.
         """
         wavelengths, weight = self.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), sample1, active)
         d = self.direction(sample2)

@@ -106,10 +106,12 @@ class Brick(Mixture):
         """
         p, width = self.lookup(si)
         pitch_x, pitch_y = self.brick_width + self.mortar_width, self.brick_height + self.mortar_width
+        # The fractions of a period that are brick.
         duty_x, duty_y = self.brick_width / pitch_x, self.brick_height / pitch_y
+        # The origin is the middle of a brick in a solid, and the middle of a joint on (u, v).
         origin = 0 if self.solid else 0.5
         y = p.y / pitch_y - origin
-        shift = dr.floor(y + 0.5) * self.stagger
+        shift = dr.floor(y + 0.5) * self.stagger  # number of the row, times the shift from row to row
         value = square_wave(y, duty_y, width.y / pitch_y)
         value *= square_wave(p.x / pitch_x - origin - shift, duty_x, width.x / pitch_x)
         if self.solid:

@@ -110,12 +110,18 @@ class Fractal(Mixture):
         self.parameters_changed([])
 
     def value(self, si: mi.SurfaceInteraction3f) -> mi.Float:
-        """Returns the sum of the octaves of gradient noise at ``si``, scaled and clipped to [0, 1]."""
+        """Returns the sum of the octaves of gradient noise at ``si``, scaled and clipped to [0, 1].
+
+        The sum is scaled so that 0 and 1 are two standard deviations from the mean 0.5. Octaves fade out whose features
+        are smaller than about the width over which the pattern is averaged (:meth:`.Mixture.lookup`).
+        """
         p, width = self.lookup(si)
         width = dr.maximum(dr.maximum(width.x, width.y), width.z)
         frequency, amplitude, total, power = self.scale, mi.Float(1), mi.Float(0), mi.Float(0)
         for octave in range(self.octaves):
+            # 1 for features that are at least twice as large as the width, 0 for features smaller than the width.
             visible = dr.clip(2 - 2 * width * frequency, 0, 1)
+            # The shift keeps the lattices of the octaves from coinciding.
             q = p * frequency + 0.37 * octave
             coordinates = (q.x, q.y, q.z) if self.solid else (q.x, q.y)
             total += amplitude * visible * gradient_noise(coordinates, combine(self.seed, octave))

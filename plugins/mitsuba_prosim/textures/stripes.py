@@ -91,7 +91,7 @@ class Stripes(Mixture):
         self.frequency = mi.Float(number(props, "frequency", 5.0, 0, open_below=True))
         self.duty = mi.Float(number(props, "duty", 0.5, 0, 1))
         axis = mi.ScalarVector3f(props.get("axis", mi.ScalarVector3f(1, 0, 0)))
-        if not self.solid:
+        if not self.solid:  # the pattern depends on (u, v) alone
             axis.z = 0
         if not 0 < dr.norm(axis) < float("inf"):
             raise reject(props, "axis", list(axis), "a vector of finite length > 0")

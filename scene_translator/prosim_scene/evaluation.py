@@ -20,7 +20,11 @@ PACKAGES = Path(__file__).parents[1]
 
 
 def evaluate(text: str, filename: str) -> list[Problem]:
-    """Returns the errors and warnings that :func:`prosim_scene.check` finds in the text of a scene."""
+    """Returns the errors, followed by the warnings, that :func:`prosim_scene.check` finds in the text of a scene.
+
+    ``filename`` is the path of the scene file: messages contain it, and the file names in the text are relative to its
+    folder.
+    """
     errors: list[Problem] = []
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always", SceneWarning)
@@ -54,11 +58,11 @@ async def evaluate_in_process(text: str, filename: str) -> list[Problem] | None:
 
 
 def main() -> None:
-    """Reads the pickled text of a scene from standard input, evaluates the CSG tree of the scene, and writes the
-    pickled list of errors and warnings to standard output.
+    """Reads the text of a scene from standard input, evaluates the CSG tree of the scene, and writes the pickled list
+    of errors and warnings to standard output.
 
-    The pickled input also contains the time limit of the evaluation in seconds. If the evaluation takes longer than the
-    time limit, the process ends with exit code 1.
+    The pickled input is the tuple ``(text, filename, seconds)``, where ``seconds`` is the time limit of the evaluation.
+    If the evaluation takes longer, the process writes nothing and ends with exit code 1.
     """
     text, filename, seconds = pickle.load(sys.stdin.buffer)
     with open(os.devnull, "w") as nowhere:

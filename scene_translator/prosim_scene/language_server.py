@@ -40,8 +40,8 @@ class OpenDocument:
         """Stores the text of a document, and its lines."""
         self.uri, self.version, self.text = document.uri, document.version, document.source
         self.filename, self.codec = to_fs_path(document.uri) or document.uri, document.position_codec
-        # The same line ends as in a text that is read from a file, with unchanged offsets: a lone CR becomes LF, and a
-        # byte order mark becomes a space that has as many code units.
+        # The text is changed as in a file that is read, but all offsets stay the same: a lone CR becomes LF, CR LF is
+        # kept, and a byte order mark becomes a space that has as many code units.
         self.scene_text = re.sub(r"\r(?!\n)", "\n", re.sub("^\ufeff", "\u2003", self.text))
         #: The lines of the text. The codec clamps a position to the line end, so the last line gets one, too.
         self.lines = [f"{line}\n" for line in self.scene_text.split("\n")]
@@ -54,7 +54,7 @@ class OpenDocument:
 
     def offset(self, position: lsp.Position) -> int:
         """Converts an LSP position to a text offset; a position beyond the end of its line is clamped to the end of
-        this line.
+        this line, and a position below the last line is clamped to the end of the text.
         """
         line_position = self.codec.position_from_client_units(self.lines, position)
         return min(self.symbols.reader.source.line_starts[line_position.line] + line_position.character, len(self.text))
@@ -68,7 +68,8 @@ class OpenDocument:
     def diagnostic(self, problem: Problem) -> lsp.Diagnostic:
         """Converts an error or a warning to an LSP diagnostic.
 
-        The editor shows a problem without a position in the text at the beginning of the text.
+        The editor shows a problem without a position in the text at the beginning of the text. A diagnostic covers at
+        least one character, even if the part of the text with the problem is empty.
         """
         severity = lsp.DiagnosticSeverity.Error if isinstance(problem, SceneError) else lsp.DiagnosticSeverity.Warning
         start, end = problem.span or (0, 1)
@@ -86,7 +87,7 @@ class SceneServer(LanguageServer):
 
     def update(self, uri: str) -> OpenDocument:
         """Replaces the stored version of the document ``uri`` by the editor's current version, and returns the current
-        version.
+        version. The task or timer that is pending for the stored version is cancelled.
         """
         self.close(uri)
         self.documents[uri] = OpenDocument(self.workspace.get_text_document(uri))
@@ -99,13 +100,19 @@ class SceneServer(LanguageServer):
             document.pending.cancel()
 
     async def evaluate(self, document: OpenDocument) -> None:
-        """Evaluates the CSG tree of a document in a separate process, and publishes the errors and warnings."""
+        """Evaluates the CSG tree of a document in a separate process, and publishes all errors and warnings about the
+        document, also those that were found before the evaluation.
+
+        Nothing is published if the process fails or reaches its time limit.
+        """
         problems = await evaluate_in_process(document.scene_text, document.filename)
         if problems is not None:
             self.publish(document, problems)
 
     def publish(self, document: OpenDocument, problems: list[Problem]) -> None:
-        """Sends the errors and warnings about a document to the editor."""
+        """Sends the errors and warnings about a document to the editor, where they replace all earlier ones about this
+        document.
+        """
         diagnostics = [document.diagnostic(problem) for problem in problems]
         params = lsp.PublishDiagnosticsParams(document.uri, diagnostics, document.version)
         self.text_document_publish_diagnostics(params)
@@ -127,9 +134,10 @@ def language_server() -> None:
 @server.feature(lsp.TEXT_DOCUMENT_DID_OPEN)
 @server.feature(lsp.TEXT_DOCUMENT_DID_SAVE)
 def opened(ls: SceneServer, params: lsp.DidOpenTextDocumentParams | lsp.DidSaveTextDocumentParams) -> None:
-    """Handles an opened or saved document.
+    """Handles an opened or saved document: publishes the diagnostics of its text at once.
 
-    Publishes the diagnostics of the text at once, and the diagnostics of the evaluated CSG tree later.
+    If the text has no error, and the CSG tree has at most :data:`LARGEST` nodes, a task evaluates the CSG tree, and
+    later publishes the diagnostics of the evaluation, too.
     """
     document = ls.update(params.text_document.uri)
     ls.publish(document, document.symbols.diagnostics)
@@ -139,8 +147,8 @@ def opened(ls: SceneServer, params: lsp.DidOpenTextDocumentParams | lsp.DidSaveT
 
 @server.feature(lsp.TEXT_DOCUMENT_DID_CHANGE)
 def changed(ls: SceneServer, params: lsp.DidChangeTextDocumentParams) -> None:
-    """Handles a changed document: publishes its diagnostics when the user has stopped typing for :data:`DELAY`
-    seconds.
+    """Handles a changed document: publishes its diagnostics when the user has stopped typing for :data:`DELAY` seconds.
+    Each further change cancels the earlier timer or evaluation of the document.
     """
     document = ls.update(params.text_document.uri)
     loop = asyncio.get_running_loop()
@@ -190,7 +198,7 @@ def hover(ls: SceneServer, params: lsp.HoverParams) -> lsp.Hover | None:
 @server.feature(lsp.TEXT_DOCUMENT_REFERENCES)
 def locations(ls: SceneServer, params: lsp.DefinitionParams | lsp.ReferenceParams) -> list[lsp.Location]:
     """Returns the locations of all occurrences of the symbol at a position, or, if the editor asks for the definition,
-    only of the symbol's definitions.
+    only of the symbol's definitions. Without a symbol at the position, the list is empty.
 
     The statements SURFACE and TRANSFORM define an index, TEXTURE defines a texture, SOLID a solid, and DEFAULT a
     ``$name``.
@@ -204,7 +212,11 @@ def locations(ls: SceneServer, params: lsp.DefinitionParams | lsp.ReferenceParam
 
 @server.feature(lsp.TEXT_DOCUMENT_FORMATTING)
 def formatting(ls: SceneServer, params: lsp.DocumentFormattingParams) -> list[lsp.TextEdit] | None:
-    """Returns the edit that changes a document to the canonical layout, or None if the document has errors."""
+    """Returns the edit that changes a document to the canonical layout, or None if :func:`.format` raises an error.
+
+    The edit replaces the whole text, and keeps the kind of the document's line ends. If the document already has the
+    canonical layout, the returned list is empty.
+    """
     document = ls.documents[params.text_document.uri]
     lines = document.scene_text.replace("\r\n", "\n")
     try:

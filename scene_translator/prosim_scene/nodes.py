@@ -88,7 +88,9 @@ def values_in(node: Node) -> Iterator[Any]:
 
 
 def xml(scene: Node) -> str:
-    """Returns the XML text of a scene's dictionary."""
+    """Returns the XML text of a scene's dictionary. The XML element ``scene`` begins with an element ``default`` for
+    each :class:`Default` in the dictionary.
+    """
     root = ElementTree.Element("scene", version="3.0.0")
     for name, value in {d.name: d.value for d in values_in(scene) if isinstance(d, Default)}.items():
         ElementTree.SubElement(root, "default", name=name, value=xml_number(value))
@@ -118,6 +120,7 @@ def _append(parent: ElementTree.Element, name: str, value: Any, depth: int) -> N
     ``depth`` is the indentation level of the parent's children.
     """
     if isinstance(value, Comment):
+        # A comment in XML must not contain "--".
         text = escape(INVALID_IN_XML.sub("?", value), quote=False).replace("--", "- -")
         parent.append(ElementTree.Comment(f" {text} "))
     elif isinstance(value, dict) and value["type"] == "rgb":
@@ -146,7 +149,9 @@ def _append(parent: ElementTree.Element, name: str, value: Any, depth: int) -> N
 
 
 def _scalar(value: Any) -> tuple[str, str]:
-    """Returns the XML tag and the text of a number, a boolean, a string, or a :class:`Default`."""
+    """Returns the XML tag and the text of a number, a boolean, a string, or a :class:`Default`; the text of a
+    :class:`Default` refers to its name, as in ``$samples``.
+    """
     if isinstance(value, Default):
         return _scalar(value.value)[0], f"${value.name}"
     if isinstance(value, bool):

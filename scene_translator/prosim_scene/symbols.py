@@ -65,6 +65,7 @@ class Symbols:
     """The text of a scene, the errors and warnings about this text, and the table of its symbols."""
 
     def __init__(self, text: str, path: Path | str | None = None) -> None:
+        """Analyses the text of a scene; ``path`` is the scene file that the errors and warnings name."""
         self.text = text
         self.reader, self.diagnostics, self.document = analyse(text, str(path or "<string>"))
         #: The ``$names`` that have a value in this text, each with the text of its value.
@@ -88,7 +89,11 @@ class Symbols:
         return result
 
     def _occurrences(self, token: Token, before: str) -> Iterator[Occurrence]:
-        """Yields the occurrences of symbols in a token; ``before`` is the grammar role of the previous token."""
+        """Yields the occurrences of symbols in a token; ``before`` is the grammar role of the previous token.
+
+        A token that begins with ``$`` or ``{`` has only occurrences of names, even if the value of the token is an
+        index.
+        """
         if self.text[token.start] in "${":
             for match in USE.finditer(self.text, token.start, token.end):
                 yield Occurrence(Symbol("name", match[1]), *match.span(), token.role == "VARIABLE")
@@ -101,7 +106,7 @@ class Symbols:
 
     def occurrence_at(self, offset: int) -> Occurrence | None:
         """Returns the occurrence of a symbol that contains the text offset ``offset`` or ends at it; None if there is
-        no symbol.
+        no symbol. If two occurrences meet at ``offset``, returns the first of them.
         """
         occurrences = (occurrence for found in self.table.values() for occurrence in found)
         return min((o for o in occurrences if o.start <= offset <= o.end), key=lambda o: o.start, default=None)
@@ -110,7 +115,7 @@ class Symbols:
 
     def hover(self, offset: int) -> tuple[int, int, str] | None:
         """Returns ``(start, end, Markdown)``, the text range and the meaning of the word at the text offset ``offset``;
-        None if no meaning is known.
+        None if no meaning is known. The meaning of a symbol is its definition.
         """
         if occurrence := self.occurrence_at(offset):
             return occurrence.start, occurrence.end, self._symbol_markdown(occurrence.symbol)
@@ -126,7 +131,11 @@ class Symbols:
         return (token.start, token.end, text) if text else None
 
     def _symbol_markdown(self, symbol: Symbol) -> str:
-        """Returns the definition of a symbol, as Markdown."""
+        """Returns the definition of a symbol as Markdown, or a note that the text does not define the symbol.
+
+        The definition of a ``$name`` is its value, and the definition of a texture is its kind. The definition of an
+        index or of a solid is the text of all statements that define it.
+        """
         if symbol.kind == "name":
             return f"**${symbol.key}** = {self.names.get(symbol.key, '? It has no value in this text')}"
         if symbol.kind == "texture":
@@ -142,6 +151,10 @@ class Symbols:
     def completions(self, offset: int) -> list[Completion]:
         """Lists the words that the language allows at the text offset ``offset``; each word can replace the partial
         word before this offset.
+
+        In the braces of an expression, the words are ``$names``, functions and constants. Where only numbers fit, the
+        words are ``$names``, and indices if the number is an index. In a comment, in a quote and after END, the list is
+        empty.
         """
         line = self.text[self.text.rfind("\n", 0, offset) + 1 : offset]
         if braces := BRACES.search(line):  # arithmetic
@@ -180,7 +193,7 @@ class Symbols:
         After SURFACE, the completions are the indices in the text that have no SURFACE statement; after TRANSFORM,
         those without a TRANSFORM statement. After a primitive or the name of a solid, the completions are the indices
         that have a SURFACE or a TRANSFORM statement. If no index of the text fits, the only completion is the largest
-        index of the text plus 1.
+        index of the text plus 1, or 0 if the text has no index.
         """
         spans, indices = self.reader.spans, sorted(int(key) for kind, key in self.table if kind == "index")
         if role in STATEMENTS:
@@ -211,8 +224,11 @@ def _names_of_numbers(word: Word) -> str:
 
 
 def description(word: Word) -> str:
-    """Returns a description of a word of the language as Markdown: the word's meaning, the range of the numbers after
-    the word, and the word's other spellings.
+    """Returns a description of a word of the language as Markdown: the word with the names of its numbers, the word's
+    meaning, the range of the numbers after the word, the kinds of lights, materials or textures that have the word, and
+    the word's other spellings.
+
+    Parts that the word does not have are left out, and so is the range of flags (TRUE or FALSE).
     """
     lines = [f"**{word.canonical}** {_names_of_numbers(word)}".rstrip(), word.meaning]
     if word.numbers.count and not word.numbers.flags:
@@ -225,7 +241,10 @@ def description(word: Word) -> str:
 
 def _name_markdown(kind: str, names: dict[str, str], name: str) -> str:
     """Returns a description of the metal or glass ``name`` as Markdown: its name in Mitsuba or in prosim_dielectric, a
-    glass's index of refraction, and all its names in the scene language.
+    glass's index of refraction, and all its names in the scene language. For an unknown ``name``, returns a note.
+
+    ``kind`` is "metal" or "glass"; ``names`` is the dictionary from all names of this kind in the scene language to the
+    names in Mitsuba or in prosim_dielectric.
     """
     if name not in names:
         return f"no {kind} has this name"

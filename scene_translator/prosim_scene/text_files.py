@@ -18,7 +18,8 @@ PART = ".prosim-part-"
 
 def read(path: AnyPath) -> str:
     """Reads the text of a scene file, which is UTF-8, UTF-16 with a byte order mark, or otherwise Latin-1. Raises
-    SceneError if the file cannot be read or is too large.
+    SceneError if the file cannot be read or is too large, and if it seems to be UTF-16 without a byte order mark. In
+    the result, all line ends are LF.
     """
     path = Path(path)
     try:
@@ -37,7 +38,7 @@ def read(path: AnyPath) -> str:
 
 
 def rewrite(path: AnyPath, text: str) -> None:
-    """Replaces the text of a scene file atomically.
+    """Replaces the text of a scene file, which must exist, atomically; the new text is UTF-8.
 
     The file keeps its permissions. If ``path`` is a symbolic link, the target of the link is rewritten. Raises
     SceneError if the file cannot be written; the file is then unchanged.

@@ -29,7 +29,7 @@ class Options:
     allow_outside: bool = False
 
     def __post_init__(self) -> None:
-        """Checks the values of the options."""
+        """Checks the values of the options. Raises SceneError for the first wrong value."""
         samples, pixels = numbers_of("SETTING", "samples"), numbers_of("VIEW_PARAMETER", "resolution")
         self._check("target", self.target in TARGETS, f"one of {', '.join(TARGETS)}")
         self._check("light_units", self.light_units in UNITS, f"one of {', '.join(UNITS)}")

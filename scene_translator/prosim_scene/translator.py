@@ -30,7 +30,9 @@ def document(path: AnyPath, define: Mapping[str, object] | None = None) -> Docum
 
 
 def _opened(source: AnyPath | Document, define: Mapping[str, object] | None) -> Document:
-    """Returns the document of the scene file ``source``; if ``source`` is a document, returns it unchanged."""
+    """Returns the document of the scene file ``source``; if ``source`` is a document, returns it unchanged. Raises
+    SceneError if ``define`` sets values although ``source`` is a document.
+    """
     if not isinstance(source, Document):
         return document(source, define)
     if define:
@@ -148,7 +150,8 @@ def check(source: AnyPath | Document, *, define: Mapping[str, object] | None = N
     """Analyses a scene file and evaluates its CSG tree, without writing a file; returns the scene.
 
     Raises a :class:`SceneError` and emits a :class:`SceneWarning` in the same cases as :func:`translate`, for example
-    for primitives that are invisible in the evaluated CSG tree.
+    for primitives that are invisible in the evaluated CSG tree. Only errors about the files and file names that
+    :func:`translate` writes are not found.
     """
     checked, opened = Options(**options), _opened(source, define)
     assemble(opened, checked, lambda name, _: name)

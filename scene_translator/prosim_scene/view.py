@@ -74,7 +74,7 @@ class Camera:
 
 def distortion_message(width: int, height: int, ratio: float) -> str | None:
     """Returns the message that an image of ``width`` x ``height`` pixels is distorted, because the scene's window has
-    another aspect ratio (``ratio``).
+    another aspect ratio; ``ratio`` is the width of the window divided by its height.
 
     Returns None if the distortion is below 1 %, or is caused only by rounding to whole pixels.
     """
@@ -89,7 +89,9 @@ def distortion_message(width: int, height: int, ratio: float) -> str | None:
 
 
 def warn_of_distortion(document: Document) -> None:
-    """Warns if the RESOLUTION and the WINDOW of a scene have different aspect ratios."""
+    """Warns if the RESOLUTION and the WINDOW of a scene have different aspect ratios; :func:`distortion_message`
+    defines which differences count. The warning is about RESOLUTION if the text states it, or else about WINDOW.
+    """
     view = document.scene.view
     umin, vmin, umax, vmax = view.window
     message = distortion_message(*view.resolution, (umax - umin) / (vmax - vmin))
@@ -99,9 +101,11 @@ def warn_of_distortion(document: Document) -> None:
 
 
 def camera_of(document: Document, resolution: tuple[int, int] | None = None) -> Camera:
-    """Returns the :class:`Camera` of a scene; ``resolution`` replaces the RESOLUTION of the scene.
+    """Returns the :class:`Camera` of a scene; ``resolution``, if given, replaces the RESOLUTION of the scene. If VPN is
+    0 0 0, the normal of the view plane is OBS - VRP.
 
-    Raises SceneError for a degenerate view.
+    Raises SceneError for a degenerate view: an eye on the view plane, a VPN that is tiny but not 0 0 0, a VUP that has
+    length 0 or is parallel to VPN, or a window that is empty, too large or too small.
     """
     view = document.scene.view
     eye, vrp, vup, normal = (np.array(x, dtype=float) for x in (view.eye, view.vrp, view.vup, view.vpn))

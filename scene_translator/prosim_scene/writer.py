@@ -99,8 +99,8 @@ class TranslationFiles:
         return f"{self.mesh_folder.name}/{file}"
 
     def image_path(self, path: Path) -> str:
-        """Returns the path by which the XML file refers to an image file, relative to the folder of the XML file if
-        possible.
+        """Returns the path by which the XML file refers to an image file: relative to the folder of the XML file if
+        possible, or else absolute.
 
         Raises ValueError for a path that is not valid in XML.
         """
@@ -117,9 +117,10 @@ class TranslationFiles:
         """Writes the XML ``text`` and the meshes; returns the path of the XML file.
 
         The XML file is replaced after the meshes are written, so the mesh files that the XML file names always exist.
-        Meshes of earlier translations are removed at the end. Raises OSError if the files cannot be written, in
-        particular FileExistsError if a file that no translation wrote has the path of a result; existing files are then
-        unchanged.
+        Meshes of earlier translations are removed at the end, if the folder could be locked. Raises OSError if the
+        files cannot be written, in particular FileExistsError if a file that no translation wrote has the path of a
+        result; existing files are then unchanged. Raises TimeoutError, too, if another translation keeps the folder
+        locked.
         """
         _check_replaceable(self.xml, self.mesh_folder)
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -150,7 +151,9 @@ def _digest(content: bytes) -> str:
 
 
 def _check_replaceable(xml: Path, mesh_folder: Path) -> None:
-    """Raises OSError if a translation would replace a file or a folder that no translation wrote."""
+    """Raises OSError if a translation would replace a file or a folder that no translation wrote. An XML file that a
+    translation wrote contains MARK.
+    """
     if xml.is_dir():
         raise IsADirectoryError(0, "the translation would replace this folder; move it, or choose another folder", xml)
     refuse_special(xml)
@@ -166,9 +169,9 @@ def _check_replaceable(xml: Path, mesh_folder: Path) -> None:
 def _locked(folder: Path) -> Iterator[bool]:
     """Locks a folder, so that no other translation removes the new meshes before the new XML file refers to them.
 
-    Yields True if the folder is locked. The folder is not locked on Windows, on network file systems without locks, and
-    without the permission to read the folder. The operating system removes the lock of a killed process. Raises
-    TimeoutError if another translation keeps the folder locked for LOCK_TIMEOUT seconds.
+    Yields True if the folder is locked, and otherwise False. The folder is not locked on Windows, on network file
+    systems without locks, and without the permission to read the folder. The operating system removes the lock of a
+    killed process. Raises TimeoutError if another translation keeps the folder locked for LOCK_TIMEOUT seconds.
     """
     if sys.platform == "win32":
         yield False
@@ -204,7 +207,9 @@ def _has_content(path: Path, content: bytes) -> bool:
 
 
 def _remove_old_meshes(mesh_folder: Path, meshes: dict[str, bytes]) -> None:
-    """Removes the meshes of earlier translations, and the unfinished files of translations that were killed."""
+    """Removes the meshes of earlier translations, except those whose file names are keys of ``meshes``, and the
+    unfinished files of translations that were killed.
+    """
     for path in mesh_folder.iterdir():
         if path.name not in meshes and path.is_file() and _is_from_translation(path):
             path.unlink(missing_ok=True)

@@ -49,6 +49,8 @@ def active_zones(tree: Tree, solids: Sequence[Solid], of_leaf: np.ndarray) -> np
     def combine(symbol: str, first: _Operand, second: _Operand) -> _Operand:
         """Returns a bounding ball of an operator's result, and the range of the leaf numbers of both operands; updates
         ``zones``.
+
+        Each operand is a tuple: a bounding ball, the number of its first leaf, and the number after its last leaf.
         """
         (a, begin, middle), (b, _, end) = first, second
         if symbol == "+":
@@ -71,12 +73,13 @@ def _smaller(balls: np.ndarray, ball: np.ndarray) -> np.ndarray:
 
 
 def refined_cap(solid: Solid, zone: np.ndarray, camera: Camera, tolerance: float) -> tuple[int, np.ndarray]:
-    """Returns the number of segments and the ``facet_map`` of a ball; if only a cap of the ball has an effect on the
-    CSG tree's result, the facets are concentrated near this cap.
+    """Returns the number of segments and the ``facet_map`` of a ball; if only a small cap of the ball has an effect on
+    the CSG tree's result, the facets are concentrated near this cap.
 
     ``solid.segments`` is the number of segments without cap refinement. Outside the ball ``zone`` (centre, radius), the
-    solid has no effect on the CSG tree's result. The chord error stays below ``tolerance`` pixels, also at the rim of
-    the cap.
+    solid has no effect on the CSG tree's result. If ``zone`` and the surface of the ball have no small cap in common,
+    or the ball has only MIN_SEGMENTS segments, returns ``solid.segments`` and the identity. The chord error stays below
+    ``tolerance`` pixels, also at the rim of the cap, if the limits of :meth:`.Primitive.segments` allow it.
     """
     axis = np.linalg.solve(solid.to_world, [*zone[:3], 1])[:3]
     distance, radius = float(np.linalg.norm(axis)), float(zone[3]) / solid.narrowest
@@ -120,7 +123,9 @@ BATCH = 1 << 8  # the number of pairs of solids that are tested at a time
 def shrink_inscribed(solids: list[Solid]) -> None:
     """Sets the factor ``shrink`` of each ball that touches a curved face of another solid from inside.
 
-    The attribute ``segments`` of all solids must be set before.
+    The factor is 1 - e/r, but at least 0.5, where e is the chord error of the outer solid and r the shortest semi-axis
+    of the ball. If a ball touches several solids, the smallest factor counts. All balls on one surface get the same
+    factor. The attribute ``segments`` of all solids must be set before.
     """
     curved = [s for s in solids if s.primitive.curved is not None]
     surfaces = np.array([s.curved_surface if s.curved_surface >= 0 else -1 - i for i, s in enumerate(curved)], int)
@@ -140,11 +145,12 @@ def shrink_inscribed(solids: list[Solid]) -> None:
 
 def _inscribed_pairs(solids: Sequence[Solid], surfaces: np.ndarray) -> Iterator[tuple[int, int]]:
     """Yields pairs of numbers of a ball and of an outer solid: the ball lies inside the quadric of the outer solid's
-    curved face, and touches this face.
+    curved face, and touches this face. A ball also counts if its distance from the face is at most about twice the
+    chord error of the face.
 
-    ``surfaces`` (n,) has, for each solid, the number of the surface on which its curved face lies. Cylinders and cones
-    inside other solids are excluded: they would touch the outer solid along a line or with their rim, where a gap would
-    look like a wall.
+    ``surfaces`` (n,) has, for each solid, the number of the surface on which its curved face lies; two balls on the
+    same surface are no pair. Cylinders and cones inside other solids are excluded: they would touch the outer solid
+    along a line or with their rim, where a gap would look like a wall.
     """
     boxes, to_world = world_box_corners(solids), np.array([s.to_world for s in solids]).reshape(-1, 4, 4)
     to_local, inradius = np.linalg.inv(to_world), np.array([s.inradius for s in solids])

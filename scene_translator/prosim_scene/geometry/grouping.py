@@ -22,12 +22,14 @@ MAX_PAIRS = 1 << 16  # the largest number of pairs that are tested at a time
 def sweep(low: np.ndarray, high: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yields the pairs of boxes that touch or overlap, each pair once, as two arrays of box numbers.
 
-    ``low`` and ``high`` (n, 3) are the minimum and maximum corners of the boxes. Each yielded item contains many pairs.
-    The first box of a pair has the smaller minimum x; the pairs are sorted by the minimum x of their first boxes.
+    ``low`` and ``high`` (n, 3) are the minimum and maximum corners of the boxes. Each yielded item contains many pairs,
+    at most MAX_PAIRS, unless a single box has more. The first box of a pair has the smaller minimum x; the pairs are
+    sorted by the minimum x of their first boxes.
     """
     order = np.argsort(low[:, 0], kind="stable")
     low, high = low[order], high[order]
-    last = np.searchsorted(low[:, 0], high[:, 0], side="right")  # sweep along x
+    # Sweep along x: box i may touch the boxes from i + 1 to last[i] - 1, which begin before box i ends.
+    last = np.searchsorted(low[:, 0], high[:, 0], side="right")
     counts = np.maximum(last - np.arange(len(order)) - 1, 0)
     ends = np.cumsum(counts)
     begin = 0
@@ -58,15 +60,15 @@ def components(
     """Returns the label of each box: the smallest box number in the connected component of touching boxes that contains
     the box.
 
-    ``connected(first, second)`` returns which of several pairs of touching boxes are connected; without this function,
-    all touching boxes are connected.
+    ``connected(first, second)`` returns, for each of several pairs of touching boxes, whether the boxes are connected;
+    without this function, all touching boxes are connected.
     """
     label = np.arange(len(low))
     for first, second in sweep(low, high):
-        if connected:
+        if connected:  # only pairs that are not yet in one component need a test
             pairs = np.stack([first, second])[:, label[first] != label[second]]
             first, second = pairs[:, connected(*pairs)]
-        while True:
+        while True:  # each label becomes the smallest label that can be reached over the pairs
             a, b = label[first], label[second]
             if (a == b).all():
                 break

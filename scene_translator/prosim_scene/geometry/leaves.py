@@ -42,12 +42,14 @@ class Leaves:
         cuts_several_media: np.ndarray,
         meshes: Mapping[str, Primitive],
     ) -> None:
-        """``tolerance`` is the largest chord error of curved faces in pixels.
+        """Computes the solids with their transforms, shared surfaces and numbers of segments; :meth:`make_meshes` makes
+        their meshes later.
 
-        ``meshes`` is a dictionary from the names of mesh files to their solids. ``cuts_several_media`` (n,) is True for
-        each leaf that cuts several media. A face of a leaf that cuts several media becomes a face of the solids of all
-        these media, and these faces coincide. Raises :class:`SceneError` for a transform that is nearly singular or too
-        extreme for Mitsuba, and for too many triangles.
+        ``tolerance`` is the largest chord error of curved faces in pixels. ``meshes`` is a dictionary from the names of
+        mesh files to their solids. ``cuts_several_media`` (n,) is True for each leaf that cuts several media. A face of
+        a leaf that cuts several media becomes a face of the solids of all these media, and these faces coincide. Raises
+        :class:`SceneError` for a transform that is nearly singular or too extreme for Mitsuba, and for too many
+        triangles.
         """
         keys = [(leaf.shape, leaf.file, leaf.index) for _, leaf in document.scene.leaves]
         numbers_of_keys = {key: i for i, key in enumerate(dict.fromkeys(keys))}
@@ -79,7 +81,11 @@ class Leaves:
     def _find_shared_surfaces(self, cuts_several_media: np.ndarray) -> None:
         """Sets ``surfaces`` and ``facet_map`` of each :class:`.Solid` that shares surfaces with other solids, and
         merges equal solids.
+
+        A solid of several leaves, or of a leaf that cuts several media, has shared surfaces even if no other solid has
+        them.
         """
+        # A leaf that cuts several media counts twice, because its faces become faces of several solids.
         uses = np.bincount(self.of_leaf) + np.bincount(self.of_leaf, cuts_several_media)
         counts = [len(s.primitive.quadrics) for s in self.solids]
         if not any(counts):
@@ -126,6 +132,7 @@ class Leaves:
         facets = np.concatenate([m.facets + first for m, first in zip(meshes, self.first)])
         on = surface[facets] >= 0
         sizes = np.linalg.norm([s.to_world[:3, :3] for s in self.solids], axis=(1, 2))
+        # Facets of several solids share the plane of the largest solid, which has the lowest rank.
         rank = np.argsort(np.argsort(-sizes, kind="stable"))
         owner = np.repeat(rank, np.diff(self.first)) * (self.faces.max() + 1) + self.faces
         self.planes = Planes(vertices[triangles[on]], facets[on], surface, owner, self.thickness)
@@ -157,7 +164,8 @@ class Leaves:
 
 
 def _check_transforms(document: Document, indices: Sequence[int], matrices: np.ndarray, boxes: np.ndarray) -> None:
-    """Raises SceneError for the first transform that is nearly singular or whose numbers are too extreme for Mitsuba.
+    """Raises SceneError for the first transform that is nearly singular or whose numbers are too extreme for Mitsuba. A
+    transform is nearly singular if it scales one direction by less than 1e-12 of the scale in another direction.
 
     ``matrices`` (n, 4, 4) are the matrices of the transforms, ``indices`` are the indices of their TRANSFORM
     statements. ``boxes`` (n, 8, 3) are the corners of the bounding boxes of the solids in world coordinates.

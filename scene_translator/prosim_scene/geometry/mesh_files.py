@@ -38,8 +38,10 @@ class MeshFile(Primitive):
     quadrics = np.empty((0, 4, 4))
 
     def __init__(self, data: bytes) -> None:
-        """Reads the content of a mesh file. Raises ValueError, with the reason, if the file does not describe a
-        solid.
+        """Reads the content of a mesh file. Raises ValueError, with the reason, if the file does not describe a solid.
+
+        Vertices at equal positions become one vertex. Degenerate triangles and unused vertices are removed. If the mesh
+        is inside out, all its triangles are reversed.
         """
         self.name = f"mesh {hashlib.sha256(data).hexdigest()}"
         try:
@@ -79,8 +81,11 @@ class MeshFile(Primitive):
         return self._mesh
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
-        """Returns normals and uv at the points ``p``, interpolated in the file's triangles whose numbers are
-        ``face``.
+        """Returns normals and uv at the points ``p``, interpolated in the file's triangles whose numbers are ``face``.
+        No corner shares its vertex with other triangles.
+
+        A normal that does not point outwards is replaced by the normal of the triangle. If the file has no uv, uv is
+        (x, y).
         """
         along = (p - self._origin[face, None]) @ self._dual[face]
         weights = np.concatenate([1 - along.sum(axis=2, keepdims=True), along], axis=2)
@@ -102,8 +107,8 @@ def mesh_file(data: bytes) -> MeshFile:
 
 
 def _check_table(table: np.ndarray | None, index: np.ndarray, width: int) -> None:
-    """Raises ValueError if a table of vertex data does not have a row of ``width`` finite numbers for each index in
-    ``index``.
+    """Raises ValueError if a table of vertex data does not have a row of ``width`` numbers for each index in ``index``,
+    or if the table contains a number that is not finite or whose magnitude is above LARGE.
 
     A table that is None causes no error.
     """
@@ -139,7 +144,9 @@ Raw = tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray | None]
 
 
 def _ply(data: bytes) -> Raw:
-    """Parses the content of a PLY file. Raises ValueError, IndexError, KeyError or OverflowError."""
+    """Parses the content of a PLY file. If the file has no normals or no texture coordinates, the result contains None
+    instead. Raises ValueError, LookupError, OverflowError, TypeError or StopIteration if the content is wrong.
+    """
     header = HEADER.match(data)
     if header is None:
         raise ValueError("its header has no end")
@@ -154,7 +161,7 @@ def _ply(data: bytes) -> Raw:
             formats = [ORDERS[kind] + ("f8" if kind == "ascii" else TYPES[name]) for name in types]
             elements[-1][2].append((line[-1], formats))
     body, position, values = data[header.end() :], 0, dict[str, dict[str, Any]]()
-    if kind == "ascii":
+    if kind == "ascii":  # the numbers become binary, so that _rows reads both kinds of files
         body = np.array(body.split(), "<f8").tobytes()
     for name, count, properties in elements:
         values[name], position = _rows(body, position, count, properties)
@@ -166,6 +173,7 @@ def _ply(data: bytes) -> Raw:
         for names in (uv_names, ("nx", "ny", "nz"))
     )
     points = np.stack([vertex[axis] for axis in "xyz"], axis=-1).astype(float)
+    # A PLY file has one number for the position, the uv and the normal of a corner.
     return points, np.repeat(index[..., None], 3, axis=2), normals, uv
 
 
@@ -175,7 +183,7 @@ def _rows(body: bytes, position: int, count: int, properties: Properties) -> tup
 
     Returns a dictionary from property names to values, and the position after the last row. The values of a property
     are an array if every list property has the same length in all rows; otherwise the values are a list with one entry
-    per row.
+    per row. For an element without rows or properties, the dictionary is empty.
     """
     if not count or not properties:
         return {}, position
@@ -201,7 +209,12 @@ def _rows(body: bytes, position: int, count: int, properties: Properties) -> tup
 
 
 def _obj(text: str) -> Raw:
-    """Parses the content of an OBJ file. Raises ValueError or OverflowError."""
+    """Parses the content of an OBJ file: its vertices, texture coordinates, normals and faces. Raises ValueError or
+    OverflowError.
+
+    If a corner of any face has no texture coordinates, the result contains None instead of the texture coordinates, and
+    likewise for the normals.
+    """
     tables: dict[str, list[list[float]]] = {"v": [], "vt": [], "vn": []}
     polygons: list[list[list[int]]] = []
     for line in re.sub(r"\\\r?\n", " ", text).replace("\r", "\n").split("\n"):
@@ -221,7 +234,8 @@ def _obj(text: str) -> Raw:
 def _number(text: str, count: int) -> int:
     """Converts an index in an OBJ file to an index from 0, or to -1 if the text is empty.
 
-    An index in an OBJ file counts from 1; a negative index counts backwards from the latest of ``count`` items.
+    An index in an OBJ file counts from 1; a negative index counts backwards from the latest of ``count`` items. Raises
+    ValueError if ``text`` is no whole number, if it is 0, and if a negative index counts back beyond the first item.
     """
     if not text:
         return -1
@@ -232,8 +246,8 @@ def _number(text: str, count: int) -> int:
 
 
 def _fans(polygons: Sequence[Any]) -> np.ndarray:
-    """Divides convex polygons, each a sequence of corners, into m triangles (m, 3, ...). Raises ValueError if there are
-    no triangles.
+    """Divides convex polygons, each a sequence of corners, into m triangles (m, 3, ...); polygons with fewer than 3
+    corners are left out. Raises ValueError if there are no triangles.
     """
     result = []
     for count, numbers in group_equal(map(len, polygons)).items():

@@ -101,8 +101,9 @@ class Primitive(ABC):
         """Returns, for each of n transforms (n, 4, 4), the size of the transformed curved face (n,), and a bounding
         ball of the transformed primitive.
 
-        The size is about the longest semi-axis of the curved face. The bounding balls are an array (n, 4); each row has
-        the centre and the radius of a ball, in world coordinates.
+        The size is about the longest semi-axis of the curved face; for a primitive without a curved face, the size is
+        the radius of the ball. The bounding balls are an array (n, 4); each row has the centre and the radius of a
+        ball, in world coordinates.
         """
         corners = self.box_corners @ to_world[:, :3, :3].transpose(0, 2, 1) + to_world[:, None, :3, 3]
         center = corners.mean(axis=1)
@@ -111,10 +112,12 @@ class Primitive(ABC):
 
     def segments(self, to_world: np.ndarray, camera: Camera, tolerance: float) -> np.ndarray:
         """Returns, for each transform (n, 4, 4), the number of line segments by which the mesh must approximate a full
-        circle.
+        circle: a multiple of 4. For a primitive without a curved face, the number is 4.
 
-        With the returned number of segments, a multiple of 4, the chord error is below ``tolerance`` pixels if
-        MAX_SEGMENTS allows it. For a primitive outside the window, the tolerance is OUTSIDE_TOLERANCE times larger.
+        With the returned number of segments, the chord error is below ``tolerance`` pixels if MAX_SEGMENTS allows it,
+        except near the ends of an ellipsoid whose longest semi-axis is more than MAX_ASPECT times the second longest.
+        For a primitive outside the window, the tolerance is OUTSIDE_TOLERANCE times larger, and the maximum is
+        OUTSIDE_SEGMENTS.
         """
         if self.curved is None:
             return np.full(len(to_world), 4)
@@ -156,8 +159,8 @@ def circle(segments: int) -> np.ndarray:
 
 
 def azimuth(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the azimuth of each corner of triangles, as a fraction of a full turn about the z axis, and whether each
-    corner is on this axis.
+    """Returns the azimuth of each corner of triangles ``p`` (n, 3, 3), as a fraction of a full turn about the z axis,
+    and whether each corner is on this axis.
 
     The azimuth is in [0, 1]; in a triangle that crosses the seam at azimuth 0, 1 is added to azimuths below 0.5. The
     azimuth of a corner on the axis is the mean of the azimuths of the triangle's other corners.
@@ -189,7 +192,7 @@ class Cube(Primitive):
     ]
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
-        """Returns the mesh of the cube: two triangles for each face."""
+        """Returns the mesh of the cube: two triangles for each face. ``segments`` and ``facet_map`` have no effect."""
         triangles = np.array([t for a, b, c, d in self.squares for t in ((a, b, c), (a, c, d))])
         return Mesh(box_corners(self.box), triangles, np.repeat(np.arange(6), 2), np.arange(6))
 
@@ -206,8 +209,9 @@ class Cube(Primitive):
 
 
 def _subdivided_octahedron(segments: int) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the vertices and the triangles of a unit sphere: an octahedron whose faces are divided into equal
-    triangles.
+    """Returns the vertices and the triangles of a mesh of the unit sphere: an octahedron whose faces are divided into
+    equal triangles, and whose vertices are then moved onto the sphere. ``segments``, a multiple of 4, is the number of
+    edges around the equator.
     """
     mesh = Manifold.sphere(1.0, segments).to_mesh64()
     vertices = np.array(mesh.vert_properties)[:, :3]
@@ -239,7 +243,9 @@ class Sphere(Primitive):
         return np.minimum(longest, MAX_ASPECT * second), np.append(to_world[:, :3, 3], longest[:, None], axis=1)
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
-        """Returns normals and uv; u is the azimuth and v the polar angle, each scaled to [0, 1]."""
+        """Returns normals and uv; u is the azimuth, as :func:`azimuth` returns it, and v is the polar angle, scaled to
+        [0, 1]. A corner at a pole does not share its vertex with other triangles.
+        """
         radius = np.linalg.norm(p, axis=2)
         u, on_axis = azimuth(p)
         v = np.arccos(np.clip(p[..., 2] / radius, -1, 1)) / math.pi
@@ -264,7 +270,9 @@ class _OfRevolution(Primitive):
         return size, np.append(to_world[:, :3, 3] + half, radius[:, None], axis=1)
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
-        """Returns normals and uv: uv is (azimuth, z) on the side, and (x, y) mapped to the unit square on a disc."""
+        """Returns normals and uv: uv is (azimuth, z) on the side, and (x, y) mapped to the unit square on a disc.
+        :func:`azimuth` computes the azimuth, also of a corner on the axis.
+        """
         u, on_axis = azimuth(p)
         normals, uv = p * np.diag(self.quadrics[0])[:3], np.stack([u, p[..., 2]], axis=2)
         on_disc = face > 0
@@ -287,7 +295,9 @@ class Cylinder(_OfRevolution):
     surface_lines = np.stack([np.append(circle(64), np.full((64, 1), z), axis=1) for z in (0, 1)], axis=1)
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
-        """Returns the mesh of the cylinder: two discs, and two triangles for each segment of the side."""
+        """Returns the mesh of the cylinder: two discs, and a facet of two triangles for each segment of the side.
+        ``facet_map`` moves the corners of the discs along their circles.
+        """
         around = circle(segments) @ facet_map[:2, :2].T  # facet_map keeps lines parallel to z
         ring = np.append(around / np.linalg.norm(around, axis=1, keepdims=True), np.ones((segments, 1)), axis=1)
         upper, disc = np.arange(segments), fan(segments)
@@ -307,7 +317,9 @@ class Cone(_OfRevolution):
     surface_lines = np.stack([np.append(circle(64), np.ones((64, 1)), axis=1) * z for z in (0, 1)], axis=1)
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
-        """Returns the mesh of the cone: a disc of ``segments`` - 2 triangles, and one triangle per side segment."""
+        """Returns the mesh of the cone: a disc of ``segments`` - 2 triangles, and one triangle per side segment.
+        ``facet_map`` moves the corners of the disc along its circle; the apex is the last vertex.
+        """
         generators = np.append(circle(segments), np.ones((segments, 1)), axis=1) @ facet_map[:3, :3].T
         ring = np.append(generators[:, :2] / generators[:, 2:], np.ones((segments, 1)), axis=1)
         i = np.arange(segments)

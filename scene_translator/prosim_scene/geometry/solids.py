@@ -52,8 +52,8 @@ class Solid:
         return -1 if self.primitive.curved is None else int(self.surfaces[self.primitive.curved])
 
     def mesh(self) -> Mesh:
-        """Returns the mesh of the solid in world coordinates; the triangles are counter-clockwise if seen from
-        outside.
+        """Returns the mesh of the solid in world coordinates, with the effects of ``facet_map`` and ``shrink``; the
+        triangles are counter-clockwise if seen from outside, also if the transform mirrors the primitive.
         """
         linear, offset = self.to_world[:3, :3], self.to_world[:3, 3]
         mirrored = np.linalg.det(linear) < 0

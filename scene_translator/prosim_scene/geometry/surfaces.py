@@ -63,6 +63,7 @@ def corner_keys(vertex: np.ndarray, face: np.ndarray, corners: CornerAttributes,
     key; ``first`` is the number of unshared corners that already have keys.
     """
     wrapped = (np.floor(corners.uv[..., 0]) > 0).astype(int)
+    # Face numbers are below 8, except in mesh files, whose corners are all unshared.
     keys = np.asarray((vertex * 8 + face[:, None]) * 2 + wrapped)
     keys[corners.unshared] = -1 - np.arange(first, first + corners.unshared.sum())
     return keys
@@ -108,21 +109,25 @@ def tessellate(
     meshes: Mapping[str, Primitive] | None = None,
 ) -> dict[MeshKey, Triangles]:
     """Evaluates the CSG tree of a document's scene, and returns a dictionary of the resulting triangles; the keys are
-    the material and the media of the triangles.
+    the material and the media of the triangles. Keys of which no triangle is visible are left out, and a scene without
+    primitives has no keys.
 
     ``tolerance`` is the largest chord error of curved faces in pixels. ``medium(leaf)`` returns a hashable key of the
     medium inside a dielectric leaf, or None for an opaque leaf. ``material(leaf)`` returns a hashable key of the leaf's
     material; faces with equal keys between the same media share a mesh. ``fresnel(leaf)`` returns whether an opaque
     leaf reflects by Fresnel's equations, which depend on the medium outside. ``cached(key, make)`` returns ``make()``,
     or the result of an earlier call with an equal key. ``meshes`` is a dictionary from the names of mesh files to their
-    solids. Raises :class:`SceneError` for a singular transform, and for too many triangles.
+    solids.
+
+    Raises :class:`SceneError` for a singular transform, and for too many triangles. Warns of leaves of which nothing is
+    visible, of cuts between glass and opaque solids, and of large rounding errors in single precision.
     """
     numbered_leaves = document.scene.leaves
     leaves = [leaf for _, leaf in numbered_leaves]
     if not leaves:
         return {}
     tree = csg.tree_of(document.scene.csg)
-    names = [None, *map(medium, leaves)]
+    names = [None, *map(medium, leaves)]  # None comes first, so the opaque medium gets the number OPAQUE = 0
     numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
     media_of = [numbers[name] for name in names[1:]]
     cut_media = csg.count_cut_media(tree, media_of)
@@ -164,6 +169,7 @@ def _boundary(tree: csg.Tree, table: Leaves, media_of: list[int], fresnel: bool,
     """
     table.make_meshes()
     ids = OriginalIds(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
+    # For each leaf, the box of its mesh, enlarged by the thickness, and the eight corners of its rotated box.
     boxes = table.boxes + table.thickness * np.array([[-1.0], [1.0]])
     boxes = np.append(boxes, world_box_corners(table.solids), axis=1)[table.of_leaf]
     groups = components(boxes[:, 0], boxes[:, 1])
@@ -221,9 +227,13 @@ def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
 def _surface_mesh(table: Leaves, boundary: Boundary, count: int) -> SurfaceMesh:
     """Returns the triangles of a boundary, sorted by kind, with their normals and uv; ``count`` is the number of media,
     including air.
+
+    A kind is visible if one of its triangles is higher, over its longest side, than twice the thickness of coincident
+    facets.
     """
     vertices, triangles = boundary
     del boundary  # frees memory
+    # The code of a kind is made of the leaf and of the two media; 1 is added to the media, because AIR is -1.
     codes = (triangles["leaf"].astype(int) * count + triangles["inside"] + 1) * count + triangles["outside"] + 1
     triangles = triangles[np.argsort(codes, kind="stable")]
     codes, starts, kind = np.unique(np.sort(codes), return_index=True, return_inverse=True)
@@ -265,7 +275,8 @@ def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, in
 
 
 def _warn_of_mixed_cut(document: Document, number: int, leaf: Leaf, opaque: bool) -> None:
-    """Warns that an opaque leaf cuts glass, or that a glass leaf cuts an opaque solid.
+    """Warns that an opaque leaf cuts glass (if ``opaque`` is True), or that a glass leaf cuts an opaque solid. ``leaf``
+    is the leaf that cuts, and ``number`` is its position in the CSG tree.
 
     The faces of a cut belong to the leaf that cuts, so they have the material of this leaf.
     """
@@ -282,10 +293,11 @@ def _warn_of_mixed_cut(document: Document, number: int, leaf: Leaf, opaque: bool
 
 
 def _report_vanished(document: Document, vanished: list[tuple[int, Leaf]], empty: bool) -> None:
-    """Warns of leaves of which no face is visible in the result.
+    """Warns of leaves of which nothing is visible in the result.
 
-    ``vanished`` lists the leaves without a visible face, each with its position in the CSG tree. ``empty`` is True if
-    no leaf of the scene has a visible face.
+    ``vanished`` lists the leaves that have no visible face, and whose medium is not visible behind a face of another
+    leaf either, each with its position in the CSG tree. ``empty`` is True if nothing is visible of any leaf of the
+    scene; the warning is then about the whole tree.
     """
     if empty:
         document.warn("the tree's result is empty; check its operators and transforms", "csg")

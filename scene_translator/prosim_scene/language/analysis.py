@@ -56,8 +56,10 @@ def analyse(
 ) -> tuple[Reader, list[Problem], Document | None]:
     """Reads a text and checks the scene; returns ``(reader, problems, document)``.
 
-    ``problems`` are the errors and warnings in the order of the text. The document is None if the text has an error.
-    Raises SceneError if the text is larger than SIZE_LIMIT.
+    ``problems`` are the errors and warnings in the order of the text. The document is None if the text has an error. If
+    the reader finds errors or undefined names, most checks of the whole scene are left out, because they would report
+    consequences of these errors. Raises SceneError if the text has more than SIZE_LIMIT characters, and for a wrong
+    name or value in ``define``.
     """
     if len(text) > SIZE_LIMIT:
         raise too_large(filename)
@@ -88,10 +90,12 @@ def too_large(path: AnyPath) -> SceneError:
 
 
 def _with_separate_indices(document: Document) -> Document:
-    """Returns an equivalent document in which the primitives of named solids have separate indices.
+    """Returns an equivalent document in which the primitives of named solids have separate indices; a document without
+    named solids is returned unchanged.
 
     Each combination of a primitive's index with the indices of the named solids around the primitive gets a new index,
-    for which a SURFACE and a TRANSFORM are added to the scene.
+    for which a SURFACE and a TRANSFORM are added to the scene. The new TRANSFORM has the steps of the primitive, and
+    then those of the solids around it, the innermost first.
     """
     scene, spans = document.scene, dict(document.spans)
     surfaces, transforms, csg = dict(scene.surfaces), dict(scene.transforms), list(scene.csg)
@@ -122,7 +126,9 @@ def _used_indices(scene: Scene) -> set[int]:
 
 
 def _scene_problems(document: Document) -> Iterator[Problem]:
-    """Yields the errors and warnings that only a check of the whole scene finds."""
+    """Yields the errors and warnings that only a check of the whole scene finds; each check yields MAX_ERRORS + 1 of
+    them at most.
+    """
     values = _settings_problems, _lights_problems, _materials_problems, _kinds_problems
     for problems in *values, _indices_problems, _textures_problems, _unused_warnings:
         yield from islice(problems(document), MAX_ERRORS + 1)
@@ -142,7 +148,7 @@ def _settings_problems(document: Document) -> Iterator[SceneError]:
 
 def _lights_problems(document: Document) -> Iterator[Problem]:
     """Yields errors about lights without a position, and warnings about nearly dark colours of lights, AMBIENT or
-    BACKGROUND.
+    BACKGROUND. A black colour causes no warning, and a SKY light needs no position.
     """
     scene = document.scene
     intensities: list[tuple[Vector, Path]] = [(scene.ambient, ("ambient",))]
@@ -207,7 +213,11 @@ def _kinds_problems(document: Document) -> Iterator[Problem]:
 
 
 def _indices_problems(document: Document) -> Iterator[SceneError]:
-    """Yields an error for each index of a primitive for which the scene has no SURFACE or no TRANSFORM."""
+    """Yields an error for each index of a primitive for which the scene has no SURFACE or no TRANSFORM.
+
+    A primitive of a named solid needs a SURFACE for its own index or for the index of a solid around it, and a
+    TRANSFORM for each of these indices.
+    """
     statements = [path for path in document.spans if len(path) == 2]  # also of statements with an error
     surfaces, transforms = ({key for field, key in statements if field == name} for name in ("surfaces", "transforms"))
     reported = set()
@@ -226,8 +236,8 @@ def _indices_problems(document: Document) -> Iterator[SceneError]:
 
 
 def _textures_problems(document: Document) -> Iterator[SceneError]:
-    """Yields errors about unknown textures, and about images in the second texture slot, which allows only solid
-    textures.
+    """Yields errors about unknown textures, one for each name, and about images in the second texture slot, which
+    allows only solid textures.
     """
     names, reported = list(document.scene.patterns), set[str]()
     slots = ((number, *slot) for number, leaf in document.scene.leaves for slot in enumerate(leaf.textures))

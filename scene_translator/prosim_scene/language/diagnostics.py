@@ -65,7 +65,8 @@ Kind = TypeVar("Kind", SceneError, SceneWarning)
 
 def combined_error(errors: Sequence[SceneError]) -> SceneError:
     """Combines several errors into one, which is a copy of the first error; its message is followed by the messages of
-    the other errors.
+    at most MAX_SHOWN other errors, and by a note if there are more errors. The attribute ``others`` of the result has
+    all other errors.
     """
     first, *others = errors
     more = len(others) - MAX_SHOWN
@@ -97,7 +98,9 @@ class Source:
         return line, offset - self.line_starts[line - 1] + 1
 
     def message(self, span: Span, reason: str) -> str:
-        """Returns ``file:line:column: reason``, the source line, and a caret under the span."""
+        """Returns ``file:line:column: reason``, the source line, and a caret under the span. Of a span of several
+        lines, only the first line is shown.
+        """
         line, column = self.line_column(span.start)
         start = self.line_starts[line - 1]
         end = self.text.find("\n", span.start)
@@ -117,7 +120,8 @@ class Source:
     def diagnostic(self, kind: type[Kind], span: Span, reason: str, code: str) -> Kind:
         """Returns an error or a warning about the text at ``span``; ``kind`` is the class of the result.
 
-        If the text at ``span`` contains ``$names``, the values of these names are added to the reason in the message.
+        If the text at ``span`` contains ``$names`` that ``reason`` does not mention, the values of at most three of
+        these names are added to the reason. Names without a known value are ignored.
         """
         used = dict.fromkeys(USE.findall(self.text[span.start : min(span.end, span.start + MAX_QUOTE)]))
         unexplained = [name for name in used if name in self.names and f"${name}" not in reason]

@@ -82,7 +82,7 @@ def subtree_ends(csg: Sequence[Operator | Leaf]) -> list[int]:
 
     If operands are missing at the end of ``csg``, the position after the subtree is beyond the end of ``csg``.
     """
-    ends = list(range(1, 2 * len(csg) + 2))
+    ends = list(range(1, 2 * len(csg) + 2))  # each position, also beyond the end of csg, counts as a leaf at first
     for i in reversed(range(len(csg))):
         if isinstance(csg[i], Operator):
             ends[i] = ends[ends[i + 1]]  # the second operand begins where the first operand ends

@@ -67,7 +67,9 @@ class Definitions:
     """
 
     def __init__(self, source: Source, given: Mapping[str, object] | None = None) -> None:
-        """Raises SceneError if ``given`` has a name or a value that the scene language does not allow."""
+        """``given`` is a dictionary of the values that the caller sets. Raises SceneError if ``given`` has a name or a
+        value that the scene language does not allow.
+        """
         self.source = source
         self.caller_values = {name: _caller_value_text(source, name, value) for name, value in (given or {}).items()}
         self.defaults: dict[str, str] = {}
@@ -77,13 +79,18 @@ class Definitions:
         source.names.update({name: f"{quote(text)}, by -D {name}={text}" for name, text in self.caller_values.items()})
 
     def set_default(self, name: str, text: str) -> None:
-        """Stores the value that a DEFAULT statement sets for the name ``name``."""
+        """Stores the value that a DEFAULT statement sets for the name ``name``; a value that the caller sets has
+        priority.
+        """
         self.defaults[name] = text
         self.source.names.setdefault(name, quote(text))
 
     def value_text(self, name: str, span: Span) -> str | None:
         """Returns the value of a ``$name`` as text; if the name has no value, returns None and adds an error to
         ``undefined``. ``span`` is the position of the name in the text.
+
+        ``$time`` is ``$frame`` / FPS, unless the caller or a DEFAULT statement sets ``$time``. Only the first use of a
+        name without a value adds an error, and only for the first MAX_ERRORS + 1 of these names.
         """
         self.uses.add(name)
         if name in self.values:
@@ -110,8 +117,8 @@ class Definitions:
         return float(text)
 
     def check_uses(self) -> None:
-        """Raises SceneError if the caller defines a name that the scene does not use. ``check_uses`` may be called only
-        after the whole text is read.
+        """Raises SceneError if the caller defines a name, other than ``$frame`` and ``$time``, that the scene does not
+        use. ``check_uses`` may be called only after the whole text is read.
         """
         for name, text in self.caller_values.items():
             if name not in self.uses | self.defaults.keys() | {FRAME, TIME}:
@@ -123,7 +130,7 @@ class Definitions:
 
 def _caller_value_text(source: Source, name: str, value: object) -> str:
     """Converts a value that the caller sets for a name to text; raises SceneError if the language does not allow the
-    value.
+    name or the value. True and False become TRUE and FALSE.
     """
     text = value.strip() if isinstance(value, str) else ""
     if isinstance(value, bool):
@@ -144,9 +151,9 @@ def evaluate(source: Source, braces: Span, definitions: Definitions) -> float:
 
     ``braces`` is the span of the expression with its braces.
 
-    Raises SceneError for wrong syntax, an unknown word, a wrong number of arguments, and more than MAX_LENGTH
-    characters. Raises SceneError also if the result, an intermediate result or the value of a name is not a finite
-    number.
+    Raises SceneError for wrong syntax, a missing closing brace, an unknown word, a wrong number of arguments, and more
+    than MAX_LENGTH characters. Raises SceneError also if the result, an intermediate result or the value of a name is
+    not a finite number.
     """
     first, inside = braces.start + 1, source.text[braces.start + 1 : braces.end - 1]
     if len(inside) > MAX_LENGTH:
@@ -173,7 +180,12 @@ def _parser() -> Lark:
 
 
 def _value(source: Source, node: Tree[Token], span: Span, operands: list[float], definitions: Definitions) -> float:
-    """Computes one node of an expression's syntax tree from the values of its operands; NaN if an operand is NaN."""
+    """Computes one node of an expression's syntax tree from the values of its operands; NaN if an operand is NaN, or if
+    the node is a name without a value. ``span`` is the span of the node in the text.
+
+    Raises SceneError for an unknown word, a wrong number of arguments, a division by 0, and a result that is not
+    finite.
+    """
     word = str(node.children[0]) if isinstance(node.children[0], Token) else ""
     if node.data == "name":
         return definitions.number(word[1:], span)
@@ -190,7 +202,7 @@ def _value(source: Source, node: Tree[Token], span: Span, operands: list[float],
         raise source.error(span, reason, "expression")
     if any(map(math.isnan, operands)):
         return math.nan
-    try:
+    try:  # a node without operands is a constant or a number
         result = float(function(*operands) if operands else CONSTANTS.get(word) or float(word))
     except ZeroDivisionError:
         raise source.error(span, "this divides by 0", "expression") from None

@@ -53,7 +53,9 @@ class _Line:
     comments: list[str] = field(default_factory=list)
 
     def __str__(self) -> str:
-        """The text of the line."""
+        """Returns the text of the line: its indentation, at most MAX_DEPTH steps, its words with the mark, and its
+        comments. A line without words and comments is empty.
+        """
         word, values = self.words[:1], self.words[1:]
         if values and self.mark:
             values = ["=", *values] if self.mark == "=" else [f"({' '.join(values)})"]
@@ -89,13 +91,16 @@ class _Layout:
         return at
 
     def add_comment(self, token: Token, same_line: bool) -> None:
-        """Adds a comment to the last line if ``same_line`` is True, or else on a separate line."""
+        """Adds a comment to the last line if ``same_line`` is True and there is a line, or else on a separate line."""
         if not (self.lines and same_line):
             self.lines.append(_Line(self.heading in HEADINGS))
         self.lines[-1].comments.append("\n".join(line.rstrip() for line in token.text.split("\n")))
 
     def add_token(self, token: Token) -> None:
-        """Adds a token that is not a comment."""
+        """Adds a token that is not a comment: a value to the current line, a node of the CSG tree as :meth:`add_node`
+        does, and any other token on a new line. A blank line separates two statements if one of them has its parameters
+        on separate lines.
+        """
         kind = token.role
         if kind in VALUES:
             self.add_value(token)
@@ -114,9 +119,11 @@ class _Layout:
             self.add_line(depth, find_word(kind, token.text).canonical, 1, mark)
 
     def add_node(self, token: Token) -> None:
-        """Adds a node of the CSG tree: an operator, or the keyword of a primitive or of a solid.
+        """Adds a node of the CSG tree to the lines of the layout: an operator, the keyword of a primitive, or the name
+        of a solid.
 
-        Successive operators stand on one line; their operands stand below this line, one step to the right.
+        Successive operators stand on one line, unless a comment stands between them; their operands stand below this
+        line, one step to the right.
         """
         depth = len(self.missing_operands) + 1
         text = find_word("PRIMITIVE", token.text).canonical if token.role == "PRIMITIVE" else token.text
@@ -140,7 +147,9 @@ class _Layout:
                 self.add_line(depth - 1, text, 1)
 
     def add_value(self, token: Token) -> None:
-        """Adds a value after its keyword; ``$names`` and expressions are not changed."""
+        """Adds a value after its keyword. Numbers and words get their canonical spellings; ``$names``, expressions and
+        the value of NAME are not changed.
+        """
         text = self.source[token.start : token.end]
         if token.role == "VARIABLE":  # after DEFAULT
             text += " ="

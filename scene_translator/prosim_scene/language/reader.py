@@ -73,7 +73,9 @@ class Reader(Scanner):
     """
 
     def __init__(self, text: str, filename: str = "<string>", define: Mapping[str, object] | None = None) -> None:
-        """Reads the whole text. Raises SceneError for a wrong name or value in ``define``."""
+        """Reads the whole text, and stores errors in the text. Raises SceneError for a wrong name or value in
+        ``define``.
+        """
         source = Source(text, filename)
         super().__init__(source, Definitions(source, define))
         patterns = {name: model.Pattern(kind) for name, kind in words.BUILT_IN.items()}
@@ -95,7 +97,10 @@ class Reader(Scanner):
     # ---- The text, statement by statement
 
     def read_text(self) -> None:
-        """Reads all statements of the text."""
+        """Reads the statements of the text, until END, the end of the text, or more than MAX_ERRORS errors.
+
+        A syntax error replaces the other errors of its statement; the reader then continues with the next statement.
+        """
         while len(self.errors) <= MAX_ERRORS:
             error_count, self.keyword = len(self.errors), self.token
             try:
@@ -106,13 +111,15 @@ class Reader(Scanner):
                     return
                 self.read_statement()
             except SceneError as error:
-                self.errors[error_count:] = [error]
+                self.errors[error_count:] = [error]  # replaces the other errors of this statement
                 if not self.skip_statement(error):
                     return
         self.skipped = min(self.skipped, self.position)
 
     def read_end(self) -> None:
-        """Reads END and the text after END; a text that ends without END is an error."""
+        """Reads END and the text after END, which becomes one comment. Adds a warning if the text after END contains
+        more than comments. A text that ends without END is an error.
+        """
         if not self.keyword.role:
             reason = "the file ends here and END is missing; expected END as the last statement"
             self.add_error(self.last.span, reason, "no-end")
@@ -135,7 +142,7 @@ class Reader(Scanner):
             self.begin_value(find_word(role, self.keyword.text).name)
         value = getattr(self, f"read_{role.lower()}")()
         field, *key = self.path
-        if key:
+        if key:  # the value of a DEFAULT, or a value to discard, is stored in a temporary dictionary
             self.fields.get(str(field), {})[key[0]] = value
         else:
             self.fields[str(field)] = value
@@ -156,7 +163,8 @@ class Reader(Scanner):
     # ---- Tokens
 
     def with_expected_role(self, token: Token) -> Token:
-        """Returns a copy of ``token``, which is the name of a solid, with the grammar role USE.
+        """Returns a copy of ``token``, which is the name of a solid, with the grammar role USE; the copy replaces the
+        last token that was read.
 
         Raises SceneError if the token is not the name of a solid, or if the grammar expects no name of a solid here.
         """
@@ -210,8 +218,8 @@ class Reader(Scanner):
     def read_numbers(self, keyword: Token, follow: frozenset[str], first: Token | None = None) -> Any:
         """Reads the numbers, or TRUE and FALSE, after a keyword; returns their value, or None if the numbers are wrong.
 
-        ``first`` is the token after the keyword, if this token has already been read. ``follow`` are the grammar roles
-        that the token after the numbers may have.
+        ``first`` is the token after the keyword, if this token has already been read; if it is not a number, no further
+        token is read. ``follow`` are the grammar roles that the token after the numbers may have.
         """
         allowed = words.INDEX if keyword.role == "USE" else find_word(keyword.role, keyword.text).numbers
         self.wanted, self.number_tokens = (keyword.text, allowed), [first] if first and first.role == "NUMBER" else []
@@ -224,7 +232,9 @@ class Reader(Scanner):
 
     def checked_numbers(self, keyword: Token, allowed: Numbers) -> Any:
         """Returns the value of the numbers that were read after ``keyword``; if the numbers are wrong, adds an error
-        and returns None.
+        and returns None. ``allowed`` describes the numbers that may follow the keyword.
+
+        If a ``$name`` may be undefined in a number, returns None without a further error.
         """
         tokens = self.number_tokens
         if self.definitions.undefined and any(self.source.text[token.start] in "${" for token in tokens):
@@ -252,7 +262,7 @@ class Reader(Scanner):
 
     def read_parameters(self, follow: frozenset[str], *owner: str | int) -> dict[str, Any]:
         """Reads the parameters that begin at the current token; returns a dictionary from their names in the model to
-        their values.
+        their values. A parameter with wrong numbers has the value None.
 
         For the parameters of a light, ``owner`` is the number of this light in the LIGHTS statement. ``follow`` are the
         grammar roles that the token after a parameter may have.
@@ -300,7 +310,9 @@ class Reader(Scanner):
         return token.text
 
     def read_background(self) -> model.Background:
-        """Reads a BACKGROUND statement."""
+        """Reads a BACKGROUND statement: a colour, and after it possibly the file name of an image, or NULL for no
+        image.
+        """
         color, image = self.read_numbers(self.keyword, IMAGE), None
         if self.token.role in FILE:
             image = self.token.text
@@ -310,7 +322,9 @@ class Reader(Scanner):
         return model.Background(color, image)
 
     def read_lights(self) -> tuple[model.Light, ...]:
-        """Reads a LIGHTS statement."""
+        """Reads a LIGHTS statement, which may have no lights. A SKY light has an image and no parameters. A CONE whose
+        angle is not stated has the angle 30 degrees.
+        """
         lights: list[model.Light] = []
         self.read_token(LIGHTS)
         while (token := self.token).role == "LIGHT":
@@ -334,6 +348,8 @@ class Reader(Scanner):
     def read_index(self, field: str, follow: frozenset[str]) -> None:
         """Reads the index after SURFACE or TRANSFORM; the statement sets the value with this index in the model's field
         ``field``. ``follow`` are the grammar roles that the token after the index may have.
+
+        If the index is wrong, the path of the statement's value begins with "unknown", so that the value is discarded.
         """
         index = self.read_numbers(self.keyword, follow)
         if index is None and not self.definitions.undefined:
@@ -347,7 +363,9 @@ class Reader(Scanner):
 
     def read_material(self, parameters: dict[str, Any]) -> None:
         """Reads ``material KIND [NAME]`` or ``metal NAME``, and stores both values in ``parameters``; NAME is the name
-        of a metal or a glass.
+        of a metal or a glass. Raises SceneError if NAME is unknown.
+
+        ``metal NAME`` alone makes the material a conductor.
         """
         kind = self.token
         if kind.role == "MATERIAL":
@@ -367,7 +385,7 @@ class Reader(Scanner):
         self.read_token(SURFACE)
 
     def read_transform(self) -> model.Transform:
-        """Reads a TRANSFORM statement."""
+        """Reads a TRANSFORM statement: an index and the steps, whose numbers may be in parentheses."""
         self.read_index("transforms", TRANSFORM)
         steps = []
         while (keyword := self.token).role == "STEP":
@@ -381,11 +399,14 @@ class Reader(Scanner):
         return model.Transform(tuple(steps))
 
     def read_texture(self) -> model.Pattern:
-        """Reads a TEXTURE statement."""
+        """Reads a TEXTURE statement: a name, possibly a kind, and parameters. Without a kind, a predefined texture
+        keeps its kind, and a new texture has the empty kind "".
+        """
         name, parameters = words.texture_name(self.read_token(frozenset(("TEXTURE_NAME",))).text), dict[str, Any]()
         self.begin_value("patterns", name, at=self.token)
         kind = words.BUILT_IN.get(name, "")
         if (token := self.read_token(TEXTURE | {"KIND"})).role == "KIND":
+            # The word brick is a kind, or, before a number, the parameter for the colour of the bricks.
             kind_or_color = find_word("KIND", token.text).name
             if self.read_token(TEXTURE | {"NUMBER"} if kind_or_color == "brick" else TEXTURE).role == "NUMBER":
                 self.store_span(token.span, kind_or_color)
@@ -396,7 +417,9 @@ class Reader(Scanner):
         return model.Pattern(kind, tuple(sorted(parameters.items())))
 
     def read_solid(self) -> Tree:
-        """Reads a SOLID statement: a named CSG tree."""
+        """Reads a SOLID statement: a named CSG tree. Adds an error if the name is a word of the language, or if the
+        tree is empty.
+        """
         token = self.read_token(frozenset(("WORD",)))
         self.begin_value("solids", normalise(token.text), at=token)
         if normalise(token.text) in words.WORDS_BY_SPELLING:
@@ -411,7 +434,7 @@ class Reader(Scanner):
         """Reads the CSG tree of a CSG-TREE or SOLID statement: operators and primitives in prefix order.
 
         Where the tree uses the name of a solid, the result contains the nodes of this solid. If the tree has an error,
-        the result is empty.
+        the result is empty. Raises SceneError for an unexpected word, and for a tree that is written in parentheses.
         """
         error_count, first_token = len(self.errors), len(self.tokens)
         nodes: list[model.Operator | model.Leaf] = []
@@ -434,8 +457,8 @@ class Reader(Scanner):
         return tuple(nodes) if len(self.errors) == error_count else ()
 
     def check_tree(self, nodes: list[model.Operator | model.Leaf]) -> None:
-        """Adds an error about the first node after the end of a complete CSG tree, or about the last operator that
-        lacks an operand.
+        """Checks that ``nodes`` are one complete CSG tree. If not, adds an error about the first node after the end of
+        a complete tree, or about the last operator that lacks an operand.
         """
         ends, count = subtree_ends(nodes), len(nodes)
         if ends[0] == count:
@@ -458,10 +481,11 @@ class Reader(Scanner):
 
     def read_use(self, number: int) -> Tree:
         """Reads the name of a solid and an index; returns the nodes of this solid, for the CSG tree that uses the
-        solid.
+        solid. The index is added to the attribute ``within`` of the solid's primitives.
 
         ``number`` is the position of the first returned node in the CSG tree that uses the solid. Raises SceneError if
-        the uses of named solids have more than :data:`MAX_PRIMITIVES` primitives.
+        the uses of named solids have more than :data:`MAX_PRIMITIVES` primitives, where a primitive counts once for
+        each solid around it.
         """
         keyword, solid = self.token, self.fields["solids"][normalise(self.token.text)]
         index = self.read_numbers(keyword, TREE)
@@ -476,8 +500,11 @@ class Reader(Scanner):
         return tuple(replace(n, within=n.within + within) if isinstance(n, model.Leaf) else n for n in solid)
 
     def read_leaf(self, number: int) -> model.Leaf:
-        """Reads a primitive: its index, the file of a mesh, and its textures. ``number`` is the position of the
-        primitive in the CSG tree.
+        """Reads a primitive: its index (-1 if the index is wrong), the file of a mesh, and its textures, two at most.
+        Raises SceneError for a third texture.
+
+        ``number`` is the number of nodes (operators and primitives) before the primitive in the CSG tree, in prefix
+        order.
         """
         keyword = self.token
         slots: list[model.Texture | None] = []
@@ -502,7 +529,8 @@ class Reader(Scanner):
 
     def unexpected_token(self, token: Token) -> SceneError:
         """Returns the error about a token that the grammar does not allow; the message names the token, the expected
-        input and a suggestion.
+        input and a suggestion. If the text ends here, the error is about a ``(`` that is not closed, or about the last
+        token.
         """
         roles, text, span = self.expected, token.text, token.span
         keyword, wanted = self.wanted or ("", words.NO_NUMBERS)

@@ -36,7 +36,7 @@ def nearest(word: str, words: Iterable[str]) -> str:
     """Returns ``; did you mean 'X'?`` for the known word nearest to ``word``, or an empty string if no word is near.
 
     Two words are near if most of their letters agree, in order, or if one word is a permutation of the other word's
-    letters.
+    letters and has more than two letters.
     """
     spelling = normalise(word)[:MAX_QUOTE]
     known = {normalise(w): w for w in words}
@@ -49,8 +49,9 @@ def suggestion_for(word: str, roles: Collection[str]) -> str:
     """Returns a suggestion for an unknown word in a place where a word with one of the grammar ``roles`` is expected,
     or an empty string.
 
-    If the unknown word is the name of a metal or a glass, the suggestion is this name after the keyword of its
-    material. For any other word, the suggestion is a hint for users of other languages, or the nearest known word.
+    If the unknown word is the name of a metal or a glass, in a place where its material may stand, the suggestion is
+    this name after the keyword of its material. Otherwise, the suggestion is a hint for users of other languages, or
+    the nearest known word.
     """
     fitting = [*spellings_of(*roles), *(ALIASES if "TEXTURE_NAME" in roles else [])]
     for material, (_, names) in NAMED.items():
@@ -61,7 +62,10 @@ def suggestion_for(word: str, roles: Collection[str]) -> str:
 
 def unknown_name(role: str, word: str) -> str:
     """Returns the text of the error that ``word`` is not the name of a known metal or glass; ``word`` follows a word
-    with the grammar role ``role``.
+    with the grammar role ``role``, one of the keys of NAMED.
+
+    If ``word`` is the name of a glass after the keyword of a metal, or of a metal after that of a glass, the error
+    suggests the other keyword.
     """
     what, names = NAMED[role]
     # The message lists one name of each metal or glass: the first one.

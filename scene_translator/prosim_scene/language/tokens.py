@@ -74,10 +74,12 @@ class Scanner(ABC):
         self.expected = frozenset[str]()
 
     def read_token(self, expected: frozenset[str]) -> Token:
-        """Reads and returns the next token that is not a comment.
+        """Reads and returns the next token that is not a comment; at the end of the text, the token has the empty role
+        ``""``. A mark ``=`` or ``:`` after a keyword is skipped.
 
-        Raises SceneError if the token does not have one of the ``expected`` roles, if a quote, a comment or a brace is
-        not closed, and for a wrong expression.
+        ``expected`` are the grammar roles that the token may have. The method :meth:`with_expected_role` may change a
+        token with another role. Raises SceneError if no expected role fits the token, if a quote, a comment or a brace
+        is not closed, and for a wrong expression or a wrong ``$name``.
         """
         self.expected, self.previous_end = expected, self.last.end
         while found := PIECE.match(self.source.text, self.position):
@@ -123,7 +125,7 @@ class Scanner(ABC):
         return closings
 
     def read_comment(self, kind: str, start: int) -> None:
-        """Reads the comment that begins at ``start``.
+        """Reads the comment that begins at ``start``. Raises SceneError if a parenthesis of the comment is not closed.
 
         ``kind`` is "comment" for a comment that begins with ``#``, and "mark" for a comment in parentheses; parentheses
         may be nested.
@@ -138,6 +140,10 @@ class Scanner(ABC):
     def rare_token(self, kind: str, piece: str, span: Span) -> Token:
         """Returns the token of a less frequent kind; ``kind`` is the name of the group that matched in the regular
         expression :data:`PIECE`.
+
+        An expression becomes a token with the expression's value, or with 1 if a name in it has no value. Raises
+        SceneError for a ``)`` without its ``(``, for a quote that is not closed, and for a wrong expression or
+        ``$name``.
         """
         if kind == "mark":
             raise self.source.error(span, "found ')' without its '('; expected it after a '('", "unclosed")
@@ -154,9 +160,10 @@ class Scanner(ABC):
 
     def name_token(self, name: str, span: Span) -> Token:
         """Returns the token of a ``$name``: after DEFAULT a token of role VARIABLE, elsewhere the token of the name's
-        value.
+        value. A value that is not a single word or number becomes a token of role STRING.
 
-        For a name without a value, the result is a placeholder: a token with a role that the grammar expects.
+        For a name without a value, the result is a placeholder: a token with a role that the grammar expects. Raises
+        SceneError for a wrong name, and for a value that would be a keyword of the language at this place.
         """
         if not NAME.fullmatch(name, 1):
             reason = "expected letters, digits and _ after $, and arithmetic in braces: {$x - 1}"
@@ -180,7 +187,8 @@ class Scanner(ABC):
 @lru_cache(maxsize=1 << 12)
 def role_of(text: str, expected: frozenset[str], statement: str) -> str:
     """Returns the grammar role of a word: the role of an expected keyword if the word is one, otherwise the role of a
-    name, otherwise the role of an unexpected keyword.
+    name (TEXTURE_NAME, FILE or WORD) that the grammar expects. A word that fits nowhere gets the role of an unexpected
+    keyword if it is one, or else TEXTURE_NAME or WORD.
 
     ``expected`` are the roles that the grammar allows at the word's place. If a word can either continue the current
     ``statement`` or begin the next statement, it gets the role that continues the current statement.

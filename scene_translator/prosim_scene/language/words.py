@@ -67,7 +67,8 @@ class Numbers:
         return abs(number) >= self.least or (number == 0 and not self.nonzero)
 
     def value(self, numbers: Sequence[float]) -> Any:
-        """Converts allowed numbers to one value, or to a tuple of ``count`` values.
+        """Converts allowed numbers to one value, or to a tuple of ``count`` values; one number for all channels is
+        repeated.
 
         A flag becomes a bool, a whole number becomes an int.
         """
@@ -80,7 +81,7 @@ NO_NUMBERS = Numbers(0)
 
 def _numbers(cell: str) -> Numbers:
     """Parses the description of numbers in a cell of ``words.txt``, such as "3 r g b: 0 to 1e6, channels" or "1: TRUE
-    or FALSE".
+    or FALSE"; an empty cell means that no numbers follow the word.
     """
     if not cell:
         return NO_NUMBERS
@@ -161,7 +162,7 @@ ORDER = ("NUMBER", "VARIABLE", *OPERATORS.values(), *ROLES, "TEXTURE_NAME", "FIL
 METALS = {name: table for _, names, table in TABLE["metals"] for name in names.split()}
 #: Name of a glass -> the value of the parameter ``material`` of the plugin prosim_dielectric.
 GLASSES = {name: glass for _, names, glass, _ in TABLE["glasses"] for name in names.split()}
-#: Name of a glass -> its index of refraction.
+#: Value of the parameter ``material`` of the plugin prosim_dielectric -> the glass's index of refraction at 587.6 nm.
 INDICES = {glass: float(index) for _, _, glass, index in TABLE["glasses"]}
 #: Role of a word that a name follows -> the field of the model that the name sets, and the known names.
 NAMED = {"CONDUCTOR": ("metal", METALS), "METAL": ("metal", METALS), "DIELECTRIC": ("glass", GLASSES)}
@@ -225,7 +226,9 @@ def role_in_words(role: str) -> list[str]:
 
 
 def texture_name(word: str) -> str:
-    """Returns the name that the model has for the texture that the scene's text calls ``word``."""
+    """Returns the name that the model has for the texture that the scene's text calls ``word``: the main name of a
+    predefined texture, or else the normalised word.
+    """
     name = normalise(word)
     return ALIASES.get(name, name)
 

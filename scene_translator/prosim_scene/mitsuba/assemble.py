@@ -59,7 +59,7 @@ def assemble(
 
     ``store(name, content)`` stores the PLY file of a mesh, ``image_path(path)`` converts the path of an image file;
     both functions return the file name that the dictionary contains. ``cache`` may contain the evaluated CSG tree of an
-    earlier translation.
+    earlier translation, and stores that of this translation. Raises SceneError if the scene cannot be translated.
     """
     scene, target = document.scene, prosim_target if options.target == "prosim" else stock_target
     context = Context(document, options, image_path)
@@ -92,7 +92,8 @@ def assemble(
 def _shapes(
     context: Context, target: ModuleType, triangles: dict[MeshKey, Triangles], store: Callable[[str, bytes], str]
 ) -> Node:
-    """Returns the dictionaries of the shapes of a scene, in the order of the CSG tree.
+    """Returns the dictionaries of the shapes of a scene, each after a comment. The shapes are in the order in which
+    their materials first occur in the CSG tree.
 
     There is one shape for each :class:`MeshKey` in ``triangles``. ``store(name, content)`` stores the PLY file of a
     mesh, and returns its file name. A mesh whose triangles are all degenerate in single precision is left out, with a

@@ -34,11 +34,12 @@ def from_full_scale(color: Vector) -> tuple[float, ...]:
 
 
 def radiance_or_intensity(context: Context, number: int, light: Light, units: str) -> Node:
-    """Returns the radiance of an area light, or the intensity of a point light, as the dictionary of a colour.
+    """Returns the radiance of an area light, or the intensity of a point light, as the dictionary of a colour: the
+    light's Intensity / 65535 times a factor that depends on ``units``.
 
-    ``units`` defines the meaning of the light's Intensity: "calibrated", "radiance" or "unattenuated". Raises
-    SceneError if ``units`` is "calibrated" and the light is at VRP or contains it, because the irradiance at VRP is
-    then undefined.
+    ``units`` defines the meaning of the light's Intensity: "calibrated", "radiance" or "unattenuated". The factor is 1
+    for "unattenuated", and for an area light with "radiance". Raises SceneError if ``units`` is "calibrated" and the
+    light is at VRP or contains it, because the irradiance at VRP is then undefined.
     """
     factor = 1.0
     if units == "calibrated":
@@ -57,10 +58,11 @@ def facing_irradiance(light: Light, distance: float) -> float:
     """Returns the irradiance that a spherical light, whose radiance is 1 along its axis, causes on a surface that faces
     the light.
 
-    The illuminated surface is on the axis of the light, at ``distance`` from the light's centre. A ray at the angle t
-    to the axis has the radiance cos^n t (n is a spot's exponent, or else 0), so the irradiance is the integral of 2 pi
-    cos^(n+1) t sin t dt from t = 0 to the angular radius of the sphere. If the half-angle of the light's cone is
-    smaller than the angular radius of the sphere, the integral ends at this half-angle.
+    The illuminated surface is on the axis of the light, at ``distance`` from the light's centre; ``distance`` is larger
+    than the light's radius. A ray at the angle t to the axis has the radiance cos^n t (n is a spot's exponent, or else
+    0), so the irradiance is the integral of 2 pi cos^(n+1) t sin t dt from t = 0 to the angular radius of the sphere.
+    If the light has an ``angle`` that is smaller than the angular radius of the sphere, the integral ends at this
+    angle.
     """
     n = light.exponent if light.distribution == "spot" else 0.0
     sine2 = (light.radius / distance) ** 2

@@ -62,8 +62,9 @@ def mean_index(context: Context, index: int | None) -> float:
     """Returns the index of refraction of the medium inside primitives with SURFACE number ``index``; if ``index`` is
     None, that of the air.
 
-    The result is the mean of the indices of refraction of the channels r, g and b; if they differ, a warning is
-    emitted.
+    For a glass that is given by name, the result is its index of refraction at 587.6 nm. For other surfaces, the result
+    is the mean of the indices of refraction of the channels r, g and b; if they differ, a warning is emitted, but only
+    once for a whole translation.
     """
     if index is None:
         return context.scene.air_index
@@ -85,7 +86,12 @@ def mean_indices(context: Context, sides: MediumInterface) -> Node:
 
 
 def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> Node:
-    """Returns the BSDF, a plugin of this project, of the primitive ``leaf``, node ``number`` of the CSG tree."""
+    """Returns the BSDF, a plugin of this project, of the primitive ``leaf``, node ``number`` of the CSG tree. ``sides``
+    are the media on both sides of the face.
+
+    The textures of the primitive multiply its diffuse and its ambient reflectance. A SURFACE without a material is a
+    classic Phong surface.
+    """
     surface = context.scene.surfaces[leaf.index]
     (kd, ks, ka), rough = reflectances(surface), roughness_parameters(surface)
 
@@ -128,8 +134,9 @@ def _refraction(context: Context, index: int | None) -> Node:
     """Returns BSDF parameters for the refraction of the medium inside primitives with SURFACE number ``index``; if
     ``index`` is None, of the air.
 
-    The keys of the result are the names of BSDF parameters without the prefix; the prefix is "int_" for the inner side
-    of a face and "ext_" for the outer side.
+    The result is the name ("material") of a glass that is given by name; for other media, it is the mean index of
+    refraction ("ior") and, if the scene states it, the Abbe number ("abbe"). The prefix "int_" (inner side of a face)
+    or "ext_" (outer side) makes the name of a BSDF parameter from a key of the result.
     """
     surface = Surface() if index is None else context.scene.surfaces[index]
     if surface.glass:
@@ -144,7 +151,9 @@ def absorbs(surface: Surface) -> bool:
 
 
 def media(context: Context, sides: MediumInterface) -> Node:
-    """Returns the absorbing media on both sides of a face, as parameters of the shape."""
+    """Returns the absorbing media on both sides of a face, as parameters of the shape. A side whose medium does not
+    absorb light, or is air, has no parameter.
+    """
     sides_by_name = {"interior": sides.inside, "exterior": sides.outside}
     surfaces = {name: context.scene.surfaces[i] for name, i in sides_by_name.items() if i is not None}
     return {name: _absorbing_medium(surface) for name, surface in surfaces.items() if absorbs(surface)}
@@ -155,7 +164,7 @@ def _absorbing_medium(surface: Surface) -> Node:
 
     By Beer's law, the transmittance T over the thickness d is exp(-s d), where s is the absorption coefficient.
     Mitsuba's colours are at most 1, so the absorption coefficients of the three channels are divided by the largest of
-    them, which becomes the medium's parameter ``scale``.
+    them, which becomes the medium's parameter ``scale``. A quotient below MIN_ABSORPTION is replaced by MIN_ABSORPTION.
     """
     assert surface.transmittance is not None
     sigma = [-math.log(t) / surface.thickness for t in surface.transmittance]

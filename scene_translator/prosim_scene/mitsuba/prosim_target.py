@@ -44,14 +44,17 @@ def camera(context: Context, camera: Camera) -> Camera:
 
 
 def light(context: Context, number: int, light: Light) -> Node:
-    """Returns the dictionary of the emitter of a POINT light, or of the sphere of an AREA light, which contains an
+    """Returns the dictionary of the emitter of a POINT light, or of the sphere of an AREA light, which contains the
     emitter.
+
+    The emitter has a direction and an angle only for the distributions CONE and SPOT, and an exponent only for SPOT.
     """
     units = context.options.light_units
     parameters: Node = {}
     if light.distribution != "uniform":
         parameters = {"distribution": light.distribution, "direction": list(light.direction)}
         if light.angle is not None:
+            # The intensity of a SPOT, cos^n, is 0 beyond 90 degrees.
             parameters["angle"] = min(light.angle, 90.0) if light.distribution == "spot" else light.angle
         if light.distribution == "spot":
             parameters["exponent"] = light.exponent

@@ -20,12 +20,14 @@ NEAR, FAR = 1e-3, 1e5
 
 
 def clipping_depths(camera: Camera, meshes: Collection[Triangles], lights: Iterable[Light]) -> tuple[float, float]:
-    """Returns the depths of a near and a far clipping plane that clip no triangle of ``meshes`` and no light.
+    """Returns the depths of a near and a far clipping plane. Neither plane clips a triangle of ``meshes``, and the far
+    plane clips no light.
 
     A depth is a distance from the eye along the viewing direction, in scene units.
 
-    The depth of the far clipping plane is at least twice the depth of any triangle and light. If a triangle may lie in
-    front of the default near clipping plane, the near plane gets a tiny depth, which is never 0.
+    The default depths of the planes are NEAR and FAR times the depth of the view plane. The depth of the far clipping
+    plane is also at least twice the depth of any triangle and light. If a triangle may lie in front of the default near
+    clipping plane, the near plane gets a tiny depth, which is never 0.
     """
     depths = [_depth(camera, np.array(light.position)) + light.radius for light in lights if light.kind != "sky"]
     depths += [_depth(camera, mesh.vertices).max() for mesh in meshes]
@@ -52,7 +54,8 @@ def sensor(context: Context, target: ModuleType, camera: Camera, meshes: Collect
     """Returns the dictionary of a camera's sensor, which is Mitsuba's ``perspective`` for square pixels and
     ``prosim_window`` for other pixels.
 
-    The clipping planes of the sensor clip no triangle of ``meshes`` and no light.
+    ``target`` is the module of the target; the target ``stock`` first replaces a camera whose pixels are not square.
+    The clipping planes of the sensor clip no triangle of ``meshes``.
     """
     camera = target.camera(context, camera)
     near, far = clipping_depths(camera, meshes, context.scene.lights)

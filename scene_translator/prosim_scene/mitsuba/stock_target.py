@@ -26,7 +26,11 @@ def _approximate(context: Context, reason: str, *path: str | int) -> None:
 
 
 def settings(context: Context) -> Node:
-    """Returns the integrator and the background of a scene, and a comment that lists their statements."""
+    """Returns the integrator and the background of a scene, and a comment that lists their statements. Emits a warning
+    for each setting that the target ``stock`` approximates or ignores.
+
+    A black background, and any background of a scene with a SKY light, is left out.
+    """
     scene = context.scene
     absorbing = any(materials.absorbs(scene.surfaces[leaf.index]) for _, leaf in scene.leaves)
     integrator = "volpath" if absorbing else "path"
@@ -62,7 +66,7 @@ def camera(context: Context, camera: Camera) -> Camera:
     """Returns a camera with square pixels whose window is that of ``camera``, except for rounding to whole pixels.
 
     If the pixels of ``camera`` are not square, the returned camera's image has the same width in pixels, but another
-    height. Raises SceneError if this image would have too many pixels.
+    height, and a warning is emitted. Raises SceneError if this image would have too many pixels.
     """
     if camera.square_pixels:
         return camera
@@ -79,7 +83,8 @@ def camera(context: Context, camera: Camera) -> Camera:
 
 
 def light(context: Context, number: int, light: Light) -> Node:
-    """Returns the dictionary of the emitter of a light, or of the sphere of an AREA light, which contains an emitter.
+    """Returns the dictionary of the emitter of a POINT light, or of the sphere of an AREA light, which contains the
+    emitter. The light units "unattenuated" are replaced by "calibrated", with a warning.
 
     A light with the distribution CONE or SPOT becomes Mitsuba's point light ``spot``, even if it is an AREA light.
     """
@@ -105,8 +110,11 @@ def light(context: Context, number: int, light: Light) -> Node:
 
 
 def _spot_angles(light: Light) -> tuple[float, float]:
-    """Returns the angles ``beam_width`` and ``cutoff_angle`` of Mitsuba's emitter ``spot`` in degrees: the intensity is
-    constant below the first angle, and 0 above the second angle.
+    """Returns the angles ``beam_width`` and ``cutoff_angle`` of Mitsuba's emitter ``spot`` in degrees, for a light with
+    the distribution CONE or SPOT. The intensity of the emitter is constant below the first angle, 0 above the second
+    angle, and linear between them.
+
+    For a CONE, the two angles are nearly equal; for a SPOT, the first angle is 0.
     """
     limit = min(light.angle or 90.0, 90.0 if light.distribution == "spot" else 179.0)
     if light.distribution == "cone":
@@ -118,7 +126,9 @@ def _spot_angles(light: Light) -> tuple[float, float]:
 
 
 def _to_world_along(position: Vector, direction: Vector) -> np.ndarray:
-    """Returns a transform that maps the origin to ``position`` and the z axis to ``direction``."""
+    """Returns a transform that maps the origin to ``position`` and the z axis to ``direction``; the rotation about this
+    axis is arbitrary.
+    """
     z = np.array(direction) / np.linalg.norm(direction)
     x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
     x /= np.linalg.norm(x)
@@ -129,7 +139,10 @@ def _to_world_along(position: Vector, direction: Vector) -> np.ndarray:
 
 def surface(context: Context, number: int, leaf: Leaf, sides: materials.MediumInterface) -> Node:
     """Returns the BSDF of a primitive, the absorbing media on both sides of its surface, and an emitter for the ambient
-    term.
+    term, unless the ambient term is black.
+
+    A pattern texture is replaced by its mean colour, a factor of kd and ka. An image replaces kd and its factors, and
+    does not change ka.
     """
     scene = context.scene
     surface = scene.surfaces[leaf.index]
@@ -170,10 +183,12 @@ def _mean_color(kind: str, parameters: dict[str, Any]) -> np.ndarray:
 def _bsdf(
     context: Context, index: int, surface: Surface, sides: materials.MediumInterface, diffuse: Node, ks: Vector
 ) -> Node:
-    """Returns the BSDF of the SURFACE ``surface``, which has the index ``index``.
+    """Returns the BSDF of the SURFACE ``surface``, which has the index ``index``; ``sides`` are the media on both sides
+    of the face.
 
     ``diffuse`` is the colour or texture of the surface's diffuse reflection, ``ks`` the colour of its specular
-    reflection.
+    reflection. A composite surface whose index of refraction equals that of the medium outside, and a Phong surface
+    with black ``ks``, become diffuse surfaces.
     """
     path = "surfaces", index
     alpha = materials.beckmann_slope(surface)
@@ -208,10 +223,14 @@ def _bsdf(
 
 
 def _phong(surface: Surface, diffuse: Node, ks: Vector) -> Node:
-    """Returns a BSDF that approximates a Phong surface: a blend of a diffuse BSDF and a rough mirror."""
+    """Returns a BSDF that approximates a Phong surface: a blend of a diffuse BSDF and a mirror, which is rough if the
+    surface has a Phong exponent or a slope. The specular reflectance of the surface is ``ks``, which is not black.
+    """
     # The blend weights the two BSDFs by 1 - w and w. Each reflectance is divided by its weight, and may not exceed 1.
+    # An image is not divided; its mean colour counts as 0.5.
     kd = np.array(diffuse["value"]) if diffuse["type"] == "rgb" else np.full(3, 0.5)
     weight = float(np.mean(ks) / (np.mean(ks) + np.mean(kd)))
+    # A weight of at least max(ks) keeps ks / weight at most 1. For max(ks) = 1, it would leave no diffuse reflection.
     weight = min(max(weight, max(ks) if max(ks) < 1 else 0.0), 1.0)
     base = rgb_clipped(kd / (1 - weight)) if diffuse["type"] == "rgb" and weight < 1 else diffuse
     mirror: Node = {"type": "conductor"}

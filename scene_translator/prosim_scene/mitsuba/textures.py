@@ -51,7 +51,7 @@ def parameters(scene: Scene, name: str, solid: bool) -> tuple[str, dict[str, Any
     """Returns the kind of a texture, and the values of all its parameters; parameters that the scene does not state
     have their defaults.
 
-    ``solid`` is True for a solid texture (in the second texture slot).
+    ``solid`` is True for a solid texture (in the second texture slot); stripes in a solid have another default axis.
     """
     pattern = scene.patterns[name]
     axis = {"axis": STRIPES_AXIS[solid]} if pattern.kind == "stripes" else {}
@@ -62,10 +62,11 @@ def reflectance(
     context: Context, number: int, leaf: Leaf, slots: Sequence[Texture | None], color: Sequence[float]
 ) -> Node:
     """Returns the reflectance ``color`` of a primitive multiplied by the primitive's two textures, as an rgb dictionary
-    or a (nested) texture.
+    or a (nested) texture. The products of ``color`` with the colours of patterns are clipped to at most 1.
 
     The primitive is ``leaf``, node ``number`` of the CSG tree. ``slots`` are the surface texture and the solid texture
-    of the primitive. ``color`` (r, g, b) is the primitive's ambient reflectance ka or its diffuse reflectance kd.
+    of the primitive, each None if the slot is empty. ``color`` (r, g, b) is the primitive's ambient reflectance ka or
+    its diffuse reflectance kd.
     """
     surface_texture, solid_texture = slots
     scene = context.scene
@@ -94,7 +95,8 @@ def pattern(scene: Scene, texture: Texture, solid: bool, colored: Colored) -> No
     """Returns the dictionary of the texture plugin of a pattern.
 
     The colours of a pattern are factors of a reflectance; the function ``colored`` converts each factor to a colour or
-    a nested texture. ``solid`` is True for a solid texture (in the second texture slot).
+    a nested texture. The other parameters of the pattern are not changed. ``solid`` is True for a solid texture (in the
+    second texture slot).
     """
     assert texture.name is not None
     kind, values = parameters(scene, texture.name, solid)

@@ -61,7 +61,7 @@ class Context:
 
     def _image_filename(self, path: Path) -> str:
         """Returns the file name by which the translated scene refers to an image file. Raises ValueError if the file is
-        not an image.
+        not an image, or if ``image_path`` does not accept the path of the file.
         """
         if not is_image(path):
             raise ValueError(f"is not an image; expected one of {FORMATS}")
@@ -71,9 +71,9 @@ class Context:
         """Returns the result of ``read(file)``, where ``file`` is the path of the file that the scene calls ``name``.
 
         ``kind`` is "image" or "mesh", for error messages, and ``path`` is the path of the value ``name`` in the model,
-        such as ("background", "image"). If the option ``allow_outside`` is False, the file must be in the scene's
-        folder or in a folder below it. Raises SceneError if the file is in another folder or does not exist, and if
-        ``read`` raises OSError or ValueError.
+        such as ("background", "image"). If the option ``allow_outside`` is False, the file, or the target of a symbolic
+        link, must be in the scene's folder or in a folder below it. Raises SceneError if the file is outside this
+        folder or does not exist, if ``name`` cannot be a file name, and if ``read`` raises OSError or ValueError.
         """
         folder = Path(self.document.source.filename).parent
         try:
@@ -99,15 +99,17 @@ MESH_LIMIT = 2**27
 
 
 def _mesh(path: Path) -> Primitive:
-    """Reads a mesh file. Raises OSError or ValueError."""
+    """Reads a mesh file. Raises ValueError if the file is larger than MESH_LIMIT or does not describe a solid, and
+    OSError if the file cannot be read.
+    """
     if path.stat().st_size > MESH_LIMIT:
         raise ValueError(f"is larger than {MESH_LIMIT >> 20} MiB, the largest size of a mesh file")
     return mesh_file(path.read_bytes())
 
 
 def check_single_precision(document: Document, node: Node, *path: str | int) -> Node:
-    """Returns the dictionary ``node`` unchanged; raises SceneError if a number in it is too large for Mitsuba's single
-    precision.
+    """Returns the dictionary ``node`` unchanged; raises SceneError if a number in it is NaN, or has a magnitude above
+    :data:`.LARGEST`, so that its square may be too large for Mitsuba's single precision.
 
     ``path`` is the path in the model, such as ("lights", 0), of the value from which ``node`` was made.
     """
@@ -145,7 +147,7 @@ def located(folder: Path, name: str) -> Path:
 
 def images(document: Document) -> list[tuple[str, ValuePath]]:
     """Lists the names of the image files that a scene uses, each with its path in the model, such as ("background",
-    "image").
+    "image"). A name that the scene uses several times is listed several times.
     """
     scene = document.scene
     names: dict[ValuePath, str | None] = {("background", "image"): scene.background.image}
@@ -157,6 +159,6 @@ def images(document: Document) -> list[tuple[str, ValuePath]]:
 
 def meshes(document: Document) -> dict[str, ValuePath]:
     """Returns a dictionary from the name of each mesh file that a scene uses to the path of this name in the model,
-    such as ("csg", 5, "file").
+    such as ("csg", 5, "file"). If several primitives use the mesh file, the path is that of the last one.
     """
     return {leaf.file: ("csg", number, "file") for number, leaf in document.scene.leaves if leaf.file is not None}

@@ -22,7 +22,10 @@ __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
-    """Imports the function ``denoise`` or ``show`` when it is first used."""
+    """Imports the function ``denoise`` or ``show`` of this package when it is first used, and returns it.
+
+    Raises AttributeError for other names.
+    """
     if name == "denoise":
         from .denoising import denoise
 

@@ -12,9 +12,11 @@ _lock = threading.RLock()
 
 @contextmanager
 def alone() -> Iterator[None]:
-    """Acquires the lock of this module, and pauses Python's garbage collector, until the ``with`` block ends.
+    """Holds the lock of this module, and pauses Python's garbage collector, during a ``with`` statement or a decorated
+    function.
 
-    Do not hold the lock while the user's code runs, nor across the ``yield`` of an iterator.
+    A thread that holds the lock may call this function again. Do not hold the lock while the user's code runs, nor
+    across the ``yield`` of an iterator.
 
     Two threads must not load scenes at the same time, because Mitsuba 3.9 has only one search path for files and one
     number of threads per process, and loading a scene replaces the search path. A kernel must not be traced while

@@ -32,7 +32,7 @@ def check(paths: Iterable[Path], size: int) -> None:
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, "this is a folder", str(path))
         refuse_special(path)
-        folder = next(folder for folder in path.parents if folder.is_dir())
+        folder = next(folder for folder in path.parents if folder.is_dir())  # missing folders will be created in it
         try:
             tempfile.TemporaryFile(dir=folder).close()
             if shutil.disk_usage(folder).free < size:
@@ -47,7 +47,7 @@ def write(contents: Mapping[Path, Content]) -> list[Path]:
 
     Each existing file is replaced only when the new file is complete. A file that is replaced keeps its access
     permissions; a symbolic link stays a link. Raises OSError if a file cannot be written; this file and the later files
-    in ``contents`` stay unchanged.
+    in ``contents`` stay unchanged, and the earlier files are written.
     """
     for path, content in contents.items():
         path.parent.mkdir(parents=True, exist_ok=True)

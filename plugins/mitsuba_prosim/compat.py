@@ -56,7 +56,8 @@ def shape_transform(shape: mi.Shape | mi.ShapePtr) -> mi.AffineTransform4f:
 def to_world_name(parameters: MutableMapping[str, Any], prefix: str = "") -> str:
     """Returns the name of an object's transform to world space among the ``parameters`` that ``mi.traverse`` returns.
 
-    ``prefix`` is the prefix of the names of the object's parameters, "lamp." for example.
+    ``prefix`` is the prefix of the names of the object's parameters, "lamp." for example; the result begins with
+    ``prefix``. If no parameter has one of the names :data:`TO_WORLD`, the result is the last of these names.
     """
     return next((prefix + name for name in TO_WORLD if prefix + name in parameters), prefix + TO_WORLD[-1])
 
@@ -121,7 +122,8 @@ STEPS = 4096
 def shapes_in_order(scene: mi.Scene) -> list[mi.Shape]:
     """Returns the shapes of ``scene`` in an order that is the same in every process.
 
-    The meshes are last, sorted by their ids and bounding boxes.
+    The meshes are last, sorted by their ids and bounding boxes (:func:`_meshes_in_order`); the other shapes keep the
+    order of the scene.
     """
     return _meshes_in_order([(shape, shape) for shape in scene.shapes()])
 
@@ -129,13 +131,14 @@ def shapes_in_order(scene: mi.Scene) -> list[mi.Shape]:
 def emitters_in_order(scene: mi.Scene) -> list[mi.Emitter]:
     """Returns the emitters of ``scene`` in an order that is the same in every process.
 
-    Emitters whose shapes are meshes are last.
+    Emitters whose shapes are meshes are last, sorted as in :func:`shapes_in_order`; the other emitters keep the order
+    of the scene.
     """
     return _meshes_in_order([(emitter, emitter.get_shape()) for emitter in scene.emitters()])
 
 
 def emitter_pointers(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> mi.EmitterPtr:
-    """Returns pointers to the ``emitters`` of ``scene``, as one Dr.Jit array."""
+    """Returns pointers to the ``emitters`` of ``scene``, as one Dr.Jit array in the order of ``emitters``."""
     numbers = {emitter: i for i, emitter in enumerate(scene.emitters())}
     return dr.gather(mi.EmitterPtr, scene.emitters_dr(), mi.UInt32([numbers[emitter] for emitter in emitters]))
 
@@ -144,7 +147,7 @@ def _meshes_in_order(things: Sequence[tuple[Any, mi.Shape | None]]) -> list[Any]
     """Returns the objects in ``things``, in an order that is the same in every process.
 
     ``things`` are pairs of an object and its shape. Objects whose shapes are no meshes are first, in the order of
-    ``things``. Objects whose shapes are meshes follow, sorted by the ids, the bounding boxes and the numbers of
+    ``things``. Objects whose shapes are meshes follow, sorted by the ids, the rounded bounding boxes and the numbers of
     triangles of the meshes. If several meshes have the same id, bounding box and number of triangles, their objects are
     sorted by the contents of the meshes (:func:`_content`).
     """
@@ -194,6 +197,7 @@ def instantiate(config: mi.parser.ParserConfig, state: mi.parser.ParserState, in
     mi.parser.transform_all(config, state)
     if state.root.type == mi.ObjectType.Scene:
         root, emitters = state.root.props, []
+        # Takes emitters, and shapes with an emitter, out of the scene, merges the other meshes, and puts them back.
         for name, child in children(root):
             node = state.nodes[child.index()]
             if mi.ObjectType.Emitter in (node.type, *(state.nodes[c.index()].type for _, c in children(node.props))):
@@ -328,8 +332,9 @@ ALIGNED = 64
 def dr_array(values: np.ndarray) -> Any:
     """Returns the 32-bit NumPy array ``values`` as a flat Dr.Jit array, row by row, in memory with Dr.Jit's alignment.
 
-    A kernel depends on the memory alignment of the arrays that it reads. With Dr.Jit's alignment for all arrays, a
-    kernel is not compiled again for another array.
+    The result is a ``mi.UInt32`` for unsigned integers, a ``mi.Int32`` for signed integers, and a ``mi.Float`` for
+    floats. A kernel depends on the memory alignment of the arrays that it reads. With Dr.Jit's alignment for all
+    arrays, a kernel is not compiled again for another array.
     """
     import numpy as np
 
@@ -350,7 +355,7 @@ def samples_elsewhere(parameters: mi.SceneParameters, prefix: str = "") -> bool:
 
     Mitsuba 3.9 ignores ``to_uv`` when it samples points of a bitmap by their brightness. So the points that Mitsuba
     samples on an emitter whose bitmap has a ``to_uv`` are not the points at which the emitter is bright. ``prefix`` is
-    the prefix of the names of the texture's parameters.
+    the prefix of the names of the texture's parameters. The result is False for a texture that is no bitmap.
     """
     if prefix + "data" not in parameters:
         return False
@@ -365,8 +370,9 @@ def take_back_interrupts() -> None:
     """Installs Python's handler of the signal SIGINT (Ctrl-C) again, which Mitsuba may have replaced.
 
     Mitsuba 3.9 handles Ctrl-C during its own method ``render``, and restores Python's handler afterwards, but not if
-    ``render`` was called within another ``render``. Without this function, Mitsuba would handle Ctrl-C forever after
-    nested renders, for an integrator that may not exist any more.
+    ``render`` was called within another ``render``. This function does nothing outside of the main thread, or if the
+    handler was not installed from Python. Without this function, Mitsuba would handle Ctrl-C forever after nested
+    renders, for an integrator that may not exist any more.
     """
     handler = signal.getsignal(signal.SIGINT)
     if handler is not None and threading.current_thread() is threading.main_thread():

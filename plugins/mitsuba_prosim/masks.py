@@ -32,7 +32,8 @@ def fold(count: int, body: Callable[..., Any], state: Any, active: mi.Bool, unro
 
     If ``unrolled`` is true, the kernel contains the code of ``body`` once for each k. If ``unrolled`` is false, the
     kernel contains a loop of the ``active`` lanes, so that the kernel does not depend on ``count``; ``options`` are
-    further arguments of ``dr.while_loop``.
+    further arguments of ``dr.while_loop``. In scalar variants, and if ``unrolled`` is true, ``active`` and ``options``
+    are ignored.
     """
     if unrolled or not dr.is_jit_v(mi.Float):
         for k in range(count):

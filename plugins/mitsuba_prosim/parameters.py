@@ -87,8 +87,8 @@ def _bounds(low: float, high: float, open_below: bool) -> str:
 def constant_values(props: mi.Properties, name: str) -> list[float]:
     """Returns the numbers of a parameter that is a number, a colour or a spectrum; an empty list for a texture.
 
-    The list is empty, too, if the parameter is missing. Call this function before ``props.get_texture`` converts the
-    parameter to a texture.
+    The list is empty, too, if the parameter is missing. Raises ValueError if the value is a text or a boolean. Call
+    this function before ``props.get_texture`` converts the parameter to a texture.
     """
     value = props.get(name)
     if value is None or isinstance(value, mi.Object):
@@ -99,7 +99,7 @@ def constant_values(props: mi.Properties, name: str) -> list[float]:
 
 
 def for_message(values: list[float]) -> float | list[float]:
-    """Returns ``values``, rounded, for an error message: one number if all values are equal, else the list."""
+    """Returns ``values``, rounded to 6 decimals, for an error message: one number if all are equal, else the list."""
     values = [round(v, 6) for v in values]
     return values[0] if len(set(values)) == 1 else values
 
@@ -108,8 +108,8 @@ def expose(callback: mi.TraversalCallback, flags: mi.ParamFlags | None = None, /
     """Shows the textures and Dr.Jit values ``parameters`` of a plugin to ``mi.traverse``, by name.
 
     ``callback`` is the argument of the plugin's method ``traverse``. Without ``flags``, the parameters are shown as
-    differentiable. The function ignores None, strings and Python numbers, such as all numbers of scalar variants,
-    because Python numbers cannot be changed in place. If a BSDF exposes a texture with the name ``ambient``,
+    differentiable. The function ignores None, strings and Python's floats, such as all numbers of scalar variants,
+    because Python's floats cannot be changed in place. If a BSDF exposes a texture with the name ``ambient``,
     ``BSDF.eval_attribute`` can evaluate this texture by its name.
     """
     flags = mi.ParamFlags.Differentiable if flags is None else flags

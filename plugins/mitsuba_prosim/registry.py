@@ -77,7 +77,8 @@ def register_plugins(*_: object) -> None:
 
     The function does nothing if no variant is set, or if the plugins are already registered for the active variant.
     Mitsuba calls this function after each change of the variant; the arguments (old variant, new variant) are ignored.
-    Raises RuntimeError if the active variant uses LLVM and LLVM would abort the process (see ``llvm.problem``).
+    Raises RuntimeError if the active variant uses LLVM and LLVM would abort the process (see ``llvm.problem``). After
+    an error, the next call tries again.
     """
     global _registered_for
     variant = mi.variant()

@@ -12,7 +12,11 @@ __all__ = ["main"]
 
 
 def main() -> None:
-    """Runs the command with the arguments of the process, and ends the process."""
+    """Runs the command with the arguments of the process, and ends the process.
+
+    If the command raises an OSError, for example because standard output is closed, prints a message, and ends the
+    process with the exit code 1.
+    """
     for file, name in enumerate(("stdin", "stdout", "stderr")):
         open_if_closed(file, name)
     # With the system's handler, Ctrl-C ends the process at any moment. Python's handler would wait for compilers and

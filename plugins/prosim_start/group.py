@@ -39,7 +39,8 @@ class Commands(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Returns the command that the first argument names.
 
-        If the first argument is a file, the error message tells how to render this file.
+        Raises UsageError for an unknown command; if the first argument is a file, the error message tells how to render
+        this file.
         """
         if args[0] not in COMMANDS and os.path.isfile(args[0]) and not ctx.resilient_parsing:
             ctx.fail(f"No such command '{args[0]}'. To render that file: prosim render {args[0]}")

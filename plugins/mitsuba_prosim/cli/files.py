@@ -65,7 +65,7 @@ class InputFile(click.Path):
         """Returns the text " Did you mean FILE?" for an error message, or "" if no file has a similar name.
 
         Among the files in the folder of ``path`` that match one of ``patterns``, FILE is the file with the name most
-        similar to the name of ``path``.
+        similar to the name of ``path``. Only the parts of the names before the first dot are compared.
         """
         candidates = chain.from_iterable(map(path.parent.glob, self.patterns))
         files = {file.name.partition(".")[0]: file for file in candidates if file != path}
@@ -80,7 +80,11 @@ PART_FILE = InputFile(PART, (PART,), ("*.*-of-*.npz",), "prosim render --part 1/
 
 
 def image_stem(path: Path) -> Path:
-    """Returns the path of an image without suffix, from the path of its state, a part, or another file."""
+    """Returns the path of an image without suffix, from the path of its state, a part, or another file.
+
+    From the path of a state or a part, suffixes such as ``.state.npz`` or ``.3-of-4.npz`` are removed; from another
+    path, the last suffix.
+    """
     name = STATE_SUFFIXES.sub("", path.name)
     return path.with_name(name if name != path.name else path.stem)
 
@@ -100,7 +104,12 @@ def quoted_path(path: Path) -> str:
 
 
 def kind(path: Path) -> str:
-    """Returns the kind of a file, such as "an EXR image"; the file's first bytes and suffix determine the kind."""
+    """Returns the kind of a file, such as "an EXR image"; the file's first bytes and suffix determine the kind.
+
+    A file with unknown first bytes, or a pipe, is a Mitsuba scene if its suffix is .xml, else a text file. A file with
+    a checkpoint is the state of a render or a part of an image; a checkpoint that cannot be read counts as the state of
+    a render. A file without content is "an empty file". Raises OSError if the file cannot be opened.
+    """
     begin = b""
     if path.is_file():  # the content of a pipe can be read only once
         with open(path, "rb") as file:
@@ -148,8 +157,9 @@ def output_path(output: str, suffixes: Collection[str] = ()) -> Path:
     """Returns ``output``, the value of the option ``-o``, as a path, with the user's home folder for ``~``.
 
     This function replaces ``~``, because the shell does not replace ``~`` in quotes and after ``=``. ``output`` names a
-    folder, or a file that has one of the ``suffixes`` or no suffix. If ``suffixes`` is empty, ``output`` must name a
-    folder. Raises BadParameter if ``output`` is empty, has the suffix of another kind of file, or names a device.
+    folder, or a file that has one of the ``suffixes`` or no known suffix. An existing folder is allowed with any
+    suffix. If ``suffixes`` is empty, ``output`` must name a folder. Raises BadParameter if ``output`` is empty or "-",
+    has the suffix of another kind of file (:data:`FILE_SUFFIXES`), or names a device.
     """
     path = Path(os.path.expanduser(output))
     suffix, is_device = path.suffix.lower(), os.path.exists(path) and not path.is_file()

@@ -76,11 +76,13 @@ class Animation:
             sys.exit(1)
 
     def render_frame(self, number: int, bar: Progress, resources: Resources) -> None:
-        """Renders the frame ``number``, unless the EXR file of this frame exists already.
+        """Renders the frame ``number``, unless the EXR file of this frame exists with the current :func:`digest` and
+        the job does not have the option ``overwrite``.
 
-        The values of $frame and $time, and the seed of the samples, depend on the ``number`` of the frame. If the frame
-        is the first black frame of the animation, a warning is shown. Raises ClickException if the frame cannot be
-        rendered.
+        The values of $frame and $time, and the seed of the samples, depend on the ``number`` of the frame. With the
+        option ``checkpoint``, the render of an interrupted frame continues. If the frame is the first black frame of
+        the animation, a warning is shown. A frame that is interrupted now is not counted as rendered. Raises
+        ClickException if the frame cannot be rendered.
         """
         bar.begin(number, self.rendered, len(self.frames) - self.skipped)
         values = {name: value for name, value in self.definitions(number).items() if name in self.names}
@@ -113,7 +115,11 @@ class Animation:
         return self.stem.with_name(f"{self.stem.name}.{number:04d}")
 
     def report(self) -> str:
-        """Returns a line of text with the number of rendered frames and the names of their files."""
+        """Returns a line of text with the names of the image files, and the numbers of rendered, black and earlier
+        rendered frames.
+
+        The number of black frames or of earlier rendered frames is left out if it is 0.
+        """
         first, last = self.path(self.frames[0]), self.path(self.frames[-1])
         names = f"{first}.exr" if len(self.frames) == 1 else f"{first}.exr to {last.name}.exr"
         skipped = f", {self.skipped} had been rendered before" if self.skipped else ""
@@ -135,7 +141,9 @@ def digest(job: Job, file: scene_file.SceneFile) -> str:
 
 
 def is_rendered(task: RenderTask) -> bool:
-    """Tells whether the EXR file of the frame of ``task`` exists, and stores the current digest of this frame."""
+    """Tells whether the EXR file of the frame of ``task`` exists, and stores the current digest of this frame; False
+    for a damaged file.
+    """
     image = Path(f"{task.stem}.exr")
     if not image.is_file():  # OpenEXR would print an error message about a missing file
         return False

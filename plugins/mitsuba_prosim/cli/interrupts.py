@@ -18,6 +18,8 @@ AGAIN = 0.1
 def interruptible(stop: Callable[[], None], received_signals: list[int] | None = None) -> Iterator[list[int]]:
     """Calls ``stop`` when the first signal in :data:`ENDING` arrives; a second signal ends the process at once.
 
+    The exit code is then 128 plus the number of the second signal.
+
     After the first signal, ``stop`` is called repeatedly until the ``with`` block ends, because a renderer ignores a
     call before the render has started. Yields a list, to which the number of each arriving signal is appended. If the
     caller passes the list ``received_signals``, the signal numbers are appended to this list. Signals that the process
@@ -32,7 +34,10 @@ def interruptible(stop: Callable[[], None], received_signals: list[int] | None =
     # A thread watches for signals, because Python calls handlers only in the main thread, and Mitsuba's own integrators
     # block the main thread.
     def watch() -> None:
-        """Reads the numbers of signals from the socket; calls ``stop``, or ends the process at the second signal."""
+        """Reads the numbers of signals from the socket; calls ``stop``, or ends the process at the second signal.
+
+        After the first signal, ``stop`` is called again every :data:`AGAIN` seconds, until the socket is closed.
+        """
         while True:
             try:
                 received = reader.recv(1)

@@ -37,8 +37,9 @@ def _option(group: str, type_: Any, text: str, *flags: str, **settings: Any) -> 
     """Defines a field of a :class:`Job` and the command-line option of this field.
 
     ``group`` is the group of the option in the help text. ``type_`` is the type of the option's value; None for an
-    option without a value. ``flags`` are further names of the option. If ``flags`` contains a long name (``--name``),
-    this name replaces the long name that is made from the name of the field.
+    option without a value. ``text`` is the help text. ``flags`` are further names of the option. If ``flags`` contains
+    a long name (``--name``), this name replaces the long name that is made from the name of the field. ``settings`` are
+    further arguments of click's option; the default value is None, or False for an option without a value.
     """
     settings = ({"is_flag": True, "default": False} if type_ is None else {"type": type_, "default": None}) | settings
     return field(default=settings["default"], metadata={"group": group, "flags": flags, "help": text} | settings)
@@ -133,7 +134,12 @@ class Job:
 
     @property
     def integrator(self) -> dict[str, Any]:
-        """Parameter name -> new value, for the scene's integrator; the value None removes a parameter."""
+        """Parameter name -> new value, for the scene's integrator; the value None removes a parameter.
+
+        Fields of the job that are None change nothing. With a limit of noise or time, the policy ``adaptive`` is
+        "graded" if the job sets no policy. The field ``paths`` sets the parameters of path tracing; the field
+        ``max_level`` then replaces the unlimited depth.
+        """
         parameters = {name: value for name in INTEGRATOR if (value := getattr(self, name)) is not None}
         if any(name in parameters for name in TARGETS):
             parameters.setdefault("adaptive", "graded")
@@ -167,7 +173,8 @@ class Job:
     def read_scene(self, folder: Path, **how: Any) -> scene_file.SceneFile:
         """Reads the scene file of this job. Files that the scene translator makes are written to ``folder``.
 
-        ``how`` are further arguments of :class:`.scene_file.SceneFile`, which also describes the exceptions.
+        ``how`` are further keyword arguments of :class:`.scene_file.SceneFile`. The docstring of SceneFile describes
+        the exceptions.
         """
         scene_changes = {name: getattr(self, name) for name in ("definitions", "resolution", "crop", "integrator")}
         return scene_file.SceneFile(self.scene, folder, **scene_changes, **how, **self.language)
@@ -207,7 +214,11 @@ class Command(click.Command):
     """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parses the command-line arguments, and makes one :class:`Job` from the scene and the options."""
+        """Parses the command-line arguments, and makes one :class:`Job` from the scene and the options.
+
+        Returns the arguments that the parser did not use. While a shell completes the command, no :class:`Job` is made.
+        Raises the errors of :func:`make_job`.
+        """
         rest = super().parse_args(ctx, args)
         if not ctx.resilient_parsing:
             ctx.params["job"] = make_job({name: ctx.params.pop(name) for name in FIELDS if name in ctx.params})
@@ -249,8 +260,8 @@ def make_job(options: dict[str, Any]) -> Job:
 
     ``options`` maps fields of a :class:`Job` to the values on the command line. If ``options`` has snapshots, but no
     limit of noise or time, the smallest error or the longest time of the snapshots becomes the limit that ends the
-    render. Raises UsageError if options contradict each other, and InputError if an option does not work in the
-    selected variant.
+    render. Raises UsageError if options contradict each other, InputError if an option does not work in the selected
+    variant, and the errors of :func:`choose_variant`.
     """
     given = {name for name, value in options.items() if value}
     for option, others, message in CONFLICTS:
@@ -288,9 +299,10 @@ def choose_variant(name: str | None) -> str:
 
 
 def refuse_scalar(names: list[str], variant: str) -> None:
-    """Raises InputError if ``variant`` is scalar and the user has set any of the options ``names``.
+    """Raises InputError if ``variant`` is scalar and ``names`` is not empty.
 
-    Scalar variants render pixel by pixel, so they do not support options for progressive rendering.
+    ``names`` are the options, parameters or commands in use that need progressive rendering. Scalar variants render
+    pixel by pixel, so they do not support progressive rendering.
     """
     if variant.startswith("scalar_") and names:
         raise InputError(

@@ -26,9 +26,9 @@ DECORATION = re.compile(r"\x1b\[[0-9;]*m|\r[^\n]*")
 def log(verbose: int) -> Iterator[None]:
     """Prints Mitsuba's log messages to standard error, above the progress bar, until the ``with`` block ends.
 
-    If ``verbose`` is 0, only warnings and errors are printed; a larger ``verbose`` prints more messages. Mitsuba writes
-    its log to standard output. This function redirects standard output to a temporary file, and a thread prints the
-    text that Mitsuba appends to this file.
+    If ``verbose`` is 0, only warnings and errors are printed; 1 adds information, 2 debug messages, 3 or more all
+    messages. Mitsuba writes its log to standard output. This function redirects standard output to a temporary file,
+    and a thread prints the text that Mitsuba appends to this file.
 
     This function adds no appender to Mitsuba's logger, because an appender that is accessible from Python, even one of
     Mitsuba's own classes, may cause a deadlock. An appender that is accessible from Python waits for Python's
@@ -59,7 +59,11 @@ def log(verbose: int) -> Iterator[None]:
 
 
 def _follow(file: BinaryIO, finished: threading.Event) -> None:
-    """Prints the lines that are appended to ``file``, until ``finished`` is set; prints equal warnings only once."""
+    """Prints the lines that are appended to ``file``, until ``finished`` is set; prints equal warnings only once.
+
+    Warnings are equal if only their times differ. Terminal colours and progress bars are left out. A line that is not
+    yet complete is printed only when it is complete or ``finished`` is set.
+    """
     warnings, at_end, incomplete = set[str](), False, b""
     while not at_end:
         at_end = finished.wait(0.05)

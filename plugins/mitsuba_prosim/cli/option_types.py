@@ -26,7 +26,11 @@ class InputError(click.ClickException):
 
 @contextmanager
 def input_errors() -> Iterator[None]:
-    """Converts an exception inside the ``with`` block, which reads and loads a scene, to an InputError."""
+    """Converts an exception inside the ``with`` block, which reads and loads a scene, to an InputError.
+
+    Only SceneError, ImportError, RuntimeError, TypeError, ValueError, OSError and their subclasses are converted; other
+    exceptions, such as ClickException, stay as they are.
+    """
     try:
         yield
     except prosim_scene.SceneError as error:
@@ -59,7 +63,10 @@ class PatternType(click.ParamType):
         self.name, self.example, self.pattern, self.make = name, example, pattern, make
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Converts the text ``value`` of the option on the command line to the option's value."""
+        """Converts the text ``value`` of the option on the command line to the option's value.
+
+        Raises BadParameter if the text does not match :attr:`pattern`, or if :attr:`make` raises a ValueError.
+        """
         match = re.fullmatch(self.pattern, value, re.DOTALL)
         if not match:
             self.fail(f"'{value}' is not of the form {self.name}, such as {self.example}", param, ctx)
@@ -81,7 +88,10 @@ class Number(click.FloatRange):
     name = "number"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Converts the text ``value`` of the option on the command line to a finite number."""
+        """Converts the text ``value`` of the option on the command line to a finite number.
+
+        Raises BadParameter if the text is no number, or a number that is infinite, NaN or outside the range.
+        """
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"'{value}' is not a finite number.", param, ctx)
@@ -97,7 +107,7 @@ def _resolution(*size: str) -> tuple[int, ...]:
 
 def _frames(begin: str, end: str | None, step: str | None) -> range:
     """Returns the numbers of the frames ``begin``, ``begin + step``, ... below ``end``; only ``begin`` if ``end`` is
-    None.
+    None. Raises ValueError if there is no such frame. If ``step`` is None, the step is 1.
     """
     frames = range(int(begin), int(begin) + 1 if end is None else int(end), int(step or 1))
     if not frames:
@@ -119,7 +129,9 @@ def _snapshots(text: str) -> tuple[str, ...]:
 
 
 def _roots(text: str) -> tuple[int, ...]:
-    """Converts ``text``, integers with commas, to a sorted tuple; raises ValueError for fewer than two integers."""
+    """Converts ``text``, integers with commas, to a sorted tuple without repetitions; raises ValueError for fewer than
+    two different integers.
+    """
     roots = sorted(set(map(int, text.split(","))))
     if len(roots) < 2:
         raise ValueError("give two different numbers or more")

@@ -26,10 +26,11 @@ class Progress(tqdm):
         super().__init__(None, doing, frames, leave=False, file=sys.stderr, miniters=0, smoothing=0, bar_format=form)
 
     def show(self, done: float, phase: str = "rendering") -> None:
-        """Shows ``done``, the finished fraction of a phase or frame, in [0, 1]; the bar never moves back.
+        """Shows ``done``, the finished fraction of a phase or frame, in [0, 1].
 
-        ``phase`` is the name of the phase. The estimate of the remaining time ignores the progress that the first call
-        for a phase reports, because an earlier, interrupted render made this progress.
+        ``phase`` is the name of the phase. Within a phase, the bar never moves back; a new phase begins with an empty
+        bar. The estimate of the remaining time ignores the progress that the first call for a phase reports, because an
+        earlier, interrupted render made this progress.
         """
         if phase != self.phase:
             if self.phase:
@@ -40,7 +41,9 @@ class Progress(tqdm):
         self.update(max(self.finished + done - self.n, 0))  # an estimated progress may decrease
 
     def display(self, msg: str | None = None, pos: int | None = None) -> bool:
-        """Draws the bar. Without a terminal, prints a line if enough time has passed since the last line."""
+        """On a terminal, draws the bar. Without a terminal, prints a line if enough time has passed since the last
+        line; with a message ``msg``, prints nothing.
+        """
         if self.on_terminal:
             return bool(super().display(msg, pos))
         shown = self.format_dict
@@ -51,7 +54,7 @@ class Progress(tqdm):
         return False
 
     def clear(self, *how: Any, **more: Any) -> None:
-        """Removes the bar from the terminal until the next :meth:`display`."""
+        """Removes the bar from the terminal until the next :meth:`display`; without a terminal, does nothing."""
         if self.on_terminal:
             super().clear(*how, **more)
 

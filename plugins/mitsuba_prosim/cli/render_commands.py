@@ -120,9 +120,10 @@ def checkpoint_and_job(
 ) -> tuple[Checkpoint, Job]:
     """Reads the file ``state``, and returns its checkpoint and its job; sets the variant of the job.
 
-    The returned job has the path at which the scene file is now. ``moved`` is the new path of the scene file, if the
-    user has moved the file; else None. ``load`` reads the checkpoint. Raises InputError if the checkpoint cannot be
-    read or the scene file is missing.
+    The returned job has the path at which the scene file is now: ``moved``, the path in the stored job, or a file of
+    the same name in the folder of ``state``. ``moved`` is the new path of the scene file, if the user has moved the
+    file; else None. ``load`` reads the checkpoint. Raises InputError if the checkpoint cannot be read, if prosim render
+    did not write it, or if the scene file is missing.
     """
     with input_errors():
         # The variant must be set before the arrays are read.

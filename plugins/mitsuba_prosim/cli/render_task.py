@@ -84,7 +84,8 @@ class RenderTask:
 
         Raises the errors of loading the scene. Raises ValueError if the options do not suit the scene, or if the
         checkpoint :attr:`begin` belongs to another scene. Raises InputError if the files of the image cannot be
-        written.
+        written, or if the scene's integrator has a limit of noise or time in a scalar variant. Raises ClickException if
+        the job needs the denoiser, which is not installed.
         """
         job, film, integrator = self.job, self.sensor.film(), self.integrator
         refuse_scalar([name for name in TARGETS if getattr(integrator, name, 0)], job.variant)
@@ -110,7 +111,11 @@ class RenderTask:
         return f".{self.job.part}.npz" if self.job.part else STATE_SUFFIX if self.job.checkpoint else ""
 
     def unfinished(self) -> Checkpoint | None:
-        """Returns the checkpoint that an earlier, interrupted render of the same image has written, or None."""
+        """Returns the checkpoint that an earlier, interrupted render of the same image has written, or None.
+
+        The result is None, too, if this process cannot read the checkpoint or continue its render, or if the checkpoint
+        has another job or another scene.
+        """
         try:
             record = checkpoint.load(f"{self.stem}{STATE_SUFFIX}")
         except (OSError, ValueError):
@@ -139,7 +144,10 @@ class Resources(ExitStack):
         return self
 
     def handle_signals(self) -> None:
-        """From this call on, a signal ends the job; the process ends only when all resources are released."""
+        """From this call on, the first signal ends the job, and is appended to ``signals``.
+
+        The process ends only when all resources are released; but a second signal ends the process at once.
+        """
         self._handlers.enter_context(interruptible(lambda: None, self.signals))
 
     @property
@@ -152,7 +160,7 @@ class Resources(ExitStack):
 
         The first call starts the workers, or connects to the cluster; later calls send the new scene to the same
         workers. Raises InputError if the scene cannot be sent to workers, and ClickException if no workers can be
-        started or reached.
+        started or reached, or if Dask is not installed.
         """
         job, option = self.job, self.job.distributed
         if option is None:
@@ -190,9 +198,10 @@ class Outcome(NamedTuple):
 def render_image(task: RenderTask, bar: Progress, resources: Resources) -> Outcome:
     """Renders the image of ``task``, and writes the files of the image and the checkpoint.
 
-    Raises InputError if the input is wrong (in this case, no file has been written), and other ClickExceptions. If a
-    single image is interrupted before its first sample, the process exits with the code 128 plus the number of the
-    signal, or with the code 1 if the cluster was lost.
+    For a part of an image, and for an interrupted frame of an animation, only the checkpoint is written. Raises
+    InputError if the input is wrong (in this case, no file has been written), and other ClickExceptions. If the
+    progressive render of a single image is interrupted before its first sample, the process exits with the code 128
+    plus the number of the signal, or with the code 1 if the cluster was lost.
     """
     state, snapshots = Path(f"{task.stem}{task.state_suffix}"), Snapshots(task)
     consumers: list[Any] = [CheckpointWriter(state, task.about)] if task.state_suffix else []
@@ -224,7 +233,7 @@ def run_steps(
 ) -> tuple[Any, float]:
     """Renders the image of ``task``; returns the render, which may have been interrupted, and the elapsed seconds.
 
-    A signal or the loss of the cluster interrupts the render. After each step of the render in which samples exist,
+    A signal or the loss of the cluster interrupts the render. After each step of the render whose progress is above 0,
     each of the ``consumers``, such as the writer of checkpoints, is called with the render as its argument. Raises
     InputError and other ClickExceptions.
     """
@@ -248,8 +257,9 @@ def run_steps(
 def written_line(task: RenderTask, written: Sequence[Path], seconds: float, interruption: str | None) -> str:
     """Returns the first line of the report of a render.
 
-    The first line names the ``written`` files, the part of the image, the size of the image, the variant, the seconds,
-    the integrator that ``prosim_adaptive`` wraps, and the cause of an interruption.
+    The first line names the ``written`` files, the size of the image, the variant and the seconds. If there are any, it
+    also names the part of the image, the integrator that an option has put inside ``prosim_adaptive``, and the cause of
+    an interruption.
     """
     job, (width, height) = task.job, task.sensor.film().crop_size()
     return (
@@ -264,10 +274,10 @@ def written_line(task: RenderTask, written: Sequence[Path], seconds: float, inte
 def render_and_write(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
     """Renders the image of a job, or only the part ``job.part`` of the image; writes the files, and prints a report.
 
-    ``stem`` is the path of the files without suffix. ``begin`` is a checkpoint from which the render continues. Raises
-    InputError if the input is wrong (in this case, no file has been written), and other ClickExceptions. After an
-    interruption, the process exits with the code 1; after an interruption before the first sample, :func:`render_image`
-    exits with its own code.
+    ``stem`` is the path of the files without suffix. ``begin`` is a checkpoint from which the render continues. Warns
+    if nothing is visible in the image. Raises InputError if the input is wrong (in this case, no file has been
+    written), and other ClickExceptions. After an interruption, the process exits with the code 1; after an interruption
+    before the first sample, :func:`render_image` exits with its own code.
     """
     with Resources(job) as resources:
         with input_errors():
@@ -297,7 +307,10 @@ class Snapshots:
         self.task, self.left = task, sorted(task.job.snapshots or ())
 
     def __call__(self, render: Any) -> None:
-        """Writes the snapshots whose error or time ``render`` has reached."""
+        """Writes the snapshots whose error or time ``render`` has reached, each snapshot once.
+
+        Writes nothing while any pixel has no sample, or if the render is not progressive.
+        """
         reached, task = render.reached if self.left else None, self.task
         if reached is None or not reached.min_samples:
             return
@@ -322,9 +335,10 @@ def finished_image(
 ) -> tuple[dict[str, atomic.Content], list[str | None], str | None]:
     """Returns the image files, lines for the report, and the reason for a black image, after the end of a ``render``.
 
-    The image is denoised if the job has the option ``denoise``. The first result is a dictionary from the suffix of
-    each image file to the content of the file. The last result is None if something is visible in the image. For a part
-    of an image, and for an interrupted frame of an animation, there are no image files and no lines.
+    The image is denoised if the job has the option ``denoise``, unless the render was interrupted before its second
+    half. The first result is a dictionary from the suffix of each image file to the content of the file. The lines may
+    contain None. The last result is None if something is visible in the image, or if the film stores no colours. For a
+    part of an image, and for an interrupted frame of an animation, there are no image files and no lines.
     """
     if task.job.part or (task.facts and interrupted):  # only a frame has ``facts``
         return {}, [], None
@@ -354,7 +368,8 @@ def finished_image(
 def check_denoising(film: mi.Film, integrator: mi.Integrator | None = None) -> None:
     """Raises ClickException if the denoiser is not installed.
 
-    Raises ValueError if ``film`` stores no colours, or if the ``integrator`` already denoises.
+    Raises ValueError if ``film`` stores no colours, or if the ``integrator`` already denoises; None stands for an
+    integrator that does not denoise.
     """
     require_extra("denoise", "--denoise")
     if integrator is not None and "denoised.R" in integrator.aov_names():

@@ -23,10 +23,10 @@ def metadata(
 ) -> dict[str, str]:
     """Returns the metadata of an EXR image.
 
-    For a progressive integrator, the entry ``prosim.samples`` is the mean number of samples per pixel. The entries
-    ``prosim.noise``, ``prosim.noise_99``, ``prosim.noise_999`` and ``prosim.noise_at_most`` exist if the render
-    measured these errors. The entry ``prosim.ended`` is the result of :func:`end_cause`; if this result is None, the
-    entry does not exist.
+    For a render that is not progressive, ``reached`` is None, and the following entries do not exist. The entry
+    ``prosim.samples`` is the mean number of samples per pixel. The entries ``prosim.noise``, ``prosim.noise_99``,
+    ``prosim.noise_999`` and ``prosim.noise_at_most`` exist if the render measured these errors. The entry
+    ``prosim.ended`` is the result of :func:`end_cause`; if this result is None, the entry does not exist.
     """
     result = {
         "scene": job.scene,
@@ -79,7 +79,11 @@ def summary(
 
 
 def denoised_report(final: FinalImage, film: mi.Film) -> tuple[dict[str, str], str]:
-    """Returns the metadata of a denoised image, and the line that the command prints about denoising."""
+    """Returns the metadata of a denoised image, and the line that the command prints about denoising.
+
+    If the image without denoising (the raw image) has reached the error target, the line says that the image was not
+    denoised. The line also says if the error is uncertain, and if the filter of ``film`` is no box filter.
+    """
     result, limit = final.denoised(), getattr(final.integrator, "noise", 0.0)
     facts = {
         "prosim.denoised": f"by Open Image Denoise {oidn.load().oidn_version()}, where two halves of the samples "
@@ -108,8 +112,9 @@ def noise_goals(integrator: mi.Integrator) -> list[str]:
 def end_cause(integrator: mi.Integrator, reached: Reached, interrupted: bool) -> str | None:
     """Returns why a render has ended, as one of the words ``interrupted``, ``noise``, ``time`` and ``samples``.
 
-    The word ``samples`` means that the render has ended because the pixels have the maximum number of samples. The
-    result is None if the integrator has neither an error target nor a time limit.
+    The word ``noise`` means that all errors are within their limits. The word ``samples`` means that the render has
+    ended because the pixels have the maximum number of samples. The result is None if the integrator has neither an
+    error target nor a time limit, even after an interruption.
     """
     noises = noise_goals(integrator)
     if not (noises or integrator.time):

@@ -61,7 +61,11 @@ def watch(job: Job, port: int, browser: bool) -> None:
         view = viewer.Viewer(Path(job.scene), open_scene, job.spp or 0, job.seed, job.denoise)
 
         def encode(exposure: float, factors: Any) -> dict[str, bytes]:
-            """Returns suffix -> content of the image files; the layers of the image are multiplied by ``factors``."""
+            """Returns suffix -> content of the image files; the layers of the image are multiplied by ``factors``.
+
+            ``factors`` are pairs of a layer's name, such as "lights.lamp1", and a factor; without factors, the layers
+            stay unchanged.
+            """
             state, bitmap, integrator, reached = view.result(factors)
             facts = metadata(job, integrator, reached, state.status != "done", state.seconds)
             if factors:
@@ -77,5 +81,8 @@ def watch(job: Job, port: int, browser: bool) -> None:
 
 
 def has_windows() -> bool:
-    """Tells whether a browser opens in its own window, not as a text browser in the terminal."""
+    """Tells whether a browser opens in its own window, not as a text browser in the terminal.
+
+    On systems other than macOS and Windows, a browser needs the display that an environment variable names.
+    """
     return sys.platform in ("darwin", "win32") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))

@@ -49,7 +49,10 @@ class Accumulators:
 
     @classmethod
     def empty(cls, sums_per_pixel: int, pixels: int) -> Accumulators:
-        """Returns accumulators of ``pixels`` pixels without samples."""
+        """Returns accumulators of ``pixels`` pixels without samples.
+
+        ``sums_per_pixel`` is the length of the list ``sums`` (:attr:`.Estimator.sums_per_pixel`).
+        """
         total, squares, pass_squares, in_pass, *sums = (dr.zeros(mi.Float, pixels) for _ in range(sums_per_pixel + 4))
         result = cls(sums, total, squares, pass_squares, in_pass, dr.zeros(mi.UInt32, pixels))
         dr.make_opaque(result)
@@ -63,11 +66,11 @@ class Accumulators:
         return np.array(self.total), np.array(self.squares), np.array(self.count).astype(np.float32)
 
     def error(self, n: int) -> np.ndarray:
-        """Returns the standard error of the mean luminance of each pixel.
+        """Returns the standard error of the mean luminance of each pixel, as an array with one entry per pixel.
 
         If a pixel has at least two complete passes of ``n`` samples, and no incomplete pass, the error is estimated
         from the means of the passes. If a pixel has only one pass, or an incomplete pass, the error is estimated from
-        the single samples.
+        the single samples. The error is NaN for a pixel without samples, and 0 for a pixel with one sample.
         """
         (total, squares, count), share = self.statistics(), np.float32(1 / n)
         with np.errstate(all="ignore"):  # the error is NaN without samples
@@ -84,6 +87,7 @@ class FilmState:
     """
 
     def __init__(self, plan: Plan, estimator: Estimator, part: Part | None = None) -> None:
+        # ``part`` is the part of the image that is rendered; None for the whole image.
         self.plan, self.estimator, self.policy, self.part = plan, estimator, policy_of(plan), part
         #: Width in pixels of the margin around the image whose samples the policy uses.
         self.margin = self.policy.rounds * self.policy.reach
@@ -108,8 +112,8 @@ class FilmState:
     def crop(self, values: mi.Float | mi.UInt32 | np.ndarray, rectangle: Rectangle) -> np.ndarray:
         """Returns the entries of ``values`` for the pixels of ``rectangle``, shape (height, width).
 
-        ``values`` has one entry for each pixel of the rectangle :attr:`outer`, row by row. If ``values`` is a NumPy
-        array, the result is a view of ``values``, not a copy.
+        ``values`` has one entry for each pixel of the rectangle :attr:`outer`, row by row; ``rectangle`` must lie in
+        :attr:`outer`. If ``values`` is a NumPy array, the result is a view of ``values``, not a copy.
         """
         left, top, right, bottom = self.outer
         plane = values if isinstance(values, np.ndarray) else np.array(values)
@@ -127,13 +131,16 @@ class FilmState:
     def counts_of_part(self, counts: np.ndarray, reach: int) -> np.ndarray:
         """Returns ``counts``, but 0 for pixels that are farther than ``reach`` pixels from the image part :attr:`part`.
 
-        ``reach``, in pixels, must not exceed the side of a tile (:mod:`.tiles`). If :attr:`part` is None, ``counts`` is
-        returned unchanged.
+        ``counts`` has one entry for each pixel of :attr:`outer`. A distance is the larger one of the distances in rows
+        and in columns. ``reach``, in pixels, must not exceed the side of a tile (:mod:`.tiles`). A place outside
+        ``plan.region`` counts as the nearest pixel of ``plan.region``. If :attr:`part` is None, ``counts`` is returned
+        unchanged.
         """
         if self.part is None:
             return counts
         x, y, needed = np.array(self.x), np.array(self.y), np.zeros(counts.shape, bool)
         left, top, right, bottom = self.plan.region
+        # These nine places meet all tiles within ``reach`` pixels, because no tile is narrower than ``reach``.
         for px in (np.clip(x + step, left, right - 1) for step in (-reach, 0, reach)):
             for py in (np.clip(y + step, top, bottom - 1) for step in (-reach, 0, reach)):
                 needed |= part_numbers(self.plan.region, self.part.of, self.margin, px, py) == self.part.number
@@ -142,8 +149,9 @@ class FilmState:
     def request(self, margin: int = 0) -> np.ndarray:
         """Returns the number of samples that the policy of adaptive sampling requests for each pixel of :attr:`outer`.
 
-        The result is a flat array of total numbers, which include the samples that a pixel already has. The requested
-        number is 0 for a pixel that is more than ``margin`` pixels outside ``plan.region``.
+        The result is a flat array of total numbers, which include the samples that a pixel already has. The numbers are
+        32-bit floats, neither rounded nor limited; the policy ``graded`` also requests infinity. The requested number
+        is 0 for a pixel that is more than ``margin`` pixels outside ``plan.region``.
         """
         statistics = self.accumulators.statistics()
         # The statistics of both images are added, because either image may have met a rare bright light.

@@ -31,9 +31,10 @@ def sees_tiny_lamp(scene: mi.Scene, sensor: mi.Sensor) -> bool:
     """Tells whether the perspective camera ``sensor`` may see a tiny lamp reflected or refracted by a surface.
 
     Camera rays may miss the reflected or refracted image of a tiny lamp, because this image is small. A lamp is tiny if
-    the diagonal of its bounding box is less than the width of two pixels at the lamp's distance from the camera. The
-    function only checks that some BSDF of the scene has a glossy or specular lobe, not where in the scene this BSDF is.
-    For other sensors, the result is False.
+    the diagonal of its bounding box is less than the width of two pixels at the lamp's distance from the camera. Only
+    emitters with a shape count as lamps. The function only checks that some BSDF of the scene has a glossy or specular
+    lobe, not where in the scene this BSDF is. For sensors that are not Mitsuba's perspective camera, and without a
+    glossy or specular BSDF, the result is False.
     """
     if not is_perspective(sensor) or not lobes.has_any(all_flags(scene), *lobes.SPECULAR):
         return False
@@ -68,7 +69,11 @@ def ray_sampler(sensor: mi.Sensor) -> Callable[..., tuple[mi.Ray3f, mi.Spectrum]
     def sample_ray(
         time: mi.Float, wavelength_sample: mi.Float, position: mi.Point2f, _: mi.Point2f
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
-        """Returns the camera ray through ``position`` on the film, in [0, 1)², and the weight of its wavelengths."""
+        """Returns the camera ray through ``position`` on the film, in [0, 1)², and the weight of its wavelengths.
+
+        The ray begins at the near clipping plane, and ends at the far clipping plane. The last argument, the position
+        on the lens, is ignored.
+        """
         wavelengths, weight = sensor.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), wavelength_sample)
         on_near = to_camera @ mi.Point3f(position.x + offset.x, position.y + offset.y, 0)
         d = dr.normalize(mi.Vector3f(on_near))
@@ -83,6 +88,8 @@ def ray_sampler(sensor: mi.Sensor) -> Callable[..., tuple[mi.Ray3f, mi.Spectrum]
 @contextlib.contextmanager
 def without_crop_window(sensor: mi.Sensor) -> Iterator[None]:
     """Removes the crop window of the film of ``sensor`` inside the ``with`` block, and restores the window at the end.
+
+    If the film has no crop window, nothing is changed.
 
     Without the crop window, the camera rays of a pixel have the same bits in a render of a crop as in a render of the
     whole image. With a crop window, Mitsuba's sensors scale positions on the film, which changes the rounding of the

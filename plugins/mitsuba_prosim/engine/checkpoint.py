@@ -1,9 +1,9 @@
 """Checkpoints: progressive renders stored as files.
 
-Another process can continue the render of a checkpoint, or merge the checkpoints of the parts of an image. A checkpoint
-is a ZIP archive of NumPy arrays (``.npz``) without compression. The archive of a checkpoint contains ``facts`` (a JSON
-text), the arrays of the pixels, and the arrays of the second image. The checksums of the ZIP archive reveal damaged
-data when a checkpoint is read.
+Another process can continue the render of a checkpoint, or merge the checkpoints of the parts of one image
+(:class:`.tiles.Part`, a set of tiles). A checkpoint is a ZIP archive of NumPy arrays (``.npz``) without compression.
+The archive of a checkpoint contains ``facts`` (a JSON text), the arrays of the pixels, and the arrays of the second
+image. The checksums of the ZIP archive reveal damaged data when a checkpoint is read.
 """
 
 from __future__ import annotations
@@ -70,8 +70,9 @@ class Checkpoint:
     def of(cls, state: FilmState, seconds: float, finished: bool) -> Checkpoint:
         """Returns the checkpoint of ``state`` after ``seconds`` of rendering.
 
-        ``finished`` tells whether the image has all requested samples. The checkpoint of a finished part of an image
-        does not have the pixels around the part, because only the decisions of adaptive sampling needed these pixels.
+        ``finished`` tells whether the image has all requested samples. A checkpoint does not have the pixels without
+        samples. The checkpoint of a finished part of an image does not have the pixels around the part either, because
+        only the decisions of adaptive sampling needed these pixels.
         """
         attributes = {
             "samples": identity(state),
@@ -110,7 +111,8 @@ class Checkpoint:
         If one of the sampling parameters :data:`DECIDING` differs between the checkpoint and ``state``, the policy of
         adaptive sampling decides again. Returns whether the image needs no more samples: the checkpoint is finished,
         and ``state`` has the same parameters :data:`DECIDING` and :data:`.TARGETS`. Raises ValueError if the checkpoint
-        has the samples of another image.
+        has the samples of another image, or if a parameter of :data:`DECIDING` differs and the policy of ``state`` is
+        ``neighbours``, which cannot decide again.
         """
         mine, theirs = self.attributes["samples"], json.loads(json.dumps(identity(state)))
         if name := next((name for name, value in theirs.items() if mine.get(name) != value), None):
@@ -279,7 +281,11 @@ class CheckpointWriter:
         self.next, self.failed = time.perf_counter() + self.SHORTEST, False
 
     def __call__(self, render: Any) -> None:
-        """Writes a checkpoint of ``render`` if enough time has passed since the last checkpoint."""
+        """Writes a checkpoint of ``render`` if enough time has passed since the last checkpoint.
+
+        Enough time is :attr:`SHORTEST` seconds, or the time that writing the last checkpoint took, divided by
+        :attr:`SHARE`, if this is longer. If the file cannot be written, the first failure causes a warning.
+        """
         started = time.perf_counter()
         if started < self.next:
             return
@@ -313,7 +319,8 @@ def put_together(parts: Iterable[Checkpoint]) -> Checkpoint:
     """Returns the checkpoint of a whole image from the checkpoints of all its finished parts, in any order.
 
     The result does not have the second image; a render that continues from the result takes the samples of the second
-    image again.
+    image again. The attribute ``seconds`` of the result is the sum over the parts; all other attributes are those of
+    the first of ``parts``.
     """
     headers, arrays = [], []
     for part in parts:
@@ -327,7 +334,9 @@ def put_together(parts: Iterable[Checkpoint]) -> Checkpoint:
 
 
 def check_parts(parts: Mapping[Path, Checkpoint]) -> None:
-    """Raises CheckpointError unless ``parts`` are all parts of one image, each given once."""
+    """Raises CheckpointError unless ``parts`` (path -> checkpoint) are all parts of one image, each finished, and each
+    given once.
+    """
     if not parts:
         raise CheckpointError("no parts are named")
     first_path, first = next(iter(parts.items()))
@@ -350,7 +359,9 @@ def check_parts(parts: Mapping[Path, Checkpoint]) -> None:
 
 
 def common_attributes(checkpoint: Checkpoint) -> dict[str, Any]:
-    """Returns the attributes of ``checkpoint`` that must be equal in the checkpoints of all parts of one image."""
+    """Returns the attributes of ``checkpoint`` that must be equal in the checkpoints of all parts of one image: name ->
+    value.
+    """
     attributes, about = checkpoint.attributes, checkpoint.about
     everything = attributes["samples"] | attributes["sampling"] | checkpoint.environment | about.get("job", {})
     return {

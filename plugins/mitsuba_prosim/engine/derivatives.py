@@ -41,8 +41,8 @@ class Derivatives:
         ``values`` has one array for each channel of the film, with one sample per lane. ``splats`` has a pair
         ``(weight, index)`` for each pixel within the filter's radius, to which a sample contributes. ``weight`` is the
         weight of the filter, divided by the number of samples of the pixel in which the sample was taken. ``index`` is
-        the index, in the crop window, of the pixel that receives the contribution. ``weight`` and ``index`` are 0 if
-        the receiving pixel is outside the crop window.
+        the index of the pixel that receives the contribution, counted row by row within the crop window. ``weight`` and
+        ``index`` are 0 if the receiving pixel is outside the crop window.
         """
         window, region = self.plan.window, pixels(self.plan.region)
         with without_crop_window(self.sensor):
@@ -57,7 +57,8 @@ class Derivatives:
         """Yields all samples of the image, up to :data:`LANES` at a time, as three arrays ``[pixel, t, count]``.
 
         For each sample, ``pixel`` is the index of its pixel in ``plan.region``, ``t`` is the number of the sample
-        within this pixel, from 0, and ``count`` is the number of samples of the pixel.
+        within this pixel, from 0, and ``count`` is the number of samples of the pixel. Pixels follow one another, each
+        with all its samples; pixels without samples are left out.
         """
         ends = np.cumsum(self.counts, dtype=np.int64)
         for first in range(0, int(ends[-1]), LANES):
@@ -67,7 +68,10 @@ class Derivatives:
             yield [dr_array(values.astype(np.uint32)) for values in (pixel, lane - ends[pixel] + count, count)]
 
     def backward(self, gradient: mi.TensorXf) -> None:
-        """Propagates ``gradient``, the gradient with respect to the developed image, to the scene's parameters."""
+        """Propagates ``gradient``, the gradient with respect to the developed image, to the scene's parameters.
+
+        Raises RuntimeError if the image does not depend on any parameter whose gradient is enabled.
+        """
         dr.backward(dr.sum(self.image * gradient, axis=None))
         channels, gradient = self.storage.shape[2], dr.grad(self.storage).array
         for values, splats in self.samples():
@@ -82,7 +86,10 @@ class Derivatives:
             dr.eval()  # evaluates the derivatives of the parameters, so that all iterations have the same kernels
 
     def forward(self) -> mi.TensorXf:
-        """Returns the derivative of the developed image along the gradients that are set on the scene's parameters."""
+        """Returns the derivative of the developed image along the gradients that are set on the scene's parameters.
+
+        The result has the shape of the image. The derivative is 0 in a channel that does not depend on the parameters.
+        """
         total, channels = dr.zeros(mi.Float, len(self.storage.array)), self.storage.shape[2]
         # Symbolic calls are off because of an error of Dr.Jit 1.5: if a call reads a variable, such as the weight of a
         # blend, then the derivatives of this variable also reach variables of earlier calls. Symbolic branches are off

@@ -16,7 +16,10 @@ MUST_AGREE, MAY_DIFFER = ("mitsuba-prosim", "mitsuba", "drjit", "variant"), ("LL
 
 
 def this_environment() -> dict[str, str]:
-    """Returns the software versions, the Mitsuba variant and the processor of this process, by name."""
+    """Returns the software versions, the Mitsuba variant and the processor of this process, by name.
+
+    The entry "LLVM" is empty if the variant does not use LLVM.
+    """
     found = llvm.version() if (mi.variant() or "").startswith("llvm") else None
     return {
         "mitsuba-prosim": __version__,
@@ -32,7 +35,7 @@ def differences(theirs: Mapping[str, str], names: tuple[str, ...]) -> str:
     """Returns the differences between the environment ``theirs`` of another process and that of this process, as text.
 
     Only the entries ``names`` of the environments are compared. The returned text is empty if these entries agree in
-    both environments.
+    both environments. An entry that ``theirs`` lacks is different, and "unknown" in the text.
     """
     ours = this_environment()
     return ", ".join(
@@ -43,7 +46,10 @@ def differences(theirs: Mapping[str, str], names: tuple[str, ...]) -> str:
 
 
 def processor() -> str:
-    """Returns the model of this machine's processor, and which of AVX2, FMA and AVX-512 the processor supports."""
+    """Returns the model of this machine's processor, and which of AVX2, FMA and AVX-512 the processor supports.
+
+    On other systems than Linux, the result has only the model, as Python's module ``platform`` describes it.
+    """
     try:
         with open("/proc/cpuinfo", encoding="utf-8") as file:
             lines = dict(line.rstrip().split("\t: ", 1) for line in file if "\t: " in line)

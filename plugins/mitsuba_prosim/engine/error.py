@@ -14,7 +14,10 @@ def library(values: Any) -> Any:
 
 
 def variance(total: Any, squares: Any, count: Any) -> Any:
-    """Returns the sample variance of ``count`` samples, from their sum ``total`` and their sum of ``squares``."""
+    """Returns the sample variance of ``count`` samples, from their sum ``total`` and their sum of ``squares``.
+
+    The arguments are NumPy or Dr.Jit arrays. The variance of one sample is 0.
+    """
     module = library(total)
     return module.maximum(squares / count - module.square(total / count), 0) * count / module.maximum(count - 1, 1)
 
@@ -23,7 +26,8 @@ def standard_error(total: Any, squares: Any, count: Any) -> Any:
     """Returns the standard error of a mean of ``count`` samples, from their sum ``total`` and sum of ``squares``.
 
     The formula of the standard error (thesis, equation 4.4) holds for independent samples. The samples of one N-rook
-    pass are stratified, so the actual error of their mean is smaller than the returned estimate.
+    pass are stratified, so the actual error of their mean is smaller than the returned estimate. The estimate is 0 for
+    one sample, and NaN without samples.
     """
     return library(total).sqrt(variance(total, squares, count) / count)
 
@@ -31,7 +35,8 @@ def standard_error(total: Any, squares: Any, count: Any) -> Any:
 def displayed(mean: Any) -> Any:
     """Returns the displayed value of the radiance ``mean``: 0.1 for black, about 1 for white (radiance 1).
 
-    The tone curve is sqrt(radiance + 0.01), which is close to the curve of sRGB except near black.
+    The tone curve is sqrt(radiance + 0.01), which is close to the curve of sRGB except near black. Values above white
+    are not clipped; a negative radiance counts as black.
     """
     return library(mean).sqrt(library(mean).maximum(mean, 0) + 0.01)
 

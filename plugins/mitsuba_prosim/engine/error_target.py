@@ -73,11 +73,12 @@ class ErrorTarget:
     sample_ratio: float = 0.0
 
     def excess(self, noise: Sequence[float]) -> float:
-        """Returns the largest ratio of a measured error in ``noise`` to the limit of this error; NaN without limits.
+        """Returns the largest ratio of a measured error in ``noise`` to the limit of this error, at most 1e100.
 
-        The upper bound of the RMS error, divided by :data:`TOLERANCE`, is compared with the limit of the RMS error,
-        too. If the upper bound is more than :data:`UNCERTAIN` times the RMS error, the bound is ignored, because few
-        pixels have most of the error; :attr:`.Reached.uncertain` reports this case.
+        The result is NaN without limits, or if the errors are NaN because they were not measured yet. The upper bound
+        of the RMS error, divided by :data:`TOLERANCE`, is compared with the limit of the RMS error, too. If the upper
+        bound is more than :data:`UNCERTAIN` times the RMS error, the bound is ignored, because few pixels have most of
+        the error; :attr:`.Reached.uncertain` reports this case.
         """
         rms, *tails, bound = noise
         rms = max(rms, bound / TOLERANCE) if bound <= UNCERTAIN * rms else rms
@@ -98,7 +99,9 @@ class ErrorTarget:
 
     @property
     def time_is_up(self) -> bool:
-        """Whether at most the fraction :data:`SHARE` of the time limit is left, about the time of one work item."""
+        """Whether at most the fraction :data:`SHARE` of the time limit is left, about the time of one work item; False
+        without a time limit.
+        """
         return self.seconds_left <= self.seconds * SHARE
 
     @property
@@ -114,8 +117,8 @@ class SecondImage:
 
     The difference between two independent images shows the error of these images, however well the samples are
     distributed. The variance of the samples within a pixel does not show the error of the image: if the samples are
-    well distributed, the actual error can be ten times smaller. ``complete`` tells whether the second image has all
-    pixels. If the second image is complete, the final image is the mean of the first and the second image.
+    well distributed, the actual error can be ten times smaller. ``complete`` tells whether the second image was begun
+    as a whole image, which has each pixel once; then the final image is the mean of the first and the second image.
     """
 
     #: One pixel of this many is in the second image, and at least this number of pixels.
@@ -129,9 +132,10 @@ class SecondImage:
         """Begins a second image for ``state``: of all pixels of the plan's region if ``complete`` is true, else of
         randomly chosen pixels.
 
-        If fewer than :attr:`FEW` pixels are chosen, each chosen pixel is sampled several times with different seeds. If
-        ``state.second`` already has accumulators for this number of pixels, the second image continues from these
-        accumulators.
+        One of :attr:`ONE_IN` pixels is chosen, or more, so that there are at least about :attr:`MIN_PIXELS` pixels; in
+        a small image, all pixels are chosen. If fewer than :attr:`FEW` pixels are chosen, each chosen pixel is sampled
+        several times with different seeds, but at most :attr:`MAX_COPIES` times. If ``state.second`` already has
+        accumulators for this number of pixels, the second image continues from these accumulators.
         """
         self.state, self.estimator, self.complete = state, state.estimator, complete
         #: The rectangle of the pixels of a complete second image, row by row.
@@ -160,10 +164,12 @@ class SecondImage:
 
         The displayed image is the first image, or the mean of both images if the second image is complete. For each
         pixel of the second image, the method replaces the samples of this pixel in the first image by those of the
-        second image, and sums the squared changes of the displayed values of all pixels within the filter's reach. The
-        tone curve is applied to the values before their difference is computed. If the difference of radiances were
-        multiplied by the slope of the tone curve instead, the measured error would depend mostly on bright spots.
+        second image, and sums the squared changes of the displayed values of all pixels within the filter's reach and
+        the crop window. The tone curve is applied to the values before their difference is computed. If the difference
+        of radiances were multiplied by the slope of the tone curve instead, the measured error would depend mostly on
+        bright spots.
         """
+        # ``of_pixel`` is the number of channels, and ``stored`` the number of the channels up to the weight W.
         plan, channels, own = self.plan, self.estimator.channels, mi.UInt32(self.index)
         film, of_pixel, stored = film_values(self.state), len(channels.names), channels.names.index("W") + 1
         first, second, squares = self.state.accumulators, self.accumulators, dr.zeros(mi.Float, len(self.index))
@@ -191,7 +197,7 @@ class SecondImage:
 
 def concentration(squares: np.ndarray) -> float:
     """Returns how concentrated the squared errors ``squares`` are: 1 if one pixel has the whole error, 1/n if n pixels
-    have equal errors.
+    have equal errors, 0 if no pixel has an error.
     """
     return float(np.sum(squares**2) / max(np.sum(squares) ** 2, 1e-300))
 
@@ -200,7 +206,11 @@ def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarr
     """Returns the total number of samples of each pixel after the next pass: as many as the error target requires, but
     limited to the maximum size of one pass.
 
-    ``speed`` is the measured speed of the render, in samples per pixel and second; 0 if the speed is not known.
+    Before the numbers are rounded up to powers of two, their mean is at most :data:`GROWTH` times the present mean, or
+    :data:`UNCERTAIN_GROWTH` times if few pixels have most of the error. With a time limit, the pass also takes at most
+    about half of the time that is left; 90 % if less than a fifth of the limit is left. ``speed`` is the measured speed
+    of the render, in samples per pixel and second; 0 if the speed is not known. With a time limit and an unknown speed,
+    the pass at most doubles the mean number of samples.
     """
     have, ratio = mean(state.accumulators.count), None
     most = (UNCERTAIN_GROWTH if state.noise[3] > UNCERTAIN * state.noise[0] else GROWTH) * have
@@ -217,8 +227,10 @@ def counts_for_ratio(state: FilmState, ratio: float | None, most: float = np.inf
     samples in every pixel.
 
     The policy of adaptive sampling distributes the additional samples, so fewer samples suffice than ``ratio`` times
-    the current number in every pixel. ``most`` is the maximum of the mean number of samples per pixel. ``ratio`` is
-    None if only ``most`` limits the numbers of samples.
+    the current number in every pixel. The returned numbers include the samples that a pixel already has. ``most`` is
+    the maximum of the mean number of samples per pixel, before the numbers are rounded up to powers of two. ``ratio``
+    is None if only ``most`` limits the numbers of samples. No pixel gets more than the plan's maximum number of
+    samples, even if the error is then larger.
     """
     request, count = np.minimum(state.request(), np.float32(UNLIMITED)), np.array(state.accumulators.count)
     # All samples of a pixel so far may agree by chance. So every pixel of the region gets samples from time to time.
@@ -230,8 +242,8 @@ def counts_for_ratio(state: FilmState, ratio: float | None, most: float = np.inf
     goal = None if ratio is None else mean(variances / np.float32(count)) / ratio
 
     def after(effort: float) -> np.ndarray:
-        """Returns the number of samples of each pixel after a pass, if all requested numbers are multiplied by
-        ``effort``.
+        """Returns the total number of samples that each pixel has after the next pass, if all requested numbers of
+        samples are multiplied by ``effort``.
         """
         counts = state.counts_for(request * np.float32(effort))
         if caustics is not None:
@@ -242,7 +254,7 @@ def counts_for_ratio(state: FilmState, ratio: float | None, most: float = np.inf
 
     def reaches(effort: float) -> bool:
         """Tells whether a pass with the factor ``effort`` reaches the variance ``goal`` or the mean number of samples
-        ``most``.
+        ``most``. If ``goal`` is None, only ``most`` counts.
         """
         counts = np.float32(after(effort))
         return mean(counts) >= most or (goal is not None and mean(variances / counts) <= goal)
@@ -253,7 +265,8 @@ def counts_for_ratio(state: FilmState, ratio: float | None, most: float = np.inf
 def remaining_factor(state: FilmState, target: ErrorTarget) -> float:
     """Returns the factor by which the samples must increase until the error is :data:`AIM` times the error target.
 
-    The error is assumed to be proportional to the number of samples to the power of -:data:`RATE`.
+    The error is assumed to be proportional to the number of samples to the power of -:data:`RATE`. The result is NaN if
+    the error has no limit.
     """
     return (target.excess(state.noise) / AIM) ** (1 / RATE)
 
@@ -265,10 +278,11 @@ def limit_by_photons(count: np.ndarray, wanted: np.ndarray, max_samples: int, ma
     A photon pass emits ``photons`` photons, and makes the photon maps for ``maps`` successive samples of each pixel.
     The cost of a photon pass does not depend on the number of samples that use its photons. The last photon passes are
     left out if too few samples would use their photons (:data:`SPARSE`); a later pass over the image takes these
-    samples. The result is the maximum of the requested counts ``wanted``, or less if photon passes are left out, or 0
-    if all photon passes are left out. ``count`` is the number of samples that each pixel already has. ``max_samples``
-    is the plan's maximum number of samples of a pixel; if the maximum of ``wanted`` is this number, no photon pass is
-    left out.
+    samples. The result is the number of samples of a pixel that has used all photon maps up to the last remaining
+    photon pass, which may exceed all requested counts ``wanted``; 0 if all photon passes are left out. ``count`` is the
+    number of samples that each pixel already has. ``max_samples`` is the plan's maximum number of samples of a pixel.
+    If the maximum of ``wanted`` is ``max_samples``, or if no pixel needs samples, no photon pass is left out, and the
+    result is the maximum of ``wanted``.
     """
     last, lacking = int(wanted.max()), wanted > count
     if last == max_samples or not lacking.any():
@@ -293,7 +307,8 @@ def smallest_effort(reaches: Callable[[float], bool]) -> float:
     """Returns the smallest effort from 2^-20 to 2^40 for which ``reaches(effort)`` is true, within 0.1 %; 2^40 if
     ``reaches`` is always false.
 
-    The effort is the factor by which all requested numbers of samples are multiplied.
+    The effort is the factor by which all requested numbers of samples are multiplied. If ``reaches`` is true for an
+    effort, it must be true for every greater effort.
     """
     exponents = np.linspace(-20, 40, 2**16 + 1)
     return float(2 ** exponents[bisect_left(exponents[:-1], True, key=lambda exponent: reaches(2**exponent))])

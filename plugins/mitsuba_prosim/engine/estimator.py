@@ -48,7 +48,8 @@ class Estimator:
         """Returns ``(ray, weight, position)`` for a camera ray through the pixel (x, y).
 
         ``position`` is the point of the film through which the ray goes, relative to the pixel's upper left corner, in
-        [0, 1)².
+        [0, 1)². ``points`` gives the random numbers of the sample (:meth:`.Plan.points`). The point on the
+        lens is constant if the sensor has no aperture; the time is constant if the shutter interval is empty.
         """
         position = points(PIXEL)
         lens = points(LENS) if self.sensor.needs_aperture_sample() else mi.Point2f(0.5)
@@ -75,9 +76,10 @@ class Estimator:
     def sample(self, plan: Plan, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> tuple[list[mi.Float], mi.Float, mi.Point2f]:
         """Takes the ``t``-th sample of the pixels (x, y), and returns ``(values, luminance, position)``.
 
-        ``values`` are the sample's values of all channels, not yet multiplied by the weights of the reconstruction
-        filter. ``luminance`` is the luminance of the sample's radiance. ``position`` is the position of the sample,
-        relative to the pixel's upper left corner, in [0, 1)².
+        ``values`` are the sample's values of the channels ``channels.names``, not yet multiplied by the weights of the
+        reconstruction filter; absolute values below :data:`.DARKEST_SUM` become 0. ``luminance`` is the luminance
+        of the sample's radiance. A radiance that is infinite or NaN becomes 0. ``position`` is the position of the
+        sample, relative to the pixel's upper left corner, in [0, 1)².
         """
         points = plan.points(x, y, t)
         # The t-th sample has the same wavelengths as its photons, even if ``points`` has another index: a shared one.
@@ -101,7 +103,8 @@ class Estimator:
     def weights(self, position: mi.Point2f) -> list[mi.Float]:
         """Returns the filter weights of a sample at ``position``, for its own pixel and for the pixels around it.
 
-        The weights are ordered row by row. ``position`` is relative to the upper left corner of the sample's pixel.
+        The weights are ordered row by row. ``position`` is relative to the upper left corner of the sample's pixel. For
+        a box filter, the only weight is 1, that of the sample's own pixel.
         """
         if self.rfilter.is_box_filter():
             return [mi.Float(1)]
@@ -114,19 +117,27 @@ class Estimator:
         """Adds samples to the sums ``start`` of the pixels (x, y), and returns the new sums.
 
         A pixel gets samples until it has ``end`` samples, or until it has converged at the end of a pass by the
-        criterion of the adaptive-sampling policy. Each lane is one pixel.
+        criterion of the adaptive-sampling policy. A pixel to which this applies at once gets no sample. Each lane is
+        one pixel.
         """
         n, policy = plan.n, policy_of(plan)
 
         # ``end`` is not a part of the loop's state: Dr.Jit traces a loop twice if the body leaves a state variable
         # unchanged.
         def unfinished(sums: Accumulators) -> mi.Bool:
-            """Returns the mask of the pixels that have fewer than ``end`` samples, and have not converged."""
+            """Returns the mask of the pixels that have fewer than ``end`` samples, and have not converged.
+
+            A pixel can converge only when it has a whole number of passes, each with ``n`` samples.
+            """
             converged = policy.converged(sums.total, sums.squares, sums.count)
             return (sums.count < end) & ~((sums.count % n == 0) & converged)
 
         def step(sums: Accumulators, active: mi.Bool) -> tuple[Accumulators, mi.Bool]:
-            """Adds one sample to the sums of each pixel; returns the new sums and the mask :func:`unfinished`."""
+            """Adds one sample to the sums of each pixel; returns the new sums and the mask :func:`unfinished`.
+
+            The loop itself keeps the sums of pixels that are not ``active``. The luminance of a sample is limited to
+            :data:`.BRIGHTEST`, and counts as 0 below :data:`.DARKEST`; the film's sums are not limited.
+            """
             t = sums.count
             values, Y, position = self.sample(plan, x, y, t)
             filtered = [s + w * v for s, (w, v) in zip(sums.sums, product(self.weights(position), values))]

@@ -34,6 +34,7 @@ class Channels:
         self.aovs, self.own_aovs = integrator.mitsuba_aovs, integrator.own_aovs
         self.special = mi.has_flag(film.flags(), mi.FilmFlags.Special)
         self.alpha = bool(mi.has_flag(film.flags(), mi.FilmFlags.Alpha))
+        # The channels of a special film, such as ``specfilm``, have numbers as names.
         aov_names = [*transport_aovs, *(self.aovs.aov_names() if self.aovs is not None else ())]
         colours = map(str, range(film.base_channels_count())) if self.special else "RGB" + "A" * self.alpha
         #: Names of the channels of a sample; ``W`` is the weight.
@@ -44,14 +45,19 @@ class Channels:
     def values(self, L: mi.Spectrum, wavelengths: mi.Color0f, alpha: mi.Float) -> list[mi.Float]:
         """Returns the values of the film's own channels, without AOVs, for a sample whose filter weight is 1.
 
-        ``L`` is the radiance along the camera ray, times the weight of the ray.
+        The values are the colours, ``alpha`` if the film has an alpha channel, and the weight 1. A film with the flag
+        ``Special``, such as ``specfilm``, computes the values itself. ``L`` is the radiance along the camera ray, times
+        the weight of the ray.
         """
         if self.special:
             return list(self.film.prepare_sample(L, wavelengths, self.film.base_channels_count() + 1, 1.0, alpha))
         return [*self.rgb(L, wavelengths), *[alpha] * self.alpha, mi.Float(1)]
 
     def rgb(self, L: mi.Spectrum, wavelengths: mi.Color0f) -> list[mi.Float]:
-        """Returns red, green and blue of the radiance ``L``; a colour that the parameter ``channels`` omits is 0."""
+        """Returns red, green and blue of the radiance ``L``; a colour that the parameter ``channels`` omits is 0.
+
+        In monochromatic variants, red, green and blue are equal.
+        """
         if mi.is_spectral:
             rgb = mi.spectrum_to_srgb(L, wavelengths)
         else:
@@ -61,9 +67,9 @@ class Channels:
     def luminance(self, values: Sequence[mi.Float]) -> mi.Float:
         """Returns the luminance of a pixel, from the sums ``values`` of its channels, which are weighted by the filter.
 
-        The last of the ``values`` is the sum of the filter's weights, by which the luminance is divided. For a film
-        with the flag ``Special``, such as ``specfilm``, the result is the mean of all channels instead of the
-        luminance.
+        The last of the ``values`` is the sum of the filter's weights, by which the luminance is divided; the result is
+        NaN if all ``values`` are 0. For a film with the flag ``Special``, such as ``specfilm``, the mean of all
+        channels except the last replaces the luminance; it is divided by the weights, too.
         """
         light = sum(values[:-1]) / (len(values) - 1) if self.special else mi.luminance(mi.Color3f(*values[:3]))
         return light / values[-1]
@@ -110,12 +116,13 @@ def put(film: mi.Film, values: mi.TensorXf, aov_names: Sequence[str]) -> None:
 
 @alone()
 def film_values(image: Pixels) -> mi.TensorXf:
-    """Returns the values that the film stores for the image so far, shape (height, width, channels).
+    """Returns the values that the film stores for the crop window of the image so far, shape (height, width, channels).
 
-    If ``image`` is a :class:`.SecondImage`, the second image must be complete. The channels ``samples`` and ``error``
-    (:data:`OWN_AOVS`) are multiplied by the pixel's sum of filter weights, because a film divides all channels by this
-    sum. Pixels without samples are black. The value of a pixel is a sum of contributions from all pixels within the
-    filter's radius, which are added row by row.
+    If ``image`` is a :class:`.SecondImage`, the second image must be complete. The value of a pixel is a sum of
+    contributions from all pixels within the filter's radius, which are added row by row; each contribution is divided
+    by the number of samples of the pixel from which it comes. A pixel without samples contributes nothing. The channels
+    ``samples`` and ``error`` (:data:`OWN_AOVS`) are multiplied by the pixel's sum of filter weights, because a film
+    divides all channels by this sum.
     """
     plan, channels, sums = image.plan, image.estimator.channels, image.accumulators
     left, top, right, bottom = plan.window

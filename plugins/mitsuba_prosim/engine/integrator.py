@@ -113,7 +113,9 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
 
         Returns the developed image, shape (height, width, channels), or an empty tensor if ``develop`` is False. A
         nonzero ``spp`` is the number of samples per pixel, and replaces N², the square of the parameter ``samples``. In
-        scalar variants, the sensor's sampler sets the number of samples, and a nonzero ``spp`` replaces that number.
+        scalar variants, the sensor's sampler sets the number of samples, and a nonzero ``spp`` replaces that number. If
+        ``evaluate`` is true, this method waits until the image is computed. After :meth:`cancel`, the result is the
+        image of the samples so far.
         """
         if not dr.is_jit_v(mi.Float):
             return self._render_scalar(scene, sensor, seed, spp, develop, evaluate)
@@ -148,8 +150,9 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         :class:`.Render`.
 
         Raises RuntimeError in scalar variants and within ``dr.freeze``. Raises ValueError if ``begin`` is a checkpoint
-        of another image. Raises ValueError, too, if a part of an image has a limit of noise or time, because these
-        limits apply to the whole image.
+        of another image, or cannot be continued with the policy of this integrator (:meth:`.Checkpoint.restore`).
+        Raises ValueError, too, if a part of an image has a limit of noise or time, because these limits apply to the
+        whole image.
         """
         # Imported only for an image: NumPy and the engine are slow to import.
         from .render import Render
@@ -195,7 +198,11 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         return Estimator(scene, sensor, self)
 
     def _render_scalar(self, scene: mi.Scene, sensor: int | mi.Sensor, *arguments: Any) -> mi.TensorXf:
-        """Renders the image in a scalar variant, by Mitsuba's own loop over pixels and samples."""
+        """Renders the image in a scalar variant, by Mitsuba's own loop over pixels and samples.
+
+        ``arguments`` are the further arguments of :meth:`render`. Warns if the integrator has a limit of noise or time,
+        which is ignored in scalar variants.
+        """
         if self._scalar is not None:  # this is the second call, from Mitsuba's ``render`` below
             return super().render(scene, sensor, *arguments)
         if self.sampling.has_target:
@@ -213,7 +220,11 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
     def render_forward(
         self, scene: mi.Scene, params: Any, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0
     ) -> mi.TensorXf:
-        """Returns the derivative of the image along the gradients that the user has set on scene parameters."""
+        """Returns the derivative of the image along the gradients that the user has set on scene parameters.
+
+        The result has the shape of the image. ``params`` is ignored; the other arguments are those of :meth:`render`.
+        Raises RuntimeError if the integrator has a time limit.
+        """
         return self._derivatives(scene, sensor, seed, spp).forward()
 
     @alone()
@@ -226,7 +237,11 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         seed: int | mi.UInt32 = 0,
         spp: int = 0,
     ) -> None:
-        """Propagates ``grad_in``, the gradient with respect to the image, to the scene parameters (backward mode)."""
+        """Propagates ``grad_in``, the gradient with respect to the image, to the scene parameters (backward mode).
+
+        ``params`` is ignored; the other arguments are those of :meth:`render`. Raises RuntimeError if the integrator
+        has a time limit.
+        """
         self._derivatives(scene, sensor, seed, spp).backward(grad_in)
 
     def _derivatives(self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int) -> Derivatives:

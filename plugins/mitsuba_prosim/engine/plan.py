@@ -55,10 +55,11 @@ class Sampling:
     def halved(self, spp: int) -> tuple[Sampling, int]:
         """Returns ``(sampling, spp)`` for each of two images that together take about as many samples as one image.
 
-        If ``spp`` is 0, the returned ``spp`` is 0, too. If a limit of noise or time is set, the parameter ``samples``
-        is not halved, because a second image may not be needed. Without a limit of noise or time, the parameter
-        ``threshold`` is multiplied by the square root of 2, because the mean of both images has half the variance of
-        one image.
+        If ``spp`` is 0, the returned ``spp`` is 0, too; else it is a square number near ``spp`` / 2. The parameter
+        ``max_samples`` is halved and rounded up; 0 (no maximum) stays 0. If a limit of noise or time is set, the
+        parameter ``samples`` is not halved, because a second image may not be needed. Without a limit of noise or time,
+        the parameter ``threshold`` is multiplied by the square root of 2, because the mean of both images has half the
+        variance of one image.
         """
         half = replace(self, max_samples=(self.max_samples + 1) // 2)
         if not self.has_target:
@@ -119,7 +120,9 @@ class Plan:
         """Returns the plan for an image on ``film``.
 
         A nonzero ``spp`` is the number of samples per pixel, and replaces N², the square of the parameter ``samples``.
-        With a nonzero ``spp``, the parameter ``max_samples`` is ignored, unless a limit of noise or time is set.
+        With a nonzero ``spp``, the parameter ``max_samples`` is ignored, unless a limit of noise or time is set. If
+        ``max_samples`` is 0 or ignored, the maximum number of samples of a pixel is :data:`UNLIMITED` with a limit of
+        noise or time, :data:`GRADED_PATTERNS` times N² with the policy ``graded``, and else N².
         """
         noisy = spp or sampling.samples**2
         n = grid_size(spp) if spp else min(sampling.samples, sampling.max_samples or noisy)
@@ -161,13 +164,15 @@ class Plan:
     def points(self, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> NRook | Sobol:
         """Returns the ``t``-th sample point of the pixels (x, y).
 
-        Call the result with the number of a space of the sampling pattern, such as ``PIXEL`` or ``LENS``, to get the
-        coordinates of the point in this space. The sample point depends only on the plan, the pixel and ``t``.
+        Call the result with the number of a space (a pair of random numbers of a sample), such as ``PIXEL`` or
+        ``LENS``, to get the two coordinates, in [0, 1), of the point in this space. The sample point depends only on
+        the plan, the pixel and ``t``.
         """
         # Each coordinate has 16 bits, so that the samples of a pixel do not depend on the film's size.
         pixel = (mi.UInt32(y) << 16) | (mi.UInt32(x) & 0xFFFF)
         # Sobol' points: the first ``shared`` samples of a pixel come from the sequence that all pixels share, in the
-        # order of the Z curve; later samples come from the pixel's own sequence. Both cases use the same kernel.
+        # order of the Z curve; later samples come from the pixel's own sequence. Both cases use the same kernel. The
+        # last argument of ``Sobol`` is the number of samples that together cover the spectrum.
         if self.uses_sobol:
             shared = dr.opaque(mi.UInt32, self.shared)
             shares = t < shared
@@ -202,7 +207,8 @@ def pixels_around(
 
     Each of the pixels (x, y) counts as one of its own neighbours. ``active`` tells whether the neighbour is in the
     rectangle ``inside``. For a neighbour in ``inside``, ``index`` is the index of the neighbour among the
-    :func:`pixels` of the rectangle ``stored``.
+    :func:`pixels` of the rectangle ``stored``, which must contain ``inside``; for other neighbours, ``index`` has no
+    meaning.
     """
     width = stored[2] - stored[0]
     first = stored[1] * width + stored[0]

@@ -41,7 +41,7 @@ class Policy:
 
         For each pixel, ``total`` and ``squares`` are the sums of the luminance and of its square over ``count``
         samples; the three arrays have 32-bit floats, shape (height, width). :meth:`.FilmState.counts_for` later rounds
-        the requested numbers up, and limits them.
+        the requested numbers up, and limits them. In this class, the result is the same number for every pixel.
         """
         return np.full(count.shape, self.noisy_samples)
 
@@ -80,7 +80,11 @@ class Neighbours(Policy):
     reach = 2
 
     def request(self, total: np.ndarray, squares: np.ndarray, count: np.ndarray) -> np.ndarray:
-        """Requests all samples for noisy pixels, and only the samples of the first pass for other pixels."""
+        """Requests all samples for noisy pixels, and only the samples of the first pass for other pixels.
+
+        A pixel is noisy if its error (:func:`error_of_neighbours`) is above the threshold, or not known. Arguments and
+        result are those of :meth:`Policy.request`.
+        """
         # A pixel may have more samples than the first ones. The sums are scaled to ``first_samples`` samples.
         share = self.first_samples / count
         error = error_of_neighbours(total * share, squares * share, self.first_samples)
@@ -106,7 +110,11 @@ class Graded(Policy):
     rounds = 2
 
     def request(self, total: np.ndarray, squares: np.ndarray, count: np.ndarray) -> np.ndarray:
-        """Requests samples in proportion to the standard deviation of the displayed value."""
+        """Requests samples in proportion to the standard deviation of the displayed value.
+
+        The request is infinite for a pixel without neighbours, and where the standard deviation is not finite.
+        Arguments and result are those of :meth:`Policy.request`.
+        """
         # The variances within pixels. Differences between pixels may be an edge or a texture, which is no noise.
         within = variance(total, squares, count)
         deviation = np.sqrt((mean_around(within, 1) + mean_around(within, Graded.reach)) / 2)
@@ -120,8 +128,9 @@ def error_of_neighbours(total: np.ndarray, squares: np.ndarray, count: int) -> n
     """Returns the standard error of each pixel in display units, estimated from the 24 pixels around the pixel.
 
     The standard error is computed from the samples of all 24 pixels together, as if they were samples of one pixel. The
-    variance of the samples of all 24 pixels also contains the differences between the means of the 24 pixels. Near the
-    border of the arrays, a pixel has fewer than 24 neighbours; without any neighbour, the error is infinite. ``total``
+    variance of the samples of all 24 pixels also contains the differences between the means of the 24 pixels. The
+    result is the error of a mean of ``count`` samples. Near the border of the arrays, a pixel has fewer than 24
+    neighbours; without any neighbour, or if ``total`` is not finite for a neighbour, the error is infinite. ``total``
     and ``squares``, shape (height, width), are the sums of the luminance and of its square over the ``count`` samples
     of each pixel.
     """
@@ -140,15 +149,17 @@ def mean_around(plane: np.ndarray, reach: int) -> np.ndarray:
     """
 
     def along_columns(plane: np.ndarray) -> np.ndarray:
-        """Returns, for each entry of ``plane``, the sum of the entries up to ``reach`` rows above and below."""
+        """Returns, for each entry of ``plane``, the sum of the entries up to ``reach`` rows above and below, without
+        the entry itself.
+        """
         padded, height = np.pad(plane, ((reach, reach), (0, 0))), len(plane)
         steps = (k for k in range(-reach, reach + 1) if k)
         return sum((padded[reach + k : reach + k + height] for k in steps), np.zeros_like(plane))
 
     def sum_around(plane: np.ndarray) -> np.ndarray:
         """Returns, for each pixel, the sum of ``plane`` over the pixels around it within ``reach`` rows and columns."""
-        # Adds along the rows, and then along the columns of these sums. The middle row is added without the pixel
-        # itself.
+        # Adds along the rows, and then along the columns of these sums. The pixel's own row is added without the pixel;
+        # the other rows are added whole.
         in_row = along_columns(plane.T).T
         return in_row + along_columns(in_row + plane)
 

@@ -77,11 +77,12 @@ class Render(Steps):
     process. ``begin`` is a checkpoint from which the render continues.
 
     ``denoiser`` is a ``FinalImage``, which estimates the error of the denoised image. The denoiser needs a complete
-    second image. The complete second image begins when the denoiser requests it, or at the end of the render if the
-    image without denoising has not reached the error target. With a time limit, or with an error target for a small
-    image, the complete second image begins together with the first image.
+    second image. The complete second image begins when the denoiser requests it, or at the end of the render unless the
+    image without denoising has reached an error target. With a time limit, or with an error target for a small image,
+    the complete second image begins together with the first image.
 
-    Raises ValueError if the checkpoint ``begin`` belongs to another image.
+    Raises ValueError if the checkpoint ``begin`` belongs to another image, or cannot be continued with the policy of
+    ``plan`` (:meth:`.Checkpoint.restore`).
     """
 
     def __init__(
@@ -107,8 +108,8 @@ class Render(Steps):
         self._tiny_lamp = sees_tiny_lamp(estimator.scene, estimator.sensor)
         self.second: SecondImage | None = None
         if any(self.target.limits) or (denoiser is not None and self.target.seconds):
-            # The second image is complete from the beginning if the time is limited (and the error is not reached yet),
-            # if the image is small, or if the checkpoint has a complete second image.
+            # With a denoiser, the second image is complete from the beginning if the time is limited (and the error is
+            # not reached yet), if the image is small, or if the checkpoint has a complete second image.
             pixel_count, restored = area(plan.region), self.state.second
             begun = restored is not None and dr.width(restored.count) == pixel_count
             reached = self.target.excess(self.state.noise) <= 1
@@ -130,7 +131,10 @@ class Render(Steps):
         self.run()
 
     def _run(self) -> Generator[Step, None, None]:
-        """Takes the samples of all passes over the image, yields the steps, and then writes the image to the film."""
+        """Takes the samples of all passes over the image, yields the steps, and then writes the image to the film.
+
+        If an error or Ctrl-C ends the render, the image so far is written to the film, and the error is raised again.
+        """
         target = self.target
         try:
             for current in self._passes():
@@ -176,7 +180,9 @@ class Render(Steps):
     def _must_end(self, wanted: np.ndarray) -> bool:
         """Tells whether the current pass, in which the pixels get ``wanted`` samples, must end now.
 
-        The time limit does not end a pass that takes only the first sample of each pixel.
+        A pass ends early if :meth:`stop` was called or if the time limit is reached. The time limit does not end a pass
+        that takes only the first sample of each pixel. :meth:`stop` does not end a pass that follows an incomplete
+        pass, because this pass takes the first samples of pixels without samples.
         """
         return bool((self._complete and self._stopped) or (np.any(wanted > 1) and self.target.time_is_up))
 
@@ -192,8 +198,9 @@ class Render(Steps):
     def _passes(self) -> Passes:
         """Yields the passes over the image until the image is complete or a pass ends early.
 
-        If the render has a denoiser and the image has not reached the error target, passes over the second image
-        follow.
+        If the first pass ends early after some samples, one more pass takes the first sample of each pixel that has
+        none. If the render has a denoiser, was not stopped, and the image has not reached an error target, passes over
+        the second image follow.
         """
         state = self.state
         one = state.counts_of_part(np.ones(dr.width(state.x), np.uint32), state.margin)
@@ -249,8 +256,9 @@ class Render(Steps):
         """Yields passes until the error target or the time limit is reached; after each pass, the error is measured.
 
         In each pass, the number of samples of a pixel is the number that the policy requests, times a factor that
-        depends on the error target and the time limit. If the checkpoint was made during a pass (``state.wanted`` is
-        not None), the render first completes this pass, and then measures the error.
+        depends on the error target and the time limit. The passes also end if each pixel has the plan's maximum number
+        of samples; a render with a denoiser then first begins a complete second image. If the checkpoint was made
+        during a pass (``state.wanted`` is not None), the render first completes this pass, and then measures the error.
         """
         state, target, started = self.state, self.target, time.perf_counter()
         have = mean(state.counts)
@@ -296,8 +304,8 @@ class Render(Steps):
     def update_film(self, second: bool = False) -> None:
         """Writes the image so far to the film.
 
-        If ``second`` is true, writes the second image instead of the first image to the film; the second image must be
-        complete.
+        If ``second`` is true and the render has a second image (:class:`.SecondImage`), writes the second image instead
+        of the first to the film; the second image must be complete.
         """
         # After the end of the render, the values of the first image are stored; otherwise they are computed now.
         stored, image = (self._values, self.state) if self.second is None or not second else (None, self.second)
@@ -309,7 +317,8 @@ class Render(Steps):
     def image(self, second: bool = False) -> mi.TensorXf:
         """Returns the developed image so far, shape (height, width, channels).
 
-        If ``second`` is true, returns the second image instead of the first image; the second image must be complete.
+        If ``second`` is true and the render has a second image (:class:`.SecondImage`), returns the second image
+        instead of the first; the second image must be complete. The film holds the returned image afterwards.
         """
         self.update_film(second)
         return self.film.develop()
@@ -328,14 +337,14 @@ class Render(Steps):
     @property
     @alone()
     def reached(self) -> Reached:
-        """Samples, error and time so far."""
+        """Samples, error and time so far; the error is that of the last measurement."""
         counts = self.counts()
         return Reached(mean(counts), int(counts.min()), *self.state.noise, self._tiny_lamp, self.target.elapsed)
 
     @alone()
     def error(self) -> np.ndarray:
         """Returns the standard error of the luminance of each pixel of the first image, estimated from the samples
-        within the pixel, shape (height, width).
+        within the pixel, shape (height, width). The error is NaN for a pixel without samples.
         """
         return self.state.crop(self.state.accumulators.error(self.state.plan.n), self.state.plan.window)
 
@@ -353,9 +362,10 @@ class Render(Steps):
     def noise_bound(self) -> float:
         """Returns an upper bound of the RMS error of the displayed image (white = 1).
 
-        The bound is estimated from the samples within each pixel, as if these samples were independent. The samples are
-        better distributed than independent samples, so the actual error is smaller than the bound; only a second image
-        can measure the actual error. The bound is NaN if a pixel has fewer than two samples.
+        The bound is estimated from the samples within each pixel (:meth:`.Accumulators.error`), as if these samples, or
+        the passes, were independent. The samples are better distributed than independent samples, so the actual error
+        is smaller than the bound; only a second image can measure the actual error. The bound is NaN if a pixel has
+        fewer than two samples.
         """
         state, sums = self.state, self.state.accumulators
         total, _, count = sums.statistics()

@@ -35,7 +35,8 @@ class Part:
 
 
 def part_numbers(region: Rectangle, parts: int, margin: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Returns, for each pixel (x, y) of ``region``, the number of the part of the image that contains the pixel.
+    """Returns, for each pixel (x, y) of ``region``, the number of the part of the image that contains the pixel, from 1
+    to ``parts``.
 
     x and y are integer arrays. The tiles of the image are assigned in turn to the parts; ``parts`` is the number of
     parts. The size of a tile depends on ``margin``, the width in pixels of the neighbourhood that the adaptive-sampling

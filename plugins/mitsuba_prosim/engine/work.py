@@ -126,19 +126,26 @@ class Executor:
         #: Samples per second; at first, the speed in a usual scene.
         cpu = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
         self.speed: float = 2**20 * dr.thread_count() if cpu else 2**24
+        #: Whether a work item has been measured.
         self.measured = False
 
     def limit(self, left: int, seconds: float = np.inf) -> int:
         """Returns the maximum number of samples of the next work item.
 
         ``left`` is the number of samples that still have to be divided into work items. The computation of the work
-        item should not take longer than ``seconds``.
+        item should not take longer than ``seconds``, nor than the attribute ``seconds``. If ``left`` is less than
+        :attr:`LAST` times the number of samples for this time, the result is ``left``; else it is at least
+        :attr:`SMALLEST`, even if this takes longer.
         """
         size = self.speed * min(self.seconds, seconds)
         return left if left < self.LAST * size else max(int(size), self.SMALLEST)
 
     def update_speed(self, samples: int, seconds: float) -> None:
-        """Updates the measured speed after a work item of ``samples`` samples took ``seconds``."""
+        """Updates the measured speed after a work item of ``samples`` samples took ``seconds``.
+
+        The new speed is the speed of this work item, but at most :attr:`SPEED_GROWTH` times the old speed. The first
+        work item cannot lower the speed.
+        """
         speed = min(samples / max(seconds, 1e-6), self.SPEED_GROWTH * self.speed)
         if self.measured or speed > self.speed:  # the first work item also compiles, so it must not lower the speed
             self.speed = speed
@@ -157,11 +164,11 @@ class Executor:
 def work_items(pixels: Pixels, wanted: np.ndarray, executor: Executor, seconds: float = np.inf) -> Iterator[WorkItem]:
     """Yields work items that together bring each pixel of ``pixels`` to its number of samples in ``wanted``.
 
-    ``executor`` limits the size of the work items, so that each one takes at most about ``seconds``. The pixels that
-    need most samples come first, so that the noisiest pixels have improved if the render is stopped early. Pixels that
-    need similar numbers of samples are in the same work item if possible, because the lanes of a kernel wait for the
-    slowest lane. Among pixels that need similar numbers of samples, neighbours are in the same work item if possible,
-    because their rays are similar.
+    Pixels that already have this number are in no work item. ``executor`` limits the size of the work items, so that
+    each one takes at most about ``seconds``. The pixels that need most samples come first, so that the noisiest pixels
+    have improved if the render is stopped early. Pixels that need similar numbers of samples are in the same work item
+    if possible, because the lanes of a kernel wait for the slowest lane. Among pixels that need similar numbers of
+    samples, neighbours are in the same work item if possible, because their rays are similar.
     """
     lack = wanted - np.array(pixels.accumulators.count, dtype=np.int64)
     order = np.flatnonzero(lack > 0)
@@ -189,7 +196,7 @@ def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, samples: in
     """
     index, end, plan = dr_array(some.astype(np.uint32)), dr_array(wanted[some]), pixels.plan
     x, y, start = dr.gather(tuple, (pixels.x, pixels.y, pixels.accumulators), index)
-    if dr.width(plan.seed) > 1:
+    if dr.width(plan.seed) > 1:  # a second image, in which each pixel has its own seed
         plan = replace(plan, seed=dr.gather(mi.UInt32, plan.seed, index))
     dr.eval(x, y, start, plan.seed)
 
@@ -205,9 +212,10 @@ def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, samples: in
 def photon_batches(pixels: Pixels, wanted: np.ndarray) -> Iterator[np.ndarray]:
     """Divides the samples that ``pixels`` need to reach the numbers ``wanted`` into batches, one for each photon pass.
 
-    Yields, for each batch, the number of samples of each pixel after the batch. The photon maps of one photon pass are
-    used for a fixed number of successive samples of each pixel. Without caustics, there is only one batch. If all
-    pixels already have the ``wanted`` number of samples, the function yields no batch.
+    Yields, for each batch, the number of samples of each pixel after the batch; a pixel that already has more samples
+    takes none. The photon maps of one photon pass are used for a fixed number of successive samples of each pixel.
+    Without caustics, there is only one batch. If all pixels already have the ``wanted`` number of samples, the function
+    yields no batch.
     """
     caustics, count = pixels.estimator.transport.caustics, np.array(pixels.accumulators.count)
     lacking, maps = wanted > count, UNLIMITED if caustics is None else caustics.maps(pixels.plan.n)

@@ -34,7 +34,8 @@ class SceneBundle:
     def of(cls, file: scene_file.SceneFile, sensor: int = 0) -> SceneBundle:
         """Returns the bundle of the scene ``file``.
 
-        Raises OSError if a file cannot be read, and ValueError if the scene names a file outside the scene's folder.
+        Raises OSError if a file cannot be read. Raises ValueError if the scene names a file outside the scene's folder,
+        or by an absolute path.
         """
         folders, contents = [Path(os.path.abspath(folder)) for folder in (file.xml.parent, file.path.parent)], {}
         for name, path in file.named_files():
@@ -51,7 +52,7 @@ class SceneBundle:
     def load(self) -> tuple[mi.Scene, mi.Sensor]:
         """Writes the files to a temporary folder, loads the scene from this folder, and returns scene and sensor.
 
-        Raises the errors of the scene's plugins.
+        Raises the errors of :class:`.SceneFile` and of the scene's plugins.
         """
         with atomic.scratch() as folder:
             atomic.write({folder / name: content for name, content in self.contents.items()})

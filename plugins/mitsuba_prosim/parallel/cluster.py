@@ -43,7 +43,9 @@ def workers(number: int, threads: int | None = None) -> Iterator[distributed.Cli
     """Starts local worker processes, and yields a client of their scheduler.
 
     The scheduler listens only to this machine. ``number`` is the number of processes. ``threads`` is the number of
-    threads of all worker processes together; None stands for one thread per processor.
+    threads of all worker processes together; None stands for one thread per processor. Each worker process has at least
+    one thread. A worker that is lost later is replaced. Raises RuntimeError if :data:`ATTEMPTS` attempts to start the
+    workers fail.
     """
     silence()
     for attempts_left in range(ATTEMPTS)[::-1]:
@@ -73,8 +75,8 @@ def interrupts_blocked() -> Iterator[None]:
     """Blocks the signals of Ctrl-C and of a closed terminal in all processes that start inside the ``with`` block.
 
     Threads that this process starts inside the ``with`` block block the signals of Ctrl-C and of a closed terminal,
-    too. A terminal sends the signals of Ctrl-C and of its closing to all processes, but only the main process, which
-    holds the image, may handle them.
+    too. On Windows, this function does nothing. A terminal sends the signals of Ctrl-C and of its closing to all
+    processes, but only the main process, which holds the image, may handle them.
     """
     if sys.platform == "win32":
         yield

@@ -65,8 +65,8 @@ class DaskExecutor(Executor):
         """Returns the maximum number of samples of the next work item.
 
         ``left`` is the number of samples that still have to be divided into work items. The computation of a work item
-        takes a worker at most about ``seconds``. Near the end of a pass, work items are smaller, so that all workers
-        finish the pass at about the same time.
+        takes a worker at most about ``seconds``. Near the end of a pass, work items are smaller by a factor of at most
+        :data:`MAX_SHORTENING`, so that all workers finish the pass at about the same time.
         """
         least = max(int(self.speed * min(self.seconds, seconds)) // MAX_SHORTENING, self.SMALLEST)
         return min(super().limit(left, seconds), max(left // (WINDOW * max(len(self._workers), 1)), least))
@@ -74,9 +74,9 @@ class DaskExecutor(Executor):
     def __call__(self, items: Iterator[WorkItem]) -> Results:
         """Computes the work items on the workers, and yields each work item with the new sums of its pixels.
 
-        Yields None while there is no new result, so that the caller can stop at any time. Raises ClusterError if a
-        worker has another variant or other software versions than this process, or if a task fails more than
-        :data:`RETRIES` times.
+        Yields None while there is no new result, so that the caller can stop at any time. If the scheduler is lost, the
+        iteration ends early, and :attr:`loss_reason` tells why. Raises ClusterError if a worker has another variant or
+        other software versions than this process, or if a task fails more than :data:`RETRIES` times.
         """
         done = distributed.as_completed(loop=self.client.loop, with_results=True, raise_errors=False)
         running = dict[distributed.Future, WorkItem]()
@@ -104,7 +104,8 @@ class DaskExecutor(Executor):
     def _submit(self, item: WorkItem, done: distributed.as_completed) -> distributed.Future:
         """Submits a work item to the cluster as a task; the iterator ``done`` later yields the result of this task.
 
-        If the worker that executes the task is lost, Dask repeats the task on another worker.
+        The first task also sends the scene to the cluster. If the worker that executes the task is lost, Dask repeats
+        the task on another worker.
         """
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
             self._shared = self._shared or self.client.submit(bytes, self._scene)
@@ -116,7 +117,8 @@ class DaskExecutor(Executor):
     def _sums(self, item: WorkItem, future: distributed.Future, result: Any) -> Accumulators:
         """Returns the new sums of the pixels of a finished work item, from the ``result`` of the worker's task.
 
-        Raises ClusterError if the result is an error, or if the worker has another variant or other software versions.
+        Updates the measured speed of a worker. Warns if the worker has another processor or LLVM version. Raises
+        ClusterError if the result is an error, or if the worker has another variant or other software versions.
         """
         if future.status == "error":
             _, error, _ = result
@@ -139,7 +141,7 @@ class DaskExecutor(Executor):
         """Updates the list of workers at intervals of :data:`CHECK_INTERVAL`; returns whether the scheduler is lost.
 
         Warns if a worker was lost. Warns if the cluster has no workers :data:`WARNING_DELAY` seconds after the executor
-        was created.
+        was created. A scheduler that was lost once stays lost for this executor.
         """
         now, before = time.perf_counter(), self._workers
         if self.loss_reason or now < self._next_check:
@@ -176,10 +178,11 @@ def render(
     ``scene`` is a file in the thesis's scene language or in XML. ``client`` is a client of the cluster; None stands for
     Dask's current client. ``spp`` is the number of samples per pixel; 0 stands for the number in the scene file.
     ``changes`` are further arguments of :class:`.SceneFile`, such as ``resolution=(640, 480)`` or
-    ``integrator={"noise": 0.01}``. The image has the same bits as an image that is rendered without workers.
+    ``integrator={"noise": 0.01}``. If all machines have the same kind of processor, the image has the same bits as an
+    image that is rendered without workers.
 
     Raises :class:`ClusterError` if the cluster cannot render the image, and ValueError if the scene cannot be sent to
-    workers.
+    workers or its integrator cannot render progressively.
     """
     with atomic.scratch() as folder:
         file = scene_file.SceneFile(scene, folder, **changes)

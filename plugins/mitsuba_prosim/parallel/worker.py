@@ -42,7 +42,8 @@ scenes = dict[str, tuple[bytes, Estimator]]()
 def load(client: str, content: bytes) -> Estimator:
     """Returns the :class:`.Estimator` of a scene; loads the scene, unless it is the last scene that this client used.
 
-    ``client`` is the id of the Dask client. ``content`` is a pickled :class:`.SceneBundle`.
+    ``client`` is the id of the Dask client. ``content`` is a pickled :class:`.SceneBundle`. If :data:`SCENES` other
+    clients have scenes, the scene of the client that has waited longest is deleted.
 
     The previous scene of this client is deleted before the new scene is loaded. Because the previous scene is deleted
     first, the objects of the new scene get the numbers of the deleted objects in Dr.Jit's registry, so that compiled
@@ -98,7 +99,10 @@ def sample(
     dask_worker = distributed.get_worker()
 
     def compute() -> tuple[float, bytes, Mapping[str, str]]:
-        """Computes the work item; this function runs in :data:`RENDER_THREAD`, like all tasks of this worker."""
+        """Computes the work item, and returns the result of :func:`sample`.
+
+        This function runs in :data:`RENDER_THREAD`, like all tasks of this worker.
+        """
         if not dask_worker.address.startswith("inproc:"):
             dr.set_thread_count(dask_worker.state.nthreads)
             warnings.simplefilter("ignore", prosim_scene.SceneWarning)  # the client shows these warnings
@@ -112,7 +116,10 @@ def sample(
 
 
 def timed_sums(estimator: Estimator, item: bytes) -> tuple[float, bytes]:
-    """Computes a :func:`packed` work item, and returns ``(seconds, sums)``; the sums are pickled."""
+    """Computes a :func:`packed` work item, and returns ``(seconds, sums)``; the sums are pickled.
+
+    The seconds do not include the time for pickling.
+    """
     with alone():
         work_item = WorkItem(estimator, *pickle.loads(item))
     started = time.perf_counter()

@@ -6,6 +6,7 @@ stand-in, the stand-in replaces the running process by a Python process, which r
 options.
 
 Delete this folder, its test ``tests/cli/test_mitsuba_command.py`` and the line of ``link`` in ``prosim_start/group.py``
-when the command ``mitsuba`` runs plugins in Python. Mitsuba 3.10 finds plugins in Python by entry points, but only if
-Mitsuba is used from Python, not from its command (master of August 2026).
+when the command ``mitsuba`` runs plugins in Python. Mitsuba 3.10 finds plugins that are written in Python by the entry
+points of installed packages, but only if Mitsuba is used from Python, not if its command runs (true of Mitsuba's branch
+master in August 2026).
 """

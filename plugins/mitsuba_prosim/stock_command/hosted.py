@@ -24,7 +24,7 @@ DRJIT_LEVELS = tuple(getattr(dr.LogLevel, name) for name in ("Error", "Warn", "I
 
 
 def parse_arguments(words: Sequence[str]) -> argparse.Namespace:
-    """Parses ``words``, the command-line arguments of the native command ``mitsuba``.
+    """Parses ``words``, the command-line arguments of the native command ``mitsuba``; wrong arguments end the process.
 
     The options of Dr.Jit's compiler, ``-V``, ``-O``, ``-W`` and ``-S``, are not supported.
     """
@@ -45,7 +45,7 @@ def run(plugin: str, words: Sequence[str]) -> None:
 
     ``words`` are the arguments of the command. The native command has already rendered the scenes that precede the
     first scene with ``plugin``. Without the option ``-o``, an image is written to the path of its scene, with the
-    suffix of the film's image format.
+    suffix of the film's image format; with ``-o``, each image is written to the same path.
     """
     options = parse_arguments(words)
     mi.set_log_level(MITSUBA_LEVELS[min(options.verbose, len(MITSUBA_LEVELS) - 1)])
@@ -71,7 +71,7 @@ def run(plugin: str, words: Sequence[str]) -> None:
 def main(plugin: str, *words: str) -> int:
     """Renders the first scene among the arguments ``words`` that uses ``plugin``, and all scenes after it.
 
-    Returns the exit code of the process.
+    Returns the exit code of the process: 0, or 255 after an error, whose message is printed.
     """
     # Ctrl-C ends the process at once, as in the native command. An ignored signal stays ignored.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:

@@ -81,8 +81,8 @@ def compile_stand_in(path: Path) -> None:
 def install(names: Iterable[str], folder: Path) -> list[Path]:
     """Writes a stand-in for each of the ``names`` to ``folder``, and returns the paths of the files.
 
-    No stand-in is written for a name that a native plugin has. Raises RuntimeError if the compiler fails, and OSError
-    if a file cannot be written.
+    A stand-in that exists is replaced. No stand-in is written for a name that a native plugin has. Raises RuntimeError
+    if the compiler fails, and OSError if a file cannot be written.
     """
     paths = [path for name in names if not (path := folder / f"{name}.so").exists() or is_stand_in(path)]
     with atomic.scratch() as scratch:

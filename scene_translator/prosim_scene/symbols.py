@@ -122,7 +122,7 @@ class Symbols:
         i = bisect_right(self.tokens, offset, key=lambda token: token.start) - 1
         if i < 0 or offset >= self.tokens[i].end:
             return None
-        token, before = self.tokens[i], self.tokens[i - 1].role
+        token, before = self.tokens[i], self.tokens[max(i - 1, 0)].role
         text = words.TOKEN_MEANINGS.get(token.role, "")
         if token.role in ROLES:
             text = description(find_word(token.role, token.text))

@@ -113,6 +113,8 @@ def test_wrong_factors_and_images(image, tmp_path):
     refused("not a readable EXR", "mix", tmp_path / "two.xml", "key=1")
     (tmp_path / "cut.exr").write_bytes(image.read_bytes()[:500])
     refused("not a readable EXR", "mix", tmp_path / "cut.exr", "key=1")
+    OpenEXR.File({}, {"a.R": np.zeros((2, 2), np.float32)}).write(str(tmp_path / "red.exr"))
+    refused("its layers (none)", "mix", tmp_path / "red.exr", "key=1")
     refused("input", "mix", image, "key=1", "-o", image)
     done("render", tmp_path / "two.xml", "-o", tmp_path / "plain")
     refused("--layers", "mix", tmp_path / "plain.exr", "key=1")

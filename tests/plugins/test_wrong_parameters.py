@@ -63,6 +63,7 @@ WRONG = [
     ("prosim_dielectric", {"int_material": "bk7", "int_abbe": 50.0}, "int_abbe|int_material"),
     ("prosim_dielectric", {"int_abbe": 50.0}, "int_abbe|int_ior"),
     ("prosim_dielectric", {"int_ior": 1.5, "int_abbe": 0.0}, "int_abbe|>= 1"),
+    ("prosim_dielectric", {"int_ior": "glas"}, "a number > 0, or |vacuum"),
     ("prosim_dielectric", {"ext_cauchy": "1.5"}, "ext_cauchy|A, B"),
     ("prosim_dielectric", {"int_cauchy": "1.5, x"}, "int_cauchy|commas"),
     ("prosim_dielectric", {"int_cauchy": "-1.5, 0"}, "int_cauchy|> 0"),

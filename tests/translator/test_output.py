@@ -162,7 +162,7 @@ def test_caustics_are_said_where_a_scene_asks_for_them(said, asked, write_scene,
 @pytest.mark.parametrize(
     "light, irradiance",
     [
-        ("AREA raio .1", {"calibrated": 1, "unattenuated": 1, "radiance": math.pi * 0.1**2 / 4**2}),
+        ("AREA raio .1 angle 1", {"calibrated": 1, "unattenuated": 1, "radiance": math.pi * 0.1**2 / 4**2}),
         ("AREA raio 1 SPOT direction 0 0 -1 exponent 40", 1),
         ("AREA raio 2 SPOT direction 0 0 -1 exponent 3 angle 20", 1),
         ("AREA raio 2 CONE direction 0 0 -1 angle 15", 1),

@@ -41,7 +41,8 @@ def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> N
             planes = {name: np.array(channel.pixels, dtype=np.float32) for name, channel in file.channels().items()}
     except (RuntimeError, ValueError):
         raise InputError(f"{image} is not a readable EXR image; give an image by prosim render --layers.") from None
-    layers = [name[:-2] for name in planes if re.fullmatch(r".+\.R", name)]
+    names = [name[:-2] for name in planes if re.fullmatch(r".+\.R", name)]
+    layers = [name for name in names if {f"{name}.G", f"{name}.B"} <= set(planes)]
     if not layers or not all(is_sum(planes, layers, letter) for letter in "RGB"):
         raise InputError(
             f"{image} is not the sum of its layers ({', '.join(layers) or 'none'}); render it with --layers lights."

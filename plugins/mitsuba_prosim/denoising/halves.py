@@ -244,7 +244,7 @@ class FinalImage:
             return raw
         by_raw = self._needed(ratio)
         networks = estimates[-1][1] if estimates else "plain"
-        # Calls the denoiser at most twice: with the networks so far, and then perhaps with the best networks.
+        # Calls the denoiser at most twice: with the networks so far, and after the first call perhaps with the best.
         while True:
             if estimates:
                 last, _, ratio = estimates[-1]  # the samples and the ratio of the errors at the last call
@@ -254,7 +254,7 @@ class FinalImage:
                 if last == samples and excess <= 1:
                     return noise
                 saves = by_raw - by_final >= self.SAVED[networks] * cost
-                if min(by_raw, by_final) > self.BEST * cost and not self.fast and networks == "plain":
+                if len(estimates) == 1 and min(by_raw, by_final) > self.BEST * cost and not self.fast:
                     networks = "best"
                 elif not saves or len(estimates) >= self.CALLS:  # the denoiser saves too few samples
                     return raw

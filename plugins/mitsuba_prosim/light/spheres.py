@@ -35,14 +35,15 @@ class SphereLights(OtherLights):
 
     @staticmethod
     def can_sample(emitter: Emitter) -> bool:
-        """Tells whether ``emitter`` is a sphere that emits outwards, and whose radiance does not vary over the sphere.
-        The radiance may vary with the direction.
+        """Tells whether ``emitter`` is a sphere that emits outwards in all directions, and whose radiance does not vary
+        over the sphere. The radiance may vary with the direction.
         """
         shape = emitter.get_shape()
         if shape is None or shape.class_name() != SPHERE or shape.has_flipped_normals():
             return False
-        # Radiance that varies over the sphere would need the texture coordinates.
-        return not mi.has_flag(emitter.flags(), mi.EmitterFlags.SpatiallyVarying)
+        # Radiance that varies over the sphere would need the texture coordinates. DeltaDirection: "directionalarea".
+        excluded = mi.EmitterFlags.SpatiallyVarying, mi.EmitterFlags.DeltaDirection
+        return not any(mi.has_flag(emitter.flags(), flag) for flag in excluded)
 
     def sphere(self, number: Index, active: mi.Bool = True) -> tuple[mi.Point3f, mi.Float]:
         """Returns the centre and the radius of the spherical light source number ``number``."""

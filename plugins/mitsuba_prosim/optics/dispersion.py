@@ -156,7 +156,8 @@ def index(props: mi.Properties, name: str, default: float | str) -> float:
     try:
         result = mi.lookup_ior(props, name, default) if isinstance(value, str) else float(value)
     except RuntimeError as error:
-        raise reject(props, name, value, "a number > 0 or" + str(error).split("Valid choices are:")[-1]) from None
+        names = str(error).split("Valid choices are:")[-1].strip()
+        raise reject(props, name, value, f"a number > 0, or {names}") from None
     except TypeError:
         result = 0
     if not 0 < result < inf:

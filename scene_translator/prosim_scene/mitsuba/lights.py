@@ -61,12 +61,12 @@ def facing_irradiance(light: Light, distance: float) -> float:
     The illuminated surface is on the axis of the light, at ``distance`` from the light's centre; ``distance`` is larger
     than the light's radius. A ray at the angle t to the axis has the radiance cos^n t (n is a spot's exponent, or else
     0), so the irradiance is the integral of 2 pi cos^(n+1) t sin t dt from t = 0 to the angular radius of the sphere.
-    If the light has an ``angle`` that is smaller than the angular radius of the sphere, the integral ends at this
+    If a cone or spot has an ``angle`` that is smaller than the angular radius of the sphere, the integral ends at this
     angle.
     """
     n = light.exponent if light.distribution == "spot" else 0.0
     sine2 = (light.radius / distance) ** 2
-    if light.angle is not None and light.angle < 90:
+    if light.distribution != "uniform" and light.angle is not None and light.angle < 90:
         sine2 = min(sine2, math.sin(math.radians(light.angle)) ** 2)
     return -2 * math.pi * math.expm1((n + 2) / 2 * math.log1p(-sine2)) / (n + 2)
 

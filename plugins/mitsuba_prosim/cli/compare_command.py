@@ -31,7 +31,7 @@ SSIM_WINDOW = 7
 @job_options("variant", "samples", "light_units", "tolerance")
 @option("Comparison", "--rounds", type=Integer(min=1), default=5, help="Number of measured runs of each method.")
 @option("Comparison", "--sqrt-spp", type=ROOTS, default="2,3,4,6,9", help="Square roots of the samples per pixel.")
-@option("Comparison", "--reference-seconds", type=Number(0), default=60, help="Minimum time for each reference, in s.")
+@option("Comparison", "--reference-seconds", type=Number(0), default=60, help="Minimum seconds for each reference.")
 def compare(job: Job, a: str, b: str, rounds: int, sqrt_spp: tuple[int, ...], reference_seconds: float) -> None:
     """Compare A and B on SCENE, in the thesis's language or XML: error, time and samples.
 

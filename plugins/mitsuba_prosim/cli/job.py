@@ -60,7 +60,7 @@ class Job:
     )
     time: float | None = _quality(POSITIVE, "Stop after this many seconds, at the latest.")
     spp: int | None = _quality(Integer(1, 2**24), "Samples per pixel.", show_default=BY_SCENE)
-    denoise: bool = _quality(None, "Denoise the image where two halves of its samples agree.")
+    denoise: bool = _quality(None, "Denoise the image; --noise then limits the error of the denoised image.")
 
     output: str | None = _output(
         click.Path(), "Name or folder of the output files.", "-o", show_default="the input's folder"
@@ -71,7 +71,7 @@ class Job:
     exposure: float | None = _output(Number(-64, 64), "Exposure of the PNG in stops.")
     checkpoint: bool = _output(None, "Write checkpoints, NAME.state.npz, from which prosim resume continues.")
     snapshots: tuple[str, ...] | None = _output(
-        types.SNAPSHOTS, "Also write NAME.0.04.exr, ... when the error is this small, or NAME.4s.exr after 4 s."
+        types.SNAPSHOTS, "Also write NAME.0.04.exr when the RMS error is 0.04, or NAME.4s.exr after 4 s."
     )
     view: tuple[str, int] | None = _output(types.VIEWER, "Show the image in tev while it is rendered.")
     verbose: int = _output(int, "Verbose output; repeat for more.", "-v", count=True, default=0, show_default=False)
@@ -79,20 +79,20 @@ class Job:
     definitions: Mapping[str, str] = _scene(
         types.DEFINITION, "Replace $key in the scene; may be repeated.", "-D", "--define", multiple=True
     )
-    sensor: int = _scene(Integer(min=0), "Number of the scene's sensor, from 0.", "-s", default=0)
+    sensor: int = _scene(Integer(min=0), "Number of the sensor in the scene, from 0.", "-s", default=0)
     resolution: tuple[int, int] | None = _scene(types.RESOLUTION, "Size of the image in pixels, such as 640x480.")
     crop: tuple[int, int, int, int] | None = _scene(types.CROP, "Render only this window of the image, in pixels.")
     paths: bool = _scene(None, "Path tracing: follow diffuse reflections; omit the ambient term.")
     caustics: bool | None = _scene(
-        None, "Light focused by glass and mirrors.", "--caustics/--no-caustics", default=None, show_default=BY_SCENE
+        None, "Light that glass and mirrors focus.", "--caustics/--no-caustics", default=None, show_default=BY_SCENE
     )
     max_level: int | None = _scene(
         Integer(-1, 2**16), "Maximum depth of rays; -1 with --paths: unlimited.", show_default=BY_SCENE
     )
     allow_outside: bool = _scene(None, "Let the scene use files from outside its folder.")
 
-    frames: range | None = _film(types.FRAMES, "Render an animation: the frames A to B-1, or only frame A.")
-    fps: float | None = _film(POSITIVE, "Frames per second, for $time.", show_default="24")
+    frames: range | None = _film(types.FRAMES, "Render an animation: frames A, A+STEP, ... below B, or only A.")
+    fps: float | None = _film(POSITIVE, "Frames per second; $time is $frame divided by this.", show_default="24")
     overwrite: bool = _film(None, "Render existing frames again.")
 
     threads: int | None = _distribution(Integer(1, 1024), "Number of threads.", "-t", show_default="all")
@@ -118,7 +118,7 @@ class Job:
         POSITIVE, "Also require 99.9 % of the pixels, bright specks included, to be within this error.", "--noise-99.9"
     )
     max_samples: int | None = _advanced(
-        Integer(1, 2**20), "Maximum number of samples per pixel.", show_default=WITH_TARGET + "any"
+        Integer(1, 2**20), "Maximum number of samples per pixel.", show_default=WITH_TARGET + "unlimited"
     )
     adaptive: str | None = _advanced(
         click.Choice(tuple(POLICIES)),
@@ -126,7 +126,7 @@ class Job:
         show_default=WITH_TARGET + "graded",
     )
     light_units: str | None = _advanced(
-        UNITS, "What a light's intensity means in the thesis's language.", show_default="calibrated"
+        UNITS, "Meaning of a light's Intensity in the thesis's language.", show_default="calibrated"
     )
     tolerance: float | None = _advanced(
         POSITIVE, "Maximum tessellation error in pixels, in the thesis's language.", show_default="0.1"

@@ -62,8 +62,8 @@ class Prosim(ProgressiveIntegrator):
      * - noise, noise_99, noise_999, time
        - |float|
        - Error targets of the displayed image (white = 1): the RMS error, the error of 99 % and of 99.9 % of the pixels;
-         and a limit in seconds. The first limit that is met ends the render. Not with :monosp:`thesis`.
-         (Default: 0, none)
+         and a limit in seconds. The render ends when all errors are within their targets, or at the time limit. Not
+         with :monosp:`thesis`. (Default: 0, none)
 
      * - max_level
        - |int|

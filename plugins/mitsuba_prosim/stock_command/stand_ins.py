@@ -95,9 +95,10 @@ def install(names: Iterable[str], folder: Path) -> list[Path]:
 def link(remove: bool) -> None:
     """Let the `mitsuba` command run plugins that are written in Python.
 
-    Writes a stand-in for each plugin in Python, of every installed package and of Mitsuba itself (prb and the like), to
-    Mitsuba's folder of plugins. Needs Linux and a C compiler. Run `prosim link` once after each installation of a
-    package with plugins, and `prosim link --remove` before you uninstall mitsuba-prosim.
+    The command writes a stand-in, a small library that starts Python, to Mitsuba's folder of plugins. Each plugin in
+    Python of Mitsuba (such as prb) and of all installed packages gets a stand-in. The command needs Linux and a C
+    compiler. Run `prosim link` once after each installation of a package with plugins, and `prosim link --remove`
+    before you uninstall mitsuba-prosim.
     """
     if sys.platform != "linux":
         raise click.ClickException("the stand-ins exist for Linux only; use prosim render.")

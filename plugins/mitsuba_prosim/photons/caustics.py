@@ -160,7 +160,7 @@ class Gathering:
     """Computes the radiance that diffuse lobes in ``scene`` reflect from photons."""
 
     def __init__(self, scene: mi.Scene) -> None:
-        self.scattering = Scattering.of(scene)
+        self.scattering = Scattering(scene)
         #: Whether all diffuse lobes are Lambert's.
         self.lambertian = not self.scattering.any_inseparable and all(map(is_lambertian, all_bsdfs(scene)))
 

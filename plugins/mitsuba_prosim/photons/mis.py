@@ -92,7 +92,7 @@ class PhotonMIS:
 
     def __init__(self, scene: mi.Scene, sources: Sources, footprint: Footprint, deepest: mi.UInt32, tree: bool) -> None:
         self.scene, self.footprint, self.sources, self.deepest = scene, footprint, sources, deepest
-        self.near_specular_bsdfs, self.scattering = near_specular_bsdfs(scene), Scattering.of(scene)
+        self.near_specular_bsdfs, self.scattering = near_specular_bsdfs(scene), Scattering(scene)
         flags = all_flags(scene)
         #: The glossy lobes; camera rays sample each of them separately (:func:`.lobes.glossy`).
         self.lobes = lobes.glossy(flags, tree)
@@ -317,7 +317,7 @@ def near_specular_bsdfs(scene: mi.Scene) -> frozenset[mi.BSDF]:
     glossy = [b for b in all_bsdfs(scene) if lobes.has_any(int(b.flags()), *lobes.GLOSSY) and not is_inseparable(b)]
     if len(glossy) < 2:
         return frozenset()
-    densities = density_of_rays(Scattering.of(scene, separate=False), glossy)
+    densities = density_of_rays(Scattering(scene, separate=False), glossy)
     limit = max(MIN_DENSITY_RATIO * densities.min(), MIN_DENSITY)
     return frozenset(b for b, v in zip(glossy, densities) if v > limit and not getattr(b, "disperses", False))
 

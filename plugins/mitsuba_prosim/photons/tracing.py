@@ -66,7 +66,7 @@ class PhotonTracer:
         self.scene, self.deepest, self.tree, self.mis = scene, deepest, tree, mis
         self.specular = lobes.only(lobes.SPECULAR)
         self.specular.mode = mi.TransportMode.Importance
-        self.scattering = Scattering.of(scene)
+        self.scattering = Scattering(scene)
 
     def __call__(self, start: Start, key: mi.UInt32) -> tuple[Landed, Landed | None]:
         """Traces the photons ``start``, and returns a pair: the photons that landed on diffuse surfaces, and the

@@ -61,7 +61,7 @@ def features(
     albedo of light sources and of the sky is their radiance, clipped to 1. If ``hide_emitters`` is true, the camera ray
     passes through light sources. ``camera_medium`` is the medium around the camera.
     """
-    scattering = Scattering.of(scene, separate=False)
+    scattering = Scattering(scene, separate=False)
     diffuse, specular = lobes.only(lobes.DIFFUSE), lobes.only(lobes.SPECULAR)
 
     def step(state: State) -> State:

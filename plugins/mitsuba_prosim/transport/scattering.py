@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import drjit as dr
 import mitsuba as mi
 
@@ -28,28 +26,22 @@ def disperses(scene: mi.Scene) -> bool:
     return any(getattr(bsdf, "disperses", False) for bsdf in all_bsdfs(scene))
 
 
-@dataclass(frozen=True)
 class Scattering:
-    """Samples and evaluates lobes of the BSDFs of a scene."""
+    """Samples and evaluates lobes of the BSDFs of ``scene``.
 
-    #: Whether any BSDF of the scene refracts each wavelength in another direction.
-    disperses: bool
-    #: Whether any BSDF of the scene can only evaluate all its lobes together.
-    any_inseparable: bool
-    #: Whether there is such a BSDF, a ``mask`` or a ``blendbsdf`` (:mod:`.workarounds`).
-    needs_workarounds: bool
+    ``separate`` tells whether the integrator evaluates the lobes of a BSDF separately. If ``separate`` is false, BSDFs
+    that can only evaluate all their lobes together need no workaround.
+    """
 
-    @classmethod
-    def of(cls, scene: mi.Scene, separate: bool = True) -> Scattering:
-        """Returns the :class:`Scattering` for the BSDFs of ``scene``.
-
-        ``separate`` tells whether the integrator evaluates the lobes of a BSDF separately. If ``separate`` is false,
-        BSDFs that can only evaluate all their lobes together need no workaround.
-        """
+    def __init__(self, scene: mi.Scene, separate: bool = True) -> None:
         bsdfs = all_bsdfs(scene)
-        inseparable = separate and any(map(workarounds.is_inseparable, bsdfs))
         mixes = any(one.class_name() in (MASK, BLEND) for bsdf in bsdfs for one in all_within(bsdf))
-        return cls(disperses(scene), inseparable, inseparable or mixes)
+        #: Whether any BSDF of the scene refracts each wavelength in another direction.
+        self.disperses = disperses(scene)
+        #: Whether any BSDF of the scene can only evaluate all its lobes together.
+        self.any_inseparable = separate and any(map(workarounds.is_inseparable, bsdfs))
+        #: Whether there is such a BSDF, a ``mask`` or a ``blendbsdf`` (:mod:`.workarounds`).
+        self.needs_workarounds = self.any_inseparable or mixes
 
     def inseparable(self, bsdf: mi.BSDF | mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
         """Returns the active lanes whose BSDF can only evaluate all its lobes together."""
@@ -63,29 +55,12 @@ class Scattering:
         """Returns ``(bs, weight, belongs)``: a BSDF sample at the surface point ``at`` by the random numbers ``u``, and
         whether the sample belongs to ``lobe``.
 
-        ``throughput`` is the throughput of the arriving ray, or the flux of the arriving photon: smooth dispersive
-        glass chooses a wavelength with a probability proportional to ``throughput``. In the lanes where
-        ``at.inseparable`` is true, the BSDF samples all lobes together, and :func:`.belongs_to` decides whether the
-        sample belongs to ``lobe``.
+        ``throughput`` is the throughput of the arriving ray, or the flux of the arriving photon. Dispersive, ideally
+        smooth glass refracts only one of the wavelengths of the ray or photon; the probability of choosing a wavelength
+        is proportional to the ``throughput`` at this wavelength. If ``throughput`` is None, dispersive glass refracts
+        all wavelengths in the same direction. In the lanes where ``at.inseparable`` is true, the BSDF samples all lobes
+        together, and :func:`.belongs_to` decides whether the sample belongs to ``lobe``.
         """
-        bs, weight = self._sample(lobe, at, u, active, throughput)
-        # Some BSDFs sample lobes outside of the type mask. Those lobes have a ray of their own.
-        belongs = (bs.sampled_type & lobe.type_mask) != 0
-        if self.any_inseparable:
-            belongs = dr.select(at.inseparable, workarounds.belongs_to(lobe, at.si.wi, bs), belongs)
-        return bs, weight, belongs
-
-    def _sample(
-        self, lobe: mi.BSDFContext, at: Surface, u: LobePoint, active: mi.Bool, throughput: mi.Spectrum | None
-    ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        """Returns ``(bs, weight)``: a BSDF sample at the surface point ``at``, where ``lobe`` is the requested lobe.
-
-        Dispersive, ideally smooth glass refracts only one of the wavelengths of the ray; the probability of choosing a
-        wavelength is proportional to the ``throughput`` of the ray at this wavelength. If ``throughput`` is None,
-        dispersive glass refracts all wavelengths in the same direction.
-        """
-        if not self.disperses and not self.needs_workarounds:
-            return at.bsdf.sample(lobe, at.si, *u, active)
         weights = None
         if self.disperses and throughput is not None:
             values = [dr.maximum(t, 0) for t in dr.detach(mi.unpolarized_spectrum(throughput))]
@@ -100,7 +75,15 @@ class Scattering:
                 return one.sample(lobe, si, *u, active, weights, undispersed=weights is None)
             return workarounds.sample(lobe, one, si, u, active)
 
-        return dispatch(at.bsdf, sample, at.si, u, weights, active)
+        if self.disperses or self.needs_workarounds:
+            bs, weight = dispatch(at.bsdf, sample, at.si, u, weights, active)
+        else:
+            bs, weight = at.bsdf.sample(lobe, at.si, *u, active)
+        # Some BSDFs sample lobes outside of the type mask. Those lobes have a ray of their own.
+        belongs = (bs.sampled_type & lobe.type_mask) != 0
+        if self.any_inseparable:
+            belongs = dr.select(at.inseparable, workarounds.belongs_to(lobe, at.si.wi, bs), belongs)
+        return bs, weight, belongs
 
     def eval_pdf(
         self, lobe: mi.BSDFContext, at: Surface, wo: mi.Vector3f, active: mi.Bool

@@ -90,7 +90,7 @@ class Context:
         self.has_layers = bool(self.layers.names)
         self.aov_names = [f"{name}.{letter}" for name in self.layers.names for letter in "RGB"]
         #: Samples and evaluates BSDFs.
-        self.scattering = Scattering.of(scene, separate=settings.diffuse_bounces >= 0)
+        self.scattering = Scattering(scene, separate=settings.diffuse_bounces >= 0)
         #: The medium around the camera; None also if no medium of the scene absorbs light (:mod:`.absorption`).
         self.medium = pointer(camera_medium) if absorbs_any(scene, camera_medium) else None
         #: Union of the ``mi.BSDFFlags`` of all surfaces; whether any surface has a specular reflection, a specular

@@ -371,7 +371,7 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
     met &= end.is_valid() & (ds.emitter != mi.EmitterPtr(None)) & (dr.dot(end.n, ray.d) < 0)
     density = caustics.sources.density(last.si, ds, met)
     ds.pdf = of_lamp = lights.pdf(Receiver(last.si, ray.n, mi.Bool(True)), ds, met)
-    of_ray = mis(ray.pdf, of_lamp) * photons.emission_weight(ray, last.si, ds, of_lamp, met, met)
+    of_ray = mis(ray.pdf, of_lamp) * photons.emission_weight(ray, last.si, ds, of_lamp, met)
     shares = [of_ray, mis(of_lamp, pdf) * photons.light_weight(last, ds, f, pdf, met)]
     for level, (vertex, wo, f, pdf) in enumerate(reversed(chain)):
         si, bsdf = vertex.si, vertex.bsdf
@@ -382,8 +382,8 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
             shares.append(1 - ray_weight(effective_photons(here, etendue * kept_fraction(f, pdf) * density)))
         back = mi.SurfaceInteraction3f(si)
         back.wi = wo
-        hit = Hit(back, bsdf, met, mi.Bool(False), -si.to_world(wo), mi.UInt32(level), None, cos, None, None)
-        density = photons.density_after(density, hit, si.wi, met)
+        hit = Hit(back, bsdf, met, mi.Bool(False), -si.to_world(wo), mi.UInt32(level), None, cos, None, None, density)
+        density = photons.density_after(hit, si.wi, met)
     dr.eval(shares, met)
     shares = np.array(shares)[:, np.array(met)]
     assert shares.shape[1] > 100 and np.all(shares.max(axis=1) > 0.05)

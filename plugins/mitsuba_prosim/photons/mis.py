@@ -70,6 +70,8 @@ class Hit(Surface):
     #: Cosine between the direction of flight and the shading normal, divided by ``cos`` and bounded.
     shading_ratio: mi.Float
     near_specular: mi.Bool
+    #: Density of the arriving photons (:attr:`.Start.density`); None without MIS.
+    density: mi.Float
 
     def landed(self, weight: mi.Float, density: mi.Float) -> Landed:
         """Returns the photons of this hit as :class:`.Landed` photons, which have landed on the surface.
@@ -127,24 +129,17 @@ class PhotonMIS:
         return replace(following, last_etendue=dr.select(smooth, here, 0), earlier_etendue=earlier)
 
     def emission_weight(
-        self,
-        ray: Ray,
-        origin: mi.Interaction3f,
-        ds: mi.DirectionSample3f,
-        pdf: mi.Float,
-        uses_mis: mi.Bool,
-        active: mi.Bool,
+        self, ray: Ray, origin: mi.Interaction3f, ds: mi.DirectionSample3f, pdf: mi.Float, active: mi.Bool
     ) -> mi.Float:
         """Returns the factor by which photons reduce the MIS weight of ``ray`` where the ray meets a light source.
 
-        The factor is 1 where no photon could have found the same light. ``ds`` is the direction sample from ``origin``
-        to the light source; in the lanes ``uses_mis``, light sampling would take this sample with the density ``pdf``.
+        The factor is 1 where no photon could have found the same light, and where ``active`` is false. ``ds`` is the
+        direction sample from ``origin`` to the light source; light sampling would take the sample ``ds`` with the
+        density ``pdf``, which is 0 if ``ray`` comes from an ideal lobe.
         """
         assert ray.earlier_etendue is not None
-        # Only rays find light that comes directly from a sky.
-        found = active & (ray.earlier_etendue > 0) & (uses_mis | (ray.pdf == 0))
-        others = dr.select(uses_mis & found, pdf / ray.pdf, 0)
-        return ray_weight(effective_photons(ray.earlier_etendue * self.sources.density(origin, ds, found), others))
+        density = self.sources.density(origin, ds, active & (ray.earlier_etendue > 0))
+        return ray_weight(effective_photons(ray.earlier_etendue * density, quotient(pdf, ray.pdf)))
 
     def light_weight(
         self, vertex: Vertex, ds: mi.DirectionSample3f, f: mi.Spectrum, pdf: mi.Float, active: mi.Bool
@@ -189,25 +184,18 @@ class PhotonMIS:
     # ------------------------------------------------------------ photons
 
     def scatter(
-        self,
-        density: mi.Float,
-        landed: Landed,
-        hit: Hit,
-        bs: mi.BSDFSample3f,
-        weight: mi.Spectrum,
-        land_weight: mi.Float,
-        active: mi.Bool,
+        self, landed: Landed, hit: Hit, bs: mi.BSDFSample3f, weight: mi.Spectrum, land_weight: mi.Float, active: mi.Bool
     ) -> tuple[mi.Float, Landed]:
         """Returns ``(density, landed)`` after the surface ``hit``: the density of the photons, and the photons that
         have landed on glossy surfaces.
 
-        The arguments ``density`` and ``landed`` are the values before the surface ``hit``. ``bs`` and ``weight`` are
-        the BSDF sample that scatters the photons in the ``active`` lanes. Photons in lanes that are not ``active`` end
-        at the surface ``hit``; if the surface is near-specular, these photons land on the surface. On a glossy surface
+        The argument ``landed`` has the photons that landed before the surface ``hit``. ``bs`` and ``weight`` are the
+        BSDF sample that scatters the photons in the ``active`` lanes. Photons in lanes that are not ``active`` end at
+        the surface ``hit``; if the surface is near-specular, these photons land on the surface. On a glossy surface
         that is not near-specular, all photons land, and photons in ``active`` lanes also continue. ``land_weight`` is 1
         divided by the probability that a photon lands on a near-specular surface.
         """
-        flags = hit.bsdf.flags()
+        flags, density = hit.bsdf.flags(), hit.density
         lands = but_not(hit.active & (hit.level > 0) & (density > 0) & (hit.cos > 0), hit.inseparable)
         lands &= but_not(lobes.has_any(flags, *lobes.GLOSSY), hit.near_specular & active)
         here = hit.landed(dr.select(hit.near_specular, land_weight, 1), density)
@@ -215,16 +203,15 @@ class PhotonMIS:
         beyond = density * dr.select(hit.inseparable, 0, ideal_throughput(bs, weight, flags) * dr.square(bs.eta))
         if self.near_specular_bsdfs:
             glossy = active & hit.near_specular & lobes.has_any(bs.sampled_type, *lobes.GLOSSY)
-            beyond = dr.select(glossy, self.density_after(density, hit, bs.wo, glossy), beyond)
+            beyond = dr.select(glossy, self.density_after(hit, bs.wo, glossy), beyond)
         return beyond, dr.select(lands, here, landed)
 
-    def density_after(self, density: mi.Float, hit: Hit, wo: mi.Vector3f, active: mi.Bool) -> mi.Float:
+    def density_after(self, hit: Hit, wo: mi.Vector3f, active: mi.Bool) -> mi.Float:
         """Returns the density of photons in the local direction ``wo`` after the near-specular surface ``hit``.
 
-        ``density`` is the density of the photons that reach the surface. The light that the lobe loses, and the MIS
-        weights of further strategies at the surface ``hit``, reduce the density. The density becomes 0 where the light
-        comes directly from a point or directional light, which only light sampling finds, or from a sky, which only
-        rays find.
+        The light that the lobe loses, and the MIS weights of further strategies at the surface ``hit``, reduce the
+        density. The density becomes 0 where the light comes directly from a point or directional light, which only
+        light sampling finds, or from a sky, which only rays find.
         """
         assert self.lights is not None
         camera_si = mi.SurfaceInteraction3f(hit.si)
@@ -240,11 +227,11 @@ class PhotonMIS:
         ds = mi.DirectionSample3f(self.scene, back, hit.si)
         receiver = Receiver(camera_si, viewer_side(camera_si), lobes.has_any(hit.bsdf.flags(), *lobes.BOTH_SIDES))
         lit = quotient(self.lights.pdf(receiver, ds, active & first), pdf)
-        landed = quotient(self.footprint.area(hit.si.p) * hit.cos, pdf) * density
-        next_density = effective_photons(density, dr.select(first, lit, landed)) * kept_fraction(f, pdf)
+        landed = quotient(self.footprint.area(hit.si.p) * hit.cos, pdf) * hit.density
+        next_density = effective_photons(hit.density, dr.select(first, lit, landed)) * kept_fraction(f, pdf)
         # Only light sampling finds light that comes directly from a point light, and only rays find light directly from
         # a sky.
-        single_strategy = density > MAX_DENSITY
+        single_strategy = hit.density > MAX_DENSITY
         if self.lights.sky is not None:
             single_strategy |= ds.emitter.is_environment()
         return dr.select(first & single_strategy, 0, next_density)

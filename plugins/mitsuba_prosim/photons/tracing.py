@@ -110,8 +110,8 @@ class PhotonTracer:
         lands = but_not(lands, scatters) & (hit.cos > 0)
         density, glossy, land_weight = state.density, state.glossy, dr.rcp(dr.maximum(1 - p_continue, 1e-6))
         if self.mis is not None:
-            assert density is not None and glossy is not None
-            density, glossy = self.mis.scatter(density, glossy, hit, bs, weight, land_weight, scatters)
+            assert glossy is not None
+            density, glossy = self.mis.scatter(glossy, hit, bs, weight, land_weight, scatters)
         landed = dr.select(lands, hit.landed(land_weight, mi.Float(0)), state.landed)
         flux = dr.select(scatters, flux / dr.select(scatters, p_continue, 1), state.flux)
         medium = medium_beyond(hit.si, medium, d, scatters)
@@ -136,7 +136,7 @@ class PhotonTracer:
         shading = bounded(dr.abs(mi.Frame3f.cos_theta(si.wi)), cos)
         inseparable = self.scattering.inseparable(bsdf, surface)
         near = mi.Bool(False) if self.mis is None else self.mis.near_specular(bsdf, surface)
-        return Hit(si, bsdf, surface, inseparable, d, state.level, flux, cos, shading, near), medium
+        return Hit(si, bsdf, surface, inseparable, d, state.level, flux, cos, shading, near, state.density), medium
 
     def _scatter(
         self, hit: Hit, u: LobePoint, active: mi.Bool

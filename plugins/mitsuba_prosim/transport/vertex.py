@@ -129,7 +129,9 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
     pdf = lights.pdf(receiver, ds, uses_mis)
     weight = dr.select(uses_mis, mis(ray.pdf, pdf), 1)
     if context.photon_mis is not None:
-        weight *= context.photon_mis.emission_weight(ray, origin, ds, pdf, uses_mis, active)
+        # Only rays find light that comes directly from a sky.
+        others_find = uses_mis | active & (ray.pdf == 0)
+        weight *= context.photon_mis.emission_weight(ray, origin, ds, pdf, others_find)
     return dr.select(active, L * weight, 0), context.layers.of(ray, "emitted", lights.number_of(emitter, active))
 
 

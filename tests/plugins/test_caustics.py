@@ -16,7 +16,7 @@ from mitsuba_prosim.photons.caustics import Caustics, Gathering
 from mitsuba_prosim.photons.emission import Sources, start_points
 from mitsuba_prosim.photons.grid import RADII, Footprint, Landed, Photons
 from mitsuba_prosim.photons.mis import Hit, effective_photons, etendue_of, ideal_throughput, kept_fraction, ray_weight
-from mitsuba_prosim.photons.targets import Targets, merged
+from mitsuba_prosim.photons.targets import Targets, is_specular, merged
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.ray import Ray, Vertex, mis, viewer_side
 from scenes import T, area, bitmap, camera, film, ground, in_threads, load_scene, rectangle, slow
@@ -86,11 +86,11 @@ def test_many_spheres_are_merged_into_few_around_all():
 
 
 def test_spheres_are_tight_around_what_is_specular(variant_rgb):
-    found = Targets.of(small())
+    found, dull = Targets([s for s in small().shapes() if is_specular(s, tree=True)]), scene(lamp=lamp())
     assert found.count == 1
     assert np.allclose(np.ravel(np.array(found.centers)), (0, 1.2, 0), atol=1e-6)
     assert 0.8 < float(found.radii[0]) < 0.801
-    assert Targets.of(scene(lamp=lamp())) is None
+    assert Caustics.of(dull, dull.sensors()[0], 16, 3, tree=True) is None
 
 
 # ---------------------------------------------------------------- what is found
@@ -116,7 +116,7 @@ def test_all_photons_within_reach_are_found(variant_rgb, monkeypatch, enough, ti
     landed = Landed(
         place, mi.Vector3f(*d.T), mi.Color3f(*flux.T), dr.full(mi.Bool, True, count), mi.Float(0), mi.UInt32(0)
     )
-    photons = Photons.of(landed, mi.UInt32(map_of), maps, footprint)
+    photons = Photons(landed, mi.UInt32(map_of), maps, footprint)
     si = dr.zeros(mi.SurfaceInteraction3f, size)
     si.p, si.n = mi.Point3f(*points.T), mi.Normal3f(*normal.T)
     si.sh_frame, si.wi = mi.Frame3f(si.n), mi.Vector3f(0, 0, 1)
@@ -279,7 +279,7 @@ def test_rays_know_how_many_photons_there_are_as_these_do_themselves(variant_rgb
     """The same line, of a photon that starts and of a ray of the eye that ends in its source."""
     glass = {"type": "dielectric"}
     world = scene(4, near=ball(glass), far=ball(glass, (1, 0.3, 1), 0.3), **met_by_rays())
-    sources, n = Sources(world, Targets.of(world)), 128
+    sources, n = Sources(world, Targets([s for s in world.shapes() if is_specular(s, True)])), 128
     i = dr.arange(mi.UInt32, sources.pairs * n)
     sources.per_pair = mi.Float(n)
     start = sources.start(i // n, *start_points(mi.UInt32(5), i), mi.Color0f())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import BLEND, DIFFUSE, MASK, TWO_SIDED
+from ..compat import BLEND, DIFFUSE, MASK, TWO_SIDED, shapes_in_order
 from ..optics.nested import all_bsdfs, all_within
 from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
@@ -15,7 +15,7 @@ from ..transport.scattering import Scattering
 from .emission import Sources, start_points
 from .grid import MIN_COSINE, Footprint, Photons, gather
 from .mis import PhotonMIS
-from .targets import Targets, warn_of_light_missed_by_trees
+from .targets import Targets, is_specular, warn_of_light_missed_by_trees
 from .tracing import PhotonTracer
 
 #: Maximum number of photon maps in a photon pass.
@@ -70,8 +70,8 @@ class Caustics:
         At most ``deepest`` specular surfaces reflect or refract a photon. ``tree`` tells whether the integrator follows
         a ray tree instead of paths (:class:`.PhotonTracer`).
         """
-        targets = Targets.of(scene, tree)
-        sources = None if targets is None else Sources(scene, targets)
+        shapes = [shape for shape in shapes_in_order(scene) if is_specular(shape, tree)]
+        sources = Sources(scene, Targets(shapes)) if shapes else None
         if sources is None or not sources.pairs:
             return None
         if tree:
@@ -142,8 +142,8 @@ class Caustics:
         start = self.sources.start(pair, *points, wavelengths)
         diffuse, glossy = self.tracer(start, combine(key, i + 1))
         dr.eval(diffuse, glossy, map_of)
-        on_diffuse = Photons.of(diffuse, map_of, maps, self.footprint)
-        return on_diffuse, None if glossy is None else Photons.of(glossy, map_of, maps, self.footprint)
+        on_diffuse = Photons(diffuse, map_of, maps, self.footprint)
+        return on_diffuse, None if glossy is None else Photons(glossy, map_of, maps, self.footprint)
 
     def _wavelengths(self, seed: int, t: mi.UInt32, n: int) -> mi.Color0f:
         """Returns the wavelengths in nm that the sensor samples for the ``t``-th sample of every pixel.

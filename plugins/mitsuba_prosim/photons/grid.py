@@ -127,34 +127,21 @@ class Landed:
         return Landed(*dr.gather(tuple, tuple(vars(self).values()), i))
 
 
-@dataclass(frozen=True)
 class Photons:
-    """The photons of several independent photon maps, ``maps`` in number, sorted so that every sum over photons has a
-    fixed order.
+    """The photons ``landed``, sorted into independent photon maps, ``maps`` in number, so that every sum over photons
+    has a fixed order.
 
-    Photons are sorted by photon map, then by bucket of grid cells (:func:`bucket_of`), then by their index.
+    ``map_of`` tells the number of the photon map of each photon. Photons are sorted by photon map, then by bucket of
+    grid cells (:func:`bucket_of`), then by their index. ``footprint`` is the footprint of the pixels that gather the
+    photons.
     """
 
-    maps: int
-    #: Four numbers for each photon: x, y, z, and the bits of the hash of its row of cells.
-    places: mi.Float
-    #: The photons; their places are only in ``places``.
-    landed: Landed
-    #: Index of the first photon of each bucket, one map after the other; the last entry is the number of all photons.
-    begins: mi.UInt32
-    #: Number of buckets of a map, which is a power of two, minus one.
-    mask: mi.UInt32
-    #: Footprint of the pixels that gather the photons.
-    footprint: Footprint
-
-    @classmethod
-    def of(cls, landed: Landed, map_of: mi.UInt32, maps: int, footprint: Footprint) -> Photons:
-        """Sorts the photons ``landed`` into photon maps, ``maps`` in number; ``map_of`` tells the number of the photon
-        map of each photon.
-        """
+    def __init__(self, landed: Landed, map_of: mi.UInt32, maps: int, footprint: Footprint) -> None:
+        self.maps, self.footprint = maps, footprint
         size = dr.width(map_of) // maps
         buckets = 1 << max(4, (size - 1).bit_length())
-        mask = dr.opaque(mi.UInt32, buckets - 1)
+        #: Number of buckets of a map, which is a power of two, minus one.
+        self.mask = dr.opaque(mi.UInt32, buckets - 1)
         indices = dr.compress(landed.valid)
         if dr.width(indices) == 0:
             indices = mi.UInt32(0)  # a photon without flux
@@ -162,15 +149,18 @@ class Photons:
         grid = grid_of(kernel_radii(landed.p, footprint))
         x, y, z = cell(landed.p, grid)
         rows = row_hash(grid, y, z)
-        bucket = bucket_of(dr.gather(mi.UInt32, map_of, indices), rows, x, mask)
+        bucket = bucket_of(dr.gather(mi.UInt32, map_of, indices), rows, x, self.mask)
         dr.eval(landed, rows, bucket)
         order = dr.argsort(bucket)
-        landed, (rows, bucket) = landed.at(order), dr.gather(tuple, (rows, bucket), order)
-        begins = counts_below(bucket, maps * buckets)
-        places = dr.ravel(mi.Vector4f(*landed.p, dr.reinterpret_array(mi.Float, rows)))
-        dr.eval(places, landed, begins)
-        landed.p = mi.Point3f(0)  # ``places`` has the points
-        return cls(maps, places, landed, begins, mask, footprint)
+        #: The photons; their places are only in ``places``.
+        self.landed, (rows, bucket) = landed.at(order), dr.gather(tuple, (rows, bucket), order)
+        #: Index of the first photon of each bucket, one map after the other; the last entry is the number of all
+        #: photons.
+        self.begins = counts_below(bucket, maps * buckets)
+        #: Four numbers for each photon: x, y, z, and the bits of the hash of its row of cells.
+        self.places = dr.ravel(mi.Vector4f(*self.landed.p, dr.reinterpret_array(mi.Float, rows)))
+        dr.eval(self.places, self.landed, self.begins)
+        self.landed.p = mi.Point3f(0)
 
     def map_range(self, number: mi.UInt32, active: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
         """Returns the index of the first photon of the photon map number ``number``, and the count of photons in the

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..compat import INSTANCE, SPHERE, mesh_positions, shapes_in_order
+from ..compat import INSTANCE, SPHERE, mesh_positions
 from ..light.beam import sample_falloff
-from ..light.beam import total as total_falloff
 from ..masks import fold
 from ..transport import lobes
 from ..transport.workarounds import is_inseparable
@@ -24,29 +22,17 @@ MAX_TARGETS = 64
 MARGIN = 1 + 1e-4
 
 
-@dataclass(frozen=True)
 class Targets:
-    """Bounding spheres at which photons are aimed; each Dr.Jit array has one entry per sphere."""
+    """Bounding spheres around the specular ``shapes``, at which photons are aimed; there is at least one shape."""
 
-    centers: mi.Point3f
-    radii: mi.Float
-    count: int
-
-    @classmethod
-    def of(cls, scene: mi.Scene, tree: bool = False) -> Targets | None:
-        """Returns the spheres around the specular surfaces of ``scene``, or None if no surface is specular.
-
-        ``tree`` tells whether the integrator follows a ray tree instead of paths (:class:`.PhotonTracer`).
-        """
-        spheres = [bounding_sphere(shape) for shape in shapes_in_order(scene) if is_specular(shape, tree)]
-        if not spheres:
-            return None
+    def __init__(self, shapes: Sequence[mi.Shape]) -> None:
+        spheres = merged([bounding_sphere(shape) for shape in shapes])
         # The arrays are made of lists: Dr.Jit would share the memory of a NumPy array, and kernels differ by its
         # alignment.
-        x, y, z, radii = np.array(merged(spheres), dtype=np.float32).T.tolist()
-        targets = cls(mi.Point3f(x, y, z), mi.Float(radii), len(radii))
-        dr.make_opaque(targets.centers, targets.radii)
-        return targets
+        x, y, z, radii = np.array(spheres, dtype=np.float32).T.tolist()
+        #: Number of the spheres, and their centers and radii, with one entry per sphere.
+        self.count, self.centers, self.radii = len(spheres), mi.Point3f(x, y, z), mi.Float(radii)
+        dr.make_opaque(self.centers, self.radii)
 
     def at(self, k: mi.UInt32) -> tuple[mi.Point3f, mi.Float]:
         """Returns the center and the radius of the sphere number ``k``."""
@@ -73,7 +59,7 @@ class Targets:
             if own is not None:
                 met |= k == own
             # The area of the disk, or the solid angle of the sphere, over which one photon is spread.
-            size = dr.pi * r2 if far else total_falloff(versine(x, center, radius), None)
+            size = dr.pi * r2 if far else dr.two_pi * versine(x, center, radius)
             return total + dr.select(met, dr.rcp(size), 0)
 
         return fold(self.count, add, mi.Float(0), active, unrolled=False)

@@ -94,13 +94,13 @@ class Caustics:
         samples of a pixel together cover the spectrum.
         """
         which = seed, number, n
+        self.key, self.n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, n)
         self.sources.per_pair = dr.opaque(mi.Float, self.per_pair(n))
         if which not in self._passes:
             if len(self._passes) >= max(CAPACITY // self.count, 2):
                 del self._passes[next(iter(self._passes))]
-            self._passes[which] = self._emit(*which)
+            self._passes[which] = self._emit(number, n)
         self._current = self._passes[which]
-        self.key, self.n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, n)
 
     def add_to(self, L: mi.Spectrum, vertex: Vertex, t: mi.UInt32) -> mi.Spectrum:
         """Returns the radiance ``L`` plus the radiance that ``vertex`` scatters from photons.
@@ -122,9 +122,8 @@ class Caustics:
         """
         return max(self.count // (self.maps(n) * self.sources.pairs), 1)
 
-    def _emit(self, seed: int, number: int, n: int) -> tuple[Photons, Photons | None]:
-        """Emits and traces the photons of the photon pass number ``number`` of the random ``seed``, and sorts the
-        photons into photon maps.
+    def _emit(self, number: int, n: int) -> tuple[Photons, Photons | None]:
+        """Emits and traces the photons of the photon pass number ``number``, and sorts the photons into photon maps.
 
         A sampling pattern has ``n``² samples. Returns a pair: the photons that land on diffuse surfaces, and the
         photons that land on glossy surfaces, or None if glossy surfaces gather no photons.
@@ -135,24 +134,23 @@ class Caustics:
         pair_of_map = i // per_pair
         map_of = pair_of_map // dr.opaque(mi.UInt32, self.sources.pairs)
         pair = pair_of_map - map_of * dr.opaque(mi.UInt32, self.sources.pairs)
-        key = combine(combine(hash32(dr.opaque(mi.UInt32, seed)), dr.opaque(mi.UInt32, number)), 0)
+        key = combine(combine(self.key, dr.opaque(mi.UInt32, number)), 0)
         # The points of a pair continue from map to map, so that the points of all maps together are evenly spread too.
         points = start_points(combine(key, pair), map_of * per_pair + i - pair_of_map * per_pair)
-        wavelengths = self._wavelengths(seed, dr.opaque(mi.UInt32, number * maps) + map_of, n)
+        wavelengths = self._wavelengths(dr.opaque(mi.UInt32, number * maps) + map_of)
         start = self.sources.start(pair, *points, wavelengths)
         diffuse, glossy = self.tracer(start, combine(key, i + 1))
         dr.eval(diffuse, glossy, map_of)
         on_diffuse = Photons(diffuse, map_of, maps, self.footprint)
         return on_diffuse, None if glossy is None else Photons(glossy, map_of, maps, self.footprint)
 
-    def _wavelengths(self, seed: int, t: mi.UInt32, n: int) -> mi.Color0f:
+    def _wavelengths(self, t: mi.UInt32) -> mi.Color0f:
         """Returns the wavelengths in nm that the sensor samples for the ``t``-th sample of every pixel.
 
-        Each group of ``n`` samples of a pixel covers the spectrum evenly (:func:`.wavelength_number`). The returned
-        array is empty except in spectral variants.
+        Successive samples of a pixel cover the spectrum evenly (:func:`.wavelength_number`). The returned array is
+        empty except in spectral variants.
         """
-        key, middle = dr.opaque(mi.UInt32, hash32(seed)), mi.Point2f(0.5)
-        sample = wavelengths.wavelength_number(key, t, dr.opaque(mi.UInt32, n))
+        sample, middle = wavelengths.wavelength_number(self.key, t, self.n), mi.Point2f(0.5)
         return self.sensor.sample_ray_differential(self.sensor.shutter_open(), sample, middle, middle)[0].wavelengths
 
 

@@ -64,8 +64,7 @@ class PhotonTracer:
 
     def __init__(self, scene: mi.Scene, deepest: mi.UInt32, tree: bool, mis: PhotonMIS | None) -> None:
         self.scene, self.deepest, self.tree, self.mis = scene, deepest, tree, mis
-        self.specular = lobes.only(lobes.SPECULAR)
-        self.specular.mode = mi.TransportMode.Importance
+        self.specular = lobes.only(lobes.SPECULAR, mi.BSDFContext(mi.TransportMode.Importance))
         self.scattering = Scattering(scene)
 
     def __call__(self, start: Start, key: mi.UInt32) -> tuple[Landed, Landed | None]:

@@ -6,8 +6,6 @@ homogeneous media that only absorb light, and ignore media that scatter light or
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import drjit as dr
 import mitsuba as mi
 
@@ -36,12 +34,10 @@ def absorbs_any(scene: mi.Scene, camera_medium: mi.Medium | None) -> bool:
     return any(map(only_absorbs, media))
 
 
-def media_of(scene: mi.Scene) -> Iterator[mi.Medium]:
-    """Yields the interior and exterior media of all shapes of ``scene``, including the shapes within instances."""
-    for shape in all_shapes(scene):
-        for medium in (shape.interior_medium(), shape.exterior_medium()):
-            if medium is not None:
-                yield medium
+def media_of(scene: mi.Scene) -> list[mi.Medium]:
+    """Returns the interior and exterior media of all shapes of ``scene``, including the shapes within instances."""
+    media = (medium for s in all_shapes(scene) for medium in (s.interior_medium(), s.exterior_medium()))
+    return [medium for medium in media if medium is not None]
 
 
 def only_absorbs(medium: mi.Medium) -> bool:

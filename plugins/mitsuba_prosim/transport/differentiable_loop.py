@@ -27,10 +27,9 @@ def differentiable_loop(state: Any, step: Callable[[Any], Any]) -> Any:
         state = dr.select(active, step(state), state)
         dr.eval(state)
         places = differentiable(state)
-        if places:
-            arrays = dr.custom(Boundary, [getattr(*place) for place in places])
-            for place, array in zip(places, arrays):
-                setattr(*place, array)
+        arrays = dr.custom(Boundary, [getattr(*place) for place in places])
+        for place, array in zip(places, arrays):
+            setattr(*place, array)
     return state
 
 

@@ -14,7 +14,7 @@ import mitsuba as mi
 from ..masks import idle
 from . import lobes
 from .absorption import UNBOUNDED, medium_before, medium_beyond, pointer, transmittance
-from .ray import Surface
+from .ray import Surface, viewer_side
 from .scattering import Scattering
 from .workarounds import past_emitters
 
@@ -83,8 +83,7 @@ def features(
         surface = active & si.is_valid()
         if idle(surface):
             return replace(state, albedo=albedo, active=surface)
-        viewer_normal = si.sh_frame.n * dr.sign(mi.Frame3f.cos_theta(si.wi))
-        normal = dr.select(surface & first, viewer_normal, state.normal)
+        normal = dr.select(surface & first, viewer_side(si), state.normal)
         scattered, _ = sample_albedo(si, diffuse, state.sampler, surface, scattering)
         weight, d = sample_albedo(si, specular, state.sampler, surface, scattering)
         albedo = albedo + dr.select(surface, throughput * scattered, 0)
@@ -119,9 +118,8 @@ def sample_albedo(
     0, because that lobe is sampled by another call. For the albedo, dispersive glass refracts all wavelengths in the
     same direction: random wavelengths would make the mean albedo wrong, because each sample of the albedo is clipped.
     """
-    choice, point = sampler.next_1d(active), sampler.next_2d(active)
-    bs, weight, belongs = scattering.sample(
-        lobe, Surface(si, si.bsdf(), active, mi.Bool(False)), (choice, point), active
-    )
+    surface = Surface(si, si.bsdf(), active, mi.Bool(False))
+    u = sampler.next_1d(active), sampler.next_2d(active)
+    bs, weight, belongs = scattering.sample(lobe, surface, u, active)
     belongs &= active & (bs.pdf > 0)
     return dr.select(belongs, mi.unpolarized_spectrum(weight), 0), si.to_world(bs.wo)

@@ -119,9 +119,7 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
     uses_mis = active & (ray.pdf > 0)
     if lights.sky is not None:  # light sampling never takes the constant sky for lobes whose rays count emission
         uses_mis &= si.is_valid()
-    origin = dr.zeros(mi.Interaction3f)
-    # A finite t makes the interaction valid.
-    origin.p, origin.n, origin.time, origin.t = ray.o, ray.n, si.time, mi.Float(0)
+    origin = mi.Interaction3f(0.0, si.time, si.wavelengths, ray.o, ray.n)  # a finite t makes the interaction valid
     ds = mi.DirectionSample3f(context.scene, si, origin)
     if context.attached:  # the derivative of the point is unbounded at a sphere's silhouette
         ds.d = dr.replace_grad(ds.d, ray.d)

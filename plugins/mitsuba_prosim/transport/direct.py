@@ -100,14 +100,14 @@ def lamp_light(
             weight_lobe *= context.photon_mis.light_weight(vertex, ds, f_lobe, pdf_lobe, mis_active)
         f = f + f_lobe * weight_lobe
     f = dr.select(vertex.inseparable, diffuse, f)  # ``diffuse`` has the light of all lobes there
-    glossy_layer = layers.of(ray, "glossy", k)
+    lit, transmitted = visibility(context, vertex, ds.p, f * weight, lit)
+    L = layers.none().plus(dr.select(lit, f * weight * transmitted, 0), layers.of(ray, "glossy", k))
     if not layers.splits_lobes:
-        (value,) = with_visibility(context, vertex, ds.p, [f * weight], lit)
-        return layers.none().plus(value, glossy_layer)
+        return L
     if not context.mis_lobes:  # then ``light_lobes`` are all lobes, not only the diffuse lobes
         diffuse = scattering.eval(lobes.only(lobes.DIFFUSE), vertex, wo, lit)
-    value, diffuse = with_visibility(context, vertex, ds.p, [f * weight, diffuse * weight], lit)
-    return layers.none().plus(value, glossy_layer).moved(diffuse, glossy_layer, layers.of(ray, "diffuse"))
+    diffuse = dr.select(lit, diffuse * weight * transmitted, 0)
+    return L.moved(diffuse, layers.of(ray, "glossy", k), layers.of(ray, "diffuse"))
 
 
 def eval_lobe(
@@ -145,18 +145,17 @@ def sample_sky(context: Context, vertex: Vertex, points: Points, space: mi.UInt3
     return context.lights.sky.sample(receiver, points(space, active), active)
 
 
-def with_visibility(
-    context: Context, vertex: Vertex, p: mi.Point3f, radiances: list[mi.Spectrum], active: mi.Bool
-) -> list[mi.Spectrum]:
-    """Returns ``radiances``, multiplied by the visibility and the transmittance between ``vertex`` and the point ``p``.
+def visibility(
+    context: Context, vertex: Vertex, p: mi.Point3f, radiance: mi.Spectrum, active: mi.Bool
+) -> tuple[mi.Bool, mi.UnpolarizedSpectrum | float]:
+    """Returns ``(active, transmitted)``: the active lanes in which the point ``p`` is visible from ``vertex``, and the
+    transmittance between ``vertex`` and ``p``.
 
-    The first entry of ``radiances`` is the total radiance of the sample: no shadow ray is traced where the total
-    radiance is 0.
+    No shadow ray is traced where the ``radiance`` from ``p`` is 0; there, the returned ``active`` is false.
     """
     si = vertex.si
     if context.settings.shadows:
-        active = active & (dr.max(dr.abs(radiances[0])) > 0)
+        active = active & (dr.max(dr.abs(radiance)) > 0)
         active = but_not(active, context.scene.ray_test(si.spawn_ray_to(p), active))
     d = p - si.p
-    transmitted = transmittance(medium_beyond(si, vertex.ray.medium, d, active), si.wavelengths, dr.norm(d), active)
-    return [dr.select(active, L * transmitted, 0) for L in radiances]
+    return active, transmittance(medium_beyond(si, vertex.ray.medium, d, active), si.wavelengths, dr.norm(d), active)

@@ -18,7 +18,7 @@ from mitsuba_prosim.photons.grid import RADII, Footprint, Landed, Photons
 from mitsuba_prosim.photons.mis import Hit, effective_photons, etendue_of, ideal_throughput, kept_fraction, ray_weight
 from mitsuba_prosim.photons.targets import Targets, is_specular, merged
 from mitsuba_prosim.transport import lobes
-from mitsuba_prosim.transport.ray import Ray, Vertex, mis, viewer_side
+from mitsuba_prosim.transport.ray import Vertex, mis, viewer_side
 from scenes import T, area, bitmap, camera, film, ground, in_threads, load_scene, rectangle, slow
 from test_record import Elsewhere, finished
 
@@ -347,13 +347,13 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb, tree):
     sampled, and by photons on the inside of the glass and on the metal, reckoned from the lamp.
     """
     glass = ball({"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.1}, (0, 1.2, 0), 0.8)
-    world = scene(128, floor=ground(6, ROUGH), ball=glass, lamp=lamp(2.5, center=(0, 5, -2)))
+    world = scene(128, floor=ground(6, ROUGH), ball=glass, lamp=lamp(2.5, center=(0, 5, -2)), rays={"type": "prosim"})
     caustics, lights = Caustics.of(world, world.sensors()[0], 1, 7, tree), Lights(world)
     photons, caustics.sources.per_pair = caustics.mis, mi.Float(1000)
     n = 128 * 128
     random = [mi.Float(v) for v in np.random.default_rng(5).random((11, n), dtype=np.float32)]
     camera = world.sensors()[0].sample_ray(0, 0.5, mi.Point2f(*random[:2]), mi.Point2f(0.5))[0]
-    ray, met, chain = Ray.first(camera), mi.Bool(True), []
+    ray, met, chain = world.integrator().transport(world, world.sensors()[0]).first(camera), mi.Bool(True), []
     ray.last_etendue = ray.earlier_etendue = mi.Float(0)
     for k in range(3):
         si = world.ray_intersect(mi.Ray3f(ray.o, ray.d), met)

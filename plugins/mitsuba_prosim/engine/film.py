@@ -58,10 +58,7 @@ class Channels:
 
         In monochromatic variants, red, green and blue are equal.
         """
-        if mi.is_spectral:
-            rgb = mi.spectrum_to_srgb(L, wavelengths)
-        else:
-            rgb = mi.Color3f(L.x) if mi.is_monochromatic else mi.Color3f(L)
+        rgb = to_rgb(L, wavelengths)
         return [v if name in self.stored_colours else mi.Float(0) for name, v in zip("rgb", rgb)]
 
     def luminance(self, values: Sequence[mi.Float]) -> mi.Float:
@@ -73,6 +70,16 @@ class Channels:
         """
         light = sum(values[:-1]) / (len(values) - 1) if self.special else mi.luminance(mi.Color3f(*values[:3]))
         return light / values[-1]
+
+
+def to_rgb(L: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Color3f:
+    """Returns the linear sRGB colour of the radiance ``L``.
+
+    ``wavelengths`` are the wavelengths of ``L`` in nm; the array is empty except in spectral variants.
+    """
+    if mi.is_spectral:
+        return mi.spectrum_to_srgb(L, wavelengths)
+    return mi.Color3f(L.x) if mi.is_monochromatic else mi.Color3f(L)
 
 
 def luminance(L: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Float:

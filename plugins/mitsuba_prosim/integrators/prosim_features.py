@@ -10,6 +10,7 @@ import mitsuba as mi
 
 from ..alone import alone
 from ..compat import take_back_interrupts
+from ..engine.film import to_rgb
 from ..parameters import describe
 from ..registry import plugin
 from ..transport import features
@@ -78,7 +79,9 @@ class ProsimFeatures(mi.SamplingIntegrator):
         albedo and of the normal.
         """
         albedo, normal, hit = features.features(scene, sampler, mi.Ray3f(ray), active, self.hide_emitters, medium)
-        return albedo, hit, [*features.colour(albedo, ray.wavelengths), *normal]
+        # With this factor, an albedo of 1 at every wavelength becomes nearly white.
+        scaled = albedo / mi.pdf_rgb_spectrum(ray.wavelengths) if mi.is_spectral else albedo
+        return albedo, hit, [*to_rgb(scaled, ray.wavelengths), *normal]
 
     def to_string(self) -> str:
         return describe(self, hide_emitters=self.hide_emitters)

@@ -9,7 +9,7 @@ each iteration.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields, is_dataclass
+from dataclasses import is_dataclass
 from typing import Any
 
 import drjit as dr
@@ -43,9 +43,8 @@ def differentiable(state: Any) -> list[tuple[Any, str]]:
         return [place for part in state for place in differentiable(part)]
     if not is_dataclass(state):
         return []
-    values = {field.name: getattr(state, field.name) for field in fields(state)}
-    found = [place for value in values.values() for place in differentiable(value)]
-    arrays = {name: value for name, value in values.items() if isinstance(value, dr.ArrayBase)}
+    found = [place for value in vars(state).values() for place in differentiable(value)]
+    arrays = {name: value for name, value in vars(state).items() if isinstance(value, dr.ArrayBase)}
     return [(state, name) for name, value in arrays.items() if dr.grad_enabled(value)] + found
 
 

@@ -107,7 +107,8 @@ def lamp_light(
     if not context.mis_lobes:  # then ``light_lobes`` are all lobes, not only the diffuse lobes
         diffuse = scattering.eval(lobes.only(lobes.DIFFUSE), vertex, wo, lit)
     diffuse = dr.select(lit, diffuse * weight * transmitted, 0)
-    return L.moved(diffuse, layers.of(ray, "glossy", k), layers.of(ray, "diffuse"))
+    # Moves the diffuse light from the layer of the glossy light to its own layer.
+    return L.plus(-diffuse, layers.of(ray, "glossy", k), L.total).plus(diffuse, layers.of(ray, "diffuse"), L.total)
 
 
 def eval_lobe(

@@ -101,13 +101,6 @@ def features(
     return albedo, state.normal, dr.squared_norm(state.normal) > 0
 
 
-def colour(albedo: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Color3f:
-    """Converts the spectrum ``albedo`` to an RGB colour; an albedo of 1 at every wavelength becomes nearly white."""
-    if mi.is_spectral:
-        return mi.spectrum_to_srgb(albedo / mi.pdf_rgb_spectrum(wavelengths), wavelengths)
-    return mi.Color3f(albedo.x) if mi.is_monochromatic else mi.Color3f(albedo)
-
-
 def sample_albedo(
     si: mi.SurfaceInteraction3f, lobe: mi.BSDFContext, sampler: mi.Sampler, active: mi.Bool, scattering: Scattering
 ) -> tuple[Any, mi.Vector3f]:

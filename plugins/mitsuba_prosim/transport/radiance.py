@@ -63,10 +63,6 @@ class Radiance:
         layers = [L + dr.select(layer == i, value, 0) for i, L in enumerate(self.layers)]
         return Radiance(self.total + value if total is None else total, layers)
 
-    def moved(self, value: mi.Spectrum, source: Layer, target: Layer) -> Radiance:
-        """Returns this radiance after moving ``value`` from layer number ``source`` to layer number ``target``."""
-        return self.plus(-value, source, self.total).plus(value, target, self.total)
-
 
 class Layers:
     """Assigns light to image layers. The base class is for an image without layers, and assigns light to no layer."""

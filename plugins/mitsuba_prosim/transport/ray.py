@@ -55,14 +55,6 @@ class Ray:
     last_etendue: mi.Float | None = None
     earlier_etendue: mi.Float | None = None
 
-    @classmethod
-    def first(cls, camera: mi.Ray3f, medium: mi.MediumPtr | None = None) -> Ray:
-        """Returns the first ray of a ray tree or path: the ray ``camera``, in the ``medium`` around the camera."""
-        node, level, pdf, n = mi.UInt32(1), mi.UInt32(0), mi.Float(0), mi.Normal3f(camera.d)
-        # Opaque values: Dr.Jit would trace a loop twice to find that a literal value stays the same.
-        offset, found, branch = mi.Float(0), dr.opaque(mi.Bool, False), dr.opaque(mi.UInt32, 0)
-        return cls(camera.o, camera.d, mi.Spectrum(1), node, level, pdf, n, medium, offset, found, branch)
-
 
 @dataclass
 class Surface:

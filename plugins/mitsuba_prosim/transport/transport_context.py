@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 
 from ..light.table import Lights
@@ -120,7 +121,10 @@ class Context:
 
         Fields of the returned ray that the render does not need are None.
         """
-        ray = Ray.first(camera, self.medium)
+        node, level, pdf, n = mi.UInt32(1), mi.UInt32(0), mi.Float(0), mi.Normal3f(camera.d)
+        # Opaque values: Dr.Jit would trace a loop twice to find that a literal value stays the same.
+        offset, found, branch = mi.Float(0), dr.opaque(mi.Bool, False), dr.opaque(mi.UInt32, 0)
+        ray = Ray(camera.o, camera.d, mi.Spectrum(1), node, level, pdf, n, self.medium, offset, found, branch)
         ray.both_sides = mi.Bool(False) if self.both_sides else None
         ray.importance = None if self.lights.sampler is None else mi.Float(0)
         ray.last_etendue = ray.earlier_etendue = None if self.photon_mis is None else mi.Float(0)

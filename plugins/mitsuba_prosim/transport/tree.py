@@ -56,7 +56,7 @@ def start(context: Context, ray: Ray) -> Stack:
     would do.
     """
     rays = [ray] * (context.settings.max_level + 1) if context.reflects and context.refracts else []
-    return Stack(rays, dr.opaque(mi.UInt32, 0))  # opaque, as in Ray.first
+    return Stack(rays, dr.opaque(mi.UInt32, 0))  # opaque, as in Context.first
 
 
 def proceed(

@@ -41,8 +41,8 @@ class Caustics:
     photon. ``tree`` tells whether the integrator follows a ray tree instead of paths (:class:`.PhotonTracer`).
 
     In spectral variants, the photons of a photon map have the same wavelengths as the samples that gather these
-    photons. The attribute ``key`` is the hash key that determines the wavelengths of all pixels and photons. Every
-    ``n`` samples of a pixel together cover the spectrum.
+    photons. The attribute ``key`` is the hash key that determines the wavelengths of all pixels and photons, and the
+    random numbers of the photons. Every ``n`` samples of a pixel together cover the spectrum.
     """
 
     def __init__(
@@ -147,8 +147,8 @@ class Caustics:
     def _wavelengths(self, t: mi.UInt32) -> mi.Color0f:
         """Returns the wavelengths in nm that the sensor samples for the ``t``-th sample of every pixel.
 
-        Successive samples of a pixel cover the spectrum evenly (:func:`.wavelength_number`). The returned array is
-        empty except in spectral variants.
+        Each group of ``self.n`` samples of a pixel covers the spectrum evenly (:func:`.wavelength_number`). The
+        returned array is empty except in spectral variants.
         """
         sample, middle = wavelengths.wavelength_number(self.key, t, self.n), mi.Point2f(0.5)
         return self.sensor.sample_ray_differential(self.sensor.shutter_open(), sample, middle, middle)[0].wavelengths

@@ -133,9 +133,9 @@ class PhotonMIS:
     ) -> mi.Float:
         """Returns the factor by which photons reduce the MIS weight of ``ray`` where the ray meets a light source.
 
-        The factor is 1 where no photon could have found the same light, and where ``active`` is false. ``ds`` is the
-        direction sample from ``origin`` to the light source; light sampling would take the sample ``ds`` with the
-        density ``pdf``, which is 0 if ``ray`` comes from an ideal lobe.
+        The factor is 1 where no photon could have found the light that ``ray`` finds, and in lanes that are not
+        ``active``. ``ds`` is the direction sample from ``origin`` to the light source. Light sampling would take the
+        sample ``ds`` with the density ``pdf``, which is 0 if an ideal lobe sampled the direction of ``ray``.
         """
         assert ray.earlier_etendue is not None
         density = self.sources.density(origin, ds, active & (ray.earlier_etendue > 0))
@@ -189,11 +189,11 @@ class PhotonMIS:
         """Returns ``(density, landed)`` after the surface ``hit``: the density of the photons, and the photons that
         have landed on glossy surfaces.
 
-        The argument ``landed`` has the photons that landed before the surface ``hit``. ``bs`` and ``weight`` are the
-        BSDF sample that scatters the photons in the ``active`` lanes. Photons in lanes that are not ``active`` end at
-        the surface ``hit``; if the surface is near-specular, these photons land on the surface. On a glossy surface
-        that is not near-specular, all photons land, and photons in ``active`` lanes also continue. ``land_weight`` is 1
-        divided by the probability that a photon lands on a near-specular surface.
+        The argument ``landed`` has the photons that landed on glossy surfaces before the surface ``hit``. ``bs`` and
+        ``weight`` are the BSDF sample that scatters the photons in the ``active`` lanes. Photons in lanes that are not
+        ``active`` end at the surface ``hit``; if the surface is near-specular, these photons land on the surface. On a
+        glossy surface that is not near-specular, all photons land, and photons in ``active`` lanes also continue.
+        ``land_weight`` is 1 divided by the probability that a photon lands on a near-specular surface.
         """
         flags, density = hit.bsdf.flags(), hit.density
         lands = but_not(hit.active & (hit.level > 0) & (density > 0) & (hit.cos > 0), hit.inseparable)

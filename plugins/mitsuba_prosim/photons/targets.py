@@ -23,7 +23,9 @@ MARGIN = 1 + 1e-4
 
 
 class Targets:
-    """Bounding spheres around the specular ``shapes``, at which photons are aimed; there is at least one shape."""
+    """Bounding spheres around the specular ``shapes``, of which there is at least one; photons are aimed at the
+    spheres.
+    """
 
     def __init__(self, shapes: Sequence[mi.Shape]) -> None:
         spheres = merged([bounding_sphere(shape) for shape in shapes])

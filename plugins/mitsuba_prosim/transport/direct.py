@@ -152,7 +152,9 @@ def visibility(
     """Returns ``(active, transmitted)``: the active lanes in which the point ``p`` is visible from ``vertex``, and the
     transmittance between ``vertex`` and ``p``.
 
-    No shadow ray is traced where the ``radiance`` from ``p`` is 0; there, the returned ``active`` is false.
+    If the integrator's parameter ``shadows`` is false, every point ``p`` counts as visible. Else, a shadow ray tests
+    whether ``p`` is visible, except where ``radiance``, the radiance that ``vertex`` scatters from the point ``p``, is
+    0: in these lanes, no shadow ray is traced, and the returned ``active`` is false.
     """
     si = vertex.si
     if context.settings.shadows:

@@ -58,7 +58,7 @@ class Radiance:
     def plus(self, value: mi.Spectrum, layer: Layer, total: mi.Spectrum | None = None) -> Radiance:
         """Returns this radiance after adding ``value`` to the total and to the layer number ``layer``.
 
-        ``total`` is the new total radiance, if the caller has already added ``value`` to the old total.
+        The total radiance of the result is ``total``, or the old total plus ``value`` if ``total`` is None.
         """
         layers = [L + dr.select(layer == i, value, 0) for i, L in enumerate(self.layers)]
         return Radiance(self.total + value if total is None else total, layers)

@@ -40,7 +40,8 @@ class Scattering:
         self.disperses = disperses(scene)
         #: Whether any BSDF of the scene can only evaluate all its lobes together.
         self.any_inseparable = separate and any(map(workarounds.is_inseparable, bsdfs))
-        #: Whether there is such a BSDF, a ``mask`` or a ``blendbsdf`` (:mod:`.workarounds`).
+        #: Whether the scene has a BSDF that can only evaluate all its lobes together, a ``mask`` or a ``blendbsdf``
+        #: (:mod:`.workarounds`).
         self.needs_workarounds = self.any_inseparable or mixes
 
     def inseparable(self, bsdf: mi.BSDF | mi.BSDFPtr, active: mi.Bool) -> mi.Bool:

@@ -128,8 +128,8 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
     weight = dr.select(uses_mis, mis(ray.pdf, pdf), 1)
     if context.photon_mis is not None:
         # Only rays find light that comes directly from a sky.
-        others_find = uses_mis | active & (ray.pdf == 0)
-        weight *= context.photon_mis.emission_weight(ray, origin, ds, pdf, others_find)
+        photons_may_find = uses_mis | active & (ray.pdf == 0)
+        weight *= context.photon_mis.emission_weight(ray, origin, ds, pdf, photons_may_find)
     return dr.select(active, L * weight, 0), context.layers.of(ray, "emitted", lights.number_of(emitter, active))
 
 

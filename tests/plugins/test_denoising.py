@@ -12,8 +12,8 @@ from mitsuba_prosim import denoising
 from mitsuba_prosim.denoising import halves, layers, oidn
 from mitsuba_prosim.denoising.mixing import LIGHT, display_value, inputs, mix, with_light
 from mitsuba_prosim.denoising.pyramid import average, blur
-from mitsuba_prosim.live.picture import layers_of_render
-from mitsuba_prosim.live.progressive_image import ProgressiveImage
+from mitsuba_prosim.live import picture as live_picture
+from mitsuba_prosim.live import progressive_image
 from mitsuba_prosim.sampling.hash import combine, hash32
 from scenes import T, area, diffuse, film, load_scene, penumbra, rectangle, rgb
 from test_record import Elsewhere
@@ -314,10 +314,10 @@ def test_the_integrator_is_the_denoised_image_of_the_nested_one(variant_rgb, den
     for name, values in expected.items():
         np.testing.assert_allclose(planes[name], values, 0 if "R" in names else 1e-5, err_msg=name)
     assert image.shape[:2] == (9, 14) and np.all(planes["samples"] == 2) and planes.get("A", np.ones(1)).max() == 1
-    live = ProgressiveImage(scene.integrator(), scene, scene.sensors()[0], 0, 3, denoise=True)
+    live = progressive_image.ProgressiveImage(scene.integrator(), scene, scene.sensors()[0], 0, 3, denoise=True)
     while not live.done:
         live.step()
-    raw = layers_of_render(live.render, live.integrator)["final"], denoiser.colours[0]
+    raw = live_picture.layers_of_render(live.render, live.integrator)["final"], denoiser.colours[0]
     for shown, colours in (live.layers()["final"], wanted.final), raw:
         assert np.array_equal(shown, colours * np.ones(3, np.float32))
     saved = {field.name for field in layers.bitmap(denoiser).struct_()}

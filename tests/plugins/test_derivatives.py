@@ -168,18 +168,10 @@ def moved(v):
     return lambda value, e: mi.Transform4f().translate(mi.Vector3f(v) * e) @ value
 
 
-def scaled(value, e):
-    return value @ mi.Transform4f().scale(1 + e)
-
-
-def turned(value, e):
-    return mi.Transform4f().rotate([1, 0, 0.5], 20 * e) @ value
-
-
 CHANGES = {
     "lamp moves": ("lamp.to_world", moved([1, 0.5, -0.7])),
-    "lamp grows": ("lamp.to_world", scaled),
-    "floor turns": ("floor.to_world", turned),
+    "lamp grows": ("lamp.to_world", lambda value, e: value @ mi.Transform4f().scale(1 + e)),
+    "floor turns": ("floor.to_world", lambda value, e: mi.Transform4f().rotate([1, 0, 0.5], 20 * e) @ value),
     "floor rises": ("floor.to_world", moved([0, 1, 0])),
 }
 

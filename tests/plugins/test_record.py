@@ -96,18 +96,14 @@ def test_parts_have_equal_shares_of_slow_pixels(of, margin, most):
     assert sum(costs) == cost.sum() and max(costs) < most * np.mean(costs)
 
 
-def in_parts(scene, of):
-    parts = [checkpoints(scene, part=Part(number, of))[-1] for number in range(1, of + 1)]
-    np.random.default_rng(1).shuffle(parts)
-    return finished(scene, begin=put_together(parts))[0]
-
-
 @pytest.mark.parametrize("adaptive", ["neighbours", *slow("none", "thesis", "graded")])
 def test_any_number_of_parts_makes_the_image(variant_rgb, adaptive):
     """Also with a crop window, and with a sampled border."""
     for film, of, rfilter in [({}, 7, "box"), (CROP, 4, "gaussian"), ({"sample_border": True}, 2, "gaussian")]:
         scene = copper(28, rfilter=rfilter, adaptive=adaptive, film=film, max_level=1)
-        assert np.array_equal(in_parts(scene, of), finished(scene)[0]), of
+        parts = [checkpoints(scene, part=Part(number, of))[-1] for number in range(1, of + 1)]
+        np.random.default_rng(1).shuffle(parts)
+        assert np.array_equal(finished(scene, begin=put_together(parts))[0], finished(scene)[0]), of
 
 
 def test_a_stopped_part_is_resumed(variant_rgb):

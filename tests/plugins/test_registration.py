@@ -134,21 +134,15 @@ def example(name, language):
     return textwrap.dedent(block[1].split(".. code-tab::")[0])
 
 
-def from_xml(text):
-    """The object of the example, loaded by itself as Mitsuba loads any file whose root is a plugin."""
-    root = re.match(r"\s*<(\w+)", text)[1]
-    return mi.load_string(re.sub(rf"<{root}\b", f'<{root} version="3.0.0"', text, count=1))
-
-
-def from_python(text):
-    """The object of the example: the inside of a dictionary, either a plugin's own or one that holds a named plugin."""
-    entries = eval(f"{{{text}}}")
-    return mi.load_dict(entries if "type" in entries else entries.popitem()[1])
-
-
 @pytest.mark.parametrize("name", sorted(registry.PLUGINS))
 def test_examples_load_and_agree(name, variant_rgb):
-    xml, python = from_xml(example(name, "xml")), from_python(example(name, "python"))
+    """The XML is loaded by itself, as Mitsuba loads files whose root is a plugin. The example in Python is the inside
+    of a dictionary, either a plugin's own or one that holds a named plugin.
+    """
+    text, entries = example(name, "xml"), eval(f"{{{example(name, 'python')}}}")
+    root = re.match(r"\s*<(\w+)", text)[1]
+    xml = mi.load_string(re.sub(rf"<{root}\b", f'<{root} version="3.0.0"', text, count=1))
+    python = mi.load_dict(entries if "type" in entries else entries.popitem()[1])
     assert type(xml) is type(python)
     assert str(xml) == str(python)
     xml_parameters, python_parameters = mi.traverse(xml), mi.traverse(python)

@@ -121,8 +121,7 @@ def boundaries(bodies: dict[int, Body], ids: OriginalIds, fresnel: bool) -> list
         layers.append((medium, total))
     result: list[Boundary] = []
     for medium, body in layers:
-        assert total
-        boundary = ids.boundary(total if interfaces[medium] else body)
+        boundary = ids.boundary(total if total and interfaces[medium] else body)
         result.append(Boundary(boundary.vertices, boundary.triangles[boundary.triangles["inside"] == medium]))
         result += interfaces[medium]
     return result

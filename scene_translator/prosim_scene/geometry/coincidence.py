@@ -60,10 +60,9 @@ def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray, low: np.ndarray, h
     offset = np.outer(_clusters(features) * 2 * np.ptp([low[:, 0], high[:, 0]]), [1, 0, 0])
     group = components(low + offset, high + offset, equal)
     order = np.argsort(-sizes, kind="stable")
-    _, largest, number = np.unique(group[order], return_index=True, return_inverse=True)
-    result = np.empty_like(order)
-    result[order] = order[largest][number]
-    return result
+    _, largest = np.unique(group[order], return_index=True)
+    _, number = np.unique(group, return_inverse=True)
+    return np.asarray(order[largest][number])
 
 
 def _features(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:

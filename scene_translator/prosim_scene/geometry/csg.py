@@ -25,6 +25,7 @@ from manifold3d import Error, Manifold, OpType
 from ..model import Leaf, Operator
 from .coincidence import Planes
 from .grouping import sweep, touching
+from .solids import Solid
 
 T = TypeVar("T")
 #: A CSG tree in prefix order: the symbols of its operators, and the numbers of its leaves.
@@ -59,13 +60,11 @@ def count_cut_media(tree: Tree, media_of: Sequence[int]) -> np.ndarray:
 
     def combine(symbol: str, first: _Operand, second: _Operand) -> _Operand:
         """Returns the media and the leaves of an operator's result; updates ``result`` for the leaves that cut."""
-        media, begin, _ = first
+        (media, begin, _), (other_media, middle, end) = first, second
         if symbol == "+":
-            media = media | second[0]
-        else:
-            cut = result[second[1] : second[2]]
-            np.maximum(cut, len(media), out=cut)
-        return media, begin, second[2]
+            return media | other_media, begin, end
+        np.maximum(result[middle:end], len(media), out=result[middle:end])
+        return media, begin, end
 
     fold(tree, lambda number: (frozenset([media_of[number]]), number, number + 1), combine)
     return result
@@ -78,15 +77,14 @@ class Body:
     ``manifold()`` returns the mesh of the solid. ``boxes`` (n, 10, 3) are the boxes of its leaves: minimum and maximum
     corner of the box along the axes, then the eight corners of the rotated box. ``surfaces`` are the numbers of the
     shared surfaces on which faces of the solid may lie. ``planes`` are all planes of the scene on which facets of
-    several bodies may lie. Bodies with the same number ``solid`` are equal; the number is None for the result of an
-    operation.
+    several bodies may lie. Bodies with the same ``solid`` are equal; ``solid`` is None for the result of an operation.
     """
 
     manifold: Callable[[], Manifold]
     boxes: np.ndarray
     surfaces: frozenset[int]
     planes: Planes
-    solid: int | None = None
+    solid: Solid | None = None
 
     @cached_property
     def box(self) -> np.ndarray:
@@ -121,12 +119,11 @@ def evaluate(tree: Tree, groups: Sequence[int], body: Callable[[int], Body | Non
         common = {group: left[group].combined(symbol, right[group]) for group in small if group in large}
         if symbol == "*":
             return common
-        result = left
         if symbol == "+":
-            result = large
-            result.update(small)
-        result.update(common)
-        return result
+            large.update(small)
+            left = large
+        left.update(common)
+        return left
 
     return {group: chain.value() for group, chain in sorted(fold(tree, leaf, combine).items())}
 
@@ -166,7 +163,13 @@ class _Chain:
         bodies, and then adds bodies. Each body belongs to the first possible round in which it still comes after all
         earlier bodies of the other sign that it touches.
         """
-        operands = list(self.operands)
+        last = {body.solid: i if self.has_minus else math.inf for i, (_, body) in enumerate(self.operands)}
+
+        def enclosed(i: int, body: Body) -> bool:
+            """Whether the operand ``i`` lies inside another operand, which must come later if the chain has a minus."""
+            return body.solid is not None and any(last.get(outer, -1) > i for outer in body.solid.enclosing)
+
+        operands = [(sign, body) for i, (sign, body) in enumerate(self.operands) if i == 0 or not enclosed(i, body)]
         if self.has_minus:
             adds = np.array([sign == "+" for sign, _ in operands])
             boxes = np.array([body.box for _, body in operands])
@@ -229,16 +232,27 @@ def _divisible(operands: list[Operand], all_faces: bool = False) -> bool:
     return True
 
 
+CROWDED = 8  # a union is divided if each body touches more than twice this number of other bodies, on average
+
+
 def union(bodies: Iterable[Body | None]) -> Body | None:
     """Returns the union of bodies, or None if all are None. The first of the bodies owns a common face."""
-    solids: dict[int | None, Body] = {}
+    solids: dict[Solid | None, Body] = {}
     distinct = [body for body in bodies if body and (body.solid is None or solids.setdefault(body.solid, body) is body)]
     if len(distinct) < 2:
         return distinct[0] if distinct else None
-    if len(distinct) == 2 or not _share_surfaces(distinct):
+    shared, boxes = _share_surfaces(distinct), np.array([body.box for body in distinct])
+    pairs = sum(len(first) for first, _ in sweep(boxes[:, 0], boxes[:, 1]))
+    if len(distinct) == 2 or (not shared and pairs <= CROWDED * len(distinct)):
         return _combined(distinct, OpType.Add, distinct)
+    if not shared:
+        axis = np.ptp(boxes.sum(axis=1), axis=0).argmax()
+        distinct = [distinct[i] for i in np.argsort(boxes[:, :, axis].sum(axis=1))]
     middle = len(distinct) // 2
-    return union([union(distinct[:middle]), union(distinct[middle:])])
+    result = union([union(distinct[:middle]), union(distinct[middle:])])
+    if result and not shared:
+        checked(result.manifold())  # otherwise manifold3d would join this operation and the next one
+    return result
 
 
 def difference(first: Body, others: Sequence[Body]) -> Body:

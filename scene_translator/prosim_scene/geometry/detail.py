@@ -116,12 +116,13 @@ def _lorentz(axis: np.ndarray, refinement: float) -> np.ndarray:
 
 INSIDE = 1e-6  # how far a ball that touches a face from inside may be outside, relative to the size of the face
 SPACING = 0.002  # how far this ball may be inside; the contact may lie between the tested points of the face
-FEW = 16  # a 16th of the tangent planes of a face is tested first, which excludes most balls
-BATCH = 1 << 8  # the number of pairs of solids that are tested at a time
+FEW = 64  # a 64th of the tangent planes of a face is tested first, which excludes most balls
+BATCH = 1 << 16  # the number of pairs of a ball and a tangent plane that are tested at a time
 
 
 def shrink_inscribed(solids: list[Solid]) -> None:
-    """Sets the factor ``shrink`` of each ball that touches a curved face of another solid from inside.
+    """Sets the factor ``shrink`` of each ball that touches a curved face of another solid from inside, and the set
+    ``enclosing`` of each ball that lies inside other balls.
 
     The factor is 1 - e/r, but at least 0.5, where e is the chord error of the outer solid and r the shortest semi-axis
     of the ball. If a ball touches several solids, the smallest factor counts. All balls on one surface get the same
@@ -130,8 +131,11 @@ def shrink_inscribed(solids: list[Solid]) -> None:
     curved = [s for s in solids if s.primitive.curved is not None]
     surfaces = np.array([s.curved_surface if s.curved_surface >= 0 else -1 - i for i, s in enumerate(curved)], int)
     inscribed: dict[int, list[int]] = {}  # the balls inside each outer solid
-    for ball, outer in _inscribed_pairs(curved, surfaces):
-        inscribed.setdefault(outer, []).append(ball)
+    for ball, outer, enclosed, touches in _inner_balls(curved, surfaces):
+        if enclosed:
+            curved[ball].enclosing.add(curved[outer])
+        if touches:
+            inscribed.setdefault(outer, []).append(ball)
     # The largest outer solid comes first, so a ball shrinks after the balls that enclose it.
     for outer in sorted(inscribed, key=lambda i: -abs(np.linalg.det(curved[i].to_world))):
         (size,), _ = curved[outer].primitive.ball(curved[outer].to_world[None])
@@ -143,17 +147,18 @@ def shrink_inscribed(solids: list[Solid]) -> None:
                     curved[i].shrink = factor
 
 
-def _inscribed_pairs(solids: Sequence[Solid], surfaces: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Yields pairs of numbers of a ball and of an outer solid: the ball lies inside the quadric of the outer solid's
-    curved face, and touches this face. A ball also counts if its distance from the face is at most about twice the
-    chord error of the face.
+def _inner_balls(solids: Sequence[Solid], surfaces: np.ndarray) -> Iterator[tuple[int, int, bool, bool]]:
+    """Yields the number of a ball, the number of an outer solid, whether the outer solid is a ball that encloses the
+    ball, and whether the ball touches the outer solid's curved face, for each ball inside the quadric of such a face.
+
+    A ball also touches the face if its distance from the face is at most about twice the chord error of the face.
 
     ``surfaces`` (n,) has, for each solid, the number of the surface on which its curved face lies; two balls on the
     same surface are no pair. Cylinders and cones inside other solids are excluded: they would touch the outer solid
     along a line or with their rim, where a gap would look like a wall.
     """
     boxes, to_world = world_box_corners(solids), np.array([s.to_world for s in solids]).reshape(-1, 4, 4)
-    to_local, inradius = np.linalg.inv(to_world), np.array([s.inradius for s in solids])
+    to_local, depth = np.linalg.inv(to_world), np.array([SPACING + 2 * (1 - s.inradius) for s in solids])
     is_ball = np.array([s.primitive.axes == 3 for s in solids])
     for pairs in sweep(boxes.min(axis=1), boxes.max(axis=1)):
         inner, outer = np.concatenate([pairs, pairs[::-1]], axis=1)
@@ -162,14 +167,18 @@ def _inscribed_pairs(solids: Sequence[Solid], surfaces: np.ndarray) -> Iterator[
             # A ball lies inside a convex face if it lies on the inner side of each tangent plane of the face.
             quadric = np.diag(primitive.quadrics[primitive.curved])
             normals = primitive.surface_lines[:, 1] * quadric[:3]
-            own = compared[:, np.isin(compared[1], numbers)]
-            for inside in np.array_split(own, own.shape[1] // BATCH + 1, axis=1):
-                for tested in (normals[::FEW], normals):
-                    planes = tested @ (to_local[inside[1]] @ to_world[inside[0]])[:, :3]
-                    radii = np.sqrt(np.einsum("kmi,kmi->km", planes[..., :3], planes[..., :3]))
-                    distance = np.max(planes[..., 3] + radii, axis=1) + quadric[3]
-                    inside, distance = inside[:, distance <= INSIDE], distance[distance <= INSIDE]
-                yield from inside[:, distance > -SPACING - 2 * (1 - inradius[inside[1]])].T.tolist()
+            inside = compared[:, np.isin(compared[1], numbers)]
+            for tested in (normals[::FEW], normals):
+                distances = []
+                for part in np.array_split(inside, inside.shape[1] * len(tested) // BATCH + 1, axis=1):
+                    planes = (to_local[part[1]] @ to_world[part[0]])[:, :3].transpose(0, 2, 1) @ tested.T
+                    radii = np.sqrt(np.einsum("kim,kim->km", planes[:, :3], planes[:, :3]))
+                    distances.append(np.max(planes[:, 3] + radii, axis=1) + quadric[3])
+                distance = np.concatenate(distances)
+                inside, distance = inside[:, distance <= INSIDE], distance[distance <= INSIDE]
+            relative = (to_local[inside[1]] @ to_world[inside[0]])[:, :3]
+            reach = np.linalg.norm(relative[..., :3], 2, (1, 2)) + np.linalg.norm(relative[..., 3], axis=1)
+            yield from zip(*inside.tolist(), is_ball[inside[1]] & (reach <= 1), distance > -depth[inside[1]])
 
 
 TOLERANCE = 0.1  # the default of the largest chord error, in pixels

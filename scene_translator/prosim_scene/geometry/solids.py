@@ -24,7 +24,7 @@ class Solid:
     largest of these solids. The 4x4 matrix ``facet_map`` moves the facets of the curved face: it maps the space of the
     owner of a shared surface to the space of this solid, or concentrates the facets of a ball near a visible cap. The
     size of the curved face is multiplied by ``shrink``, which is below 1 only for a ball that touches another solid
-    from inside.
+    from inside. If the solid is a ball, ``enclosing`` is a set of balls of the scene that contain the solid.
     """
 
     primitive: Primitive
@@ -33,6 +33,7 @@ class Solid:
     surfaces: np.ndarray = field(default_factory=lambda: np.array([-1]))
     facet_map: np.ndarray = field(default_factory=lambda: IDENTITY)
     shrink: float = 1.0
+    enclosing: set["Solid"] = field(default_factory=set)
 
     @cached_property
     def narrowest(self) -> float:

@@ -191,7 +191,7 @@ def _boundary(tree: csg.Tree, table: Leaves, media_of: list[int], fresnel: bool,
             own = manifold(table.meshes[i], table.first[i], ids.id_of(number, medium))
             return csg.refined(own, small_neighbours[number])
 
-        return csg.Body(mesh, boxes[number : number + 1], surfaces, table.planes, i)
+        return csg.Body(mesh, boxes[number : number + 1], surfaces, table.planes, table.solids[i])
 
     bodies: dict[int, dict[int, csg.Body]] = {}
     for m in sorted(set(media_of)):

@@ -1,8 +1,8 @@
-"""The boundaries between media: opaque solids, dielectrics and air.
+"""Computes the boundaries between media: opaque solids, dielectrics (such as glass) and air.
 
-A medium is a number: OPAQUE, AIR, or the number of a kind of dielectric. Each pair of a leaf and a medium has an
-original id, manifold3d's number for a mesh. manifold3d copies the original id of a triangle of an operand to the
-triangles of the result.
+A medium is represented by a number: OPAQUE, AIR, or the number of a kind of dielectric. Each pair of a leaf of the CSG
+tree and a medium has an original id, which is manifold3d's number for the mesh of an operand. manifold3d copies the
+original id of a triangle of an operand to the triangles of the result.
 """
 
 from __future__ import annotations
@@ -27,14 +27,18 @@ TRIANGLE = np.dtype([("index", "i4", 3), *((name, "i4") for name in ("leaf", "fa
 
 
 class Boundary(NamedTuple):
-    """The triangles of a result: ``vertices`` (n, 3), and a table ``triangles`` whose rows have the type TRIANGLE."""
+    """The triangles on the surface of a solid: ``vertices`` (n, 3), and a structured array ``triangles``, whose rows
+    have the type TRIANGLE.
+    """
 
     vertices: np.ndarray
     triangles: np.ndarray
 
     @classmethod
     def from_columns(cls, vertices: np.ndarray, **columns: np.ndarray | int) -> Boundary:
-        """Returns a boundary whose table of triangles has these columns."""
+        """Returns a boundary with the given ``vertices``; the fields of its structured array of triangles have the
+        values of ``columns``.
+        """
         triangles = np.empty(len(np.asarray(columns["index"])), TRIANGLE)
         for name, values in columns.items():
             triangles[name] = values
@@ -42,10 +46,10 @@ class Boundary(NamedTuple):
 
 
 def primitive_boundary(mesh: Mesh, leaf: int, first: int, medium: int) -> Boundary:
-    """Returns the boundary of a primitive that touches no other primitive.
+    """Returns the boundary between air and a primitive that touches no other primitive.
 
-    ``mesh`` is the mesh of the primitive in the world, ``first`` is the number of its first facet. ``leaf`` and
-    ``medium`` are the numbers of the primitive's leaf and medium.
+    ``mesh`` is the mesh of the primitive in the world. ``first`` is the number of the primitive's first facet. ``leaf``
+    is the number of the primitive's leaf in the CSG tree, and ``medium`` is the number of the primitive's medium.
     """
     columns = {"index": mesh.triangles, "facet": first + mesh.facets}
     return Boundary.from_columns(mesh.vertices, leaf=leaf, sign=1, inside=medium, outside=AIR, **columns)
@@ -62,21 +66,25 @@ def concatenated(boundaries: Sequence[Boundary]) -> Boundary:
 
 
 class OriginalIds:
-    """The original ids of pairs of a leaf and a medium: consecutive numbers from ``base``, ``leaves`` ids for each
-    medium.
+    """The original ids (manifold3d's numbers of meshes) of all pairs of a leaf and a medium: consecutive numbers, which
+    start at ``base``. Each medium has ``leaves`` ids, one for each leaf of the CSG tree.
     """
 
     def __init__(self, base: int, leaves: int) -> None:
         self.base, self.leaves = base, leaves
 
     def id_of(self, leaf: int, medium: int) -> int:
-        """Returns the original id for the faces of a leaf in the solid of a medium."""
+        """Returns manifold3d's original id for the faces that the leaf ``leaf`` has in the solid of the medium
+        ``medium``.
+        """
         return self.base + medium * self.leaves + leaf
 
     def boundary(self, body: Body) -> Boundary:
-        """Returns the boundary of a body, with its facets snapped onto the shared planes.
+        """Returns the boundary of a body. Facets of the body on planes that several solids share are moved exactly onto
+        these planes.
 
-        The leaf and the inner medium of a triangle follow from its original id. The outer medium is air.
+        The leaf and the inner medium of each triangle are computed from the triangle's original id. The outer medium of
+        all triangles is air.
         """
         mesh = checked(body.planes.snap(checked(body.manifold()))).to_mesh64()
         ids = per_triangle(mesh, np.asarray(mesh.run_original_id, dtype=np.int64))
@@ -93,16 +101,17 @@ class OriginalIds:
 
 
 def boundaries(bodies: dict[int, Body], ids: OriginalIds, fresnel: bool) -> list[Boundary]:
-    """Returns the surfaces to render. ``bodies`` has the solid of each medium.
+    """Returns the surfaces to render, one list for all media. ``bodies`` has the solid of each medium.
 
-    Where solids overlap, the medium with the lowest number fills the overlap. Opaque solids have the number 0.
-    Dielectric media are numbered in the order in which they first occur in the CSG tree. So opaque solids and
-    dielectrics with lower numbers cut a dielectric. An opaque solid keeps its whole surface. A dielectric keeps the
-    part of its surface that lies on the boundary of the union of its own medium and all media with lower numbers. Where
-    another dielectric touches this part, the surface is an interface between the two dielectrics. If ``fresnel``, an
-    opaque solid reflects by Fresnel's equations. Then the surface is an interface, too, where a dielectric touches an
-    opaque solid. Each interface exists exactly once. Every ray that leaves a dielectric crosses the dielectric's own
-    surface or an interface.
+    Where solids of several media overlap, the medium with the lowest number fills the overlap. Opaque solids have the
+    medium number 0. Dielectric media are numbered in the order in which they first occur in the CSG tree. Therefore
+    opaque solids cut a dielectric, and so do dielectrics with lower numbers. An opaque solid keeps its whole surface. A
+    dielectric keeps the part of its surface that lies on the boundary of the union of the dielectric and all media with
+    lower numbers. Where a second dielectric with a higher number touches the kept surface of a dielectric, the surface
+    is an interface between the two dielectrics. ``fresnel`` is whether opaque solids reflect by Fresnel's equations. If
+    ``fresnel``, the surface of an opaque solid is an interface where a dielectric touches the opaque solid. Each
+    interface exists exactly once in the result. Every ray that leaves a dielectric crosses the dielectric's own surface
+    or an interface.
     """
     total: Body | None = None
     layers: list[tuple[int, Body]] = []  # each medium, and the union of this medium and all media with lower numbers
@@ -128,8 +137,8 @@ def boundaries(bodies: dict[int, Body], ids: OriginalIds, fresnel: bool) -> list
 
 
 def heights(triangles: np.ndarray) -> np.ndarray:
-    """Returns the heights of triangles (n, 3, 3) over their longest sides; about 0 in a seam between coincident
-    faces.
+    """Returns the height of each triangle (n, 3, 3) over its longest side. The height is about 0 for a triangle in a
+    seam between coincident faces.
     """
     a, b, c = np.moveaxis(triangles, 1, 0)
     longest = np.sqrt(np.max([np.sum(d * d, axis=1) for d in (b - a, c - b, a - c)], axis=0))

@@ -1,23 +1,26 @@
-"""Separates coincident faces before a Boolean operation, and snaps faces onto their planes at the end.
+"""Separates coincident faces before a Boolean operation, and snaps faces onto their planes after the operations.
 
-If two faces lie on the same plane except for rounding, a Boolean operation on their meshes leaves films without
+If faces of two solids lie on the same plane except for rounding, a Boolean operation on the meshes leaves films without
 thickness, and faces with the wrong owner. Therefore every facet on a surface that several primitives share has the
-number of its plane, and the vertices of the facet are snapped onto this plane: they move to the nearest point of the
-plane. Before an operation, the facets of the first solid move away from the planes that it shares with the second
-solid, by a gap. The gap is large compared with rounding, but smaller than manifold3d's tolerance, so that manifold3d
-merges the vertices on both sides of a gap. Before the next operation, and at the end, the vertices of the result are
-snapped onto the planes again.
+number of its plane, and the vertices of the facet are snapped: each vertex moves to the nearest point of the facet's
+plane. Before a Boolean operation on two solids, the facets of the first solid on shared planes move away from these
+planes by a gap. The gap is large compared with rounding, but smaller than manifold3d's tolerance, so manifold3d merges
+the vertices on the two sides of a gap. Before the next Boolean operation, and after the last operation, the vertices of
+the result are snapped onto the planes again.
 
-- In A + B, A grows. Faces with the same orientation belong to A, and faces with opposite orientations vanish.
-- In A - B and A * B, A shrinks. A flush cut is open, faces that touch leave no film, and faces with the same
-  orientation belong to A.
+- Before A + B, the solid A grows by the gap. Coincident faces of A and B with the same orientation then belong to A,
+  and coincident faces with opposite orientations vanish.
+- Before A - B and A * B, the solid A shrinks by the gap. If A and B have coincident faces with the same orientation,
+  then A - B is open at these faces, and in A * B these faces belong to A. If A and B only touch, no film remains.
 
-Therefore the first primitive in the CSG tree owns a common face. The result is regularized (Requicha and Voelcker
-1985): it has no films and no dangling faces. Facets of curved faces are treated in the same way, because all solids on
-one quadric have the same facets (see :mod:`.leaves`).
+Therefore the first primitive in the CSG tree owns a face that several primitives have in common. The result of a
+Boolean operation is regularized (Requicha and Voelcker 1985): the result has no films and no dangling faces. The facets
+of coincident curved faces are separated as plane facets are, because all solids on one quadric have the same facets
+(see :mod:`.leaves`).
 
-Two equal surfaces differ by the rounding of transforms and of decimal fractions. The equations of two surfaces are
-compared in the space of one of the two primitives, where rounding is small and a visible difference is large.
+Two surfaces that are equal in the scene language differ by the rounding of transforms and of decimal fractions.
+Therefore the equations of two surfaces are compared in the space of one of the two primitives, where rounding errors
+are small and visible differences are large.
 """
 
 from __future__ import annotations
@@ -35,17 +38,21 @@ NEAR = 1e-6  # tolerance of the coefficients in the scene's space, which selects
 
 
 def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Returns a representative of each of n faces: the face of the largest primitive among the connected faces.
+    """Returns, for each of n faces, the number of a face that represents all faces connected with this face: the face
+    of the largest primitive.
 
-    Two faces are connected if their surfaces are equal and their boxes touch. The surface of face i is the quadric
-    ``quadrics[i]`` (n, 4, 4) in the space of a primitive, which ``matrices[i]`` (n, 4, 4) maps to the world; its box in
-    the world has the corners ``low[i]`` and ``high[i]`` (n, 3). A representative represents itself.
+    Two faces are connected if their surfaces are equal and their boxes touch, or by way of other faces. The surface of
+    face i is the quadric ``quadrics[i]`` (n, 4, 4) in the space of the primitive of face i. ``matrices[i]`` (n, 4, 4)
+    maps the space of this primitive to the world. The box of face i in the world has the corners ``low[i]`` and
+    ``high[i]`` (n, 3). A face that represents other faces also represents itself.
     """
     sizes = np.linalg.norm(matrices[:, :3, :3], axis=(1, 2))
     features, inverse = _features(quadrics, matrices), np.linalg.inv(matrices[:, :3, :3])
 
     def equal(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        """Whether pairs of faces have equal surfaces; compares them in the space of the larger primitive."""
+        """Whether the faces ``first[i]`` and ``second[i]`` have equal surfaces, for each i. Two surfaces are compared
+        in the space of the larger primitive.
+        """
         large = np.where(sizes[first] < sizes[second], second, first)
         small = first + second - large
         relative = np.zeros((len(small), 4, 4))  # from the space of the small primitive to that of the large one
@@ -66,9 +73,8 @@ def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray, low: np.ndarray, h
 
 
 def _features(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
-    """Returns coefficients (n, 10) of the surfaces in a space in which the scene has about the size 1.
-
-    Equal surfaces have equal coefficients, except for rounding.
+    """Returns the 10 coefficients of the quadric of each surface (n, 10), in a space in which the scene has about the
+    size 1. Equal surfaces have equal coefficients, except for rounding.
     """
     to_unit = np.eye(4)
     center = matrices[:, :3, 3].mean(axis=0)
@@ -82,7 +88,7 @@ def _features(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
 
 
 def _clusters(rows: np.ndarray) -> np.ndarray:
-    """Labels the rows of an array: rows that differ by less than NEAR in every column have the same label."""
+    """Returns a label for each row of a table: rows that differ by at most NEAR in every column have the same label."""
     label = np.zeros(len(rows), int)
     count = 0
     while count < label.max() + 1:
@@ -101,11 +107,12 @@ GAP = 1 / 8
 
 
 class Facets(NamedTuple):
-    """The k triangles of a solid that lie on shared planes.
+    """The k triangles of a solid that lie on planes that several solids share.
 
-    ``corners`` (k, 3) are the numbers of the triangles' corners in ``vertices`` (n, 3). ``plane`` (k,) is the number of
-    the plane of each triangle. ``side`` (k,) is 1 if the triangle's outward normal is the normal of the plane, and -1
-    if it is the opposite.
+    ``vertices`` (n, 3) are all vertices of the solid. ``corners`` (k, 3) has the numbers of the vertices of each
+    triangle. ``plane`` (k,) is the number of the shared plane on which each triangle lies. ``side`` (k,) is 1 if the
+    outward normal of the triangle is the normal of its plane, and -1 if the outward normal is opposite to the normal of
+    the plane.
     """
 
     vertices: np.ndarray
@@ -115,21 +122,24 @@ class Facets(NamedTuple):
 
 
 class Planes:
-    """The planes that facets share.
+    """The planes that facets of several solids share.
 
-    ``planes`` (n, 4) are unit normals and offsets of planes n.p + d = 0. ``surface`` (n,) is the number of the surface
-    to which each plane belongs. Facet f lies on the plane ``of_facet[f]`` (-1: on no shared plane). Its outward normal
-    is ``side[f]`` (1 or -1) times the normal of this plane. ``thickness`` is THICKNESS in the unit of the scene.
+    Each row of ``planes`` (n, 4) is the unit normal n and the offset d of a plane n.p + d = 0. ``surface`` (n,) has the
+    number of the surface to which each plane belongs. Facet f lies on the plane with the number ``of_facet[f]``, which
+    is -1 if facet f lies on no shared plane. The outward normal of facet f is ``side[f]`` (1 or -1) times the normal of
+    the plane ``of_facet[f]``. ``thickness`` is THICKNESS in the unit of the scene.
     """
 
     def __init__(
         self, triangles: np.ndarray, facets: np.ndarray, surface: np.ndarray, rank: np.ndarray, thickness: float
     ) -> None:
-        """Computes the planes on which ``triangles`` (m, 3, 3) lie; ``facets`` (m,) are the numbers of their facets.
+        """Computes the planes on which ``triangles`` (m, 3, 3) lie. ``facets`` (m,) has the number of the facet to
+        which each triangle belongs.
 
-        ``surface`` (n,) has the surface of each facet, ``rank`` (n,) has the rank of the facet's face. Faces on one
-        surface have equally many facets. The i-th facets of all these faces get one plane, that of the face with the
-        lowest rank. ``thickness`` is THICKNESS in the unit of the scene.
+        ``surface`` (n,) has, for each facet, the number of the surface on which the facet lies. ``rank`` (n,) has, for
+        each facet, the rank of the facet's face. All faces on one surface have the same number of facets. The i-th
+        facets of all faces on one surface get the same plane: the plane of the i-th facet of the face with the lowest
+        rank. ``thickness`` is THICKNESS in the unit of the scene.
         """
         shared = np.unique(facets)
         shared = shared[np.argsort(rank[shared], kind="stable")]
@@ -147,10 +157,11 @@ class Planes:
         self.side[shared] = np.sign(np.einsum("ij,ij->i", own[:, :3], own[first[plane], :3]))
 
     def separate(self, first: Manifold, second: Manifold, outwards: int) -> list[Manifold]:
-        """Returns two solids whose facets on common planes are apart.
+        """Returns the two solids with a gap between their facets on common planes.
 
-        The facets of the first solid move outwards (``outwards`` 1) or inwards (-1) by a gap: :data:`GAP` times
-        manifold3d's tolerance. The facets of the second solid lie on the planes.
+        On the common planes, the facets of the first solid move by the gap: outwards if ``outwards`` is 1, and inwards
+        if ``outwards`` is -1. The gap is :data:`GAP` times manifold3d's tolerance. The facets of the second solid are
+        moved exactly onto the planes.
         """
         a, b = self._facets(first), self._facets(second)
         gap = GAP * max(first.get_tolerance(), second.get_tolerance())
@@ -158,12 +169,12 @@ class Planes:
         return [self._moved(first, a, heights), self._moved(second, b, np.zeros(len(b.plane)))]
 
     def snap(self, solid: Manifold) -> Manifold:
-        """Returns the solid with its facets on shared planes moved exactly onto these planes."""
+        """Returns the solid; all facets of the solid on shared planes are moved exactly onto these planes."""
         facets = self._facets(solid)
         return self._moved(solid, facets, np.zeros(len(facets.plane)))
 
     def _facets(self, solid: Manifold) -> Facets:
-        """Returns the triangles of a solid that lie on shared planes."""
+        """Returns those triangles of a solid that lie on planes that several solids share."""
         mesh = solid.to_mesh64()
         facets = np.asarray(mesh.face_id, dtype=np.int64)
         on = self.of_facet[facets] >= 0
@@ -172,19 +183,25 @@ class Planes:
         return Facets(vertices, corners, self.of_facet[facets], self.side[facets] * signs(mesh)[on])
 
     def _moved(self, solid: Manifold, facets: Facets, heights: np.ndarray) -> Manifold:
-        """Returns a solid with its ``facets`` moved to the ``heights`` (k,) over their planes."""
+        """Returns the solid; the k triangles ``facets`` of the solid are moved to the distances ``heights`` (k,) from
+        their planes, along the normals of the planes.
+        """
         points = self._points_at(facets.vertices, facets.corners, facets.plane, heights)
         return solid if np.array_equal(points, facets.vertices) else solid.warp_batch(lambda _: points)
 
     def snap_vertices(self, vertices: np.ndarray, triangles: np.ndarray, facets: np.ndarray) -> np.ndarray:
-        """Returns the vertices (n, 3), moved onto the planes of the facets of which they are corners.
+        """Returns the vertices (n, 3) of facets; each vertex is moved onto the planes of all facets that have the
+        vertex as a corner.
 
-        ``triangles`` (m, 3) are triangles of these vertices, ``facets`` (m,) is the facet of each triangle.
+        ``triangles`` (m, 3) has the numbers of the vertices of each triangle. ``facets`` (m,) has the number of the
+        facet to which each triangle belongs.
         """
         return self._points_at(vertices, triangles, self.of_facet[facets], np.zeros(len(facets)))
 
     def one_sided(self, surfaces: Collection[int], boxes: np.ndarray) -> bool:
-        """Whether all ``boxes`` (see :class:`.Body`) are certainly on the same side of each of the ``surfaces``."""
+        """Whether each of the ``surfaces`` is a plane and has all ``boxes`` certainly on one of its sides. The boxes
+        are those of :class:`.Body`.
+        """
         planes = self.planes[np.isin(self.surface, list(surfaces))]
         if len(planes) > len(surfaces):  # a surface with several planes is curved
             return False
@@ -192,11 +209,13 @@ class Planes:
         return bool(((height <= 8 * self.thickness).all(axis=0) | (height >= -8 * self.thickness).all(axis=0)).all())
 
     def _points_at(self, points: np.ndarray, corners: np.ndarray, plane: np.ndarray, heights: np.ndarray) -> np.ndarray:
-        """Returns points (n, 3) with the corners of k triangles moved to given heights over the triangles' planes.
+        """Returns the ``points`` (n, 3); those points that are corners of k triangles are moved to given distances from
+        the planes of the triangles.
 
-        ``corners`` (k, 3) are the numbers of the corners; each triangle has a ``plane`` (k,) and a height (k,). Each
-        point moves by the shortest way that satisfies all its planes. If triangles of one plane have different heights,
-        a common corner moves to the mean of the smallest and the largest height.
+        ``corners`` (k, 3) has the numbers of the points that are the corners of each triangle. ``plane`` (k,) is the
+        number of the plane of each triangle, and ``heights`` (k,) are signed distances from the planes. A point moves
+        by the shortest vector that leads to the given distances from all its planes. If triangles of one plane have
+        different heights, a common corner of these triangles moves to the mean of the smallest and the largest height.
         """
         keys, index = np.unique(corners * len(self.planes) + plane[:, None], return_inverse=True)
         low, high = np.full(len(keys), np.inf), np.full(len(keys), -np.inf)
@@ -216,21 +235,26 @@ class Planes:
 
 
 def per_triangle(mesh: Mesh64, values: np.ndarray) -> np.ndarray:
-    """Repeats ``values`` (runs,), one for each run of triangles of a mesh, for each triangle of the run."""
+    """Returns a value for each triangle of a mesh. ``values`` has one value for each run of triangles, which all
+    triangles of the run get. A run is a sequence of triangles that come from the same original mesh.
+    """
     ends = np.asarray(mesh.run_index, dtype=np.int64) // 3
     return np.repeat(values, ends[1:] - ends[:-1])
 
 
 def signs(mesh: Mesh64) -> np.ndarray:
-    """Returns 1 for each triangle, but -1 on the faces of subtracted solids, whose normals point inwards."""
+    """Returns a sign for each triangle of a mesh: -1 if the triangle comes from a subtracted solid and so has a normal
+    that points into this solid, and otherwise 1.
+    """
     return per_triangle(mesh, 1 - 2 * (np.asarray(mesh.run_flags, dtype=np.int64) & 1))
 
 
 def _planes(triangles: np.ndarray, facet: np.ndarray) -> np.ndarray:
-    """Returns the planes (k, 4) of facets: unit outward normals and offsets, which are means over the triangles of a
-    facet.
+    """Returns the planes (k, 4) of facets: each row is the unit outward normal and the offset of a facet, both means
+    over the facet's triangles, weighted by area.
 
-    ``triangles`` has the shape (m, 3, 3); ``facet`` (m,) is the number of the facet of each triangle.
+    ``triangles`` (m, 3, 3) are the corners of the triangles. ``facet`` (m,) has the number of the facet to which each
+    triangle belongs.
     """
     a, b, c = np.moveaxis(triangles, 1, 0)
     cross = np.cross(b - a, c - a)

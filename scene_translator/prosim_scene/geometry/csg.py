@@ -1,13 +1,17 @@
-"""Evaluates the CSG tree with manifold3d, which computes a mesh only when its data are needed.
+"""Evaluates the CSG tree with manifold3d. manifold3d computes the mesh of a result only when the mesh's data are
+needed.
 
-Leaves whose boxes touch are in one group. Each group is evaluated separately, once for each medium. The solid of a
-medium consists of the leaves of this medium; leaves of other media can only cut it. If two operands share surfaces,
-their facets on these surfaces are moved apart before the operation (see :mod:`.coincidence`).
+Leaves of the CSG tree whose boxes touch are in one group. The tree is evaluated separately for each group and for each
+medium (opaque, or a kind of dielectric). The solid of a medium consists of the leaves of this medium; leaves of other
+media can only cut this solid. If two operands share surfaces, their facets on the shared surfaces are moved apart
+before the Boolean operation (see :mod:`.coincidence`).
 
-Operators + and - that follow each other form a chain. If few bodies touch, each added body is cut by the subtracted
-bodies that come later in the chain; the result is the union of the cut bodies. If many bodies touch, the chain is
-divided into halves. The result of the first half is a solid X. The result of the chain is X - S + P: S are the
-subtracted bodies of the second half, and P is the result of the second half alone.
+Operators + and - that follow each other in the CSG tree form a chain, such as A + B - C + D. A ball of a chain that
+lies inside another ball has no effect, and is left out; if the chain has a -, the other ball must come later. If few
+bodies of a chain touch, each added body is cut by the subtracted bodies that come later in the chain, and the result of
+the chain is the union of the cut bodies. If many bodies of a chain touch, the chain is divided into halves: its result
+is X - S + P, where X is the result of the first half, S are the subtracted bodies of the second half, and P is the
+result of the second half alone.
 """
 
 from __future__ import annotations
@@ -35,14 +39,14 @@ _Operand = tuple[frozenset[int], int, int]
 
 
 def tree_of(nodes: Sequence[Operator | Leaf]) -> Tree:
-    """Returns a scene's CSG tree; the leaves are numbered in their order."""
+    """Returns a scene's CSG tree in prefix order; the leaves are numbered from 0, in the order of ``nodes``."""
     numbers = iter(range(len(nodes)))
     return [node.symbol if isinstance(node, Operator) else next(numbers) for node in nodes]
 
 
 def fold(tree: Tree, leaf: Callable[[int], T], combine: Callable[[str, T, T], T]) -> T:
-    """Computes the value of a CSG tree: ``leaf(number)`` for a leaf, ``combine(symbol, first, second)`` for an
-    operator.
+    """Returns the value of a CSG tree, computed from the leaves upwards: the value of a leaf is ``leaf(number)``, and
+    the value of an operator is ``combine(symbol, first, second)``, with the values of its two operands.
     """
     stack: list[T] = []
     for node in reversed(tree):
@@ -51,15 +55,18 @@ def fold(tree: Tree, leaf: Callable[[int], T], combine: Callable[[str, T, T], T]
 
 
 def count_cut_media(tree: Tree, media_of: Sequence[int]) -> np.ndarray:
-    """Returns, for each leaf, how many media the leaf can cut.
+    """Returns, for each leaf of the CSG tree, the number of media that the leaf can cut.
 
-    ``media_of`` has the medium of each leaf. A leaf in the second operand of an operator - or * can cut the media of
-    the first operand. If the leaf is in the second operand of several such operators, the largest number counts.
+    ``media_of`` has the number of the medium of each leaf. A leaf in the second operand of an operator - or * can cut
+    the media of the leaves in the first operand. If a leaf is in the second operands of several operators - or *, the
+    largest of their numbers of media counts.
     """
     result = np.zeros(len(media_of), int)
 
     def combine(symbol: str, first: _Operand, second: _Operand) -> _Operand:
-        """Returns the media and the leaves of an operator's result; updates ``result`` for the leaves that cut."""
+        """Returns the media and the range of leaves of an operator's result; for - and *, also updates ``result`` for
+        the leaves of the second operand.
+        """
         (media, begin, _), (other_media, middle, end) = first, second
         if symbol == "+":
             return media | other_media, begin, end
@@ -72,12 +79,13 @@ def count_cut_media(tree: Tree, media_of: Sequence[int]) -> np.ndarray:
 
 @dataclass(eq=False)
 class Body:
-    """A solid of one medium.
+    """A solid of one medium: a leaf of the CSG tree, or the result of Boolean operations.
 
-    ``manifold()`` returns the mesh of the solid. ``boxes`` (n, 10, 3) are the boxes of its leaves: minimum and maximum
-    corner of the box along the axes, then the eight corners of the rotated box. ``surfaces`` are the numbers of the
-    shared surfaces on which faces of the solid may lie. ``planes`` are all planes of the scene on which facets of
-    several bodies may lie. Bodies with the same ``solid`` are equal; ``solid`` is None for the result of an operation.
+    ``manifold()`` returns the mesh of the body. ``boxes`` (n, 10, 3) has 10 points for each of the n leaves of the
+    body: the minimum and the maximum corner of the leaf's box along the axes of the world, and the eight corners of the
+    primitive's own box, transformed to the world. ``surfaces`` are the numbers of the shared surfaces on which faces of
+    the body may lie. ``planes`` are all planes of the scene on which facets of several bodies may lie. The attribute
+    ``solid`` of a leaf is the same object for equal leaves; ``solid`` is None for the result of an operation.
     """
 
     manifold: Callable[[], Manifold]
@@ -88,12 +96,14 @@ class Body:
 
     @cached_property
     def box(self) -> np.ndarray:
-        """The bounding box (2, 3) of the body: minimum and maximum corner."""
+        """The bounding box (2, 3) of the body along the axes of the world: the minimum and the maximum corner."""
         return np.stack([self.boxes[:, 0].min(axis=0), self.boxes[:, 1].max(axis=0)])
 
 
 def checked(manifold: Manifold) -> Manifold:
-    """Lets manifold3d compute a mesh, and returns the mesh. Raises ArithmeticError if manifold3d reports an error."""
+    """Makes manifold3d compute the mesh of ``manifold``, and returns ``manifold``. Raises ArithmeticError if manifold3d
+    reports an error.
+    """
     status = manifold.status()
     if status != Error.NoError:
         raise ArithmeticError(f"manifold3d: {status}")
@@ -101,19 +111,24 @@ def checked(manifold: Manifold) -> Manifold:
 
 
 def evaluate(tree: Tree, groups: Sequence[int], body: Callable[[int], Body | None]) -> dict[int, Body]:
-    """Evaluates the CSG tree separately for each group of leaves that touch; returns the result of each group.
+    """Evaluates the CSG tree separately for each group of leaves that touch; returns the resulting body of each group.
 
-    ``groups`` has the number of the group of each leaf. ``body(number)`` returns the solid of a leaf, or None if the
-    leaf has no effect. Groups whose result contains no leaf are left out.
+    ``groups`` has, for each leaf, the number of its group. ``body(number)`` returns the body of a leaf, or None if the
+    leaf has no effect in the evaluated medium. The returned dictionary has no entry for a group of which no leaf is
+    left in the result.
     """
 
     def leaf(number: int) -> dict[int, _Chain]:
-        """Returns the chain of a single leaf, by the group of the leaf; empty if the leaf has no solid."""
+        """Returns a dictionary from the group of a leaf to a chain of this leaf alone; the dictionary is empty if
+        ``body(number)`` is None.
+        """
         value = body(number)
         return {groups[number]: _Chain(value)} if value else {}
 
     def combine(symbol: str, left: dict[int, _Chain], right: dict[int, _Chain]) -> dict[int, _Chain]:
-        """Applies an operator to two operands, group by group; an operand has a chain of + and - for each group."""
+        """Applies an operator of the CSG tree to two operands, group by group. Each operand is a dictionary from groups
+        to chains of + and -.
+        """
         # If only one operand has a group, + keeps the group, - keeps a group of the left operand, * removes the group.
         small, large = sorted((left, right), key=len)
         common = {group: left[group].combined(symbol, right[group]) for group in small if group in large}
@@ -133,17 +148,21 @@ Operand = tuple[str, Body]
 
 
 class _Chain:
-    """A chain of the operators + and -: operands with their signs; the first operand is positive."""
+    """A chain of the operators + and -, such as A + B - C: the operands with their signs. The first operand has the
+    sign +.
+    """
 
     def __init__(self, first: Body) -> None:
-        """Makes a chain with the single operand ``first``."""
+        """Makes a chain that has only one operand, the body ``first`` with the sign +."""
         self.operands = deque([("+", first)])
         self.has_minus = False
 
     def combined(self, symbol: str, other: _Chain) -> _Chain:
-        """Returns the chain for the operator ``symbol`` with the operands ``self`` and ``other``.
+        """Returns the chain that results from the operator ``symbol`` with the chains ``self`` and ``other`` as
+        operands.
 
-        A + (B + C) and A - (B + C) become one chain. Changes both operands.
+        A + (B + C) becomes the chain A + B + C, and A - (B + C) becomes the chain A - B - C. The chains ``self`` and
+        ``other`` are changed, so the caller cannot use them again.
         """
         if symbol == "*":
             first = self.value()
@@ -157,16 +176,20 @@ class _Chain:
         return self
 
     def value(self) -> Body:
-        """Returns the result of the chain.
+        """Evaluates the chain, and returns the resulting body.
 
-        Bodies that do not touch may change places. So the bodies are sorted by rounds: each round first subtracts
-        bodies, and then adds bodies. Each body belongs to the first possible round in which it still comes after all
-        earlier bodies of the other sign that it touches.
+        A ball that lies inside another ball of the chain is left out, unless the ball is the chain's first operand. If
+        the chain has a -, a ball is left out only if the enclosing ball comes later in the chain. Two bodies of a chain
+        that do not touch may change places in the chain. Therefore the bodies of a chain with a - are sorted into
+        rounds: each round first subtracts bodies, and then adds bodies. A body belongs to the first round in which the
+        body still comes after all earlier bodies of the other sign that touch the body.
         """
         last = {body.solid: i if self.has_minus else math.inf for i, (_, body) in enumerate(self.operands)}
 
         def enclosed(i: int, body: Body) -> bool:
-            """Whether the operand ``i`` lies inside another operand, which must come later if the chain has a minus."""
+            """Whether the chain's operand ``i``, the ball ``body``, lies inside another ball of the chain. If the chain
+            has a -, only later operands count.
+            """
             return body.solid is not None and any(last.get(outer, -1) > i for outer in body.solid.enclosing)
 
         operands = [(sign, body) for i, (sign, body) in enumerate(self.operands) if i == 0 or not enclosed(i, body)]
@@ -185,10 +208,12 @@ class _Chain:
 
 
 def evaluate_chain(operands: list[Operand]) -> tuple[Body | None, list[Body]]:
-    """Returns the result of a part of a chain, and bodies whose union is the union of the subtracted bodies.
+    """Evaluates a part of a chain of + and -. Returns the resulting body, and a list of bodies whose union is the union
+    of all subtracted bodies of the part.
 
-    The part starts with the empty solid; its result is None if it adds no body. If few bodies touch, each added body is
-    cut by the later subtracted bodies that touch it. Otherwise the part is divided into halves.
+    ``operands`` are applied one after the other to the empty solid; the resulting body is None if no operand has the
+    sign +. If few operands touch, each added body is cut by the later subtracted bodies that touch the added body. If
+    many operands touch, the operands are divided into halves.
     """
     subtracted = [body for sign, body in operands if sign == "-"]
     boxes = np.array([body.box for body in subtracted]).reshape(-1, 2, 3)
@@ -209,13 +234,14 @@ def evaluate_chain(operands: list[Operand]) -> tuple[Body | None, list[Body]]:
 
 
 def _divisible(operands: list[Operand], all_faces: bool = False) -> bool:
-    """Whether a chain gives each face the right owner if its added bodies are cut one by one.
+    """Whether each face of a chain's result gets the right owner if each added body of the chain is cut separately. The
+    owner of a face is the leaf whose material the face gets.
 
-    An example: a body is added that covers a face of the first body. Then a body is subtracted that has a face on the
-    same surface, and uncovers the covered face. From left to right, the subtracted body owns the uncovered face. If the
-    first body is cut on its own, its face was never covered, and the first body owns it. This cannot happen if all
-    material is on one side of the surface. The covered face may also be a face of a subtracted body, or of any added
-    body if ``all_faces``.
+    An example of a wrong owner: A + B - C, where B covers a face of A, and C has a face on the same surface and
+    uncovers the covered face of A. If A + B - C is evaluated from left to right, C owns the uncovered face. If A is cut
+    by C separately, the face of A was never covered, and A owns the face. A wrong owner is impossible if all bodies
+    that touch C are on one side of the surface. Not only a face of the first body can be covered and uncovered, but
+    also a face of a subtracted body; and if ``all_faces``, the face of any added body.
     """
     (_, first), *later = operands
     boxes = np.concatenate([first.boxes, *(body.boxes for sign, body in later if sign == "+")])
@@ -236,7 +262,13 @@ CROWDED = 8  # a union is divided if each body touches more than twice this numb
 
 
 def union(bodies: Iterable[Body | None]) -> Body | None:
-    """Returns the union of bodies, or None if all are None. The first of the bodies owns a common face."""
+    """Returns the union of bodies, or None if all are None. If bodies have a common face, the first of these bodies
+    owns the face.
+
+    A union of bodies that share no surface is one operation of manifold3d if few of the bodies touch. If many of the
+    bodies touch, the bodies are sorted along the axis (x, y or z) on which their centres lie farthest apart, and
+    divided into halves, because the unions of neighbours have few triangles.
+    """
     solids: dict[Solid | None, Body] = {}
     distinct = [body for body in bodies if body and (body.solid is None or solids.setdefault(body.solid, body) is body)]
     if len(distinct) < 2:
@@ -256,7 +288,9 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
 
 
 def difference(first: Body, others: Sequence[Body]) -> Body:
-    """Returns the first body minus the other bodies; an earlier body owns a common face."""
+    """Returns the body ``first`` minus the bodies ``others``. If several of these bodies have a common face, the
+    earliest of them owns the face.
+    """
     near = [body for body in others if len(touching(body.boxes, first.box))]
     if _share_surfaces([first, *near]) and (body := union(near)):
         near = [body]
@@ -264,17 +298,19 @@ def difference(first: Body, others: Sequence[Body]) -> Body:
 
 
 def remainder(first: Body, second: Body) -> Body:
-    """Returns the second body minus the first body. On common surfaces, the faces of the result belong to the first
-    body.
+    """Returns the second body minus the first body. On surfaces that both bodies share, the faces of the result belong
+    to the first body.
     """
     return _combined([first, second], None, [second])
 
 
 def _combined(bodies: Sequence[Body], operation: OpType | None, boxed: Sequence[Body]) -> Body:
-    """Returns the result of a Boolean operation on ``bodies``; the result gets the boxes of the bodies ``boxed``.
+    """Returns the body that results from a Boolean operation on ``bodies``; the returned body gets the ``boxes`` of the
+    bodies ``boxed``.
 
-    The operation None is the second body minus the first body. Only two bodies may share surfaces. On these surfaces,
-    the first body grows; for subtraction and intersection it shrinks, see :meth:`.Planes.separate`.
+    If ``operation`` is None, the result is the second body minus the first body. Bodies may share surfaces only if
+    there are two bodies. On the surfaces that two bodies share, the first body grows before a union and before the
+    operation None, and shrinks before a subtraction or an intersection; see :meth:`.Planes.separate`.
     """
     solids, planes = [body.manifold() for body in bodies], bodies[0].planes
     if _share_surfaces(bodies) and len(touching(bodies[0].boxes, bodies[1].box)):
@@ -286,7 +322,7 @@ def _combined(bodies: Sequence[Body], operation: OpType | None, boxed: Sequence[
 
 
 def _share_surfaces(bodies: Sequence[Body]) -> bool:
-    """Whether two of the bodies have a common surface."""
+    """Whether any two of the bodies have faces on a common surface."""
     return sum(len(body.surfaces) for body in bodies) > len(frozenset().union(*(body.surfaces for body in bodies)))
 
 
@@ -296,7 +332,9 @@ SMALL = 8  # a solid is small if its box has less than 1/8 of the volume of the 
 
 
 def count_small_neighbours(boxes: np.ndarray) -> np.ndarray:
-    """Returns, for each of n boxes (n, 10, 3), how many small boxes touch it; see :class:`Body` and SMALL."""
+    """Returns, for each of n boxes (n, 10, 3), the number of boxes that touch this box and have less than 1/8 of its
+    volume (see SMALL). The points of a box are those of ``Body.boxes``.
+    """
     result = np.zeros(len(boxes), int)
     size = (boxes[:, 1] - boxes[:, 0]).prod(axis=1)
     for pair in sweep(boxes[:, 0], boxes[:, 1]):
@@ -306,9 +344,9 @@ def count_small_neighbours(boxes: np.ndarray) -> np.ndarray:
 
 
 def refined(manifold: Manifold, small_neighbours: int) -> Manifold:
-    """Returns the mesh of a leaf. If many small solids touch the leaf, such as holes in a plate, its edges are split.
+    """Returns the mesh of a leaf, with shorter edges if many small solids touch the leaf, such as holes in a plate.
 
-    If n solids cut one triangle, manifold3d needs a time proportional to n² to triangulate it.
+    If n solids cut one triangle, manifold3d needs a time proportional to n² to triangulate the rest of the triangle.
     """
     if small_neighbours <= MAX_NEIGHBOURS * manifold.num_tri():
         return manifold

@@ -132,7 +132,7 @@ def shrink_inscribed(solids: list[Solid]) -> None:
     surfaces = np.array([s.curved_surface if s.curved_surface >= 0 else -1 - i for i, s in enumerate(curved)], int)
     inscribed: dict[int, list[int]] = {}  # the balls inside each outer solid
     for ball, outer, enclosed, touches in _inner_balls(curved, surfaces):
-        if enclosed:
+        if enclosed and len(curved[ball].enclosing) < 64:  # one is enough to leave the ball out; more take memory
             curved[ball].enclosing.add(curved[outer])
         if touches:
             inscribed.setdefault(outer, []).append(ball)

@@ -44,9 +44,10 @@ def render(
     """Renders ``scene`` with its own integrator, or with ``integrator``, and denoises the image.
 
     Half of the ``spp`` samples per pixel use one seed, and the other half use another seed; if ``spp`` is 0, the sample
-    count in the scene is used. The integrator's parameter ``noise`` is the error target of the final image. The render
-    overwrites the sensor's film; the denoised image is only returned, not written to the film. ``fast`` selects smaller
-    networks, see :func:`.denoise`.
+    count in the scene is used. The integrator's parameter ``noise`` is the error target of the final image. If the
+    image reaches the error target without denoising, all images of the result are the image without denoising. The
+    render overwrites the sensor's film; the denoised image is only returned, not written to the film. ``fast`` selects
+    smaller networks, see :func:`.denoise`.
 
     Raises ValueError for films that store no colours, and :class:`.oidn.MissingError` if the package mitsuba-oidn is
     not installed.
@@ -144,7 +145,8 @@ class FinalImage:
         """Returns all channels except the colours, combined from both images of :attr:`images`: name -> array.
 
         Each array has the shape (height, width). A channel is the mean of this channel in the two images, with two
-        exceptions: "samples" is the sum, and "error" is the standard error of the mean of two independent images.
+        exceptions: "samples" is the sum, and "error" is the standard error of the mean of two independent images. If
+        :attr:`images` has only the first image, the channels are those of the first image.
         """
         images, names, result = self.images, self.names, {}
         for k in range(1 if names[0] == "Y" else 3, len(names)):
@@ -173,6 +175,7 @@ class FinalImage:
         The networks "plain" are the fast networks without albedo and normals. The value "none" means that the image has
         reached the error target without denoising. If no samples were added since the error of the denoised image was
         last estimated, the networks of this estimate are used, because the estimate is valid for these networks only.
+        In all other cases, the result is "best", or "fast" if the best networks are excluded.
         """
         if self.render.second is not None:
             if self.render.target.excess(self.render.second.noise()) <= 1:
@@ -185,7 +188,7 @@ class FinalImage:
 
     def denoised(self) -> Denoised:
         """Returns the denoised image of the samples so far, or the image without denoising if it has reached the error
-        target.
+        target. Raises RuntimeError if an image that needs denoising has no second half.
         """
         return self._latest(self.networks, self._samples)
 
@@ -194,7 +197,7 @@ class FinalImage:
         "none".
 
         The second argument, the number of samples, is only a part of the cache's key: the cached image is valid until
-        samples are added.
+        samples are added. Raises RuntimeError if the image needs denoising, but :attr:`images` has no second half.
         """
         colours = self.colours
         if networks == "none":
@@ -208,7 +211,7 @@ class FinalImage:
 
     @property
     def _samples(self) -> float:
-        """Mean number of samples per pixel."""
+        """Mean number of samples per pixel so far; 0 if the render does not measure it (:class:`.Blocking`)."""
         reached = self.render.reached
         return float(reached.samples) if reached else 0.0
 
@@ -218,7 +221,8 @@ class FinalImage:
 
         If this method does not call the denoiser, the estimate is extrapolated from the denoiser's last call, or is the
         error of the raw image. If this method begins a complete second image, ``render`` takes the samples of the
-        second image and calls this method again.
+        second image and calls this method again. This method may also set ``target.sample_ratio``, the ratio of the
+        samples after and before the next pass.
         """
         second, estimates, target, samples = render.second, render.state.estimates, render.target, self._samples
         assert second is not None
@@ -270,8 +274,9 @@ class FinalImage:
         """Returns the mean number of samples per pixel with which the error is as small as with ``ratio`` times the
         current samples in every pixel.
 
-        The policy of adaptive sampling distributes the samples. The result is infinite if all pixels would need the
-        maximum number of samples of a pixel, which may not suffice.
+        The policy of adaptive sampling distributes the samples. If the second image is complete, the result counts the
+        samples of both images. The result is infinite if all pixels would need the maximum number of samples of a
+        pixel, which may not suffice.
         """
         state, plan = self.render.state, self.render.state.plan
         counts = counts_for_ratio(state, ratio)
@@ -283,11 +288,11 @@ class FinalImage:
     def _call_cost(self) -> float:
         """Cost of a call of the denoiser with the smallest networks, in samples per pixel.
 
-        The cost is :attr:`CALL_COST` divided by the number of rays of a sample. If the integrator traces paths, a
-        sample is assumed to trace 10 rays. If the integrator does not trace paths, a sample is assumed to trace one
-        camera ray and one shadow ray to each lamp, and twice as many rays if reflected or refracted rays are followed.
-        The number of rays is estimated from the scene, not from measured times, because the decisions of a render must
-        be reproducible.
+        The cost is :attr:`CALL_COST` divided by the number of rays of a sample. If the integrator traces paths, or is
+        an integrator of Mitsuba, a sample is assumed to trace 10 rays. If the integrator follows ray trees, a sample is
+        assumed to trace one camera ray and one shadow ray to each lamp, and twice as many rays if reflected or
+        refracted rays are followed. The number of rays is estimated from the scene, not from measured times, because
+        the decisions of a render must be reproducible.
         """
         transport = self.render.state.estimator.transport
         if not hasattr(transport, "lights") or not transport.settings.follows_tree:  # follows paths
@@ -300,10 +305,11 @@ def features(
     scene: mi.Scene, sensor: mi.Sensor, seed: int = 0, hide_emitters: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
     """Renders the visible surfaces' albedo and normals by :ref:`integrator-prosim_features`; returns ``(albedo,
-    normal)``.
+    normal)``, each of shape (height, width, 3).
 
-    The film's filter applies. The samples of the albedo and normals differ from the samples of an image with the same
-    ``seed``, so that the noise of the albedo and normals is independent of the noise of the image.
+    The film of ``sensor`` is overwritten, and its filter applies. If ``hide_emitters`` is true, light sources are not
+    visible. The samples of the albedo and normals differ from the samples of an image with the same ``seed``, so that
+    the noise of the albedo and normals is independent of the noise of the image.
     """
     nested = create("prosim_features", hide_emitters=hide_emitters)
     integrator = create("prosim_adaptive", nested=nested, samples=FEATURE_SAMPLES, adaptive="none")

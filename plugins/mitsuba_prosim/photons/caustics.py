@@ -106,8 +106,9 @@ class Caustics:
         """Returns the radiance ``L`` plus the radiance that ``vertex`` scatters from photons.
 
         The photons come from the photon map that the ``t``-th sample of each pixel uses. Diffuse lobes gather the
-        photons that landed on diffuse surfaces. Glossy lobes gather the photons that landed on glossy surfaces, with
-        MIS weights, except where an earlier vertex has already found this light (:attr:`.Ray.light_found`).
+        photons that landed on diffuse surfaces; a BSDF that can only evaluate all its lobes together gathers these
+        photons by all its lobes. Glossy lobes gather the photons that landed on glossy surfaces, with MIS weights,
+        except where an earlier vertex has already found this light (:attr:`.Ray.light_found`).
         """
         assert self._current is not None, "no photons have been emitted"
         diffuse, glossy = self._current
@@ -116,7 +117,8 @@ class Caustics:
         return L if self.mis is None or glossy is None else L + self.mis.radiance(glossy, number, vertex)
 
     def per_pair(self, n: int) -> int:
-        """Returns the number of photons that each pair of a light source and a target emits for one photon map.
+        """Returns the number of photons that each pair of a light source and a target emits for one photon map, at
+        least 1.
 
         A sampling pattern has ``n``² samples.
         """
@@ -125,7 +127,8 @@ class Caustics:
     def _emit(self, number: int, n: int) -> tuple[Photons, Photons | None]:
         """Emits and traces the photons of the photon pass number ``number``, and sorts the photons into photon maps.
 
-        A sampling pattern has ``n``² samples. Returns a pair: the photons that land on diffuse surfaces, and the
+        A sampling pattern has ``n``² samples; ``n`` determines the number of photon maps (:meth:`maps`) and the number
+        of photons in each map (:meth:`per_pair`). Returns a pair: the photons that land on diffuse surfaces, and the
         photons that land on glossy surfaces, or None if glossy surfaces gather no photons.
         """
         maps, per_pair = self.maps(n), dr.opaque(mi.UInt32, self.per_pair(n))
@@ -172,7 +175,7 @@ class Gathering:
         active = vertex.active & (lobes.has_any(bsdf.flags(), *lobes.DIFFUSE) | inseparable)
 
         def value(i: mi.UInt32, d: mi.Vector3f, in_reach: mi.Bool) -> mi.Spectrum:
-            """Returns the BSDF value of the diffuse lobes for a photon from the direction ``d``.
+            """Returns the BSDF value of the diffuse lobes, without the cosine, for a photon from the direction ``d``.
 
             If all diffuse lobes of the scene are Lambertian, the returned value is 1 for a photon from the viewer's
             side, else 0, because the sum over all photons is later multiplied by the constant BSDF.
@@ -191,7 +194,10 @@ class Gathering:
 
 
 def is_lambertian(bsdf: mi.BSDF) -> bool:
-    """Tells whether all diffuse lobes of ``bsdf`` reflect equally in every direction."""
+    """Tells whether all diffuse lobes of ``bsdf`` are known to reflect equally in every direction.
+
+    The result is False if a BSDF with a diffuse lobe is of a class that is not in :data:`LAMBERTIAN` or :data:`AROUND`.
+    """
     return all(
         one.class_name() in AROUND
         or {one.class_name(), type(one).__name__} & set(LAMBERTIAN)

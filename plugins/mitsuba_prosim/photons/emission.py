@@ -126,7 +126,10 @@ class Sources:
         return start
 
     def _point(self, emitter: mi.EmitterPtr, sample: EmissionSample, active: mi.Bool) -> Start:
-        """Emits photons from point lights towards the targets."""
+        """Emits photons from point lights towards the targets.
+
+        The flux of a photon is 0 if its ray hits nothing in the scene.
+        """
         # Mitsuba tells the light that arrives at a surface, so the intensity is computed at the first surface. The
         # power of an ``unattenuated`` source depends on the distance of this surface.
         center, radius = self.targets.at(sample.target)
@@ -157,13 +160,13 @@ class Sources:
         ds.d, ds.dist, ds.emitter = -d, dr.norm(met.p - x), emitter
         L = eval_direction(emitter, met, ds, lit)
         flux = dr.select(lit, L * (cos / dr.select(lit, density, 1)), 0)
-        return Start(ray, flux, density / dr.select(lit, cos, 1))
+        return Start(ray, flux, density / dr.select(lit, cos, 1))  # per area at right angles to the ray
 
     def _far(self, emitter: mi.EmitterPtr, sample: EmissionSample, active: mi.Bool) -> Start:
         """Emits photons from distant light sources, such as the sky or the sun, towards the targets.
 
         The photons start outside the scene, on lines through random points of a disk: the outline of the target, seen
-        from the light source.
+        from the light source. For light of a single direction, the density of photons is :data:`DELTA_DENSITY`.
         """
         center, radius = self.targets.at(sample.target)
         ds, weight = emitter.sample_direction(sample.receiver(center), sample.on_source, active)

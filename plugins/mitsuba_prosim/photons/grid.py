@@ -68,7 +68,8 @@ class Footprint:
     def of(cls, scene: mi.Scene, sensor: mi.Sensor) -> Footprint:
         """Returns the :class:`Footprint` of the pixel at the centre of the film of ``sensor``.
 
-        The crop window of ``sensor`` is ignored.
+        The crop window of ``sensor`` is ignored. The minimum width of a pixel is :data:`MIN_PIXEL_WIDTH` times the
+        radius of the scene. A pixel has the minimum width everywhere if the rays of ``sensor`` have no differentials.
         """
         with without_crop_window(sensor):
             ray, _ = sensor.sample_ray_differential(sensor.shutter_open(), 0.5, mi.Point2f(0.5), mi.Point2f(0.5))
@@ -139,7 +140,7 @@ class Photons:
     def __init__(self, landed: Landed, map_of: mi.UInt32, maps: int, footprint: Footprint) -> None:
         self.maps, self.footprint = maps, footprint
         size = dr.width(map_of) // maps
-        buckets = 1 << max(4, (size - 1).bit_length())
+        buckets = 1 << max(4, (size - 1).bit_length())  # about one bucket for each photon that was emitted
         #: Number of buckets of a map, which is a power of two, minus one.
         self.mask = dr.opaque(mi.UInt32, buckets - 1)
         indices = dr.compress(landed.valid)
@@ -186,6 +187,9 @@ class Photons:
 
 def kernel_radii(p: mi.Point3f, footprint: Footprint) -> mi.Float:
     """Returns the kernel radius, in scene units, of each of the photons at the points ``p``.
+
+    The kernel radius is the width of a pixel at the photon times one of ``footprint.radii``: the smallest of these
+    factors with which at least about :data:`MIN_NEIGHBOURS` photons are within the radius, or the greatest factor.
 
     The kernel radius is greater where photons are sparse, because a single photon with a small radius would make an
     isolated bright pixel (Silverman 1986, 5.1). The neighbours of a photon are counted in all photon maps together, so
@@ -261,8 +265,11 @@ def gather(
     """Returns the radiance that the surface at ``si`` scatters from nearby photons of the photon map number ``number``.
 
     The radiance is a sum over the photons near ``si``: the BSDF ``value`` for a photon, times the flux and the kernel
-    of the photon. A photon with the kernel radius r, at the distance d from ``si``, has Epanechnikov's kernel, 2 (1 -
-    d² / r²) / (π r²).
+    of the photon. The function ``value(i, d, active)`` returns the BSDF value, without the cosine, for the photon
+    number ``i``, which comes from the direction ``d``. A photon with the kernel radius r, at the distance d from
+    ``si``, has Epanechnikov's kernel, 2 (1 - d² / r²) / (π r²); r is computed for the width of a pixel at ``si``.
+    Photons that are farther from ``si`` than r, or farther from the plane of the surface than r times
+    :data:`MAX_PLANE_DISTANCE`, add nothing.
     """
     footprint = photons.footprint
     width, n2 = footprint.width(si.p), dr.square(si.n)

@@ -116,9 +116,11 @@ class PhotonMIS:
         ``earlier_etendue``.
 
         ``bs`` and ``weight`` are the BSDF sample at ``vertex`` from which the ray ``following`` was made.
-        ``last_etendue`` is the étendue of the ray at ``vertex`` if a smooth lobe was sampled, else 0.
+        ``last_etendue`` is the étendue of the ray at ``vertex``: the area of a photon's kernel, projected at right
+        angles to the ray, divided by the density of the ray. ``last_etendue`` is 0 if no smooth lobe was sampled.
         ``earlier_etendue`` is the étendue of the arriving ray, times the fraction of light that the sampled lobe keeps,
-        or 0 if the lobe is neither ideal nor near-specular.
+        or 0 if the lobe is neither ideal nor near-specular, or is the ideal lobe of a BSDF that also has a glossy lobe.
+        Both étendues are 0 if the BSDF can only evaluate all its lobes together.
         """
         si, bsdf = vertex.si, vertex.bsdf
         smooth = but_not(following.pdf > 0, vertex.inseparable)
@@ -146,8 +148,9 @@ class PhotonMIS:
     ) -> mi.Float:
         """Returns the factor by which photons reduce the MIS weight of light sampling at ``vertex``.
 
-        The factor is 1 where no photon could have found the same light. ``f`` and ``pdf`` are the value and the density
-        of the lobe for the direction of the light sample ``ds``.
+        The factor is 1 where no photon could have found the same light, and where the surface at ``vertex`` is not
+        near-specular. ``f`` and ``pdf`` are the value and the density of the lobe for the direction of the light sample
+        ``ds``.
         """
         active = active & (pdf > 0) & self.near_specular(vertex.bsdf, active)
         expected = etendue_of(vertex.ray) * kept_fraction(f, pdf) * self.sources.density(vertex.si, ds, active)
@@ -156,7 +159,10 @@ class PhotonMIS:
     def radiance(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
         """Returns the radiance that the glossy lobes at ``vertex`` scatter from photons, with MIS weights.
 
-        ``number`` is the number of the photon map from which photons are gathered.
+        ``number`` is the number of the photon map from which photons are gathered. The radiance is 0 where the BSDF can
+        only evaluate all its lobes together, and where an earlier vertex has already found this light
+        (:attr:`.Ray.light_found`). The surfaces that the camera ray and a photon met, and the surface at ``vertex``,
+        are together at most ``deepest`` surfaces; other photons are not gathered.
         """
         ray, si, bsdf = vertex.ray, vertex.si, vertex.bsdf
         active = vertex.active & lobes.has_any(bsdf.flags(), *lobes.GLOSSY) & (ray.level < self.deepest)
@@ -164,8 +170,8 @@ class PhotonMIS:
         area, etendue = self.footprint.area(si.p), dr.select(self.near_specular(bsdf, active), etendue_of(ray), 0)
 
         def value(i: mi.UInt32, d: mi.Vector3f, in_reach: mi.Bool) -> mi.Spectrum:
-            """Returns the BSDF value of the glossy lobes for the photon ``i``, which comes from the direction ``d``,
-            times the MIS weight of the photon.
+            """Returns the BSDF value of the glossy lobes, without the cosine, for the photon ``i``, which comes from
+            the direction ``d``, times the MIS weight of the photon.
             """
             # The glossy surface itself counts as a specular surface too.
             in_reach = in_reach & (ray.level + dr.gather(mi.UInt32, photons.landed.level, i, in_reach) < self.deepest)
@@ -191,9 +197,15 @@ class PhotonMIS:
 
         The argument ``landed`` has the photons that landed on glossy surfaces before the surface ``hit``. ``bs`` and
         ``weight`` are the BSDF sample that scatters the photons in the ``active`` lanes. Photons in lanes that are not
-        ``active`` end at the surface ``hit``; if the surface is near-specular, these photons land on the surface. On a
-        glossy surface that is not near-specular, all photons land, and photons in ``active`` lanes also continue.
-        ``land_weight`` is 1 divided by the probability that a photon lands on a near-specular surface.
+        ``active`` end at the surface ``hit``. On a near-specular surface, only photons in lanes that are not ``active``
+        land. On a glossy surface that is not near-specular, photons land in all lanes, and photons in ``active`` lanes
+        also continue. Only photons that :class:`PhotonMIS` gathers land: at least one surface has scattered them, and
+        ``hit.density`` is not 0. No photon lands here on a surface without glossy lobes, or on a surface whose BSDF can
+        only evaluate all its lobes together.
+
+        ``land_weight`` is 1 divided by the probability that a photon lands on a near-specular surface. The returned
+        density is 0 where the sampled lobe is neither ideal nor near-specular, or is the ideal lobe of a BSDF that also
+        has a glossy lobe, and where the BSDF can only evaluate all its lobes together.
         """
         flags, density = hit.bsdf.flags(), hit.density
         lands = but_not(hit.active & (hit.level > 0) & (density > 0) & (hit.cos > 0), hit.inseparable)
@@ -211,9 +223,10 @@ class PhotonMIS:
 
         The light that the lobe loses, and the MIS weights of further strategies at the surface ``hit``, reduce the
         density. The density becomes 0 where the light comes directly from a point or directional light, which only
-        light sampling finds, or from a sky, which only rays find.
+        light sampling finds, or from a constant sky, which only rays find.
         """
         assert self.lights is not None
+        # A camera ray of the same light path arrives from the direction in which the photon leaves.
         camera_si = mi.SurfaceInteraction3f(hit.si)
         camera_si.wi = wo
         seen, f, pdf = Surface(camera_si, hit.bsdf, active, hit.inseparable), mi.Spectrum(0), mi.Float(0)
@@ -230,7 +243,7 @@ class PhotonMIS:
         landed = quotient(self.footprint.area(hit.si.p) * hit.cos, pdf) * hit.density
         next_density = effective_photons(hit.density, dr.select(first, lit, landed)) * kept_fraction(f, pdf)
         # Only light sampling finds light that comes directly from a point light, and only rays find light directly from
-        # a sky.
+        # a constant sky.
         single_strategy = hit.density > MAX_DENSITY
         if self.lights.sky is not None:
             single_strategy |= ds.emitter.is_environment()
@@ -273,18 +286,18 @@ def ideal_throughput(bs: mi.BSDFSample3f, weight: mi.Spectrum, flags: mi.UInt32)
     """Returns the fraction of a beam's light that the sampled ideal lobe keeps: the reflectance or transmittance of the
     lobe.
 
-    The fraction is the weight of the sample ``(bs, weight)`` times the probability of the sample. The fraction is 0
-    where the sampled lobe is not ideal, and where the BSDF has a glossy lobe too, as its ``flags`` tell. The fraction
-    is the same in both directions along the beam, except that refraction also scales radiance by squares of the indices
-    of refraction.
+    The fraction is the weight of the sample ``(bs, weight)``, in the colour channel with the greatest weight, times the
+    probability of the sample. The fraction is 0 where the sampled lobe is not ideal, and where the BSDF has a glossy
+    lobe too, as its ``flags`` tell. The fraction is the same in both directions along the beam, except for refraction:
+    for camera rays, but not for photons, the fraction also contains the squared ratio of the indices of refraction.
     """
     ideal = but_not(lobes.has_any(bs.sampled_type, *lobes.IDEAL), lobes.has_any(flags, *lobes.GLOSSY))
     return dr.select(ideal, dr.max(mi.unpolarized_spectrum(weight)) * bs.pdf, 0)
 
 
 def kept_fraction(f: mi.Spectrum, pdf: mi.Float) -> mi.Float:
-    """Returns the fraction of a beam's light that a near-specular lobe keeps: its value ``f`` divided by its density
-    ``pdf``.
+    """Returns the fraction of a beam's light that a near-specular lobe keeps: its value ``f``, in the colour channel
+    with the greatest value, divided by its density ``pdf``; 0 where ``pdf`` is 0.
     """
     return quotient(dr.max(mi.unpolarized_spectrum(f)), pdf)
 
@@ -299,7 +312,8 @@ def near_specular_bsdfs(scene: mi.Scene) -> frozenset[mi.BSDF]:
 
     A glossy BSDF is near-specular if the density of its sampled rays (:func:`density_of_rays`) is above
     :data:`MIN_DENSITY`, and above :data:`MIN_DENSITY_RATIO` times the density for the roughest glossy BSDF of the
-    scene. A dispersive BSDF, or a BSDF that can only evaluate all its lobes together, is never near-specular.
+    scene. A BSDF that can only evaluate all its lobes together is never near-specular, and does not count as the
+    roughest BSDF. A dispersive BSDF is never near-specular, but may be the roughest BSDF.
     """
     glossy = [b for b in all_bsdfs(scene) if lobes.has_any(int(b.flags()), *lobes.GLOSSY) and not is_inseparable(b)]
     if len(glossy) < 2:

@@ -72,7 +72,7 @@ def is_specular(shape: mi.Shape, tree: bool) -> bool:
     an instance.
 
     ``tree`` tells whether the integrator follows a ray tree instead of paths. If the integrator follows paths, BSDFs
-    without separable lobes scatter photons only by ideal or null lobes.
+    without separable lobes scatter photons only by ideal or null lobes. A shape without a BSDF scatters no photons.
     """
     if shape.class_name() == INSTANCE:
         return True  # an instance does not expose its BSDFs
@@ -84,8 +84,11 @@ def is_specular(shape: mi.Shape, tree: bool) -> bool:
 
 
 def warn_of_light_missed_by_trees(shapes: Sequence[mi.Shape]) -> None:
-    """Logs a warning if a ray tree omits light, because a BSDF without separable lobes refracts light onto another such
-    BSDF.
+    """Logs a warning if a ray tree may omit light, because a BSDF without separable lobes may refract light onto
+    another such BSDF.
+
+    The function only checks that at least two of the ``shapes`` have BSDFs without separable lobes, and that one of
+    these BSDFs has a glossy transmission.
     """
     inseparable = [shape for shape in shapes if shape.bsdf() is not None and is_inseparable(shape.bsdf())]
     through = [s for s in inseparable if lobes.has_any(int(s.bsdf().flags()), "GlossyTransmission")]
@@ -150,6 +153,8 @@ def versine(x: mi.Point3f, center: mi.Point3f, radius: mi.Float) -> mi.Float:
 
 
 def direction(x: mi.Point3f, center: mi.Point3f, radius: mi.Float, sample: mi.Point2f) -> mi.Vector3f:
-    """Samples a direction from ``x`` to a sphere, uniformly over the solid angle of the sphere."""
+    """Samples a direction from ``x`` to a sphere, uniformly over the solid angle of the sphere; uniformly over all
+    directions if ``x`` lies inside the sphere. ``sample`` is a point in [0, 1)².
+    """
     axis = dr.select(dr.squared_norm(center - x) > 1e-30, dr.normalize(center - x), mi.Vector3f(0, 0, 1))
     return mi.Frame3f(axis).to_world(sample_falloff(sample, versine(x, center, radius)))

@@ -83,8 +83,9 @@ class PhotonTracer:
         """Moves each photon to the next surface, where the photon lands, continues, or ends.
 
         Russian roulette lets a photon continue with the probability ``p_continue``. A photon that does not continue
-        lands on the surface if the surface gathers photons; else the photon ends. ``key`` is the hash key of each
-        photon's random numbers.
+        lands on the surface if the surface gathers photons; else the photon ends. On a glossy surface that is not
+        near-specular, a photon may both land and continue (:meth:`.PhotonMIS.scatter`). No photon lands on the first
+        surface that it meets. ``key`` is the hash key of each photon's random numbers.
         """
         hit, medium = self._intersect(state)
         flags = hit.bsdf.flags()
@@ -144,12 +145,12 @@ class PhotonTracer:
 
         ``u`` are the random numbers that draw the BSDF sample. The returned ``active`` tells in which lanes the surface
         scatters a photon. ``by_all_lobes`` tells whether a BSDF without separable lobes made the sample by a lobe that
-        is not ideal.
+        is not ideal. If the integrator follows paths, such a sample scatters no photon.
         """
         si = hit.si
         bs, weight, belongs = self.scattering.sample(self.specular, hit, u, active, hit.flux)
         by_all_lobes = but_not(hit.inseparable, lobes.has_any(bs.sampled_type, *lobes.IDEAL))
-        if not self.tree:  # on paths, such photons land instead
+        if not self.tree:  # on paths, these photons land instead
             belongs = but_not(belongs, by_all_lobes)
         active = active & (bs.pdf > 0) & belongs
         active &= (dr.abs(dr.dot(si.n, si.to_world(si.wi))) > 0) & (dr.abs(mi.Frame3f.cos_theta(bs.wo)) > 0)
@@ -160,9 +161,9 @@ def adjoint_correction(si: mi.SurfaceInteraction3f, wo: mi.Vector3f, d: mi.Vecto
     """Returns the factor that corrects the flux of a photon if shading normal and geometric normal differ (Veach 1997,
     5.3).
 
-    The factor is |wi·ns| |wo·n| / (|wi·n| |wo·ns|), where ns is the shading normal and n the geometric normal, and the
-    photon arrives from wi and leaves in the direction wo. The direction ``wo`` is in local coordinates; ``d`` is the
-    same direction in world coordinates.
+    The factor is |wi·ns| |wo·n| / (|wi·n| |wo·ns|), but at most :data:`MAX_COSINE_RATIO`; ns is the shading normal and
+    n the geometric normal, and the photon arrives from wi and leaves in the direction wo. The direction ``wo`` is in
+    local coordinates; ``d`` is the same direction in world coordinates.
     """
     cos_i, cos_o = dr.abs(mi.Frame3f.cos_theta(si.wi)), dr.abs(mi.Frame3f.cos_theta(wo))
     true_i, true_o = dr.abs(dr.dot(si.n, si.to_world(si.wi))), dr.abs(dr.dot(si.n, d))
@@ -170,5 +171,5 @@ def adjoint_correction(si: mi.SurfaceInteraction3f, wo: mi.Vector3f, d: mi.Vecto
 
 
 def bounded(a: mi.Float, b: mi.Float) -> mi.Float:
-    """Returns a / b, or :data:`MAX_COSINE_RATIO` if the quotient is greater."""
+    """Returns a / b, or :data:`MAX_COSINE_RATIO` if the quotient is greater or b is 0."""
     return dr.select(a < MAX_COSINE_RATIO * b, a / dr.maximum(b, 1e-30), MAX_COSINE_RATIO)

@@ -20,7 +20,8 @@ UNBOUNDED = 1e30
 
 
 def absorbs_any(scene: mi.Scene, camera_medium: mi.Medium | None) -> bool:
-    """Tells whether ``camera_medium`` or a medium of ``scene`` is homogeneous and only absorbs light.
+    """Tells whether ``camera_medium`` (a medium or None) or a medium of ``scene`` is homogeneous and only absorbs
+    light.
 
     Logs a warning if some media scatter light or are not homogeneous, because the integrator ignores such media.
     """
@@ -52,8 +53,9 @@ def transmittance(
     """Returns the transmittance of ``medium`` over the distance ``t`` in scene units: the fraction of light that is not
     absorbed.
 
-    The transmittance is 1 where there is no medium, or where the medium scatters light or is not homogeneous.
-    ``wavelengths`` are the wavelengths of the ray in nm; the array is empty except in spectral variants.
+    The transmittance is 1 where there is no medium, where the medium scatters light or is not homogeneous, and in lanes
+    that are not ``active``. ``wavelengths`` are the wavelengths of the ray in nm; the array is empty except in spectral
+    variants.
     """
     if medium is None:
         return 1.0
@@ -70,8 +72,8 @@ def medium_beyond(
     """Returns the medium around a ray that leaves the surface point ``si`` in the direction ``d``.
 
     ``medium`` is the medium around the ray that arrived at ``si``. The result is ``medium`` if the surface has neither
-    an interior nor an exterior medium. In vectorised variants, the result is None if ``medium`` is None, which means
-    that no medium of the scene absorbs light.
+    an interior nor an exterior medium, and in lanes that are not ``active``. In vectorised variants, the result is None
+    if ``medium`` is None, which means that no medium of the scene absorbs light.
     """
     if idle(active) or (medium is None and dr.is_jit_v(mi.Float)):
         return medium
@@ -84,14 +86,16 @@ def medium_before(
     """Returns the medium around a camera ray, or around a photon from a light source, that arrives at ``si`` in the
     direction ``d``.
 
-    The result is ``medium``, the medium around the sensor, if the sensor has a medium. If there is no ``medium``, the
-    result is the medium that the surface at ``si`` has on the side from which the ray arrives.
+    ``medium`` is the medium of the sensor, if it has one; no medium is known at the start of a photon. In ``active``
+    lanes without a ``medium``, the result is the medium that the surface at ``si`` has on the side from which the ray
+    arrives. In all other lanes, the result is ``medium``. In vectorised variants, the result is None if ``medium`` is
+    None, which means that no medium of the scene absorbs light.
     """
     return medium_beyond(si, medium, -d, active & (medium == pointer(None)))
 
 
 def pointer(medium: mi.Medium | None) -> mi.MediumPtr | mi.Medium | None:
     """Returns ``medium`` in the type of :attr:`.Ray.medium`: a ``mi.MediumPtr``, or ``medium`` itself in scalar
-    variants.
+    variants. For None, the ``mi.MediumPtr`` is a null pointer.
     """
     return mi.MediumPtr(medium) if dr.is_jit_v(mi.Float) else medium

@@ -19,14 +19,16 @@ def differentiable_loop(state: Any, step: Callable[[Any], Any]) -> Any:
     """Applies the function ``step`` to ``state`` until no lane of ``state.active`` is true, and returns the last state,
     with derivatives.
 
-    When a lane of ``state.active`` has become false, the state of this lane does not change any more. All iterations
-    run the same compiled kernel, and a second kernel computes the derivatives of all iterations.
+    ``state`` is a dataclass with a mask ``active``; its fields may be arrays, and nested dataclasses and lists. When a
+    lane of ``state.active`` has become false, the state of this lane does not change any more. All iterations run the
+    same compiled kernel, and a second kernel computes the derivatives of all iterations.
     """
     dr.make_opaque(state)
     while dr.any(active := state.active):
         state = dr.select(active, step(state), state)
         dr.eval(state)
         places = differentiable(state)
+        # A Boundary evaluates the derivatives between two iterations, so all iterations have the same second kernel.
         arrays = dr.custom(Boundary, [getattr(*place) for place in places])
         for place, array in zip(places, arrays):
             setattr(*place, array)
@@ -34,7 +36,8 @@ def differentiable_loop(state: Any, step: Callable[[Any], Any]) -> Any:
 
 
 def differentiable(state: Any) -> list[tuple[Any, str]]:
-    """Finds all arrays with derivatives in ``state``, which consists of nested dataclasses and lists.
+    """Finds all arrays with derivatives that are fields of dataclasses in ``state``, which consists of nested
+    dataclasses and lists. An array that is directly in a list is not found.
 
     Returns one pair for each array with derivatives: the dataclass that holds the array, and the name of the array's
     field.

@@ -26,11 +26,14 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
 
     At a vertex of a ray tree, every light source gets one sample and one shadow ray (thesis, section 4.1). At a vertex
     of a path, one lamp that is chosen at random gets a sample and a shadow ray; a lamp is any light source except a
-    constant sky. Usually all lobes of the surface scatter direct light. If an earlier vertex of the path has gathered
-    photons, only diffuse lobes scatter direct light, because the photons carry the direct light of the other lobes.
+    constant sky. At both kinds of vertices, a constant sky is sampled only for the lobes ``context.light_lobes``, whose
+    rays do not find the sky; if there are no such lobes, the sky is not sampled. Usually all lobes of the surface
+    scatter direct light. If photons that an earlier vertex of the path gathered carry the direct light of the other
+    lobes (:attr:`.Ray.light_found`), only diffuse lobes scatter direct light, and all lobes of a BSDF that cannot
+    evaluate its lobes separately.
     """
     lights, ray, active = context.lights, vertex.ray, vertex.smooth
-    space = context.space(ray.node, NODE_SPACES)
+    space = context.space(ray.node, NODE_SPACES)  # random numbers of the first light source; the others follow
 
     def add(lamp: Lamp, L: Radiance) -> Radiance:
         """Returns ``L`` plus the radiance that the vertex scatters from the light source ``lamp``."""
@@ -58,7 +61,7 @@ def sample_lamp(
     radiance of ``lamp`` divided by the density of the sample.
 
     ``ds`` and ``weight`` have derivatives if ``context.attached`` is true. ``probability`` is the probability with
-    which ``lamp`` was chosen from all lamps; None if every lamp is sampled.
+    which ``lamp`` was chosen from all lamps, and is a factor of the density; None if every lamp is sampled.
     """
     ds, weight = lamp.sample(vertex.receiver, point, vertex.smooth)
     if probability is not None:
@@ -81,8 +84,10 @@ def lamp_light(
 
     A shadow ray tests whether the sampled point is visible; the radiance is 0 if the point is hidden. The lobes
     ``mis_lobes`` get MIS weights, because rays that are sampled from these lobes, and perhaps photons, find the light
-    of the same source. If an earlier vertex of the path has gathered photons, only diffuse lobes contribute to the
-    radiance.
+    of the same source; the weight is 1 for a point light or a single direction. The lobes ``context.light_lobes`` get
+    no MIS weights. A BSDF that cannot evaluate its lobes separately contributes by all its lobes, without MIS weights.
+    If photons that an earlier vertex gathered carry the light of the other lobes (:attr:`.Ray.light_found`), only
+    diffuse lobes contribute. ``points`` are the random numbers of the vertex.
     """
     (ds, weight), layers = sample, context.layers
     si, ray, scattering = vertex.si, vertex.ray, context.scattering
@@ -117,10 +122,11 @@ def eval_lobe(
     """Returns the BSDF value of ``lobe`` times the cosine for the direction ``wo``, and the density with which ``lobe``
     samples ``wo``.
 
-    If ``context.samples_with_light`` is true, one call of the BSDF both evaluates ``lobe`` and samples the next ray of
-    ``lobe``, so that textures are evaluated only once. The sample of the next ray is stored in ``vertex.drawn``. If
-    ``points`` is a :class:`.SamplerPoints`, this function never samples the next ray, because a Mitsuba sampler must
-    draw its numbers in a fixed order.
+    The value and the density are 0 in lanes that are not ``active``. If ``context.samples_with_light`` is true, one
+    call of the BSDF both evaluates ``lobe`` and samples the next ray of ``lobe``, so that textures are evaluated only
+    once. The sample of the next ray is stored in ``vertex.drawn``, under the type mask of ``lobe``. If ``points`` is a
+    :class:`.SamplerPoints`, this function never samples the next ray, because a Mitsuba sampler must draw its numbers
+    in a fixed order.
     """
     if not context.samples_with_light or isinstance(points, SamplerPoints):
         return context.scattering.eval_pdf(lobe, vertex, wo, active)
@@ -135,8 +141,9 @@ def sample_sky(context: Context, vertex: Vertex, points: Points, space: mi.UInt3
     light sampling alone.
 
     The lobes whose direct light comes from light sampling alone are the diffuse lobes, and all lobes of a BSDF that
-    cannot evaluate its lobes separately. ``ds.pdf`` is 0 where the BSDF at ``vertex`` has no lobe of these kinds.
-    ``space`` is the number of a space, a pair of random numbers, of the sampling pattern.
+    cannot evaluate its lobes separately. ``ds.pdf`` is 0 where the BSDF at ``vertex`` has no lobe of these kinds. The
+    sky below the horizon is sampled only where such a lobe transmits light. ``space`` is the number of a space, a pair
+    of random numbers, of the sampling pattern.
     """
     assert context.lights.sky is not None
     flags, receiver = vertex.bsdf.flags(), vertex.receiver

@@ -53,20 +53,21 @@ def features(
 ) -> tuple[mi.Spectrum, mi.Normal3f, mi.Bool]:
     """Returns ``(albedo, normal, hit)`` for the camera ray ``ray``; ``hit`` tells whether the ray meets a surface.
 
-    The albedo is in [0, 1]. The normal is the shading normal of the first surface that ``ray`` meets, turned towards
-    the viewer. The normal is 0 where ``ray`` meets no surface.
+    The albedo is in [0, 1]; an albedo that is not finite is replaced by 0. The normal is the shading normal of the
+    first surface that ``ray`` meets, turned towards the viewer. The normal is 0 where ``ray`` meets no surface.
 
     The albedo is the sum of two terms: a random sample of the albedo of the diffuse lobes, and the albedo of the next
-    surface that a specular lobe shows, times a random sample of the reflectance or transmittance of this lobe. The
-    albedo of light sources and of the sky is their radiance, clipped to 1. If ``hide_emitters`` is true, the camera ray
-    passes through light sources. ``camera_medium`` is the medium around the camera.
+    surface that a specular lobe shows, times a random sample of the reflectance or transmittance of this lobe. At most
+    :data:`MAX_LEVEL` reflections and refractions are followed. Absorption in media reduces the albedo. The albedo of
+    light sources and of the sky is their radiance, clipped to 1. If ``hide_emitters`` is true, the camera ray passes
+    through light sources, and does not see the sky. ``camera_medium`` is the medium around the camera, or None.
     """
     scattering = Scattering(scene, separate=False)
     diffuse, specular = lobes.only(lobes.DIFFUSE), lobes.only(lobes.SPECULAR)
 
     def step(state: State) -> State:
-        """Adds the albedo of the surface that the ray of ``state`` meets, and continues the ray through a specular
-        lobe.
+        """Adds the albedo of the surface, the light source or the sky that the ray of ``state`` meets, and continues
+        the ray through a specular lobe of the surface.
         """
         ray, active, medium, first = state.ray, state.active, state.medium, state.level == 0
         si = scene.ray_intersect(ray, active)
@@ -105,7 +106,7 @@ def sample_albedo(
     si: mi.SurfaceInteraction3f, lobe: mi.BSDFContext, sampler: mi.Sampler, active: mi.Bool, scattering: Scattering
 ) -> tuple[Any, mi.Vector3f]:
     """Returns ``(weight, direction)`` of one sample of ``lobe`` at ``si``; the weight is 0 if the BSDF does not have
-    this lobe.
+    this lobe. The direction is in world coordinates.
 
     Some BSDFs return samples of other lobes than requested. A sample of a lobe that was not requested gets the weight
     0, because that lobe is sampled by another call. For the albedo, dispersive glass refracts all wavelengths in the

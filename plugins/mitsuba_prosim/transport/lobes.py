@@ -42,7 +42,8 @@ def only(names: Sequence[str], context: mi.BSDFContext | None = None) -> mi.BSDF
 
 
 def glossy(flags: int, tree: bool) -> tuple[mi.BSDFContext, ...]:
-    """Returns one BSDF context for each specular lobe that may be glossy on surfaces with these BSDF ``flags``.
+    """Returns one BSDF context for each specular lobe that may be glossy on surfaces with these BSDF ``flags``; an
+    empty tuple if ``flags`` contain no glossy lobe.
 
     If ``tree`` is true, reflection and transmission are two lobes, because a ray tree samples a ray for each. If
     ``tree`` is false, reflection and transmission are one lobe, because a path samples a single ray.

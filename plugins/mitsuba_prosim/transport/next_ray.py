@@ -23,8 +23,9 @@ def next_ray(
     """Samples the ray that leaves ``vertex`` through ``lobe``, and returns ``(ray, active, eta)``.
 
     The returned ``active`` is true where the argument ``active`` is true, the sample belongs to ``lobe``, and the
-    throughput of the ray is above the integrator's parameter ``cutoff``. ``eta`` is the relative index of refraction of
-    the surface in the direction of the ray, or 1 for a reflection.
+    throughput of the ray is above the integrator's parameter ``cutoff`` in at least one colour channel. ``eta`` is the
+    relative index of refraction of the surface in the direction of the ray, or 1 for a reflection. In scalar variants,
+    the arriving ray and the ``eta`` 1 are returned if ``active`` is false.
     """
     ray, si, space = vertex.ray, vertex.si, direction_space(lobe)
     if idle(active):
@@ -61,7 +62,7 @@ def sample_direction(
     coordinates. ``belongs`` tells whether ``bs`` is a sample of ``lobe``, not of another lobe of the BSDF. If
     derivatives are wanted, the direction ``d`` of a smooth lobe follows the motion of the light source that the ray
     meets; ``d`` is constant if the ray meets no light source. The derivatives of the density and the weight of the
-    sample include this motion of ``d``.
+    sample include this motion of ``d``. The direction of an ideal lobe has the derivatives that the BSDF computes.
     """
     si, scattering, throughput = vertex.si, context.scattering, vertex.ray.throughput
     if lobe.type_mask in vertex.drawn:
@@ -91,8 +92,9 @@ def roulette(ray: Ray, active: mi.Bool, survival: mi.Float, sample: mi.Float) ->
     """Returns ``(ray, active)`` after Russian roulette (Arvo and Kirk 1990).
 
     The ray survives with the probability ``survival``, or always if ``survival`` is 1 or greater. The throughput of a
-    surviving ray is divided by the probability of survival. The ray survives if the random number ``sample`` in [0, 1)
-    is less than ``survival``.
+    surviving ray is divided by the probability of survival, and the throughput of any other ray becomes 0. The ray
+    survives if the random number ``sample`` in [0, 1) is less than ``survival``. The returned ``active`` is true where
+    the argument ``active`` is true and the ray survives.
     """
     survival = dr.detach(survival)
     survives = sample < survival
@@ -101,8 +103,9 @@ def roulette(ray: Ray, active: mi.Bool, survival: mi.Float, sample: mi.Float) ->
 
 
 def lobe_point(context: Context, lobe: mi.BSDFContext, vertex: Vertex, points: Points, active: mi.Bool) -> LobePoint:
-    """Returns ``(choice, point)``: the random number that chooses one of the lobes in ``lobe``, and the random point in
-    [0, 1)² that samples the direction of the ray from ``vertex``.
+    """Returns ``(choice, point)``: the random number in [0, 1) that chooses one of the lobes in ``lobe``, and the
+    random point in [0, 1)² that samples the direction of the ray from ``vertex``. At dispersive glass, ``choice`` also
+    chooses a wavelength.
     """
     space = context.space(vertex.ray.node, CHOICE)
     # A stratified choice reduces the variance only with dispersion, or where all lobes are sampled together.

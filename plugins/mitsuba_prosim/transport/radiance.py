@@ -56,7 +56,7 @@ class Radiance:
         return Radiance(factor * self.total, [factor * L for L in self.layers])
 
     def plus(self, value: mi.Spectrum, layer: Layer, total: mi.Spectrum | None = None) -> Radiance:
-        """Returns this radiance after adding ``value`` to the total and to the layer number ``layer``.
+        """Returns this radiance after adding ``value`` to the layer number ``layer``, if the image has layers.
 
         The total radiance of the result is ``total``, or the old total plus ``value`` if ``total`` is None.
         """
@@ -81,7 +81,7 @@ class Layers:
         """Returns the number of the image layer to which the part ``term`` of the light at the end of ``ray`` belongs.
 
         ``term`` is "emitted", "background", "ambient", "diffuse", "glossy" or "caustics". ``source`` is the number of
-        the light source from which the light comes.
+        the light source from which the light comes. For an image without layers, the result 0 has no meaning.
         """
         return 0
 
@@ -105,7 +105,8 @@ class ByLight(Layers):
 class ByLevel(Layers):
     """Layers by level: one for each number of reflections and refractions on the way from the camera."""
 
-    def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:  # noqa: D102
+    def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:
+        """Returns the level of ``ray``, or one level less for the emission that a ray from a surface meets."""
         # Emission that a ray from a surface meets is direct light of this surface.
         return dr.maximum(ray.level, 1) - 1 if term == "emitted" else ray.level
 
@@ -119,13 +120,21 @@ class ByTerm(Layers):
         """Returns the number of the layer named ``term``."""
         return mi.UInt32(self.names.index(term))
 
-    def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:  # noqa: D102
+    def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:
+        """Returns the number of the layer ``term`` if ``ray`` is a camera ray; else the number ``ray.branch``, which
+        stands for the lobe by which the path left its first vertex.
+
+        Emission that a ray from a glossy lobe of the first vertex meets belongs to the layer "glossy".
+        """
         beyond = ray.branch
         if term == "emitted":
             beyond = dr.select((ray.level == 1) & (ray.pdf > 0), self.number("glossy"), beyond)
         return dr.select(ray.level == 0, self.number(term), beyond)
 
-    def branch(self, ray: Ray, diffuse: bool, through: mi.Bool) -> mi.UInt32:  # noqa: D102
+    def branch(self, ray: Ray, diffuse: bool, through: mi.Bool) -> mi.UInt32:
+        """Returns the number of the layer "indirect", "refracted" or "reflected" if the next ray leaves the first
+        vertex, where the camera ray ``ray`` ends; else ``ray.branch``. See :meth:`Layers.branch`.
+        """
         if diffuse:
             lobe = self.number("indirect")
         else:
@@ -136,7 +145,8 @@ class ByTerm(Layers):
 def layers_conflict(kind: str, settings: Settings, caustics: bool) -> str | None:
     """Returns advice for the user if the value ``kind`` of the parameter ``layers`` conflicts with another parameter.
 
-    The advice names a change of parameters that avoids the conflict. Returns None if there is no conflict.
+    The advice names the allowed changes of parameters, as the function :func:`.parameters.reject` needs them for its
+    message. ``caustics`` tells whether the render uses photons. Returns None if there is no conflict.
     """
     if kind == "lights" and caustics:
         return "another value with caustics, as photons do not know their source"
@@ -149,6 +159,9 @@ def layers_conflict(kind: str, settings: Settings, caustics: bool) -> str | None
 
 def layers_of(kind: str, settings: Settings, lights: Lights, caustics: bool) -> Layers:
     """Returns the :class:`Layers` for ``kind``, the value of the integrator's parameter ``layers``.
+
+    If ``kind`` is "none", the result is an object of the base class, without layers. ``caustics`` tells whether the
+    render uses photons.
 
     Raises ValueError if ``kind`` is "lights" and the image would have more than 32 layers.
     """
@@ -171,8 +184,10 @@ def layers_of(kind: str, settings: Settings, lights: Lights, caustics: bool) -> 
 def light_names(emitters: Sequence[mi.Emitter]) -> list[str]:
     """Returns the names of the image layers of the ``emitters``: one unique name for each emitter.
 
-    The name of an emitter's layer is the id of its shape, or the id of the emitter if the emitter has no shape. The
-    layer of an emitter without an id is named by the emitter's number, such as ``lamp1``.
+    The name of an emitter's layer is the id of its shape, or the id of the emitter if the emitter has no shape. In the
+    id, characters other than letters, digits and "_" are replaced by "_", and "_" at the beginning is removed. If
+    nothing remains, the layer is named by the emitter's number, such as ``lamp1``. A name that already exists gets "_"
+    at the end; the names "background" and "ambient" always exist.
     """
     names = ["background", "ambient"]
     for number, emitter in enumerate(emitters, 1):

@@ -83,7 +83,7 @@ class Vertex(Surface):
 
 def mis(pdf: mi.Float, other: mi.Float) -> mi.Float:
     """Returns the MIS weight, by the power heuristic (Veach 1997), of a sample with the density ``pdf`` that another
-    strategy takes with the density ``other``.
+    strategy takes with the density ``other``; 0 where ``pdf`` is 0.
     """
     pdf, other = dr.square(pdf), dr.square(other)
     return dr.select(pdf > 0, pdf / dr.select(pdf > 0, pdf + other, 1), 0)

@@ -45,7 +45,9 @@ class Scattering:
         self.needs_workarounds = self.any_inseparable or mixes
 
     def inseparable(self, bsdf: mi.BSDF | mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
-        """Returns the active lanes whose BSDF can only evaluate all its lobes together."""
+        """Returns the active lanes whose BSDF can only evaluate all its lobes together; no lanes if the integrator does
+        not evaluate lobes separately.
+        """
         if not self.any_inseparable:
             return mi.Bool(False)
         return active & dispatch(bsdf, lambda one, active: mi.Bool(workarounds.is_inseparable(one)), active)
@@ -60,7 +62,8 @@ class Scattering:
         smooth glass refracts only one of the wavelengths of the ray or photon; the probability of choosing a wavelength
         is proportional to the ``throughput`` at this wavelength. If ``throughput`` is None, dispersive glass refracts
         all wavelengths in the same direction. In the lanes where ``at.inseparable`` is true, the BSDF samples all lobes
-        together, and :func:`.belongs_to` decides whether the sample belongs to ``lobe``.
+        together, and :func:`.belongs_to` decides whether the sample belongs to ``lobe``. In all other lanes, the sample
+        belongs to ``lobe`` if the type mask of ``lobe`` contains the sampled type.
         """
         weights = None
         if self.disperses and throughput is not None:
@@ -111,8 +114,10 @@ class Scattering:
     def lobe_choice(self, points: Points, space: mi.UInt32, choice: mi.Float) -> mi.Float:
         """Returns the random number in [0, 1) by which a BSDF chooses a lobe or a wavelength.
 
-        Without dispersion, the result is ``choice``. With dispersion, the number ``choice`` is modified so that the
-        samples of a pixel together cover the spectrum evenly.
+        If the scene has dispersive BSDFs and the variant is spectral, the number ``choice`` is modified so that the
+        samples of a pixel together cover the spectrum evenly. Otherwise, and if ``points`` are the numbers of a Mitsuba
+        sampler, the result is ``choice``. ``space`` is the number of the space of the sampling pattern from which
+        ``choice`` comes.
         """
         if not self.disperses or not mi.is_spectral or isinstance(points, SamplerPoints):
             return choice

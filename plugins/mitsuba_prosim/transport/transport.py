@@ -44,12 +44,13 @@ class Transport(Context):
         self, ray: mi.Ray3f, points: Points, active: mi.Bool
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Spectrum]]:
         """Returns ``(L, hit, layers)`` for the camera ray ``ray``: the radiance, whether the ray meets a surface, and
-        the radiance of each image layer (:mod:`.radiance`).
+        the radiance of each image layer (:mod:`.radiance`), an empty list for an image without layers.
 
         The function ``points(space, active)`` returns a ``mi.Point2f`` in [0, 1)²: the pair of random numbers with the
         number ``space`` in the sampling pattern. The function ``points.choice(space)`` returns one random number in [0,
         1).
         """
+        # The module whose functions ``start`` and ``proceed`` choose the rays to follow.
         walk: Any = tree if self.settings.follows_tree else path
 
         def step(state: State) -> State:
@@ -61,7 +62,7 @@ class Transport(Context):
 
         first, sampler = self.first(ray), points.sampler if isinstance(points, SamplerPoints) else None
         state = State(self.layers.none(), mi.Bool(False), first, mi.Bool(active), walk.start(self, first), sampler)
-        if walk is tree and not (self.reflects or self.refracts):
+        if walk is tree and not (self.reflects or self.refracts):  # no ray follows the camera ray
             state = step(state)
         elif self.attached:
             state = differentiable_loop(state, step)
@@ -89,7 +90,8 @@ class InnerIntegrator:
         a hit, and the values of the integrator's AOVs.
 
         The integrator draws its random numbers from the sampling pattern ``points``, but not from those spaces (pairs
-        of random numbers) of the pattern that the camera uses.
+        of random numbers) of the pattern that the camera uses. If ``points`` is a :class:`.SamplerPoints`, the
+        integrator draws the next numbers of its Mitsuba sampler.
         """
         sampler = points.sampler if isinstance(points, SamplerPoints) else sampler_of(points)
         ray = mi.RayDifferential3f(ray)
@@ -108,6 +110,7 @@ def sampler_of(points: NRook | Sobol) -> Any:
     Each call of ``next_1d`` or ``next_2d`` uses the next space, a pair of random numbers, of the sampling pattern. The
     first space is the one after the spaces that the camera uses.
     """
+    # The sampler calls its method ``points`` for each draw. Here this method returns the pattern of the caller.
     sampler = create("owen")
     sampler.points, sampler.dimension = lambda: points, mi.UInt32(CAMERA_SPACES)
     return sampler

@@ -119,7 +119,8 @@ class Context:
     def first(self, camera: mi.Ray3f) -> Ray:
         """Returns the camera ray ``camera`` as the first :class:`.Ray` of a ray tree or path.
 
-        Fields of the returned ray that the render does not need are None.
+        Fields of the returned ray that the render does not need are None. The normal ``n`` of the returned ray has no
+        meaning, because a camera ray leaves no surface.
         """
         node, level, pdf, n = mi.UInt32(1), mi.UInt32(0), mi.Float(0), mi.Normal3f(camera.d)
         # Opaque values: Dr.Jit would trace a loop twice to find that a literal value stays the same.
@@ -140,6 +141,8 @@ class Context:
 def direction_space(lobe: mi.BSDFContext) -> int:
     """Returns REFLECTED, REFRACTED or DIFFUSE: the space of the sampling pattern whose random numbers sample the
     direction of a node's ray through ``lobe``.
+
+    The space is DIFFUSE if ``lobe`` contains a diffuse lobe, else REFLECTED if ``lobe`` contains a reflected lobe.
     """
     if lobe.type_mask & lobes.mask(*lobes.DIFFUSE):
         return DIFFUSE

@@ -38,7 +38,7 @@ class Stack:
         mask ``active`` tells which lanes had not finished their ray tree before this surface. If the surface has both a
         reflected and a refracted ray, the reflected ray is next, and the refracted ray is pushed onto the stack. If the
         surface has only a reflected or only a refracted ray, that ray is next. If the surface has neither a reflected
-        nor a refracted ray, the last ray of the stack is next.
+        nor a refracted ray, the last ray of the stack is next; if the stack is empty too, the ray tree is finished.
         """
         next_ray, continues = dr.select(reflects, reflected, refracted), reflects | refracts
         both = reflects & refracts
@@ -53,7 +53,8 @@ class Stack:
 
 def start(context: Context, ray: Ray) -> Stack:
     """Returns the empty stack at the start of a ray tree. ``ray`` only fills the unused slots of the stack: any ray
-    would do.
+    would do. The stack has no slots if no surface of the scene reflects, or if none refracts: then no vertex has two
+    rays.
     """
     rays = [ray] * (context.settings.max_level + 1) if context.reflects and context.refracts else []
     return Stack(rays, dr.opaque(mi.UInt32, 0))  # opaque, as in Context.first

@@ -26,7 +26,9 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
     :class:`.Vertex` at this end point.
 
     The radiance ``L`` is the sum of emission, background, ambient light, direct light and caustics, times the
-    throughput of ``ray``. ``camera`` is the camera ray, whose time and wavelengths all rays of the tree or path share.
+    throughput of ``ray``. Beyond the maximum level, ``L`` has only emission. Where ``ray`` meets no surface, and beyond
+    the maximum level, the vertex is not active. ``camera`` is the camera ray, whose time and wavelengths all rays of
+    the tree or path share. If ``hide_emitters`` is true, the camera ray passes through light sources.
     """
     settings, lights = context.settings, context.lights
     ray3, si = intersect(context, ray, camera, active)
@@ -91,7 +93,10 @@ def intersect(
 
 def attenuated_at(ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Ray:
     """Returns ``ray`` with its throughput reduced by the absorption in the medium between the ray's origin and ``si``
-    (Beer's law).
+    (Beer's law). ``ray3`` is ``ray`` as a ``mi.Ray3f``.
+
+    Where the ray meets no surface, the distance counts as :data:`.UNBOUNDED`. If the medium around a camera ray is not
+    known, the returned ray gets the medium on this side of the surface at ``si``.
     """
     met = active & si.is_valid()
     medium = medium_before(si, ray.medium, ray.d, met & (ray.level == 0))
@@ -104,9 +109,11 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
     """Returns ``(radiance, layer)``: the radiance of the light source that ``ray`` meets at ``si``, or 0, and the
     number of the image layer for this radiance.
 
-    The radiance is multiplied by the MIS weight of the ray against light sampling at the ray's origin and, if the
-    render uses photons, against photons. The radiance is 0 where light sampling or photons have already found the light
-    (:attr:`.Ray.light_found`), and where ``hide_emitters`` hides the light source from the camera.
+    The radiance is multiplied by the MIS weight of the ray against light sampling at the ray's origin and, if glossy
+    surfaces gather photons, against photons. The MIS weight is 1 for camera rays and for light that no other strategy
+    finds, such as light that a glossy lobe receives from a constant sky. The radiance is 0 where light sampling or
+    photons have already found the light (:attr:`.Ray.light_found`), and where ``hide_emitters`` hides the light source
+    from the camera.
     """
     lights = context.lights
     emitter = si.emitter(context.scene)
@@ -146,7 +153,7 @@ def background_radiance(
 
     ``si`` is the surface interaction of ``ray``, which is invalid because ``ray`` meets no surface. The texture is
     looked up by latitude and longitude as in Mitsuba's ``envmap``: the y axis points up, the texture coordinate u is 0
-    in the direction -z, and 0.5 in the direction +z.
+    in the direction -z, and 0.5 in the direction +z; v is 0 in the direction +y, and 1 in the direction -y.
     """
     si = mi.SurfaceInteraction3f(si)  # the caller still needs its own uv
     u = dr.atan2(ray.d.x, -ray.d.z) * dr.inv_two_pi

@@ -97,6 +97,7 @@ def sample(
         bs, weight = bsdf.sample(context, si, choice, point, active)
         if mixes and is_inseparable(bsdf):
             is_mixed = lobes.has_any(bs.sampled_type, *mixed)
+            # Subtracts the density and the value that ``blendbsdf`` adds to a sample of an ideal lobe.
             f, pdf = bsdf.eval_pdf(context, si, bs.wo, active & is_mixed)
             probability = dr.maximum(bs.pdf - pdf, 0)
             own = (weight * bs.pdf - f) / dr.select(probability > 0, probability, 1)
@@ -169,7 +170,7 @@ def belongs_to(lobe: mi.BSDFContext, wi: mi.Vector3f, bs: mi.BSDFSample3f) -> mi
 
 def blend_share(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, active: mi.Bool) -> mi.Float:
     """Returns the blending weight of the BSDF within ``bsdf`` that the random number ``choice`` selects: the product of
-    the weights of all ``blendbsdf`` around it.
+    the weights of all ``blendbsdf`` around the selected BSDF, or 1 without a ``blendbsdf``.
 
     The function :func:`sample` uses only the derivatives of this blending weight.
     """
@@ -206,8 +207,10 @@ def past_emitters(
 ) -> mi.SurfaceInteraction3f:
     """Returns the first surface interaction of the camera ray ``ray`` that is not on a light source.
 
-    ``si`` is the first surface interaction of the ray, which may be on a light source. ``attached`` tells whether
-    derivatives are wanted.
+    ``si`` is the first surface interaction of the ray, which may be on a light source. The result is ``si`` where
+    ``si`` is not on a light source, and in lanes that are not ``active``. The result is invalid if the ray meets only
+    light sources. The distance ``t`` of the result begins at the last light source that the ray passed. ``attached``
+    tells whether derivatives are wanted.
     """
 
     def on_emitter(si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
@@ -216,7 +219,7 @@ def past_emitters(
         return met if idle(met) else met & si.shape.is_emitter()
 
     def beyond(o: mi.Point3f) -> mi.Ray3f:
-        """Returns the part of the camera ray that begins at the point ``o``."""
+        """Returns the part of the camera ray from the point ``o`` to the end of the camera ray."""
         rest = mi.Ray3f(ray)
         rest.o, rest.maxt = o, ray.maxt - dr.dot(o - ray.o, ray.d)
         return rest

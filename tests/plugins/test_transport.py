@@ -271,7 +271,7 @@ UNSEEN, GLASS = ({"type": "prosim_dielectric", "int_ior": n, "ext_ior": 1.0} for
 
 
 def medium(*sigma, **more):
-    return {"type": "homogeneous", "albedo": 0.0, "sigma_t": rgb(*(s / 10 for s in sigma)), "scale": 10.0, **more}
+    return {"type": "homogeneous", "albedo": 5e-7, "sigma_t": rgb(*(s / 10 for s in sigma)), "scale": 10.0, **more}
 
 
 def reference(name):

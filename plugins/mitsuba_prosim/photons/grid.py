@@ -192,9 +192,9 @@ def kernel_radii(p: mi.Point3f, footprint: Footprint) -> mi.Float:
     factors with which at least about :data:`MIN_NEIGHBOURS` photons are within the radius, or the greatest factor.
 
     The kernel radius is greater where photons are sparse, because a single photon with a small radius would make an
-    isolated bright pixel (Silverman 1986, 5.1). The neighbours of a photon are counted in all photon maps together, so
-    that the radius hardly depends on the photons of one map. A greater kernel radius does not change the power of a
-    photon.
+    isolated bright pixel (Silverman 1986, chapter 5). The neighbours of a photon are counted in all photon maps
+    together, so that the radius hardly depends on the photons of one map. A greater kernel radius does not change the
+    power of a photon.
     """
     width = footprint.width(p)
     result = mi.Float(width)

@@ -62,7 +62,7 @@ def transmittance(
     mei = dr.zeros(mi.MediumInteraction3f)
     mei.wavelengths = wavelengths
     sigma_s, _, sigma_t = medium.get_scattering_coefficients(mei, active)
-    absorbs = active & medium.is_homogeneous() & dr.all(sigma_s == 0, axis=0)
+    absorbs = active & medium.is_homogeneous() & dr.all(sigma_s <= MIN_ALBEDO * sigma_t, axis=0)
     return dr.select(absorbs, dr.exp(-sigma_t * t), 1)
 
 

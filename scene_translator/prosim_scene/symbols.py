@@ -153,8 +153,9 @@ class Symbols:
         word before this offset.
 
         In the braces of an expression, the words are ``$names``, functions and constants. Where only numbers fit, the
-        words are ``$names``, and indices if the number is an index. In a comment, in a quote and after END, the list is
-        empty.
+        words are ``$names``, and indices if the number is an index. Elsewhere, the words are the keywords that fit, the
+        names of metals, glasses, textures and solids where such a name fits, and ``$names`` where a number fits. In a
+        comment, in a quote and after END, the list is empty, except after an open brace on the same line.
         """
         line = self.text[self.text.rfind("\n", 0, offset) + 1 : offset]
         if braces := BRACES.search(line):  # arithmetic

@@ -146,7 +146,7 @@ class TranslationFiles:
 
 
 def _digest(content: bytes) -> str:
-    """Returns the digest of a file's content, in hexadecimal digits."""
+    """Returns the digest of ``content``, the bytes of a file, as 16 hexadecimal digits."""
     return blake2b(content, digest_size=8).hexdigest()
 
 
@@ -207,8 +207,8 @@ def _has_content(path: Path, content: bytes) -> bool:
 
 
 def _remove_old_meshes(mesh_folder: Path, meshes: dict[str, bytes]) -> None:
-    """Removes the meshes of earlier translations, except those whose file names are keys of ``meshes``, and the
-    unfinished files of translations that were killed.
+    """Removes the unfinished files of killed translations, and the meshes of earlier translations. Meshes whose file
+    names are keys of ``meshes`` are not removed.
     """
     for path in mesh_folder.iterdir():
         if path.name not in meshes and path.is_file() and _is_from_translation(path):

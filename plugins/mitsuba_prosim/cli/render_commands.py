@@ -108,7 +108,7 @@ def continued_job(saved: Job, requested: Job, **changes: Any) -> Job:
 
     ``requested`` is the job of the current command line. The replaced fields are the exposure, if the command line sets
     the exposure, and the fields that do not change the image, such as the output and the workers. ``changes`` are
-    further fields of the result.
+    values of fields; these values replace those of ``saved`` and ``requested``.
     """
     running = {name: getattr(requested, name) for name in RUNNING}
     exposure = saved.exposure if requested.exposure is None else requested.exposure

@@ -85,7 +85,7 @@ class RenderTask:
         Raises the errors of loading the scene. Raises ValueError if the options do not suit the scene, or if the
         checkpoint :attr:`begin` belongs to another scene. Raises InputError if the files of the image cannot be
         written, or if the scene's integrator has a limit of noise or time in a scalar variant. Raises ClickException if
-        the job needs the denoiser, which is not installed.
+        the job needs the denoiser and the denoiser is not installed.
         """
         job, film, integrator = self.job, self.sensor.film(), self.integrator
         refuse_scalar([name for name in TARGETS if getattr(integrator, name, 0)], job.variant)

@@ -34,8 +34,8 @@ def watch(job: Job, port: int, browser: bool) -> None:
     """Show SCENE on a page in the browser, and render SCENE again when its file is saved.
 
     Only this machine can open the page; the command prints the address of the page, which contains a secret. The
-    command writes only the files that the user saves on the page. Without --allow-outside, SCENE can use only files in
-    the folder of SCENE. Ctrl-C ends the command.
+    command writes no image files: to save an image, click Save on the page. Without --allow-outside, SCENE can use only
+    files in the folder of SCENE. Ctrl-C ends the command.
     """
     require_extra("watch", "prosim watch")
     from ..live import loaded_scene, server, viewer

@@ -25,8 +25,8 @@ def reduce(image: np.ndarray) -> np.ndarray:
 
 
 def expand(image: np.ndarray, height: int, width: int) -> np.ndarray:
-    """Returns ``image`` enlarged smoothly to ``width`` x ``height`` pixels, about twice its width and height. This
-    function does not restore the details that :func:`reduce` removed from an image.
+    """Returns ``image`` enlarged smoothly to ``width`` x ``height`` pixels; both numbers are twice the old ones, or
+    one less. This function does not restore the details that :func:`reduce` removed from an image.
     """
     return _doubled(_doubled(image, height).swapaxes(0, 1), width).swapaxes(0, 1)
 
@@ -49,7 +49,8 @@ def gaussian_pyramid(image: np.ndarray, count: int, least_side: int = 0) -> list
     """Returns at most ``count`` levels of the Gaussian pyramid; the first level is ``image``, and each further level
     has half the width and height.
 
-    The pyramid ends at the first level whose width or height is below ``least_side`` pixels.
+    The pyramid has less than ``count`` levels if the width or height of a level is below ``least_side`` pixels: this
+    level is then the last one.
     """
     result = [image]
     while len(result) < count and min(result[-1].shape[:2]) >= least_side:

@@ -200,10 +200,10 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
     def _render_scalar(self, scene: mi.Scene, sensor: int | mi.Sensor, *arguments: Any) -> mi.TensorXf:
         """Renders the image in a scalar variant, by Mitsuba's own loop over pixels and samples.
 
-        ``arguments`` are the further arguments of :meth:`render`. Warns if the integrator has a limit of noise or time,
-        which is ignored in scalar variants.
+        ``arguments`` are the further arguments of :meth:`render`. Warns if the integrator has a limit of noise or time;
+        such a limit is ignored in scalar variants.
         """
-        if self._scalar is not None:  # this is the second call, from Mitsuba's ``render`` below
+        if self._scalar is not None:  # Mitsuba's ``render`` below calls this object's ``render`` again: the second call
             return super().render(scene, sensor, *arguments)
         if self.sampling.has_target:
             mi.Log(mi.LogLevel.Warn, f"{self.name}: noise and time end nothing in scalar variants; the samples do.")

@@ -117,7 +117,7 @@ class Plan:
 
     @classmethod
     def of(cls, sampling: Sampling, film: mi.Film, seed: int | mi.UInt32, spp: int) -> Plan:
-        """Returns the plan for an image on ``film``.
+        """Returns the plan for an image on ``film`` with the parameters ``sampling`` and the random ``seed``.
 
         A nonzero ``spp`` is the number of samples per pixel, and replaces N², the square of the parameter ``samples``.
         With a nonzero ``spp``, the parameter ``max_samples`` is ignored, unless a limit of noise or time is set. If

@@ -307,8 +307,8 @@ class Prosim(ProgressiveIntegrator):
             raise RuntimeError(f"prosim: layers and caustics {why}; leave them out there.")
 
     def _caustics(self, scene: mi.Scene, sensor: mi.Sensor) -> Caustics | None:
-        """Returns the photon maps for the caustics of ``scene``, or None if no surface is specular or no light source
-        can emit photons.
+        """Returns the :class:`.Caustics` object of ``scene``, which emits the photons later, pass by pass; or None if
+        no surface is specular or no light source can emit photons.
         """
         from ..photons.caustics import Caustics  # imported only for an image, to load the plugins faster
 

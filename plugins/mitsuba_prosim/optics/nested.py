@@ -38,9 +38,8 @@ def _callback(variant: str) -> type:
 
 
 def parts(thing: mi.Object) -> dict[str, Any]:
-    """Returns a dictionary of the parts of the Mitsuba object ``thing``: name of the part in ``mi.traverse`` -> part.
-
-    The parts of an object are its nested BSDFs, textures, numbers and shapes.
+    """Returns a dictionary of the parts of the Mitsuba object ``thing``: name of the part in ``mi.traverse`` -> part,
+    which is an object (a BSDF, texture or shape) or a number. The dictionary does not contain the parts of these parts.
     """
     callback = _callback(mi.variant())()
     thing.traverse(callback)

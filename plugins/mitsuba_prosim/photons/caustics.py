@@ -90,8 +90,9 @@ class Caustics:
         """Selects the photon pass number ``number`` of the random ``seed``; samples then gather photons from this pass.
 
         The photons of the pass are emitted and traced, unless the cache already holds these photons. If the cache is
-        full, the oldest photon pass in the cache is deleted. A sampling pattern has ``n``² samples, and every ``n``
-        samples of a pixel together cover the spectrum.
+        full, the oldest photon pass in the cache is deleted. ``n`` determines the number of photon maps (:meth:`maps`),
+        the number of photons in each map (:meth:`per_pair`), and the wavelengths: a sampling pattern has ``n``²
+        samples, and every ``n`` samples of a pixel together cover the spectrum.
         """
         which = seed, number, n
         self.key, self.n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, n)

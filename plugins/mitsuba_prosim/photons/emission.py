@@ -80,8 +80,9 @@ def photon_emitters(emitters: Sequence[mi.Emitter]) -> list[mi.Emitter]:
 def can_be_aimed(emitter: mi.Emitter) -> bool:
     """Tells whether photons of ``emitter`` can be aimed at a target.
 
-    Photons can be aimed if the emitter is a point, a surface or infinitely far away. Photons of a ``directionalarea``,
-    which has the flags Surface and DeltaDirection, cannot be aimed, because this emitter emits only along its normals.
+    Photons can be aimed if the emitter is a point, is infinitely far away, or is a surface that emits in many
+    directions. Photons of a ``directionalarea``, a surface with the flag DeltaDirection, cannot be aimed, because this
+    emitter emits only along its normals.
     """
     flags, names = emitter.flags(), mi.EmitterFlags
     emits_from_points = mi.has_flag(flags, names.Surface) and not mi.has_flag(flags, names.DeltaDirection)
@@ -107,9 +108,11 @@ class Sources:
         self.per_pair = mi.Float(0)
 
     def start(self, pair: mi.UInt32, on_source: mi.Point2f, on_target: mi.Point2f, wavelengths: mi.Color0f) -> Start:
-        """Emits one photon for each entry of ``pair``, the number of a pair of a light source and a target.
+        """Emits one photon for each entry of ``pair``, the number of a pair of a light source and a target sphere, and
+        returns the ray, the flux and the density of each photon.
 
-        :class:`EmissionSample` explains the other arguments. A photon whose power is not finite gets the power 0.
+        The other arguments are the attributes of the same names in :class:`EmissionSample`. A photon whose flux is not
+        finite gets the flux 0.
         """
         number = pair // self.targets.count
         target = pair - number * self.targets.count

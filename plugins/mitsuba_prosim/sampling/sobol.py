@@ -55,7 +55,8 @@ def point(key: UInt, reversed_index: UInt) -> mi.Point2f:
 def pascal(i: Any) -> Any:
     """Returns the second coordinate of a Sobol' point, computed from the first coordinate ``i``.
 
-    The bits of both coordinates are in reverse order. The function multiplies the vector of the bits of ``i`` by
+    In ``i`` and in the result, the 32 binary digits of a coordinate in [0, 1) are in reverse order: the lowest bit is
+    the first digit after the point. The function multiplies the vector of the bits of ``i`` by
     Pascal's matrix modulo 2, in five steps with shifts by powers of two.
     """
     for shift, mask in ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F), (8, 0x00FF00FF), (16, 0x0000FFFF)):

@@ -24,7 +24,8 @@ DRJIT_LEVELS = tuple(getattr(dr.LogLevel, name) for name in ("Error", "Warn", "I
 
 
 def parse_arguments(words: Sequence[str]) -> argparse.Namespace:
-    """Parses ``words``, the command-line arguments of the native command ``mitsuba``; wrong arguments end the process.
+    """Parses ``words``, the command-line arguments of the native command ``mitsuba``, and returns the options. Wrong
+    arguments end the process.
 
     The options of Dr.Jit's compiler, ``-V``, ``-O``, ``-W`` and ``-S``, are not supported.
     """

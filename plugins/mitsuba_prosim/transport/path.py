@@ -18,8 +18,8 @@ from .transport_context import CHOICE, REFRACTED, ROULETTE, Context
 
 @dataclass
 class Counters:
-    """The number of diffuse reflections of a path so far, and the product of the relative indices of refraction that it
-    crossed.
+    """The number of diffuse reflections of a path so far, and the product of the relative indices of refraction of the
+    surfaces that it crossed.
     """
 
     #: Number of diffuse reflections so far. None where this number is unlimited: a variable that no iteration changes

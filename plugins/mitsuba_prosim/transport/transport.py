@@ -48,7 +48,8 @@ class Transport(Context):
 
         The function ``points(space, active)`` returns a ``mi.Point2f`` in [0, 1)²: the pair of random numbers with the
         number ``space`` in the sampling pattern. The function ``points.choice(space)`` returns one random number in [0,
-        1).
+        1). The light is summed over the rays of a ray tree, or of a path if ``settings.follows_tree`` is false; the
+        directions of the rays are random.
         """
         # The module whose functions ``start`` and ``proceed`` choose the rays to follow.
         walk: Any = tree if self.settings.follows_tree else path

@@ -132,7 +132,7 @@ class Reader(Scanner):
                 self.warnings.append(self.source.diagnostic(SceneWarning, Span(start, end), reason, "after-end"))
 
     def read_statement(self) -> None:
-        """Reads a statement, and stores its value in ``fields``.
+        """Reads a statement, and stores its value in ``fields``; the value of a DEFAULT is stored in ``definitions``.
 
         The value of a duplicate statement, or of a statement with a wrong index, is discarded: its path begins with
         "duplicate" or "unknown" instead of the name of a field.
@@ -142,7 +142,7 @@ class Reader(Scanner):
             self.begin_value(find_word(role, self.keyword.text).name)
         value = getattr(self, f"read_{role.lower()}")()
         field, *key = self.path
-        if key:  # the value of a DEFAULT, or a value to discard, is stored in a temporary dictionary
+        if key:  # without a field for the value (DEFAULT, discarded values), the dictionary is temporary
             self.fields.get(str(field), {})[key[0]] = value
         else:
             self.fields[str(field)] = value
@@ -216,10 +216,13 @@ class Reader(Scanner):
     # ---- Values
 
     def read_numbers(self, keyword: Token, follow: frozenset[str], first: Token | None = None) -> Any:
-        """Reads the numbers, or TRUE and FALSE, after a keyword; returns their value, or None if the numbers are wrong.
+        """Reads the numbers, or TRUE and FALSE, after a keyword, and returns their value. If the numbers are wrong,
+        adds an error and returns None.
 
-        ``first`` is the token after the keyword, if this token has already been read; if it is not a number, no further
-        token is read. ``follow`` are the grammar roles that the token after the numbers may have.
+        ``first`` is the token after the keyword, if this token has already been read. If ``first`` is not a number, no
+        further token is read, and the numbers are missing. ``follow`` are the grammar roles that the token after the
+        numbers may have; before TRUE and FALSE, ``follow`` contains BOOL. Raises SceneError for a token with another
+        role.
         """
         allowed = words.INDEX if keyword.role == "USE" else find_word(keyword.role, keyword.text).numbers
         self.wanted, self.number_tokens = (keyword.text, allowed), [first] if first and first.role == "NUMBER" else []

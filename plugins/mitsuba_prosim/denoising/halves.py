@@ -279,8 +279,8 @@ class FinalImage:
         pixel, which may not suffice.
         """
         state, plan = self.render.state, self.render.state.plan
-        counts = counts_for_ratio(state, ratio)
-        if state.crop(counts, plan.region).min() == plan.max_samples:
+        counts = state.crop(counts_for_ratio(state, ratio), plan.region)
+        if counts.min() == plan.max_samples:
             return float("inf")
         return mean(counts) * (2 if self.render.second.complete else 1)
 

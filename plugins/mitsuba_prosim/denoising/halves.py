@@ -94,8 +94,9 @@ class FinalImage:
     denoiser changes to its best networks, unless ``fast`` is true.
     """
 
-    #: Maximum ratio of the raw image's error to the target at which the denoiser is first called.
-    FAR = 2.7
+    #: Maximum ratio of the raw image's error to the target at which the denoiser is first called. A smaller value would
+    #: make images too good whose error the denoiser reduces to a fifth.
+    FAR = 3.5
     #: Ratio of the error to its limit at which a pass aims before the denoiser is called, because another pass or
     #: another call costs more than some samples.
     CLOSE = 0.93
@@ -104,9 +105,10 @@ class FinalImage:
     #: Cost of a call of the denoiser with the smallest networks, in rays per pixel.
     CALL_COST = 48
     #: In multiples of the cost of a call: the minimum number of samples that the raw image lacks when the second half
-    #: begins; the minimum number of samples that the denoiser must save after a call; and the minimum number of samples
-    #: of the image for which the best networks are worth their time.
-    BEGIN, SAVED, BEST = 6, {"plain": 2, "best": 6}, 32
+    #: begins; the minimum number of samples before the first call; the minimum number of samples that the denoiser must
+    #: save after a call; and the minimum number of samples of the image for which the best networks are worth their
+    #: time.
+    BEGIN, FIRST, SAVED, BEST = 6, 3, {"plain": 2, "best": 6}, 32
 
     def __init__(self, scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int, fast: bool) -> None:
         """Before any other use, the caller must set the attribute ``render`` to the :class:`.Render` whose image is
@@ -243,8 +245,9 @@ class FinalImage:
             if samples * ratio >= least and self._needed(ratio) >= least:
                 render.begin_complete_second()
             return raw
-        if not estimates and excess > self.FAR:
-            target.sample_ratio = (excess / (self.CLOSE * self.FAR)) ** (1 / RATE)
+        if not estimates and (excess > self.FAR or samples < self.FIRST * cost):
+            by_error = (excess / (self.CLOSE * self.FAR)) ** (1 / RATE)
+            target.sample_ratio = max(by_error, self.FIRST * cost / samples)
             return raw
         by_raw = self._needed(ratio)
         networks = estimates[-1][1] if estimates else "plain"

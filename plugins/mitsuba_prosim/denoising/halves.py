@@ -32,6 +32,10 @@ RATE, RATIO_RATE = 0.68, 0.1
 #: With a probability of about 95 %, the error of the final image is at most this many times the limit.
 TOLERANCE = 1.1
 
+#: A render ends when the upper bound of the error of the final image is at most this many times the limit. A value of
+#: :data:`TOLERANCE` would miss some images whose two halves have an error in common.
+BOUND = 1.05
+
 
 def render(
     scene: mi.Scene,
@@ -270,7 +274,7 @@ class FinalImage:
                     return noise
             result = self._latest(networks, samples)
             # Rounded, because the bits of a denoised image depend on the number of threads.
-            ratio = float(f"{result.at_most / TOLERANCE / result.raw_noise:.3g}")
+            ratio = float(f"{result.at_most / BOUND / result.raw_noise:.3g}")
             estimates.append((samples, networks, ratio))
 
     def _needed(self, ratio: float) -> float:

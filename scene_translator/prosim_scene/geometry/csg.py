@@ -197,14 +197,22 @@ class _Chain:
             adds = np.array([sign == "+" for sign, _ in operands])
             boxes = np.array([body.box for _, body in operands])
             rounds = np.zeros(len(adds), int)
-            for i in range(1, len(adds)):
-                earlier = touching(boxes[:i], boxes[i])
-                rounds[i] = (rounds[earlier] + (adds[earlier] & ~adds[i])).max(initial=0)
-            result, _ = evaluate_chain([operands[i] for i in np.argsort(2 * rounds + adds, kind="stable")])
+            for i in reversed(range(len(adds))):
+                later = i + 1 + _dependent([body for _, body in operands[i + 1 :]], boxes[i + 1 :], operands[i][1])
+                rounds[i] = (rounds[later] + (adds[later] & ~adds[i])).max(initial=0)
+            result, _ = evaluate_chain([operands[i] for i in np.argsort(-2 * rounds - adds, kind="stable")])
         else:
             result = union(body for _, body in operands)
         assert result
         return result
+
+
+def _dependent(bodies: Sequence[Body], boxes: np.ndarray, other: Body) -> np.ndarray:
+    near = touching(boxes, other.box)
+    width = np.minimum(boxes[near, 1], other.box[1]) - np.maximum(boxes[near, 0], other.box[0])
+    overlaps = (width > (2 + 1e-6) * other.planes.thickness).sum(axis=1)
+    shares = np.array([not bodies[i].surfaces.isdisjoint(other.surfaces) for i in near], int)
+    return near[overlaps + shares >= 3]
 
 
 def evaluate_chain(operands: list[Operand]) -> tuple[Body | None, list[Body]]:
@@ -280,7 +288,8 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
     if not shared:
         axis = np.ptp(boxes.sum(axis=1), axis=0).argmax()
         distinct = [distinct[i] for i in np.argsort(boxes[:, :, axis].sum(axis=1))]
-    middle = len(distinct) // 2
+    leaves = np.cumsum([len(body.boxes) for body in distinct])
+    middle = max(int(np.searchsorted(leaves, leaves[-1] / 2, side="right")), 1)
     result = union([union(distinct[:middle]), union(distinct[middle:])])
     if result and not shared:
         checked(result.manifold())  # otherwise manifold3d would join this operation and the next one

@@ -6,12 +6,13 @@ medium (opaque, or a kind of dielectric). The solid of a medium consists of the 
 media can only cut this solid. If two operands share surfaces, their facets on the shared surfaces are moved apart
 before the Boolean operation (see :mod:`.coincidence`).
 
-Operators + and - that follow each other in the CSG tree form a chain, such as A + B - C + D. A ball of a chain that
-lies inside another ball has no effect, and is left out; if the chain has a -, the other ball must come later. If few
-bodies of a chain touch, each added body is cut by the subtracted bodies that come later in the chain, and the result of
-the chain is the union of the cut bodies. If many bodies of a chain touch, the chain is divided into halves: its result
-is X - S + P, where X is the result of the first half, S are the subtracted bodies of the second half, and P is the
-result of the second half alone.
+Operators + and - that follow each other in the CSG tree form a chain, such as A + B - C + D. A leaf of a chain that
+lies inside another leaf of the chain has no effect, and is left out; if the chain has a -, the other leaf must come
+later. If few bodies of a chain touch, each added body is cut by the subtracted bodies that come later in the chain, and
+the result of the chain is the union of the cut bodies. If many bodies of a chain touch, the chain is divided into
+halves: its result is X - S + P, where X is the result of the first half, S are the subtracted bodies of the second
+half, and P is the result of the second half alone. If X - S + P would have faces with wrong owners, the bodies of the
+second half are added to X and subtracted from X one after the other.
 """
 
 from __future__ import annotations
@@ -178,41 +179,47 @@ class _Chain:
     def value(self) -> Body:
         """Evaluates the chain, and returns the resulting body.
 
-        A ball that lies inside another ball of the chain is left out, unless the ball is the chain's first operand. If
-        the chain has a -, a ball is left out only if the enclosing ball comes later in the chain. Two bodies of a chain
-        that do not touch may change places in the chain. Therefore the bodies of a chain with a - are sorted into
-        rounds: each round first subtracts bodies, and then adds bodies. A body belongs to the first round in which the
-        body still comes after all earlier bodies of the other sign that touch the body.
+        If the chain has a -, a leaf is left out if a later leaf of the chain encloses it, unless the leaf is the first
+        operand of the chain. Two independent bodies (see :func:`_later_dependent`) may change places in the chain.
+        Therefore the bodies of a chain with a - are sorted into rounds: each round first adds bodies, and then
+        subtracts bodies. A body belongs to the last round in which the body still comes before all later dependent
+        bodies of the other sign. Bodies are added late because a body that is added late is a part of few intermediate
+        results.
         """
-        last = {body.solid: i if self.has_minus else math.inf for i, (_, body) in enumerate(self.operands)}
+        if not self.has_minus:
+            result = union(body for _, body in self.operands)
+        else:
+            last = {body.solid: i for i, (_, body) in enumerate(self.operands)}
 
-        def enclosed(i: int, body: Body) -> bool:
-            """Whether the chain's operand ``i``, the ball ``body``, lies inside another ball of the chain. If the chain
-            has a -, only later operands count.
-            """
-            return body.solid is not None and any(last.get(outer, -1) > i for outer in body.solid.enclosing)
+            def enclosed(i: int, body: Body) -> bool:
+                """Whether a later leaf of the chain encloses the chain's operand ``i``, the leaf ``body``."""
+                return body.solid is not None and any(last.get(outer, -1) > i for outer in body.solid.enclosing)
 
-        operands = [(sign, body) for i, (sign, body) in enumerate(self.operands) if i == 0 or not enclosed(i, body)]
-        if self.has_minus:
+            operands = [(sign, body) for i, (sign, body) in enumerate(self.operands) if i == 0 or not enclosed(i, body)]
             adds = np.array([sign == "+" for sign, _ in operands])
             boxes = np.array([body.box for _, body in operands])
             rounds = np.zeros(len(adds), int)
             for i in reversed(range(len(adds))):
-                later = i + 1 + _dependent([body for _, body in operands[i + 1 :]], boxes[i + 1 :], operands[i][1])
+                later = _later_dependent(operands, boxes, i)
                 rounds[i] = (rounds[later] + (adds[later] & ~adds[i])).max(initial=0)
             result, _ = evaluate_chain([operands[i] for i in np.argsort(-2 * rounds - adds, kind="stable")])
-        else:
-            result = union(body for _, body in operands)
         assert result
         return result
 
 
-def _dependent(bodies: Sequence[Body], boxes: np.ndarray, other: Body) -> np.ndarray:
-    near = touching(boxes, other.box)
-    width = np.minimum(boxes[near, 1], other.box[1]) - np.maximum(boxes[near, 0], other.box[0])
-    overlaps = (width > (2 + 1e-6) * other.planes.thickness).sum(axis=1)
-    shares = np.array([not bodies[i].surfaces.isdisjoint(other.surfaces) for i in near], int)
-    return near[overlaps + shares >= 3]
+def _later_dependent(operands: list[Operand], boxes: np.ndarray, number: int) -> np.ndarray:
+    """Returns the numbers of the operands that come later in a chain than the operand ``number``, and depend on it.
+
+    Two bodies are independent if their boxes do not touch, or if the boxes touch only along an edge or at a corner. Two
+    bodies are also independent if their boxes touch only at a face, and the bodies share no surface. ``boxes`` (n, 2,
+    3) are the boxes of all operands of the chain.
+    """
+    body = operands[number][1]
+    later = number + 1 + touching(boxes[number + 1 :], body.box)
+    widths = np.minimum(boxes[later, 1], body.box[1]) - np.maximum(boxes[later, 0], body.box[0])
+    overlaps = (widths > (2 + 1e-6) * body.planes.thickness).sum(axis=1)  # each box is enlarged by the thickness
+    shares = np.array([not operands[i][1].surfaces.isdisjoint(body.surfaces) for i in later], int)
+    return np.asarray(later[overlaps + shares >= 3])
 
 
 def evaluate_chain(operands: list[Operand]) -> tuple[Body | None, list[Body]]:
@@ -273,12 +280,14 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
     """Returns the union of bodies, or None if all are None. If bodies have a common face, the first of these bodies
     owns the face.
 
-    A union of bodies that share no surface is one operation of manifold3d if few of the bodies touch. If many of the
-    bodies touch, the bodies are sorted along the axis (x, y or z) on which their centres lie farthest apart, and
-    divided into halves, because the unions of neighbours have few triangles.
+    A leaf that lies inside another leaf is left out. A union of bodies that share no surface is one operation of
+    manifold3d if few of the bodies touch. If many of the bodies touch, the bodies are sorted along the axis (x, y or z)
+    on which their centres lie farthest apart, because the unions of neighbours have few triangles. Bodies that share
+    surfaces, and many bodies that touch, are divided into two parts with about the same number of leaves.
     """
     solids: dict[Solid | None, Body] = {}
     distinct = [body for body in bodies if body and (body.solid is None or solids.setdefault(body.solid, body) is body)]
+    distinct = [body for body in distinct if not body.solid or body.solid.enclosing.isdisjoint(solids)]
     if len(distinct) < 2:
         return distinct[0] if distinct else None
     shared, boxes = _share_surfaces(distinct), np.array([body.box for body in distinct])

@@ -147,6 +147,32 @@ def shrink_inscribed(solids: list[Solid]) -> None:
                     curved[i].shrink = factor
 
 
+def find_enclosing(solids: Sequence[Solid]) -> None:
+    """Adds solids to the set ``enclosing`` of each solid whose primitive's box lies inside other solids.
+
+    A solid that shares a surface with the outer solid is not counted as enclosed, because their faces may coincide.
+    Solids of mesh files are excluded: the solid of a mesh file need not be convex.
+    """
+    solids = [s for s in solids if len(s.primitive.quadrics)]
+    boxes = world_box_corners(solids)
+    to_local = np.linalg.inv(np.array([s.to_world for s in solids]).reshape(-1, 4, 4))
+    surfaces = [set(s.surfaces.tolist()) - {-1} for s in solids]
+    low, high = boxes.min(axis=1), boxes.max(axis=1)
+    for pairs in sweep(low, high):
+        inner, outer = np.concatenate([pairs, pairs[::-1]], axis=1)
+        within = ((low[outer] <= low[inner]) & (high[inner] <= high[outer])).all(axis=1)
+        for primitive, numbers in group_equal(s.primitive for s in solids).items():
+            a, b = (pair[within & np.isin(outer, numbers)] for pair in (inner, outer))
+            corners = boxes[a] @ to_local[b, :3, :3].transpose(0, 2, 1) + to_local[b, None, :3, 3]
+            inside = ((corners >= primitive.box[0]) & (corners <= primitive.box[1])).all(axis=(1, 2))
+            if primitive.curved is not None:
+                quadric = np.diag(primitive.quadrics[primitive.curved])
+                inside &= (corners**2 @ quadric[:3] + quadric[3] <= 0).all(axis=1)
+            for i, j in zip(a[inside].tolist(), b[inside].tolist()):
+                if len(solids[i].enclosing) < 64 and surfaces[i].isdisjoint(surfaces[j]):
+                    solids[i].enclosing.add(solids[j])
+
+
 def _inner_balls(solids: Sequence[Solid], surfaces: np.ndarray) -> Iterator[tuple[int, int, bool, bool]]:
     """Yields the number of a ball, the number of an outer solid, whether the outer solid is a ball that encloses the
     ball, and whether the ball touches the outer solid's curved face, for each ball inside the quadric of such a face.

@@ -10,7 +10,7 @@ from ..language.document import Document
 from ..view import Camera
 from .coincidence import THICKNESS, Planes, same_surfaces
 from .csg import tree_of
-from .detail import active_zones, choose_segments, shrink_inscribed
+from .detail import active_zones, choose_segments, find_enclosing, shrink_inscribed
 from .grouping import group_equal
 from .primitives import PRIMITIVES, CornerAttributes, Primitive
 from .solids import Solid, world_box_corners
@@ -72,6 +72,7 @@ class Leaves:
         zones = active_zones(tree_of(document.scene.csg), self.solids, self.of_leaf)
         choose_segments(document, self.solids, zones, camera, tolerance)
         shrink_inscribed(self.solids)
+        find_enclosing(self.solids)
         offset = np.pad(self.origin[:, None], ((0, 1), (3, 0)))
         for s in self.solids:
             s.to_world = s.to_world - offset

@@ -245,7 +245,9 @@ def evaluate_chain(operands: list[Operand]) -> tuple[Body | None, list[Body]]:
     added, cut = evaluate_chain(later)
     cut = [body for body in [union(cut)] if body]  # one body, which the caller uses again
     rest = first and difference(first, cut)
-    return union([rest, added]), [*cut_first, *cut]
+    if result := union([rest, added]):
+        checked(result.manifold())  # otherwise manifold3d would join this operation and the next one
+    return result, [*cut_first, *cut]
 
 
 def _divisible(operands: list[Operand], all_faces: bool = False) -> bool:

@@ -156,7 +156,6 @@ def find_enclosing(solids: Sequence[Solid]) -> None:
     solids = [s for s in solids if len(s.primitive.quadrics)]
     boxes = world_box_corners(solids)
     to_local = np.linalg.inv(np.array([s.to_world for s in solids]).reshape(-1, 4, 4))
-    surfaces = [set(s.surfaces.tolist()) - {-1} for s in solids]
     low, high = boxes.min(axis=1), boxes.max(axis=1)
     for pairs in sweep(low, high):
         inner, outer = np.concatenate([pairs, pairs[::-1]], axis=1)
@@ -169,7 +168,7 @@ def find_enclosing(solids: Sequence[Solid]) -> None:
                 quadric = np.diag(primitive.quadrics[primitive.curved])
                 inside &= (corners**2 @ quadric[:3] + quadric[3] <= 0).all(axis=1)
             for i, j in zip(a[inside].tolist(), b[inside].tolist()):
-                if len(solids[i].enclosing) < 64 and surfaces[i].isdisjoint(surfaces[j]):
+                if len(solids[i].enclosing) < 64 and {*solids[i].surfaces} & {*solids[j].surfaces} <= {-1}:
                     solids[i].enclosing.add(solids[j])
 
 

@@ -208,11 +208,12 @@ class _Chain:
 
 
 def _later_dependent(operands: list[Operand], boxes: np.ndarray, number: int) -> np.ndarray:
-    """Returns the numbers of the operands that come later in a chain than the operand ``number``, and depend on it.
+    """Returns the numbers of the chain's operands that come after the operand ``number`` and depend on this operand.
 
-    Two bodies are independent if their boxes do not touch, or if the boxes touch only along an edge or at a corner. Two
-    bodies are also independent if their boxes touch only at a face, and the bodies share no surface. ``boxes`` (n, 2,
-    3) are the boxes of all operands of the chain.
+    Two dependent bodies of different signs must keep their order in the chain. Two bodies are independent if their
+    boxes do not touch, or if their boxes touch only along an edge or at a corner. Two bodies are also independent if
+    their boxes touch only at a face, and the bodies share no surface. ``boxes`` (n, 2, 3) are the bounding boxes of all
+    operands of the chain.
     """
     body = operands[number][1]
     later = number + 1 + touching(boxes[number + 1 :], body.box)
@@ -285,7 +286,8 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
     A leaf that lies inside another leaf is left out. A union of bodies that share no surface is one operation of
     manifold3d if few of the bodies touch. If many of the bodies touch, the bodies are sorted along the axis (x, y or z)
     on which their centres lie farthest apart, because the unions of neighbours have few triangles. Bodies that share
-    surfaces, and many bodies that touch, are divided into two parts with about the same number of leaves.
+    surfaces, and many bodies that touch, are divided into halves; if the first body has more leaves than all other
+    bodies together, the first body is one part, and the other bodies are the second part.
     """
     solids: dict[Solid | None, Body] = {}
     distinct = [body for body in bodies if body and (body.solid is None or solids.setdefault(body.solid, body) is body)]
@@ -299,8 +301,8 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
     if not shared:
         axis = np.ptp(boxes.sum(axis=1), axis=0).argmax()
         distinct = [distinct[i] for i in np.argsort(boxes[:, :, axis].sum(axis=1))]
-    leaves = np.cumsum([len(body.boxes) for body in distinct])
-    middle = max(int(np.searchsorted(leaves, leaves[-1] / 2, side="right")), 1)
+    first, *others = (len(body.boxes) for body in distinct)  # the numbers of leaves
+    middle = 1 if first > sum(others) else len(distinct) // 2
     result = union([union(distinct[:middle]), union(distinct[middle:])])
     if result and not shared:
         checked(result.manifold())  # otherwise manifold3d would join this operation and the next one

@@ -148,10 +148,10 @@ def shrink_inscribed(solids: list[Solid]) -> None:
 
 
 def find_enclosing(solids: Sequence[Solid]) -> None:
-    """Adds solids to the set ``enclosing`` of each solid whose primitive's box lies inside other solids.
+    """Adds, to the set ``enclosing`` of each solid, other solids that contain the bounding box of the solid's primitive.
 
-    A solid that shares a surface with the outer solid is not counted as enclosed, because their faces may coincide.
-    Solids of mesh files are excluded: the solid of a mesh file need not be convex.
+    Two solids that share a surface are excluded, because faces of the two solids may coincide. Solids of mesh files are
+    excluded, because the solid of a mesh file need not be convex. At most 64 enclosing solids of a solid are stored.
     """
     solids = [s for s in solids if len(s.primitive.quadrics)]
     boxes = world_box_corners(solids)

@@ -24,7 +24,7 @@ class Solid:
     largest of these solids. The 4x4 matrix ``facet_map`` moves the facets of the curved face: it maps the space of the
     owner of a shared surface to the space of this solid, or concentrates the facets of a ball near a visible cap. The
     size of the curved face is multiplied by ``shrink``, which is below 1 only for a ball that touches another solid
-    from inside. ``enclosing`` is a set of solids of the scene that contain the solid (about 64 at most).
+    from inside. ``enclosing`` is a set of solids of the scene that contain the solid (64 at most).
     """
 
     primitive: Primitive

@@ -148,7 +148,7 @@ def shrink_inscribed(solids: list[Solid]) -> None:
 
 
 def find_enclosing(solids: Sequence[Solid]) -> None:
-    """Adds, to the set ``enclosing`` of each solid, other solids that contain the bounding box of the solid's primitive.
+    """Adds other solids to the set ``enclosing`` of each solid: those that contain the bounding box of the primitive.
 
     Two solids that share a surface are excluded, because faces of the two solids may coincide. Solids of mesh files are
     excluded, because the solid of a mesh file need not be convex. At most 64 enclosing solids of a solid are stored.

@@ -242,18 +242,18 @@ class FinalImage:
             return raw
         # ``cost`` is the cost of a call of the denoiser. Below, ``by_raw`` and ``by_final`` are the counts at which the
         # raw and the final image reach the target. All three are samples per pixel.
-        ratio, cost = (excess / AIM) ** (1 / RATE), self._call_cost
+        factor, cost = (excess / AIM) ** (1 / RATE), self._call_cost
         if not second.complete:
             # A complete second half doubles the samples, which is not worth while for an image that needs few samples.
             least = 2 * samples + self.BEGIN * cost
-            if samples * ratio >= least and self._needed(ratio) >= least:
+            if samples * factor >= least and self._needed(factor) >= least:
                 render.begin_complete_second()
             return raw
         if not estimates and (excess > self.FAR or samples < self.FIRST * cost):
             by_error = (excess / (self.CLOSE * self.FAR)) ** (1 / RATE)
             target.sample_ratio = max(by_error, self.FIRST * cost / samples)
             return raw
-        by_raw = self._needed(ratio)
+        by_raw = self._needed(factor)
         networks = estimates[-1][1] if estimates else "plain"
         # Calls the denoiser at most twice: with the networks so far, and after the first call perhaps with the best.
         while True:

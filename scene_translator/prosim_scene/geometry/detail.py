@@ -117,6 +117,8 @@ def _lorentz(axis: np.ndarray, refinement: float) -> np.ndarray:
 INSIDE = 1e-6  # how far a ball that touches a face from inside may be outside, relative to the size of the face
 SPACING = 0.002  # how far this ball may be inside; the contact may lie between the tested points of the face
 FEW = 64  # a 64th of the tangent planes of a face is tested first, which excludes most balls
+#: Maximum number of enclosing solids that are stored for a solid: one is enough to leave it out, and more take memory.
+MAX_ENCLOSING = 64
 BATCH = 1 << 16  # the number of pairs of a ball and a tangent plane that are tested at a time
 
 
@@ -132,7 +134,7 @@ def shrink_inscribed(solids: list[Solid]) -> None:
     surfaces = np.array([s.curved_surface if s.curved_surface >= 0 else -1 - i for i, s in enumerate(curved)], int)
     inscribed: dict[int, list[int]] = {}  # the balls inside each outer solid
     for ball, outer, enclosed, touches in _inner_balls(curved, surfaces):
-        if enclosed and len(curved[ball].enclosing) < 64:  # one is enough to leave the ball out; more take memory
+        if enclosed and len(curved[ball].enclosing) < MAX_ENCLOSING:
             curved[ball].enclosing.add(curved[outer])
         if touches:
             inscribed.setdefault(outer, []).append(ball)
@@ -151,7 +153,8 @@ def find_enclosing(solids: Sequence[Solid]) -> None:
     """Adds other solids to the set ``enclosing`` of each solid: those that contain the bounding box of the primitive.
 
     Two solids that share a surface are excluded, because faces of the two solids may coincide. Solids of mesh files are
-    excluded, because the solid of a mesh file need not be convex. At most 64 enclosing solids of a solid are stored.
+    excluded, because the solid of a mesh file need not be convex.
+    At most :data:`MAX_ENCLOSING` enclosing solids of a solid are stored.
     """
     solids = [s for s in solids if len(s.primitive.quadrics)]
     boxes = world_box_corners(solids)
@@ -168,7 +171,7 @@ def find_enclosing(solids: Sequence[Solid]) -> None:
                 quadric = np.diag(primitive.quadrics[primitive.curved])
                 inside &= (corners**2 @ quadric[:3] + quadric[3] <= 0).all(axis=1)
             for i, j in zip(a[inside].tolist(), b[inside].tolist()):
-                if len(solids[i].enclosing) < 64 and {*solids[i].surfaces} & {*solids[j].surfaces} <= {-1}:
+                if len(solids[i].enclosing) < MAX_ENCLOSING and {*solids[i].surfaces} & {*solids[j].surfaces} <= {-1}:
                     solids[i].enclosing.add(solids[j])
 
 

@@ -3,6 +3,7 @@
 import errno
 import json
 import tracemalloc
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -73,6 +74,47 @@ def test_what_is_no_complete_checkpoint_is_refused(variant_rgb, tmp_path):
         checkpoint.load(tmp_path / "nothing")
     with pytest.raises(OSError, match="No space"):
         made().write(Path("/dev/full"))
+
+
+def test_checkpoint_with_a_flipped_bit_in_the_header_of_an_array_is_refused(variant_rgb, tmp_path):
+    """A shorter header of NumPy hides the end of the member, where zipfile compares the checksum."""
+    path = tmp_path / "a.state.npz"
+    checkpoint.save(replace(made(), pixels={"total": np.ones(10**5, np.float32)}), path)
+    content = bytearray(path.read_bytes())
+    begin = content.index(b"\x93NUMPY", content.index(b"pixels.total.npy"))
+    content[begin + 8] ^= 2  # the length of the header
+    path.write_bytes(content)
+    with pytest.raises(CheckpointError, match="is damaged"):
+        checkpoint.load(path)
+
+
+@pytest.mark.parametrize("compression", [zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_checkpoint_with_compressed_members_is_refused_before_they_are_read(variant_rgb, tmp_path, compression):
+    path = tmp_path / "a.state.npz"
+    checkpoint.save(made(), path)
+    with zipfile.ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    members["pixels.total.npy"] = members["pixels.total.npy"].replace(b"(15,)       ", b"(100000000,)") + bytes(
+        4 * 10**8
+    )
+    with zipfile.ZipFile(path, "w", compression, compresslevel=1) as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    del members
+    tracemalloc.start()
+    try:
+        with pytest.raises(CheckpointError, match="is damaged"):
+            checkpoint.load(path)
+        assert tracemalloc.get_traced_memory()[1] < 10**6
+    finally:
+        tracemalloc.stop()
+
+
+def test_archive_of_another_program_is_no_checkpoint(variant_rgb, tmp_path):
+    path = tmp_path / "a.npz"
+    np.savez(path, image=np.zeros(5))
+    with pytest.raises(NotACheckpointError, match="is no checkpoint"):
+        checkpoint.load(path)
 
 
 def test_a_checkpoint_of_another_version_or_variant_is_refused(variant_rgb, tmp_path, monkeypatch):

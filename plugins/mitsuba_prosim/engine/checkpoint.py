@@ -8,6 +8,8 @@ image. The checksums of the ZIP archive reveal damaged data when a checkpoint is
 
 from __future__ import annotations
 
+import errno
+import io
 import json
 import time
 import warnings
@@ -38,6 +40,9 @@ PARTS_MAY_DIFFER = ("scene", "exposure", "band", *MAY_DIFFER)
 
 #: The prefixes of the names of arrays in a file: arrays of the pixels, and of the second image.
 PIXELS, SECOND = "pixels.", "second."
+
+#: The suffix of the names of members, and the member with the JSON text.
+NPY, FACTS = ".npy", "facts.npy"
 
 
 class CheckpointError(ValueError):
@@ -211,25 +216,48 @@ def read(path: str | Path, arrays: bool = True) -> Checkpoint:
     for a file that is no checkpoint. Raises CheckpointError for another version of the format, and for a damaged or
     incomplete file. Raises OSError if the file cannot be read.
     """
-    try:
-        with np.load(path) as archive:
-            header = json.loads(str(archive["facts"]))
-            version = header["format"]
-            names = archive.files if arrays and version == FORMAT else []
-            pixels, second = (
-                {name.removeprefix(group): archive[name] for name in names if name.startswith(group)}
-                for group in (PIXELS, SECOND)
-            )
-    except (zipfile.BadZipFile, EOFError, NotImplementedError):  # the last: a damaged kind of compression
-        raise CheckpointError(f"{path} is damaged or not complete; render again") from None
-    except (ValueError, KeyError, TypeError, AttributeError):  # the last in Python 3.10: an array has no __enter__
-        raise NotACheckpointError(f"{path} is no checkpoint; --checkpoint and --part write some") from None
+    with open(path, "rb") as file:
+        seems_checkpoint = file.read(2) == b"PK"
+        try:
+            with zipfile.ZipFile(file) as archive:
+                names = archive.namelist()
+                seems_checkpoint = FACTS in names
+                header = json.loads(str(member(archive, FACTS)))
+                version = header["format"]
+                names = names if arrays and version == FORMAT else []
+                pixels, second = (
+                    {name[len(group) : -len(NPY)]: member(archive, name) for name in names if name.startswith(group)}
+                    for group in (PIXELS, SECOND)
+                )
+        except Exception as error:  # zipfile, NumPy and json raise exceptions of many kinds for damaged data
+            if isinstance(error, OSError) and error.errno != errno.EINVAL:  # not a seek to a damaged position
+                raise
+            if seems_checkpoint:
+                raise CheckpointError(f"{path} is damaged or not complete; render again") from None
+            raise NotACheckpointError(f"{path} is no checkpoint; --checkpoint and --part write some") from None
     if version != FORMAT:
         raise CheckpointError(
             f"{path} has format {version}, and this version reads format {FORMAT}; finish it with the version "
             "that wrote it, or render again"
         )
     return Checkpoint(header["attributes"], pixels, second, header["about"], header["environment"])
+
+
+def member(archive: zipfile.ZipFile, name: str) -> np.ndarray:
+    """Returns the array in the member ``name`` of ``archive``. Raises exceptions of many kinds for a damaged member.
+
+    The member is read to its end before it is parsed, because zipfile compares the checksum only at the end.
+    """
+    info = archive.getinfo(name)
+    if info.compress_type != zipfile.ZIP_STORED or info.file_size != info.compress_size:
+        raise zipfile.BadZipFile("a checkpoint has no compressed members, which could be of any size")
+    if info.file_size > archive.start_dir:
+        raise zipfile.BadZipFile("the member is larger than the file")
+    content = io.BytesIO(archive.read(info))
+    values = np.lib.format.read_array(content, allow_pickle=False)
+    if content.read(1):
+        raise ValueError("the array does not fill the member")
+    return values
 
 
 def load(path: str | Path) -> Checkpoint:

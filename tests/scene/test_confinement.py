@@ -1,15 +1,16 @@
 """A confined scene can name no file outside its folder: each way to one is refused before a file is opened."""
 
-import html
+import os
 import random
-import re
+from contextlib import suppress
 from pathlib import Path
 
 import mitsuba as mi
+import prosim_scene
 import pytest
 from mitsuba_prosim.compat import LIBRARIES
 from mitsuba_prosim.scene import session
-from mitsuba_prosim.scene.confinement import OutsideError, named
+from mitsuba_prosim.scene.confinement import MAX_INCLUDES, OutsideError, elements
 from mitsuba_prosim.scene.scene_file import SceneFile
 
 INCLUDE, DEFAULT = '<include filename="{}"/>', '<default name="{}" value="{}"/>'
@@ -114,52 +115,117 @@ def test_files_within_and_those_of_mitsuba_are_read(variant_rgb, folder):
     opened(folder, SPECTRUM.format("good.spd").replace("good", "../scene/good"), confined=True)
 
 
-#: Parts of the values of attributes, and of what surrounds the element.
-QUOTES = "\"'"
-VALUE = ["&amp;", "&quot;", "-->", "..", "/", ">", "<", "é", " ", "=", "filename=", "<spectrum ", "'", '"', "a"]
+#: What people may write around, before and in the elements of an XML scene.
 BETWEEN = [
-    "<!-- {} -->",
-    "<![CDATA[ {} ]]>",
-    "<?p {} ?>",
-    "{}",
-    '<!-- <spectrum " -->',
-    "<!-- ' -->",
-    "<!DOCTYPE a '{}'>",
-]
+    "<!-- {} -->", "<!-- -- {} -->", "<![CDATA[ {} ]]>", "<![cdata[ {} ]]>", "<?p {} ?>", "{}", "<!-- ' -->",
+    '<!-- " -->', "<!DOCTYPE a '{}'>", "<!DOCTYPE a [<!ENTITY e '{}'> <!ATTLIST string value CDATA '../d'>]>", "]]>",
+    "\f", "\0", "\ufeff", "<string name='s2' value='{}'/>", "<string name='s3'\tvalue\n=\r\n'{}' />", "</scene>",
+    "<string name='s4' value='{}' value='b'/>", "<string name='s5' value='{}'></string >", "<scene version='3.0.0'>",
+    "<string name=s6 value='{}'/>", "<!--->", "<!-->", "<!---->", "<![CDATA[>]]>", "<string/name='s7' value='{}'/>",
+    "<string name='s8' value='{}", '<default name="p" value="{}"/>', "<string name='s9'value='{}'/>",
+    "<x:string name='t' value='{}'/>",
+]  # fmt: skip
+VALUE = [
+    "&amp;", "&quot;", "-->", "..", "/", ">", "<", "é", " ", "=", "filename=", "<string ", "'", '"', "a", "\t", "\r\n",
+    "\r", "&#46;", "&#x2E;", "&#4294967342;", "&#0;", "&#x;", "&#xD800;", "&e;", "&AMP;", "&#10;", "&#13;", "&amp;#46;",
+    "]]>", "$p", r"\$p", "&#36;p", "&amp", "\x85", "\u2028", "OVERLONG", "HALF", "😀", "\x01", "\x7f", "\ufffe", "?>",
+]  # fmt: skip
+DECLARED = [
+    *(f"<?xml version='1.0' encoding='{name}'?>" for name in ("UTF-8", "utf8", "latin1", "ISO-8859-1", "utf-16", "x")),
+    "<?xml version='1.0' standalone='yes'?>", "<?xml version='>' encoding='latin1'?>", "<?xml version='1.1'?>", " \n",
+    "<?xml encoding='latin1'?>", "<?xml version='1.0' a='>' encoding='latin1'?>", "<?XML version='1.0'?>", *[""] * 40,
+]  # fmt: skip
+CODECS = [*["utf-8"] * 40, "utf-8-sig", "latin-1", "utf-16", "utf-16-le", "utf-16-be", "utf-32", "utf-32-be", "utf-7"]
 
 
-def test_every_name_that_mitsuba_opens_is_found(variant_rgb, tmp_path):
-    """In random texts that Mitsuba's parser accepts up to the spectrum, which does not exist."""
-    rng, path, opened_names = random.Random(1), tmp_path / "scene.xml", 0
-    for _ in range(300):
-        name, other = ("".join(rng.choices(VALUE, k=rng.randrange(5))) for _ in "ab")
-        attributes = [f"name={(q := rng.choice(QUOTES))}{other}{q}", f"filename={(q := rng.choice(QUOTES))}Z{name}{q}"]
-        before, after = (
-            "".join(rng.choices(BETWEEN, k=rng.randrange(3))).replace("{}", rng.choice(VALUE)) for _ in "ab"
-        )
-        bsdf = f'<bsdf type="diffuse"><spectrum {" ".join(rng.sample(attributes, 2))}/></bsdf>'
-        path.write_text(f'{after}<scene version="3.0.0">{before}{bsdf}</scene>')
-        try:
-            mi.parser.parse_file(mi.parser.ParserConfig("scalar_rgb"), str(path))
-        except RuntimeError as error:
-            if found := re.search('failed to load spectrum from file "(.*?)": ', str(error), re.DOTALL):
-                opened_names += 1
-                assert found[1] in {html.unescape(name) for _, name, _ in named(path.read_text())}
-    assert opened_names > 25
+def hostile(rng):
+    """A document that may be XML, in some encoding."""
+    pick = lambda choices: "".join(rng.choices(choices, k=rng.choice((0, 0, 1))))  # noqa: E731
+    around = lambda: pick(BETWEEN).replace("{}", pick(VALUE))  # noqa: E731
+    quote = rng.choice("'\"")
+    text = f"{rng.choice(DECLARED)}<scene version='3.0.0'>{around()}<shape type='ply'>{around()}"
+    text += f"<string name='s1' value={quote}{pick(VALUE)}{quote}/></shape>{around()}</scene>"
+    content = (text + around() * (rng.random() < 0.1)).encode(rng.choice(CODECS), "replace")
+    return content.replace(b"OVERLONG", b"\xc0\xae").replace(b"HALF", b"\xed\xa0\x80")
+
+
+def strings_of_mitsuba(path):
+    """The names and values of all strings that Mitsuba's parser reads, or None."""
+    try:
+        state = mi.parser.parse_file(mi.parser.ParserConfig("scalar_rgb"), str(path))
+    except RuntimeError:
+        return None
+    text = mi.Properties.Type.String
+    with suppress(UnicodeDecodeError):
+        return sorted((k, p[k]) for p in (n.props for n in state.nodes) for k in p if p.type(k) == text)
+    return "not in UTF-8"
+
+
+def strings_of_check(content):
+    """The same as the confinement reads them, or None if it refuses the document."""
+    try:
+        found = elements(content)
+    except ValueError:
+        return None
+    return sorted((a.get("name"), a.get("value")) for tag, a, *_ in found if tag == "string")
+
+
+def test_mitsuba_reads_each_accepted_document_alike(variant_rgb, tmp_path):
+    """In 200 hostile documents; a ``$`` is left to Mitsuba."""
+    rng, path, agreed, refused = random.Random(4), tmp_path / "scene.xml", 0, 0
+    for _ in range(200):
+        path.write_bytes(content := hostile(rng))
+        theirs, ours = strings_of_mitsuba(path), strings_of_check(content)
+        refused += ours is None and theirs is not None
+        if ours is not None and theirs is not None and not any("$" in value for _, value in ours):
+            assert ours == theirs, content
+            agreed += 1
+    assert agreed > 30 and refused > 10
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        HERE.format("").encode("utf-16"),
-        HERE.format("").encode("utf-16-le"),
+        *(HERE.format("").encode(codec) for codec in ("utf-16", "utf-16-le", "utf-32", "utf-32-be")),
         HERE.format("<!-- é -->").encode("latin-1"),
-        b'<?xml version="1.0" encoding="latin1"?>' + HERE.format("<!-- é -->").encode(),
+        *(f"<?xml version='{v}' encoding='latin1'?>{HERE}".encode() for v in ("1.0", ">")),
+        b"<!DOCTYPE scene>" + HERE.format("").encode(),
+        b"<?p ?>" + HERE.format("").encode(),
+        HERE.format("<!-- -- -->").encode(),
+        HERE.format("\0").encode(),
+        HERE.format("<bsdf type='twosided'>" * 100_000 + "</bsdf>" * 100_000).encode(),
     ],
-)
-def test_text_in_another_encoding_is_refused(variant_rgb, folder, text):
-    with pytest.raises(OutsideError, match="not in UTF-8"):
+)  # fmt: skip
+def test_text_that_parsers_may_read_differently_is_refused(variant_rgb, folder, text):
+    with pytest.raises(OutsideError, match=r"^At .*scene.xml \(line \d, col \d+\): .* in UTF-8.* --allow-outside$"):
         opened(folder, text)
+
+
+def test_unlimited_includes_and_pipes_are_refused(variant_rgb, folder):
+    with pytest.raises(OutsideError, match=f"more than {MAX_INCLUDES} files"):
+        opened(folder, 2 * INCLUDE.format("scene.xml"))
+    os.mkfifo(folder / "pipe.xml")
+    for form in (INCLUDE, SPECTRUM, STRING):
+        with pytest.raises(OutsideError, match="a device or a pipe"):
+            opened(folder, form.format("pipe.xml"))
+
+
+def test_folder_of_an_included_file_counts_for_later_names(variant_rgb, folder):
+    (folder / "parts" / "good.spd").symlink_to(folder.parent / "secret.spd")
+    (folder / "parts" / "adds.xml").write_text(HERE.format('<path value="parts"/>'))
+    for text in (INCLUDE.format("parts/adds.xml"), '<path value="parts"/>'):
+        with pytest.raises(OutsideError, match="outside the scene's folder"):
+            opened(folder, text + SPECTRUM.format("good.spd"))
+
+
+def test_spectrum_files_of_lax_xml_are_known_or_warned_of(variant_rgb, folder):
+    """Without a confinement, Mitsuba's parser accepts more than XML."""
+    for before in ("<!-- -- -->", ""):
+        file = opened(folder, before + SPECTRUM.format("good.spd"), confined=False)
+        assert folder / "good.spd" in file.sources()
+    file = opened(folder, "<![CDATA[ ]]> ]]>" + SPECTRUM.format("good.spd"), confined=False)
+    with pytest.warns(prosim_scene.SceneWarning, match="neither watched nor sent to a cluster"):
+        file.sources()
 
 
 def test_nothing_takes_the_place_of_mitsubas_own_files(variant_rgb, folder):

@@ -1,24 +1,20 @@
-"""Finds the names of files in an XML scene, and checks that these files are in the folder of the scene file."""
+"""Reads the elements of XML scenes, and checks that a scene uses only files in the folder of the scene file."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any, NoReturn
+from xml.parsers import expat
 
 import mitsuba as mi
 
 from ..compat import LIBRARIES, MATERIAL_FILES
 
-#: Pattern of an XML element that names a file or a folder, or defines a parameter. The pattern also matches within
-#: comments. And pattern of one attribute of such an element.
-ELEMENT = re.compile(r"""(?=<(include|spectrum|path|default)\b((?:[^<>"']|"[^"]*"|'[^']*')*))""")
-ATTRIBUTE = re.compile(r"""([^\s=<>"']+)\s*=\s*("[^"]*"|'[^']*')""")
-
-#: Pattern of a declared encoding that is not UTF-8.
-OTHER_ENCODING = re.compile(r"""\s*<\?xml[^>]*encoding\s*=\s*["'](?!utf-?8["'])""", re.IGNORECASE)
-
+#: Maximum depth of the XML elements, and maximum number of files that a scene includes, in a scene that is checked.
+MAX_DEPTH, MAX_INCLUDES = 50, 500
 
 #: The folder of Mitsuba's installation.
 INSTALLED = os.path.dirname(os.path.abspath(mi.__file__))
@@ -28,19 +24,47 @@ class OutsideError(ValueError):
     """The error that a scene refers to a file outside the folder of the scene file."""
 
 
-def named(text: str) -> Iterator[tuple[str, str, int]]:
-    """Yields ``(element, name, position)`` for each XML element ``include``, ``spectrum`` or ``path`` in ``text`` that
-    contains the name of a file or folder, even within an XML comment.
+def elements(content: bytes, strict: bool = True) -> list[tuple[str, Mapping[str, str], int, int]]:
+    """Returns ``(tag, attributes, line, column)`` for each XML element in the ``content`` of a file, in its order.
 
-    ``element`` is the tag of the XML element. In an element ``path``, the attribute ``value`` is the name of a folder.
-    In the elements ``include`` and ``spectrum``, the attribute ``filename`` is the name of a file. ``name`` is the name
-    of the file or folder as written in the text, before ``$key`` parameters and XML entities are replaced. ``position``
-    is the offset of the XML element from the beginning of the text, in characters.
+    If ``strict`` is true, the function raises ValueError for all content that Mitsuba's parser may read in another way:
+    content that is not well-formed XML in UTF-8, a document type, a processing instruction, and elements that are
+    nested more than :data:`MAX_DEPTH` deep, for which Mitsuba's parser may lack memory. If ``strict`` is false, the
+    function raises ValueError only if the content is not well-formed.
     """
-    for found in ELEMENT.finditer(text):
-        for attribute, value in ATTRIBUTE.findall(found[2]):
-            if attribute == ("value" if found[1] == "path" else "filename"):
-                yield found[1], value[1:-1], found.start()
+    parser, depth = expat.ParserCreate("utf-8" if strict else None), 0
+    found: list[tuple[str, Mapping[str, str], int, int]] = []
+
+    def refuse(*_: Any) -> NoReturn:
+        raise ValueError("a document type or a processing instruction")
+
+    def declare(version: str, encoding: str | None, _: int) -> None:
+        if (encoding or "utf-8").lower() not in ("utf-8", "utf8"):
+            raise ValueError(f"the encoding {encoding}, not UTF-8")
+
+    def begin(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if strict and depth > MAX_DEPTH:
+            raise ValueError(f"elements nested more than {MAX_DEPTH} deep")
+        found.append((tag, attributes, parser.CurrentLineNumber, parser.CurrentColumnNumber + 2))
+
+    def end(_: str) -> None:
+        nonlocal depth
+        depth -= 1
+
+    parser.StartElementHandler, parser.EndElementHandler = begin, end
+    if strict:
+        parser.StartDoctypeDeclHandler = parser.ProcessingInstructionHandler = refuse
+        parser.XmlDeclHandler = declare
+    try:
+        if strict and "\0" in content.decode("utf-8"):  # expat would read UTF-16
+            raise ValueError("a zero byte")
+        parser.Parse(content, True)
+    except (expat.ExpatError, ValueError) as error:
+        words = expat.ErrorString(error.code) if isinstance(error, expat.ExpatError) else error
+        raise ValueError(f"(line {parser.ErrorLineNumber}, col {parser.ErrorColumnNumber + 1}): {words}") from None
+    return found
 
 
 class Confinement:
@@ -61,29 +85,39 @@ class Confinement:
 
         This method does not check the files that ``<string>`` parameters of plugins name; :meth:`check_state` checks
         these files. Raises OutsideError if a file is not allowed, if the name of a file contains a ``$key`` parameter,
-        an XML entity or white space other than blanks, or if an XML file is not in UTF-8. Raises OSError if the file
-        ``path`` or an included XML file cannot be read.
+        if :func:`elements` refuses an XML file, or if more than :data:`MAX_INCLUDES` files are included. Raises OSError
+        if the file ``path`` or an included XML file cannot be read.
         """
-        folders, texts = [str(folder) for folder in mi.file_resolver()], [path]
-        for file in texts:  # the list grows in the loop
-            folders.append(str(file.parent))
-            try:
-                text = file.read_text(encoding="utf-8")
-            except UnicodeDecodeError:
-                text = "\0"  # is refused in the next lines
-            if "\0" in text or OTHER_ENCODING.match(text):
-                raise OutsideError(f"{file} is not in UTF-8, so its names can't be checked; save it in UTF-8")
-            for tag, name, position in named(text):
-                found = [place for folder in folders if os.path.exists(place := os.path.join(folder, name))]
-                wrong = self._refusal(f"<{tag}>", name, *(found or [name]))
-                # A parameter ($), an entity (&) or white space that XML replaces: the parser reads another name.
-                if re.search(r"[$&]|[^\S ]", name):
-                    wrong = f"<{tag}> names {name!r} by parameter or entity; write the name, or use --allow-outside"
-                if wrong:
-                    line, column = text.count("\n", 0, position) + 1, position - text.rfind("\n", 0, position)
-                    raise OutsideError(f"At {file} (line {line}, col {column + 1}): {wrong}")
-                folders += found if tag == "path" else []
-                texts += [place for place in map(Path, found) if tag == "include" and place not in texts]
+        self._includes = 0
+        self._check_text(path, dict.fromkeys(map(str, mi.file_resolver())))
+
+    def _check_text(self, path: Path, folders: dict[str, None]) -> None:
+        """Checks the XML file ``path``, as :meth:`check_text`, and the files that it includes.
+
+        ``folders`` are the folders in which Mitsuba may search for files; this method adds the folders that it finds.
+        """
+        folders[str(path.parent)] = None
+        try:
+            found = elements(path.read_bytes())
+        except ValueError as error:
+            needs = "the names of files can be checked only in well-formed XML in UTF-8, so change it"
+            raise OutsideError(f"At {path} {error}; {needs}, or use --allow-outside") from None
+        for tag, attributes, line, column in found:
+            name = attributes.get("value" if tag == "path" else "filename")
+            if tag not in ("include", "spectrum", "path") or name is None:
+                continue
+            places = [place for folder in folders if os.path.exists(place := os.path.join(folder, name))]
+            wrong = self._refusal(f"<{tag}>", name, *(places or [name]))
+            if "$" in name:
+                wrong = f"<{tag}> names {name!r} by a parameter; write the name, or use --allow-outside"
+            self._includes += tag == "include"
+            if self._includes > MAX_INCLUDES:
+                wrong = f"the scene includes more than {MAX_INCLUDES} files; use --allow-outside"
+            if wrong:
+                raise OutsideError(f"At {path} (line {line}, col {column}): {wrong}")
+            folders.update(dict.fromkeys(places if tag == "path" else ()))
+            for place in places if tag == "include" else ():
+                self._check_text(Path(place), folders)
 
     def check_state(self, state: mi.parser.ParserState) -> None:
         """Checks the XML files that the parser has read, the names of plugins, and all files that plugins would open
@@ -142,6 +176,8 @@ class Confinement:
                     f"{what} names {name!r}, which leads to {real}, outside the scene's folder; move the file there, "
                     "or use --allow-outside"
                 )
+            if real.exists() and not (real.is_file() or real.is_dir()):
+                return f"{what} names {name!r}, which is a device or a pipe; use a file"
         return None
 
     def _is_installed(self, path: str) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import html
 import os
 import re
 import warnings
@@ -18,14 +17,14 @@ from prosim_scene import Document, images, located, meshes
 
 from .. import compat, registry
 from . import overrides, session
-from .confinement import ATTRIBUTE, ELEMENT, INSTALLED, Confinement
+from .confinement import INSTALLED, Confinement, elements
 from .errors import check_images
 
 #: Arguments of :func:`prosim_scene.translate`: the arguments that only the scene language has, and all arguments.
 LANGUAGE = ("light_units", "tolerance")
 TRANSLATION = (*LANGUAGE, "allow_outside", "cache")
 
-COMMENT = re.compile("<!--.*?-->", re.DOTALL)
+COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 
 
 class SceneFile:
@@ -148,11 +147,17 @@ class SceneFile:
         the search path.
         """
         folders = [*folders]
-        for found in ELEMENT.finditer(COMMENT.sub("", text.read_text(encoding="utf-8", errors="replace"))):
-            attributes = {key: html.unescape(value[1:-1]) for key, value in ATTRIBUTE.findall(found[2])}
+        try:
+            # Mitsuba accepts "--" within a comment.
+            found = elements(COMMENT.sub(b"", text.read_bytes()), strict=False)
+        except ValueError as error:
+            words = f"At {text} {error}; Mitsuba accepts this, but its spectrum files are neither watched nor sent"
+            warnings.warn(prosim_scene.SceneWarning(f"{words} to a cluster"), stacklevel=2)
+            return
+        for tag, attributes, _, _ in found:
             for key in sorted(values, key=len, reverse=True):  # $key may be the beginning of a longer name
                 attributes = {name: value.replace(f"${key}", values[key]) for name, value in attributes.items()}
-            tag, name = found[1], attributes.get("filename", attributes.get("value", ""))
+            name = attributes.get("filename", attributes.get("value", ""))
             if tag == "default":
                 values.setdefault(attributes.get("name", ""), name)
                 continue

@@ -5,7 +5,10 @@ from __future__ import annotations
 import gc
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+
+import drjit as dr
+import mitsuba as mi
 
 _lock = threading.RLock()
 
@@ -36,3 +39,14 @@ def alone() -> Iterator[None]:
             yield
         finally:
             gc.set_threshold(*thresholds)
+
+
+@contextmanager
+def alone_if_traced() -> Iterator[None]:
+    """The same as :func:`alone`, but does nothing in scalar variants.
+
+    Scalar variants trace no kernels. There Mitsuba's own threads take the samples, while the thread that renders waits
+    for them. If the thread that renders held the lock, threads that needed the lock for a sample would wait forever.
+    """
+    with alone() if dr.is_jit_v(mi.Float) else nullcontext():
+        yield

@@ -98,6 +98,38 @@ def test_search_path_and_one_thread(tmp_path, variant_rgb, mitsuba):
             assert image[8, 12].mean() == pytest.approx(0.5 * value, rel=0.2)  # few samples, but a factor of two apart
 
 
+INTEGRATORS = (
+    '<integrator type="prosim"/>',
+    '<integrator type="prosim"><integer name="diffuse_bounces" value="-1"/></integrator>',
+    '<integrator type="prosim_adaptive"><integrator type="prosim"/></integrator>',
+    '<integrator type="prosim_denoised"><integrator type="prosim"/></integrator>',
+    '<integrator type="prosim_features"/>',
+    '<integrator type="aov"><string name="aovs" value="n:sh_normal"/><integrator type="prosim"/></integrator>',
+    '<integrator type="path"/>',
+    '<integrator type="volpath"/>',
+)
+MATERIALS = ("composite", "conductor", "dielectric", "lambertian", "phong")
+
+
+@pytest.mark.slow
+@compiled
+@pytest.mark.parametrize(
+    "integrator, mode, threads",
+    [(name, "scalar_rgb", 4) for name in INTEGRATORS]
+    + [(INTEGRATORS[0], mode, threads) for mode in ("scalar_rgb", "scalar_spectral") for threads in (1, 2, 16)],
+)
+def test_scalar_render_ends(tmp_path, mitsuba, integrator, mode, threads):
+    """Threads of Mitsuba take the samples, while the thread that renders waits for them."""
+    balls = [
+        f"""<shape type="sphere"><point name="center" x="{x}" y="0" z="6"/><bsdf type="prosim_{name}"/></shape>"""
+        for x, name in enumerate(MATERIALS, -2)
+    ]
+    (tmp_path / "scene.xml").write_text(scene_text(integrator, CONSTANT + "".join(balls)))
+    done = mitsuba(tmp_path, "-m", mode, "-t", threads, "scene.xml")
+    assert done.returncode == 0, done.stderr
+    assert np.isfinite(np.array(mi.Bitmap(str(tmp_path / "scene.exr")))).all()
+
+
 @pytest.mark.slow
 @compiled
 def test_several_scenes_none_twice(tmp_path, mitsuba):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import drjit as dr
 import mitsuba as mi
 
-from ..alone import alone
+from ..alone import alone_if_traced
 from ..engine.film import aov_values
 from ..engine.integrator import ProgressiveIntegrator
 from ..light.source import read_emission
@@ -257,7 +257,7 @@ class Prosim(ProgressiveIntegrator):
     def parameter_names(self) -> list[str]:
         return [*super().parameter_names(), *SETTINGS, "caustics", "caustic_photons"]
 
-    @alone()
+    @alone_if_traced()
     def sample(
         self,
         scene: mi.Scene,

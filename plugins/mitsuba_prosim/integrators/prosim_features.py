@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 
-from ..alone import alone
+from ..alone import alone, alone_if_traced
 from ..compat import take_back_interrupts
 from ..engine.film import to_rgb
 from ..parameters import describe
@@ -55,18 +53,16 @@ class ProsimFeatures(mi.SamplingIntegrator):
         return list(features.NAMES)
 
     def render(self, *arguments: Any, **more: Any) -> mi.TensorXf:
-        """Renders the albedo and the normals. In vectorised variants, this method holds a lock, so that no other thread
-        renders with this package at the same time.
+        """Renders the albedo and the normals. This method holds a lock, so that no other thread renders with this
+        package at the same time.
         """
-        # All renders share the film. In scalar variants other threads take the samples, and these threads use the lock
-        # themselves.
-        with alone() if dr.is_jit_v(mi.Float) else nullcontext():
+        with alone():  # all renders share the film
             try:
                 return super().render(*arguments, **more)
             finally:
                 take_back_interrupts()
 
-    @alone()
+    @alone_if_traced()
     def sample(
         self,
         scene: mi.Scene,

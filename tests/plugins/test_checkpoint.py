@@ -13,14 +13,19 @@ import numpy as np
 import OpenEXR
 import pytest
 from mitsuba_prosim import atomic
-from mitsuba_prosim.engine import checkpoint, environment
+from mitsuba_prosim.engine import checkpoint, environment, plan
 from mitsuba_prosim.engine.checkpoint import Checkpoint, CheckpointError, CheckpointWriter, NotACheckpointError
 
+SAMPLING = dict.fromkeys(plan.SAMPLING, 0) | {"adaptive": "none"}
 ATTRIBUTES = {
     "samples": {"seed": 0, "window": [0, 0, 5, 3]},
-    "sampling": {"adaptive": "none"},
+    "sampling": SAMPLING,
     "part": None,
-    "noise": [0.1 + 0.2, float("nan"), 0.0],
+    "uses_sobol": True,
+    "shared": 0,
+    "noise": [0.1 + 0.2, float("nan"), 0.0, float("inf")],
+    "estimates": [[4.5, "plain", 0.25]],
+    "rounds": 1,
     "seconds": 1e-300,
     "finished": True,
 }

@@ -15,7 +15,7 @@ import prosim_scene
 from prosim_scene import FPS, FRAME, TIME
 
 from ..engine import environment
-from ..scene import scene_file
+from ..scene import images, scene_file
 from .job import Job
 from .option_types import input_errors
 from .progress import Progress
@@ -141,14 +141,14 @@ def digest(job: Job, file: scene_file.SceneFile) -> str:
 
 
 def is_rendered(task: RenderTask) -> bool:
-    """Tells whether the EXR file of the frame of ``task`` exists, and stores the current digest of this frame; False
-    for a damaged file.
+    """Tells whether the image files of the frame of ``task`` exist, are not damaged, and have the current digest of
+    this frame.
     """
-    image = Path(f"{task.stem}.exr")
-    if not image.is_file():  # OpenEXR would print an error message about a missing file
+    exr, png = Path(f"{task.stem}.exr"), Path(f"{task.stem}.png")
+    if not exr.is_file() or not images.is_whole(exr.read_bytes()):
         return False
-    try:
-        header = OpenEXR.File(str(image), header_only=True).parts[0].header
-    except (RuntimeError, ValueError):
+    header = OpenEXR.File(str(exr), header_only=True).parts[0].header
+    stored = header.get(images.PNG_CHECKSUM)  # a film without colours has no PNG
+    if stored and not (png.is_file() and images.checksum(png.read_bytes()) == stored):
         return False
     return bool(header.get(DIGEST) == task.facts[DIGEST])

@@ -163,8 +163,9 @@ class Job:
     def of(cls, checkpoint: Checkpoint) -> Job:
         """Returns the job that a checkpoint stores; raises ValueError if prosim render did not write the checkpoint."""
         try:
-            return cls(**checkpoint.about["job"])
-        except (KeyError, TypeError):
+            saved = {name: from_json(name, value) for name, value in checkpoint.about["job"].items()}
+            return cls(**saved | {"variant": checkpoint.environment["variant"]})
+        except (AttributeError, KeyError, TypeError, ValueError, click.BadParameter):
             raise ValueError(
                 "prosim render did not write this state; continue it in the Python program that wrote it, by "
                 "integrator.progressive(begin=...)"
@@ -178,6 +179,23 @@ class Job:
         """
         scene_changes = {name: getattr(self, name) for name in ("definitions", "resolution", "crop", "integrator")}
         return scene_file.SceneFile(self.scene, folder, **scene_changes, **how, **self.language)
+
+
+def from_json(name: str, value: Any) -> Any:
+    """Returns the ``value``, from JSON, of the field ``name`` of a :class:`Job`; the type of the field's option checks
+    the value. Raises BadParameter, KeyError, TypeError, ValueError or AttributeError if the value is not allowed.
+    """
+    field_, settings = Job.__dataclass_fields__[name], Job.__dataclass_fields__[name].metadata
+    if value is None and field_.default is None:
+        return None
+    if (type_ := settings.get("type")) is None:
+        if type(value) is not (bool if settings else str):
+            raise TypeError(f"{name}: {value}")
+        return value
+    if name == "definitions":
+        return dict(type_.convert(f"{key}={text}", None, None) for key, text in value.items())
+    text = ("x" if name == "resolution" else ",").join(map(str, value)) if type(value) is list else value
+    return type_.convert(text, None, None)
 
 
 FIELDS = tuple(one.name for one in fields(Job))

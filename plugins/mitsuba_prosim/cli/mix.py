@@ -35,6 +35,8 @@ def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> N
     Each LAYER is multiplied by its FACTOR, which is one number or three numbers (red, green, blue). Layers without a
     factor stay unchanged. The output is an EXR image, which can be mixed again, and a PNG image.
     """
+    if images.is_whole(image.read_bytes()) is False:
+        raise InputError(f"{image} is damaged, or another program has changed it; render it again with --layers.")
     try:
         with OpenEXR.File(str(image), separate_channels=True) as file:
             header = {name: str(value) for name, value in file.header().items() if name.startswith("prosim.")}

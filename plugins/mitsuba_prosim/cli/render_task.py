@@ -94,7 +94,7 @@ class RenderTask:
         option = "--part" if job.part else "--checkpoint" if job.checkpoint else job.distributed
         if option:
             rendering.require_progressive(integrator, option)
-        if self.begin is not None and self.begin.about["digest"] != self.about["digest"]:
+        if self.begin is not None and self.begin.about.get("digest") != self.about["digest"]:
             raise ValueError(
                 f"{job.scene} is not the scene of this state: its text has changed, or a mesh or a picture that it "
                 "names. Render it again, or give the right one by --scene."
@@ -326,7 +326,7 @@ class Snapshots:
                 facts = report.metadata(task.job, task.integrator, reached, False, reached.seconds)
                 facts = {"prosim.noise_at_most": f"{render.noise_bound():.6g}"} | facts
                 facts["prosim.ended"] = f"snapshot {text}"
-                exr = images.encode(task.sensor.film().bitmap(), facts)[".exr"]
+                exr = images.exr(task.sensor.film().bitmap(), facts)
                 files.save(task.stem.with_name(f"{task.stem.name}.{text}"), {".exr": exr})
 
 

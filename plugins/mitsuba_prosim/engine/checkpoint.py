@@ -3,7 +3,8 @@
 Another process can continue the render of a checkpoint, or merge the checkpoints of the parts of one image
 (:class:`.tiles.Part`, a set of tiles). A checkpoint is a ZIP archive of NumPy arrays (``.npz``) without compression.
 The archive of a checkpoint contains ``facts`` (a JSON text), the arrays of the pixels, and the arrays of the second
-image. The checksums of the ZIP archive reveal damaged data when a checkpoint is read.
+image. The checksums of the ZIP archive reveal damaged data when a checkpoint is read. The comment of the archive is a
+digest of these checksums; it reveals that another program has changed the archive.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ import json
 import time
 import warnings
 import zipfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +27,8 @@ from .. import atomic
 from ..compat import dr_array
 from .accumulators import Accumulators, FilmState
 from .environment import MAY_DIFFER, MUST_AGREE, differences, this_environment
-from .plan import TARGETS
+from .plan import SAMPLING, SHARED, TARGETS
+from .policies import POLICIES
 from .tiles import Part
 
 #: Version of the format.
@@ -34,6 +37,34 @@ FORMAT = 12
 #: Parameters of sampling that decide how many samples a pixel gets. A render may continue from a checkpoint with other
 #: values of these parameters, and with other :data:`.TARGETS`.
 DECIDING = ("adaptive", "threshold", "max_samples")
+
+#: Name of each attribute -> whether a value in a file is allowed. An exception, too, means that it is not allowed.
+ALLOWED: Mapping[str, Callable[[Any], bool]] = {
+    "samples": lambda value: type(value) is dict,  # restore() compares the items
+    "sampling": lambda value: value.keys() == set(SAMPLING) and value["adaptive"] in POLICIES,
+    "part": lambda value: value is None or (all(is_integer(n, 1, 9999) for n in value) and Part(*value) is not None),
+    "uses_sobol": lambda value: type(value) is bool,
+    "shared": lambda value: is_integer(value, 0, max(SHARED)),
+    "noise": lambda value: len(value) == 4 and all(error != error or is_number(error, 0, np.inf) for error in value),
+    "estimates": lambda value: all(
+        is_number(samples, 0.5, 1e9) and kind in ("plain", "fast", "best") and is_number(ratio, 0, np.inf)
+        for samples, kind, ratio in value
+    ),
+    "rounds": lambda value: is_integer(value, 0, 2**16),
+    "seconds": lambda value: is_number(value, 0, 1e12),
+    "finished": lambda value: type(value) is bool,
+}
+
+
+def is_integer(value: Any, low: int, high: int) -> bool:
+    """Tells whether ``value`` is an integer, but no bool, in the range from ``low`` to ``high``."""
+    return type(value) is int and low <= value <= high
+
+
+def is_number(value: Any, low: float, high: float) -> bool:
+    """Tells whether ``value`` is an integer or a float in the range from ``low`` to ``high``, which include it."""
+    return type(value) in (int, float) and low <= value <= high
+
 
 #: Attributes in which the parts of one image may differ.
 PARTS_MAY_DIFFER = ("scene", "exposure", "band", *MAY_DIFFER)
@@ -137,6 +168,7 @@ class Checkpoint:
         uses_sobol = state.plan.uses_sobol or self.attributes["uses_sobol"]
         state.plan = replace(state.plan, uses_sobol=uses_sobol, shared=self.attributes["shared"])
         state.noise, state.estimates = self.attributes["noise"], self.attributes["estimates"]
+        self.check_arrays(state)
         # Different policies use different numbers of pixels around a crop window.
         _, mine, theirs = np.intersect1d(self.pixels["index"], index(state), True, return_indices=True)
         pixels = {name: np.zeros(len(index(state)), values.dtype) for name, values in self.pixels.items()}
@@ -150,13 +182,29 @@ class Checkpoint:
             state.rounds, state.wanted = self.attributes["rounds"], pixels.get("wanted") if same_target else None
         return decided and self.finished and same_target
 
+    def check_arrays(self, state: FilmState) -> None:
+        """Raises ValueError unless the arrays have the names and the types that ``state`` needs, and each pixel is
+        stored once.
+        """
+        needed = types(arrays(Accumulators.empty(len(state.accumulators.sums), 1)))
+        index = self.pixels.get("index", np.zeros(0))
+        optional = {"wanted": index.dtype} if "wanted" in self.pixels else {}
+        if (
+            types(self.pixels) != {**needed, **optional, "index": np.dtype(np.uint32)}
+            or types(self.second) not in (needed, {})
+            or len(np.unique(index)) < len(index)
+        ):
+            raise ValueError("these are the samples of another image (the arrays differ)")
+
     def write(self, path: Path) -> None:
         """Writes the archive to ``path``, and overwrites an older file. Raises OSError."""
         header = {"format": FORMAT, "environment": self.environment, "about": self.about, "attributes": self.attributes}
         groups = (PIXELS, self.pixels), (SECOND, self.second)
         arrays: dict[str, Any] = {prefix + name: values for prefix, group in groups for name, values in group.items()}
-        with open(path, "wb") as file:
+        with open(path, "w+b") as file:
             np.savez(file, facts=np.array(json.dumps(header)), **arrays)
+            with zipfile.ZipFile(file, "a") as archive:
+                archive.comment = digest(archive)
 
 
 def identity(state: FilmState) -> dict[str, Any]:
@@ -192,6 +240,11 @@ def arrays(sums: Accumulators) -> dict[str, np.ndarray]:
     return {name: np.array(values) for name, values in named.items()}
 
 
+def types(named: Mapping[str, np.ndarray]) -> dict[str, np.dtype]:
+    """Returns the type of each of the arrays ``named``: name -> type."""
+    return {name: values.dtype for name, values in named.items()}
+
+
 def accumulators(named: Mapping[str, np.ndarray]) -> Accumulators:
     """Returns :class:`.Accumulators` from the arrays ``named`` (name -> array): the inverse of :func:`arrays`."""
     sums = [dr_array(named[f"sum{k}"]) for k in range(sum(name.startswith("sum") for name in named))]
@@ -224,11 +277,16 @@ def read(path: str | Path, arrays: bool = True) -> Checkpoint:
                 seems_checkpoint = FACTS in names
                 header = json.loads(str(member(archive, FACTS)))
                 version = header["format"]
+                if version == FORMAT and archive.comment != digest(archive):
+                    raise ValueError("another program has changed the archive")
                 names = names if arrays and version == FORMAT else []
                 pixels, second = (
                     {name[len(group) : -len(NPY)]: member(archive, name) for name in names if name.startswith(group)}
                     for group in (PIXELS, SECOND)
                 )
+                result = Checkpoint(header["attributes"], pixels, second, header["about"], header["environment"])
+                if not (is_integer(version, 1, 10**6) and (version != FORMAT or is_allowed(result))):
+                    raise ValueError("a value in the file is not allowed")
         except Exception as error:  # zipfile, NumPy and json raise exceptions of many kinds for damaged data
             if isinstance(error, OSError) and error.errno != errno.EINVAL:  # not a seek to a damaged position
                 raise
@@ -240,7 +298,29 @@ def read(path: str | Path, arrays: bool = True) -> Checkpoint:
             f"{path} has format {version}, and this version reads format {FORMAT}; finish it with the version "
             "that wrote it, or render again"
         )
-    return Checkpoint(header["attributes"], pixels, second, header["about"], header["environment"])
+    return result
+
+
+def digest(archive: zipfile.ZipFile) -> bytes:
+    """Returns a hexadecimal digest of the names, the sizes and the checksums of all members of ``archive``."""
+    members = [(info.filename, info.file_size, info.CRC) for info in archive.infolist()]
+    return blake2b(repr(members).encode(), digest_size=16).hexdigest().encode()
+
+
+def is_allowed(checkpoint: Checkpoint) -> bool:
+    """Tells whether the attributes of ``checkpoint``, which come from a file, have types and values that this module
+    writes, and the arrays of each image have one value per pixel. May raise an exception if not.
+    """
+    attributes, about, environment = checkpoint.attributes, checkpoint.about, checkpoint.environment
+    shapes = [{values.shape for values in group.values()} for group in (checkpoint.pixels, checkpoint.second)]
+    return (
+        attributes.keys() == ALLOWED.keys()
+        and all(ALLOWED[name](value) for name, value in attributes.items())
+        and type(about.get("job", {})) is dict
+        and type(about.get("digest", "")) is str
+        and all(type(environment[name]) is str for name in (*MUST_AGREE, *MAY_DIFFER))
+        and all(len(sizes) <= 1 and all(len(shape) == 1 for shape in sizes) for sizes in shapes)
+    )
 
 
 def member(archive: zipfile.ZipFile, name: str) -> np.ndarray:
@@ -354,6 +434,8 @@ def put_together(parts: Iterable[Checkpoint]) -> Checkpoint:
     for part in parts:
         headers.append(replace(part, pixels={}, second={}))
         arrays.append(dict(part.pixels))
+        if types(arrays[-1]) != types(arrays[0]):
+            raise CheckpointError("the parts have different arrays; render them again")
     seconds = sum(header.attributes["seconds"] for header in headers)
     attributes = {**headers[0].attributes, "part": None, "seconds": seconds}
     # The arrays of the parts are released as soon as the array of the image is made.

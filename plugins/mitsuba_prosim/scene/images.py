@@ -3,11 +3,29 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Mapping
+from hashlib import blake2b
 
 import mitsuba as mi
 import numpy as np
 import OpenEXR
+
+#: Keys in the metadata of an EXR file: the :func:`checksum` of the EXR file itself, with :data:`UNKNOWN` in the place
+#: of the checksum, and the checksum of the PNG file of the same image.
+CHECKSUM, PNG_CHECKSUM = "prosim.checksum", "prosim.png_checksum"
+
+
+def checksum(content: bytes) -> str:
+    """Returns a hash of the ``content`` of a file, which has 32 hexadecimal digits."""
+    return blake2b(content, digest_size=16).hexdigest()
+
+
+#: A text of the same length as a checksum.
+UNKNOWN = checksum(b"")
+
+#: Matches the checksum in the content of an EXR file.
+STORED = re.compile(CHECKSUM.encode() + rb"\0string\0\x20\0\0\0([0-9a-f]{32})")
 
 
 def encode(
@@ -18,13 +36,13 @@ def encode(
 
     The PNG is brighter than the film by ``exposure`` stops. In the PNG, the highlights are compressed by
     :func:`compress`, and values that are still above 1 are clipped. The EXR has the unchanged values of the film. If
-    the film has no colours, the dictionary contains no PNG.
+    the film has no colours, the dictionary contains no PNG. The EXR also has a :func:`checksum` of the PNG.
     """
-    images = {".exr": exr(bitmap, facts)}
     linear = colours(bitmap)
-    if linear is not None:
-        images[".png"] = png(compress(linear * np.float32(2**exposure)), shown)
-    return images
+    if linear is None:
+        return {".exr": exr(bitmap, facts)}
+    display = png(compress(linear * np.float32(2**exposure)), shown)
+    return {".exr": exr(bitmap, {**facts, PNG_CHECKSUM: checksum(display)}), ".png": display}
 
 
 def colours(bitmap: mi.Bitmap) -> np.ndarray | None:
@@ -70,11 +88,24 @@ def exr(bitmap: mi.Bitmap, facts: Mapping[str, str]) -> bytes:
     pixels = np.atleast_3d(np.array(bitmap))
     # The name of a file may contain bytes that are not UTF-8.
     header = {name: fact.encode("utf-8", "backslashreplace").decode("utf-8") for name, fact in facts.items()}
-    header |= {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    header |= {CHECKSUM: UNKNOWN, "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     channels = {field.name: np.ascontiguousarray(pixels[..., k]) for k, field in enumerate(bitmap.struct_())}
     file = io.BytesIO()
     OpenEXR.File(header, channels).write(file)
-    return file.getvalue()
+    content = file.getvalue()
+    return content.replace(UNKNOWN.encode(), checksum(content).encode(), 1)
+
+
+def is_whole(content: bytes) -> bool | None:
+    """Tells whether the ``content`` of an EXR file agrees with its checksum, so that each bit is that of :func:`exr`.
+
+    Returns None if the file has no checksum, so that another program has written the file.
+    """
+    stored = STORED.search(content)
+    return (
+        stored
+        and checksum(content[: stored.start(1)] + UNKNOWN.encode() + content[stored.end(1) :]).encode() == stored[1]
+    )
 
 
 def png(image: np.ndarray, facts: Mapping[str, str] | None = None, effort: int = -1) -> bytes:

@@ -23,16 +23,19 @@ Content = bytes | memoryview | Callable[[Path], None]
 def check(paths: Iterable[Path], size: int) -> None:
     """Checks that the files ``paths``, with ``size`` bytes in total, can be written; writes none of these files.
 
-    Raises OSError if a name is too long, a folder or a device has the name of a file, a folder is read-only, or a disk
-    is full.
+    Raises OSError if a name is too long, a folder or a device has the name of a file, a link leads to no folder, a
+    folder is read-only, or a disk is full.
     """
-    for path in map(Path, map(os.path.realpath, paths)):
+    for path in paths:
         with suppress(FileNotFoundError):
             path.lstat()  # raises where a name is too long, or a file is in the place of a folder
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, "this is a folder", str(path))
         refuse_special(path)
-        folder = next(folder for folder in path.parents if folder.is_dir())  # missing folders will be created in it
+        # Missing folders will be created in this one.
+        folder = next(folder for folder in path.parents if os.path.lexists(folder))
+        if not folder.is_dir():
+            raise NotADirectoryError(errno.ENOTDIR, "this is a link that leads to no folder", str(folder))
         try:
             tempfile.TemporaryFile(dir=folder).close()
             if shutil.disk_usage(folder).free < size:
@@ -46,8 +49,8 @@ def write(contents: Mapping[Path, Content]) -> list[Path]:
     """Writes files, creates their folders, and returns the paths of the files.
 
     Each existing file is replaced only when the new file is complete. A file that is replaced keeps its access
-    permissions; a symbolic link stays a link. Raises OSError if a file cannot be written; this file and the later files
-    in ``contents`` stay unchanged, and the earlier files are written.
+    permissions; a symbolic link is replaced by the file. Raises OSError if a file cannot be written; this file and the
+    later files in ``contents`` stay unchanged, and the earlier files are written.
     """
     for path, content in contents.items():
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -45,22 +45,20 @@ def rewrite(path: AnyPath, text: str) -> None:
     """
     try:
         os.stat(path)  # a missing file is an error
-        replace(Path(path), text.encode("utf-8"))
+        replace(Path(os.path.realpath(path)), text.encode("utf-8"))
     except OSError as error:
         raise SceneError(f"{error.strerror or error}; the file is unchanged", path) from None
 
 
 def replace(path: Path, content: bytes | memoryview | Callable[[Path], None], folder: Path | None = None) -> None:
-    """Replaces the content of the file ``path``, or of the target of a link, atomically; the file keeps its
-    permissions.
+    """Replaces the file ``path`` atomically; the file keeps its permissions. If ``path`` is a symbolic link, the link
+    is replaced, and the file to which it leads stays unchanged.
 
     ``content`` is the new content as bytes, or a function that writes the new content to a given path and may be called
     twice. The new file is first written to ``folder``, where the caller can find and remove unfinished files. If
-    ``folder`` is None or on another disk, or if ``path`` is a link, the new file is first written to the folder of the
-    replaced file. Raises OSError if the content cannot be replaced; the file is then unchanged.
+    ``folder`` is None or on another disk, the new file is first written to the folder of ``path``. Raises OSError if
+    the file cannot be replaced; it is then unchanged.
     """
-    if path.is_symlink():
-        path, folder = Path(os.path.realpath(path)), None
     refuse_special(path)
     part = (folder or path.parent) / f"{PART}{secrets.token_hex(6)}"
     try:
@@ -69,7 +67,8 @@ def replace(path: Path, content: bytes | memoryview | Callable[[Path], None], fo
         else:
             part.write_bytes(content)
         with suppress(OSError):  # no old file, or a file system without permissions
-            part.chmod(stat.S_IMODE(path.stat().st_mode))
+            if not path.is_symlink():
+                part.chmod(stat.S_IMODE(path.stat().st_mode))
         os.replace(part, path)
     except BaseException as error:
         part.unlink(missing_ok=True)

@@ -137,7 +137,7 @@ class TranslationFiles:
             except BaseException:
                 for path in written:
                     path.unlink(missing_ok=True)
-                with suppress(OSError):  # the folder is not empty, or is a link
+                with suppress(OSError):  # the folder is not empty
                     self.mesh_folder.rmdir()
                 raise
             if locked:
@@ -160,8 +160,8 @@ def _check_replaceable(xml: Path, mesh_folder: Path) -> None:
     if xml.exists() and MARK.encode() not in xml.read_bytes():
         reason = "this file is not a translation and is not overwritten; move it, or choose another folder"
         raise FileExistsError(0, reason, xml)
-    if os.path.lexists(mesh_folder) and not mesh_folder.is_dir():
-        reason = "the folder of the meshes would replace this file or broken link; move it, or choose another folder"
+    if mesh_folder.is_symlink() or (mesh_folder.exists() and not mesh_folder.is_dir()):
+        reason = "the folder of the meshes would replace this file or link; move it, or choose another folder"
         raise FileExistsError(0, reason, mesh_folder)
 
 
@@ -202,8 +202,13 @@ def _locked(folder: Path) -> Iterator[bool]:
 
 
 def _has_content(path: Path, content: bytes) -> bool:
-    """Whether a file with this path and this content exists."""
-    return path.is_file() and path.stat().st_size == len(content) and path.read_bytes() == content
+    """Whether a file with this path and this content exists; a link is no file."""
+    return (
+        path.is_file()
+        and not path.is_symlink()
+        and path.stat().st_size == len(content)
+        and path.read_bytes() == content
+    )
 
 
 def _remove_old_meshes(mesh_folder: Path, meshes: dict[str, bytes]) -> None:

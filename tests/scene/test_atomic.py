@@ -31,17 +31,25 @@ def test_a_file_is_complete_or_as_before(tmp_path):
     assert sorted(os.listdir(tmp_path)) == ["a", "b", "c"] and c.read_bytes() == b"longer"
 
 
-def test_mode_and_link_stay(tmp_path):
+def test_mode_stays_and_link_is_replaced(tmp_path):
     true, link = tmp_path / "true", tmp_path / "link"
     true.write_bytes(b"old")
     true.chmod(0o640)
+    atomic.write({true: b"new"})
+    assert true.read_bytes() == b"new" and stat.S_IMODE(true.stat().st_mode) == 0o640
     link.symlink_to(true)
-    atomic.write({link: b"new"})
-    assert link.is_symlink() and true.read_bytes() == b"new" and stat.S_IMODE(true.stat().st_mode) == 0o640
     (circle := tmp_path / "circle").symlink_to(circle)
-    atomic.check([circle], 3)
-    atomic.write({circle: b"new"})
-    assert circle.read_bytes() == b"new"
+    for path in link, circle:
+        atomic.check([path], 3)
+        atomic.write({path: b"newer"})
+        assert not path.is_symlink() and path.read_bytes() == b"newer"
+        assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~umask()
+    assert true.read_bytes() == b"new"
+
+
+def umask():
+    os.umask(mask := os.umask(0))
+    return mask
 
 
 def test_check_finds_what_writing_would(tmp_path):

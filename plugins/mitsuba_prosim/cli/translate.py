@@ -57,5 +57,6 @@ def format_scene(scenes: tuple[Path, ...], check: bool) -> None:
                 prosim_scene.rewrite(scene, tidy)
             except prosim_scene.SceneError as error:  # the file could not be written
                 raise click.ClickException(str(error)) from None
-        click.echo(f"{scene}: {'not tidy' if check else 'tidied'}")
+        name = f"{scene}, a link to {scene.resolve()}" if scene.is_symlink() else scene
+        click.echo(f"{name}: {'not tidy' if check else 'tidied'}")
     sys.exit(bool(check and untidy))

@@ -4,7 +4,7 @@ import errno
 import os
 import secrets
 import stat
-from codecs import BOM_UTF16_BE, BOM_UTF16_LE
+from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -14,12 +14,12 @@ from .language.diagnostics import AnyPath, SceneError
 
 #: The prefix of the name of an unfinished file. It is short, so that the whole name is never too long.
 PART = ".prosim-part-"
+BYTE_ORDER_MARKS = BOM_UTF8, BOM_UTF16_LE, BOM_UTF16_BE
 
 
 def read(path: AnyPath) -> str:
-    """Reads the text of a scene file, which is UTF-8, UTF-16 with a byte order mark, or otherwise Latin-1. Raises
-    SceneError if the file cannot be read or is too large, and if it seems to be UTF-16 without a byte order mark. In
-    the result, all line ends are LF.
+    """Reads the text of a scene file, as :func:`decode` does. Raises SceneError if the file cannot be read or is too
+    large, and if it seems to be UTF-16 without a byte order mark.
     """
     path = Path(path)
     try:
@@ -28,12 +28,20 @@ def read(path: AnyPath) -> str:
         data = path.read_bytes()
     except OSError as error:
         raise SceneError(error.strerror or str(error), path) from None
-    try:
-        text = data.decode("utf-16" if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig")
-    except UnicodeDecodeError:
-        text = data.decode("latin-1")
+    text = decode(data)
     if "\0" in text[:2]:  # probably UTF-16 without a byte order mark
         raise SceneError("the text is not UTF-8; save the file as UTF-8", path)
+    return text
+
+
+def decode(data: bytes) -> str:
+    """Decodes a text, which is UTF-8, UTF-16 with a byte order mark, or otherwise Latin-1. In the result, all line ends
+    are LF, and there is no byte order mark.
+    """
+    try:
+        text = data.decode("utf-16" if data.startswith(BYTE_ORDER_MARKS[1:]) else "utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 

@@ -1,10 +1,12 @@
-"""MESH: solids in PLY and OBJ files."""
+"""MESH: solids in PLY, OBJ, STL and OFF files."""
 
+import re
 from contextlib import suppress
 
 import numpy as np
 import prosim_scene
 import pytest
+from manifold3d import Manifold
 from meshes import scene
 from prosim_scene import SceneError
 from prosim_scene.geometry.mesh_files import MeshFile
@@ -34,6 +36,28 @@ def obj(squares=SQUARES, vertices=CUBE.vertices):
     return "\r\n".join([*rows, *("f " + " ".join(str(i + 1) for i in s) for s in squares)]).encode()
 
 
+def stl(squares=SQUARES, binary=True):
+    corners = [[CUBE.vertices[i] for i in (s[0], *s[k : k + 2])] for s in squares for k in (1, 2)]
+    if binary:
+        return (
+            b"solid".ljust(80)
+            + np.uint32(12).tobytes()
+            + b"".join(np.array([(0, 0, 0), *c], "<f4").tobytes() + b"\0\0" for c in corners)
+        )
+    lines = ["solid cube"]
+    for c in corners:
+        vertices = "".join(f"vertex {x} {y} {z}\n" for x, y, z in c)
+        lines.append(f"facet normal 0 0 0\nouter loop\n{vertices}endloop\nendfacet")
+    return "\n".join([*lines, "endsolid cube", ""]).encode()
+
+
+OFF = "OFF # a cube\n8 6 0\n\n" + "".join(f"{x} {y} {z}\n" for x, y, z in CUBE.vertices)
+OFF += "".join(f"4 {' '.join(map(str, s))} .5 .5 .5\n" for s in SQUARES)
+VERTICES = [f"v {x} {y} {z}" for x, y, z in CUBE.vertices]
+FACES = ["f " + " ".join(str(i + 1) for i in s) for s in SQUARES]
+#: Each face after its own vertices, which it counts backwards.
+RELATIVE = "\n".join("\n".join([*(VERTICES[i] for i in s), "f -4 -3 -2 -1"]) for s in SQUARES)
+
 MIXED = [SQUARES[0][:3], (SQUARES[0][0], *SQUARES[0][2:]), *SQUARES[1:]]
 APART = CUBE.vertices[np.array(SQUARES).ravel()]  # no two faces share a vertex
 KINDS = {
@@ -48,6 +72,22 @@ KINDS = {
     "backwards.obj": obj([[i - 9 for i in s] for s in SQUARES]),
     "a cube": obj(MIXED),
     "broken-lines.obj": obj().replace(b"f ", b"f \\\r\n"),
+    "relative.obj": RELATIVE.encode(),
+    "mark.obj": b"\xef\xbb\xbf" + "\n".join(VERTICES + FACES).encode(),
+    "utf-16.obj": "\n".join(VERTICES + FACES).encode("utf-16"),
+    "returns.obj": "\r".join(VERTICES + FACES).encode(),
+    "tabs.obj": "\n".join([*VERTICES, *FACES]).replace(" ", "\t").encode(),
+    "weights.obj": "\n".join([*(f"{v} 1.0" for v in VERTICES), *FACES]).encode(),
+    "colours.obj": "\n".join([*(f"{v} .5 0 1" for v in VERTICES), *FACES]).encode(),
+    "mark.ply": b"\xef\xbb\xbf" + ply("ascii"),
+    "utf-16.ply": ply("ascii").decode().encode("utf-16"),
+    "returns.ply": ply("ascii").replace(b"\n", b"\r"),
+    "line-ends.ply": ply("ascii").replace(b"\n", b"\r\n \r\n").replace(b"\r\n \r\n", b"\r\n", 11),
+    "binary.stl": stl(),
+    "text.stl": stl(binary=False),
+    "returns.stl": stl(binary=False).upper().replace(b"SOLID CUBE", b"solid x", 1).replace(b"\n", b"\r"),
+    "plain.off": OFF.encode(),
+    "colours.off": re.sub(r"(\.0)\n", r"\1 1 0 0 1\n", OFF.replace("OFF # a cube\n", "COFF ")).encode(),
 }
 
 
@@ -125,19 +165,48 @@ WRONG = {
     "open.ply": (ply("ascii", SQUARES[1:]), "not closed: 4 of its .* belong to one face alone"),
     "turned.obj": (obj(TURNED), "not closed: 4 of its .* different orientations"),
     "flat.obj": (obj([SQUARES[0], SQUARES[0][::-1]]), "encloses nothing"),
-    "empty.obj": (b"", "cannot be read: it has no faces; expected a whole file, PLY or OBJ"),
-    "picture.ply": (b"\x89PNG\r\n\x1a\n\0v\xff", "expected a whole file, PLY or OBJ"),
-    "solid.stl": (b"solid x\nfacet normal 0 0 1\n", "it has no faces"),
+    "empty.obj": (b"", "cannot be read: it has no faces; expected a closed mesh in PLY, OBJ, STL or OFF"),
+    "picture.ply": (b"\x89PNG\r\n\x1a\n\0v\xff", "expected a closed mesh in PLY, OBJ, STL or OFF"),
+    "solid.stl": (b"solid x\nfacet normal 0 0 1\n", "its facets are not complete"),
+    "half.stl": (stl()[:-9], "cannot be read"),
+    "half-text.stl": (stl(binary=False)[:-40], "its facets are not complete"),
+    "faces.off": (OFF.replace("8 6 0", "8 5 0").encode(), "does not agree with its header"),
+    "vertices.off": (OFF.replace("8 6 0", "9 5 0").encode(), "cannot be read"),
+    "negative.off": (OFF.replace("8 6 0", "-6 20 0").encode(), "does not agree with its header"),
+    "row.off": (OFF.replace("4 0 1 3 2 .5 .5 .5", "4 0 1 3").encode(), "does not agree with its header"),
+    "weight.obj": ("\n".join([*(f"{v} 2" for v in VERTICES), *FACES]).encode(), "the weight 2 after x y z; only 1"),
+    "short.obj": (obj().replace(b"v 0.0 0.0 0.0", b"v 0 0"), "cannot be read"),
+    "points.obj": ("\n".join(VERTICES).encode(), "it has no faces"),
+    "points.ply": (ply("ascii", []), "it has no faces"),
+    "strips.ply": (ply("ascii", [(0, 1, 2, 3)]).replace(b"face", b"tristrips"), "triangle strips instead of faces"),
+    **{
+        f"{kind}-{words[1].decode().replace(' ', '')}.ply": (ply(kind).replace(*words), reason)
+        for kind in ("ascii", "binary_little_endian", "binary_big_endian")
+        for words, reason in (
+            ((b"face 6", b"face -6"), "its header has a negative count, -6"),
+            ((b"vertex 8", b"vertex -8"), "its header has a negative count, -8"),
+            ((b"face 6", b"face 5"), "does not agree with its header"),
+            ((b"face 6", b"face 7"), "cannot be read"),
+            ((b"vertex 8", b"vertex 7"), "cannot be read"),
+            ((b"vertex 8", b"vertex 9"), "cannot be read"),
+        )
+    },
+    "long-row.ply": (ply("ascii").replace(b"0.0 0.0 1.0\n", b"0.0 0.0 1.0 4\n", 1), "does not agree with its header"),
+    # the numbers of one row stand in the next one, so that their count is right
+    "moved.ply": (ply("ascii").replace(b"0.0 0.0 0.0\n", b"0.0 0.0\n0.0 ", 1), "does not agree with its header"),
+    "short-face.ply": (ply("ascii").replace(b"9 4 0 1", b"9 3 0 1", 1), "cannot be read"),
+    "long-face.ply": (ply("ascii").replace(b"9 4 0 1", b"9 5 0 1", 1), "cannot be read"),
+    "word-row.ply": (ply("ascii").replace(b"0.0 0.0 1.0\n", b"0.0 x 1.0\n", 1), "cannot be read"),
     "corner.obj": (obj([*SQUARES, (0, 1, 8)]), "a corner that does not exist"),
     "zero.obj": (obj() + b"\nf 0 1 2", "a face has a corner 0"),
-    "word.obj": (obj() + b"\nv a b c", "could not convert"),
+    "word.obj": (obj() + b"\nv a b c", "it is damaged, or in another format"),
     "two.obj": (b"v 0 0\nv 1 0\nv 0 1\nf 1 2 3", "too few numbers"),
     "nan.obj": (obj(vertices=CUBE.vertices * np.nan), "not finite"),
     "header.ply": (b"ply\nformat ascii 1.0\n", "header has no end"),
     "half.ply": (ply("binary_little_endian")[:-9], "cannot be read"),
     "kind.ply": (b"ply\nformat fancy 1.0\nelement vertex 1\nproperty float x\nend_header\n", "cannot be read"),
     "huge.ply": (ply("binary_big_endian").replace(b"face 6", b"face 999999999999999999"), "cannot be read"),
-    "no-vertices.ply": (ply("ascii").replace(b"vertex 8", b"point 8"), "its header is not a mesh header"),
+    "no-vertices.ply": (ply("ascii").replace(b"vertex 8", b"point 8"), "it is damaged, or in another format"),
 }
 
 
@@ -162,6 +231,95 @@ def test_bytes_that_are_lost_or_changed_raise_nothing_else():
                 content[at] = generator.integers(0, 256)
             with suppress(ValueError):
                 MeshFile(bytes(content))
+
+
+def parts(*boxes):
+    """An OBJ file of boxes, each with its minimum corner, its size, and whether it is inside out."""
+    rows = [f"v {' '.join(map(str, v))}" for low, size, _ in boxes for v in CUBE.vertices * size + low]
+    for n, (_, _, turned) in enumerate(boxes):
+        rows += ["f " + " ".join(str(8 * n + i + 1) for i in (s[::-1] if turned else s)) for s in SQUARES]
+    return "\n".join(rows).encode()
+
+
+@pytest.mark.parametrize(
+    "boxes, volume, warning",
+    [
+        ([((0, 0, 0), 2, False), ((5, 0, 0), 2, False)], 16, ""),
+        ([((0, 0, 0), 2, True), ((5, 0, 0), 2, True)], 16, ""),
+        ([((0, 0, 0), 2, False), ((2, 0, 0), 2, False)], 16, ""),  # with a common face
+        ([((0, 0, 0), 2, False), ((2, 0.5, 0.5), 2, False)], 16, ""),
+        ([((0, 0, 0), 2, False), ((2, 2, 0), 2, False)], 16, ""),  # with a common edge
+        ([((0, 0, 0), 2, False), ((2, 2, 2), 2, False)], 16, ""),
+        ([((0, 0, 0), 2, False), ((1, 1, 1), 2, False)], 15, "overlap, such as the part from .0 0 0. to .2 2 2., near"),
+        ([((0, 0, 0), 2, False), ((1.999, 1.9, 1.9), 2, False)], 16 - 1e-5, "parts that overlap.* become one solid"),
+        ([((0, 0, 0), 2, False), ((0, 0, 0), 2, False)], 8, "parts that overlap"),
+        ([((0, 0, 0), 2, False), ((0.5, 0.5, 0.5), 1, False)], 8, "overlap, such as the part from .0.5 0.5 0.5."),
+        ([((0, 0, 0), 2, False), ((0.5, 0.5, 0.5), 1, True)], 7, ""),  # with a cavity
+        ([((0, 0, 0), 4, False), ((1, 1, 1), 2, True), ((1.5, 1.5, 1.5), 1, False)], 57, ""),
+        ([((0, 0, 0), 4, False), ((1, 1, 1), 1, True), ((3, 3, 3), 2, False)], None, "overlaps itself in the part"),
+    ],
+)
+def test_overlapping_parts_become_one_solid_with_a_warning(boxes, volume, warning):
+    """Its winding number is 1 everywhere, so the volume is that of the union."""
+    file = MeshFile(parts(*boxes))
+    mesh = file.mesh(0, np.eye(4))
+    p = mesh.vertices[mesh.triangles]
+    assert re.search(warning, file.warning) if warning else not file.warning
+    assert volume is None or np.linalg.det(p).sum() / 6 == pytest.approx(volume, rel=1e-9)
+    assert np.isfinite(file.corner_attributes(p, mesh.faces[mesh.facets]).normals).all()
+
+
+@pytest.mark.parametrize(
+    "boxes", [[((0, 0, 0), 2, True), ((5, 0, 0), 4, False)], [((0, 0, 0), 4, False), ((3, 3, 3), 2, True)]]
+)
+def test_a_part_that_is_inside_out_is_an_error(tmp_path, boxes):
+    (tmp_path / "m.obj").write_bytes(parts(*boxes))
+    path = tmp_path / "s.scn"
+    path.write_text(scene("MESH 0 m.obj", [""]))
+    low = next(" ".join(map(str, low)) for low, _, turned in boxes if turned)
+    with pytest.raises(
+        SceneError, match=rf"the mesh 'm.obj' is inside out in the part from \({low}\) .*; turn its faces"
+    ):
+        prosim_scene.check(path)
+
+
+def test_a_mesh_that_crosses_itself_is_named():
+    """A tube in the form of an 8 is connected, so its parts cannot be united."""
+    a, b = np.arange(200) * (2 * np.pi / 200), np.arange(24) * (2 * np.pi / 24)
+    centre = np.stack([4 * np.sin(a), 4 * np.sin(2 * a), 0 * a], axis=1)
+    along = np.roll(centre, -1, axis=0) - np.roll(centre, 1, axis=0)
+    across = np.cross([0, 0, 1], along / np.linalg.norm(along, axis=1)[:, None])
+    ring = np.cos(b)[:, None] * across[:, None] + np.sin(b)[:, None] * [0, 0, 1]
+    n = np.arange(4800).reshape(200, 24)
+    squares = np.stack([n, np.roll(n, -1, 0), np.roll(n, (-1, -1), (0, 1)), np.roll(n, -1, 1)], axis=2).reshape(-1, 4)
+    file = MeshFile(ply("binary_little_endian", squares.tolist(), (centre[:, None] + ring / 2).reshape(-1, 3)))
+    assert re.search("overlaps itself in the part from .* near .*unite them in the program", file.warning)
+
+
+def test_a_warning_names_the_mesh_that_overlaps_itself(tmp_path):
+    (tmp_path / "m.obj").write_bytes(parts(((0, 0, 0), 2, False), ((1, 1, 1), 2, False)))
+    (tmp_path / "s.scn").write_text(scene("MESH 0 m.obj", [""]))
+    with pytest.warns(prosim_scene.SceneWarning, match=r"s.scn:3:8: the mesh 'm.obj' has parts that overlap"):
+        prosim_scene.check(tmp_path / "s.scn")
+
+
+@pytest.mark.parametrize("kind", ["<f4", "<f8"])
+def test_solids_without_overlaps_have_no_warning(kind):
+    """Random unions and differences, whose slivers and creases are as in files by others."""
+    generator, tested = np.random.default_rng(5), 0
+    for _ in range(40):
+        solid = Manifold()
+        for _ in range(generator.integers(2, 6)):
+            own = [Manifold.cube((2, 2, 2)), Manifold.sphere(1.3, int(generator.integers(8, 60)))]
+            own = own[generator.integers(2)].rotate(generator.uniform(0, 360, 3))
+            own = own.translate(generator.uniform(-1.5, 1.5, 3))
+            solid = solid - own if solid.volume() and generator.random() < 0.5 else solid + own
+        mesh = solid.to_mesh64()
+        vertices = mesh.vert_properties.astype(kind)
+        if solid.volume() > 0.1:
+            tested += 1
+            assert not MeshFile(obj(mesh.tri_verts.tolist(), vertices)).warning
+    assert tested > 25
 
 
 @pytest.mark.parametrize(

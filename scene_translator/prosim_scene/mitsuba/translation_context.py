@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from ..geometry.leaves import LARGEST
-from ..geometry.mesh_files import mesh_file
+from ..geometry.mesh_files import MeshFile, mesh_file
 from ..geometry.primitives import Primitive
 from ..language.diagnostics import quote
 from ..language.document import Document
@@ -46,9 +46,12 @@ class Context:
 
     def read_mesh(self, name: str, *path: str | int) -> Primitive:
         """Returns the solid of the mesh file ``name``. Raises SceneError if the option ``allow_outside`` forbids the
-        file's folder, or if the file cannot be read or has no closed mesh.
+        file's folder, or if the file cannot be read or has no closed mesh. Warns of overlaps in the mesh.
         """
-        return self._read_file("mesh", _mesh, name, *path)
+        mesh = self._read_file("mesh", _mesh, name, *path)
+        if mesh.warning:
+            self.document.warn(f"the mesh {quote(name)} {mesh.warning}", *path)
+        return mesh
 
     def image(self, plugin: str, name: str, *path: str | int) -> Node:
         """Returns the dictionary of the Mitsuba plugin ``plugin``, a texture or an environment emitter, with the image
@@ -98,7 +101,7 @@ class Context:
 MESH_LIMIT = 2**27
 
 
-def _mesh(path: Path) -> Primitive:
+def _mesh(path: Path) -> MeshFile:
     """Reads a mesh file. Raises ValueError if the file is larger than MESH_LIMIT or does not describe a solid, and
     OSError if the file cannot be read.
     """

@@ -1,0 +1,213 @@
+"""Parses mesh files: PLY (text or binary), OBJ, STL (text or binary) and OFF."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..text_files import BYTE_ORDER_MARKS, decode
+from .grouping import group_equal
+
+#: NumPy's name of a type -> the names of this type in PLY files.
+NAMES = {"i1": "char int8", "u1": "uchar uint8", "i2": "short int16", "u2": "ushort uint16", "i4": "int int32"}
+NAMES |= {"u4": "uint uint32", "f4": "float float32", "f8": "double float64"}
+TYPES = {name: kind for kind, names in NAMES.items() for name in names.split()}
+ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
+HEADER = re.compile(rb"ply[ \t]*(\r\n|\r|\n).*?\1end_header[ \t]*\1", re.DOTALL)
+#: The possible names of texture coordinates in PLY files.
+UV = (("u", "v"), ("s", "t"), ("texture_u", "texture_v"))
+#: A triangle in a binary STL file, whose header has 84 bytes.
+STL_TRIANGLE, STL_HEADER = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]), 84
+CONTRADICTION = "its content does not agree with its header"
+#: The names of the properties of a PLY element, and their types. A list has two types: of its length and of its items.
+Properties = list[tuple[str, list[str]]]
+
+
+class MeshError(ValueError):
+    """The content of a mesh file is wrong; the message describes the reason to the user."""
+
+
+@dataclass(frozen=True)
+class MeshData:
+    """The content of a mesh file: ``points`` (n, 3); ``index`` (m, 3, 3), which has, for each corner of each triangle,
+    the numbers of its point, uv and normal; ``normals`` and ``uv``, each None if not all corners have them.
+    """
+
+    points: np.ndarray
+    index: np.ndarray
+    normals: np.ndarray | None = None
+    uv: np.ndarray | None = None
+
+
+def parse(data: bytes) -> MeshData:
+    """Parses the content of a mesh file; its first bytes determine its format. Raises MeshError, or
+    another ValueError, OverflowError, LookupError or TypeError, if the content is wrong.
+    """
+    if data.startswith(BYTE_ORDER_MARKS):
+        data = decode(data).encode()
+    if data[:3] == b"ply":
+        return _ply(data)
+    if len(data) >= STL_HEADER and len(data) == STL_HEADER + STL_TRIANGLE.itemsize * int.from_bytes(
+        data[80:84], "little"
+    ):
+        return _separate(np.frombuffer(data, STL_TRIANGLE, offset=STL_HEADER)["corners"].astype(float))
+    text = decode(data)
+    if re.match(r"\s*solid\b", text, re.IGNORECASE) and "facet" in text.lower():
+        return _stl(text)
+    return _off(text) if re.match(r"\s*C?OFF\b", text) else _obj(text)
+
+
+def _ply(data: bytes) -> MeshData:
+    """Parses the content of a PLY file."""
+    header = HEADER.match(data)
+    if header is None:
+        raise MeshError("its header has no end")
+    elements: list[tuple[str, int, Properties]] = []
+    lines = [line.split() for line in header[0].decode("latin-1").splitlines()]
+    kind = next((line[1] for line in lines if line[:1] == ["format"]), "")
+    for line in lines:
+        if line[:1] == ["element"]:
+            elements.append((line[1], int(line[2]), []))
+        elif line[:1] == ["property"]:
+            types = line[2:4] if line[1] == "list" else line[1:2]
+            formats = [ORDERS[kind] + ("f8" if kind == "ascii" else TYPES[name]) for name in types]
+            elements[-1][2].append((line[-1], formats))
+    body, position, values = data[header.end() :], 0, dict[str, dict[str, Any]]()
+    if (
+        kind == "ascii"
+    ):  # the numbers become binary, so that _rows reads both kinds of files; inf marks the end of a row
+        body = np.array(b" inf ".join([*filter(bytes.strip, body.splitlines()), b""]).split(), "<f8").tobytes()
+        elements = [(name, count, [*properties, ("row end", ["<f8"])]) for name, count, properties in elements]
+    for name, count, properties in elements:
+        values[name], position = _rows(body, position, count, properties)
+        if not np.isinf(values[name].get("row end", np.inf)).all():
+            raise MeshError(CONTRADICTION)
+    if position != len(body):
+        raise MeshError(CONTRADICTION)
+    vertex, face = values["vertex"], values.get("face", {})
+    uv_names = next((pair for pair in UV if set(pair) <= set(vertex)), UV[0])
+    if not face and values.get("tristrips"):
+        raise MeshError("it has triangle strips instead of faces")
+    index = _fans(face.get("vertex_indices", face.get("vertex_index", ())))
+    uv, normals = (
+        np.stack([vertex[name] for name in names], axis=-1).astype(float) if set(names) <= set(vertex) else None
+        for names in (uv_names, ("nx", "ny", "nz"))
+    )
+    points = np.stack([vertex[axis] for axis in "xyz"], axis=-1).astype(float)
+    # A PLY file has one number for the position, the uv and the normal of a corner.
+    return MeshData(points, np.repeat(index[..., None], 3, axis=2), normals, uv)
+
+
+def _rows(body: bytes, position: int, count: int, properties: Properties) -> tuple[dict[str, Any], int]:
+    """Reads ``count`` rows of a PLY element; the rows begin at the byte ``position`` of ``body``, the file's content
+    after the header.
+
+    Returns a dictionary from property names to values, and the position after the last row. The values of a property
+    are an array if every list property has the same length in all rows; otherwise the values are a list with one entry
+    per row. For an element without rows or properties, the dictionary is empty.
+    """
+    if count < 0:
+        raise MeshError(f"its header has a negative count, {count}")
+    if not count or not properties:
+        return {}, position
+    fields: list[Any] = []  # the fields of a row, if its lists have the same lengths as in the first row
+    lengths = {}
+    for name, types in properties:
+        shape = []
+        if len(types) > 1:
+            shape = np.frombuffer(body, types[0], 1, position + np.dtype(fields).itemsize).astype(int).tolist()
+            lengths[f"{name} length"] = shape
+            fields.append((f"{name} length", types[0]))
+        fields.append((name, types[-1], tuple(shape)))
+    dtype = np.dtype(fields)
+    if count == 1 or len(body) - position >= count * dtype.itemsize:
+        table = np.frombuffer(body, dtype, count, position)
+        if all((table[name] == length).all() for name, length in lengths.items()):
+            return {name: table[name] for name, _ in properties}, position + table.nbytes
+    rows = []
+    for _ in range(count):
+        row, position = _rows(body, position, 1, properties)
+        rows.append(row)
+    return {name: [row_values[name][0] for row_values in rows] for name, _ in properties}, position
+
+
+def _obj(text: str) -> MeshData:
+    """Parses the content of an OBJ file: its vertices, texture coordinates, normals and faces."""
+    tables: dict[str, list[list[float]]] = {"v": [], "vt": [], "vn": []}
+    polygons: list[list[list[int]]] = []
+    for line in text.replace("\\\n", " ").split("\n"):
+        word, *values = line.partition("#")[0].split() or [""]
+        if word in tables:
+            tables[word].append([float(number) for number in values[: 2 if word == "vt" else 3]])
+            # Four or seven numbers are x y z w, or x y z w r g b; six numbers are x y z r g b.
+            if word == "v" and len(values) in (4, 7) and float(values[3]) != 1:
+                raise MeshError(f"a vertex has the weight {values[3]} after x y z; only 1 is supported")
+        elif word == "f":
+            corners = [[*corner.split("/"), "", ""][:3] for corner in values]
+            polygons.append([[_number(n, len(tables[of])) for n, of in zip(c, tables)] for c in corners])
+    index = _fans(polygons)
+    uv, normals = (
+        np.array(tables[word], float) if (index[..., i] >= 0).all() else None for i, word in ((1, "vt"), (2, "vn"))
+    )
+    return MeshData(np.array(tables["v"], float), index, normals, uv)
+
+
+def _number(text: str, count: int) -> int:
+    """Converts an index in an OBJ file to an index from 0, or to -1 if the text is empty.
+
+    An index in an OBJ file counts from 1; a negative index counts backwards from the latest of ``count`` items.
+    """
+    if not text:
+        return -1
+    number = int(text)
+    if number == 0 or number < -count:
+        raise MeshError(f"a face has a corner {number}, which does not exist")
+    return number - 1 if number > 0 else count + number
+
+
+def _stl(text: str) -> MeshData:
+    """Parses the content of a text STL file, whose triangles have no common vertices."""
+    lines = [line.split() for line in text.lower().split("\n")]
+    corners = [line[1:] for line in lines if line[:1] == ["vertex"]]
+    if len(corners) != 3 * sum(line[:1] == ["facet"] for line in lines) or ["endsolid"] not in [x[:1] for x in lines]:
+        raise MeshError("its facets are not complete")
+    return _separate(np.array(corners, float).reshape(-1, 3, 3))
+
+
+def _separate(corners: np.ndarray) -> MeshData:
+    """Returns the mesh of triangles whose corners (m, 3, 3) are separate points."""
+    if not len(corners):
+        raise MeshError("it has no faces")
+    index = np.arange(3 * len(corners)).reshape(-1, 3)
+    return MeshData(corners.reshape(-1, 3), np.repeat(index[..., None], 3, axis=2))
+
+
+def _off(text: str) -> MeshData:
+    """Parses the content of an OFF or COFF file; colours are ignored."""
+    rows = [row for line in text.split("\n") if (row := line.partition("#")[0].split())]
+    counts = rows.pop(0)[1:] or rows.pop(0)
+    n = int(counts[0])
+    points, polygons = np.array(rows[:n], float)[:, :3], [row[1 : int(row[0]) + 1] for row in rows[n:]]
+    if [n, len(polygons)] != [*map(int, counts[:2])] or any(
+        len(p) != int(row[0]) for p, row in zip(polygons, rows[n:])
+    ):
+        raise MeshError(CONTRADICTION)
+    return MeshData(points, np.repeat(_fans(polygons)[..., None], 3, axis=2))
+
+
+def _fans(polygons: Sequence[Any]) -> np.ndarray:
+    """Divides convex polygons, each a sequence of corners, into m triangles (m, 3, ...); polygons with fewer than 3
+    corners are left out. Raises MeshError if there are no triangles.
+    """
+    result = []
+    for count, numbers in group_equal(map(len, polygons)).items():
+        with np.errstate(invalid="ignore"):  # NaN becomes an invalid index, which is an error later
+            corners = np.array([polygons[i] for i in numbers]).astype(np.int64)
+        if count > 2:
+            fan = np.stack([np.repeat(corners[:, :1], count - 2, axis=1), corners[:, 1:-1], corners[:, 2:]], axis=2)
+            result.append(fan.reshape(-1, *fan.shape[2:]))
+    if not result:
+        raise MeshError("it has no faces")
+    return np.concatenate(result)

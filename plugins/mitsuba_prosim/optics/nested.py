@@ -77,9 +77,8 @@ def all_flags(scene: mi.Scene) -> int:
 class Leaf(NamedTuple):
     """A BSDF in a mixture of BSDFs; the BSDF itself is no ``blendbsdf``, ``mask`` or ``twosided``."""
 
-    #: Weight of the leaf in the mixture, and the factor of this weight that ``blendbsdf`` contributes.
+    #: Weight of the leaf in the mixture.
     share: mi.Float
-    blend: mi.Float
     #: The BSDF; None for the null lobe of a ``mask``.
     bsdf: mi.BSDF | None
     #: The interaction as the leaf needs it: if the leaf is in a ``twosided``, the viewer is on the front side.
@@ -99,14 +98,14 @@ def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[
     if kind == BLEND:
         weight = dr.clip(inner["weight"].eval_1(si, active), 0, 1)
         return [
-            leaf._replace(share=part * leaf.share, blend=part * leaf.blend)
+            leaf._replace(share=part * leaf.share)
             for part, half in ((weight, inner["bsdf_1"]), (1 - weight, inner["bsdf_0"]))
             for leaf in leaves(half, si, active)
         ]
     if kind == MASK:
         opacity = dr.clip(inner["opacity"].eval_1(si, active), 0, 1)
         nested = leaves(inner["nested_bsdf"], si, active)
-        hole = Leaf(1 - opacity, mi.Float(1), None, si)
+        hole = Leaf(1 - opacity, None, si)
         return [*(leaf._replace(share=opacity * leaf.share) for leaf in nested), hole]
     if kind == TWO_SIDED:
         front, si = dr.select(mi.Frame3f.cos_theta(si.wi) > 0, mi.Float(1), 0), mi.SurfaceInteraction3f(si)
@@ -116,7 +115,7 @@ def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[
             for part, side in ((front, inner["brdf_0"]), (1 - front, inner["brdf_1"]))
             for leaf in leaves(side, si, active)
         ]
-    return [Leaf(mi.Float(1), mi.Float(1), bsdf, si)]
+    return [Leaf(mi.Float(1), bsdf, si)]
 
 
 def ambient_reflectance(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.UnpolarizedSpectrum:

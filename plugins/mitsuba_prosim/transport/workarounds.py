@@ -6,13 +6,15 @@
     ``mask.sample`` follows the type mask.
 ``blendbsdf``
     adds the density of smooth lobes to the probability of an ideal lobe, so that the image loses or gains light.
-    Therefore, for a ``blendbsdf``, :func:`sample` requests either the ideal or the smooth lobes, each with probability
-    1/2. If one of the two blended BSDFs has no separable lobes, ``blendbsdf`` still adds the density and the value of
-    this BSDF to a sample of an ideal lobe, and :func:`sample` subtracts both. One case remains wrong: the null lobe of
-    a ``mask`` that is blended with a BSDF which transmits light and has no separable lobes. ``blendbsdf`` also omits
-    the derivative of ideal lobes with respect to the blending weight: :func:`blend_share` adds this derivative. Delete
-    the workarounds for ``blendbsdf`` when Mitsuba's ``blendbsdf`` separates the probabilities of ideal lobes from the
-    densities of smooth lobes.
+    Therefore, if a ``blendbsdf`` mixes ideal with smooth lobes, :func:`sample` chooses one of the blended BSDFs itself
+    (:func:`_sample_mixture`). A ``bumpmap`` or ``normalmap`` around such a ``blendbsdf`` chooses by the same random
+    number, but :func:`_sample_map` only lets it sample the kind of lobes, ideal or smooth, that the chosen BSDF has. If
+    a BSDF in the ``blendbsdf`` within the map has no separable lobes, ``blendbsdf`` still adds the density and the
+    value of this BSDF to a sample of an ideal lobe, and :func:`_sample_map` subtracts both. One case remains wrong: the
+    null lobe of a ``mask`` that is blended, within a map, with a BSDF which transmits light and has no separable lobes.
+    ``blendbsdf`` also omits the derivative of ideal lobes with respect to the blending weight, so :func:`sample` adds
+    this derivative. Delete the workarounds for ``blendbsdf`` when Mitsuba's ``blendbsdf`` separates the probabilities
+    of ideal lobes from the densities of smooth lobes.
 ``principled``, ``principledthin``, ``hair``
     evaluate and sample all lobes together, whatever the type mask is. Therefore light sampling evaluates all lobes of a
     BSDF such as ``principled`` together, and :func:`belongs_to` assigns each sample of the BSDF to one lobe. If a
@@ -37,9 +39,9 @@ from collections.abc import Iterator
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import BLEND, EVALUATED_TOGETHER, MASK, samples_elsewhere
+from ..compat import BLEND, EVALUATED_TOGETHER, MAPS, MASK, samples_elsewhere
 from ..masks import but_not, idle
-from ..optics.nested import all_within, leaves
+from ..optics.nested import Leaf, all_within, leaves, parts
 from . import lobes
 from .lobes import LobePoint
 
@@ -85,36 +87,99 @@ def sample(
     are the random numbers that draw the sample. ``bs.pdf`` is 0 if the BSDF sampled a lobe that was not requested.
     """
     lobe = requested_lobes(lobe, bsdf)
-    has_mask, mixes, (choice, point) = any(_within(bsdf, MASK)), _mixes_ideal_and_smooth(lobe, bsdf), u
-    # Null lobes of a ``mask`` are not mixed with the lobes of the BSDF within the ``mask``.
-    mixed = lobes.IDEAL[:2] if has_mask else lobes.IDEAL
+    if _mixes_ideal_and_smooth(lobe, bsdf):
+        bs, weight = (_sample_map if bsdf.class_name() in MAPS else _sample_mixture)(lobe, bsdf, si, u, active)
+    else:
+        bs, weight = bsdf.sample(_with_null_of_mask(lobe, bsdf), si, *u, active)
+    bs.pdf = dr.select((bs.sampled_type & lobe.type_mask) != 0, bs.pdf, 0)
+    return bs, weight
 
-    def sample_lobes(requested: mi.BSDFContext, choice: mi.Float) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-        """Returns a sample ``(bs, weight)`` of ``bsdf``, drawn with the random number ``choice``; ``bs.pdf`` is 0 if
-        the sampled lobe is not one of the ``requested`` lobes.
-        """
-        context = lobes.with_null_lobes(requested) if has_mask else requested
-        bs, weight = bsdf.sample(context, si, choice, point, active)
-        if mixes and is_inseparable(bsdf):
-            is_mixed = lobes.has_any(bs.sampled_type, *mixed)
-            # Subtracts the density and the value that ``blendbsdf`` adds to a sample of an ideal lobe.
-            f, pdf = bsdf.eval_pdf(context, si, bs.wo, active & is_mixed)
-            probability = dr.maximum(bs.pdf - pdf, 0)
-            own = (weight * bs.pdf - f) / dr.select(probability > 0, probability, 1)
-            bs.pdf, weight = dr.select(is_mixed, (probability, own), (bs.pdf, weight))
-        ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL)
-        weight *= dr.select(ideal, dr.relative_grad(blend_share(bsdf, si, choice, active)), 1)
-        bs.pdf = dr.select((bs.sampled_type & requested.type_mask) != 0, bs.pdf, 0)
-        return bs, weight
 
-    if not mixes:
-        return sample_lobes(lobe, choice)
-    # Choices below 0.5 sample the ideal lobes, the others sample the smooth lobes.
-    ideal = sample_lobes(lobes.only(lobes.IDEAL, lobe), choice * 2)
-    smooth = sample_lobes(lobes.only(lobes.SMOOTH, lobe), choice * 2 - 1)
-    bs, weight = dr.select(choice < 0.5, ideal, smooth)
-    bs.pdf *= 0.5
-    return bs, weight * 2
+def _sample_mixture(
+    lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool
+) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+    """The same as :func:`sample`, for a mixture of BSDFs that has ideal and smooth lobes.
+
+    The function samples one of the :func:`.leaves`. A sample of a smooth lobe has the density and the value of all
+    leaves together.
+    """
+    (choice, point), share = u, mi.Float(1)
+    bs, weight = dr.zeros(mi.BSDFSample3f), mi.Spectrum(0)
+    exact = True
+    for leaf, chosen, rest in _chosen_leaves(bsdf, si, choice, active):
+        if leaf.bsdf is None:
+            one, own = dr.zeros(mi.BSDFSample3f), mi.Spectrum(1)
+            one.wo, one.pdf, one.eta, one.sampled_type = -si.wi, 1, 1, lobes.mask("Null")
+        else:
+            one, own = sample(lobe, leaf.bsdf, leaf.si, (rest, point), chosen)
+            one.wo.z = dr.select(leaf.si.wi.z == si.wi.z, one.wo.z, -one.wo.z)
+            exact = exact and not _mixes_ideal_and_smooth(lobe, leaf.bsdf)
+        bs, weight, share = dr.select(chosen, (one, own, leaf.share), (bs, weight, share))
+    ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL)
+    smooth = but_not(active & (bs.pdf > 0), ideal)
+    f, pdf = eval_pdf(lobe, bsdf, si, bs.wo, smooth)
+    if exact:
+        weight = dr.select(smooth, f / dr.select(pdf > 0, pdf, 1), weight)
+    weight *= dr.select(ideal, dr.relative_grad(share), 1)
+    bs.pdf = dr.select(ideal, bs.pdf * dr.detach(share), dr.select(smooth, pdf, 0))
+    return bs, weight
+
+
+def _sample_map(
+    lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool
+) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+    """The same as :func:`sample`, for a ``bumpmap`` or ``normalmap`` around a mixture that has ideal and smooth lobes.
+
+    The random number that chooses a BSDF of the mixture tells which kind of lobes is sampled. If this BSDF has both
+    kinds, the lower half of its interval of random numbers stands for the ideal lobes.
+    """
+    (choice, point), takes_ideal, share, factor = u, mi.Bool(False), mi.Float(1), mi.Float(1)
+    for leaf, chosen, rest in _chosen_leaves(parts(bsdf)["nested_bsdf"], si, choice, active):
+        flags = lobes.mask("Null") if leaf.bsdf is None else int(leaf.bsdf.flags()) & lobe.type_mask
+        takes = mi.Bool(lobes.has_any(flags, *lobes.IDEAL))
+        if lobes.has_any(flags, *lobes.IDEAL) and lobes.has_any(flags, *lobes.SMOOTH):
+            takes, factor = rest < 0.5, dr.select(chosen, 2, factor)
+            rescaled = rest * 2 - dr.select(takes, mi.Float(0), 1)
+            choice = dr.select(chosen, choice + dr.detach(leaf.share) * (rescaled - rest), choice)
+        takes_ideal, share = dr.select(chosen, (takes, leaf.share), (takes_ideal, share))
+    context = _with_null_of_mask(lobes.only(lobes.IDEAL, lobe), bsdf)
+    ideal, ideal_weight = bsdf.sample(context, si, choice, point, active & takes_ideal)
+    if is_inseparable(bsdf):
+        # Subtracts the density and the value that ``blendbsdf`` adds to a sample of an ideal lobe. It adds nothing to
+        # the null lobes of a ``mask`` around the ``blendbsdf``.
+        added = lobes.IDEAL[:2] if any(_within(bsdf, MASK)) else lobes.IDEAL
+        adds = active & takes_ideal & lobes.has_any(ideal.sampled_type, *added)
+        f, pdf = bsdf.eval_pdf(context, si, ideal.wo, adds)
+        probability = dr.maximum(ideal.pdf - pdf, 0)
+        own = (ideal_weight * ideal.pdf - f) / dr.select(probability > 0, probability, 1)
+        ideal.pdf, ideal_weight = dr.select(adds, (probability, own), (ideal.pdf, ideal_weight))
+    ideal.pdf = dr.select(lobes.has_any(ideal.sampled_type, *lobes.IDEAL), ideal.pdf, 0)
+    context, takes_smooth = lobes.only(lobes.SMOOTH, lobe), but_not(active, takes_ideal)
+    smooth, smooth_weight = bsdf.sample(_with_null_of_mask(context, bsdf), si, choice, point, takes_smooth)
+    sampled = takes_smooth & lobes.has_any(smooth.sampled_type, *lobes.SMOOTH)
+    smooth.pdf = dr.select(sampled & (smooth.pdf > 0), eval_pdf(lobe, bsdf, si, smooth.wo, sampled)[1], 0)
+    ideal_weight *= dr.relative_grad(share)
+    bs, weight = dr.select(takes_ideal, (ideal, ideal_weight), (smooth, smooth_weight))
+    return bs, weight * factor
+
+
+def _chosen_leaves(
+    bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, active: mi.Bool
+) -> Iterator[tuple[Leaf, mi.Bool, mi.Float]]:
+    """Yields ``(leaf, chosen, rest)`` for each of the :func:`.leaves` of ``bsdf``: the lanes in which the random number
+    ``choice`` in [0, 1) chooses the leaf, and there a random number in [0, 1) that is independent of this choice.
+    """
+    begin = mi.Float(0)
+    for leaf in leaves(bsdf, si, active):
+        end = begin + dr.detach(leaf.share)
+        rest = (choice - begin) / dr.select(end > begin, end - begin, 1)
+        yield leaf, active & (choice >= begin) & (choice < end), dr.clip(rest, 0, 1 - dr.epsilon(mi.Float))
+        begin = end
+
+
+def _with_null_of_mask(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> mi.BSDFContext:
+    """Returns the BSDF context ``lobe``, with null lobes added if ``bsdf`` is or contains a ``mask``."""
+    return lobes.with_null_lobes(lobe) if any(_within(bsdf, MASK)) else lobe
 
 
 def eval_pdf(
@@ -122,15 +187,9 @@ def eval_pdf(
 ) -> tuple[mi.Spectrum, mi.Float]:
     """Returns the value of ``lobe`` of ``bsdf`` times the cosine for the direction ``wo``, and the density with which
     :func:`sample` samples ``wo``.
-
-    If ``bsdf`` has a ``blendbsdf`` that mixes ideal with smooth lobes, the returned density is half the density of the
-    smooth lobes, because :func:`sample` requests the smooth lobes with probability 1/2.
     """
     lobe = requested_lobes(lobe, bsdf)
-    splits_choice = _mixes_ideal_and_smooth(lobe, bsdf)
-    requested = lobes.only(lobes.SMOOTH, lobe) if splits_choice else lobe
-    f, pdf = bsdf.eval_pdf(lobes.with_null_lobes(requested) if any(_within(bsdf, MASK)) else requested, si, wo, active)
-    return f, pdf * 0.5 if splits_choice else pdf
+    return bsdf.eval_pdf(_with_null_of_mask(lobe, bsdf), si, wo, active)
 
 
 def requested_lobes(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> mi.BSDFContext:
@@ -166,20 +225,6 @@ def belongs_to(lobe: mi.BSDFContext, wi: mi.Vector3f, bs: mi.BSDFSample3f) -> mi
     through = mi.Frame3f.cos_theta(wi) * mi.Frame3f.cos_theta(bs.wo) < 0
     side = dr.select(through, mi.UInt32(lobes.mask(*lobes.REFRACTED)), lobes.mask(*lobes.REFLECTED))
     return (dr.select(diffuse, lobes.mask(*lobes.DIFFUSE), side) & lobe.type_mask) != 0
-
-
-def blend_share(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, active: mi.Bool) -> mi.Float:
-    """Returns the blending weight of the BSDF within ``bsdf`` that the random number ``choice`` selects: the product of
-    the weights of all ``blendbsdf`` around the selected BSDF, or 1 without a ``blendbsdf``.
-
-    The function :func:`sample` uses only the derivatives of this blending weight.
-    """
-    blend, interval_begin = mi.Float(1), mi.Float(0)
-    for leaf in leaves(bsdf, si, active):
-        probability = dr.detach(leaf.share)
-        blend = dr.select((choice >= interval_begin) & (probability > 0), leaf.blend, blend)
-        interval_begin += probability
-    return blend
 
 
 def first_hit(scene: mi.Scene, ray: mi.Ray3f, coherent: mi.Bool, active: mi.Bool) -> mi.PreliminaryIntersection3f:

@@ -221,6 +221,18 @@ def chains(rng):
     return text(rng, ["CUBE"] * 12, transforms, [*rng.choice(["+", "-"], 11).tolist(), *range(12)])
 
 
+def unions(rng):
+    """Unions of solids that overlap and are all curved or nearly so, with some coincident discs."""
+    count, after = rng.integers(4, 7), turn(rng)
+    shapes = [SHAPES[rng.choice(4, p=[0.05, 0.2, 0.35, 0.4])] for _ in range(count)]
+    transforms = [
+        f"SCALE ({numbers([2, 2, rng.choice([-2, 2, 3])])}) ROTATE-Y ({90 * rng.integers(2)}) "
+        f"TRANSLATE ({numbers(rng.integers(-2, 2, 3))}) {after}"
+        for _ in shapes
+    ]
+    return text(rng, shapes, transforms, ["+"] * (count - 1) + list(range(count)))
+
+
 def turned_grid(rng):
     return grid(rng, turn(rng))
 
@@ -295,11 +307,37 @@ def grazing(rng):
 
 
 KINDS = {
-    f.__name__: f for f in (general, grid, turned_grid, chains, stretched_grid, decimals, same_quadric, nested, grazing)
+    f.__name__: f
+    for f in (general, grid, turned_grid, unions, chains, stretched_grid, decimals, same_quadric, nested, grazing)
 }
 
 
 # ---- The comparison --------------------------------------------------------------------------------------------------
+
+
+def wrong_owners(scene, triangles, owner, rng, count=1000, reach=0.02):
+    """How many of random points on ``triangles`` (n, 3, 3) do not lie on a surface of the leaf ``owner`` (n,).
+
+    A point counts as wrong if all surfaces of this leaf are farther than ``reach``, which is above the chord error.
+    """
+    edges = triangles[:, 1:] - triangles[:, :1]
+    normals = np.cross(edges[:, 0], edges[:, 1])
+    size = np.linalg.norm(normals, axis=1)
+    chosen = rng.choice(len(size), count, p=size / size.sum())
+    points = np.einsum("kc,kci->ki", rng.dirichlet([1, 1, 1], count), triangles[chosen])
+    # Rays that are oblique to all faces, against the normals.
+    away = normals[chosen] / size[chosen, None] + rng.normal(scale=0.02, size=(count, 3))
+    wrong = np.arange(count)
+    for shift in np.concatenate([np.zeros((1, 3)), rng.normal(scale=reach / 2, size=(24, 3))]):
+        out = away[wrong]
+        origins = points[wrong] + reach * out + shift - out * (out @ shift)[:, None]
+        right = np.zeros(len(wrong), bool)
+        for distance, enters, leaf in surfaces(scene, origins, -out):
+            right |= enters & (leaf == owner[chosen[wrong]]) & (np.abs(distance - reach) < reach)
+        wrong = wrong[~right]
+        if not len(wrong):
+            break
+    return len(wrong)
 
 
 def through_pixels(camera, i, j):

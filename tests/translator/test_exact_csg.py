@@ -13,6 +13,7 @@ from meshes import area, assert_closed, scene, solids, volume
 from prosim_scene import SceneWarning
 from prosim_scene.geometry import csg
 from prosim_scene.language import document_of
+from prosim_scene.model import Leaf
 from prosim_scene.view import camera_of
 
 EDGE = 2  # pixels that may be wrong: slivers at the ends of edges, and what single precision does to them
@@ -58,6 +59,52 @@ def wrong_pixels(text, folder):
         document = document_of(text, path)
         prosim_scene.translate(path)
     return len(exact_csg.wrong_pixels(document.scene, camera_of(document), seen_by_meshes(folder)))
+
+
+def wrong_owners(text, seed=0):
+    """How many of 1,000 points on the surfaces of a scene have the material of a wrong leaf."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)  # some primitives vanish
+        meshes, read = solids(text, 0.1), document_of(text).scene
+    if not meshes:
+        return 0
+    indices = [node.index for node in read.csg if isinstance(node, Leaf)]
+    owner = [np.full(len(mesh.index), indices.index(index)) for index, mesh in meshes.items()]
+    triangles = np.concatenate([mesh.positions for mesh in meshes.values()])
+    return exact_csg.wrong_owners(read, triangles, np.concatenate(owner), np.random.default_rng(seed))
+
+
+#: A union in which only the last two solids have faces in one plane.
+UNION = """VIEW WINDOW -5 -5 5 5 OBS 0 0 100 RESOLUTION 120 120 LIGHTS AREA position 9 9 99
+SOLID s + + + SPHERE 0 CONE 1 CONE 2 CYLINDER 3 {}
+SURFACE 0 kd = .1 SURFACE 1 kd = .2 SURFACE 2 kd = .3 SURFACE 3 kd = .4 SURFACE 4 kd = .5
+TRANSFORM 0 SCALE (2 2 2) TRANSLATE (-1 -1 -2) ROTATE-Y (90)
+TRANSFORM 1 SCALE (2 2 -2) TRANSLATE (-1 0 0)
+TRANSFORM 2 SCALE (2 2 3) TRANSLATE (0 0 -2) ROTATE-Y (90)
+TRANSFORM 3 SCALE (2 2 3) TRANSLATE (0 1 -2) ROTATE-Y (90)
+TRANSFORM 4 TRANSLATE (40 0 0)
+TRANSFORM 9 ROTATE-X ({}) ROTATE-Z ({})
+END
+"""
+
+
+@pytest.mark.parametrize("tree", ["CSG-TREE s 9", "CSG-TREE + CUBE 4 s 9", "CSG-TREE - s 9 CUBE 4"])
+def test_turned_union_keeps_its_owners(tree):
+    for seed, (x, z) in enumerate(np.random.default_rng(3).uniform(0, 90, (12, 2))):
+        assert wrong_owners(UNION.format(tree, x, z), seed) <= EDGE, (x, z)
+
+
+@pytest.mark.parametrize("kind", exact_csg.KINDS)
+@pytest.mark.parametrize("seeds", [range(3), pytest.param(range(3, 40), marks=pytest.mark.slow)], ids=["few", "many"])
+def test_points_on_faces_belong_to_the_first_leaf_of_the_tree(kind, seeds):
+    """Also if a solid is added that touches nothing."""
+    wrong = {}
+    for seed in seeds:
+        text = exact_csg.KINDS[kind](np.random.default_rng([seed, 7]))
+        far = "SURFACE 40 material lambertiano kd .9 TRANSFORM 40 TRANSLATE (50 0 0) END"
+        added = text.replace("CSG-TREE", "CSG-TREE + CUBE 40").replace("END", far)
+        wrong[seed] = max(wrong_owners(text, seed), wrong_owners(added, seed))
+    assert not {seed: count for seed, count in wrong.items() if count > EDGE}
 
 
 @pytest.mark.parametrize("kind", exact_csg.KINDS)

@@ -246,9 +246,7 @@ def evaluate_chain(operands: list[Operand]) -> tuple[Body | None, list[Body]]:
     added, cut = evaluate_chain(later)
     cut = [body for body in [union(cut)] if body]  # one body, which the caller uses again
     rest = first and difference(first, cut)
-    if result := union([rest, added]):
-        checked(result.manifold())  # otherwise manifold3d would join this operation and the next one
-    return result, [*cut_first, *cut]
+    return union([rest, added]), [*cut_first, *cut]
 
 
 def _divisible(operands: list[Operand], all_faces: bool = False) -> bool:
@@ -303,10 +301,7 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
         distinct = [distinct[i] for i in np.argsort(boxes[:, :, axis].sum(axis=1))]
     first, *others = (len(body.boxes) for body in distinct)  # the numbers of leaves
     middle = 1 if first > sum(others) else len(distinct) // 2
-    result = union([union(distinct[:middle]), union(distinct[middle:])])
-    if result and not shared:
-        checked(result.manifold())  # otherwise manifold3d would join this operation and the next one
-    return result
+    return union([union(distinct[:middle]), union(distinct[middle:])])
 
 
 def difference(first: Body, others: Sequence[Body]) -> Body:
@@ -338,7 +333,8 @@ def _combined(bodies: Sequence[Body], operation: OpType | None, boxed: Sequence[
     if _share_surfaces(bodies) and len(touching(bodies[0].boxes, bodies[1].box)):
         first, second = solids
         solids = planes.separate(first, second, -1 if operation in (OpType.Subtract, OpType.Intersect) else 1)
-    result = Manifold.batch_boolean(solids if operation else solids[::-1], operation or OpType.Subtract)
+    # Without the check, manifold3d would join this operation and the next one, and change the order of their operands.
+    result = checked(Manifold.batch_boolean(solids if operation else solids[::-1], operation or OpType.Subtract))
     boxes = np.concatenate([body.boxes for body in boxed])
     return Body(lambda: result, boxes, frozenset().union(*(body.surfaces for body in bodies)), planes)
 

@@ -3,20 +3,24 @@
 Batch systems, as in the documentation: a cluster that Dask starts, and an array of parts.
 """
 
+import http.client
 import os
 import re
 import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 from unittest import mock
+from urllib.parse import urlsplit
 
 import dask
 import distributed
 import numpy as np
 import OpenEXR
+import psutil
 import pytest
 from mitsuba_prosim.cli import files
 from mitsuba_prosim.engine import environment
@@ -35,8 +39,12 @@ NOISE = {"noise": 0.007, "max_samples": 400}
 
 @pytest.fixture(scope="module")
 def client():
+    """Its certificate is in Dask's configuration, so that ``--cluster`` can use it."""
     with cluster.workers(2) as client:
-        yield client
+        tls = client.security.get_tls_config_for_role("client")
+        names = {"ca_file": "ca-file", "cert": "client.cert", "key": "client.key"}
+        with dask.config.set({f"distributed.comm.tls.{name}": tls[key] for key, name in names.items()}):
+            yield client
 
 
 @pytest.fixture
@@ -94,6 +102,30 @@ def test_a_scene_travels_with_the_files_that_it_names(lamp, tmp_path):
     for name in "../a.exr", str(picture):
         with pytest.raises(ValueError, match="needs all files in the scene's folder"):
             bundle(name)
+
+
+def test_other_process_cannot_use_local_workers(client):
+    """It finds the open ports, and tries connections with another certificate, without TLS, and HTTP."""
+    family = [psutil.Process(), *psutil.Process().children(recursive=True)]
+    ports = {c.laddr.port for one in family for c in one.net_connections("tcp") if c.status == psutil.CONN_LISTEN}
+    assert urlsplit(client.scheduler.address).port in ports and len(ports) >= 6  # scheduler, workers, their HTTP
+    script = """import sys, distributed
+address, security = sys.argv[1], distributed.Security.temporary() if sys.argv[1].startswith("tls") else None
+try:
+    print("REACHED", distributed.Client(address, security=security, timeout="3s").submit(abs, -1).result(3))
+except Exception as error:
+    print(type(error).__name__)
+"""
+    for address in (client.scheduler.address, client.scheduler.address.replace("tls", "tcp")):
+        said = subprocess.check_output([sys.executable, "-c", script, address], text=True, timeout=100)
+        assert said and "REACHED" not in said, said
+    for port in ports:
+        for path in "/", "/info/main/workers.html", "/json/identity.json", "/metrics", "/health", "/api/v1/get_workers":
+            with suppress(OSError, http.client.HTTPException):
+                connection = http.client.HTTPConnection("127.0.0.1", port, timeout=2)
+                connection.request("GET", path)
+                assert connection.getresponse().status in (302, 404), (port, path)  # "/" leads to a page that lacks
+    assert client.submit(abs, -1).result() == 1
 
 
 def test_without_workers_nothing_is_begun(lamp, monkeypatch):
@@ -228,7 +260,8 @@ def test_two_renders_on_one_cluster(client, lamp):
     options = ["render", lamp, "--adaptive", "graded", "--seed", "2", "-o"]
     command = [sys.executable, "-m", "prosim_start", *options, lamp.parent / "a"]
     crop = {"integrator": {"adaptive": "graded"}, "crop": (9, 5, 32, 24)}
-    with subprocess.Popen([*command, "--cluster", client.scheduler.address]) as process:
+    environ = os.environ | {"DASK_INTERNAL_INHERIT_CONFIG": dask.config.serialize(dask.config.config)}
+    with subprocess.Popen([*command, "--cluster", client.scheduler.address], env=environ) as process:
         image = np.array(render(lamp, client=client, seed=2, **crop))
         assert process.wait(100) == 0
     assert np.array_equal(image, here(lamp, **crop))
@@ -265,8 +298,9 @@ def test_a_film(client, lamp, monkeypatch):
 
 #: A cluster in a process of its own, which says where it is.
 ANOTHER = (
-    "import time; from mitsuba_prosim.parallel import cluster\n"
-    "with cluster.workers(1, 1) as client: print(client.scheduler.address, flush=True); time.sleep(100)"
+    "import time, distributed\n"
+    "how = {'n_workers': 1, 'threads_per_worker': 1, 'host': '127.0.0.1', 'dashboard_address': '127.0.0.1:0'}\n"
+    "with distributed.LocalCluster(**how) as made: print(made.scheduler_address, flush=True); time.sleep(100)"
 )
 
 

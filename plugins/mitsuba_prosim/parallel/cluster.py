@@ -16,12 +16,14 @@ import distributed
 from .executor import ClusterError
 
 #: Settings of a cluster on this machine. Profiles and frequent statistics would take 4 % of a processor per process. If
-#: a worker dies, its task is repeated on another worker.
+#: a worker dies, its task is repeated on another worker. The HTTP servers of Dask, which know no TLS, have no pages.
 SETTINGS = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "500ms",
     "distributed.admin.system-monitor.interval": "10s",
     "distributed.scheduler.allowed-failures": 10,
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
 }
 
 #: Timeout for the connection to a scheduler, in seconds; interval at which lost workers are replaced; maximum number of
@@ -42,10 +44,11 @@ def silence() -> None:
 def workers(number: int, threads: int | None = None) -> Iterator[distributed.Client]:
     """Starts local worker processes, and yields a client of their scheduler.
 
-    The scheduler listens only to this machine. ``number`` is the number of processes. ``threads`` is the number of
-    threads of all worker processes together; None stands for one thread per processor. Each worker process has at least
-    one thread. A worker that is lost later is replaced. Raises RuntimeError if :data:`ATTEMPTS` attempts to start the
-    workers fail.
+    The scheduler listens only to this machine, and all connections use TLS with a certificate that exists only during
+    the ``with`` block, so no other process can connect to the scheduler or to a worker. ``number`` is the number of
+    processes. ``threads`` is the number of threads of all worker processes together; None stands for one thread per
+    processor. Each worker process has at least one thread. A worker that is lost later is replaced. Raises RuntimeError
+    if :data:`ATTEMPTS` attempts to start the workers fail.
     """
     silence()
     for attempts_left in range(ATTEMPTS)[::-1]:
@@ -55,6 +58,7 @@ def workers(number: int, threads: int | None = None) -> Iterator[distributed.Cli
                     n_workers=number,
                     threads_per_worker=max(1, (threads or os.cpu_count() or 1) // number),
                     host="127.0.0.1",
+                    security=True,  # a temporary certificate
                     dashboard_address="127.0.0.1:0",
                     memory_limit=0,  # no limit
                     silence_logs=logging.CRITICAL,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
+from contextlib import suppress
 from itertools import chain, islice
 from pathlib import Path
 from time import perf_counter as clock
@@ -56,7 +57,10 @@ class SceneWatcher:
         Call this method when the scene cannot be opened. The files in subfolders of subfolders are not watched.
         """
         folder = self._scene.absolute().parent
-        self._watch({*self.stamps, folder, *islice(chain(folder.glob("*"), folder.glob("*/*")), MAX_WATCHED_FILES)})
+        files = {*self.stamps, folder}
+        with suppress(OSError):  # too many open files, for example
+            files.update(islice(chain(folder.glob("*"), folder.glob("*/*")), MAX_WATCHED_FILES))
+        self._watch(files)
 
     def _watch(self, files: set[Path]) -> None:
         """Watches these ``files`` and no others. A file that was already watched keeps its last known stamp, so that no

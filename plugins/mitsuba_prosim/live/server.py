@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import re
 import secrets
 import socket
@@ -23,6 +24,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from ..denoising.layers import parse_factor
 from .picture import Factors, Picture
@@ -57,6 +59,67 @@ HEADERS = {
 }
 
 
+#: Maximum numbers of connections: all, accepted at once, and waiting. Maximum number of seconds without a request that
+#: :func:`guard` accepts; minimum number of seconds between two log messages.
+MAX_CONNECTIONS, AT_ONCE, QUEUE, TIMEOUT, LOG_INTERVAL = 24, 8, 1024, 10.0, 60.0
+
+LOG = logging.getLogger(__name__)
+
+
+class Connection(H11Protocol):
+    """An HTTP connection to a client, who may be hostile.
+
+    The connection is closed if no accepted request is being answered :data:`TIMEOUT` seconds after the connection was
+    made, or later at a multiple of this time. If there are more than :data:`MAX_CONNECTIONS` connections, the oldest
+    one on which no accepted request is being answered is closed.
+    """
+
+    def connection_made(self, transport: Any) -> None:
+        """Closes another connection if there are too many."""
+        super().connection_made(transport)
+        self.made = self.loop.time()
+        self.loop.call_later(TIMEOUT, self._expire)
+        connections: Any = self.connections
+        open_ones = [one for one in connections if not one.transport.is_closing()]
+        idle = [one for one in open_ones if not one.answers]
+        if len(open_ones) > MAX_CONNECTIONS and idle:
+            min(idle, key=lambda one: one.made).transport.abort()
+
+    @property
+    def answers(self) -> bool:
+        """Whether a request that :func:`guard` has accepted is being answered."""
+        return self.cycle is not None and not self.cycle.response_complete and "authorised" in self.scope
+
+    def _expire(self) -> None:
+        """Closes the connection, or looks again later."""
+        if self.answers:
+            self.loop.call_later(TIMEOUT, self._expire)
+        else:
+            self.transport.abort()
+
+
+class Server(uvicorn.Server):
+    """A server that accepts few connections at once, but lets many wait, and logs an error at most once per
+    :data:`LOG_INTERVAL`.
+    """
+
+    #: Time of the event loop after which the next error is logged.
+    due = 0.0
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Begins to accept connections at ``sockets``."""
+        asyncio.get_running_loop().set_exception_handler(self.log)
+        await super().startup(sockets)
+        for sock in sockets or ():
+            sock.listen(QUEUE)  # asyncio accepts as many connections at once as it lets wait
+
+    def log(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """Logs an error of the event loop, such as too many open files."""
+        if loop.time() >= self.due:
+            self.due = loop.time() + LOG_INTERVAL
+            LOG.warning("The server of the page: %s", context.get("exception") or context["message"])
+
+
 @contextmanager
 def served(viewer: Viewer, encode: Encoder, sock: socket.socket) -> Iterator[str]:
     """Serves the live page in another thread until the ``with`` block ends, and yields the address of the page.
@@ -72,10 +135,13 @@ def served(viewer: Viewer, encode: Encoder, sock: socket.socket) -> Iterator[str
         log_level="critical",
         lifespan="off",
         ws="none",
+        http=Connection,
+        backlog=AT_ONCE,
+        loop="asyncio",
         server_header=False,
         timeout_graceful_shutdown=1,
     )
-    server = uvicorn.Server(config)
+    server = Server(config)
     thread = threading.Thread(target=server.run, args=([sock],), name="page", daemon=True)
     thread.start()
     try:
@@ -100,6 +166,7 @@ def guard(token: str) -> Callable[[Request, RequestResponseEndpoint], Any]:
         first_folder = request.scope["path"].lstrip("/").partition("/")[0]
         authorised = secrets.compare_digest(first_folder.encode(), token.encode())
         if authorised and HOSTS.fullmatch(host) and origin in (None, f"http://{host}"):
+            request.scope["authorised"] = True
             response = await call_next(request)
         else:
             response = PlainTextResponse("Refused: open the address that prosim watch printed.\n", 403)

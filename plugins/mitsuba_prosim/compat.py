@@ -9,11 +9,15 @@ issue. Other workarounds for Mitsuba and Dr.Jit are in the modules ``alone`` (on
 
 from __future__ import annotations
 
+import ctypes
+import platform
 import re
 import signal
+import sys
 import threading
 from collections import Counter
-from collections.abc import Collection, MutableMapping, Sequence
+from collections.abc import Collection, Iterator, MutableMapping, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, cast
 
 import drjit as dr
@@ -330,11 +334,11 @@ ALIGNED = 64
 
 
 def dr_array(values: np.ndarray) -> Any:
-    """Returns the 32-bit NumPy array ``values`` as a flat Dr.Jit array, row by row, in memory with Dr.Jit's alignment.
+    """Returns the NumPy array ``values`` as a flat Dr.Jit array, row by row, in memory with Dr.Jit's alignment.
 
-    The result is a ``mi.UInt32`` for unsigned integers, a ``mi.Int32`` for signed integers, and a ``mi.Float`` for
-    floats. A kernel depends on the memory alignment of the arrays that it reads. With Dr.Jit's alignment for all
-    arrays, a kernel is not compiled again for another array.
+    The result is a ``mi.UInt32`` for unsigned integers, a ``mi.Int32`` for signed integers, a ``mi.Float`` for floats
+    of 32 bits, and of the type :func:`double` for floats of 64 bits. A kernel depends on the memory alignment of the
+    arrays that it reads. With Dr.Jit's alignment for all arrays, a kernel is not compiled again for another array.
     """
     import numpy as np
 
@@ -343,8 +347,46 @@ def dr_array(values: np.ndarray) -> Any:
     begin = -room.ctypes.data % ALIGNED
     own = room[begin : begin + values.nbytes].view(values.dtype)
     own[:] = values.ravel()
-    kinds = {np.dtype(np.uint32): mi.UInt32, np.dtype(np.int32): mi.Int32}
+    kinds = {np.dtype(np.uint32): mi.UInt32, np.dtype(np.int32): mi.Int32, np.dtype(np.float64): double()}
     return kinds.get(values.dtype, mi.Float)(own)
+
+
+# Apple's GPUs have no floats of 64 bits (Dr.Jit 1.5).
+
+
+def double() -> Any:
+    """Returns the type of Dr.Jit arrays of 64-bit floats: ``mi.Float64``, but ``mi.Float`` (32 bits) with Metal."""
+    return mi.Float if dr.backend_v(mi.Float) == dr.JitBackend.Metal else mi.Float64
+
+
+# ---------------------------------------------------------------- denormal numbers
+# Dr.Jit's threads round denormal numbers to zero on x86, except with Microsoft's compiler (nanothread, `FTZGuard`). But
+# the thread that launches a small kernel runs it itself, as it does with one thread, and keeps denormal numbers.
+
+#: Bits 15 and 6 of the register MXCSR: denormal results and operands are zero.
+DENORMALS_ARE_ZERO = 0x8040
+
+#: Index of MXCSR in the type ``fenv_t`` of the C library, seen as 32-bit numbers.
+MXCSR = {"linux": 7, "darwin": 1}.get(sys.platform, 0) if platform.machine() == "x86_64" and sys.maxsize >> 32 else 0
+
+
+@contextmanager
+def denormals_rounded() -> Iterator[None]:
+    """Rounds denormal numbers to zero in this thread, inside the ``with`` block or a decorated function, if Dr.Jit's
+    own threads do so. Then a kernel computes the same bits in all threads.
+    """
+    if not MXCSR:
+        yield
+        return
+    library, before = ctypes.CDLL(None), (ctypes.c_uint32 * 8)()
+    library.fegetenv(before)
+    inside = type(before)(*before)
+    inside[MXCSR] |= DENORMALS_ARE_ZERO
+    library.fesetenv(inside)
+    try:
+        yield
+    finally:
+        library.fesetenv(before)
 
 
 # ---------------------------------------------------------------- textures

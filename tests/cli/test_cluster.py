@@ -28,7 +28,7 @@ from mitsuba_prosim.engine.checkpoint import CheckpointWriter
 from mitsuba_prosim.parallel import cluster, worker
 from mitsuba_prosim.parallel.bundle import SceneBundle
 from mitsuba_prosim.parallel.executor import CHECK_INTERVAL, ClusterError, DaskExecutor, render
-from mitsuba_prosim.scene import scene_file
+from mitsuba_prosim.scene import scene_file, session
 from running import ADAPTIVE_PATH, LIT_FLOOR, alike, done, prosim, refused, scene_text
 from test_frames import FILM
 
@@ -180,6 +180,25 @@ def test_by_threads_of_this_process(lamp, monkeypatch):
         monkeypatch.setattr(worker, "timed_sums", lambda *_: 1 / 0)
         with pytest.raises(ClusterError, match="3 attempts failed, the last one with: division by zero"):
             render(lamp, client=client)
+
+
+#: Two mirrors of 1e-20 show a sky of 1e38; a product of the mirrors is a denormal number.
+MIRROR = """<shape type="rectangle"><transform name="to_world"><scale value="{}"/>{}</transform>
+    <bsdf type="twosided"><bsdf type="conductor"><string name="material" value="none"/>
+    <rgb name="specular_reflectance" value="1e-20, 1e-20, 2e-20"/></bsdf></bsdf></shape>"""
+MIRRORS = [MIRROR.format(3, '<translate y="4" z="4"/>'), MIRROR.format(30, '<translate z="-4"/>')]
+SKY = '<emitter type="constant"><rgb name="radiance" value="1e38"/></emitter>'
+SENSOR = '<sensor type="perspective">'
+UPWARDS = '<float name="fov" value="10"/><transform name="to_world"><rotate x="1" angle="-45"/></transform>'
+
+
+def test_denormal_numbers_are_the_same_by_workers(client, scene, variant_rgb):
+    """Whether a kernel runs in a thread of Dr.Jit or in the thread that launches it."""
+    scene.write_text(scene_text(ADAPTIVE_PATH, "".join(MIRRORS) + SKY, 64, 48).replace(SENSOR, SENSOR + UPWARDS))
+    image = there(client, scene)
+    for threads in 1, 2, 16:
+        with session.threads(threads):
+            assert np.array_equal(here(scene), image)
 
 
 #: Lets a worker forget its scenes.

@@ -352,3 +352,17 @@ def test_gradients_are_no_larger_than_those_of_mitsubas_materials(variant_rgb, k
             if names is widths:
                 found[-1] *= 4 / alpha**3  # the exponent's derivative by alpha
             assert stock > 0 and max(found) < 10 * stock
+
+
+def test_derivative_of_million_samples_is_right(variant_rgb):
+    """By the radiance of the sky, of which the image is a copy: floats of 32 bits would add up to 0.1 % too much."""
+    pixels = film(1, pixel_format="rgb", component_format="float32") | {"rfilter": {"type": "gaussian"}}
+    scene = load_scene(
+        integrator={"type": "prosim", "adaptive": "none"},
+        sensor=camera([0, 0, 4], [0, 0, 0], pixels),
+        sky={"type": "constant", "radiance": rgb(0.1, 0.1, 0.1)},
+    )
+    params = mi.traverse(scene)
+    dr.enable_grad(params["sky.radiance.value"])
+    dr.set_grad(params["sky.radiance.value"], 1)
+    assert np.allclose(np.array(scene.integrator().render_forward(scene, params, spp=1 << 20)), 1, rtol=1e-6)

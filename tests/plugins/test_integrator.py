@@ -7,9 +7,11 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings, same_expectation
-from mitsuba_prosim.compat import to_world_name
+from mitsuba_prosim.compat import MXCSR, denormals_rounded, to_world_name
 from mitsuba_prosim.engine.camera import ray_sampler
+from mitsuba_prosim.engine.derivatives import Derivatives
 from mitsuba_prosim.engine.policies import Neighbours, error_of_neighbours
+from mitsuba_prosim.scene import session
 from scenes import (
     COPPER,
     CROP,
@@ -253,6 +255,98 @@ def test_seed_as_an_array(variant_rgb):
     scene = mi.load_dict(penumbra(type="prosim"))
     by_array = scene.integrator().render(scene, 0, seed=mi.UInt32(3))
     assert np.array_equal(np.array(by_array), np.array(mi.render(scene, seed=3)))
+
+
+# ------------------------------------------------------------------ the sums
+
+
+def environment_render(radiance, spp, rfilter="box", size=2):
+    """A render of an environment and nothing else, with ``spp`` samples of each pixel."""
+    pixels = film(size, pixel_format="rgb", component_format="float32") | {"rfilter": {"type": rfilter}}
+    scene = load_scene(
+        integrator={"type": "prosim_adaptive", "adaptive": "none", "nested": {"type": "direct"}},
+        sensor=camera([0, 0, 4], [0, 0, 0], pixels, fov=60),
+        environment={"type": "envmap", "bitmap": mi.Bitmap(np.float32(radiance)), "scale": 1.0},
+    )
+    return scene.integrator().progressive(scene, spp=spp).run()
+
+
+def samples_of(render):
+    """All samples of a one-pixel render: their red values, with 64 bits."""
+    with dr.suspend_grad():
+        return np.concatenate([np.float64(values[0]) for values, _ in Derivatives(render.state).samples()])
+
+
+@pytest.mark.parametrize("spp", [131072, 1 << 20])
+@pytest.mark.parametrize("rfilter", ["box", "gaussian"])
+def test_million_equal_samples_have_their_mean(variant_rgb, spp, rfilter):
+    """The rounding errors of sums of 32 bits add up to one percent of a mean of 0.1."""
+    image = np.array(environment_render(np.full((4, 8, 3), 0.1), spp, rfilter).image())
+    assert np.allclose(image, 0.1, rtol=1e-6, atol=0)
+
+
+@pytest.mark.parametrize("spp", [131072, 1 << 20])
+def test_million_noisy_samples_have_their_mean(variant_rgb, spp):
+    render = environment_render(np.random.default_rng(1).uniform(0, 1, (32, 64, 3)), spp, size=1)
+    samples = samples_of(render)
+    assert samples.std() > 0.1 and len(samples) == spp
+    assert np.allclose(np.array(render.image())[..., 0], samples.mean(), rtol=1e-6, atol=0)
+
+
+def test_error_of_a_bright_pixel_with_little_noise_is_right(variant_rgb):
+    """The variance is 1e-11 of the square of the mean, which floats of 32 bits cannot tell from zero."""
+    grey = 1000 + 0.01 * np.random.default_rng(1).uniform(0, 1, (32, 64, 1))
+    render = environment_render(np.repeat(grey, 3, axis=2), 37, size=1)
+    samples = samples_of(render)
+    assert 0 < samples.std() < 0.01
+    assert np.allclose(render.error(), samples.std(ddof=1) / 37**0.5, rtol=1e-2)
+
+
+# ------------------------------------------------------------------ denormal numbers
+
+
+def dark_mirrors(**integrator):
+    """A sky of 1e38, seen by two mirrors of 1e-20: a product of the mirrors is a denormal number."""
+    mirror = {"type": "conductor", "material": "none", "specular_reflectance": rgb(1e-20, 1.3e-20, 2e-20)}
+    mirror = {"type": "twosided", "bsdf": mirror}
+    pixels = film(128, pixel_format="rgb", component_format="float32")
+    return {
+        "type": "scene",
+        "integrator": integrator,
+        "sensor": camera([0, 1, 4], [0, 5, 0], pixels, fov=10),
+        "before": rectangle(T().scale(6), bsdf=mirror),
+        "behind": rectangle(T().translate([0, 0, 8]).scale(30), bsdf=mirror),
+        "sky": {"type": "constant", "radiance": rgb(1e38, 1e38, 1e38)},
+    }
+
+
+DARK = {"prosim": {"max_level": 3}, "prosim_adaptive": {"nested": {"type": "path", "max_depth": 4}}}
+WINDOW = {"crop_offset_x": 60, "crop_offset_y": 60, "crop_width": 4, "crop_height": 4}
+
+
+@pytest.mark.parametrize("name", DARK)
+def test_denormal_numbers_are_the_same_with_any_number_of_threads(variant_rgb, name):
+    """A kernel of one thread, and a kernel of few pixels, runs in the thread that launches it."""
+    scene = dark_mirrors(type=name, **DARK[name])
+    expected = render(scene, spp=16)
+    for threads in 1, 2, 3, 16:
+        with session.threads(threads):
+            assert np.array_equal(render(scene, spp=16), expected), threads
+    assert np.array_equal(render(scene, spp=16, **WINDOW), expected[60:64, 60:64])
+
+
+def test_denormal_numbers_stay_outside_of_renders(variant_rgb):
+    """The processor's setting is that of the user again, after an error too."""
+    tiny = np.full(4, 1e-39, np.float32)
+
+    @denormals_rounded()
+    def fail():
+        assert np.all((tiny * np.float32(0.5) > 0) == (MXCSR == 0))
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert np.all(tiny * np.float32(0.5) > 0)
 
 
 # ------------------------------------------------------------------ adaptivity

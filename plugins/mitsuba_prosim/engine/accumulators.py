@@ -10,6 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..compat import double
 from .error import standard_error
 from .plan import UNLIMITED, Plan, Rectangle, area, pixels, widened
 from .policies import policy_of
@@ -21,9 +22,9 @@ if TYPE_CHECKING:
 #: Maximum brightness of a sample in the estimated error, so that the squares of N² samples are finite.
 BRIGHTEST = 1e16
 
-#: Minimum brightness of a sample in the estimated error, and of a sum in the image. A darker value counts as black: its
-#: square or its sum would be a denormal number, which Dr.Jit's threads round to zero and the main thread does not.
-DARKEST, DARKEST_SUM = 1e-16, 1e-30
+#: Minimum absolute value of a sample in the image. A darker value counts as black, so that no value of the image is a
+#: denormal number: some processors and threads round these to zero.
+DARKEST = 1e-30
 
 
 @dataclass
@@ -33,17 +34,20 @@ class Accumulators:
     The samples of a pixel are always added in the order of their sample numbers, even if the render is interrupted and
     continued. Because samples are added in a fixed order, the bits of a pixel's sums depend only on the number of its
     samples, not on interruptions.
+
+    The sums have 64 bits (:func:`.compat.double`). In a sum of 32 bits, the rounding errors of a million equal samples
+    add up to one percent.
     """
 
     #: Sums of the film's values, weighted by the filter, for every pixel within the filter's reach, row by row, channel
     #: by channel.
-    sums: list[mi.Float]
+    sums: list[mi.Float64]
     #: Sum of the luminance; sum of its square; sum of the squared mean luminance of each complete pass.
-    total: mi.Float
-    squares: mi.Float
-    pass_squares: mi.Float
+    total: mi.Float64
+    squares: mi.Float64
+    pass_squares: mi.Float64
     #: Sum of the luminance over the current pass.
-    in_pass: mi.Float
+    in_pass: mi.Float64
     #: Number of samples.
     count: mi.UInt32
 
@@ -53,7 +57,7 @@ class Accumulators:
 
         ``sums_per_pixel`` is the length of the list ``sums`` (:attr:`.Estimator.sums_per_pixel`).
         """
-        total, squares, pass_squares, in_pass, *sums = (dr.zeros(mi.Float, pixels) for _ in range(sums_per_pixel + 4))
+        total, squares, pass_squares, in_pass, *sums = (dr.zeros(double(), pixels) for _ in range(sums_per_pixel + 4))
         result = cls(sums, total, squares, pass_squares, in_pass, dr.zeros(mi.UInt32, pixels))
         dr.make_opaque(result)
         return result
@@ -61,21 +65,23 @@ class Accumulators:
     def statistics(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns the sum of the luminances, the sum of their squares, and the number of the samples of each pixel.
 
-        The three results are NumPy arrays of 32-bit floats.
+        The three results are NumPy arrays of 64-bit floats, because the difference of two large sums is the variance.
         """
-        return np.array(self.total), np.array(self.squares), np.array(self.count).astype(np.float32)
+        total, squares, count = (np.array(v, dtype=np.float64) for v in (self.total, self.squares, self.count))
+        return total, squares, count
 
     def error(self, n: int) -> np.ndarray:
-        """Returns the standard error of the mean luminance of each pixel, as an array with one entry per pixel.
+        """Returns the standard error of the mean luminance of each pixel, as 32-bit floats with one entry per pixel.
 
         If a pixel has at least two complete passes of ``n`` samples, and no incomplete pass, the error is estimated
         from the means of the passes. If a pixel has only one pass, or an incomplete pass, the error is estimated from
         the single samples. The error is NaN for a pixel without samples, and 0 for a pixel with one sample.
         """
-        (total, squares, count), share = self.statistics(), np.float32(1 / n)
+        total, squares, count = self.statistics()
         with np.errstate(all="ignore"):  # the error is NaN without samples
-            between = standard_error(total * share, np.array(self.pass_squares), count * share)
-            return np.where((count > n) & (count % n == 0), between, standard_error(total, squares, count))
+            between = standard_error(total / n, np.array(self.pass_squares), count / n)
+            single = standard_error(total, squares, count)
+            return np.float32(np.where((count > n) & (count % n == 0), between, single))
 
 
 class FilmState:
@@ -159,7 +165,7 @@ class FilmState:
             for first, second in zip(statistics, self.second.statistics()):
                 np.add.at(first, self.second_index, second)
         with np.errstate(all="ignore"):  # the error is NaN without samples
-            values = self.policy.request(*(self.crop(sums, self.outer) for sums in statistics))
+            values = np.float32(self.policy.request(*(self.crop(sums, self.outer) for sums in statistics)))
         there, result = widened(self.plan.region, margin, self.plan.domain), np.zeros(area(self.outer), np.float32)
         self.crop(result, there)[:] = self.crop(values, there)
         return result

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compat import dr_array
+from ..compat import denormals_rounded, double, dr_array
 from .accumulators import FilmState
 from .camera import without_crop_window
 from .film import film_values, put
@@ -67,6 +67,7 @@ class Derivatives:
             count = self.counts[pixel]
             yield [dr_array(values.astype(np.uint32)) for values in (pixel, lane - ends[pixel] + count, count)]
 
+    @denormals_rounded()
     def backward(self, gradient: mi.TensorXf) -> None:
         """Propagates ``gradient``, the gradient with respect to the developed image, to the scene's parameters.
 
@@ -85,12 +86,13 @@ class Derivatives:
             dr.backward_from(loss, flags=dr.ADFlag.ClearVertices)
             dr.eval()  # evaluates the derivatives of the parameters, so that all iterations have the same kernels
 
+    @denormals_rounded()
     def forward(self) -> mi.TensorXf:
         """Returns the derivative of the developed image along the gradients that are set on the scene's parameters.
 
         The result has the shape of the image. The derivative is 0 in a channel that does not depend on the parameters.
         """
-        total, channels = dr.zeros(mi.Float, len(self.storage.array)), self.storage.shape[2]
+        total, channels = dr.zeros(double(), len(self.storage.array)), self.storage.shape[2]
         # Symbolic calls are off because of an error of Dr.Jit 1.5: if a call reads a variable, such as the weight of a
         # blend, then the derivatives of this variable also reach variables of earlier calls. Symbolic branches are off
         # because every call within a symbolic branch is symbolic.
@@ -104,7 +106,7 @@ class Derivatives:
                     dr.forward_to([value for _, value in values], flags=dr.ADFlag.ClearEdges)
                 for c, value in values:
                     for w, p in splats:
-                        dr.scatter_add(total, w * dr.grad(value), p * channels + c)
+                        dr.scatter_add(total, double()(w * dr.grad(value)), p * channels + c)
                 dr.eval(total)  # limits the size of a kernel
-        dr.set_grad(self.storage, mi.TensorXf(total, self.storage.shape))
+        dr.set_grad(self.storage, mi.TensorXf(mi.Float(total), self.storage.shape))
         return dr.forward_to(self.image)

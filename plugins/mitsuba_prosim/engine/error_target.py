@@ -15,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..alone import alone
-from ..compat import dr_array
+from ..compat import denormals_rounded, double, dr_array
 from ..sampling.hash import hash32
 from .accumulators import Accumulators, FilmState
 from .error import displayed, in_display_units, variance
@@ -159,6 +159,7 @@ class SecondImage:
         self.accumulators = state.second
 
     @alone()
+    @denormals_rounded()
     def noise(self) -> Noise:
         """Returns the measured error of the displayed image, see :data:`Noise`.
 
@@ -173,12 +174,14 @@ class SecondImage:
         plan, channels, own = self.plan, self.estimator.channels, mi.UInt32(self.index)
         film, of_pixel, stored = film_values(self.state), len(channels.names), channels.names.index("W") + 1
         first, second, squares = self.state.accumulators, self.accumulators, dr.zeros(mi.Float, len(self.index))
-        counts = [mi.Float(v) for v in (dr.gather(mi.UInt32, first.count, own), second.count)]
+        Double = double()
+        counts = [Double(v) for v in (dr.gather(mi.UInt32, first.count, own), second.count)]
         around = pixels_around(self.x, self.y, self.estimator.reach, plan.window, plan.window)
         for place, (index, seen) in enumerate(around):
             sums = [image.sums[place * of_pixel :][:stored] for image in (first, second)]
             before = [dr.gather(mi.Float, film.array, index * film.shape[2] + k, seen) for k in range(stored)]
-            after = [v + b / counts[1] - dr.gather(mi.Float, a, own) / counts[0] for v, a, b in zip(before, *sums)]
+            means = ((dr.gather(Double, a, own) / counts[0], b / counts[1]) for a, b in zip(*sums))
+            after = [v + mi.Float(b - a) for v, (a, b) in zip(before, means)]
             change = displayed(channels.luminance(before)) - displayed(channels.luminance(after))
             squares += dr.select(seen, dr.square(change), 0)
             dr.eval(squares)
@@ -297,10 +300,10 @@ def limit_by_photons(count: np.ndarray, wanted: np.ndarray, max_samples: int, ma
 
 def display_variance(accumulators: Accumulators) -> np.ndarray:
     """Returns, for each pixel, the variance of one sample, converted from radiance to displayed values
-    (:func:`.in_display_units`).
+    (:func:`.in_display_units`); 32-bit floats.
     """
     total, squares, count = accumulators.statistics()
-    return np.square(in_display_units(np.sqrt(variance(total, squares, count)), total / count))
+    return np.float32(np.square(in_display_units(np.sqrt(variance(total, squares, count)), total / count)))
 
 
 def smallest_effort(reaches: Callable[[float], bool]) -> float:

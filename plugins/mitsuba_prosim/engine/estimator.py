@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import double
 from ..sampling import wavelengths
 from ..sampling.hash import combine
 from ..sampling.nrook import NRook
 from ..sampling.sobol import Sobol
 from ..transport.transport_context import LENS, PIXEL, TIME_AND_WAVELENGTH
-from .accumulators import BRIGHTEST, DARKEST, DARKEST_SUM, Accumulators
+from .accumulators import BRIGHTEST, DARKEST, Accumulators
 from .camera import ray_sampler
 from .film import Channels, aov_values, luminance
 from .plan import Plan
@@ -77,7 +78,7 @@ class Estimator:
         """Takes the ``t``-th sample of the pixels (x, y), and returns ``(values, luminance, position)``.
 
         ``values`` are the sample's values of the channels ``channels.names``, not yet multiplied by the weights of the
-        reconstruction filter; absolute values below :data:`.DARKEST_SUM` become 0. ``luminance`` is the luminance
+        reconstruction filter; absolute values below :data:`.DARKEST` become 0. ``luminance`` is the luminance
         of the sample's radiance. A radiance that is infinite or NaN becomes 0. ``position`` is the position of the
         sample, relative to the pixel's upper left corner, in [0, 1)².
         """
@@ -96,8 +97,7 @@ class Estimator:
             others = [value for layer in layers for value in self.channels.rgb(layer, ray.wavelengths)]
         values = self.channels.values(L, ray.wavelengths, dr.select(hit, mi.Float(1), 0))
         aovs = aov_values(self.channels.aovs, self.scene, self.sensor.sampler(), ray, True)
-        # Without denormal numbers, see :data:`.accumulators.DARKEST_SUM`.
-        values = [dr.select(dr.abs(v) < DARKEST_SUM, 0, v) for v in (*values, *others, *aovs)]
+        values = [dr.select(dr.abs(v) < DARKEST, 0, v) for v in (*values, *others, *aovs)]
         return values, luminance(L, ray.wavelengths), position
 
     def weights(self, position: mi.Point2f) -> list[mi.Float]:
@@ -136,12 +136,12 @@ class Estimator:
             """Adds one sample to the sums of each pixel; returns the new sums and the mask :func:`unfinished`.
 
             The loop itself keeps the sums of pixels that are not ``active``. The luminance of a sample is limited to
-            :data:`.BRIGHTEST`, and counts as 0 below :data:`.DARKEST`; the film's sums are not limited.
+            :data:`.BRIGHTEST`; the film's sums are not limited.
             """
             t = sums.count
             values, Y, position = self.sample(plan, x, y, t)
             filtered = [s + w * v for s, (w, v) in zip(sums.sums, product(self.weights(position), values))]
-            Y = dr.clip(dr.select(dr.abs(Y) > DARKEST, Y, 0), -BRIGHTEST, BRIGHTEST)
+            Y = double()(dr.clip(Y, -BRIGHTEST, BRIGHTEST))
             in_pass = sums.in_pass + Y
             last = (t + 1) % n == 0
             sums = Accumulators(

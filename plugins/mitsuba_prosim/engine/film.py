@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..alone import alone
-from ..compat import dr_array
+from ..compat import denormals_rounded, double, dr_array
 from ..parameters import reject
 from ..registry import create
 from .plan import pixels, pixels_around
@@ -122,6 +122,7 @@ def put(film: mi.Film, values: mi.TensorXf, aov_names: Sequence[str]) -> None:
 
 
 @alone()
+@denormals_rounded()
 def film_values(image: Pixels) -> mi.TensorXf:
     """Returns the values that the film stores for the crop window of the image so far, shape (height, width, channels).
 
@@ -134,19 +135,20 @@ def film_values(image: Pixels) -> mi.TensorXf:
     plan, channels, sums = image.plan, image.estimator.channels, image.accumulators
     left, top, right, bottom = plan.window
     x, y = pixels(plan.window)
-    totals = [mi.Float(0) for _ in channels.names]
+    Double = double()
+    totals = [Double(0) for _ in channels.names]
     sources = list(pixels_around(x, y, image.estimator.reach, plan.region, image.outer))
     # The sums of a pixel begin with those for the upper left pixel within the filter's reach; for this pixel, the
     # source is the lower right one. So the sources come row after row if the sums are taken from the last to the first.
     for place, (index, active) in zip(reversed(range(len(sources))), sources):
         count = dr.gather(mi.UInt32, sums.count, index, active)
-        weight = dr.select(count > 0, dr.rcp(mi.Float(count)), 0)
+        weight = dr.select(count > 0, dr.rcp(Double(count)), 0)
         for c, values in enumerate(sums.sums[place * len(totals) :][: len(totals)]):
-            totals[c] = totals[c] + weight * dr.gather(mi.Float, values, index, active)
+            totals[c] = totals[c] + weight * dr.gather(Double, values, index, active)
     weight, (index, _) = totals[channels.names.index("W")], sources[len(sources) // 2]
     for name in channels.own_aovs:
         statistic = sums.count if name == "samples" else dr_array(sums.error(plan.n))
         totals.append(weight * mi.Float(dr.gather(type(statistic), statistic, index)))
-    values = dr.ravel(mi.ArrayXf(totals))
+    values = dr.ravel(mi.ArrayXf([mi.Float(total) for total in totals]))
     dr.eval(values)
     return mi.TensorXf(values, (bottom - top, right - left, len(totals)))

@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..alone import alone
-from ..compat import dr_array
+from ..compat import denormals_rounded, dr_array
 from ..sampling.sobol import z_curve
 from .accumulators import Accumulators
 from .camera import is_perspective, without_crop_window
@@ -92,7 +92,7 @@ class WorkItem:
         """
         sensor = self.estimator.sensor
         window = nullcontext() if is_perspective(sensor) else without_crop_window(sensor)
-        with alone(), dr.suspend_grad(), window:
+        with alone(), denormals_rounded(), dr.suspend_grad(), window:
             if (caustics := self.estimator.transport.caustics) is not None:
                 # All samples of a work item need the same photon pass, that of the last sample.
                 number = (int(np.max(self.end)) - 1) // caustics.maps(self.plan.n)

@@ -70,7 +70,7 @@ def pickled(value: Any) -> bytes:
     """
     content = io.BytesIO()
     pickler = pickle.Pickler(content)
-    kinds = mi.Float, mi.UInt32, mi.Int32
+    kinds = mi.Float, mi.Float64, mi.UInt32, mi.Int32
     pickler.dispatch_table = dict.fromkeys(kinds, lambda array: (dr_array, (np.array(array),)))
     with alone():
         pickler.dump(value)

@@ -9,6 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..compat import denormals_rounded
 from ..engine.work import Step, Steps
 from ..sampling.hash import combine, hash32
 
@@ -80,8 +81,9 @@ class Blocking(Steps):
             seeds.append(combine(hash32(seed), 1))
         # ``develop=True``, because Mitsuba's integrators in Python always develop the film. Files are written later.
         for number, seed in enumerate(seeds, 1):
-            self._images.append(integrator.render(scene, sensor, seed=seed, spp=self._spp, develop=True))
-            dr.sync_thread()
+            with denormals_rounded():
+                self._images.append(integrator.render(scene, sensor, seed=seed, spp=self._spp, develop=True))
+                dr.sync_thread()
             yield Step(number / len(seeds), number == len(seeds))
 
     def half_images(self) -> list[np.ndarray]:

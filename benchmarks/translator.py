@@ -54,7 +54,7 @@ def scene(kind: str, count: int) -> str:
     words = shapes.get(kind, ["CUBE", "SPHERE", "CYLINDER", "CONE"])
     lines = [
         "LIGHTS POINT position 0 0 99 Intensity 60000 60000 60000",
-        f"VIEW OBS 0 0 {2 * side} VRP 0 0 0 WINDOW {-side} {-side} {side} {side} RESOLUTION 500 500",
+        f"VIEW EYE 0 0 {2 * side} VRP 0 0 0 WINDOW {-side} {-side} {side} {side} RESOLUTION 500 500",
         "CSG-TREE",
         *operators(kind, count),
         "CUBE 0",
@@ -76,7 +76,7 @@ def scene(kind: str, count: int) -> str:
             transform = f"SCALE ({side} {side} {side / 2}) TRANSLATE ({-side / 2} {-side / 2} {-side / 2})"
         elif plane:
             transform = f"SCALE (.3 .3 {side}) TRANSLATE ({cell} {-3 * side / 4})"
-        lines += [f"SURFACE {i} material lambertiano kd = 0.{1 + i % 8} 0.5 0.5", f"TRANSFORM {i} {transform}"]
+        lines += [f"SURFACE {i} material lambertian kd = 0.{1 + i % 8} 0.5 0.5", f"TRANSFORM {i} {transform}"]
     return "\n".join([*lines, "END", ""])
 
 
@@ -93,7 +93,7 @@ def measure(kind: str, count: int) -> None:
         times.append(time.process_time())
         prosim_scene.translate(path, cache=cache)
         times.append(time.process_time())
-        path.write_text(path.read_text().replace("SURFACE 1 material lambertiano", "SURFACE 1"))
+        path.write_text(path.read_text().replace("SURFACE 1 material lambertian", "SURFACE 1"))
         changed = prosim_scene.document(path)
         begun = time.process_time()
         prosim_scene.translate(changed, cache=cache)

@@ -208,11 +208,11 @@ def materials():
 
 def csg():
     """Union, difference and intersection of a box and a ball."""
-    text = """LIGHTS AREA position 12 30 20 raio 3 Intensity 150000 150000 150000
+    text = """LIGHTS AREA position 12 30 20 radius 3 Intensity 150000 150000 150000
         AMBIENT 18000 18000 20000 BACKGROUND 60000 61000 64000 NSAMPLES 6
-        VIEW RESOLUTION 160 140 OBS 14 12 20 VRP 0 0 0 WINDOW -4.8 -4.2 4.8 4.2
+        VIEW RESOLUTION 160 140 EYE 14 12 20 VRP 0 0 0 WINDOW -4.8 -4.2 4.8 4.2
         CSG-TREE {} CUBE 0 SPHERE 1
-        SURFACE 0 kd = .6 .3 .15 SURFACE 1 material composto kd = .1 .25 .5 n-refr = 1.5
+        SURFACE 0 kd = .6 .3 .15 SURFACE 1 material composite kd = .1 .25 .5 n-refr = 1.5
         TRANSFORM 0 SCALE (5 5 5) TRANSLATE (-2.5 -2.5 -2.5)
         TRANSFORM 1 SCALE (2.2 2.2 2.2) TRANSLATE (1.5 1.5 2.2) END"""
     if_one = {"*": text.replace("SCALE (2.2 2.2 2.2)", "SCALE (3.2 3.2 3.2)").replace("1.5 1.5 2.2", "0 0 0")}

@@ -4,7 +4,7 @@ words, for an editor.
 
 import re
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -49,8 +49,8 @@ class Completion(NamedTuple):
     short note that the editor shows beside the word: the names of the numbers after a keyword, or the value of a name.
 
     The editor shows completions with a lower ``rank`` first. Words that continue the current statement have a lower
-    ``rank`` than keywords that begin a new statement, and canonical spellings have a lower ``rank`` than other
-    spellings.
+    ``rank`` than keywords that begin a new statement, and the spellings that the text prefers have a lower
+    ``rank`` than other spellings.
     """
 
     label: str
@@ -175,8 +175,10 @@ class Symbols:
         if numbers.count and not numbers.flags:  # only numbers, or names of numbers, fit
             return self._name_completions(start)
         fitting = [role for role in words.ORDER if role in expected and role in ROLES]
-        result = [one for role in fitting for one in _keyword_completions(role, start)]
-        values = NAMED[last.role][1] if last.role in NAMED else self.textures if "TEXTURE_NAME" in expected else {}
+        spellings = self.reader.source.spellings
+        result = [one for role in fitting for one in _keyword_completions(role, start, spellings)]
+        values = {spellings.get(name, name): kind for name, kind in self.textures.items() if "TEXTURE_NAME" in expected}
+        values = NAMED[last.role][1] if last.role in NAMED else values
         result += [Completion(name, "Color", start, value) for name, value in values.items()]
         if "USE" in expected:
             result += [Completion(name, "Class", start) for name in reader.fields["solids"]]
@@ -205,16 +207,18 @@ class Symbols:
         return [Completion(str(i), "Value", start) for i in fitting]
 
 
-def _keyword_completions(role: str, start: int) -> Iterator[Completion]:
+def _keyword_completions(role: str, start: int, spellings: Mapping[str, str]) -> Iterator[Completion]:
     """Yields a completion for each spelling of the keywords that have the grammar role ``role``.
 
-    In the editor's list, parameters of the current statement come before keywords of new statements, and canonical
-    spellings before other spellings.
+    In the editor's list, parameters of the current statement come before keywords of new statements, and the
+    ``spellings`` that the text prefers before other spellings.
     """
     kind, rank = ("Keyword", 2) if role in STATEMENTS else ("Property", 0)
     for word in words.words_of(role):
-        for i, spelling in enumerate(word.spellings):
-            yield Completion(spelling, kind, start, _names_of_numbers(word), description(word), rank + (i > 0))
+        preferred = spellings.get(word.canonical, word.canonical)
+        for spelling in word.spellings:
+            other = spelling != preferred
+            yield Completion(spelling, kind, start, _names_of_numbers(word), description(word), rank + other)
 
 
 def _names_of_numbers(word: Word) -> str:

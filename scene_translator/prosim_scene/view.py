@@ -102,7 +102,7 @@ def warn_of_distortion(document: Document) -> None:
 
 def camera_of(document: Document, resolution: tuple[int, int] | None = None) -> Camera:
     """Returns the :class:`Camera` of a scene; ``resolution``, if given, replaces the RESOLUTION of the scene. If VPN is
-    0 0 0, the normal of the view plane is OBS - VRP.
+    0 0 0, the normal of the view plane is EYE - VRP.
 
     Raises SceneError for a degenerate view: an eye on the view plane, a VPN that is tiny but not 0 0 0, a VUP that has
     length 0 or is parallel to VPN, or a window that is empty, too large or too small.
@@ -112,7 +112,7 @@ def camera_of(document: Document, resolution: tuple[int, int] | None = None) -> 
     if not normal.any():
         normal = eye - vrp
         if np.linalg.norm(normal) < MIN_LENGTH:
-            reason = "OBS and VRP are the same point and VPN is 0 0 0; expected an eye off the view plane"
+            reason = "EYE and VRP are the same point and VPN is 0 0 0; expected an eye off the view plane"
             raise document.error(reason, "view", "eye")
     if np.linalg.norm(normal) < MIN_LENGTH:
         raise document.error("VPN has length 0 in single precision; expected a direction, or 0 0 0", "view", "vpn")
@@ -121,7 +121,7 @@ def camera_of(document: Document, resolution: tuple[int, int] | None = None) -> 
     n, up = normal / np.linalg.norm(normal), vup / np.linalg.norm(vup)
     depth = float((eye - vrp) @ n)
     if abs(depth) <= PARALLEL * max(np.linalg.norm(eye - vrp), np.linalg.norm(eye), np.linalg.norm(vrp)):
-        reason = "OBS lies on the view plane (through VRP, normal VPN); expected an eye off that plane"
+        reason = "EYE lies on the view plane (through VRP, normal VPN); expected an eye off that plane"
         raise document.error(reason, "view", "eye")
     if depth < 0:  # VPN points away from the eye
         n, depth = -n, -depth
@@ -140,7 +140,7 @@ def camera_of(document: Document, resolution: tuple[int, int] | None = None) -> 
     result = Camera(eye, u, v, n, depth, a + umin, b + vmin, a + umax, b + vmax, resolution or view.resolution)
     sides = result.right - result.left, result.top - result.bottom
     if not NARROWEST * depth <= min(sides) <= max(sides) <= WIDEST * depth:
-        reason = f"the window is too large or too small at the distance {depth:g} from OBS; "
+        reason = f"the window is too large or too small at the distance {depth:g} from EYE; "
         reason += f"expected sides between {NARROWEST * depth:g} and {WIDEST * depth:g}"
         raise document.error(reason, "view", "window")
     return result

@@ -109,6 +109,7 @@ def test_the_help_has_groups_and_no_old_names():
 
 def test_format(palito):
     """A link stays a link, and the file's mode stays."""
+    palito.write_text(palito.read_text().replace("    ", " "))
     palito.chmod(0o600)
     link = palito.with_name("link.scn")
     link.symlink_to(palito)

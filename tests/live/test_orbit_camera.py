@@ -5,6 +5,7 @@ import prosim_scene
 import pytest
 from little import LITTLE
 from mitsuba_prosim.live.orbit_camera import STEEPEST, Camera, as_view, as_xml, nearest_axis
+from prosim_scene.language.diagnostics import Source
 from prosim_scene.view import camera_of
 
 
@@ -60,10 +61,26 @@ def test_the_view_that_is_written_is_the_view_that_was_seen(given_vpn):
     moves = np.random.default_rng(1).uniform((-90, -60, -1, -1, 0.2), (90, 60, 1, 1, 4), (15, 5))
     for yaw, pitch, right, up, nearer in [*moves, (0, 0, 0, 0, 1), (90, 60, 1, -1, 4)]:
         moved = home.orbited(yaw, pitch).panned(right, up).dollied(nearer)
-        text = as_view(document.scene.view, home, moved)
+        text = as_view(document.scene.view, home, moved, document.source.spellings)
         again = seen(prosim_scene.document_of(LITTLE[:before] + text + "\n" + LITTLE[after:], "again.scn"))
         assert np.allclose(again.to_world, moved.to_world, atol=1e-5)
         assert np.allclose(again.across, home.across, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("LIGHTS AREA position 0 9 9 radius 2 VIEW EYE 0 0 9 CSG-TREE CUBE 0 END", "VIEW RESOLUTION WINDOW EYE"),
+        ("LIGHTS AREA position 0 9 9 raio 2 VIEW OBS 0 0 9 CSG-TREE CUBE 0 END", "VIEW RESOLUTION WINDOW OBS"),
+        ("LUZES EXTENSA posição 0 9 9 VISTA OLHO 0 0 9 CSG CUBO 0 FIM", "VISTA RESOLUCAO JANELA OLHO"),
+        ("LUZES EXTENSA posição 0 9 9 WINDOW -1 -1 1 1 FIM", "VISTA RESOLUCAO WINDOW OBS"),
+    ],
+)
+def test_copied_view_has_the_words_of_the_scene(text, words):
+    source = Source(text, "s.scn")
+    camera = seen(DOCUMENT)
+    lines = as_view(DOCUMENT.scene.view, camera, camera.orbited(10, 0), source.spellings).split("\n")
+    assert [line.split()[0] for line in lines] == [*words.split(), "VPN", "VRP", "VUP"]
 
 
 def test_xml_has_the_matrix():

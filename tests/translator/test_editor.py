@@ -50,10 +50,15 @@ def test_completion_knows_what_fits():
     assert labels(SCENE.replace("CUBE 0", "CUBE |"))[:2] == ["0", "1"]
     assert labels(SCENE.replace("CUBE 0", "CU|"))[:4] == ["CUBE", "SPHERE", "CYLINDER", "CONE"]
     assert labels(SCENE.replace("SURFACE 1", "SURFACE |"))[0] == "1"
-    assert {"t-tijolo", "t-mine", "NULL"} <= set(labels(SCENE.replace("t-listra", "t-|")))
+    assert {"t-brick", "t-mine", "NULL"} <= set(labels(SCENE.replace("t-listra", "t-|")))
     assert {"ouro", "cobre", "cu_palik"} <= set(labels(SCENE.replace("ouro", "o|")))
     assert "diamante" in labels("SURFACE 0 material dieletrico |")
-    assert labels("SURFACE 0 material |")[:4] == ["condutor", "dieletrico", "lambertiano", "composto"]
+    assert labels("SURFACE 0 material |")[:4] == ["conductor", "dielectric", "lambertian", "composite"]
+    assert labels("SUPERFICIE 0 material |")[:4] == ["condutor", "dieletrico", "lambertiano", "composto"]
+    assert labels("LIGHTS AREA |")[3:6] == ["position", "Intensity", "radius"]
+    assert labels("LUZES EXTENSA |")[3:6] == ["posicao", "intensidade", "raio"]
+    assert labels("LIGHTS AREA raio 2 VIEW |\nOBS 0 0 9 END")[:3] == ["RESOLUTION", "WINDOW", "OBS"]
+    assert {"NULO", "t-tijolo"} <= set(labels("FUNDO 0 0 0 CSG CUBO 0 t|"))
     assert labels(SCENE.replace("ks 0", "k|"))[:3] == ["material", "metal", "ka"]
     assert labels("DO-SHADOW |")[:2] == ["TRUE", "FALSE"]
     assert labels(SCENE.replace("$turn / 60", "s|"))[:4] == ["$frame", "$time", "$turn", "sin"]
@@ -65,12 +70,12 @@ def test_completion_knows_what_fits():
 def test_hovering_shows_meanings():
     symbols = Symbols(SCENE)
     for word, shift, expected in (
-        ("raio", 0, "**raio** the radius"),
-        ("kd", 0, "each 0 or more, 1 at most"),
+        ("raio", 0, "**radius** the radius"),
+        ("kd", 0, "each a number from 0 to 1"),
         ("ROTATE-Y", 0, "degrees"),
         ("0 t-l", 0, "SURFACE 0 material condutor ouro m = .1\nTRANSFORM 0"),
         ("t-listra", 0, "stripes"),
-        ("ouro", 0, "The metal **Au**\n\nNames: gold, ouro, au"),
+        ("ouro", 0, "The metal **Au**\n\nNames: gold, au, ouro"),
         ("$turn / 3", 0, "= 30"),
         ("+ CUBE", 0, "union"),
     ):

@@ -45,13 +45,24 @@ WRONG = [
     (3, "VIEW RESOLUTION 65536 65536", 6, "range", "268435456 at most"),
     (1, "SAVE-RGB: FALSE FALSE FALSE", 1, "range", "TRUE for one"),
     (1, "DO-SHADOW 2", 11, "range", "TRUE or FALSE"),
-    (5, "SURFACE 0 kd = 153 .2 .2", 16, "range", "153 of 255 is 0.6"),
-    (6, "TRANSFORM 0 SCALE (1 0 1)", 22, "range", "1e-15 or more"),
+    (5, "SURFACE 0 kd = 153 .2 .2", 16, "range", "from 0 to 1; a colour value 153 of 255 is written 0.6"),
+    (6, "TRANSFORM 0 SCALE (1 0 1)", 22, "range", "expected a number other than 0\n"),
+    (6, "TRANSFORM 0 SCALE (1 1e-20 1)", 22, "range", "1e-15 or more in magnitude"),
+    (2, "LIGHTS AREA position 0 5 5 radius -3", 35, "range", "expected a positive number\n"),
+    (2, "LIGHTS AREA position 0 5 5 radius 1e-20", 35, "range", "a positive number, 1e-15 or more\n"),
+    (2, "LIGHTS AREA position 0 5 5 radius 1e20", 35, "range", "a positive number, 1e+15 at most\n"),
+    (2, "LIGHTS AREA position 0 5 5 Intensity -1 0 0", 38, "range", "expected 0 or a positive number\n"),
+    (1, "NSAMPLES 0", 10, "range", "expected a whole number from 1 to 1000\n"),
+    (4, "CSG-TREE CUBE -1", 15, "range", "expected 0 or a positive whole number\n"),
+    (5, "SURFACE 0 n-refr 0", 18, "range", "expected a number from 0.001 to 1000\n"),
+    (5, "SURFACE 0 m = .00001", 15, "range", "expected 0, or a number from 0.0001 to 1000\n"),
+    (5, "SURFACE 0 transmittance = 0", 27, "range", "expected a positive number, 1 at most\n"),
     (2, "LIGHTS POINT position 0 5 5 CONE direction 0 0 0", 44, "range", ""),
     (4, "CSG-TREE CUBE ٣", 15, "unknown-word", ""),
     # numbers and blocks as other languages write them
     (2, "LIGHTS AREA position = 1, 2, 3", 24, "foreign", "as in 1 2 3"),
     (2, "LIGHTS AREA position <1, 2, 3>", 22, "foreign", ""),
+    (5, "SURFACE 0 kd = 1.45 .2 .2", 16, "range", "expected a number from 0 to 1\n"),
     (5, "SURFACE 0 kd = 60% 0 0", 16, "not-a-number", "write 0.6"),
     (6, "TRANSFORM 0 SCALE (3 3 3);", 26, "foreign", ""),
     (1, "// a scene", 1, "foreign", "begin with #"),
@@ -86,8 +97,8 @@ WRONG = [
     (3, "VIEW OBS 0 0 5 VPN 0 0 1e-200", 16, "view", "length 0"),
     (3, "VIEW OBS 0 0 1e-200 VRP 0 0 0", 6, "view", "same point"),
     # materials
-    (5, "SURFACE 0 material dieletrico ouro", 31, "unknown-name", "'condutor ouro'"),
-    (5, "SURFACE 0 material BK7", 20, "unknown-word", "'dieletrico BK7'"),
+    (5, "SURFACE 0 material dieletrico ouro", 31, "unknown-name", "'conductor ouro'"),
+    (5, "SURFACE 0 material BK7", 20, "unknown-word", "'dielectric BK7'"),
     (5, "SURFACE 0 material dieletrico bk7 n-refr = 1.5", 31, "optics", "one of the two"),
     (5, "SURFACE 0 material composto n-refr = 1.5 kd = .7 .2 .2 ks = .5 .2 .2", 1, "optics", "kd + ks"),
     # lights and textures
@@ -148,6 +159,47 @@ def test_doubtful_input_is_a_warning(line, number, code, place):
 @pytest.mark.parametrize("line", ["NAME: x (CUBE 1 - SPHERE 2)", "AMBIENT 0 0 0", 'BACKGROUND 1 1 1 "sky.exr"'])
 def test_right_input_is_no_warning(line):
     assert prosim_scene.parse(with_line(1, line)).view.eye == (0, 0, 9)
+
+
+ENGLISH = "LIGHTS AREA position 0 9 9 radius 2 VIEW EYE 0 0 9 CSG-TREE CUBE 0 SURFACE 0 {} TRANSFORM 0 END"
+THESIS = "LIGHTS AREA position 0 9 9 raio 2 VIEW OBS 0 0 9 CSG-TREE CUBE 0 SURFACE 0 {} TRANSFORM 0 END"
+PORTUGUESE = "LUZES EXTENSA posição 0 9 9 VISTA CSG CUBO 0 SUPERFICIE 0 {} TRANSFORMAÇÃO 0 FIM"
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        (ENGLISH.format("material x"), "expected conductor, dielectric, lambertian or composite"),
+        (THESIS.format("material x"), "expected conductor, dielectric, lambertian or composite"),
+        (THESIS.format("material condutor ouro material x"), "expected condutor, dielectric, lambertian or composite"),
+        (PORTUGUESE.format("material x"), "expected condutor, dieletrico, lambertiano or composto"),
+        (ENGLISH.format("material gold"), "did you mean 'conductor gold'"),
+        (PORTUGUESE.format("material ouro"), "did you mean 'condutor ouro'"),
+        (ENGLISH.format("material conductor"), "a conductor has either a metal's name"),
+        (PORTUGUESE.format("material condutor"), "a condutor has either a metal's name"),
+        (PORTUGUESE.format("material conductor"), "a conductor has either a metal's name"),  # as the writer wrote it
+        (ENGLISH.replace("0 0 9", "0 0 0"), "EYE and VRP are the same point"),
+        (THESIS.replace("0 0 9", "0 0 0"), "OBS and VRP are the same point"),
+        (PORTUGUESE.replace("VISTA", "VISTA OLHO 0 0 0"), "OLHO and VRP are the same point"),
+        (PORTUGUESE.format("material CUBE"), "found 'CUBE'"),  # a quotation
+        (PORTUGUESE.format("material dieletrico x"), "expected bk7, .*, diamante, zirconia, agua or n-refr"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+def test_messages_have_the_words_of_the_scene(write_scene, text, words):
+    with pytest.raises(SceneError, match=words):
+        prosim_scene.check(write_scene(text.replace("{}", "kd = .5")))
+
+
+def test_warnings_point_at_the_caller(write_scene):
+    """They are not about a file of the project."""
+    path = write_scene(with_line(1, "AMBIENT .2 .2 .2").replace("position 0 5 5", "position 0 5 5 radius 3"))
+    calls = prosim_scene.parse, prosim_scene.check, prosim_scene.translate, prosim_scene.load
+    for call in calls:
+        with pytest.warns(SceneWarning) as warned:
+            call(prosim_scene.read(path) if call is prosim_scene.parse else path)
+        assert len(warned) >= 1 + (call is not prosim_scene.parse)
+        assert {one.filename for one in warned} == {__file__}
 
 
 def test_a_file_that_cannot_be_read_is_a_scene_error(tmp_path):

@@ -11,7 +11,7 @@ import prosim_scene
 import pytest
 from prosim_scene import SceneError, model
 from prosim_scene.language.reader import Reader
-from prosim_scene.language.words import ROLES, WORDS, WORDS_BY_SPELLING, find_word
+from prosim_scene.language.words import ROLES, TRANSLATIONS, WORDS, WORDS_BY_SPELLING, find_word, normalise
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / "examples").glob("*.scn"))
@@ -74,6 +74,27 @@ def test_spellings_comments_and_layout_do_not_change_the_scene(number):
     assert prosim_scene.parse(tidy, "x.scn") == scene and prosim_scene.format(tidy, "x.scn") == tidy
     for comment in ("(observação)", "(a (b)", "# remark ("):
         assert tidy.count(comment) == other.count(comment)
+    assert spelled(tidy) == spelled(other)
+
+
+def spelled(text):
+    """The words and numbers of a scene, as the writer wrote them; parentheses belong to the layout."""
+    tokens = Reader(text).tokens
+    return [text[t.start : t.end] for t in tokens if t.role not in ("COMMENT", "LPAR", "RPAR")]
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_examples_are_formatted_and_use_one_language(path):
+    """Those of this project are in English; palito.scn has the words of the thesis."""
+    text = prosim_scene.read(path)
+    assert prosim_scene.format(text, path) == text
+    used = {normalise(word) for word in spelled(text)} - {path.stem}  # NAME is no word of the language
+    portuguese = {spelling for _, spellings in TRANSLATIONS for spelling in map(normalise, spellings)}
+    english = {spelling for spellings, _ in TRANSLATIONS for spelling in map(normalise, spellings)}
+    expected = (
+        {"composto", "condutor", "obs", "raio", "rug", "t-tijolo", "t-listra"} if path.stem == "palito" else set()
+    )
+    assert (used & portuguese) - english == expected
 
 
 @pytest.mark.slow
@@ -114,7 +135,7 @@ def test_the_tree_shows_its_shape():
     assert tree("- + CUBE 0 SPHERE 1 - CYLINDER 2 * CONE 3 CUBE 4") == (
         "- +\n    CUBE 0\n    SPHERE 1\n    -\n        CYLINDER 2\n        *\n            CONE 3\n            CUBE 4"
     )
-    assert tree("cubo 0 t-tijolo") == "CUBE 0 t-tijolo"
+    assert tree("cubo 0 t-tijolo") == "cubo 0 t-tijolo"
 
 
 def test_remarks_stand_with_what_follows_them():
@@ -124,13 +145,16 @@ def test_remarks_stand_with_what_follows_them():
     assert tree("+ (a) - CUBE 0 CUBE 1 CUBE 2") == "+ (a)\n-\n    CUBE 0\n    CUBE 1\n    CUBE 2"
 
 
-def test_words_are_spelt_as_the_place_has_them():
-    tidy = prosim_scene.format("TEXTURE t-x fractal escala=3 SURFACE 0 TRANSFORM 0 escala 1 2 3 CSG CUBE 0 LUZES END")
-    assert "    scale = 3\n" in tidy and "    SCALE (1 2 3)\n" in tidy and "CSG-TREE\n" in tidy and "LIGHTS\n" in tidy
+def test_words_and_numbers_stay_as_the_writer_wrote_them():
+    tidy = prosim_scene.format("texture t-x fractal escala=03.50 TRANSFORM 0 Escala 1. .2 +3 LUZES Fim")
+    assert tidy == (
+        "texture t-x\n    fractal\n    escala = 03.50\n\nTRANSFORM 0\n    Escala (1. .2 +3)\n\nLUZES\n\nFim\n"
+    )
     tidy = prosim_scene.format("TEXTURE t-x brick tijolo 1 TEXTURE t-tijolo brick = 1 1 1 argamassa 1 END")
     assert tidy.startswith(
-        "TEXTURE t-x\n    brick\n    brick = 1\n\nTEXTURE t-tijolo\n    brick = 1 1 1\n    mortar = 1\n"
+        "TEXTURE t-x\n    brick\n    tijolo = 1\n\nTEXTURE t-tijolo\n    brick = 1 1 1\n    argamassa = 1\n"
     )
+    assert "    VRP 0 8 10 -\n" in prosim_scene.format("VIEW VRP 0 8 10 - OBS 0 0 9 END")
 
 
 @pytest.mark.parametrize("step", ["writing", "renaming"])

@@ -81,7 +81,7 @@ def test_names_stand_for_words_of_all_kinds():
     define = {"b": False, "w": "cone", "f": "a b.png", "t": "T-Listra", "m": "lambertiano"}
     scene = prosim_scene.parse(text, define=define)
     assert (scene.shadows, scene.name, scene.background.image) == (False, "cone", "a b.png")
-    assert scene.csg[0].textures[0].name == "t-listra" and scene.surfaces[0].material == "lambertian"
+    assert scene.csg[0].textures[0].name == "t-stripes" and scene.surfaces[0].material == "lambertian"
     glass = prosim_scene.parse("SURFACE 0 material $m n-refr 1.5 END", define={"m": "dieletrico"})
     assert glass.surfaces[0].material == "dielectric"
 
@@ -133,7 +133,7 @@ def test_deep_arithmetic_exhausts_nothing():
 
 def test_the_formatter_keeps_what_is_written():
     tidy = prosim_scene.format(SCENE)
-    assert tidy.startswith("DEFAULT $turn = 30\nDEFAULT $far = {2 * $turn}\nDEFAULT $metal = cobre\n\nVIEW\n")
+    assert tidy.startswith("DEFAULT $turn = 30\nPADRAO $far = {2 * $turn}\nDEFAULT $metal = cobre\n\nVIEW\n")
     assert "    OBS {$far * sin($turn)} $turn {-$far}\n" in tidy and "    material condutor $metal\n" in tidy
     assert "    ROTATE-Y ({$turn / 4})\n    SCALE ($turn 1 1)\n" in tidy
     assert prosim_scene.format(tidy) == tidy and prosim_scene.parse(tidy) == prosim_scene.parse(SCENE)
@@ -142,7 +142,7 @@ def test_the_formatter_keeps_what_is_written():
 def test_the_formatter_needs_no_values():
     text = "VIEW OBS $x {1/$y} 2.0 SURFACE 0 material $kind CSG-TREE CUBE 0 $t END"
     tidy = prosim_scene.format(text)
-    assert "    OBS $x {1/$y} 2\n" in tidy and "    material $kind\n" in tidy and "    CUBE 0 $t\n" in tidy
+    assert "    OBS $x {1/$y} 2.0\n" in tidy and "    material $kind\n" in tidy and "    CUBE 0 $t\n" in tidy
     assert prosim_scene.format(tidy) == tidy
     with pytest.raises(SceneError, match="expected a number"):
         prosim_scene.format("VIEW OBS $x {1/} 2 END")

@@ -43,7 +43,7 @@ def translate(job: Job, target: str, check: bool) -> None:
 @click.argument("scenes", type=LANGUAGE_FILE, nargs=-1, required=True)
 @click.option("--check", is_flag=True, help="Write nothing; exit with 1 if a layout is not canonical.")
 def format_scene(scenes: tuple[Path, ...], check: bool) -> None:
-    """Rewrite SCENES, in the thesis's scene language, in canonical layout; the meaning of a scene stays the same."""
+    """Rewrite SCENES, in the thesis's scene language, in canonical layout; words and numbers stay as they are."""
     untidy = {}
     for scene in scenes:
         with input_errors():

@@ -100,9 +100,10 @@ class LoadedScene:
         """
         if self.home is None or camera is None:
             return None
-        if self.file.document is None:
+        document = self.file.document
+        if document is None:
             return as_xml(camera)
-        return as_view(self.file.document.scene.view, self.home, camera)
+        return as_view(document.scene.view, self.home, camera, document.source.spellings)
 
     @contextmanager
     def coarse(self) -> Iterator[None]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -100,10 +102,11 @@ def nearest_axis(direction: np.ndarray) -> np.ndarray:
     return np.asarray(np.sign(direction[k]) * np.eye(3)[k])
 
 
-def as_view(view: View, home: Camera, moved: Camera) -> str:
+def as_view(view: View, home: Camera, moved: Camera, spellings: Mapping[str, str]) -> str:
     """Returns the text of a VIEW statement, in the scene language, that describes the camera ``moved``.
 
     ``view`` is the VIEW statement of the scene file, and ``home`` is the camera that this statement describes.
+    ``spellings`` maps English keywords to those of the scene file.
     """
     # The greatest coordinate. Coordinates of points that are much smaller are rounding errors, and are written as 0.
     size = float(np.abs([view.eye, view.vrp]).max())
@@ -118,17 +121,17 @@ def as_view(view: View, home: Camera, moved: Camera) -> str:
         return format_numbers((motion @ [*value, homogeneous])[:3], size if homogeneous else 1.0)
 
     # The view plane and the window keep their position relative to the eye, also after a change of the distance.
-    # If VPN is 0 0 0, the normal of the view plane is OBS - VRP, also for the moved camera.
+    # If VPN is 0 0 0, the normal of the view plane is EYE - VRP, also for the moved camera.
     lines = [
         "VIEW",
         "RESOLUTION {} {}".format(*view.resolution),
         f"WINDOW {format_numbers(view.window)}",
-        f"OBS {vector(view.eye, 1)}",
+        f"EYE {vector(view.eye, 1)}",
         f"VPN {vector(view.vpn, 0) if any(view.vpn) else '0 0 0'}",
         f"VRP {vector(view.vrp, 1)}",
         f"VUP {vector(view.vup, 0)}",
     ]
-    return "\n    ".join(lines)
+    return re.sub("[A-Z]+", lambda word: spellings.get(word[0], word[0]), "\n    ".join(lines))
 
 
 def as_xml(moved: Camera) -> str:

@@ -281,9 +281,9 @@ def _warn_of_mixed_cut(document: Document, number: int, leaf: Leaf, opaque: bool
     The faces of a cut belong to the leaf that cuts, so they have the material of this leaf.
     """
     surface = f"SURFACE {leaf.index}"
-    what, problem, expected = "an opaque solid", "is a dieletrico, so the solid looks hollow", "another material"
+    what, problem, expected = "an opaque solid", "is a dielectric, so the solid looks hollow", "another material"
     if opaque:
-        what, problem, expected = "glass", "is opaque, so the cut looks opaque", "material dieletrico"
+        what, problem, expected = "glass", "is opaque, so the cut looks opaque", "material dielectric"
     document.warn(
         f"{leaf.shape.upper()} {leaf.index} cuts {what} and owns the faces of the cut: {surface} {problem}; "
         f"expected {expected} in {surface}",

@@ -1,7 +1,6 @@
 """Analyses the text of a scene: finds all errors and warnings, and returns the document if there is no error."""
 
 import math
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import count, islice
@@ -10,7 +9,18 @@ from typing import Any
 
 from ..garbage_collection import garbage_collection_paused
 from ..model import GREY, Scene, Transform, Vector
-from .diagnostics import MAX_ERRORS, AnyPath, Problem, SceneError, SceneWarning, Span, combined_error, listing, quote
+from .diagnostics import (
+    MAX_ERRORS,
+    AnyPath,
+    Problem,
+    SceneError,
+    SceneWarning,
+    Span,
+    combined_error,
+    emit,
+    listing,
+    quote,
+)
 from .document import Document, Path
 from .reader import Reader
 from .suggestions import nearest
@@ -35,7 +45,7 @@ def document_of(text: str, filename: AnyPath = "<string>", define: Mapping[str, 
     reader, problems, document = analyse(text, filename, define)
     for problem in problems:
         if isinstance(problem, SceneWarning):
-            warnings.warn(problem, stacklevel=2)
+            emit(problem)
     if document is None:
         raise combined_error([problem for problem in problems if isinstance(problem, SceneError)])
     reader.definitions.check_uses()
@@ -172,20 +182,20 @@ def _materials_problems(document: Document) -> Iterator[Problem]:
     for index, s in document.scene.surfaces.items():
         wrong = ""
         if s.material == "conductor" and (s.eta or s.k if s.metal else not (s.eta and s.k)):
-            wrong = "a condutor has either a metal's name, or n-refr and k-abs; expected one of the two"
+            wrong = "a conductor has either a metal's name, or n-refr and k-abs; expected one of the two"
         elif s.material == "dielectric" and (s.eta or s.abbe if s.glass else not s.eta):
-            wrong = "a dieletrico has either a glass's name, or n-refr; expected one of the two"
+            wrong = "a dielectric has either a glass's name, or n-refr; expected one of the two"
         elif s.material == "composite" and not s.eta:
-            wrong = "this composto has no index of refraction; expected n-refr"
+            wrong = "this composite has no index of refraction; expected n-refr"
         elif s.material == "composite" and s.ks and max(map(sum, zip(s.kd or GREY, s.ks))) > 1 + 1e-6:
-            wrong = "kd + ks is above 1 in a composto; expected s + d = 1 at most"
+            wrong = "kd + ks is above 1 in a composite; expected a sum of 1 at most"
         if wrong:
             # The error points to the name of the metal or glass, or to the SURFACE if the text has no such name.
             name = "glass" if s.glass else "metal"
             yield document.error(wrong, "surfaces", index, name, code="optics")
         path = "surfaces", index, "thickness"
         if s.material == "dielectric" and s.transmittance is None and document.is_given(*path):
-            reason = f"{document.text_of(*path)} has no effect without transmitancia; add transmitancia"
+            reason = f"{document.text_of(*path)} has no effect without transmittance; add transmittance"
             yield document.warning(reason, *path, code="no-effect")
 
 

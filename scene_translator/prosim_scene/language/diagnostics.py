@@ -1,6 +1,8 @@
 """Errors and warnings that show the faulty part of a scene's text."""
 
 import re
+import sys
+import warnings
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from copy import copy
@@ -8,8 +10,13 @@ from functools import cached_property
 from os import PathLike
 from typing import NamedTuple, TypeVar
 
+from .words import PROSE, preferred_spellings
+
+#: Matches a word of a message outside of the quotations of the scene's text; a suggestion in quotes counts as outside.
+MESSAGE_WORD = re.compile(r"(?<![\w])(?<!mean )'[^']*'|[\w-]+")
 USE = re.compile(r"\$([A-Za-z_]\w*)", re.ASCII)
 AnyPath = str | PathLike[str]
+OWN_PACKAGES = ("prosim_scene", "mitsuba_prosim", "prosim_start")
 MAX_QUOTE = 60  # the largest number of characters that a message quotes
 MAX_SHOWN = 4  # the number of errors that a message shows after the first one
 MAX_ERRORS = 100  # the number of errors after which the reader stops
@@ -59,6 +66,14 @@ class SceneError(Diagnostic, ValueError):
     others: tuple["SceneError", ...] = ()
 
 
+def emit(warning: SceneWarning) -> None:
+    """Emits a warning whose origin is the first caller that is not part of the project."""
+    frame, level = sys._getframe(), 1  # noqa: SLF001 - warnings.warn has no other way for Python 3.10
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] in OWN_PACKAGES:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(warning, stacklevel=level)
+
+
 Problem = SceneError | SceneWarning
 Kind = TypeVar("Kind", SceneError, SceneWarning)
 
@@ -86,6 +101,11 @@ class Source:
         self.text, self.filename = text, str(filename)
         #: Name -> its value and the origin of the value, such as ``'5', by -D x=5``; for messages about the name.
         self.names: dict[str, str] = {}
+
+    @cached_property
+    def spellings(self) -> dict[str, str]:
+        """A dictionary from the canonical spelling of each word to the spelling that messages about this text use."""
+        return preferred_spellings(self.text)
 
     @cached_property
     def line_starts(self) -> list[int]:
@@ -126,6 +146,7 @@ class Source:
         used = dict.fromkeys(USE.findall(self.text[span.start : min(span.end, span.start + MAX_QUOTE)]))
         unexplained = [name for name in used if name in self.names and f"${name}" not in reason]
         values = [f"${name} stands for {self.names[name]}" for name in unexplained]
+        reason = MESSAGE_WORD.sub(lambda m: m[0] if m[0] in PROSE else self.spellings.get(m[0], m[0]), reason)
         reason += f"; {listing(values[:3], 'and')}" if values else ""
         diagnostic = kind(reason, self.filename, code, self.message(span, reason))
         diagnostic.span, (diagnostic.line, diagnostic.column) = span, self.line_column(span.start)

@@ -1,11 +1,10 @@
 """Defines a document, which is a scene together with the position (span) of each of its values in the text."""
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ..model import Leaf, Operator, Scene
-from .diagnostics import SceneError, SceneWarning, Source, Span
+from .diagnostics import SceneError, SceneWarning, Source, Span, emit
 
 #: The path of a value in the model: ("view", "eye"), ("surfaces", 3), ("csg", 5, "textures", 0), ...
 Path = tuple[str | int, ...]
@@ -58,7 +57,7 @@ class Document:
 
     def warn(self, reason: str, *path: str | int) -> None:
         """Emits a :class:`SceneWarning` about a value."""
-        warnings.warn(self.warning(reason, *path), stacklevel=2)
+        emit(self.warning(reason, *path))
 
     def operands_note(self, number: int) -> str:
         """Returns a note on the operands of the nearest operator - or * above node ``number`` of the CSG tree, or "" if

@@ -1,14 +1,12 @@
 """Writes a scene in the canonical layout, and keeps the comments."""
 
 from dataclasses import dataclass, field
-from math import isfinite
 
 from . import tokens
 from .analysis import analyse
 from .diagnostics import AnyPath, SceneError, combined_error
-from .expressions import number_text
 from .tokens import Token
-from .words import OPERATORS, ROLES, STATEMENTS, find_word
+from .words import OPERATORS, STATEMENTS
 
 INDENT = "    "
 MAX_DEPTH = 12  # the largest indentation of a node of the CSG tree, in units of INDENT
@@ -21,10 +19,9 @@ VALUES = tokens.VALUES - {"KIND"} | {"VARIABLE", "STRING", "LPAR", "RPAR"}
 
 
 def format(text: str, filename: AnyPath = "<string>") -> str:
-    """Returns the text of a scene in the canonical layout: one statement or parameter per line, and canonical
-    spellings.
+    """Returns the text of a scene in the canonical layout: one statement or parameter per line.
 
-    Comments, ``$names`` and expressions are not changed. ``parse(format(x)) == parse(x)`` and ``format(format(x)) ==
+    Words, numbers and comments are not changed. ``parse(format(x)) == parse(x)`` and ``format(format(x)) ==
     format(x)``. Raises :class:`SceneError` for the same errors as ``parse``, except for ``$names`` without a value.
     """
     reader, problems, _ = analyse(text, filename)
@@ -101,24 +98,25 @@ class _Layout:
         does, and any other token on a new line. A blank line separates two statements if one of them has its parameters
         on separate lines.
         """
-        kind = token.role
+        kind, text = token.role, self.source[token.start : token.end]
         if kind in VALUES:
-            self.add_value(token)
+            # str(line) adds the parentheses; an equals sign follows the name after DEFAULT.
+            self.line.words += [] if kind in ("LPAR", "RPAR") else [f"{text} =" if kind == "VARIABLE" else text]
         elif kind in STATEMENTS:
             colon = "" if kind in HEADINGS or kind in ("DEFAULT", "END") else ":"
-            at = self.add_line(0, find_word(kind, token.text).canonical + colon, 0)
+            at = self.add_line(0, text + colon, 0)
             if at and {kind, self.heading} & HEADINGS:
                 self.lines.insert(at, _Line(0))
             self.heading = kind
         elif kind in (*OPERATORS.values(), "PRIMITIVE", "USE"):
-            self.add_node(token)
+            self.add_node(token, text)
         else:
             # The parameters of a light are below the kind of the light, one step to the right.
             depth = 2 if kind in ("LIGHT_PARAMETER", "DISTRIBUTION") else 1
             mark = "" if kind == "MATERIAL" else VALUE_MARKS.get(self.heading, "")
-            self.add_line(depth, find_word(kind, token.text).canonical, 1, mark)
+            self.add_line(depth, text, 1, mark)
 
-    def add_node(self, token: Token) -> None:
+    def add_node(self, token: Token, text: str) -> None:
         """Adds a node of the CSG tree to the lines of the layout: an operator, the keyword of a primitive, or the name
         of a solid.
 
@@ -126,10 +124,9 @@ class _Layout:
         line, one step to the right.
         """
         depth = len(self.missing_operands) + 1
-        text = find_word("PRIMITIVE", token.text).canonical if token.role == "PRIMITIVE" else token.text
-        if self.heading == "VIEW":
-            return  # the thesis's example scene has a superfluous dash here
-        if token.role not in OPERATORS.values():
+        if self.heading == "VIEW":  # the thesis's example scene has a superfluous dash here
+            self.line.words.append(text)
+        elif token.role not in OPERATORS.values():
             self.add_line(depth, text, depth)
             while self.missing_operands:  # a complete run of operators is an operand of the run around it
                 self.missing_operands[-1] -= 1
@@ -145,17 +142,3 @@ class _Layout:
                 self.line.words.append(text)
             else:  # a comment stands between the two operators
                 self.add_line(depth - 1, text, 1)
-
-    def add_value(self, token: Token) -> None:
-        """Adds a value after its keyword. Numbers and words get their canonical spellings; ``$names``, expressions and
-        the value of NAME are not changed.
-        """
-        text = self.source[token.start : token.end]
-        if token.role == "VARIABLE":  # after DEFAULT
-            text += " ="
-        elif token.role == "NUMBER" and text[0] not in "${" and self.heading != "NAME" and isfinite(float(text)):
-            text = number_text(float(text))
-        elif token.role in ROLES and text[0] not in "${":
-            text = find_word(token.role, token.text).canonical
-        if token.role not in ("LPAR", "RPAR"):  # str(line) adds the parentheses
-            self.line.words.append(text)

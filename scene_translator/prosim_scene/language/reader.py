@@ -253,9 +253,10 @@ class Reader(Scanner):
             self.add_error(Span(first.start, last.end), reason, "count")
         elif wrong:
             text = wrong[0].text
-            reason = f"found {quote(text)} after {keyword.text}; expected {allowed.range_in_words()}"
-            if allowed.channels and allowed.high == 1 < float(text) <= 255:
-                reason += f"; {text} of 255 is {float(text) / 255:.3g}"
+            number = allowed.parse(text)
+            reason = f"found {quote(text)} after {keyword.text}; expected {allowed.range_in_words(number)}"
+            if allowed.channels and allowed.high == 1 and number in range(2, 256):
+                reason += f"; a colour value {text} of 255 is written {number / 255:.3g}"
             self.add_error(wrong[0].span, reason, "range")
         elif allowed.direction and math.hypot(*numbers) < 1 / words.LARGE:
             self.add_error(first.span, f"{keyword.text} has length 0; expected a direction", "range")
@@ -584,6 +585,7 @@ class Reader(Scanner):
         inner = [role for role in words.ORDER if role in roles - STATEMENTS]
         names = [name for role in inner for name in words.role_in_words(role)]
         names += list(self.fields["solids"])[:20] if "USE" in roles else ()
+        names = [self.source.spellings.get(name, name) for name in names]
         return names + ["the next statement" if inner else "a statement"] * bool(roles & STATEMENTS)
 
 

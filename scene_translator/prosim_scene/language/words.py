@@ -4,6 +4,7 @@ textures.
 
 import re
 import unicodedata
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -12,6 +13,8 @@ from typing import Any
 
 #: Lengths in a scene are between 1 / LARGE and LARGE, so that single precision (in Mitsuba) can hold their squares.
 LARGE = 1e15
+#: Messages do not describe a limit below TINY or above HUGE, unless a number is beyond it.
+TINY, HUGE = 1e-4, 1e6
 #: The largest number of pixels of an image.
 PIXELS = 2**28
 
@@ -39,16 +42,25 @@ class Numbers:
             return f"{self.count} words, each TRUE or FALSE ({self.names})" if self.count > 1 else self.range_in_words()
         return f"{self.count} number{'s' * (self.count > 1)} ({self.names})" + ", or 1 for all channels" * self.channels
 
-    def range_in_words(self) -> str:
-        """Describes the allowed values of the numbers, for error messages."""
+    def range_in_words(self, number: float = 0) -> str:
+        """Describes the allowed values of the numbers, for error messages.
+
+        A limit that only computers have, such as 1e15, is described only if the wrong ``number`` is beyond it.
+        """
         if self.flags:
             return "TRUE or FALSE"
-        kind = "a whole number, " if self.whole else ""
-        magnitude = "a magnitude of " if self.low < 0 else ""
+        kind = "whole number" if self.whole else "number"
         low = max(self.low, self.least)
-        least = f"{low:g} or more, " if low > 0 or not magnitude else ""
-        zero = "0, or " if self.least and not self.nonzero else ""
-        return f"{zero}{kind}{magnitude}{least}{self.high:.10g} at most"
+        if low > TINY or (self.low == 0 and self.high < HUGE):
+            zero = "0, or " if self.least else ""
+            return f"{zero}a {kind} from {low:g} to {self.high:.10g}"
+        text = (
+            f"a {kind}{' other than 0' * self.nonzero}" if self.low < 0 else f"{'0 or ' * (low == 0)}a positive {kind}"
+        )
+        magnitude = " in magnitude" * (self.low < 0)
+        if 0 < (abs(number) if self.low < 0 else number) < low:
+            text += f", {low:g} or more{magnitude}"
+        return text + f", {self.high:.10g} at most{magnitude}" * (self.high < HUGE or abs(number) > self.high)
 
     def allows_count(self, count: int) -> bool:
         """Whether the word may be followed by ``count`` numbers."""
@@ -99,7 +111,7 @@ def _numbers(cell: str) -> Numbers:
 class Word:
     """A word of the language: one row of ``words.txt``, which explains the columns.
 
-    ``statement`` is the heading above the row in ``words.txt``, such as "LIGHTS".
+    ``statement`` is the heading above the row in ``words.txt``, such as "LIGHTS". English ``spellings`` come first.
     """
 
     statement: str
@@ -112,7 +124,7 @@ class Word:
 
     @property
     def canonical(self) -> str:
-        """The canonical spelling of the word, which messages and the formatter use."""
+        """The canonical spelling of the word, which is English."""
         return self.spellings[0]
 
 
@@ -136,7 +148,21 @@ def _word(
     heading: str, meaning: str, role: str, spellings: str, name: str = "", numbers: str = "", kinds: str = ""
 ) -> Word:
     """Returns the :class:`Word` that the cells of one row of ``words.txt`` describe."""
-    return Word(heading, role, tuple(spellings.split()), name, _numbers(numbers), tuple(kinds.split()), meaning)
+    return Word(heading, role, tuple(_all_spellings(spellings)), name, _numbers(numbers), tuple(kinds.split()), meaning)
+
+
+#: The English and the Portuguese spellings of each word and name that has both, the main spelling first.
+TRANSLATIONS: list[tuple[list[str], list[str]]] = []
+
+
+def _all_spellings(cell: str) -> list[str]:
+    """Returns the spellings in a cell of ``words.txt``: those before the slash, which are English, and those after it,
+    which are Portuguese.
+    """
+    english, portuguese = (part.split() for part in f"{cell}/".split("/")[:2])
+    if portuguese:
+        TRANSLATIONS.append((english, portuguese))
+    return english + portuguese
 
 
 TABLE = _table()
@@ -159,9 +185,9 @@ MARKS = OPERATORS | {"(": "LPAR", ")": "RPAR"}
 ORDER = ("NUMBER", "VARIABLE", *OPERATORS.values(), *ROLES, "TEXTURE_NAME", "FILE", "STRING", "WORD", "LPAR", "RPAR")
 
 #: Name of a metal -> the name of its table of optical constants in Mitsuba.
-METALS = {name: table for _, names, table in TABLE["metals"] for name in names.split()}
+METALS = {name: table for _, names, table in TABLE["metals"] for name in _all_spellings(names)}
 #: Name of a glass -> the value of the parameter ``material`` of the plugin prosim_dielectric.
-GLASSES = {name: glass for _, names, glass, _ in TABLE["glasses"] for name in names.split()}
+GLASSES = {name: glass for _, names, glass, _ in TABLE["glasses"] for name in _all_spellings(names)}
 #: Value of the parameter ``material`` of the plugin prosim_dielectric -> the glass's index of refraction at 587.6 nm.
 INDICES = {glass: float(index) for _, _, glass, index in TABLE["glasses"]}
 #: Role of a word that a name follows -> the field of the model that the name sets, and the known names.
@@ -169,7 +195,7 @@ NAMED = {"CONDUCTOR": ("metal", METALS), "METAL": ("metal", METALS), "DIELECTRIC
 #: Name of a predefined texture -> its kind.
 BUILT_IN = {names.split()[0]: kind for _, names, kind in TABLE["textures"]}
 #: Each name of a predefined texture -> the first of its names.
-ALIASES = {name: names.split()[0] for _, names, _ in TABLE["textures"] for name in names.split()}
+ALIASES = {name: names.split()[0] for _, names, _ in TABLE["textures"] for name in _all_spellings(names)}
 #: Role of a token that is not a word, or BOOL -> the name of the role in messages.
 TOKEN_NAMES = {role: text for _, role, text in TABLE["tokens"]}
 #: Role of an operator -> the meaning of this operator, as Markdown.
@@ -196,6 +222,22 @@ for _word_of_table in WORDS:
 def find_word(role: str, spelling: str) -> Word:
     """Returns the word of ``words.txt`` that has the grammar role ``role`` and the spelling ``spelling``."""
     return next(word for word in WORDS_BY_SPELLING[normalise(spelling)] if word.role == role)
+
+
+def preferred_spellings(text: str) -> dict[str, str]:
+    """Returns a dictionary from the main English spelling of each word or name to the spelling that a message about
+    ``text`` uses: the most frequent one in ``text``, or else the main one in the language of most words of ``text``.
+    """
+    counts = Counter[str]()
+    for word, count in Counter(re.findall(r"[^\W\d_][\w-]*", re.sub(r"#[^\n]*|\([^()]*\)", " ", text))).items():
+        counts[normalise(word)] += count
+    languages = [{normalise(s) for words in column for s in words} for column in zip(*TRANSLATIONS)]
+    english, portuguese = (sum(counts[s] for s in own - other) for own, other in (languages, languages[::-1]))
+    preferred = {}
+    for words, translations in TRANSLATIONS:
+        spellings = translations + words if portuguese > english else words + translations
+        preferred[words[0]] = max(spellings, key=lambda spelling: counts[normalise(spelling)])
+    return preferred
 
 
 def words_of(*roles: str) -> list[Word]:
@@ -233,6 +275,8 @@ def texture_name(word: str) -> str:
     return ALIASES.get(name, name)
 
 
+#: Spellings that are also words of English prose, so that messages do not translate them.
+PROSE = {word.canonical for word in words_of("LIGHT_PARAMETER", "PARAMETER", "KIND") if word.canonical.isalpha()}
 #: Describes the index of a SURFACE, a TRANSFORM or a primitive.
 INDEX = numbers_of("SURFACE", "surfaces")
 #: Normalised spelling of TRUE, FALSE, 1 or 0 -> its value.

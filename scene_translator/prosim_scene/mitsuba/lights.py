@@ -77,8 +77,10 @@ def warn_of_radius(context: Context, number: int, light: Light) -> None:
     """
     path = "lights", number, "radius"
     if light.kind == "point" and context.options.light_units != "radiance" and context.document.is_given(*path):
-        reason = "raio has an effect on a POINT light only with light units 'radiance'; delete it"
-        context.document.warn(reason, *path)
+        word = context.document.text_of(*path)
+        context.document.warn(
+            f"{word} has an effect on a POINT light only with light units 'radiance'; delete it", *path
+        )
 
 
 def sky_emitter(context: Context, number: int, light: Light) -> Node:

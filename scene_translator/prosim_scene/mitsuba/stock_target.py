@@ -205,14 +205,14 @@ def _bsdf(
         if surface.eta and surface.k:  # relative to the medium outside, for which there is no parameter
             optics = {"eta": rgb([x / outside for x in surface.eta]), "k": rgb([x / outside for x in surface.k])}
         elif sides.outside is not None:
-            _approximate(context, "a named metal in a dieletrico reflects as in air", *path)
+            _approximate(context, "a named metal in a dielectric reflects as in air", *path)
         return {"type": prefix + "conductor", **optics, **rough}
     if surface.material == "dielectric":
         if surface.glass or surface.abbe:
             _approximate(context, "glass has one index for all wavelengths", *path)
         return {"type": prefix + "dielectric", **indices, **rough}
     if surface.material == "composite":
-        _approximate(context, "a composto is a (rough)plastic", *path)
+        _approximate(context, "a composite is a (rough)plastic", *path)
         if not equal:
             reflectances = {"diffuse_reflectance": diffuse, "specular_reflectance": rgb(ks)}
             return {"type": prefix + "plastic", **reflectances, **indices, **rough}

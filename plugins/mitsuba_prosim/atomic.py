@@ -6,6 +6,7 @@ import errno
 import os
 import secrets
 import shutil
+import subprocess
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -65,7 +66,7 @@ def rescue(contents: Mapping[Path, Content]) -> list[Path]:
     in which all files can be written. Raises OSError if the files cannot be written in any of these folders.
     """
     failures = []
-    for place in (Path(tempfile.gettempdir()), Path.home(), Path.cwd(), Path("/dev/shm")):
+    for place in map(Path, (tempfile.gettempdir(), os.path.expanduser("~"), ".", "/dev/shm")):
         folder = place / (RESCUE + secrets.token_hex(4))
         try:
             return write({folder / path.name: content for path, content in contents.items()})
@@ -77,6 +78,40 @@ def rescue(contents: Mapping[Path, Content]) -> list[Path]:
 
 @contextmanager
 def scratch() -> Iterator[Path]:
-    """Creates a temporary folder, and deletes the folder at the end of the ``with`` block."""
-    with tempfile.TemporaryDirectory(prefix=SCRATCH, ignore_cleanup_errors=True) as name:
-        yield Path(name)
+    """Creates a temporary folder, and deletes the folder at the end of the ``with`` block.
+
+    If the process is killed inside the ``with`` block, a small process, which waits for this, deletes the folder.
+    """
+    path = Path(tempfile.gettempdir(), SCRATCH + secrets.token_hex(8))
+    with guard(path):
+        path.mkdir(mode=0o700)
+        try:
+            yield path
+        finally:
+            shutil.rmtree(path, ignore_errors=True)
+
+
+@contextmanager
+def guard(path: Path) -> Iterator[None]:
+    """Starts a process that deletes the folder ``path`` if this process ends inside the ``with`` block, by any signal.
+
+    The process is not started on Windows, or if the limit of processes is reached.
+    """
+    # The standard input of the process ends when this process ends. The new session has no Ctrl-C.
+    command = ["/bin/sh", "-c", 'read line || rm -rf -- "$0"', str(path)]
+    try:
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            cwd="/",
+            start_new_session=True,
+        )
+    except OSError:
+        yield
+        return
+    try:
+        yield
+    finally:
+        process.communicate(b"\n")

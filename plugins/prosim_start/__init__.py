@@ -19,6 +19,14 @@ def main() -> None:
     """
     for file, name in enumerate(("stdin", "stdout", "stderr")):
         open_if_closed(file, name)
+    if sys.getfilesystemencoding() != "utf-8":  # Mitsuba and XML need names of files in UTF-8: starts again
+        os.environ["PYTHONUTF8"] = "1"
+        os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
+    try:
+        os.getcwd()
+    except OSError:  # Mitsuba would abort
+        sys.stderr.write("Error: the current folder was deleted; change to another folder.\n")
+        sys.exit(2)
     # With the system's handler, Ctrl-C ends the process at any moment. Python's handler would wait for compilers and
     # renderers. A render keeps its result, so it installs its own handler. A signal that is ignored (after nohup, for
     # example) stays ignored.

@@ -23,9 +23,10 @@ def read(path: AnyPath) -> str:
     """
     path = Path(path)
     try:
-        if path.stat().st_size > SIZE_LIMIT:
+        with open(path, "rb") as file:
+            data = file.read(SIZE_LIMIT + 1)  # a device may have no end
+        if len(data) > SIZE_LIMIT:
             raise too_large(path)
-        data = path.read_bytes()
     except OSError as error:
         raise SceneError(error.strerror or str(error), path) from None
     text = decode(data)

@@ -1,21 +1,24 @@
 """Mitsuba's log, and the progress of a command; how it starts and ends, as a process."""
 
 import os
+import random
 import re
 import signal
 import subprocess
 import sys
+import time
 
 import mitsuba as mi
 import pytest
 from mitsuba_prosim.cli.log import log
 from mitsuba_prosim.cli.progress import Progress
+from running import PALITO
 from tqdm import tqdm
 
 #: A thread makes a scene of a dozen native plugins, each of which is logged under Mitsuba's locks. After the first the
 #: main thread keeps the interpreter to itself for a second; prints how many lines were logged until its end.
 HOLD_THE_INTERPRETER = """
-import ctypes, os, threading
+import ctypes, os, pathlib, sys, threading
 import mitsuba as mi
 import mitsuba_prosim
 from mitsuba_prosim.cli.log import log
@@ -26,7 +29,7 @@ shapes = "".join(f'<shape type="sphere"><bsdf type="{name}"/></shape>' for name 
 config = mi.parser.ParserConfig(mi.variant())
 state = mi.parser.parse_string(config, f'<scene version="3.0.0">{shapes}</scene>')
 libc = ctypes.PyDLL(None)  # calls of it do not release the interpreter
-with log(2):
+with log(2, pathlib.Path(sys.argv[1])):
     thread = threading.Thread(target=mi.parser.instantiate, args=(config, state))
     thread.start()
     while os.fstat(1).st_size == 0:
@@ -40,17 +43,17 @@ print(lines)
 
 
 @pytest.mark.slow
-def test_logging_needs_no_interpreter():
+def test_logging_needs_no_interpreter(tmp_path):
     """Else a thread that logs and one that makes a plugin in Python can wait for each other for ever."""
-    command = [sys.executable, "-c", HOLD_THE_INTERPRETER]
+    command = [sys.executable, "-c", HOLD_THE_INTERPRETER, tmp_path]
     done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=60)
     assert int(done.stdout) >= 9
     assert 'Loading plugin "plugins/principled' in done.stderr
 
 
 @pytest.mark.parametrize("verbose, expected", [(0, ["warning", "lines"]), (1, ["information", "warning", "lines"])])
-def test_log_goes_to_standard_error(variant_rgb, capfd, verbose, expected):
-    with log(verbose):
+def test_log_goes_to_standard_error(variant_rgb, capfd, tmp_path, verbose, expected):
+    with log(verbose, tmp_path):
         mi.Log(mi.LogLevel.Debug, "debugging")
         mi.Log(mi.LogLevel.Info, "information")
         for _ in range(2):
@@ -104,6 +107,51 @@ def test_ctrl_c_at_the_start_ends_the_process(tmp_path):
             process.send_signal(signal.SIGINT)
             said = process.stderr.read()
         assert process.returncode == -signal.SIGINT and said == b""  # 130 in a shell
+
+
+def test_deleted_current_folder_is_named(tmp_path):
+    code = "import os, prosim_start; os.rmdir(os.getcwd()); prosim_start.main()"
+    (gone := tmp_path / "gone").mkdir()
+    done = subprocess.run([sys.executable, "-c", code, "doctor"], check=False, capture_output=True, text=True, cwd=gone)
+    assert done.returncode == 2 and done.stderr == "Error: the current folder was deleted; change to another folder.\n"
+
+
+def test_names_of_files_are_utf_8_in_any_locale(write_scene):
+    """Also where Python would read them as ASCII."""
+    scene = write_scene(PALITO.read_text("utf-8"), "maçã.scn")
+    env = os.environ | {"LC_ALL": "C", "PYTHONUTF8": "0"}
+    done = subprocess.run([*START, "translate", scene], check=False, capture_output=True, env=env)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.decode() == f"{scene.with_suffix('.xml')}\n" and scene.with_suffix(".xml").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="needs signals")
+def test_signal_at_any_moment_leaves_no_temporary_file(write_scene, tmp_path):
+    """Images are complete or absent. The first render compiles the kernels."""
+    scene, env = write_scene(PALITO.read_text("utf-8")), os.environ | {"TMPDIR": str(tmp_path / "tmp")}
+    (tmp_path / "tmp").mkdir()
+    rng, seconds = random.Random(1), 0.0
+    for number in (0, 0, *[signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL] * 4):
+        started = time.monotonic()
+        command = [*START, "render", scene, "--resolution", "24x24", "--samples", "2"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=env) as process:
+            if number:
+                time.sleep(rng.uniform(0, seconds))
+                process.send_signal(number)
+            _, said = process.communicate()
+        seconds = seconds if number else time.monotonic() - started
+        end = time.monotonic() + 10
+        while os.listdir(tmp_path / "tmp") and time.monotonic() < end:  # the guard deletes the folder
+            time.sleep(0.01)
+        assert os.listdir(tmp_path / "tmp") == [] and b"Traceback" not in said.replace(b"KeyboardInterrupt", b""), (
+            number
+        )
+        files = {path.name for path in tmp_path.iterdir()} - {"tmp", "s.scn"}
+        assert files <= {"s.exr", "s.png"}
+        for name in files:
+            mi.Bitmap(str(tmp_path / name))
+            (tmp_path / name).unlink()
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")

@@ -1,6 +1,9 @@
 """``prosim render``: its options, and what they refuse; files of other kinds; the places of errors in XML."""
 
+import os
 import re
+import threading
+from contextlib import suppress
 
 import prosim_scene
 import pytest
@@ -8,7 +11,7 @@ from mitsuba_prosim.cli import render_commands
 from mitsuba_prosim.cli.job import Job
 from mitsuba_prosim.scene import scene_file
 from mitsuba_prosim.scene.errors import with_line, with_suggestion
-from running import XML, done, prosim, refused
+from running import PALITO, XML, done, prosim, refused
 from tqdm import tqdm
 
 
@@ -57,6 +60,10 @@ from tqdm import tqdm
         ("--frames 0:3 --part 1/2", "--part is for single images"),
         ("--frames 0:3 --workers 2 -m scalar_rgb", "--workers: scalar_rgb"),
         ("--frames 0:2", "uses neither $frame nor $time"),
+        *[
+            (f"--crop {size}", "is not within the image")
+            for size in ("4294967295,0,1,1", f"0,{2**64},1,1", f"0,0,{2**32},9")
+        ],
     ],
 )
 def test_wrong_use(scene, arguments, says):
@@ -165,11 +172,26 @@ def folder(tmp_path, monkeypatch):
         ("format", "scenes/jug.xml", "prosim render scenes/jug.xml\n"),
         ("resume", "mug.scn", "a text file, not the state of a render. prosim render --checkpoint"),
         ("merge", "empty.npz", "an empty file, not a part of an image. prosim render --part 1/4"),
+        *[(name, "/dev/zero", "is a device, not ") for name in ("render", "translate", "watch", "mix", "merge")],
         ("merge", "night.*-of-4.npz", "File 'night.*-of-4.npz' does not exist.\n"),
     ],
 )
 def test_wrong_files_are_refused(folder, command, path, says):
-    refused(says, command, path, folder=folder)
+    refused(says, command, path, *["a=1"] * (command == "mix"), folder=folder)
+
+
+@pytest.mark.parametrize("text, code", [(PALITO.read_bytes(), 0), (b"(" * 2**23, 2)])
+def test_pipe_with_a_scene_is_read_up_to_the_largest_size(tmp_path, text, code):
+    os.mkfifo(pipe := tmp_path / "scene.scn")
+
+    def write():
+        with suppress(BrokenPipeError):
+            pipe.write_bytes(text)
+
+    (writer := threading.Thread(target=write)).start()
+    result = prosim("translate", pipe, "-o", tmp_path / "out")
+    writer.join()
+    assert result.exit_code == code and ("larger than" in result.stderr) == bool(code), result.output
 
 
 # ---- An error in an XML scene shows its place as one in a scene of the language does

@@ -2,9 +2,14 @@
 
 import os
 import resource
+import signal
 import stat
+import subprocess
+import sys
 import tempfile
+import time
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 from mitsuba_prosim import atomic
@@ -86,3 +91,29 @@ def test_rescue_finds_the_first_place_with_room(tmp_path, monkeypatch):
         monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "TMPDIR") if place == "TMPDIR" else "/proc")
         exr, png = atomic.rescue(contents)
         assert exr.parent.parent == tmp_path / place and exr.read_bytes() == b"image" and png.read_bytes() == b"shown"
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, None])
+def test_temporary_folder_is_deleted_when_the_process_ends(tmp_path, number):
+    code = """if True:
+        import sys
+        from mitsuba_prosim import atomic
+        with atomic.scratch() as folder:
+            (folder / "a").write_bytes(b"content")
+            print(folder, flush=True)
+            sys.stdin.read()
+    """
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    command, env = [sys.executable, "-c", code], os.environ | {"TMPDIR": str(tmp_path)}
+    with subprocess.Popen(command, env=env, start_new_session=True, **pipes) as process:
+        folder = Path(process.stdout.readline().strip())
+        assert (
+            folder.parent == tmp_path and os.listdir(folder) == ["a"] and stat.S_IMODE(folder.stat().st_mode) == 0o700
+        )
+        if number:
+            os.killpg(process.pid, number)
+        process.communicate()
+    end = time.monotonic() + 20
+    while folder.exists() and time.monotonic() < end:
+        time.sleep(0.01)
+    assert os.listdir(tmp_path) == [] and process.returncode == -(number or 0)

@@ -19,7 +19,7 @@ from .. import atomic
 from ..engine import checkpoint
 from .option_types import InputError
 
-TEXT, XML, EXR, ARCHIVE = "a text file", "a Mitsuba scene", "an EXR image", "an archive"
+TEXT, XML, EXR, ARCHIVE, DEVICE = "a text file", "a Mitsuba scene", "an EXR image", "an archive", "a device"
 STATE, PART = "the state of a render", "a part of an image"
 
 #: The first bytes of a binary file -> the kind of the file.
@@ -76,6 +76,7 @@ class InputFile(click.Path):
 SCENE_FILE = InputFile("a scene", (TEXT, XML), ("*.xml", "*.scn"))
 LANGUAGE_FILE = InputFile("a scene in the thesis's language", (TEXT,), ("*.scn",))
 STATE_FILE = InputFile(STATE, (STATE, PART), ("*.state.npz", "*.*-of-*.npz"), "prosim render --checkpoint")
+IMAGE_FILE = InputFile("an EXR image", (EXR,), ("*.exr",), "prosim render --layers")
 PART_FILE = InputFile(PART, (PART,), ("*.*-of-*.npz",), "prosim render --part 1/4")
 
 
@@ -110,6 +111,8 @@ def kind(path: Path) -> str:
     a checkpoint is the state of a render or a part of an image; a checkpoint that cannot be read counts as the state of
     a render. A file without content is "an empty file". Raises OSError if the file cannot be opened.
     """
+    if path.is_char_device() or path.is_block_device():
+        return DEVICE
     begin = b""
     if path.is_file():  # the content of a pipe can be read only once
         with open(path, "rb") as file:

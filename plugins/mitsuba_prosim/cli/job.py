@@ -165,7 +165,7 @@ class Job:
         try:
             saved = {name: from_json(name, value) for name, value in checkpoint.about["job"].items()}
             return cls(**saved | {"variant": checkpoint.environment["variant"]})
-        except (AttributeError, KeyError, TypeError, ValueError, click.BadParameter):
+        except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError, click.BadParameter):
             raise ValueError(
                 "prosim render did not write this state; continue it in the Python program that wrote it, by "
                 "integrator.progressive(begin=...)"
@@ -183,7 +183,7 @@ class Job:
 
 def from_json(name: str, value: Any) -> Any:
     """Returns the ``value``, from JSON, of the field ``name`` of a :class:`Job`; the type of the field's option checks
-    the value. Raises BadParameter, KeyError, TypeError, ValueError or AttributeError if the value is not allowed.
+    the value. Raises exceptions of many kinds, such as BadParameter and TypeError, if the value is not allowed.
     """
     field_, settings = Job.__dataclass_fields__[name], Job.__dataclass_fields__[name].metadata
     if value is None and field_.default is None:

@@ -3,7 +3,6 @@
 import os
 import re
 import sys
-import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,12 +22,12 @@ DECORATION = re.compile(r"\x1b\[[0-9;]*m|\r[^\n]*")
 
 
 @contextmanager
-def log(verbose: int) -> Iterator[None]:
+def log(verbose: int, folder: Path) -> Iterator[None]:
     """Prints Mitsuba's log messages to standard error, above the progress bar, until the ``with`` block ends.
 
     If ``verbose`` is 0, only warnings and errors are printed; 1 adds information, 2 debug messages, 3 or more all
-    messages. Mitsuba writes its log to standard output. This function redirects standard output to a temporary file,
-    and a thread prints the text that Mitsuba appends to this file.
+    messages. Mitsuba writes its log to standard output. This function redirects standard output to a file in
+    ``folder``, and a thread prints the text that Mitsuba appends to this file.
 
     This function adds no appender to Mitsuba's logger, because an appender that is accessible from Python, even one of
     Mitsuba's own classes, may cause a deadlock. An appender that is accessible from Python waits for Python's
@@ -39,11 +38,7 @@ def log(verbose: int) -> Iterator[None]:
     level = mi.log_level()
     sys.stdout.flush()
     output, finished = os.dup(1), threading.Event()
-    with (
-        tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder,
-        open(Path(folder, "log"), "w+b") as file,
-        open(file.name, "rb") as added,
-    ):
+    with open(folder / "log", "w+b") as file, open(file.name, "rb") as added:
         reader = threading.Thread(target=_follow, args=(added, finished), daemon=True)
         reader.start()
         os.dup2(file.fileno(), 1)

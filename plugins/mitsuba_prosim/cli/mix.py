@@ -13,6 +13,7 @@ import OpenEXR
 from ..denoising.layers import mixed, of_channels, parse_factor
 from ..scene import images
 from . import files
+from .files import IMAGE_FILE
 from .job import Command, Job, job_options
 from .option_types import InputError, PatternType
 from .render_task import SUFFIXES
@@ -26,7 +27,7 @@ FACTOR = PatternType("LAYER=FACTOR", EXAMPLES, r"(\w+=[\d.,]+)", parse_factor)
 
 
 @click.command(cls=Command)
-@click.argument("image", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("image", type=IMAGE_FILE)
 @click.argument("factors", nargs=-1, required=True, type=FACTOR, metavar="LAYER=FACTOR...")
 @job_options("output", "exposure", "variant")
 def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> None:

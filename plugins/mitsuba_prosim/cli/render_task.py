@@ -136,11 +136,11 @@ class Resources(ExitStack):
         self.dask: DaskExecutor | None = None
 
     def __enter__(self) -> Resources:
-        """Starts to show Mitsuba's log, sets the number of threads, and creates the temporary folder."""
+        """Creates the temporary folder, starts to show Mitsuba's log, and sets the number of threads."""
         self._handlers = self.enter_context(ExitStack())  # which is the last to be left
-        self.enter_context(log(self.job.verbose))
-        self.enter_context(session.threads(self.job.threads))
         self.folder = self.enter_context(atomic.scratch())
+        self.enter_context(log(self.job.verbose, self.folder))
+        self.enter_context(session.threads(self.job.threads))
         return self
 
     def handle_signals(self) -> None:

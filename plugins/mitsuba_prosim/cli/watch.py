@@ -76,7 +76,7 @@ def watch(job: Job, port: int, browser: bool) -> None:
             click.echo(f"{job.scene} is shown at {address} (Ctrl-C ends it)")
             if browser and has_windows():
                 webbrowser.open(address)
-            with log(job.verbose), session.threads(job.threads), interruptible(view.close):
+            with log(job.verbose, folder), session.threads(job.threads), interruptible(view.close):
                 view.run()
 
 

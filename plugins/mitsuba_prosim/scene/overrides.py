@@ -18,6 +18,9 @@ WRAPPING = (*TARGETS, "max_samples", "adaptive")
 #: pixel.
 LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
 
+#: The parameters of a film for the crop window.
+CROP = ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height")
+
 
 def check_size(width: int, height: int) -> None:
     """Raises ValueError if an image of ``width`` x ``height`` pixels is empty or too large for a film."""
@@ -48,8 +51,10 @@ def apply(
     """
     for props in (node.props for node in state.nodes if node.type == mi.ObjectType.Film):
         _set(props, zip(("width", "height"), resolution or ()))
-        _set(props, zip(("crop_offset_x", "crop_offset_y", "crop_width", "crop_height"), crop or ()))
+        _set(props, zip(CROP, crop or ()))
         check_size(props.get("width", 768), props.get("height", 576))
+        if any(props.get(name, 0) > LONGEST_SIDE for name in CROP):  # Mitsuba would compute with 32 bits
+            raise ValueError(f"the crop window {[props.get(name, 0) for name in CROP]} is not within the image")
     if state.root.type == mi.ObjectType.Scene and not _integrators(state):
         state.root.props["integrator"] = _add(state, mi.ObjectType.Integrator, mi.Properties("path"))  # the default
     sampling = {name: value for name, value in parameters.items() if name in SAMPLING}

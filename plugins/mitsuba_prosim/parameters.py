@@ -59,6 +59,14 @@ def choice(props: mi.Properties, name: str, allowed: Sequence[str], default: str
     return value
 
 
+def flag(props: mi.Properties, name: str) -> bool:
+    """Reads the parameter ``name``, true or false; the default is false. Raises ValueError for other values."""
+    value = props.get(name, False)
+    if not isinstance(value, bool):
+        raise reject(props, name, value, "true or false")
+    return value
+
+
 def nested_integrator(props: mi.Properties) -> mi.SamplingIntegrator:
     """Returns the integrator that is nested in a plugin.
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from ..optics import facets, fresnel
+from ..optics import facets, fresnel, grooves
 from ..optics.dispersion import index
 from ..optics.material import Evaluated, Pigmented, reflectance
-from ..parameters import constant_values, for_message, reject
+from ..parameters import constant_values, flag, for_message, reject
 from ..registry import plugin
 
 
@@ -60,6 +60,10 @@ class Composite(Pigmented):
        - Roughness of ``phong``, :math:`n = 2/m^2 - 2`, between 0 and 1e6. (Default: none)
        - |exposed|, |differentiable|
 
+     * - multiple_scattering
+       - |bool|
+       - Whether the two facets of a cavity reflect light to each other. (Default: false, as in the thesis)
+
      * - ambient
        - |spectrum| or |texture|
        - Fraction of the ambient light that the surface reflects, for integrators with ambient light. (Default:
@@ -103,10 +107,10 @@ class Composite(Pigmented):
         self.ambient = self.ambient or self.diffuse_reflectance
         self.eta = mi.Float(index(props, "int_ior", "polypropylene") / index(props, "ext_ior", "air"))
         dr.make_opaque(self.eta)
+        self.multiple_scattering = flag(props, "multiple_scattering")
 
-    def reflected(self, si: mi.SurfaceInteraction3f, cos: mi.Float, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        """Returns Fresnel's reflectance times the specular reflectance ks, for light at the cosine ``cos`` to the
-        normal of the reflecting facet.
+    def specular_factor(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
+        """Returns the specular reflectance ks.
 
         Without the parameter ``specular_reflectance``, ks is 1 - kd, where kd is the diffuse reflectance. At every
         point and wavelength, ks is limited to 1 - kd.
@@ -117,19 +121,31 @@ class Composite(Pigmented):
             ks = self.specular_reflectance.eval(si, active)
             if not self.conserves:
                 ks = dr.minimum(ks, dr.maximum(1 - self.diffuse_reflectance.eval(si, active), 0))
-        return ks * fresnel.interface(cos, self.eta).f
+        return ks
+
+    def fresnel(self, cos: mi.Float) -> mi.Float:
+        """Returns the reflectance of the varnish for light at the cosine ``cos`` to a facet."""
+        return fresnel.interface(cos, self.eta).f
 
     def specular_weight(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        return self.reflected(si, si.wi.z, active)
+        return self.specular_factor(si, active) * self.fresnel(si.wi.z)
 
-    def specular_sample(self, si: mi.SurfaceInteraction3f, sample2: mi.Point2f, active: mi.Bool) -> mi.Vector3f:
-        m = facets.sample_visible(si.wi, sample2, self.distribution, self.roughness.eval_1(si, active))
+    def specular_sample(
+        self, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
+    ) -> mi.Vector3f:
+        width = self.roughness.eval_1(si, active)
+        m = facets.sample_visible(si.wi, sample2, self.distribution, width)
+        if self.multiple_scattering:
+            return grooves.leave(si.wi, m, sample1, self.distribution, width)
         return mi.reflect(si.wi, m)
 
     def specular_eval_pdf(self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
         width = self.roughness.eval_1(si, active)
+        ks = self.specular_factor(si, active)
+        if self.multiple_scattering:
+            return grooves.reflect((si.wi, wo), self.distribution, width, self.fresnel, ks)
         i_m, value, pdf = facets.torrance_sparrow(si.wi, wo, self.distribution, width)
-        return self.reflected(si, i_m, active) * value, pdf
+        return ks * self.fresnel(i_m) * value, pdf
 
 
 def known_to_conserve(props: mi.Properties) -> bool:

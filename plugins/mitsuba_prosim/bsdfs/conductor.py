@@ -8,11 +8,11 @@ from pathlib import Path
 import drjit as dr
 import mitsuba as mi
 
-from ..optics import facets, fresnel
+from ..optics import facets, fresnel, grooves
 from ..optics.dispersion import index
 from ..optics.material import Evaluated, Material, reflectance, roughness
 from ..optics.nested import parts
-from ..parameters import choice, constant_values, for_message, reject
+from ..parameters import choice, constant_values, flag, for_message, reject
 from ..registry import create, plugin
 
 #: Allowed values of the parameter ``fresnel`` -> the function that computes the reflectance.
@@ -69,6 +69,10 @@ class Conductor(Material):
        - Factor on the reflected light, in [0, 1]; physically 1. (Default: none)
        - |exposed|, |differentiable|
 
+     * - multiple_scattering
+       - |bool|
+       - Whether the two facets of a cavity reflect light to each other. (Default: false, as in the thesis)
+
      * - ambient
        - |spectrum| or |texture|
        - Fraction of the ambient light that the surface reflects, for integrators with ambient light. (Default: black)
@@ -78,8 +82,9 @@ class Conductor(Material):
     distribution :math:`D` of normals. Each facet is a mirror that reflects by Fresnel's equations. The facets form
     V-shaped cavities, in which they shadow and mask one another (:math:`G`). Facets are sampled in proportion to their
     visible area (Heitz and d'Eon 2014), so that no sample has a weight above :math:`F`. The model loses the light that
-    two facets reflect in turn: ``docs/optics.md`` has a table. The material is one-sided: its back is black, unless it
-    is put into :ref:`twosided <bsdf-twosided>`.
+    two facets reflect in turn, up to half of it: ``docs/optics.md`` has a table. With ``multiple_scattering`` no light
+    is lost, so rough metals are brighter and more colourful. The material is one-sided: its back is black, unless it is
+    put into :ref:`twosided <bsdf-twosided>`.
 
     .. tabs::
         .. code-tab:: xml
@@ -105,6 +110,7 @@ class Conductor(Material):
         self.specular_reflectance = reflectance(props, "specular_reflectance")
         self.distribution, self.roughness = roughness(props)
         self.fresnel = choice(props, "fresnel", tuple(FRESNEL))
+        self.multiple_scattering = flag(props, "multiple_scattering")
         self.set_components({self.specular_type(): mi.BSDFFlags.FrontSide})
 
     def reflected(self, si: mi.SurfaceInteraction3f, cos: mi.Float, active: mi.Bool) -> mi.UnpolarizedSpectrum:
@@ -128,6 +134,11 @@ class Conductor(Material):
             return mi.reflect(si.wi), mi.UInt32(0), mi.Float(1), self.reflected(si, si.wi.z, active)
         width = self.roughness.eval_1(si, active)
         m = facets.sample_visible(si.wi, sample2, self.distribution, width)
+        if self.multiple_scattering:
+            wo = grooves.leave(si.wi, m, sample1, self.distribution, width)
+            value, pdf = self.evaluate(ctx, si, wo, active)
+            pdf = dr.select(wo.z > 0, pdf, 0)
+            return wo, mi.UInt32(0), pdf, value / dr.select(pdf > 0, pdf, 1)
         i_m, wo = dr.dot(si.wi, m), mi.reflect(si.wi, m)
         g1 = facets.g1(si.wi.z, m.z, i_m)
         pdf = self.distribution.D(m, width) * g1 / (4 * si.wi.z)
@@ -140,7 +151,10 @@ class Conductor(Material):
         return wo, mi.UInt32(0), pdf, self.reflected(si, i_m, active) * weight
 
     def evaluate(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
-        i_m, value, pdf = facets.torrance_sparrow(si.wi, wo, self.distribution, self.roughness.eval_1(si, active))
+        width = self.roughness.eval_1(si, active)
+        if self.multiple_scattering:
+            return grooves.reflect((si.wi, wo), self.distribution, width, lambda cos: self.reflected(si, cos, active))
+        i_m, value, pdf = facets.torrance_sparrow(si.wi, wo, self.distribution, width)
         return self.reflected(si, i_m, active) * value, pdf
 
 

@@ -8,11 +8,11 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..optics import dispersion, facets, fresnel
+from ..optics import dispersion, facets, fresnel, grooves
 from ..optics.facets import GRAZING, Facet
 from ..optics.fresnel import Interface
 from ..optics.material import Material, reflectance, roughness
-from ..parameters import reject
+from ..parameters import flag, reject
 from ..registry import plugin
 
 
@@ -81,6 +81,11 @@ class Dielectric(Material):
        - Factors on the reflected and the transmitted light, in [0, 1]; physically 1. (Default: none)
        - |exposed|, |differentiable|
 
+     * - multiple_scattering
+       - |bool|
+       - Whether the two facets of a cavity reflect light to each other. Light that is refracted after a reflection
+         between facets stays lost. (Default: false, as in the thesis)
+
      * - ambient
        - |spectrum| or |texture|
        - Fraction of the ambient light that the surface reflects, for integrators with ambient light. (Default: black)
@@ -123,6 +128,7 @@ class Dielectric(Material):
         self.specular_reflectance = reflectance(props, "specular_reflectance")
         self.specular_transmittance = reflectance(props, "specular_transmittance")
         self.distribution, self.roughness = roughness(props)
+        self.multiple_scattering = flag(props, "multiple_scattering")
         # Without refraction, the facet between two directions is not defined.
         if self.roughness is not None and self.indices.inside == self.indices.outside:
             raise reject(props, "int_ior", self.indices.inside, "another index than ext_ior, for a rough surface")
@@ -186,10 +192,10 @@ class Dielectric(Material):
         active = active & (dr.abs(si.wi.z) > GRAZING)
         if active is False or not (reflection or transmission):
             return bs, mi.Spectrum(0)
-        m = mi.Normal3f(0, 0, 1)
+        m, front = mi.Normal3f(0, 0, 1), dr.mulsign(si.wi, si.wi.z)
         if self.roughness is not None:
             width = self.roughness.eval_1(si, active)
-            m = facets.sample_visible(dr.mulsign(si.wi, si.wi.z), sample2, self.distribution, width)
+            m = facets.sample_visible(front, sample2, self.distribution, width)
         i_m = dr.dot(si.wi, m)
         etas = self.indices.etas(si)
         faces = [fresnel.interface(i_m, eta) for eta in etas]
@@ -199,7 +205,11 @@ class Dielectric(Material):
         k, rest = dispersion.choose(p, sample1)
         face = Interface(*(dispersion.pick(k, values) for values in zip(*faces)))
         reflected = rest <= face.f if reflection and transmission else mi.Mask(reflection)
-        bs.wo = dr.select(reflected, mi.reflect(si.wi, m), mi.refract(si.wi, m, face.cos_t, face.eta_ti))
+        mirrored = mi.reflect(si.wi, m)
+        if self.multiple_scattering and self.roughness is not None:
+            u = rest / face.f if transmission else rest
+            mirrored = dr.mulsign(grooves.leave(front, m, u, self.distribution, width), si.wi.z)
+        bs.wo = dr.select(reflected, mirrored, mi.refract(si.wi, m, face.cos_t, face.eta_ti))
         bs.eta = dr.select(reflected, 1, face.eta_it)
         bs.sampled_component = dr.select(reflected, mi.UInt32(0), mi.UInt32(1))
         bs.sampled_type = dr.select(reflected, mi.UInt32(+self.types[0]), mi.UInt32(+self.types[1]))
@@ -215,7 +225,9 @@ class Dielectric(Material):
             pdf = divisor = dr.detach(mi.Float(pdf))
         else:
             active = active & (i_m * si.wi.z > 0) & (bs.wo.z != 0) & (((si.wi.z > 0) == (bs.wo.z > 0)) == reflected)
-            if self.disperses:  # total reflection of this wavelength may be partial for others
+            if (
+                self.disperses or self.multiple_scattering
+            ):  # total reflection of this wavelength may be partial for others
                 value, pdf = self.eval_pdf(ctx, si, bs.wo, active & (reflected | (face.cos_t != 0)))
                 value, divisor = mi.unpolarized_spectrum(value), dr.detach(pdf)
             else:
@@ -269,7 +281,7 @@ class Dielectric(Material):
         if active is False or self.roughness is None or not (reflection or transmission):
             return mi.Spectrum(0), mi.Float(0)
         width, etas = self.roughness.eval_1(si, active), self.indices.etas(si)
-        values, faces, pdf = [], [], mi.Float(0)
+        values, faces, further, pdf = [], [], [], mi.Float(0)
         for eta in etas:
             facet = facets.facet_between(si.wi, wo, eta)
             # The front of a facet is visible only from the front of the surface, and its back only from the back.
@@ -277,10 +289,33 @@ class Dielectric(Material):
             lit, density = self.eval_facets(si.wi, wo, facet, reflected, width, eta)
             faces.append(fresnel.interface(facet.i_m, eta))
             values.append(dr.select(facing, lit, 0))
+            if self.multiple_scattering:
+                density = dr.select(reflected, lit, density)
+                paths = self.eval_paths(ctx, si, wo, width, eta)
+                further.append(dr.select(active & reflected, paths[0], 0))
+                pdf += dr.select(active & reflected, paths[1], 0) / len(etas)
             pdf += dr.select(facing, density * self.probability(ctx, reflected, faces[-1].f), 0) / len(etas)
         spectra = Interface(*map(dispersion.spectrum, zip(*faces)))
         value = self.fraction(ctx, si, reflected, spectra, active) * dispersion.spectrum(values)
+        if self.multiple_scattering:
+            r = 1 if self.specular_reflectance is None else self.specular_reflectance.eval(si, active)
+            value += dispersion.spectrum(further) * r
         return mi.depolarizer(value) & active, pdf
+
+    def eval_paths(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, width: mi.Float, eta: mi.Float
+    ) -> tuple[mi.Float, mi.Float]:
+        """Returns ``(value, pdf)`` of the light that is reflected more than once between facets, for one wavelength."""
+
+        def reflectance(cos: mi.Float) -> mi.Float:
+            return fresnel.interface(dr.mulsign(cos, si.wi.z), eta).f
+
+        def contributions(path: grooves.Path) -> tuple[mi.Float, mi.Float]:
+            p = self.probability(ctx, mi.Mask(True), reflectance(path.first))
+            return path.remaining(reflectance) * path.density, p * path.density
+
+        directions = dr.mulsign(si.wi, si.wi.z), dr.mulsign(wo, si.wi.z)
+        return grooves.add_paths((mi.Float(0), mi.Float(0)), directions, self.distribution, width, contributions)
 
     def parameters(self) -> dict[str, Any]:
         return {**self.indices.parameters(), **super().parameters()}

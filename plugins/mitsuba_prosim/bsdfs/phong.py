@@ -82,7 +82,9 @@ class Phong(Pigmented):
     def specular_weight(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         return self.specular_reflectance.eval(si, active)
 
-    def specular_sample(self, si: mi.SurfaceInteraction3f, sample2: mi.Point2f, active: mi.Bool) -> mi.Vector3f:
+    def specular_sample(
+        self, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
+    ) -> mi.Vector3f:
         sin, cos = cosine.sample(sample2.x, self.roughness.eval_1(si, active))  # thesis, equation 4.10
         sin_phi, cos_phi = dr.sincos(2 * dr.pi * sample2.y)
         return mi.Frame3f(mi.reflect(si.wi)).to_world(mi.Vector3f(sin * cos_phi, sin * sin_phi, cos))

@@ -40,6 +40,8 @@ class Material(mi.BSDF):
     #: facets.
     distribution: Any = None
     roughness: Any = None
+    #: Whether light is reflected between the two facets of a cavity.
+    multiple_scattering = False
 
     def __init__(self, props: mi.Properties) -> None:
         """Reads the parameter ``ambient``, the reflectance for ambient light; ``self.ambient`` is None if the parameter
@@ -74,7 +76,8 @@ class Material(mi.BSDF):
         own = {name: getattr(self, name) for name in (*self.PARAMETERS, "ambient")}
         if self.distribution is None:
             return own
-        return {**own, "distribution": self.distribution.name, self.distribution.parameter: self.roughness}
+        own |= {"distribution": self.distribution.name, self.distribution.parameter: self.roughness}
+        return own | {"multiple_scattering": True} if self.multiple_scattering else own
 
     def sample_direction(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
@@ -178,8 +181,12 @@ class Pigmented(Material):
         """
         raise NotImplementedError
 
-    def specular_sample(self, si: mi.SurfaceInteraction3f, sample2: mi.Point2f, active: mi.Bool) -> mi.Vector3f:
-        """Returns a direction, in the local frame, that is sampled from the specular lobe by ``sample2`` in [0, 1)²."""
+    def specular_sample(
+        self, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
+    ) -> mi.Vector3f:
+        """Returns a direction, in the local frame, that is sampled from the specular lobe by ``sample1`` and
+        ``sample2`` in [0, 1).
+        """
         raise NotImplementedError
 
     def specular_eval_pdf(self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
@@ -219,7 +226,7 @@ class Pigmented(Material):
         is_specular, mirror = sample1 < p_specular, self.roughness is None
         wo = mi.warp.square_to_cosine_hemisphere(sample2) if diffuse else mi.Vector3f(0, 0, 1)
         if specular:
-            lobe = mi.reflect(si.wi) if mirror else self.specular_sample(si, sample2, active)
+            lobe = mi.reflect(si.wi) if mirror else self.specular_sample(si, sample1 / p_specular, sample2, active)
             wo = dr.select(is_specular, lobe, wo)
         value, pdf = self.eval_pdf(ctx, si, wo, active)
         value = mi.unpolarized_spectrum(value)

@@ -1,0 +1,156 @@
+"""Reflection of light between the facets of a V-shaped groove, compared with rays that are followed one by one."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from mitsuba_prosim.optics import grooves
+from scipy import stats
+
+RAYS = 300_000
+ROUGHNESSES = [("alpha", 0.3), ("alpha", 0.6), ("alpha", 1.5), ("exponent", 4.0), ("gaussian", 0.8)]
+MATERIALS = {
+    "conductor": {"type": "prosim_conductor", "eta": 0.3, "k": 2.0},
+    "composite": {"type": "prosim_composite", "diffuse_reflectance": 0.0, "int_ior": 2.5},
+    "dielectric": {"type": "prosim_dielectric", "int_ior": 2.5},
+}
+
+
+def material(kind, roughness, value, **parameters):
+    named = {"alpha": value, "distribution": "gaussian"} if roughness == "gaussian" else {roughness: value}
+    return mi.load_dict({**MATERIALS[kind], **named, "multiple_scattering": True, **parameters})
+
+
+def tilts(roughness, value, u):
+    """Polar angles of facets, sampled in proportion to D cos by ``u``."""
+    if roughness == "alpha":
+        return np.arctan(value * np.sqrt(-np.log1p(-u)))
+    if roughness == "exponent":
+        return np.arccos((1 - u) ** (1 / (value + 2)))
+    angles = np.linspace(0, np.pi / 2, 100_001)
+    density = np.exp(-((angles / value) ** 2)) * np.sin(2 * angles)
+    distribution = np.cumsum(density)
+    return np.interp(u, distribution / distribution[-1], angles)
+
+
+def walk(wi, roughness, value, reflectance, rng):
+    """Follows rays through grooves; returns the directions in which they leave, and the light that remains."""
+    tilt, azimuth = tilts(roughness, value, rng.random(RAYS)), 2 * np.pi * rng.random(RAYS)
+    across = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+    # In the plane across the groove: position, direction; along the groove, the direction never changes.
+    position = np.stack([(2 * rng.random(RAYS) - 1) * np.cos(tilt), np.sin(tilt)], axis=1)
+    direction = np.stack([-(across @ wi[:2]), np.full(RAYS, -wi[2])], axis=1)
+    along = -wi[:2] + (across @ wi[:2])[:, None] * across
+    light, alive = np.ones(RAYS), np.ones(RAYS, bool)
+    normals = [np.stack([side * np.sin(tilt), np.cos(tilt)], axis=1) for side in (1, -1)]
+    last = np.full(RAYS, -1)
+    for _ in range(100):
+        best, hit = np.full(RAYS, np.inf), np.full(RAYS, -1)
+        for number, normal in enumerate(normals):
+            toward = (direction * normal).sum(1)
+            distance = -(position * normal).sum(1) / np.where(toward < 0, toward, -1)
+            height = position[:, 1] + distance * direction[:, 1]
+            valid = (toward < 0) & (height > 0) & (height < np.sin(tilt)) & (number != last) & (distance < best)
+            best, hit = np.where(valid, distance, best), np.where(valid, number, hit)
+        alive &= hit >= 0
+        if not alive.any():
+            break
+        normal = np.where((hit == 0)[:, None], *normals)
+        cos = -(direction * normal).sum(1)
+        light = np.where(alive, light * np.asarray(reflectance(np.where(alive, cos, 1))), light)
+        step = np.where(alive, best, 0)[:, None]
+        position, last = position + step * direction, np.where(alive, hit, last)
+        direction = np.where(alive[:, None], direction + 2 * cos[:, None] * normal, direction)
+    xy = direction[:, :1] * across + along
+    return np.column_stack([xy, direction[:, 1]]), light
+
+
+def interaction(wi):
+    si = dr.zeros(mi.SurfaceInteraction3f)
+    si.wi = wi if isinstance(wi, mi.Vector3f) else mi.Vector3f(*map(float, wi))
+    return si
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["conductor", "dielectric"])
+@pytest.mark.parametrize("roughness, value", ROUGHNESSES)
+def test_groove_reflects_as_rays_followed_one_by_one(variant_rgb, kind, roughness, value):
+    """Energy in 30 bins of direction for a grazing and a steep ray; significance 0.001 for all bins together."""
+    rng = np.random.default_rng(1)
+    if kind == "conductor":
+        reflectance = lambda c: mi.fresnel_conductor(mi.Float(c), mi.Complex2f(0.3, 2.0))  # noqa: E731
+    else:
+        reflectance = lambda c: mi.fresnel(mi.Float(c), 2.5)[0]  # noqa: E731
+    bsdf = material(kind, roughness, value)
+    for angle in (20, 70):
+        wi = np.array([np.sin(np.radians(angle)), 0, np.cos(np.radians(angle))])
+        wo, light = walk(wi, roughness, value, reflectance, rng)
+        light = np.where(wo[:, 2] > 0, light, 0)  # a few rays have not yet left the steepest grooves
+        bins = (
+            np.minimum((wo[:, 2] * 5).astype(int), 0, 4) * 6
+            + np.floor(np.arctan2(wo[:, 1], wo[:, 0]) / np.pi * 3 + 3).astype(int) % 6
+        )
+        expected = np.bincount(bins, light, 30) / RAYS
+        variance = np.bincount(bins, light**2, 30) / RAYS - expected**2
+        u = rng.random((3, 30, 1 << 15))
+        z = (np.arange(30)[:, None] // 6 + u[0]) / 5
+        phi = (np.arange(30)[:, None] % 6 + u[1]) * np.pi / 3 - np.pi
+        w = mi.Vector3f(*(x.ravel() for x in (np.sqrt(1 - z * z) * np.cos(phi), np.sqrt(1 - z * z) * np.sin(phi), z)))
+        values = np.array(bsdf.eval(mi.BSDFContext(), interaction(wi), w))[0].reshape(30, -1) * (2 * np.pi / 30)
+        error = variance / RAYS + values.var(1) / values.shape[1] + 1e-12
+        score = ((values.mean(1) - expected) ** 2 / error).sum()
+        assert stats.chi2.sf(score, 30) > 0.001, (angle, values.mean(1), expected)
+
+
+@pytest.mark.parametrize(
+    "roughness, value", [*ROUGHNESSES, ("alpha", 0.05), ("alpha", 1.0), ("exponent", 0.0), ("gaussian", 1.5)]
+)
+def test_groove_loses_no_light(variant_rgb, roughness, value):
+    bsdf = material("conductor", roughness, value, eta=0.0, k=1.0)
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(0, 1 << 18)
+    for angle in (0, 30, 60, 80, 88):
+        si = interaction([np.sin(np.radians(angle)), 0, np.cos(np.radians(angle))])
+        _, weight = bsdf.sample(mi.BSDFContext(), si, sampler.next_1d(), sampler.next_2d())
+        assert dr.mean(weight[0])[0] == pytest.approx(1, abs=2e-3)
+
+
+@pytest.mark.parametrize("kind", MATERIALS)
+@pytest.mark.parametrize("roughness, value", ROUGHNESSES)
+def test_groove_is_reciprocal(variant_rgb, kind, roughness, value):
+    bsdf, rng = material(kind, roughness, value), np.random.default_rng(2)
+    a, b = (mi.warp.square_to_uniform_hemisphere(mi.Point2f(*rng.random((2, 4096)))) for _ in range(2))
+    forth = bsdf.eval(mi.BSDFContext(), interaction(a), b)[0] * a.z
+    back = bsdf.eval(mi.BSDFContext(), interaction(b), a)[0] * b.z
+    assert dr.allclose(forth, back, rtol=2e-3, atol=1e-5)
+
+
+@pytest.mark.parametrize("roughness, value", ROUGHNESSES)
+def test_groove_has_derivatives_by_roughness(variant_rgb, monkeypatch, roughness, value):
+    """Derivatives against differences, at 256 pairs of directions, without the limit of steepness, which is a step."""
+    monkeypatch.setattr(grooves, "STEEP", 1e-6)
+    rng = np.random.default_rng(3)
+    a, b = (mi.warp.square_to_uniform_hemisphere(mi.Point2f(*rng.random((2, 256)))) for _ in range(2))
+
+    def reflected(change, enabled=False):
+        bsdf = material("conductor", roughness, value)
+        parameters = mi.traverse(bsdf)
+        (key,) = (k for k in parameters if k.startswith(("alpha", "exponent")))
+        width = mi.Float(value + change)
+        if enabled:
+            dr.enable_grad(width)
+        parameters[key] = width
+        parameters.update()
+        return width, dr.sum(bsdf.eval(mi.BSDFContext(), interaction(a), b)[0])
+
+    step = 4e-3 * value
+    difference = (reflected(step)[1] - reflected(-step)[1]) / (2 * step)
+    width, total = reflected(0, True)
+    dr.backward(total, dr.ADFlag.ClearNone)
+    assert dr.grad(width)[0] == pytest.approx(difference[0], rel=0.02)
+
+
+@pytest.mark.parametrize("kind", MATERIALS)
+def test_multiple_scattering_must_be_true_or_false(variant_rgb, kind):
+    with pytest.raises(RuntimeError, match=r"multiple_scattering.*true or false"):
+        material(kind, "alpha", 0.5, multiple_scattering=1.0)

@@ -15,7 +15,7 @@ from mitsuba_prosim.denoising.pyramid import average, blur
 from mitsuba_prosim.live import picture as live_picture
 from mitsuba_prosim.live import progressive_image
 from mitsuba_prosim.sampling.hash import combine, hash32
-from scenes import T, area, diffuse, film, load_scene, penumbra, rectangle, rgb
+from scenes import T, area, camera, diffuse, film, load_scene, penumbra, rectangle, rgb
 from test_record import Elsewhere
 
 SIZES = [(1, 1), (3, 17), (64, 48)]
@@ -231,6 +231,9 @@ def test_features_look_past_sources_that_are_hidden(variant_rgb):
     np.testing.assert_allclose(shown, np.broadcast_to([0.5, 0.5, 1], shown.shape), rtol=1e-5)
     hidden, normal = halves.features(scene, scene.sensors()[0], hide_emitters=True)
     assert not hidden.any() and not normal.any()
+    card = rectangle(T(), bsdf={"type": "mask", "opacity": 0.5, "b": diffuse(0, 0, 0)})
+    hole = load_scene(sensor=camera([0, 0, 5], [0, 0, 0], film(4), fov=10), card=card, sky={"type": "constant"})
+    assert not halves.features(hole, hole.sensors()[0], hide_emitters=True)[0].any()
 
 
 @pytest.mark.parametrize("integrator, spp", [("prosim", 0), ("prosim", 16), ("prosim_adaptive", 0), ("path", 0)])

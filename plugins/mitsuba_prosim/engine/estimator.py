@@ -87,7 +87,7 @@ class Estimator:
         if self.transport.caustics is not None:
             points.division = t, self.transport.caustics.n
         ray, weight, position = self.camera_ray(x, y, points)
-        L, hit, others = self.transport(ray, points, True)
+        L, alpha, others = self.transport(ray, points, True)
         L *= weight
         # A direction at grazing incidence can overflow. One such sample must not make its pixel black.
         finite = dr.all(dr.isfinite(L))
@@ -95,7 +95,7 @@ class Estimator:
         if self.transport.has_layers:
             layers = [dr.select(finite, layer * weight, 0) for layer in others]
             others = [value for layer in layers for value in self.channels.rgb(layer, ray.wavelengths)]
-        values = self.channels.values(L, ray.wavelengths, dr.select(hit, mi.Float(1), 0))
+        values = self.channels.values(L, ray.wavelengths, alpha)
         aovs = aov_values(self.channels.aovs, self.scene, self.sensor.sampler(), ray, True)
         values = [dr.select(dr.abs(v) < DARKEST, 0, v) for v in (*values, *others, *aovs)]
         return values, luminance(L, ray.wavelengths), position

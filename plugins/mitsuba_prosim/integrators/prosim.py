@@ -113,7 +113,7 @@ class Prosim(ProgressiveIntegrator):
 
      * - hide_emitters
        - |bool|
-       - Camera rays do not see light sources (Default: |false|)
+       - Camera rays, also through holes of surfaces, do not see light sources (Default: |false|)
 
      * - jitter
        - |string|
@@ -179,6 +179,9 @@ class Prosim(ProgressiveIntegrator):
     :monosp:`homogeneous` medium with :monosp:`albedo` 0. A shape within this medium must have the medium as its
     :monosp:`exterior`, and a camera within this medium must have the medium as its :monosp:`medium`. :monosp:`volpath`
     renders a scene with such a medium equally. All other media count as empty, with a warning.
+
+    **Alpha** is 1 where a camera ray meets a surface, the sky or the background. It is 0 where the ray leaves the scene
+    otherwise, and a fraction behind a :monosp:`mask`.
 
     **Ambient light** needs the attribute :monosp:`ambient` of a BSDF, which the materials of this package have. The
     attribute also works within :monosp:`twosided`, :monosp:`mask`, :monosp:`blendbsdf`, :monosp:`bumpmap` and
@@ -266,7 +269,7 @@ class Prosim(ProgressiveIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        """Returns the radiance along ``ray``, whether the ray meets a surface, and the values of the AOVs. The AOVs
+        """Returns the radiance along ``ray``, whether the ray is opaque, and the values of the AOVs. The AOVs
         ``samples`` and ``error`` are 0.
 
         ``medium`` is the medium around the camera. A render in a scalar variant does not use ``medium``, because the
@@ -276,10 +279,11 @@ class Prosim(ProgressiveIntegrator):
         self._refuse_layers_and_caustics("are for its own render() alone, not within another integrator")
         # ``_scalar`` is the transport object of a render in a scalar variant, otherwise None.
         transport = self._scalar or Transport(self._settings(), scene, camera_medium=medium)
-        L, hit, _ = transport(ray, SamplerPoints(sampler), active)
+        L, alpha, _ = transport(ray, SamplerPoints(sampler), active)
         # The own channels (samples, error) are statistics of a pixel, which one ray does not have.
         aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
-        return L, hit, aovs
+        # Mitsuba has only masks here. The opacity is a fraction where a surface lets a part of the light pass.
+        return L, alpha > (sampler.next_1d(active) if transport.sees_through else 0.5), aovs
 
     def _settings(self) -> Settings:
         return Settings(**{name: getattr(self, name) for name in SETTINGS})

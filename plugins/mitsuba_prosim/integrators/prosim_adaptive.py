@@ -87,9 +87,9 @@ class ProsimAdaptive(ProgressiveIntegrator):
         """Returns the result of the nested integrator along ``ray``, with the AOVs of both integrators. The own AOVs
         ``samples`` and ``error`` are 0, because they are statistics of a pixel.
         """
-        L, hit, others = InnerIntegrator(self.nested, scene, medium)(ray, SamplerPoints(sampler), active)
+        L, alpha, others = InnerIntegrator(self.nested, scene, medium)(ray, SamplerPoints(sampler), active)
         aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
-        return L, hit, others + aovs
+        return L, alpha > 0.5, others + aovs
 
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> InnerIntegrator:
         return InnerIntegrator(self.nested, scene, sensor.get_medium())

@@ -11,7 +11,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..masks import idle
+from ..masks import but_not, idle
 from . import lobes
 from .absorption import UNBOUNDED, medium_before, medium_beyond, pointer, transmittance
 from .ray import Surface, viewer_side
@@ -38,6 +38,8 @@ class State:
     normal: mi.Normal3f
     active: mi.Bool
     level: mi.UInt32
+    #: Whether the ray continues the camera ray, straight through holes of surfaces.
+    passed: mi.Bool
     sampler: mi.Sampler
     #: The medium around the ray.
     medium: mi.MediumPtr
@@ -72,31 +74,33 @@ def features(
         ray, active, medium, first = state.ray, state.active, state.medium, state.level == 0
         si = scene.ray_intersect(ray, active)
         if hide_emitters:
-            si = past_emitters(scene, ray, si, active & first, attached=False)
+            si = past_emitters(scene, ray, si, active & state.passed, attached=False)
         albedo, throughput = state.albedo, state.throughput
         medium = medium_before(si, medium, ray.d, active & si.is_valid() & first)
         t = dr.select(si.is_valid(), si.t, UNBOUNDED)
         throughput = throughput * transmittance(medium, ray.wavelengths, t, active)
         emitter = si.emitter(scene)
-        visible = active & (state.level > 0) if hide_emitters else active
+        visible = but_not(active, state.passed) if hide_emitters else active
         if not idle(visible) and emitter is not None:
             albedo = albedo + dr.select(visible, throughput * dr.clip(emitter.eval(si, visible), 0, 1), 0)
         surface = active & si.is_valid()
         if idle(surface):
             return replace(state, albedo=albedo, active=surface)
         normal = dr.select(surface & first, viewer_side(si), state.normal)
-        scattered, _ = sample_albedo(si, diffuse, state.sampler, surface, scattering)
-        weight, d = sample_albedo(si, specular, state.sampler, surface, scattering)
+        scattered, *_ = sample_albedo(si, diffuse, state.sampler, surface, scattering)
+        weight, d, is_null = sample_albedo(si, specular, state.sampler, surface, scattering)
         albedo = albedo + dr.select(surface, throughput * scattered, 0)
         throughput = throughput * weight
         medium = medium_beyond(si, medium, d, surface)
         continues = surface & (state.level < MAX_LEVEL) & (dr.max(throughput) > MIN_THROUGHPUT)
         ray, level = si.spawn_ray(d), state.level + 1
-        return State(ray, albedo, throughput, normal, continues, level, state.sampler, medium)
+        passed = state.passed & is_null
+        return State(ray, albedo, throughput, normal, continues, level, passed, state.sampler, medium)
 
     medium = pointer(camera_medium)
     black, none = mi.Spectrum(0), mi.Normal3f(0)
-    state = State(mi.Ray3f(ray), black, mi.Spectrum(1), none, mi.Bool(active), mi.UInt32(0), sampler, medium)
+    passed = mi.Bool(True)
+    state = State(mi.Ray3f(ray), black, mi.Spectrum(1), none, mi.Bool(active), mi.UInt32(0), passed, sampler, medium)
     (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (step(state),))
     albedo = dr.select(dr.all(dr.isfinite(state.albedo)), dr.clip(state.albedo, 0, 1), 0)
     return albedo, state.normal, dr.squared_norm(state.normal) > 0
@@ -104,9 +108,9 @@ def features(
 
 def sample_albedo(
     si: mi.SurfaceInteraction3f, lobe: mi.BSDFContext, sampler: mi.Sampler, active: mi.Bool, scattering: Scattering
-) -> tuple[Any, mi.Vector3f]:
-    """Returns ``(weight, direction)`` of one sample of ``lobe`` at ``si``; the weight is 0 if the BSDF does not have
-    this lobe. The direction is in world coordinates.
+) -> tuple[Any, mi.Vector3f, mi.Bool]:
+    """Returns ``(weight, direction, is_null)`` of one sample of ``lobe`` at ``si``; the weight is 0 if the BSDF does
+    not have this lobe. The direction is in world coordinates. ``is_null`` tells whether it passes straight through.
 
     Some BSDFs return samples of other lobes than requested. A sample of a lobe that was not requested gets the weight
     0, because that lobe is sampled by another call. For the albedo, dispersive glass refracts all wavelengths in the
@@ -116,4 +120,5 @@ def sample_albedo(
     u = sampler.next_1d(active), sampler.next_2d(active)
     bs, weight, belongs = scattering.sample(lobe, surface, u, active)
     belongs &= active & (bs.pdf > 0)
-    return dr.select(belongs, mi.unpolarized_spectrum(weight), 0), si.to_world(bs.wo)
+    is_null = lobes.has_any(bs.sampled_type, "Null")
+    return dr.select(belongs, mi.unpolarized_spectrum(weight), 0), si.to_world(bs.wo), is_null

@@ -43,6 +43,8 @@ def next_ray(
     result.medium, result.offset = medium_beyond(si, ray.medium, dr.detach(d), active), dr.dot(o - si.p, d)
     by_all_lobes = but_not(vertex.inseparable, ideal)  # light sampling and photons found the light of all lobes
     result.light_found = by_all_lobes if context.caustics is None else ray.light_found | by_all_lobes
+    if ray.passed is not None:
+        result.passed = ray.passed & lobes.has_any(bs.sampled_type, "Null")
     if context.both_sides:
         result.both_sides = lobes.has_any(vertex.bsdf.flags(), *lobes.BOTH_SIDES)
     through = mi.Frame3f.cos_theta(si.wi) * mi.Frame3f.cos_theta(bs.wo) < 0

@@ -44,6 +44,9 @@ class Ray:
     #: The layer of all light that arrives through the lobe by which the path left the first vertex; 0 where the layers
     #: do not depend on this lobe.
     branch: mi.UInt32
+    #: Whether the ray continues the camera ray: all surfaces on the way let it pass straight through, like the hole
+    #: of a ``mask``. None where this does not matter, or where no surface lets rays pass.
+    passed: mi.Bool | None = None
     #: Whether light sampling at the ray's origin took light from both sides of the surface; None where no surface is
     #: lit from both sides.
     both_sides: mi.Bool | None = None
@@ -54,6 +57,11 @@ class Ray:
     #: near-specular surfaces since, else 0. Both are None without photons on glossy surfaces.
     last_etendue: mi.Float | None = None
     earlier_etendue: mi.Float | None = None
+
+    @property
+    def is_visible(self) -> mi.Bool:
+        """Whether the camera sees the end of the ray, directly or through holes of surfaces."""
+        return self.level == 0 if self.passed is None else self.passed
 
 
 @dataclass

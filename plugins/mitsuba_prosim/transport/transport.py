@@ -12,6 +12,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..masks import but_not
 from ..registry import create
 from ..sampling.nrook import NRook, SamplerPoints
 from ..sampling.sobol import Points, Sobol
@@ -28,7 +29,8 @@ class State:
     """State of the loop over the nodes of a ray tree, or over the vertices of a path."""
 
     L: Radiance
-    hit: mi.Bool
+    #: None where camera rays that leave the scene see the sky or the background, so that all pixels are opaque.
+    alpha: mi.Float | None
     ray: Ray
     active: mi.Bool
     #: The rays of the tree that are still to follow, or the counters of the path.
@@ -42,9 +44,12 @@ class Transport(Context):
 
     def __call__(
         self, ray: mi.Ray3f, points: Points, active: mi.Bool
-    ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Spectrum]]:
-        """Returns ``(L, hit, layers)`` for the camera ray ``ray``: the radiance, whether the ray meets a surface, and
-        the radiance of each image layer (:mod:`.radiance`), an empty list for an image without layers.
+    ) -> tuple[mi.Spectrum, mi.Float, list[mi.Spectrum]]:
+        """Returns ``(L, alpha, layers)`` for the camera ray ``ray``: the radiance, the opacity, and the radiance of
+        each image layer (:mod:`.radiance`), an empty list for an image without layers.
+
+        The opacity is 1, less the throughput with which the ray leaves the scene, straight through holes of surfaces,
+        where it sees neither the sky nor the background.
 
         The function ``points(space, active)`` returns a ``mi.Point2f`` in [0, 1)²: the pair of random numbers with the
         number ``space`` in the sampling pattern. The function ``points.choice(space)`` returns one random number in [0,
@@ -57,19 +62,24 @@ class Transport(Context):
         def step(state: State) -> State:
             """Follows one ray: adds the light at the end of the ray to the radiance, and samples the next ray."""
             L, vertex = shade(self, state.ray, ray, points, state.active)
-            hit = state.hit | (state.ray.level == 0) & vertex.active
+            alpha = state.alpha
+            if alpha is not None:
+                escaped = but_not(state.active & vertex.ray.is_visible, vertex.si.is_valid())
+                throughput = dr.mean(mi.unpolarized_spectrum(dr.detach(vertex.ray.throughput)))
+                alpha = alpha - dr.select(escaped, throughput, 0)
             next_ray, next_active, progress = walk.proceed(self, vertex, points, state.active, state.progress)
-            return State(state.L + L, hit, next_ray, next_active, progress, state.sampler)
+            return State(state.L + L, alpha, next_ray, next_active, progress, state.sampler)
 
         first, sampler = self.first(ray), points.sampler if isinstance(points, SamplerPoints) else None
-        state = State(self.layers.none(), mi.Bool(False), first, mi.Bool(active), walk.start(self, first), sampler)
+        alpha = None if self.shows_sky else mi.Float(1)
+        state = State(self.layers.none(), alpha, first, mi.Bool(active), walk.start(self, first), sampler)
         if walk is tree and not (self.reflects or self.refracts):  # no ray follows the camera ray
             state = step(state)
         elif self.attached:
             state = differentiable_loop(state, step)
         else:
             (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (step(state),))
-        return state.L.total, state.hit, state.L.layers
+        return state.L.total, mi.Float(1) if state.alpha is None else state.alpha, state.L.layers
 
 
 class InnerIntegrator:
@@ -86,9 +96,9 @@ class InnerIntegrator:
         #: Names of the AOVs that a call returns after the radiance and the hit.
         self.aov_names = list(integrator.aov_names())
 
-    def __call__(self, ray: mi.Ray3f, points: Points, active: mi.Bool) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        """Returns ``(L, hit, aovs)`` for the camera ray ``ray``: the radiance, whether the integrator counts the ray as
-        a hit, and the values of the integrator's AOVs.
+    def __call__(self, ray: mi.Ray3f, points: Points, active: mi.Bool) -> tuple[mi.Spectrum, mi.Float, list[mi.Float]]:
+        """Returns ``(L, alpha, aovs)`` for the camera ray ``ray``: the radiance, 1 where the integrator counts the ray
+        as a hit and else 0, and the values of the integrator's AOVs.
 
         The integrator draws its random numbers from the sampling pattern ``points``, but not from those spaces (pairs
         of random numbers) of the pattern that the camera uses. If ``points`` is a :class:`.SamplerPoints`, the
@@ -98,11 +108,11 @@ class InnerIntegrator:
         ray = mi.RayDifferential3f(ray)
         if not dr.is_jit_v(mi.Float) or not isinstance(self.integrator, mi.CppADIntegrator):
             L, hit, aovs = self.integrator.sample(self.scene, sampler, ray, self.medium, active)
-            return L, hit, list(aovs)
+            return L, dr.select(hit, mi.Float(1), 0), list(aovs)
         # Mitsuba's integrators for derivatives, such as prb, have another signature of ``sample``.
         rest = {"depth": mi.UInt32(0), "δL": None, "δaovs": None, "state_in": None, "active": mi.Bool(active)}
         L, hit, aovs, _ = self.integrator.sample(dr.ADMode.Primal, self.scene, sampler, ray, **rest)
-        return L, hit, list(aovs)
+        return L, dr.select(hit, mi.Float(1), 0), list(aovs)
 
 
 def sampler_of(points: NRook | Sobol) -> Any:

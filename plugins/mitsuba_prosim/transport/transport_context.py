@@ -100,6 +100,12 @@ class Context:
         self.reflects, self.refracts, self.both_sides = (
             bool(lobes.has_any(self.flags, *names)) for names in (lobes.REFLECTED, lobes.REFRACTED, lobes.BOTH_SIDES)
         )
+        #: Whether camera rays that leave the scene see the sky or the background.
+        self.shows_sky = settings.background is not None or bool(
+            not settings.hide_emitters and scene.environment() is not None
+        )
+        #: Whether it matters that some surfaces let camera rays pass straight through.
+        self.sees_through = bool(lobes.has_any(self.flags, "Null")) and (settings.hide_emitters or not self.shows_sky)
         #: The lobes whose light comes from light sampling and from their own rays, combined by MIS.
         self.mis_lobes: tuple[mi.BSDFContext, ...] = (mi.BSDFContext(),)
         #: The lobes whose light comes from light sampling alone, because emission at the end of their rays does not
@@ -127,6 +133,7 @@ class Context:
         offset, found, branch = mi.Float(0), dr.opaque(mi.Bool, False), dr.opaque(mi.UInt32, 0)
         ray = Ray(camera.o, camera.d, mi.Spectrum(1), node, level, pdf, n, self.medium, offset, found, branch)
         ray.both_sides = mi.Bool(False) if self.both_sides else None
+        ray.passed = mi.Bool(True) if self.sees_through else None
         ray.importance = None if self.lights.sampler is None else mi.Float(0)
         ray.last_etendue = ray.earlier_etendue = None if self.photon_mis is None else mi.Float(0)
         return ray

@@ -33,7 +33,7 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
     settings, lights = context.settings, context.lights
     ray3, si = intersect(context, ray, camera, active)
     if settings.hide_emitters and not lights.all_delta:
-        si = past_emitters(context.scene, ray3, si, active & (ray.level == 0), context.attached)
+        si = past_emitters(context.scene, ray3, si, active & ray.is_visible, context.attached)
     ray = attenuated_at(ray, ray3, si, active)
     within_max_level = active if settings.max_level < 0 else active & (ray.level <= settings.max_level)
     L = context.layers.none()
@@ -119,7 +119,7 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
     emitter = si.emitter(context.scene)
     active = but_not(active, ray.light_found)
     if context.settings.hide_emitters:
-        active = active & (ray.level > 0)
+        active = but_not(active, ray.is_visible)
     if idle(active) or emitter is None:
         return mi.Spectrum(0), 0
     L = emitter.eval(si, active)

@@ -173,7 +173,7 @@ def _chosen_leaves(
     for leaf in leaves(bsdf, si, active):
         end = begin + dr.detach(leaf.share)
         rest = (choice - begin) / dr.select(end > begin, end - begin, 1)
-        yield leaf, active & (choice >= begin) & (choice < end), dr.clip(rest, 0, 1 - dr.epsilon(mi.Float))
+        yield leaf, active & (choice >= begin) & (choice < end), dr.clip(rest, 0, 1 - 2**-24)
         begin = end
 
 

@@ -17,6 +17,7 @@ from ..view import Camera
 from . import csg
 from .boundaries import AIR, OPAQUE, Boundary, OriginalIds, boundaries, concatenated, heights, primitive_boundary
 from .detail import warn_of_rounding
+from .enclosure import warn_of_enclosure
 from .grouping import components
 from .leaves import Leaves
 from .primitives import CornerAttributes, Mesh, Primitive
@@ -120,7 +121,8 @@ def tessellate(
     solids.
 
     Raises :class:`SceneError` for a singular transform, and for too many triangles. Warns of leaves of which nothing is
-    visible, of cuts between glass and opaque solids, and of large rounding errors in single precision.
+    visible, of cuts between glass and opaque solids, of an eye or lights inside opaque solids, and of large rounding
+    errors in single precision.
     """
     numbered_leaves = document.scene.leaves
     leaves = [leaf for _, leaf in numbered_leaves]
@@ -138,6 +140,7 @@ def tessellate(
         lambda: _surface_mesh(table, _boundary(tree, table, media_of, any(reflects), cut_media > 0), max(media_of) + 2),
     )
     warn_of_rounding(document, camera, faces.triangles.vertices)
+    warn_of_enclosure(document, tree, table, [medium == OPAQUE for medium in media_of])
     visible: set[int] = set()  # leaves that own a visible face
     filling: set[int] = set()  # media that are visible behind faces of other media
     mixed_cuts: set[int] = set()  # opaque leaves that cut glass, and leaves of glass that cut opaque solids

@@ -1,0 +1,76 @@
+"""Warns if the eye, or a light, is inside an opaque solid."""
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ..language.document import Document, Path
+from .csg import Tree, fold
+from .leaves import Leaves
+from .primitives import Mesh
+from .solids import world_box_corners
+
+#: Directions from the centre of a spherical light to its tested points: to the faces and the corners of a cube.
+DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3), np.indices((2, 2, 2)).reshape(3, 8).T * 2 / 3**0.5 - 1 / 3**0.5])
+
+
+def warn_of_enclosure(document: Document, tree: Tree, table: Leaves, opaque: Sequence[bool]) -> None:
+    """Warns of the eye and of each light, or part of a light, inside an opaque solid; ``opaque`` has a flag for each
+    leaf of the CSG tree.
+    """
+    corners = world_box_corners(table.solids)
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    numbers = [number for number, _ in document.scene.leaves]
+    for path, name, world_points in _places(document):
+        points = world_points - table.origin
+        inside = np.zeros((len(low), len(points)), bool)
+        for solid in np.flatnonzero(((low <= points.max(axis=0)) & (high >= points.min(axis=0))).all(axis=1)).tolist():
+            inside[solid] = [_contains(table.solids[solid].mesh(), point) for point in points]
+        owner = _opaque_owner(tree, inside[table.of_leaf], opaque) if inside.any() else np.array([-1])
+        if (owner >= 0).any():
+            number = numbers[int(owner.max())]
+            solid_name = " ".join(document.text_of("csg", number).split()[:2])
+            part = "" if (owner >= 0).all() else "a part of "
+            reason = f"{part}{name} is inside {solid_name} (line {document.line('csg', number)}), which is opaque"
+            document.warn(f"{reason}; move it out of the solid", *path)
+
+
+def _places(document: Document) -> Iterator[tuple[Path, str, np.ndarray]]:
+    """Yields the path, the name and points of the eye and of each light that has a position."""
+    yield ("view", "eye"), "the eye", np.array([document.scene.view.eye])
+    for i, light in enumerate(document.scene.lights):
+        if light.kind != "sky":
+            # The sphere is slightly smaller, because a light may touch a solid.
+            sphere = np.array(light.position) + 0.999 * light.radius * DIRECTIONS
+            name = f"the light on line {document.line('lights', i)}"
+            yield ("lights", i), name, sphere if light.kind == "area" else np.array([light.position])
+
+
+def _opaque_owner(tree: Tree, inside: np.ndarray, opaque: Sequence[bool]) -> np.ndarray:
+    """Returns, for each point, the leaf whose opaque solid contains the point in the result of the CSG tree, or -1.
+
+    ``inside[i]`` has a flag for each point: whether leaf i contains it. A transparent leaf only cuts opaque solids.
+    """
+
+    def combine(symbol: str, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        """Applies an operator; a column of an operand has the owner of a point, and whether the operand contains it."""
+        (owner, contained), (other_owner, other) = first, second
+        if symbol == "+":
+            return np.stack([np.where(owner >= 0, owner, other_owner), contained | other])
+        kept = other if symbol == "*" else 1 - other
+        return np.stack([np.where(kept, owner, -1), contained & kept])
+
+    return np.asarray(
+        fold(tree, lambda i: np.stack([np.where(inside[i] & opaque[i], i, -1), inside[i].astype(int)]), combine)[0]
+    )
+
+
+def _contains(mesh: Mesh, point: np.ndarray) -> bool:
+    """Whether a closed mesh contains a point: its triangles then have the solid angle 4 pi from there."""
+    corners = mesh.vertices - point
+    a, b, c = (corners[mesh.triangles[:, i]] for i in range(3))
+    la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
+    ab, bc, ca = (np.einsum("ij,ij->i", x, y) for x, y in ((a, b), (b, c), (c, a)))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+    return bool(np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb).sum() > math.pi)

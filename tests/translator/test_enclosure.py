@@ -1,0 +1,96 @@
+"""The eye, a light, or a part of a light inside an opaque solid."""
+
+import re
+import warnings
+
+import prosim_scene
+import pytest
+from test_mesh_files import obj
+
+#: Lights, a tree, what is inside a solid, and the solid; "" if nothing is. CUBE 1 is 4 wide, around the origin.
+CASES = [
+    ("POINT position 1 1 1", "CUBE 1", "light", "CUBE 1"),
+    ("POINT position 1 1 1 POINT position 9 9 9", "CUBE 1", "light", "CUBE 1"),
+    ("POINT position 9 9 9 POINT position 1 1 1", "CUBE 1", "light", "CUBE 1"),
+    ("AREA position 0 0 0 radius .1", "CUBE 1", "light", "CUBE 1"),
+    ("AREA position 0 2 0 radius .5", "CUBE 1", "a part of the light", "CUBE 1"),
+    ("AREA position 0 2.5 0 radius .5", "CUBE 1", "", ""),  # on the solid
+    ("AREA position 0 0 0 radius 9", "CUBE 1", "", ""),  # around the solid
+    ("POINT position 1 1 1", "+ SPHERE 9 CUBE 1", "light", "CUBE 1"),
+    ("POINT position 1 1 1", "+ CUBE 1 CUBE 2", "light", "CUBE 1"),
+    ("POINT position 1 1 1", "- CUBE 1 CUBE 2", "", ""),  # in a room
+    ("POINT position 1.9 1 1", "- CUBE 1 CUBE 2", "light", "CUBE 1"),
+    ("AREA position 1.5 1 1 radius .2", "- CUBE 1 CUBE 2", "a part of the light", "CUBE 1"),
+    ("POINT position 1 1 1", "- CUBE 1 - CUBE 2 CUBE 2", "light", "CUBE 1"),
+    ("POINT position 1 1 1", "* CUBE 1 CUBE 2", "light", "CUBE 1"),
+    ("POINT position 1.9 1 1", "* CUBE 1 CUBE 2", "", ""),
+    ("POINT position 1 1 1", "CUBE 3", "", ""),  # in glass
+    ("POINT position 1 1 1", "+ CUBE 3 CUBE 1", "light", "CUBE 1"),  # opaque solids have the common volume
+    ("POINT position 1 1 1", "- CUBE 1 CUBE 3", "", ""),
+    ("POINT position 1 1 1", "* CUBE 3 CUBE 1", "", ""),
+    ("POINT position 1 1 1", "* CUBE 1 CUBE 3", "light", "CUBE 1"),
+    ("POINT position 1 1 1", "CYLINDER 4", "light", "CYLINDER 4"),  # mirrored
+    ("POINT position 1.8 1.8 1", "CYLINDER 4", "", ""),
+    ("POINT position 0 0 1", "SPHERE 5", "light", "SPHERE 5"),
+    ("POINT position 0 0 1", "CONE 5", "light", "CONE 5"),
+    ("POINT position 1 0 .5", "CONE 5", "", ""),
+    ("POINT position 1 1 1", 'MESH 1 "cube.obj"', "light", "MESH 1"),
+    ("POINT position 1 1 1", "block 6", "light", "block 6"),
+    ("AREA position 0 0 0 radius .1 SPOT exponent 2", "CUBE 1", "light", "CUBE 1"),
+]
+SCENE = """LIGHTS {lights}
+VIEW EYE {eye} VRP 0 0 -20
+SOLID block - CUBE 1 SPHERE 9
+CSG-TREE
+ {tree}
+SURFACE 1 SURFACE 2 SURFACE 3 material dielectric bk7 SURFACE 4 SURFACE 5 SURFACE 9
+TRANSFORM 1 TRANSLATE -.5 -.5 -.5 SCALE 4 4 4 {move}
+TRANSFORM 2 TRANSLATE -.5 -.5 -.5 SCALE 3 3 3 {move}
+TRANSFORM 3 TRANSLATE -.5 -.5 -.5 SCALE 4 4 4 {move}
+TRANSFORM 4 SCALE 2 2 -3 TRANSLATE 0 0 2 {move}
+TRANSFORM 5 SCALE 2 2 2 {move}
+TRANSFORM 6
+TRANSFORM 9 TRANSLATE 50 50 50
+END
+"""
+
+
+def told(path, **fields):
+    """The warnings about enclosure of a scene, which are about their places."""
+    path.write_text(SCENE.format(**{"eye": "0 0 99", "lights": "", "tree": "CUBE 1", "move": ""} | fields))
+    (path.parent / "cube.obj").write_bytes(obj())
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        prosim_scene.check(path)
+    return [w.message for w in caught if "is opaque" in str(w.message)]
+
+
+@pytest.mark.parametrize("lights, tree, what, solid", CASES)
+def test_light_in_an_opaque_solid_is_named(tmp_path, lights, tree, what, solid):
+    warned = told(tmp_path / "s.scn", lights=lights, tree=tree)
+    assert len(warned) == bool(what)
+    for one in warned:
+        assert re.fullmatch(
+            rf".*{what} on line 1 is inside {solid} \(line 5\), which is opaque; move it .*", one.reason
+        )
+        assert one.reason.startswith("a part") == what.startswith("a part") and one.line == 1
+
+
+@pytest.mark.parametrize(
+    "lights, tree, what, solid",
+    [case for case in CASES if re.fullmatch("POINT position [^A-Z]*", case[0]) and "MESH" not in case[1]],
+)
+def test_eye_in_an_opaque_solid_is_named(tmp_path, lights, tree, what, solid):
+    """Also in a scene far from the origin."""
+    eye = " ".join(str(float(x) + 1e4) for x in lights.split()[-3:])
+    warned = told(tmp_path / "s.scn", eye=eye, tree=tree, move="TRANSLATE 1e4 1e4 1e4")
+    assert [one.line for one in warned] == [2] * bool(what)
+    assert all(one.reason.startswith(f"the eye is inside {solid} (line 5)") for one in warned)
+
+
+def test_each_light_is_named(tmp_path):
+    warned = told(tmp_path / "s.scn", lights="POINT position 1 1 1 AREA position 9 9 9\nPOINT position 1 1 0")
+    assert [(one.reason[:21], one.line) for one in warned] == [
+        ("the light on line 1 i", 1),
+        ("the light on line 2 i", 2),
+    ]

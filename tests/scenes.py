@@ -1,7 +1,9 @@
 """Small scenes, and what tests do with them."""
 
 import gc
+import struct
 import tempfile
+import zlib
 from pathlib import Path
 
 import drjit as dr
@@ -187,3 +189,67 @@ def mesh(positions, faces, **within):
         path = Path(folder, "mesh.obj")
         path.write_text("\n".join(" ".join(map(str, row)) for row in rows))
         return mi.load_dict({"type": "obj", "filename": str(path), "face_normals": False, **within})
+
+
+# ------------------------------------------------------------------ every shape of Mitsuba
+
+
+def plugins_of_mitsuba(kind):
+    """The names of all plugins of one kind (a ``mi.ObjectType``) that this Mitsuba has, in alphabetical order."""
+    names = sorted(path.stem for path in Path(mi.__file__).with_name("plugins").glob("*.*"))
+    manager = mi.PluginManager.instance()
+    return [name for name in names if manager.plugin_type(name) == kind]
+
+
+#: A square in the plane z = 0, whose normal is z: corners and texture coordinates.
+CORNERS = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=np.float32)
+UV = CORNERS[:, :2] / 2 + 0.5
+TRIANGLES = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
+
+
+def write_square(path, uv=UV, normals=None, color=None):
+    """Writes that square as a PLY; ``color``: the attribute ``vertex_color`` of every corner."""
+    mesh = mi.Mesh("square", 4, 2, has_vertex_texcoords=uv is not None, has_vertex_normals=normals is not None)
+    values = {"vertex_positions": CORNERS, "faces": TRIANGLES, "vertex_texcoords": uv, "vertex_normals": normals}
+    params = mi.traverse(mesh)
+    for name, value in values.items():
+        if value is not None:
+            params[name] = np.ravel(value)
+    params.update()
+    if color is not None:
+        mesh.add_attribute("vertex_color", 3, np.full(12, color, np.float32))
+    mesh.write_ply(str(path))
+    return {"type": "ply", "filename": str(path)}
+
+
+def write_serialized(path):
+    """Writes that square in the format of Mitsuba 0.6: version 4, single precision."""
+    body = struct.pack("<I", 0x1002) + b"square\0" + struct.pack("<QQ", 4, 2)
+    body += b"".join(array.tobytes() for array in (CORNERS, UV.astype(np.float32), TRIANGLES))
+    path.write_bytes(struct.pack("<HH", 0x041C, 4) + zlib.compress(body) + struct.pack("<QI", 0, 1))
+    return {"filename": str(path)}
+
+
+def shape_of(name, folder):
+    """An object of the shape plugin ``name`` within 1.5 of the origin, with its files in ``folder``; None if it stands
+    for other shapes. A plugin that is not known here needs no parameters.
+    """
+    if name in ("blender", "instance", "merge", "shapegroup"):
+        return None
+    if name in ("ply", "serialized"):
+        return {"type": name} | (write_square if name == "ply" else write_serialized)(folder / f"square.{name}")
+    if name == "obj":
+        rows = [("v", *v) for v in CORNERS] + [("vt", *v) for v in UV] + [("f", "1/1", "2/2", "3/3", "4/4")]
+        (folder / "square.obj").write_text("\n".join(" ".join(map(str, row)) for row in rows))
+        return {"type": name, "filename": str(folder / "square.obj")}
+    if name in ("bsplinecurve", "linearcurve"):
+        np.savetxt(folder / "curve.txt", [[-1, 0, 0, 0.3], [-0.3, 0.2, 0, 0.3], [0.4, 0, 0.2, 0.3], [1, 0, 0, 0.3]])
+        return {"type": name, "filename": str(folder / "curve.txt")}
+    if name.startswith("ellipsoids"):
+        values = {"centers": [0, 0, 0], "scales": [0.6, 0.3, 0.4], "quaternions": [0, 0, 0, 1]}
+        return {"type": name} | {key: mi.TensorXf(np.array([value], np.float32)) for key, value in values.items()}
+    if name == "sdfgrid":
+        axes = np.meshgrid(*[np.linspace(-0.5, 0.5, 16, dtype=np.float32)] * 3)
+        distances = np.sqrt(sum(axis**2 for axis in axes))[..., None] - np.float32(0.35)
+        return {"type": name, "grid": mi.TensorXf(distances), "to_world": T().translate([-0.5] * 3)}
+    return {"type": name}

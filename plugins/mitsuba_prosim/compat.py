@@ -3,8 +3,8 @@
 Each function or constant of this module relies on one property of Mitsuba or Dr.Jit. The comment above a function or
 constant describes the property on which the code relies, and names the version and, if there is one, the upstream
 issue. Other workarounds for Mitsuba and Dr.Jit are in the modules ``alone`` (one thread at a time), ``registry``
-(variants), ``llvm`` and ``transport.workarounds`` (BSDFs that ignore the type mask), and in the package
-``stock_command``.
+(variants), ``llvm``, ``light.emitter_methods`` and ``transport.workarounds`` (BSDFs that ignore the type mask), and in
+the package ``stock_command``.
 """
 
 from __future__ import annotations
@@ -240,7 +240,11 @@ def _number(pointer: mi.ShapePtr) -> int:
 
 #: Class names of shapes, a sensor and emitters.
 INSTANCE, SPHERE, PERSPECTIVE = "Instance", "Sphere", "PerspectiveCamera"
-CONSTANT, DIRECTIONAL_AREA = "ConstantBackgroundEmitter", "DirectionalArea"
+CONSTANT, AREA, DIRECTIONAL_AREA = "ConstantBackgroundEmitter", "AreaLight", "DirectionalArea"
+
+#: Class names of a texture that only rays can evaluate, and of the shapes whose points each have their own texture
+#: coordinates in the unit square.
+MESH_ATTRIBUTE, UNIQUE_UV = "MeshAttribute", ("Cylinder", "Disk", "Rectangle", "Sphere")
 
 #: Class names of BSDFs that contain other BSDFs; of these, the last two change the normal by a texture.
 MASK, BLEND, TWO_SIDED, MAPS = "MaskBSDF", "BlendBSDF", "TwoSidedBRDF", ("BumpMap", "NormalMap")

@@ -29,7 +29,7 @@ class Parameters:
     """The parameters of an object under their names of 3.10; there are none of 3.9."""
 
     def __init__(self, parameters):
-        self._parameters = parameters
+        self._parameters, self.hierarchy = parameters, parameters.hierarchy
         self._names = {self._new(name): name for name in dict.fromkeys(parameters.keys())}
 
     @staticmethod

@@ -5,7 +5,8 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import SPHERE, samples_elsewhere
+from ..compat import SPHERE
+from ..light.emitter_methods import has_area, no_sample, point_sampler
 from ..light.source import Source
 from ..registry import plugin
 
@@ -58,9 +59,11 @@ class Area(Source):
     With only a radiance, this is Mitsuba's :ref:`area <emitter-area>`.
 
     A sphere is sampled over the solid angle that it subtends (thesis, section 4.2.2.1). Other shapes are sampled by
-    their own method. A textured radiance without :monosp:`to_uv` is sampled by the texture's own method: a bitmap in
-    proportion to its brightness. For an unoccluded, uniform sphere of radius r at distance d, wholly above the horizon,
-    the irradiance is exactly :math:`\pi L (r/d)^2 \cos \theta`.
+    their own method. A bitmap without :monosp:`to_uv` is sampled in proportion to its brightness, if each point of the
+    shape has its own texture coordinates in the unit square, and if a mesh has at most 256 triangles. Mitsuba cannot
+    sample curves, ellipsoids, :monosp:`sdfgrid` and the texture :monosp:`mesh_attribute`: only rays that meet such a
+    source find its light, and particle tracing raises an error. For an unoccluded, uniform sphere of radius r at
+    distance d, wholly above the horizon, the irradiance is exactly :math:`\pi L (r/d)^2 \cos \theta`.
 
     An unattenuated source has the radiance :math:`4 E d^2 / A` for a receiver at distance d of its centre, where A is
     the area of the shape (:math:`E d^2 / \pi r^2` for a sphere). As the radiance depends on the receiver, such a source
@@ -105,8 +108,18 @@ class Area(Source):
         super().__init__(props, "radiance", "that of the shape")
         varies = self.emission.is_spatially_varying()
         self.m_flags = mi.EmitterFlags.Surface | (mi.EmitterFlags.SpatiallyVarying if varies else 0)
-        #: Whether the texture samples the points. A bitmap with ``to_uv`` would not sample the bright points.
-        self.textured = varies and not samples_elsewhere(mi.traverse(self.emission))
+        self._sampler: str | None = None
+
+    @property
+    def sampler(self) -> str:
+        """The result of :func:`.point_sampler`; "" for an emitter without a shape."""
+        if self._sampler is None and self.get_shape() is not None:
+            self._sampler = point_sampler(self)
+        return self._sampler or ""
+
+    def parameters_changed(self, keys: list[str]) -> None:
+        self._sampler = None  # the shape, which is the parent, may have other texture coordinates
+        super().parameters_changed(keys)
 
     def emitted(
         self, si: mi.SurfaceInteraction3f, d: mi.Vector3f, receiver: mi.Point3f, active: mi.Bool
@@ -119,6 +132,9 @@ class Area(Source):
         """
         value = self.emission.eval(si, active) * self.relative_intensity(d)
         if self.unattenuated and (shape := self.get_shape()) is not None:
+            if not has_area(shape):
+                allowed = "a shape whose area Mitsuba knows: no curve, ellipsoids or sdfgrid"
+                raise RuntimeError(f"{self.id()} (prosim_area): an unattenuated source needs {allowed}.")
             value *= 4 * dr.squared_norm(receiver - shape.bbox().center()) / shape.surface_area()
         return dr.select(active, mi.depolarizer(value), mi.Spectrum(0))
 
@@ -140,13 +156,13 @@ class Area(Source):
         """Samples a point of the light source, as seen from the point ``it``; returns ``(ds, weight)``. ``weight`` is
         the radiance of the sampled point towards ``it``, divided by the density ``ds.pdf`` per solid angle.
 
-        The emission texture samples the point if ``textured`` is true, otherwise the shape does. The density and the
-        weight are 0 if the source faces away from ``it`` at the sampled point, and for an emitter without a shape.
+        The emission texture or the shape samples the point (:attr:`sampler`). The density and the weight are 0
+        if the source faces away from ``it`` at the sampled point, and if nothing can sample the points.
         """
         # Dr.Jit traces every emitter that exists, also an emitter without a shape.
-        if self.get_shape() is None:
-            return dr.zeros(mi.DirectionSample3f), mi.Spectrum(0)
-        if self.textured:
+        if not self.sampler:
+            return no_sample(mi.DirectionSample3f), mi.Spectrum(0)
+        if self.sampler == "texture":
             ps = self.sample_texture(it.time, sample, active)
             ds = mi.DirectionSample3f(ps)
             ds.d = ds.p - it.p
@@ -163,13 +179,13 @@ class Area(Source):
 
     def pdf_direction(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool = True) -> mi.Float:
         """Returns the density per solid angle with which :meth:`sample_direction` samples the point ``ds``. The density
-        is 0 if the source faces away at this point, and for an emitter without a shape.
+        is 0 if the source faces away at this point, and if nothing can sample the points.
         """
-        if self.get_shape() is None:
+        if not self.sampler:
             return mi.Float(0)
         cos = -dr.dot(ds.d, ds.n)
         active = active & (cos > 0)
-        if self.textured:
+        if self.sampler == "texture":
             _, per_area = self.at_texture(ds.uv, self.emission.pdf_position(ds.uv, active), active)
             pdf = per_area * dr.square(ds.dist) / dr.maximum(cos, 1e-30)
         else:
@@ -197,12 +213,12 @@ class Area(Source):
     ) -> tuple[mi.PositionSample3f, mi.Float]:
         """Samples a point of the light source; returns the point, and the reciprocal of the density per area.
 
-        The reciprocal is 0 in inactive lanes and for an emitter without a shape, which has no points. The emission
-        texture samples the point if ``textured`` is true, otherwise the shape does.
+        The emission texture or the shape samples the point (:attr:`sampler`). The reciprocal is 0 in inactive
+        lanes, and if nothing can sample the points.
         """
-        if self.get_shape() is None:
-            return dr.zeros(mi.PositionSample3f), mi.Float(0)
-        sample_position = self.sample_texture if self.textured else self.get_shape().sample_position
+        if not self.sampler:
+            return no_sample(mi.PositionSample3f), mi.Float(0)
+        sample_position = self.sample_texture if self.sampler == "texture" else self.get_shape().sample_position
         ps = sample_position(time, sample, active)
         return ps, dr.select(active & (ps.pdf > 0), 1 / dr.maximum(ps.pdf, 1e-30), mi.Float(0))
 
@@ -233,10 +249,10 @@ class Area(Source):
         """Samples a ray that the light source emits; returns ``(ray, weight)``.
 
         ``weight`` is the emitted radiance times the cosine at the source, divided by the densities of the point, the
-        direction and the wavelengths. Raises RuntimeError if the source is ``unattenuated``.
+        direction and the wavelengths. Raises RuntimeError if the source is ``unattenuated``, and if nothing can sample
+        its points.
         """
-        if self.unattenuated:
-            raise RuntimeError(f"{self.id()} (prosim_area): an unattenuated source has no rays of definite power.")
+        self._require_rays()
         ps, weight = self.sample_position(time, sample2, active)
         si = mi.SurfaceInteraction3f(ps, dr.zeros(mi.Interaction3f).wavelengths)
         si.time = time
@@ -253,11 +269,22 @@ class Area(Source):
         self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool = True
     ) -> tuple[mi.Color0f, mi.Spectrum]:
         """Samples wavelengths; returns the wavelengths, and the radiance that the point ``si`` emits in the direction
-        ``si.wi``, divided by the density of the wavelengths.
+        ``si.wi``, divided by the density of the wavelengths. Raises RuntimeError as :meth:`sample_ray`.
         """
+        self._require_rays()
         wavelengths, weight = self.sample_spectrum(si, sample, active)
         # Only the particle tracer calls this; its si.wi is the direction to the camera, in world coordinates.
         return wavelengths, weight * self.relative_intensity(si.wi)
+
+    def _require_rays(self) -> None:
+        """Raises RuntimeError if the source is ``unattenuated``, or if nothing can sample its points."""
+        if self.unattenuated:
+            raise RuntimeError(f"{self.id()} (prosim_area): an unattenuated source has no rays of definite power.")
+        if self.get_shape() is not None and not self.sampler:
+            raise RuntimeError(
+                f"{self.id()} (prosim_area): Mitsuba cannot sample the points of this shape or texture (curves, "
+                "ellipsoids, sdfgrid, mesh_attribute), so the source has no rays. Use another shape or texture."
+            )
 
     def bbox(self) -> mi.ScalarBoundingBox3f:
         return self.get_shape().bbox()

@@ -19,6 +19,7 @@ from ..compat import emitter_pointers
 from ..masks import dispatch, fold
 from ..sampling.hash import combine, hash32
 from ..sampling.nrook import to_unit
+from .emitter_methods import EmitterMethods
 from .strategy import Index, Receiver
 
 #: Number of rays that are sampled from each lamp to measure its power, place and directions.
@@ -263,7 +264,7 @@ def light_in_scene(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, m
     spectrum = mi.MI_CIE_MAX - mi.MI_CIE_MIN if mi.is_spectral else 1
     if mi.is_spectral:
         si.wavelengths = mi.MI_CIE_MIN + spectrum * mi.sample_shifted(u[3])
-    ds, weight = emitter.sample_direction(si, mi.Point2f(*u[4:]), mi.Bool(True))
+    ds, weight = EmitterMethods(scene.emitters()).sample_direction(emitter, si, mi.Point2f(*u[4:]), mi.Bool(True))
     return spectrum * brightness(weight), si.p, ds.d
 
 

@@ -13,8 +13,9 @@ import drjit as dr
 import mitsuba as mi
 
 from ..compat import SPHERE, shape_transform
+from .emitter_methods import Emitter
 from .spherical_cap import pdf_projected_cap, sample_projected_cap
-from .strategy import Emitter, Index, LightSample, OtherLights, Receiver, direction_sample, weighted
+from .strategy import Index, LightSample, OtherLights, Receiver, direction_sample, weighted
 
 
 class SphereLights(OtherLights):

@@ -13,9 +13,9 @@ import drjit as dr
 import mitsuba as mi
 
 from ..compat import CONSTANT, eval_direction
+from ..masks import idle
+from .emitter_methods import Emitter, EmitterMethods, no_sample, point_sampler
 
-#: One emitter, or a Dr.Jit array of emitters.
-Emitter: TypeAlias = "mi.Emitter | mi.EmitterPtr"
 #: The number of a lamp: an integer, or a Dr.Jit array.
 Index: TypeAlias = "int | mi.UInt32"
 #: A point of a light source with its density ``ds.pdf`` per solid angle, and its radiance divided by this density.
@@ -55,7 +55,7 @@ def direction_sample(receiver: Receiver, d: mi.Vector3f) -> mi.DirectionSample3f
 
     The caller sets the point, the normal, the distance and the density of the sample, if needed.
     """
-    ds = dr.zeros(mi.DirectionSample3f) if dr.is_jit_v(mi.Float) else mi.DirectionSample3f()
+    ds = no_sample(mi.DirectionSample3f)
     ds.d, ds.time, ds.delta = d, receiver.si.time, mi.Bool(False)
     return ds
 
@@ -71,9 +71,11 @@ class OtherLights:
     samples_below_horizon = True
     #: Whether :meth:`reparameterised` needs the point ``met`` on the source.
     follows_shape = True
+    #: The scene of the emitters, set by :class:`.Lights`.
+    scene: mi.Scene
 
     def __init__(self, emitters: Sequence[mi.Emitter]) -> None:
-        pass
+        self.methods = EmitterMethods(emitters)
 
     @staticmethod
     def can_sample(emitter: Emitter) -> bool:
@@ -89,13 +91,13 @@ class OtherLights:
         ``ds`` is a point of the light source, with the density ``ds.pdf`` per solid angle. ``weight`` is the radiance
         of the point ``ds`` divided by ``ds.pdf``. ``sample`` is a point in [0, 1)².
         """
-        ds, weight = emitter.sample_direction(receiver.si, sample, active)
+        ds, weight = self.methods.sample_direction(emitter, receiver.si, sample, active)
         ds.delta = mi.Bool(ds.delta)
         return ds, weight
 
     def pdf(self, number: Index, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
         """Returns the density per solid angle with which :meth:`sample` samples the direction ``ds``."""
-        return ds.emitter.pdf_direction(receiver.si, ds, active)
+        return self.methods.pdf_direction(ds.emitter, receiver.si, ds, active)
 
     def reparameterised(
         self, number: Index, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f | None, active: mi.Bool
@@ -115,6 +117,44 @@ class OtherLights:
         ds = direction_sample(receiver, dr.replace_grad(d, moved))
         ds.p, ds.n, ds.uv, ds.dist = met.p, met.n, met.uv, dr.norm(to_point)
         return ds, jacobian
+
+
+class UnsampledLights(OtherLights):
+    """Finds lamps that Mitsuba cannot sample by rays that have the density of a white diffuse surface.
+
+    Objects hide these lamps even if the parameter ``shadows`` of the integrator is false.
+    """
+
+    @staticmethod
+    def can_sample(emitter: Emitter) -> bool:
+        """Tells whether ``emitter`` has a shape, whose points nothing can sample (:func:`.point_sampler`)."""
+        return emitter.get_shape() is not None and not point_sampler(emitter)
+
+    def sample(
+        self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
+    ) -> LightSample:
+        """Returns ``(ds, weight)`` for a cosine-weighted ray from ``receiver``. The density is 0 if the ray does not
+        meet the light source.
+        """
+        below = receiver.both_sides & (sample.x < 0.5)
+        x = dr.select(receiver.both_sides, 2 * sample.x - dr.select(below, 0, 1), sample.x)
+        local = mi.warp.square_to_cosine_hemisphere(mi.Point2f(x, sample.y))
+        d = mi.Frame3f(receiver.n).to_world(mi.Vector3f(local.x, local.y, dr.select(below, -local.z, local.z)))
+        met = self.scene.ray_intersect(receiver.si.spawn_ray(d), active)
+        active = active & met.is_valid()
+        if idle(active):
+            return direction_sample(receiver, d), mi.Spectrum(0)
+        ds = mi.DirectionSample3f(self.scene, met, receiver.si)
+        ds.delta = mi.Bool(False)
+        active = active & (ds.emitter == emitter)
+        ds.pdf = dr.select(active, self.pdf(number, receiver, ds, active), 0)
+        active = active & (ds.pdf > 0)
+        return ds, dr.select(active, emitter.eval(met, active) / dr.select(active, ds.pdf, 1), 0)
+
+    def pdf(self, number: Index, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
+        """Returns the density per solid angle with which :meth:`sample` samples the direction ``ds``."""
+        cos = dr.dot(receiver.n, ds.d)
+        return dr.inv_pi * dr.select(receiver.both_sides, 0.5 * dr.abs(cos), dr.maximum(cos, 0))
 
 
 class ConstantSky(OtherLights):

@@ -15,15 +15,13 @@ import mitsuba as mi
 
 from ..compat import emitter_pointers, emitters_in_order
 from ..masks import but_not, fold, idle
+from .emitter_methods import Emitter
 from .spheres import SphereLights
-from .strategy import ConstantSky, Emitter, Index, LightSample, OtherLights, Receiver
+from .strategy import ConstantSky, Index, LightSample, OtherLights, Receiver, UnsampledLights
 
 #: Strategies for lamps, in order of preference. A lamp is any light source except a constant sky. The first strategy
 #: that can sample an emitter takes it.
-STRATEGIES = (SphereLights, OtherLights)
-
-#: Samples any light source from a surface that receives light from both sides.
-FROM_BOTH_SIDES = OtherLights(())
+STRATEGIES = (SphereLights, UnsampledLights, OtherLights)
 
 #: A strategy, the number of its first lamp, and the number after that of its last lamp.
 Group = tuple[OtherLights, Any, Any]
@@ -43,6 +41,8 @@ class Lamp:
     k: Index
     emitter: Emitter
     groups: list[Group]
+    #: Samples any light source from a surface that receives light from both sides.
+    two_sided: OtherLights
 
     @property
     def follows_shape(self) -> mi.Bool | bool:
@@ -73,7 +73,7 @@ class Lamp:
         """Calls ``evaluate`` with the sampling strategy for the sides of ``receiver`` that receive light, one side or
         both.
 
-        The strategy is :data:`FROM_BOTH_SIDES` where ``receiver`` receives light from both sides; elsewhere, the
+        The strategy is :attr:`two_sided` where ``receiver`` receives light from both sides; elsewhere, the
         strategy is the lamp's own strategy. If all strategies that the lamp may have sample the whole source, including
         the part below the horizon, the lamp's own strategy is used everywhere. The arguments of ``evaluate`` are the
         strategy, the number of the lamp, and a mask.
@@ -82,7 +82,7 @@ class Lamp:
         below_horizon = all(strategy.samples_below_horizon for strategy, *_ in self.groups)
         if below_horizon or both_sides is False or idle(both_sides):
             return self._by_strategy(active, evaluate)
-        two_sided = evaluate(FROM_BOTH_SIDES, self.k, active & both_sides)
+        two_sided = evaluate(self.two_sided, self.k, active & both_sides)
         above = but_not(active, both_sides)
         return two_sided if idle(above) else dr.select(both_sides, two_sided, self._by_strategy(above, evaluate))
 
@@ -132,14 +132,16 @@ class Lights:
         for strategy in STRATEGIES:
             if members := [e for e, s in strategies.items() if s is strategy]:
                 self.groups.append((strategy(members), len(self.emitters), len(self.emitters) + len(members)))
+                self.groups[-1][0].scene = scene
                 self.emitters += members
         #: Number of lamps, and number of all light sources.
         self.lamps, self.count = len(self.emitters), len(self.emitters) + len(skies)
         self.emitters += skies
+        self.two_sided = OtherLights(self.emitters)
         self.sky: Lamp | None = None
         if skies:
             sky = ConstantSky(2 * scene.bbox().bounding_sphere().radius)
-            self.sky = Lamp(self.lamps, skies[-1], [(sky, self.lamps, self.count)])
+            self.sky = Lamp(self.lamps, skies[-1], [(sky, self.lamps, self.count)], self.two_sided)
         #: Whether no ray can hit a light source, because all sources are points or emit in a single direction.
         self.all_delta = all(mi.has_flag(e.flags(), mi.EmitterFlags.Delta) for e in self.emitters)
         self.jit = dr.is_jit_v(mi.Float)
@@ -170,8 +172,9 @@ class Lights:
         (default: all groups); if ``k`` is an integer, the group follows from ``k``.
         """
         if isinstance(k, int):
-            return Lamp(k, self.emitters[k], [group for group in self.groups if group[1] <= k < group[2]])
-        return Lamp(k, dr.gather(mi.EmitterPtr, self.pointers, k), groups or self.groups)
+            groups = [group for group in self.groups if group[1] <= k < group[2]]
+            return Lamp(k, self.emitters[k], groups, self.two_sided)
+        return Lamp(k, dr.gather(mi.EmitterPtr, self.pointers, k), groups or self.groups, self.two_sided)
 
     def for_each(self, body: Callable[[Lamp, Any], Any], total: Any, active: mi.Bool, attached: bool = False) -> Any:
         """Computes ``total = body(lamp, total)`` for each lamp in turn, and returns the last total. A constant sky is

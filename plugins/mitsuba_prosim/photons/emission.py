@@ -18,7 +18,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..compat import emitter_pointers, emitters_in_order, eval_direction
-from ..masks import but_not
+from ..light.emitter_methods import EmitterMethods, point_sampler
 from ..sampling import sobol
 from ..sampling.hash import combine
 from . import targets as aim
@@ -71,7 +71,8 @@ def photon_emitters(emitters: Sequence[mi.Emitter]) -> list[mi.Emitter]:
         mi.Log(
             mi.LogLevel.Warn,
             f"prosim: caustics omit the light of the emitters {', '.join(repr(emitter.id()) for emitter in others)}, "
-            "because they emit only along their normals, or their flags tell no place. "
+            "because they emit only along their normals, their flags tell no place, or Mitsuba cannot sample "
+            "their shape or texture (curves, ellipsoids, sdfgrid, mesh_attribute). "
             "Use emitters with the flag DeltaPosition or Infinite, or with Surface but without DeltaDirection.",
         )
     return [emitter for emitter in emitters if emitter not in others]
@@ -82,11 +83,13 @@ def can_be_aimed(emitter: mi.Emitter) -> bool:
 
     Photons can be aimed if the emitter is a point, is infinitely far away, or is a surface that emits in many
     directions. Photons of a ``directionalarea``, a surface with the flag DeltaDirection, cannot be aimed, because this
-    emitter emits only along its normals.
+    emitter emits only along its normals; nor photons of a surface whose points cannot be sampled.
     """
     flags, names = emitter.flags(), mi.EmitterFlags
     emits_from_points = mi.has_flag(flags, names.Surface) and not mi.has_flag(flags, names.DeltaDirection)
-    return emits_from_points or mi.has_flag(flags, names.DeltaPosition) or mi.has_flag(flags, names.Infinite)
+    if emits_from_points:
+        return point_sampler(emitter) != ""
+    return mi.has_flag(flags, names.DeltaPosition) or mi.has_flag(flags, names.Infinite)
 
 
 class Sources:
@@ -101,6 +104,7 @@ class Sources:
         #: Number of pairs of an emitter and a target; and the union of the ``mi.EmitterFlags`` of the emitters.
         self.pairs, self.flags = len(emitters) * targets.count, reduce(or_, (e.flags() for e in emitters), 0)
         self.pointers = emitter_pointers(scene, emitters) if emitters else None
+        self.methods = EmitterMethods(emitters)
         sphere = scene.bbox().bounding_sphere()
         self.middle, self.far_distance = mi.Point3f(sphere.center), mi.Float(2 * max(float(sphere.radius), 1e-3))
         dr.make_opaque(self.pointers, self.middle, self.far_distance)
@@ -136,11 +140,11 @@ class Sources:
         # Mitsuba tells the light that arrives at a surface, so the intensity is computed at the first surface. The
         # power of an ``unattenuated`` source depends on the distance of this surface.
         center, radius = self.targets.at(sample.target)
-        x = emitter.sample_direction(sample.receiver(center), sample.on_source, active)[0].p
+        x = self.methods.sample_direction(emitter, sample.receiver(center), sample.on_source, active)[0].p
         ray = mi.Ray3f(x, aim.direction(x, center, radius, sample.on_target))
         density = self.per_pair * self.targets.density(x, ray.d, False, active, sample.target)
         hit, lit = self._first_hit(sample, ray, active)
-        weight = emitter.sample_direction(hit, sample.on_source, lit)[1]
+        weight = self.methods.sample_direction(emitter, hit, sample.on_source, lit)[1]
         flux = dr.select(lit, weight * (dr.squared_norm(hit.p - x) / density), 0)
         return Start(ray, flux, mi.Float(DELTA_DENSITY))
 
@@ -151,7 +155,7 @@ class Sources:
         scene.
         """
         center, radius = self.targets.at(sample.target)
-        ps, _ = emitter.sample_position(0.0, sample.on_source, active)
+        ps = self.methods.sample_position(emitter, sample.on_source, active)
         x, per_area = ps.p, mi.Float(ps.pdf)
         d = aim.direction(x, center, radius, sample.on_target)
         density = per_area * self.per_pair * self.targets.density(x, d, False, active, sample.target)
@@ -172,7 +176,7 @@ class Sources:
         from the light source. For light of a single direction, the density of photons is :data:`DELTA_DENSITY`.
         """
         center, radius = self.targets.at(sample.target)
-        ds, weight = emitter.sample_direction(sample.receiver(center), sample.on_source, active)
+        ds, weight = self.methods.sample_direction(emitter, sample.receiver(center), sample.on_source, active)
         d = -ds.d
         disk = mi.warp.square_to_uniform_disk_concentric(sample.on_target) * radius
         x = center + mi.Frame3f(d).to_world(mi.Vector3f(disk.x, disk.y, 0))
@@ -193,19 +197,11 @@ class Sources:
         if mi.has_flag(self.flags, mi.EmitterFlags.Surface):
             cos = dr.dot(ds.n, d)
             lit = active & mi.has_flag(flags, mi.EmitterFlags.Surface) & (cos > 0)
-            # Emission that varies over a surface is sampled by its texture; constant emission is sampled by the
-            # surface.
-            varies = mi.has_flag(flags, mi.EmitterFlags.SpatiallyVarying)
-            per_area = dr.select(
-                varies,
-                ds.emitter.pdf_direction(it, ds, lit & varies) * cos / dr.square(ds.dist),
-                ds.emitter.get_shape().pdf_position(ds, but_not(lit, varies)),
-            )
-            density = per_area * self.targets.density(ds.p, d, False, lit)
+            density = self.methods.pdf_position(ds.emitter, it, ds, lit) * self.targets.density(ds.p, d, False, lit)
             result = dr.select(lit, density / dr.select(lit, cos, 1), result)
         if mi.has_flag(self.flags, mi.EmitterFlags.Infinite):
             lit = active & mi.has_flag(flags, mi.EmitterFlags.Infinite)
-            pdf = ds.emitter.pdf_direction(it, ds, lit)
+            pdf = self.methods.pdf_direction(ds.emitter, it, ds, lit)
             result = dr.select(lit, pdf * self.targets.density(it.p, d, True, lit), result)
         return self.per_pair * result
 

@@ -22,6 +22,7 @@ from .radiance import Radiance
 from .ray import Ray
 from .transport_context import CAMERA_SPACES, Context
 from .vertex import shade
+from .workarounds import warn_of_lost_light
 
 
 @dataclass
@@ -92,6 +93,7 @@ class InnerIntegrator:
     caustics, has_layers = None, False
 
     def __init__(self, integrator: mi.SamplingIntegrator, scene: mi.Scene, medium: mi.Medium | None = None) -> None:
+        warn_of_lost_light(scene)
         self.integrator, self.scene, self.medium = integrator, scene, medium
         #: Names of the AOVs that a call returns after the radiance and the hit.
         self.aov_names = list(integrator.aov_names())

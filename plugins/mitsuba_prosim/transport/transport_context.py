@@ -15,7 +15,6 @@ from .absorption import absorbs_any, pointer
 from .radiance import layers_of
 from .ray import Ray
 from .scattering import Scattering
-from .workarounds import warn_of_lost_light
 
 #: Maximum level of a ray tree: its nodes are numbered as in a heap, in 32 bits.
 DEEPEST_TREE = 24
@@ -80,8 +79,6 @@ class Context:
             # With photons, a path must distinguish diffuse from other reflections. A ray that samples the whole BRDF
             # cannot.
             settings = replace(settings, diffuse_bounces=UNLIMITED_BOUNCES)
-        if settings.diffuse_bounces >= 0:
-            warn_of_lost_light(scene)
         self.scene, self.settings, self.attached = scene, settings, attached
         #: The photons, emitted by :meth:`.Caustics.use_pass`; and the MIS of photons and rays. Each may be None.
         self.caustics, self.photon_mis = caustics, None if caustics is None else caustics.mis

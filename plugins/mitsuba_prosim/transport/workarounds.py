@@ -27,9 +27,9 @@
     is fast. With ``coherent=True``, the choice between two triangles at a common edge depends on the other rays that
     are traced at the same time, so the image would depend on the crop window. Delete :func:`first_hit` when Embree's
     choice between two triangles at an edge depends on the ray alone.
-``area`` with a ``bitmap`` that has a ``to_uv``
-    samples points as if there were no ``to_uv``. Delete :func:`warn_of_lost_light` when the ``bitmap`` of Mitsuba obeys
-    ``to_uv`` in sampling too.
+``area`` with a texture
+    loses light in Mitsuba's own integrators (:mod:`..light.emitter_methods`). Delete :func:`warn_of_lost_light` when
+    ``area`` samples all points that a texture or a ``mesh_attribute`` lights.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ from collections.abc import Iterator
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import BLEND, EVALUATED_TOGETHER, MAPS, MASK, samples_elsewhere
+from ..compat import AREA, BLEND, EVALUATED_TOGETHER, MAPS, MASK
+from ..light.emitter_methods import point_sampler
 from ..masks import but_not, idle
 from ..optics.nested import Leaf, all_within, leaves, parts
 from . import lobes
@@ -50,17 +51,18 @@ EDGE = 1e-3
 
 
 def warn_of_lost_light(scene: mi.Scene) -> None:
-    """Warns of ``area`` emitters whose bitmap has a ``to_uv``: samples of such emitters miss a part of the light."""
+    """Warns of ``area`` emitters whose light Mitsuba's own integrators may lose."""
+    varies = mi.EmitterFlags.SpatiallyVarying
     lost = [
         e.get_shape().id()
         for e in scene.emitters()
-        if e.class_name() == "AreaLight" and samples_elsewhere(mi.traverse(e), "radiance.")
+        if e.class_name() == AREA and point_sampler(e) != ("texture" if mi.has_flag(e.flags(), varies) else "shape")
     ]
     if lost:
         mi.Log(
             mi.LogLevel.Warn,
-            f"prosim: {', '.join(map(repr, lost))} may light too little: Mitsuba's area ignores the to_uv of a bitmap "
-            "when it is sampled. Use prosim_area in its place.",
+            f"prosim: {', '.join(map(repr, lost))} may light too little: Mitsuba's area cannot sample this shape, or "
+            "loses points of the texture. Use prosim_area in its place.",
         )
 
 

@@ -1,0 +1,168 @@
+"""Lamps on shapes and with textures that Mitsuba samples wrongly or not at all: their light, photons and messages."""
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from scenes import UV, T, bitmap, camera, diffuse, film, ground, load_scene, rgb, shape_of, slow, write_square
+
+PLUGINS = ("area", "prosim_area")
+#: Texture coordinates of a square mesh: in the unit square, or outside it, or of several points each, or missing.
+COORDINATES = {"unit": UV, "tiled": 3 * UV, "negative": UV - 1, "folded": np.abs(2 * UV - 1), "none": None}
+UNSAMPLED = ("sdfgrid", "ellipsoids", "bsplinecurve", "linearcurve")
+DIRECT = {"type": "prosim", "adaptive": "none", "max_level": 0, "hide_emitters": True}
+PATHS = {**DIRECT, "diffuse_bounces": -1}
+#: What finds light only by rays that the surfaces scatter; and the same light by Mitsuba's path tracer.
+RAYS = {"type": "direct", "emitter_samples": 0, "bsdf_samples": 1, "hide_emitters": True}
+PATH = {"type": "path", "max_depth": 2, "hide_emitters": True}
+
+
+def lit(lamp, floor=None, **things):
+    """A floor under a lamp, which faces down."""
+    return load_scene(
+        sensor=camera([0, 3, 5], [0, 0, 0], film(8), fov=40),
+        floor=ground(4, floor or diffuse(0.8, 0.8, 0.8)),
+        lamp={"to_world": T().translate([0, 2, 0]).rotate([1, 0, 0], 90), **lamp},
+        **things,
+    )
+
+
+def mean(scene, integrator, spp=1024, count=8):
+    """The mean of some images, and its standard error."""
+    made = mi.load_dict(integrator)
+    means = [np.array(made.render(scene, seed=seed, spp=spp)).mean() for seed in range(count)]
+    return np.mean(means), np.std(means, ddof=1) / np.sqrt(count)
+
+
+def assert_same(scene, *integrators, reference):
+    """The means of eight images differ by less than 6 standard errors: a significance below 0.001 (Student's t with at
+    least 7 degrees of freedom), and less than a tenth.
+    """
+    expected, error = mean(scene, reference)
+    for integrator in integrators:
+        found, own_error = mean(scene, integrator)
+        assert abs(found - expected) < 6 * np.hypot(error, own_error) < 0.2 * expected, integrator
+
+
+def textured(case, folder, value=3.0):
+    """A shape, and a radiance that is ``value`` everywhere."""
+    shape = write_square(folder / "square.ply", COORDINATES.get(case), color=value if case == "attribute" else None)
+    texture = bitmap(np.full((4, 4, 3), value))
+    radiance = {"type": "mesh_attribute", "name": "vertex_color"} if case == "attribute" else texture
+    return {"type": "cube"} if case == "cube" else shape, radiance
+
+
+@pytest.mark.parametrize("plugin", PLUGINS)
+@pytest.mark.parametrize("case", ["tiled", "attribute", "none", *slow("unit", "negative", "folded", "cube")])
+def test_textured_lamp_keeps_its_light(variant_rgb, tmp_path, plugin, case):
+    shape, radiance = textured(case, tmp_path)
+    scene = lit(shape | {"emitter": {"type": plugin, "radiance": radiance}})
+    with_number = lit(shape | {"emitter": {"type": plugin, "radiance": 3.0}})
+    expected, _ = mean(with_number, DIRECT, count=2)
+    for integrator in (DIRECT, PATHS) if plugin == "area" else (DIRECT, PATH):
+        assert mean(scene, integrator, count=2)[0] == pytest.approx(expected, rel=0.05)
+
+
+def test_bright_spot_is_sampled_by_the_texture(variant_rgb, tmp_path):
+    """A mesh whose points have their own coordinates: much less noise than by area."""
+    texels = np.zeros((16, 16, 3))
+    texels[3, 5] = 100
+    noise = {}
+    for case in ("unit", "tiled"):
+        shape, _ = textured(case, tmp_path)
+        scene = lit(shape | {"emitter": {"type": "prosim_area", "radiance": bitmap(texels, filter_type="nearest")}})
+        value, error = mean(scene, DIRECT, spp=16)
+        noise[case] = error / value
+    assert noise["unit"] < 0.2 * noise["tiled"]
+
+
+@pytest.mark.parametrize("plugin", PLUGINS)
+@pytest.mark.parametrize("name", ["sdfgrid", *slow(*UNSAMPLED[1:])])
+def test_shape_without_sampling_keeps_its_light(variant_rgb, tmp_path, plugin, name):
+    lamp = shape_of(name, tmp_path) | {"emitter": {"type": plugin, "radiance": 5.0}}
+    place = lamp.pop("to_world", T())
+    assert_same(lit(lamp | {"to_world": T().translate([0, 1.5, 0]) @ place}), DIRECT, PATHS, reference=RAYS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "floor", [{"type": "roughdielectric", "alpha": 0.5}, {"type": "principled", "roughness": 0.7, "spec_trans": 0.8}]
+)
+def test_lamp_without_sampling_lights_other_surfaces(variant_rgb, tmp_path, floor):
+    """Also surfaces that light reaches from below."""
+    shape, radiance = textured("attribute", tmp_path)
+    lamp = {"to_world": T().translate([0, -2, -1]).rotate([1, 0, 0], -90)}
+    scene = lit(shape | lamp | {"emitter": {"type": "area", "radiance": radiance}}, floor)
+    assert_same(scene, DIRECT, PATHS, reference=RAYS)
+
+
+@pytest.mark.parametrize("case", ["sdfgrid", "bsplinecurve", "attribute"])
+def test_lamp_without_sampling_refuses_particle_tracing(variant_rgb, tmp_path, case):
+    shape, radiance = textured(case, tmp_path) if case == "attribute" else (shape_of(case, tmp_path), rgb(1, 2, 3))
+    scene = lit(shape | {"emitter": {"type": "prosim_area", "radiance": radiance}})
+    with pytest.raises(RuntimeError, match="cannot sample the points"):
+        mi.load_dict({"type": "ptracer"}).render(scene, spp=1)
+
+
+@pytest.mark.parametrize("name", UNSAMPLED)
+def test_unattenuated_lamp_refuses_shape_without_area(variant_rgb, tmp_path, name):
+    scene = load_scene(lamp=shape_of(name, tmp_path) | {"emitter": {"type": "prosim_area", "unattenuated": True}})
+    si = scene.ray_intersect(mi.Ray3f([0, 0, 5], [0, 0, -1]))
+    with pytest.raises(RuntimeError, match="an unattenuated source needs a shape whose area Mitsuba knows"):
+        scene.emitters()[0].eval(si)
+
+
+@pytest.mark.parametrize("case", ["tiled", "attribute", "none"])
+def test_scalar_variant_keeps_the_light_too(variant_scalar, tmp_path, case):
+    shape, radiance = textured(case, tmp_path)
+    scenes = [lit(shape | {"emitter": {"type": "area", "radiance": value}}) for value in (radiance, 3.0)]
+    for integrator in (DIRECT, PATHS):
+        ours, expected = (mean(scene, integrator, spp=64, count=2)[0] for scene in scenes)
+        assert ours == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.parametrize("plugin", PLUGINS)
+@pytest.mark.parametrize("case", ["tiled", *slow("attribute", "none", "unit", "negative", "folded", "cube")])
+def test_photons_of_a_textured_lamp_carry_its_light(variant_rgb, tmp_path, logged, plugin, case):
+    """Through a pane of glass onto a diffuse floor, where only photons bring light; those of an attribute are missing,
+    with a warning.
+    """
+    shape, radiance = textured(case, tmp_path)
+    ball = {"type": "sphere", "center": [0, 0.8, 0], "radius": 0.5, "bsdf": {"type": "dielectric"}}
+    caustics = {"type": "prosim", "adaptive": "none", "caustics": 20000, "hide_emitters": True}
+    scenes = [lit(shape | {"emitter": {"type": plugin, "radiance": value}}, ball=ball) for value in (radiance, 3.0)]
+    ours, expected = (mean(scene, caustics, spp=16, count=2)[0] for scene in scenes)
+    warned = any("'lamp'" in text or "mesh_attribute" in text for _, text in logged)
+    assert (ours == pytest.approx(expected, rel=0.02)) != (case == "attribute") and warned == (case == "attribute")
+
+
+CURVE = "bsplinecurve"
+STRANGERS = ("instance", "shapegroup", *UNSAMPLED, f"{CURVE} that shines", "sdfgrid that shines")
+
+
+@pytest.mark.parametrize("lamps", [1, *slow(6)])
+@pytest.mark.parametrize("elsewhere", [True, *slow(False)])
+@pytest.mark.parametrize("stranger", STRANGERS)
+def test_other_shapes_of_the_process_do_not_matter(variant_rgb, tmp_path, stranger, elsewhere, lamps):
+    """A call for an array of shapes or emitters reaches all of the process; a glossy floor asks for their densities."""
+    name = stranger.split()[0]
+    ball = {"type": "sphere", "radius": 0.5, "bsdf": {"type": "conductor"}}
+    things = {"stranger": {"type": "shapegroup", "ball": ball}}
+    if name == "instance":
+        things["i"] = {
+            "type": "instance",
+            "to_world": T().translate([0, -9, 0]),
+            "g": {"type": "ref", "id": "stranger"},
+        }
+    elif name != "shapegroup":
+        things["stranger"] = {**shape_of(name, tmp_path), "bsdf": {"type": "conductor"}}
+        if "shines" in stranger:
+            things["stranger"]["emitter"] = {"type": "area"}
+    other = load_scene(**things) if elsewhere else None
+    panel = {"type": "rectangle", "emitter": {"type": "prosim_area", "radiance": 3.0}}
+    more = {f"lamp {k}": panel | {"to_world": T().translate([k, 4, 0]).rotate([1, 0, 0], 90)} for k in range(1, lamps)}
+    glossy = {"type": "roughconductor", "alpha": 0.3}
+    scene = lit(panel, glossy, ball=ball, **more, **({} if elsewhere else things))
+    settings = {"max_level": 2} if lamps == 1 else {"max_level": 2, "diffuse_bounces": 2}
+    integrator = mi.load_dict({"type": "prosim", "samples": 1, "caustics": 2000, **settings})
+    assert np.array(integrator.render(scene)).mean() > 0.01
+    del other

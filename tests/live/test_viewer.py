@@ -1,6 +1,8 @@
 """What the viewer shows after which request."""
 
 import itertools
+import signal
+import time
 from pathlib import Path
 
 import mitsuba as mi
@@ -234,3 +236,22 @@ def test_denoised_in_the_end(variant_rgb, path, tmp_path, monkeypatch, all_porti
     for name in ("final", "raw", "denoised"):
         assert np.array_equal(layers[name], getattr(expected, name)), name
     assert np.array_equal(layers["error"], expected.final_error)
+
+
+def test_signal_does_not_prolong_the_wait_for_calls(path):
+    """The handler takes longer than the wait; a second signal, after 5 seconds, ends a wait without end."""
+    said = []
+
+    def handle(*_):
+        said.append(1)
+        assert len(said) == 1, "the viewer waits without end"
+        time.sleep(0.1)
+
+    before = signal.signal(signal.SIGALRM, handle)
+    signal.setitimer(signal.ITIMER_REAL, 0.02, 5)
+    try:
+        Viewer(path, lambda: None).run_calls(0.05)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    assert said

@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import isnan
 from pathlib import Path
-from queue import Empty, SimpleQueue
+from queue import Empty, Queue
 from typing import Any
 
 import mitsuba as mi
@@ -63,8 +63,9 @@ class Viewer:
         self.scene: LoadedScene | None = None
         self._path, self._open_scene = path, open_scene
         self._spp, self._seed, self._denoise = spp, seed, denoise
-        #: The functions that :meth:`call` has scheduled, each with the future of its result.
-        self._calls: SimpleQueue[tuple[Callable[[Viewer], Any], Future[Any]]] = SimpleQueue()
+        #: The functions that :meth:`call` has scheduled, each with the future of its result. (After a signal, Python's
+        #: SimpleQueue may wait without end, even if it has a timeout.)
+        self._calls: Queue[tuple[Callable[[Viewer], Any], Future[Any]]] = Queue()
         #: The latest request, and the request that is shown or being rendered.
         self._request = self._shown = ViewRequest()
         #: The camera in the scene file that was opened last; None if the viewer cannot move this sensor. A move starts

@@ -137,3 +137,13 @@ def test_pictures_are_of_the_steps(variant_rgb, number):
     )
     blocks = np.array(shown).reshape(size[1], 10, size[0], 10, 3).mean(axis=(1, 3))
     assert np.sqrt(np.mean((image - blocks) ** 2)) < 0.05  # outlines, and grain
+
+
+def test_each_promise_has_a_test():
+    """Each row of the tables names a test, which exists."""
+    text = (ROOT / "docs" / "promises.md").read_text("utf-8")
+    rows = re.findall(r"^\| (?!---)(.*) \|$", text, re.MULTILINE)
+    named = [re.search(r"`(\S+\.py)::(test_\w+)`$", row) for row in rows if not row.endswith("test")]
+    assert len(named) > 30 and all(named)
+    for test in named:
+        assert re.search(rf"^def {test[2]}\(", (ROOT / test[1]).read_text("utf-8"), re.MULTILINE), test[0]

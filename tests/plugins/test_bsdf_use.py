@@ -177,3 +177,31 @@ def test_derivatives_match_finite_differences(variant_rgb, material, key, step):
     )
     found, difference = slopes(world, f"plate.bsdf.{key}", step)
     assert found == pytest.approx(difference, rel=5e-3) and difference != 0
+
+
+@pytest.mark.parametrize(
+    "bsdf, albedo",
+    [
+        ({"type": "prosim_lambertian", "reflectance": 0.3}, 0.3),
+        ({"type": "prosim_lambertian", "reflectance": bitmap(np.full((2, 2, 3), 1.5))}, 1),
+        ({"type": "prosim_composite", "diffuse_reflectance": 0.3, "alpha": 0.05}, 0.3),
+        ({"type": "prosim_phong", "diffuse_reflectance": 0.3}, 0.3),
+        ({"type": "prosim_conductor", "specular_reflectance": 0.7}, 0.7),
+        ({"type": "prosim_conductor", "eta": 1.5, "k": 0.0}, 0.04),
+        ({"type": "prosim_dielectric"}, 1),
+        ({"type": "prosim_dielectric", "int_ior": 1.5, "ext_ior": 1.0, "specular_transmittance": 0.0}, 0.04),
+    ],
+)
+def test_albedo_is_the_colour_of_the_surface(variant_rgb, bsdf, albedo):
+    """In [0, 1], whatever the roughness and the direction; also in other BSDFs."""
+    has_facets = bsdf["type"] in ("prosim_conductor", "prosim_dielectric")
+    for roughness in ({}, {"alpha": 0.05}, {"alpha": 0.5}, {"exponent": 900.0}) if has_facets else ({},):
+        own = bsdf | roughness
+        nested = [own, {"type": "mask", "b": own}, {"type": "blendbsdf", "a": own, "b": own, "weight": 0.5}]
+        nested += [{"type": name, name: bitmap(FLAT), "b": own} for name in ("bumpmap", "normalmap")]
+        if bsdf["type"] != "prosim_dielectric":
+            nested.append({"type": "twosided", "b": own})
+        si = dr.zeros(mi.SurfaceInteraction3f, 3)
+        si.wi = dr.normalize(mi.Vector3f([0, 0.6, 0.99], 0, [1, 0.7, 0.1]))
+        for each in nested:
+            assert np.allclose(np.array(mi.load_dict(each).eval_diffuse_reflectance(si)), albedo, atol=1e-5), each

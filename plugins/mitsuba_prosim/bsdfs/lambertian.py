@@ -69,5 +69,5 @@ class Lambertian(Material):
         pdf = mi.warp.square_to_cosine_hemisphere_pdf(wo)
         return self.reflectance.eval(si, active) * pdf, pdf
 
-    def eval_diffuse_reflectance(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
-        return mi.depolarizer(self.reflectance.eval(si, active))
+    def albedo(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
+        return self.reflectance.eval(si, active)

@@ -148,6 +148,14 @@ class Material(mi.BSDF):
         """Returns the density with which :meth:`sample` samples ``wo``; the arguments are those of :meth:`eval_pdf`."""
         return self.eval_pdf(*args, **kwargs)[1]
 
+    def albedo(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
+        """Returns the colour of the surface, for denoisers: the same from all directions."""
+        raise NotImplementedError
+
+    def eval_diffuse_reflectance(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
+        """Returns the colour of the surface, in [0, 1], also for a material without a diffuse component."""
+        return mi.depolarizer(dr.clip(self.albedo(si, active), 0, 1))
+
     def traverse(self, callback: mi.TraversalCallback) -> None:
         expose(callback, **self.parameters())
 
@@ -258,8 +266,8 @@ class Pigmented(Material):
         value -= dr.detach(dr.select(value > LEAST_WEIGHT * pdf * wo.z, 0, value))
         return value, pdf
 
-    def eval_diffuse_reflectance(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
-        return mi.depolarizer(self.diffuse_reflectance.eval(si, active))
+    def albedo(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
+        return self.diffuse_reflectance.eval(si, active)
 
 
 # ---------------------------------------------------------------- parameters

@@ -205,3 +205,43 @@ def test_albedo_is_the_colour_of_the_surface(variant_rgb, bsdf, albedo):
         si.wi = dr.normalize(mi.Vector3f([0, 0.6, 0.99], 0, [1, 0.7, 0.1]))
         for each in nested:
             assert np.allclose(np.array(mi.load_dict(each).eval_diffuse_reflectance(si)), albedo, atol=1e-5), each
+
+
+@pytest.mark.parametrize("name", ["composite", "phong"])
+@pytest.mark.parametrize("more", [{}, {"alpha": 0.2}], ids=["smooth", "rough"])
+@pytest.mark.parametrize("kd, ks", [(0.95, 0.95), (1.5, 0.4), (0.2, 0.9)])
+def test_changed_reflectances_create_no_energy(variant_rgb, name, more, kd, ks):
+    """In a white furnace the mean of 65,536 samples is at most 1. The gradients are those of the limited values: none
+    by ks, and by kd where it is at most 1.
+    """
+    more = {"exponent": 20.0} if more and name == "phong" else more
+    index = {"int_ior": 10.0} if name == "composite" else {}
+    bsdf = mi.load_dict(
+        {"type": f"prosim_{name}", "diffuse_reflectance": 0.3, "specular_reflectance": 0.4, **index, **more}
+    )
+    parameters = mi.traverse(bsdf)
+    names = "diffuse_reflectance.value", "specular_reflectance.value"
+    for key, value in zip(names, (kd, ks)):
+        parameters[key] = mi.Float(value)
+        dr.enable_grad(parameters[key])
+    parameters.update()
+    si = dr.zeros(mi.SurfaceInteraction3f, 1 << 16)
+    si.wi = mi.Vector3f(0.6, 0, 0.8)
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(0, 1 << 16)
+    _, weight = bsdf.sample(mi.BSDFContext(), si, sampler.next_1d(), sampler.next_2d())
+    mean = dr.mean(weight.x)
+    assert mean[0] <= 1.001 and mean[0] > 0.8 * min(kd, 1)
+    wo = mi.Vector3f(-0.6, 0, 0.8)
+    dr.backward(dr.mean(bsdf.eval(mi.BSDFContext(), si, wo).x))
+    by_kd, by_ks = (dr.grad(parameters[key])[0] for key in names)
+    assert np.isfinite([by_kd, by_ks]).all() and by_ks == 0 and (by_kd == 0) == (kd > 1)
+
+
+def test_loaded_phong_keeps_a_sum_above_1(variant_rgb):
+    bsdf = mi.load_dict({"type": "prosim_phong", "diffuse_reflectance": 0.8, "specular_reflectance": 0.6})
+    si = dr.zeros(mi.SurfaceInteraction3f)
+    si.wi = mi.Vector3f(0, 0, 1)
+    context = mi.BSDFContext()
+    context.component = 0
+    assert bsdf.sample(context, si, 0.5, mi.Point2f(0.5))[1].x[0] == pytest.approx(0.6)

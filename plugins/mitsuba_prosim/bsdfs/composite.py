@@ -30,8 +30,8 @@ class Composite(Pigmented):
      * - specular_reflectance
        - |spectrum| or |texture|
        - Weight of the specular lobe, :math:`k_s`. Numbers and colours with :math:`k_d + k_s > 1` are an error, also if
-         :math:`k_d` has its default. Where textures or spectra have a sum above 1, :math:`k_s` is reduced to
-         :math:`1 - k_d`. (Default: ``1 - diffuse_reflectance``)
+         :math:`k_d` has its default. Where textures, spectra or changed values have a sum above 1, :math:`k_s` is
+         reduced to :math:`1 - k_d`. (Default: ``1 - diffuse_reflectance``)
        - |exposed|, |differentiable|
 
      * - int_ior, ext_ior
@@ -102,26 +102,12 @@ class Composite(Pigmented):
     def __init__(self, props: mi.Properties) -> None:
         conserves = known_to_conserve(props)  # before the parameters become textures
         super().__init__(props)
-        self.conserves = conserves
+        self.is_limited = not conserves
         self.specular_reflectance = reflectance(props, "specular_reflectance")
         self.ambient = self.ambient or self.diffuse_reflectance
         self.eta = mi.Float(index(props, "int_ior", "polypropylene") / index(props, "ext_ior", "air"))
         dr.make_opaque(self.eta)
         self.multiple_scattering = flag(props, "multiple_scattering")
-
-    def specular_factor(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        """Returns the specular reflectance ks.
-
-        Without the parameter ``specular_reflectance``, ks is 1 - kd, where kd is the diffuse reflectance. At every
-        point and wavelength, ks is limited to 1 - kd.
-        """
-        if self.specular_reflectance is None:
-            ks = dr.maximum(1 - self.diffuse_reflectance.eval(si, active), 0)
-        else:
-            ks = self.specular_reflectance.eval(si, active)
-            if not self.conserves:
-                ks = dr.minimum(ks, dr.maximum(1 - self.diffuse_reflectance.eval(si, active), 0))
-        return ks
 
     def fresnel(self, cos: mi.Float) -> mi.Float:
         """Returns the reflectance of the varnish for light at the cosine ``cos`` to a facet."""

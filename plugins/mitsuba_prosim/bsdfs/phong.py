@@ -47,8 +47,9 @@ class Phong(Pigmented):
 
     The empirical model (thesis, sections 3.1.2 and 4.2.2.2) in the normalisation of Lafortune and Willems (1994):
     :math:`\rho = k_d / \pi + k_s (n + 2) / (2 \pi) \cos^n \alpha`, where :math:`\alpha` is the angle to the mirror
-    direction. The model conserves energy if :math:`k_d + k_s \le 1`. A greater sum is allowed, because the listing in
-    the thesis has such surfaces. The model has no Fresnel reflectance and no off-specular peak. It is one-sided. Its
+    direction. The model conserves energy if :math:`k_d + k_s \le 1`. A scene may have a
+    greater sum, because the listing in the thesis has such surfaces; but if the reflectances change later, :math:`k_s`
+    is limited to :math:`1 - k_d`. The model has no Fresnel reflectance and no off-specular peak. It is one-sided. Its
     components are specular and diffuse.
 
     .. tabs::
@@ -75,12 +76,12 @@ class Phong(Pigmented):
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props, ("phong",))
-        # The sum of kd and ks may exceed 1: the model is empirical, and the thesis's listing has kd + ks = 1.2 and 1.4
-        # (appendix A).
+        # Loaded values may have a sum kd + ks above 1: the model is empirical, and the thesis's listing has the sums
+        # 1.2 and 1.4 (appendix A). Changed values are limited, because an optimisation may find any sum.
         self.specular_reflectance = reflectance(props, "specular_reflectance", 0.2)
 
     def specular_weight(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        return self.specular_reflectance.eval(si, active)
+        return self.specular_factor(si, active)
 
     def specular_sample(
         self, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
@@ -92,4 +93,4 @@ class Phong(Pigmented):
     def specular_eval_pdf(self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
         n = self.roughness.eval_1(si, active)
         lobe = cosine.power(cosine.versine(mi.reflect(si.wi), wo), n) * dr.inv_two_pi
-        return self.specular_reflectance.eval(si, active) * ((n + 2) * lobe * wo.z), (n + 1) * lobe
+        return self.specular_factor(si, active) * ((n + 2) * lobe * wo.z), (n + 1) * lobe

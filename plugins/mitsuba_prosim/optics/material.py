@@ -171,6 +171,11 @@ class Pigmented(Material):
     class is not an abstract class of Python's module ``abc``, because Mitsuba's classes have another metaclass.
     """
 
+    #: The texture ks, or None.
+    specular_reflectance: Any = None
+    #: Whether the reflectances are limited at each point and wavelength, so that their sum kd + ks is at most 1.
+    is_limited = False
+
     def __init__(self, props: mi.Properties, distributions: tuple[str, ...] = tuple(DISTRIBUTIONS)) -> None:
         """Reads the parameters of the diffuse reflectance and of the roughness; ``distributions`` are the names of the
         allowed microfacet distributions.
@@ -180,6 +185,22 @@ class Pigmented(Material):
         self.distribution, self.roughness = roughness(props, distributions)
         front = mi.BSDFFlags.FrontSide
         self.set_components({self.specular_type(): front, mi.BSDFFlags.DiffuseReflection: front})
+
+    def parameters_changed(self, keys: list[str]) -> None:
+        """Limits the reflectances if one of them has changed, because the new values are not checked."""
+        self.is_limited = self.is_limited or not keys or any("reflectance" in key for key in keys)
+
+    def diffuse_factor(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
+        """Returns the diffuse reflectance kd."""
+        kd = self.diffuse_reflectance.eval(si, active)
+        return dr.minimum(kd, 1) if self.is_limited else kd
+
+    def specular_factor(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
+        """Returns the specular reflectance ks: 1 - kd without the parameter ``specular_reflectance``."""
+        if self.specular_reflectance is None:
+            return dr.maximum(1 - self.diffuse_factor(si, active), 0)
+        ks = self.specular_reflectance.eval(si, active)
+        return dr.minimum(ks, dr.maximum(1 - self.diffuse_factor(si, active), 0)) if self.is_limited else ks
 
     # A subclass defines the next three methods. (abc cannot say so: Mitsuba's classes have another metaclass.)
 
@@ -230,7 +251,7 @@ class Pigmented(Material):
         ``pdf`` is 0 if ``wo`` is below the surface.
         """
         specular, diffuse = self.enabled(ctx)
-        p_specular = self.specular_probability(ctx, si, self.diffuse_reflectance.eval(si, active), active)
+        p_specular = self.specular_probability(ctx, si, self.diffuse_factor(si, active), active)
         is_specular, mirror = sample1 < p_specular, self.roughness is None
         wo = mi.warp.square_to_cosine_hemisphere(sample2) if diffuse else mi.Vector3f(0, 0, 1)
         if specular:
@@ -250,7 +271,7 @@ class Pigmented(Material):
         """
         specular, diffuse = self.enabled(ctx)
         value, pdf = mi.UnpolarizedSpectrum(0), mi.Float(0)
-        kd = self.diffuse_reflectance.eval(si, active)
+        kd = self.diffuse_factor(si, active)
         p_specular = self.specular_probability(ctx, si, kd, active)
         if diffuse:
             density = mi.warp.square_to_cosine_hemisphere_pdf(wo)

@@ -33,6 +33,14 @@ MATERIALS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
         {"type": "prosim_conductor", "alpha": 0.4, **CU},
         {"type": "roughconductor", "alpha": 0.4, **CU},
     ),
+    **{
+        f"multiple scattering, {alpha}, over {name}": (
+            {"type": "prosim_conductor", "alpha": alpha, "multiple_scattering": True, **CU},
+            {"type": other, "alpha": alpha, **CU},
+        )
+        for alpha in (0.2, 0.5, 1.0)
+        for name, other in (("single", "prosim_conductor"), ("roughconductor", "roughconductor"))
+    },
     "dielectric, smooth": ({"type": "prosim_dielectric"}, {"type": "dielectric"}),
     "dielectric, 0.1": ({"type": "prosim_dielectric", "alpha": 0.1}, {"type": "roughdielectric", "alpha": 0.1}),
     "composite, smooth": ({"type": "prosim_composite", **HALF}, {"type": "plastic", **HALF}),

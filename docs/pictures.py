@@ -206,6 +206,24 @@ def materials():
     return np.concatenate([np.concatenate(rows[i : i + 5], axis=1) for i in range(0, 25, 5)])
 
 
+def rough_metals():
+    """Copper balls of five roughnesses; above without, below with reflections between the facets."""
+    rows = []
+    for many in (False, True):
+        row = []
+        for m in (0.2, 0.4, 0.6, 0.8, 1.0):
+            scene = studio(
+                ball=ball({"type": "prosim_conductor", "material": "Cu", "alpha": m, "multiple_scattering": many})
+            )
+            scene["integrator"] = {"type": "path", "max_depth": 4}
+            scene["sky"] = {"type": "constant", "radiance": rgb(0.55, 0.6, 0.7)}
+            scene["sensor"]["film"] |= {"width": 192, "height": 192}
+            scene["sensor"]["fov"] = 24
+            row.append(0.75 * rendered(scene, 256))
+        rows.append(np.concatenate(row, axis=1))
+    return np.concatenate(rows)
+
+
 def csg():
     """Union, difference and intersection of a box and a ball."""
     text = """LIGHTS AREA position 12 30 20 radius 3 Intensity 150000 150000 150000
@@ -314,6 +332,7 @@ def main(only):
         "volta": turntable,
         "copo": tumbler,
         "materials": materials,
+        "rough-metals": rough_metals,
         "csg": csg,
         "samples": samples,
         "equal-time": equal_time,

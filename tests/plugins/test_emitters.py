@@ -347,6 +347,36 @@ def test_parameters_can_be_changed_and_equal_sources_stay_two(variant_rgb):
     assert first(weight)[0] > 0 and ds.p.y[0] == pytest.approx(3.1)
 
 
+BLACK = {"number": (0.0, 5.0), "colour": (rgb(0, 0, 0), rgb(5, 5, 5))}
+BLACK["spectrum"] = tuple({"type": "spectrum", "value": [(300.0, v), (900.0, v)]} for v in (0.0, 5.0))
+
+
+@pytest.mark.parametrize("kind", BLACK)
+@pytest.mark.parametrize("make", (surface, point))
+def test_black_source_takes_a_value_later(variant, make, kind):
+    """Set to a value, it shines as one that is loaded with it; its parameter has the same name and type."""
+    quantity = "radiance" if make is surface else "intensity"
+    (_black, emitter), (_loaded, shining) = (emitter_of(source_of(make, **{quantity: value})) for value in BLACK[kind])
+    params, others = mi.traverse(emitter), mi.traverse(shining)
+    name = quantity + ".value"
+    value = 5.0 if "spectral" in variant else others[name]
+    if "spectral" not in variant:
+        assert type(params[name]) is type(value)
+    it = dr.zeros(mi.SurfaceInteraction3f, 1) if variant != "scalar_rgb" else mi.SurfaceInteraction3f()
+    it.p = mi.Point3f(0)
+    if "spectral" in variant:
+        it.wavelengths = type(it.wavelengths)(450, 500, 550, 650)
+    draw = [lambda e=e: np.array(e.sample_direction(it, mi.Point2f(0.3, 0.6))[1]) for e in (emitter, shining)]
+    assert np.all(draw[0]() == 0)
+    params[name] = type(params[name])(value)
+    params.update()
+    np.testing.assert_allclose(draw[0](), draw[1](), rtol=1e-5)
+    if variant.endswith("rgb") and kind != "spectrum":
+        params[name] = mi.Color3f(4, 5, 6)
+        params.update()
+        assert np.allclose(draw[0]() / draw[1](), np.array([[0.8], [1], [1.2]]).reshape(draw[1]().shape), rtol=1e-5)
+
+
 @pytest.mark.parametrize("texel", (-1.0, float("nan"), float("inf")))
 def test_an_image_of_light_is_finite_and_not_negative(variant_rgb, texel):
     texels = np.ones((3, 3, 3), np.float32)

@@ -14,7 +14,7 @@ import mitsuba as mi
 from ..alone import alone_if_traced
 from ..engine.film import aov_values
 from ..engine.integrator import ProgressiveIntegrator
-from ..light.source import read_emission
+from ..light.source import read_emission, shown
 from ..parameters import choice, expose, number, reject, whole
 from ..registry import plugin
 from ..sampling.nrook import SamplerPoints
@@ -249,7 +249,7 @@ class Prosim(ProgressiveIntegrator):
         self._layer_channels: list[str] = []  # channel names of the last rendered scene
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
-        expose(callback, ambient=self.ambient, background=self.background)
+        expose(callback, ambient=shown(self.ambient), background=shown(self.background))
 
     def aov_names(self) -> list[str]:
         """Returns the names of all AOVs of the integrator. Before the first render, the AOVs of the parameter

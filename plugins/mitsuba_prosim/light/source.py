@@ -86,7 +86,7 @@ class Source(mi.Emitter):
     def traverse(self, callback: mi.TraversalCallback) -> None:
         super().traverse(callback)
         edge = mi.ParamFlags.Differentiable | mi.ParamFlags.Discontinuous
-        expose(callback, **{self.quantity: self.emission}, exponent=self.exponent)
+        expose(callback, **{self.quantity: shown(self.emission)}, exponent=self.exponent)
         expose(callback, edge, direction=self.direction, angle=self.angle)
 
     def parameters_changed(self, keys: list[str]) -> None:
@@ -115,13 +115,24 @@ class Source(mi.Emitter):
         return describe(self, **self.parameters())
 
 
+def shown(emission: Any) -> Any:
+    """Returns the texture that stands for ``emission`` in ``mi.traverse``: ``emission``, or the factor of D65 if
+    :func:`read_emission` has read black. So the parameter has the same name as that of a lamp that is not black.
+    """
+    parameters: Any = {} if emission is None else mi.traverse(emission)
+    if "nested_texture.value" not in parameters:
+        return emission
+    return next(node for node in parameters.hierarchy if "value" in mi.traverse(node))
+
+
 def read_emission(props: mi.Properties, name: str, default: float | None = None) -> Any:
     """Returns the emitted spectrum of a light source, read from the parameter ``name``, as a texture.
 
     ``default`` is the emitted spectrum if the parameter is absent; the function returns None if ``default`` is None
     too. Raises ValueError unless all numbers of the emitted spectrum are finite and not negative, including the texels
     of an image. In spectral variants, Mitsuba converts the texels of an image to coefficients of spectra, which may be
-    negative, so that only NaN is an error for texels.
+    negative, so that only NaN is an error for texels. There, a black number or colour is a factor 0 of the illuminant
+    D65, and a black spectrum is uniform; :func:`shown` gives the factor, which can be changed later.
     """
     allowed = "finite numbers >= 0"
     values = constant_values(props, name)
@@ -129,9 +140,10 @@ def read_emission(props: mi.Properties, name: str, default: float | None = None)
         raise reject(props, name, for_message(values), allowed)
     if name not in props and default is None:
         return None
-    if values and not any(values):
+    if values and not any(values) and mi.is_spectral:
         # Mitsuba 3.9 cannot multiply black with an illuminant's spectrum: the product would have no density to sample.
-        return create("uniform", value=0.0)
+        black = create("uniform", value=0.0)
+        return black if hasattr(props[name], "values") else create("d65", nested=black)
     texture = props.get_emissive_texture(name) if default is None else props.get_emissive_texture(name, default)
     if not values:
         import numpy as np  # slow to import, and seldom needed

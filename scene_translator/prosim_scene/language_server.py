@@ -5,8 +5,11 @@ Protocol (LSP).
 import asyncio
 import gc
 import re
+from collections.abc import Callable
 from functools import cached_property
 from importlib.metadata import version
+from typing import Any, TypeVar
+from urllib.parse import unquote
 
 import click
 
@@ -14,6 +17,7 @@ from . import extras
 
 try:
     from lsprotocol import types as lsp
+    from pygls.exceptions import JsonRpcInvalidParams
     from pygls.lsp.server import LanguageServer
     from pygls.uris import to_fs_path
     from pygls.workspace import TextDocument
@@ -85,11 +89,14 @@ class SceneServer(LanguageServer):
         super().__init__("prosim", version("mitsuba-prosim"), text_document_sync_kind=lsp.TextDocumentSyncKind.Full)
         self.documents: dict[str, OpenDocument] = {}
 
-    def update(self, uri: str) -> OpenDocument:
+    def update(self, uri: str) -> OpenDocument | None:
         """Replaces the stored version of the document ``uri`` by the editor's current version, and returns the current
-        version. The task or timer that is pending for the stored version is cancelled.
+        version, or None if the document is not open. The task or timer that is pending for the stored version is
+        cancelled.
         """
         self.close(uri)
+        if {uri, unquote(uri)}.isdisjoint(self.workspace.text_documents):
+            return None
         self.documents[uri] = OpenDocument(self.workspace.get_text_document(uri))
         return self.documents[uri]
 
@@ -119,6 +126,10 @@ class SceneServer(LanguageServer):
 
 
 server = SceneServer()
+#: A function that answers a request about an open document.
+Answer = TypeVar("Answer", bound=Callable[[OpenDocument, Any], Any])
+#: Matches the suggestion at the end of an error: the text that should replace the wrong one.
+SUGGESTION = re.compile(r"did you mean '([^']+)'|(?:write|written) ([A-Z]+|[\d.e-]+)$")
 
 
 @click.command("language-server")
@@ -139,7 +150,8 @@ def opened(ls: SceneServer, params: lsp.DidOpenTextDocumentParams | lsp.DidSaveT
     If the text has no error, and the CSG tree has at most :data:`LARGEST` nodes, a task evaluates the CSG tree, and
     later publishes the diagnostics of the evaluation, too.
     """
-    document = ls.update(params.text_document.uri)
+    if (document := ls.update(params.text_document.uri)) is None:
+        return
     ls.publish(document, document.symbols.diagnostics)
     if document.symbols.document is not None and len(document.symbols.document.scene.csg) <= LARGEST:
         document.pending = asyncio.get_running_loop().create_task(ls.evaluate(document))
@@ -150,9 +162,9 @@ def changed(ls: SceneServer, params: lsp.DidChangeTextDocumentParams) -> None:
     """Handles a changed document: publishes its diagnostics when the user has stopped typing for :data:`DELAY` seconds.
     Each further change cancels the earlier timer or evaluation of the document.
     """
-    document = ls.update(params.text_document.uri)
-    loop = asyncio.get_running_loop()
-    document.pending = loop.call_later(DELAY, lambda: ls.publish(document, document.symbols.diagnostics))
+    if document := ls.update(params.text_document.uri):
+        loop = asyncio.get_running_loop()
+        document.pending = loop.call_later(DELAY, lambda: ls.publish(document, document.symbols.diagnostics))
 
 
 @server.feature(lsp.TEXT_DOCUMENT_DID_CLOSE)
@@ -162,10 +174,25 @@ def closed(ls: SceneServer, params: lsp.DidCloseTextDocumentParams) -> None:
     ls.text_document_publish_diagnostics(lsp.PublishDiagnosticsParams(params.text_document.uri, []))
 
 
-@server.feature(lsp.TEXT_DOCUMENT_COMPLETION, lsp.CompletionOptions(trigger_characters=["$", "-"]))
-def complete(ls: SceneServer, params: lsp.CompletionParams) -> list[lsp.CompletionItem]:
+def answers(method: str, options: object = None) -> Callable[[Answer], Answer]:
+    """Registers a function that answers the request ``method`` about an open document, from this document and the
+    parameters of the request. The answer about any other document is null.
+    """
+
+    def register(function: Answer) -> Answer:
+        @server.feature(method, options)
+        def answer(ls: SceneServer, params: Any) -> Any:
+            document = ls.documents.get(params.text_document.uri)
+            return None if document is None else function(document, params)
+
+        return function
+
+    return register
+
+
+@answers(lsp.TEXT_DOCUMENT_COMPLETION, lsp.CompletionOptions(trigger_characters=["$", "-"]))
+def complete(document: OpenDocument, params: lsp.CompletionParams) -> list[lsp.CompletionItem]:
     """Returns the completions at a position in a document: the words that the scene language allows there."""
-    document = ls.documents[params.text_document.uri]
     offset = document.offset(params.position)
     return [_completion_item(one, document.range(one.start, offset)) for one in document.symbols.completions(offset)]
 
@@ -184,40 +211,38 @@ def _completion_item(item: Completion, replaced: lsp.Range) -> lsp.CompletionIte
     )
 
 
-@server.feature(lsp.TEXT_DOCUMENT_HOVER)
-def hover(ls: SceneServer, params: lsp.HoverParams) -> lsp.Hover | None:
+@answers(lsp.TEXT_DOCUMENT_HOVER)
+def hover(document: OpenDocument, params: lsp.HoverParams) -> lsp.Hover | None:
     """Returns the meaning of the word at a position, or None if nothing is known about the word."""
-    document = ls.documents[params.text_document.uri]
     if (found := document.symbols.hover(document.offset(params.position))) is None:
         return None
     start, end, text = found
     return lsp.Hover(lsp.MarkupContent(lsp.MarkupKind.Markdown, text), document.range(start, end))
 
 
-@server.feature(lsp.TEXT_DOCUMENT_DEFINITION)
-@server.feature(lsp.TEXT_DOCUMENT_REFERENCES)
-def locations(ls: SceneServer, params: lsp.DefinitionParams | lsp.ReferenceParams) -> list[lsp.Location]:
+@answers(lsp.TEXT_DOCUMENT_DEFINITION)
+@answers(lsp.TEXT_DOCUMENT_REFERENCES)
+def locations(document: OpenDocument, params: lsp.DefinitionParams | lsp.ReferenceParams) -> list[lsp.Location]:
     """Returns the locations of all occurrences of the symbol at a position, or, if the editor asks for the definition,
     only of the symbol's definitions. Without a symbol at the position, the list is empty.
 
     The statements SURFACE and TRANSFORM define an index, TEXTURE defines a texture, SOLID a solid, and DEFAULT a
     ``$name``.
     """
-    document, all_occurrences = ls.documents[params.text_document.uri], isinstance(params, lsp.ReferenceParams)
+    all_occurrences = isinstance(params, lsp.ReferenceParams)
     if (at_position := document.symbols.occurrence_at(document.offset(params.position))) is None:
         return []
     occurrences = (one for one in document.symbols.table[at_position.symbol] if all_occurrences or one.defines)
     return [lsp.Location(document.uri, document.range(one.start, one.end)) for one in occurrences]
 
 
-@server.feature(lsp.TEXT_DOCUMENT_FORMATTING)
-def formatting(ls: SceneServer, params: lsp.DocumentFormattingParams) -> list[lsp.TextEdit] | None:
+@answers(lsp.TEXT_DOCUMENT_FORMATTING)
+def formatting(document: OpenDocument, params: lsp.DocumentFormattingParams) -> list[lsp.TextEdit] | None:
     """Returns the edit that changes a document to the canonical layout, or None if :func:`.format` raises an error.
 
     The edit replaces the whole text, and keeps the kind of the document's line ends. If the document already has the
     canonical layout, the returned list is empty.
     """
-    document = ls.documents[params.text_document.uri]
     lines = document.scene_text.replace("\r\n", "\n")
     try:
         formatted = format(lines, document.filename)
@@ -226,3 +251,42 @@ def formatting(ls: SceneServer, params: lsp.DocumentFormattingParams) -> list[ls
     newline = re.search(r"\r\n?|\n", document.text)
     new = formatted.replace("\n", newline[0] if newline else "\n")
     return [lsp.TextEdit(document.range(0, len(document.text)), new)] if formatted != lines else []
+
+
+@answers(lsp.TEXT_DOCUMENT_DOCUMENT_SYMBOL)
+def outline(document: OpenDocument, _: lsp.DocumentSymbolParams) -> list[lsp.DocumentSymbol]:
+    """Returns the statements of a document, for an outline."""
+    kinds = {"DEFAULT": lsp.SymbolKind.Variable, "SOLID": lsp.SymbolKind.Class}
+    return [
+        lsp.DocumentSymbol(one.name, kinds.get(one.role, lsp.SymbolKind.Property), range_, range_)
+        for one in document.symbols.statements
+        for range_ in [document.range(one.start, one.end)]
+    ]
+
+
+@answers(lsp.TEXT_DOCUMENT_RENAME)
+def rename(document: OpenDocument, params: lsp.RenameParams) -> lsp.WorkspaceEdit | None:
+    """Returns the edits that rename the symbol at a position, or None without a symbol there. An invalid name is an
+    error of the request.
+    """
+    if (at_position := document.symbols.occurrence_at(document.offset(params.position))) is None:
+        return None
+    if (new_texts := document.symbols.renamed(at_position.symbol, params.new_name)) is None:
+        raise JsonRpcInvalidParams(f"{params.new_name!r} is in use, or is not valid as the name of this symbol")
+    edits = [lsp.TextEdit(document.range(start, end), text) for start, end, text in new_texts]
+    return lsp.WorkspaceEdit(changes={document.uri: edits})
+
+
+@answers(lsp.TEXT_DOCUMENT_CODE_ACTION)
+def quick_fixes(document: OpenDocument, params: lsp.CodeActionParams) -> list[lsp.CodeAction]:
+    """Returns an edit for each error in a range of a document whose message suggests another text."""
+    start, end = document.offset(params.range.start), document.offset(params.range.end)
+    actions = []
+    for problem in document.symbols.diagnostics:
+        suggestion = SUGGESTION.search(problem.reason)
+        if suggestion and problem.span and problem.span.start <= end and problem.span.end >= start:
+            text = suggestion[1] or suggestion[2]
+            edit = lsp.WorkspaceEdit(changes={document.uri: [lsp.TextEdit(document.range(*problem.span), text)]})
+            title, shown = f"Replace by {text}", [document.diagnostic(problem)]
+            actions.append(lsp.CodeAction(title, lsp.CodeActionKind.QuickFix, shown, is_preferred=True, edit=edit))
+    return actions

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 from .language import words
 from .language.analysis import analyse
-from .language.diagnostics import USE
+from .language.diagnostics import USE, SceneError
 from .language.expressions import CONSTANTS, FPS, FRAME, FUNCTIONS, TIME
-from .language.reader import Reader
+from .language.reader import KEYED, Reader
 from .language.tokens import START, Token
 from .language.words import NAMED, NO_NUMBERS, ROLES, STATEMENTS, Word, find_word
 
@@ -61,6 +61,17 @@ class Completion(NamedTuple):
     rank: int = 0
 
 
+class Statement(NamedTuple):
+    """A statement from the text offset ``start`` to ``end``: the ``role`` of its keyword, and its ``name``, which is
+    its keyword, with the index or the name that follows it.
+    """
+
+    role: str
+    name: str
+    start: int
+    end: int
+
+
 class Symbols:
     """The text of a scene, the errors and warnings about this text, and the table of its symbols."""
 
@@ -78,6 +89,17 @@ class Symbols:
     def tokens(self) -> list[Token]:
         """All tokens of the text except comments."""
         return [token for token in self.reader.tokens if token.role != "COMMENT"]
+
+    @cached_property
+    def statements(self) -> list[Statement]:
+        """The statements of the text."""
+        first = [i for i, token in enumerate(self.tokens) if token.role in STATEMENTS]
+        result = []
+        for i, following in pairwise([*first, len(self.tokens)]):
+            words = self.tokens[i : min(i + 1 + (self.tokens[i].role in KEYED), following)]
+            name = " ".join(self.text[token.start : token.end] for token in words)
+            result.append(Statement(words[0].role, name, words[0].start, self.tokens[following - 1].end))
+        return result
 
     @cached_property
     def table(self) -> dict[Symbol, list[Occurrence]]:
@@ -111,6 +133,22 @@ class Symbols:
         occurrences = (occurrence for found in self.table.values() for occurrence in found)
         return min((o for o in occurrences if o.start <= offset <= o.end), key=lambda o: o.start, default=None)
 
+    def renamed(self, symbol: Symbol, name: str) -> list[tuple[int, int, str]] | None:
+        """Returns ``(start, end, text)`` of the edits that give a symbol another name; None if the language does not
+        allow this name, or if the text already uses it.
+        """
+        text, uses = self.text, self.table[symbol]
+        new = "$" * (symbol.kind == "name") + name.removeprefix("$")
+        edits = [(use.start, use.end, new) for use in uses]
+        for start, end, new in reversed(edits):
+            text = text[:start] + new + text[end:]
+        changed = Symbols(text)
+        counts = [sum(isinstance(one, SceneError) for one in own.diagnostics) for own in (self, changed)]
+        key = Symbol(symbol.kind, words.texture_name(name.removeprefix("$")) if symbol.kind != "name" else new[1:])
+        known = key.key in self.names if symbol.kind == "name" else key.key in self.textures
+        valid = counts[0] >= counts[1] and len(changed.table.get(key, [])) == len(uses)
+        return edits if valid and not known else None
+
     # ---- Meanings
 
     def hover(self, offset: int) -> tuple[int, int, str] | None:
@@ -140,10 +178,9 @@ class Symbols:
             return f"**${symbol.key}** = {self.names.get(symbol.key, '? It has no value in this text')}"
         if symbol.kind == "texture":
             return f"**{symbol.key}**: {self.textures.get(symbol.key, 'no TEXTURE has this name')}"
-        starts = [token.start for token in self.tokens if token.role in STATEMENTS]
-        ends = [*starts[1:], len(self.text)]
-        defining = [bisect_right(starts, use.start) - 1 for use in self.table[symbol] if use.defines]
-        parts = "\n".join(self.text[starts[i] : ends[i]].strip() for i in defining)
+        defining = [use.start for use in self.table[symbol] if use.defines]
+        statements = [one for one in self.statements if any(one.start <= start < one.end for start in defining)]
+        parts = "\n".join(self.text[one.start : one.end] for one in statements)
         return f"```scn\n{parts}\n```" if parts else f"no SURFACE or TRANSFORM has the index {symbol.key}"
 
     # ---- Completion

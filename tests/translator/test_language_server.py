@@ -10,6 +10,7 @@ import prosim_scene
 import pytest
 import pytest_lsp
 from lsprotocol import types as lsp
+from pygls.exceptions import JsonRpcException
 from test_editor import SCENE
 
 URI = "file:///nowhere/scene.scn"
@@ -143,3 +144,128 @@ async def test_of_many_keystrokes_the_last_is_published(editor):
     await opened(editor, SCENE)
     (wrong,) = await typed(editor, 2, *("x" * key + "\n" + SCENE for key in range(2, 12)))
     assert wrong.range.end.character == 11
+
+
+async def test_a_document_that_is_not_open_has_no_answers(editor):
+    """As editors ask during a start, after a crash of the server, or about files that no longer exist."""
+    await opened(editor, SCENE)
+    other = lsp.TextDocumentIdentifier("file:///nowhere/other.scn")
+    at, all_text = lsp.Position(0, 0), lsp.Range(lsp.Position(0, 0), lsp.Position(9, 0))
+    for ask, params in (
+        (editor.text_document_completion_async, lsp.CompletionParams(other, at)),
+        (editor.text_document_hover_async, lsp.HoverParams(other, at)),
+        (editor.text_document_definition_async, lsp.DefinitionParams(other, at)),
+        (editor.text_document_references_async, lsp.ReferenceParams(lsp.ReferenceContext(True), other, at)),
+        (editor.text_document_formatting_async, lsp.DocumentFormattingParams(other, lsp.FormattingOptions(4, True))),
+        (editor.text_document_document_symbol_async, lsp.DocumentSymbolParams(other)),
+        (editor.text_document_rename_async, lsp.RenameParams(other, at, "x")),
+        (editor.text_document_code_action_async, lsp.CodeActionParams(other, all_text, lsp.CodeActionContext([]))),
+    ):
+        assert await ask(params) is None
+    editor.diagnostics.pop(other.uri, None)
+    editor.text_document_did_save(lsp.DidSaveTextDocumentParams(other))
+    change = [lsp.TextDocumentContentChangeWholeDocument("x")]
+    changed = lsp.VersionedTextDocumentIdentifier(2, other.uri)
+    editor.text_document_did_change(lsp.DidChangeTextDocumentParams(changed, change))
+    editor.text_document_did_close(lsp.DidCloseTextDocumentParams(other))
+    document = lsp.TextDocumentIdentifier(URI)
+    assert await editor.text_document_hover_async(lsp.HoverParams(document, position(SCENE, "raio", 1)))
+    assert not editor.diagnostics.get(other.uri)
+
+
+async def test_uris_may_have_escapes(editor):
+    uri = "file:///nowhere/um%20copo%20d%27%C3%A1gua%2525.scn"
+    (error,) = await opened(editor, SCENE.replace("ks 0", "ks 2"), uri)
+    params = lsp.CodeActionParams(lsp.TextDocumentIdentifier(uri), error.range, lsp.CodeActionContext([error]))
+    assert len(await editor.text_document_code_action_async(params)) == 1
+
+
+async def test_outline_lists_statements(editor):
+    await opened(editor, SCENE)
+    document = lsp.TextDocumentIdentifier(URI)
+    found = await editor.text_document_document_symbol_async(lsp.DocumentSymbolParams(document))
+    assert [one.name for one in found] == [
+        *("DEFAULT $turn", "NAME", "LIGHTS", "CSG-TREE", "SURFACE 0", "SURFACE 1"),
+        *("TRANSFORM 0", "TRANSFORM 1", "TEXTURE t-mine", "END"),
+    ]
+    csg = found[3].range
+    assert (csg.start, csg.end) == (position(SCENE, "CSG"), position(SCENE, "\n(another"))
+
+
+def applied(text, edit):
+    """The text after an edit of the workspace."""
+    (changes,) = edit.changes.values()
+    starts = [0, *(i + 1 for i, c in enumerate(text) if c == "\n")]
+    for change in reversed(changes):
+        start, end = (starts[at.line] + at.character for at in (change.range.start, change.range.end))
+        text = text[:start] + change.new_text + text[end:]
+    return text
+
+
+@pytest.mark.parametrize(
+    "word, shift, name, renamed",
+    [
+        ("$turn", 1, "$angle", {"$turn": "$angle"}),
+        ("$turn / 3", 2, "angle", {"$turn": "$angle"}),
+        ("t-mine", 2, "t-other", {"t-mine": "t-other"}),
+        ("legs", 0, "feet", {"legs": "feet", "LEGS": "feet"}),
+        (
+            "SPHERE 1",
+            7,
+            "77",
+            {"SPHERE 1 ": "SPHERE 77 ", "CYLINDER 1": "CYLINDER 77", "E 1 kd": "E 77 kd", "M 1 R": "M 77 R"},
+        ),
+        ("t-mine", 2, "mine", None),
+        ("t-mine", 2, "t-brick", None),  # in use
+        ("t-listra", 2, "t-other", None),  # a texture of the language
+        ("$turn", 1, "$a b", None),
+        ("$turn", 1, "$frame", None),
+        ("legs", 0, "CUBE", None),
+        ("legs", 0, "other", None),  # in use
+        ("SPHERE 1", 7, "0", None),
+        ("SPHERE 1", 7, "-7", None),
+        ("kd", 0, "ks", ...),  # no symbol
+    ],
+)
+async def test_symbols_are_renamed_everywhere_or_not_at_all(editor, word, shift, name, renamed):
+    text = SCENE.replace(
+        "CSG-TREE + CUBE 0", "SOLID legs CUBE 0\nSOLID other LEGS 0\nCSG-TREE + + other 0 CUBE 0 t-mine"
+    )
+    assert not await opened(editor, text)
+    document = lsp.TextDocumentIdentifier(URI)
+    params = lsp.RenameParams(document, position(text, word, shift), name)
+    if renamed is None:
+        with pytest.raises(JsonRpcException, match="in use, or is not valid"):
+            await editor.text_document_rename_async(params)
+        return
+    edit = await editor.text_document_rename_async(params)
+    if renamed is ...:
+        assert edit is None
+        return
+    expected = text
+    for old, new in renamed.items():
+        expected = expected.replace(old, new)
+    assert applied(text, edit) == expected
+
+
+@pytest.mark.parametrize(
+    "wrong, right",
+    [
+        (("CYLINDER", "CILYNDER"), None),
+        (("t-listra", "t-listrra"), None),
+        (("condutor ouro", "ouro"), ("ouro", "conductor ouro")),
+        (("{$turn / 3}", "{$trun / 3}"), None),
+        (("NAME: a", "NAME: a CAUSTICS ON"), ("ON", "TRUE")),
+        (("ks 0", "ks 60%"), ("60%", "0.6")),
+        (("ks 0", "ks 51 0 0"), ("51", "0.2")),
+    ],
+)
+async def test_a_quick_fix_writes_what_an_error_suggests(editor, wrong, right):
+    text = SCENE.replace(*wrong)
+    (error,) = await opened(editor, text)
+    params = lsp.CodeActionParams(lsp.TextDocumentIdentifier(URI), error.range, lsp.CodeActionContext([error]))
+    (fix,) = await editor.text_document_code_action_async(params)
+    assert applied(text, fix.edit) == (text.replace(*right) if right else SCENE)
+    elsewhere = lsp.Range(lsp.Position(0, 0), lsp.Position(0, 1))
+    params = lsp.CodeActionParams(lsp.TextDocumentIdentifier(URI), elsewhere, lsp.CodeActionContext([]))
+    assert not await editor.text_document_code_action_async(params)

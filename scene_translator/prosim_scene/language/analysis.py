@@ -9,18 +9,7 @@ from typing import Any
 
 from ..garbage_collection import garbage_collection_paused
 from ..model import GREY, Scene, Transform, Vector
-from .diagnostics import (
-    MAX_ERRORS,
-    AnyPath,
-    Problem,
-    SceneError,
-    SceneWarning,
-    Span,
-    combined_error,
-    emit,
-    listing,
-    quote,
-)
+from .diagnostics import MAX_ERRORS, AnyPath, Problem, SceneError, SceneWarning, Span, combined_error, listing, quote
 from .document import Document, Path
 from .reader import Reader
 from .suggestions import nearest
@@ -45,7 +34,7 @@ def document_of(text: str, filename: AnyPath = "<string>", define: Mapping[str, 
     reader, problems, document = analyse(text, filename, define)
     for problem in problems:
         if isinstance(problem, SceneWarning):
-            emit(problem)
+            problem.emit()
     if document is None:
         raise combined_error([problem for problem in problems if isinstance(problem, SceneError)])
     reader.definitions.check_uses()

@@ -52,6 +52,13 @@ class SceneWarning(Diagnostic, UserWarning):
     A SceneWarning has the attributes of a :class:`SceneError`, except ``others``.
     """
 
+    def emit(self) -> None:
+        """Emits this warning; its origin is the first caller that is not part of the project."""
+        frame, level = sys._getframe(), 1  # noqa: SLF001 - warnings.warn has no other way for Python 3.10
+        while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] in OWN_PACKAGES:
+            frame, level = frame.f_back, level + 1
+        warnings.warn(self, stacklevel=level)
+
 
 class SceneError(Diagnostic, ValueError):
     """An error in the input. ``str()`` returns the whole message: file, line, column, the problem, the expected input,
@@ -64,14 +71,6 @@ class SceneError(Diagnostic, ValueError):
     """
 
     others: tuple["SceneError", ...] = ()
-
-
-def emit(warning: SceneWarning) -> None:
-    """Emits a warning whose origin is the first caller that is not part of the project."""
-    frame, level = sys._getframe(), 1  # noqa: SLF001 - warnings.warn has no other way for Python 3.10
-    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] in OWN_PACKAGES:
-        frame, level = frame.f_back, level + 1
-    warnings.warn(warning, stacklevel=level)
 
 
 Problem = SceneError | SceneWarning

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ..model import Leaf, Operator, Scene
-from .diagnostics import SceneError, SceneWarning, Source, Span, emit
+from .diagnostics import SceneError, SceneWarning, Source, Span
 
 #: The path of a value in the model: ("view", "eye"), ("surfaces", 3), ("csg", 5, "textures", 0), ...
 Path = tuple[str | int, ...]
@@ -57,7 +57,7 @@ class Document:
 
     def warn(self, reason: str, *path: str | int) -> None:
         """Emits a :class:`SceneWarning` about a value."""
-        emit(self.warning(reason, *path))
+        self.warning(reason, *path).emit()
 
     def operands_note(self, number: int) -> str:
         """Returns a note on the operands of the nearest operator - or * above node ``number`` of the CSG tree, or "" if

@@ -10,6 +10,7 @@ import click
 
 #: Name of a command -> (its module and function, its description).
 COMMANDS = {
+    "check": ("mitsuba_prosim.cli.check_command:check", "Test whether a plugin is right."),
     "compare": ("mitsuba_prosim.cli.compare_command:compare", "Compare two integrators or samplers on a scene."),
     "doctor": ("mitsuba_prosim.cli.doctor:doctor", "Print versions, backends and problems."),
     "format": ("mitsuba_prosim.cli.translate:format_scene", "Rewrite scenes in canonical layout."),

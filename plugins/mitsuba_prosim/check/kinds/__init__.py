@@ -1,0 +1,1 @@
+"""The tests of each kind of plugin; a module has the name of its kind."""

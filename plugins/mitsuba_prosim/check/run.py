@@ -1,0 +1,133 @@
+"""Runs all tests of a plugin, in this process or in another one that may crash."""
+
+from __future__ import annotations
+
+import importlib
+import multiprocessing
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+
+from ..scene import session
+from . import reloading
+from .report import FAILS, NOTE, SKIPPED, Report
+from .subject import Subject, kind_of
+
+#: What Mitsuba's errors say of a method that a plugin does not have.
+MISSING = "not implemented", "pure virtual", "explicitly disabled", "not supported"
+
+#: Faults of Mitsuba 3.9 itself: (plugin, beginning of the test's name) -> what is wrong. They are notes.
+FAULTS = {
+    ("checkerboard", "eval_1()"): "eval_1() swaps both colours",
+    ("timed_sunsky", "scalar_rgb"): "the scalar variant sees the sun in all directions",
+}
+
+#: Seconds after which a test of a process apart is ended.
+PATIENCE = 300
+
+
+def check(
+    source: str | Path | Mapping[str, Any],
+    kind: str | None = None,
+    *,
+    node: int = 0,
+    modules: Sequence[str] = (),
+    variants: Sequence[str] | None = None,
+    begun: Callable[[str], None] = lambda test: None,
+) -> Report:
+    """Tests a plugin in the active variant, and compares it with other ``variants``; returns the report.
+
+    ``source``, ``node`` and ``modules`` are those of :class:`.Subject`. If ``kind`` is not None, a plugin of another
+    kind raises TypeError. Without ``variants``, all variants of this machine that differ in their colours are compared.
+    ``begun`` is called with the name of each test when it begins. Raises Mitsuba's errors for a plugin that cannot be
+    loaded.
+    """
+    subject = Subject(source, node, modules)
+    found = kind_of(subject.load())
+    if kind is not None and found != kind:
+        raise TypeError(f"{subject.name} is a plugin of the kind {found}, not {kind}")
+    report = Report(subject.name, found)
+    for name, test in tests(subject, found, variants):
+        begun(name)
+        try:
+            test(report)
+        except Exception as error:  # noqa: BLE001 (a plugin in Python may raise anything; other tests may tell why)
+            _failed(report, name, error)
+    for result in report.finish().results:
+        if result.verdict == FAILS and (reason := FAULTS.get((subject.name, result.test.partition(" = ")[0]))):
+            result.verdict, result.statistic = NOTE, f"{result.statistic}; a fault of Mitsuba: {reason}"
+    return report
+
+
+def _failed(report: Report, name: str, error: Exception) -> None:
+    """Adds an exception to the report: a method that Mitsuba's base class does not implement is not tested."""
+    words = session.message(error).strip().splitlines() or [repr(error)]
+    found = [line for line in words if any(phrase in line.lower() for phrase in MISSING)]
+    missing = isinstance(error, NotImplementedError) or bool(found)
+    text = found[0] if found else words[-1]
+    report.add(name, SKIPPED if missing else FAILS, text if missing else f"{type(error).__name__}: {text}")
+
+
+def tests(
+    subject: Subject, kind: str, variants: Sequence[str] | None
+) -> Iterator[tuple[str, Callable[[Report], None]]]:
+    """Yields the name and the function of each test of a kind of plugins."""
+    module = importlib.import_module(f"{__package__}.kinds.{kind}")
+    for test in module.TESTS:
+        yield _name(test), partial(test, subject)
+    if not hasattr(module, "values"):
+        return
+    for again in (reloading.test_updates, reloading.test_derivatives, reloading.test_extremes):
+        yield _name(again), partial(again, subject, module)
+    others = reloading.other_variants(mi.variant() or "") if variants is None else list(variants)
+    yield _name(reloading.test_variants), partial(reloading.test_variants, subject, module, others)
+
+
+def _name(test: Callable) -> str:
+    """The name of a test function as words."""
+    return test.__name__.removeprefix("test_").replace("_", " ")
+
+
+def check_apart(variant: str, source: str | Path, **how: Any) -> Report:
+    """Tests a plugin in a new process; returns the report, which names the test that crashed or does not end.
+
+    ``how`` are arguments of :func:`check`. Raises RuntimeError with the message of a plugin that cannot be loaded.
+    """
+    context = multiprocessing.get_context("spawn")
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=_child, args=(sender, variant, source, how))
+    process.start()
+    sender.close()
+    last = "loading"
+    try:
+        while receiver.poll(PATIENCE):
+            message = receiver.recv()
+            if isinstance(message, Report):
+                return message
+            if isinstance(message, Exception):
+                raise RuntimeError(str(message))
+            last = message
+        end = f"does not end within {PATIENCE} s"
+    except EOFError:
+        process.join()
+        end = f"ends the process (exit code {process.exitcode})"
+    finally:
+        process.kill()
+        process.join()
+    report = Report(str(source), how.get("kind") or "plugin")
+    report.add("the process survives", FAILS, f"the plugin {end}", f"in the test: {last}")
+    return report
+
+
+def _child(sender: Any, variant: str, source: str | Path, how: dict[str, Any]) -> None:
+    """Tests a plugin in this process, and sends the names of tests, and then the report or an exception."""
+    try:
+        subject = Subject(source, modules=how.get("modules", ()))
+        subject.set_variant(variant)
+        mi.set_log_level(mi.LogLevel.Error)
+        sender.send(check(source, begun=sender.send, **how))
+    except Exception as error:  # noqa: BLE001 (the parent reports it)
+        sender.send(RuntimeError(session.message(error)))

@@ -1,0 +1,148 @@
+"""The plugin under test, which is loaded in several variants and with changed parameters."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..compat import children
+from ..registry import PLUGINS
+from ..scene import scene_file, session
+
+#: The kinds of plugins that have tests: name -> name of Mitsuba's class and object type.
+KINDS = {
+    "bsdf": "BSDF",
+    "emitter": "Emitter",
+    "texture": "Texture",
+    "phase": "PhaseFunction",
+    "shape": "Shape",
+    "sampler": "Sampler",
+    "sensor": "Sensor",
+    "integrator": "Integrator",
+    "medium": "Medium",
+    "film": "Film",
+    "rfilter": "ReconstructionFilter",
+}
+
+
+class Subject:
+    """A plugin that can be loaded again.
+
+    ``source`` is the name of a type, a dictionary as of ``mi.load_dict``, XML text, or the path of a scene file.
+    ``node`` is the number of the plugin's node in the parsed scene, 0 for the whole. ``modules`` are names or .py files
+    of modules that register plugins.
+    """
+
+    def __init__(self, source: str | Path | Mapping[str, Any], node: int = 0, modules: Sequence[str] = ()) -> None:
+        self.source, self.node, self.modules = source, node, tuple(modules)
+        self._states: dict[str, Any] = {}
+
+    def set_variant(self, variant: str) -> None:
+        """Sets a variant and registers all plugins for it."""
+        session.set_variant(variant)
+        for module in self.modules:
+            import_module(module)
+
+    @property
+    def state(self) -> Any:
+        """The parsed scene in the active variant."""
+        variant = mi.variant() or ""
+        if variant not in self._states or isinstance(self.source, Mapping):
+            self._states[variant] = self._parse(mi.parser.ParserConfig(variant))
+        return self._states[variant]
+
+    def _parse(self, config: Any) -> Any:
+        source = self.source
+        if isinstance(source, Mapping):
+            state = mi.parser.parse_dict(config, _copied(source))
+        elif isinstance(source, str) and source.lstrip().startswith("<"):
+            state = mi.parser.parse_string(config, source)
+        elif isinstance(source, str) and not Path(source).suffix:
+            state = mi.parser.parse_dict(config, {"type": source})
+        else:
+            self._folder = tempfile.TemporaryDirectory()
+            return scene_file.SceneFile(source, Path(self._folder.name)).state
+        mi.parser.transform_resolve_references(config, state)
+        return state
+
+    @property
+    def props(self) -> Any:
+        """The plugin's properties as the user wrote them."""
+        return self.state.nodes[self.node].props
+
+    @property
+    def name(self) -> str:
+        """The plugin's type."""
+        return str(self.props.plugin_name())
+
+    def load(self, **changes: Any) -> Any:
+        """Returns a new object of the plugin, with some properties changed; None removes a property.
+
+        Raises Mitsuba's errors.
+        """
+        config = mi.parser.ParserConfig(mi.variant() or "")
+        state = mi.parser.ParserState(self.state)
+        root = mi.parser.SceneNode()
+        root.type, root.props = state.nodes[self.node].type, mi.Properties(state.nodes[self.node].props)
+        for key, value in changes.items():
+            if value is not None:
+                root.props[key] = value
+            elif key in root.props:
+                del root.props[key]
+        state.nodes[0] = root
+        config.parallel = not any(node.props.plugin_name() in PLUGINS for node in state.nodes) and not self.modules
+        config.merge_meshes = False
+        mi.parser.transform_all(config, state)
+        folders = [Path(self.source).parent] if isinstance(self.source, Path) else []
+        with session.search_path(folders):
+            loaded = mi.parser.instantiate(config, state)
+        return loaded[0] if isinstance(loaded, list) else loaded
+
+    def nodes(self) -> Iterator[tuple[int, str]]:
+        """Yields the number and the kind of each plugin of the scene that has tests, equal plugins once."""
+        seen, kinds = set(), {getattr(mi.ObjectType, name): kind for kind, name in KINDS.items()}
+        for number, node in enumerate(self.state.nodes):
+            text = f"{node.type} {node.props}"
+            nested = [(name, str(self.state.nodes[child.index()].props)) for name, child in children(node.props)]
+            key = (text.partition("elements")[2], str(nested), str(node.type), node.props.plugin_name())
+            if node.type in kinds and key not in seen:
+                seen.add(key)
+                yield number, kinds[node.type]
+
+
+def import_module(name: str) -> Any:
+    """Imports a module by its name or its .py file; executes it again if it is imported, for another variant."""
+    path = Path(name)
+    stem = path.stem if path.suffix == ".py" else name
+    if stem in sys.modules:
+        return importlib.reload(sys.modules[stem])
+    folder = str(path.parent.resolve()) if path.suffix == ".py" else ""
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+    return importlib.import_module(stem)
+
+
+def _copied(value: Any) -> Any:
+    """Copies a dictionary, its tensors and its bitmaps, because Mitsuba 3.9 empties or converts those that it loads."""
+    if isinstance(value, Mapping):
+        return {key: _copied(one) for key, one in value.items()}
+    if isinstance(value, mi.Bitmap):
+        return mi.Bitmap(value)
+    return mi.TensorXf(np.array(value)) if dr.is_tensor_v(value) else value
+
+
+def kind_of(loaded: Any) -> str:
+    """Returns the kind of a loaded object; raises TypeError for a kind that has no tests."""
+    for kind, name in KINDS.items():
+        if isinstance(loaded, getattr(mi, name)):
+            return kind
+    raise TypeError(f"there are no tests for {type(loaded).__name__}; they exist for {', '.join(KINDS)}")

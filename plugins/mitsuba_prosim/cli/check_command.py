@@ -1,0 +1,112 @@
+"""``prosim check``: tests whether a plugin, or each plugin of a scene, is right."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+import mitsuba as mi
+
+from .job import Command, Job, job_options
+from .option_types import DEFINITION, InputError, input_errors, option
+
+
+@click.command(cls=Command)
+@click.argument("plugin")
+@option(
+    "Scene",
+    "--parameter",
+    "-p",
+    "parameters",
+    type=DEFINITION,
+    multiple=True,
+    help="Parameter of the plugin, such as alpha=0.2 or reflectance=0.2,0.3,0.5; may be repeated.",
+)
+@option(
+    "Scene",
+    "--import",
+    "modules",
+    multiple=True,
+    metavar="MODULE",
+    help="Module or .py file that registers plugins; may be repeated.",
+)
+@option("Output", "--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
+@option(
+    "Output",
+    "--pictures",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=".",
+    help="Folder for pictures of failed tests.",
+)
+@job_options("variant")
+def check(
+    job: Job,
+    plugin: str,
+    parameters: tuple[tuple[str, str], ...],
+    modules: tuple[str, ...],
+    as_json: bool,
+    pictures: Path,
+) -> None:
+    """Test whether PLUGIN is right: the name of a type, XML text, or a scene file, whose plugins are all tested.
+
+    The tests compare the methods of the plugin with each other and with the laws of physics. Each plugin is tested in
+    a process of its own. A note is a property that integrators can live with. The exit code is 1 if a test fails.
+    """
+    from ..check import check_apart
+
+    with input_errors():
+        jobs = list(subjects(plugin, dict(parameters), modules))
+        reports = []
+        for source, node in jobs:
+            report = check_apart(job.variant, source, node=node, modules=modules)
+            reports.append(report)
+            if not as_json:
+                click.echo(report.table())
+                for path in report.write_pictures(pictures):
+                    click.echo(f"  {path}")
+    if as_json:
+        click.echo(json.dumps([report.json() for report in reports], indent=1))
+    sys.exit(not all(report.ok for report in reports))
+
+
+def subjects(plugin: str, parameters: dict[str, str], modules: tuple[str, ...]) -> Iterator[tuple[Any, int]]:
+    """Yields the source and the node of each plugin that the command line names; loads each of them once."""
+    from ..check.subject import Subject, import_module
+
+    for module in modules:
+        import_module(module)
+    is_text = plugin.lstrip().startswith("<")
+    if not is_text and (is_scene := Path(plugin).suffix != ""):
+        if not Path(plugin).is_file():
+            raise ValueError(f"{plugin}: no such file; give the name of a plugin's type, or a scene file")
+    else:
+        is_scene = False
+    if parameters and (is_text or is_scene):
+        raise InputError("-p is for the name of a type; write the parameters into the XML.")
+    source: Any = (
+        Path(plugin)
+        if is_scene
+        else plugin
+        if is_text
+        else {"type": plugin, **{k: value(v) for k, v in parameters.items()}}
+    )
+    subject = Subject(source, modules=modules)
+    if subject.state.root.type == mi.ObjectType.Scene:
+        yield from ((source, node) for node, _ in subject.nodes())
+    else:
+        subject.load()
+        yield source, 0
+
+
+def value(text: str) -> Any:
+    """Converts the text of a parameter: a number, true or false, a colour R,G,B, a dictionary in JSON, or a text."""
+    if text.count(",") == 2 and not text.startswith("{"):
+        return {"type": "rgb", "value": [float(part) for part in text.split(",")]}
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError:
+        return text

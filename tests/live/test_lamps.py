@@ -59,6 +59,10 @@ def test_wrong_factors(lamps):
             assert ask(lamps[0], f"{path}?mix={text.replace('=', '%3D')}")[0].status == 400, text
 
 
+def page_factors(page):
+    return [float(slider.input_value()) for slider in page.locator("#lamps input[type=range]").all()]
+
+
 @pytest.mark.browser
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome in PATH")
 def test_sliders(lamps, browser):
@@ -73,9 +77,20 @@ def test_sliders(lamps, browser):
         page.fill(f"input[id='colour {lamp}']", "#ff0000")
         until(lambda: shown(page)[..., 1:].max() == 0 < shown(page)[..., 0].max())
         assert "mix=" in page.get_attribute("#exr", "href")
-        for name in ("background", "ambient"):
-            page.fill(f"input[name='lights.{name}']", "1")
-        page.fill(f"input[id='colour {lamp}']", "#ffffff")
+        assert page.locator("#lamps output").all_inner_texts() == [f"{n:.2f}" for n in page_factors(page)]
+        short = lamp.partition(".")[2]
+        command = page.inner_text("#command").split()
+        assert command[:3] == ["prosim", "mix", "little.exr"] and {f"{short}=1,0,0", "ambient=0"} < set(command)
+        page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+        page.click("#copy-command")
+        until(lambda: page.inner_text("#copy-command") == "Copied")
+        assert page.evaluate("navigator.clipboard.readText()").split() == command
+        page.check("#compare", force=True)
+        until(lambda: page.is_visible("#half"))
+        page.uncheck("#compare", force=True)
+        until(lambda: page.is_hidden("#half"))
+        page.click("#unmix")
+        assert page.is_hidden("#mixed") and set(page_factors(page)) == {1}
         until(lambda: np.array_equal(shown(page), before))
         page.check("input[value='lights.background']", force=True)
         until(lambda: page.get_attribute("#own", "data-layer") == "lights.background")

@@ -17,13 +17,19 @@ let state = null, pointed = null, refreshing = false, comparing = null;
 // ---- the shown layers
 
 const layer = () => document.querySelector("input[name=layer]:checked").value;
-/** Returns the query of a URL with the factors of the lamps that the user has changed. */
-const mix = () => [...find("lamps").querySelectorAll("input[type=range]")].flatMap((range) => {
-    const colour = range.nextElementSibling.value;
+/** Returns [layer, factors] for each lamp that the user has changed: one factor, or three of red, green and blue. */
+const factors = () => [...find("lamps").querySelectorAll("input[type=range]")].flatMap((range) => {
+    const colour = document.getElementById(`colour ${range.name}`).value;
     if (Number(range.value) === 1 && colour === "#ffffff") return [];
-    const factors = [1, 3, 5].map((k) => range.value * linear(parseInt(colour.slice(k, k + 2), 16) / 255));
-    return [`mix=${encodeURIComponent(`${range.name}=${factors}`)}`];
-}).join("&");
+    const rgb = [1, 3, 5].map((k) => Number((range.value * linear(parseInt(colour.slice(k, k + 2), 16) / 255)).toPrecision(6)));
+    return [[range.name, rgb.every((value) => value === rgb[0]) ? [rgb[0]] : rgb]];
+});
+/** Returns the query of a URL with these factors. */
+const mix = () => factors().map(([name, values]) => `mix=${encodeURIComponent(`${name}=${values}`)}`).join("&");
+/** Quotes an argument of a command for a shell, if necessary. */
+const quoted = (text) => /^[\w.,=-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`;
+/** Returns a file name with the stem of the scene. */
+const named = (suffix) => `${(state?.scene ?? "picture").replace(/\.[^.]*$/, "")}.${suffix}`;
 /** Converts an sRGB value to a linear value. */
 const linear = (c) => c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4;
 const stops = () => Number(find("exposure").value);
@@ -124,6 +130,8 @@ function receive(latest) {
     const black = state.error || state.status === "missing" ? "" : state.black ?? "";
     write(find("black"), black);
     find("black").hidden = !black;
+    // The exposure that the message names, for an image that is very dark, must be possible.
+    find("exposure").max = Math.max(8, stops(), Number(/Exposure (\d+)/.exec(black)?.[1] ?? 0));
     find("warnings").hidden = !state.warnings.length || Boolean(state.error);
     write(find("warnings").querySelector("summary"), state.warnings.length === 1 ? "A warning" : `${state.warnings.length} warnings`);
     showMessages(find("warnings").querySelector("div"), state.warnings.join("\n"));
@@ -145,6 +153,7 @@ function receive(latest) {
     find("view").hidden = state.view === null;
     find("home").disabled = false;
     savable(state.pictures.own !== undefined);
+    showMix();
     write(find("text"), state.view ?? "");
     if (state.pictures.path === undefined) shown.path = null;
     split();
@@ -167,14 +176,25 @@ function showIntegratorLayers(names) {
         label.append(input, text);
         if (!name.startsWith("lights.")) continue;
         const range = document.createElement("input"), colour = document.createElement("input");
-        Object.assign(range, {type: "range", name, id: `factor ${name}`, min: 0, max: 2, step: 0.05, ariaLabel: `Factor of ${title}`});
+        Object.assign(range, {type: "range", name, id: `factor ${name}`, min: 0, max: 2, step: 0.05});
         Object.assign(colour, {type: "color", id: `colour ${name}`, ariaLabel: `Colour of ${title}`});
         range.value = before.get(range.id) ?? 1;
         colour.value = before.get(colour.id) ?? "#ffffff";
-        lamps.append(text.cloneNode(true), range, colour);
+        const lamp = Object.assign(document.createElement("label"), {htmlFor: range.id, textContent: title});
+        lamps.append(lamp, range, Object.assign(document.createElement("output"), {value: range.value}), colour);
     }
     lamps.hidden = !lamps.children.length;
+    showMix();
     if (!document.querySelector("input[name=layer]:checked")) box.querySelector("input").checked = true;
+}
+
+/** Shows the factors of the lamps as numbers and as a command, and on which half of the picture they act. */
+function showMix() {
+    const changed = factors();
+    for (const output of find("lamps").querySelectorAll("output")) output.value = Number(output.previousElementSibling.value).toFixed(2);
+    find("mixed").hidden = !changed.length;
+    find("half").hidden = !state.compared;
+    write(find("command"), ["prosim mix", quoted(named("exr")), ...changed.map(([name, values]) => quoted(`${name.slice(7)}=${values}`))].join(" "));
 }
 
 /** Formats a number of seconds. */
@@ -199,7 +219,7 @@ function savable(on) {
     for (const kind of ["exr", "png"]) {
         if (on) find(kind).href = `save/${kind}?exposure=${stops()}&${mix()}`;
         else find(kind).removeAttribute("href");
-        find(kind).download = `${(state?.scene ?? "picture").replace(/\.[^.]*$/, "")}.${kind}`;
+        find(kind).download = named(kind);
     }
 }
 
@@ -267,9 +287,16 @@ new ResizeObserver(() => showCarets(find("notes"))).observe(find("notes")); // a
 const view = new PanZoom(find("stage"), find("picture"), {camera: () => find("camera").checked && !find("camera").disabled, gesture, moved: split, point});
 
 find("layers").addEventListener("change", () => refresh());
-find("lamps").addEventListener("input", () => {
+function mixed() {
+    showMix();
     savable(find("png").hasAttribute("href"));
     refresh();
+}
+find("lamps").addEventListener("input", mixed);
+find("unmix").addEventListener("click", () => {
+    for (const input of find("lamps").querySelectorAll("input")) input.value = input.type === "range" ? 1 : "#ffffff";
+    find("lamps").querySelector("input").focus(); // the button disappears
+    mixed();
 });
 function exposed() {
     find("stops").textContent = stops() > 0 ? `+${stops()}` : String(stops());
@@ -306,15 +333,21 @@ find("home").addEventListener("click", () => {
     find("stage").focus(); // the button disappears with the view
     post("do/home");
 });
-find("copy").addEventListener("click", async () => {
-    try {
-        await navigator.clipboard.writeText(state.view);
-        find("copy").textContent = "Copied";
-    } catch {
-        getSelection().selectAllChildren(find("text"));
-        find("copy").textContent = navigator.platform.startsWith("Mac") ? "Press ⌘C" : "Press Ctrl-C";
-    }
-    find("announcement").textContent = find("copy").textContent;
-    setTimeout(() => { find("copy").textContent = "Copy the view"; }, 1500);
-});
+/** Lets a button copy the text of an element. */
+function copies(button, element) {
+    const title = button.textContent;
+    button.addEventListener("click", async () => {
+        try {
+            await navigator.clipboard.writeText(element.textContent);
+            button.textContent = "Copied";
+        } catch {
+            getSelection().selectAllChildren(element);
+            button.textContent = navigator.platform.startsWith("Mac") ? "Press ⌘C" : "Press Ctrl-C";
+        }
+        find("announcement").textContent = button.textContent;
+        setTimeout(() => { button.textContent = title; }, 1500);
+    });
+}
+copies(find("copy"), find("text"));
+copies(find("copy-command"), find("command"));
 follow(receive, lost);

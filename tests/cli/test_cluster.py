@@ -141,6 +141,27 @@ def test_without_workers_nothing_is_begun(lamp, monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("killed", [False, True])
+def test_workers_leave_no_temporary_file(lamp, tmp_path, killed):
+    """Neither at the end nor when the process is killed."""
+    (folder := tmp_path / "tmp").mkdir()
+    command = [sys.executable, "-m", "prosim_start", "render", lamp, "--workers", "2", *["--noise", "1e-9"] * killed]
+    with subprocess.Popen(command, env=os.environ | {"TMPDIR": str(folder)}) as process:
+        if killed:
+            until(lambda: any(folder.glob("*/dask-scratch-space/worker-*")))
+            process.kill()
+    assert process.returncode == (-signal.SIGKILL if killed else 0)
+    until(lambda: not os.listdir(folder))
+
+
+def until(is_true, seconds=60):
+    end = time.monotonic() + seconds
+    while not is_true():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+@pytest.mark.slow
 def test_ctrl_c_is_for_the_process_that_renders(client, lamp, monkeypatch):
     """Workers ignore it; before the first sample the command says that there is nothing."""
     workers = set(client.run(os.getpid).values())

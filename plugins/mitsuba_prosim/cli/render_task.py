@@ -175,7 +175,10 @@ class Resources(ExitStack):
         if self.dask is not None:
             self.dask.change_scene(bundle)
             return self.dask
-        context = cluster.scheduler(job.cluster) if job.cluster else cluster.workers(job.workers or 1, job.threads)
+        if job.cluster:
+            context = cluster.scheduler(job.cluster)
+        else:
+            context = cluster.workers(job.workers or 1, job.threads, self.folder)
         try:
             self.dask = DaskExecutor(self.enter_context(context), bundle)
         except RuntimeError as error:

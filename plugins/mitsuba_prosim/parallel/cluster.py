@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
+from pathlib import Path
 
 import dask
 import distributed
@@ -41,23 +42,27 @@ def silence() -> None:
 
 
 @contextmanager
-def workers(number: int, threads: int | None = None) -> Iterator[distributed.Client]:
+def workers(number: int, threads: int | None = None, folder: Path | None = None) -> Iterator[distributed.Client]:
     """Starts local worker processes, and yields a client of their scheduler.
 
     The scheduler listens only to this machine, and all connections use TLS with a certificate that exists only during
     the ``with`` block, so no other process can connect to the scheduler or to a worker. ``number`` is the number of
     processes. ``threads`` is the number of threads of all worker processes together; None stands for one thread per
-    processor. Each worker process has at least one thread. A worker that is lost later is replaced. Raises RuntimeError
-    if :data:`ATTEMPTS` attempts to start the workers fail.
+    processor. Each worker process has at least one thread. ``folder`` is a folder for the temporary files of Dask; None
+    stands for Dask's default, a folder that Dask does not delete. A worker that is lost later is replaced. Raises
+    RuntimeError if :data:`ATTEMPTS` attempts to start the workers fail.
     """
     silence()
+    place = None if folder is None else str(folder)
     for attempts_left in range(ATTEMPTS)[::-1]:
         try:
-            with dask.config.set(SETTINGS), interrupts_blocked():
+            # The setting is for the scheduler, and the argument for the workers, also for those that are replaced.
+            with dask.config.set({**SETTINGS, "temporary-directory": place}), interrupts_blocked():
                 cluster = distributed.LocalCluster(
                     n_workers=number,
                     threads_per_worker=max(1, (threads or os.cpu_count() or 1) // number),
                     host="127.0.0.1",
+                    local_directory=place,
                     security=True,  # a temporary certificate
                     dashboard_address="127.0.0.1:0",
                     memory_limit=0,  # no limit

@@ -14,8 +14,9 @@ from pathlib import Path
 
 from prosim_scene import refuse_special, replace
 
-#: Prefixes of the names of temporary folders, and of folders for files that could not be written to their own place.
-SCRATCH, RESCUE = "prosim-scratch-", "prosim-image-"
+#: Prefixes of the names of temporary folders, of folders for unfinished files, and of folders for files that could not
+#: be written to their own place.
+SCRATCH, UNFINISHED, RESCUE = "prosim-scratch-", ".prosim-part-", "prosim-image-"
 
 #: The content of a file, or a function that writes the content to a path.
 Content = bytes | memoryview | Callable[[Path], None]
@@ -49,13 +50,17 @@ def check(paths: Iterable[Path], size: int) -> None:
 def write(contents: Mapping[Path, Content]) -> list[Path]:
     """Writes files, creates their folders, and returns the paths of the files.
 
-    Each existing file is replaced only when the new file is complete. A file that is replaced keeps its access
-    permissions; a symbolic link is replaced by the file. Raises OSError if a file cannot be written; this file and the
-    later files in ``contents`` stay unchanged, and the earlier files are written.
+    Each existing file is replaced only when the new file is complete; a killed process leaves no unfinished file. A
+    file that is replaced keeps its access permissions; a symbolic link is replaced by the file. Raises OSError if a
+    file cannot be written; this file and the later files in ``contents`` stay unchanged, and the earlier files are
+    written.
     """
-    for path, content in contents.items():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        replace(path, content)
+    folders = {path: path.absolute().with_name(UNFINISHED + secrets.token_hex(6)) for path in contents}
+    with guard(folders.values()):
+        for path, content in contents.items():
+            folders[path].parent.mkdir(parents=True, exist_ok=True)
+            with temporary(folders[path]):
+                replace(path, content, folders[path])
     return list(contents)
 
 
@@ -83,22 +88,28 @@ def scratch() -> Iterator[Path]:
     If the process is killed inside the ``with`` block, a small process, which waits for this, deletes the folder.
     """
     path = Path(tempfile.gettempdir(), SCRATCH + secrets.token_hex(8))
-    with guard(path):
-        path.mkdir(mode=0o700)
-        try:
-            yield path
-        finally:
-            shutil.rmtree(path, ignore_errors=True)
+    with guard([path]), temporary(path):
+        yield path
 
 
 @contextmanager
-def guard(path: Path) -> Iterator[None]:
-    """Starts a process that deletes the folder ``path`` if this process ends inside the ``with`` block, by any signal.
+def temporary(path: Path) -> Iterator[None]:
+    """Creates the folder ``path`` for this user only, and deletes the folder at the end of the ``with`` block."""
+    path.mkdir(mode=0o700)
+    try:
+        yield
+    finally:
+        shutil.rmtree(path, ignore_errors=True)
+
+
+@contextmanager
+def guard(folders: Iterable[Path]) -> Iterator[None]:
+    """Starts a process that deletes ``folders`` if this process ends inside the ``with`` block, by any signal.
 
     The process is not started on Windows, or if the limit of processes is reached.
     """
     # The standard input of the process ends when this process ends. The new session has no Ctrl-C.
-    command = ["/bin/sh", "-c", 'read line || rm -rf -- "$0"', str(path)]
+    command = ["/bin/sh", "-c", 'read line || rm -rf -- "$@"', "sh", *map(str, folders)]
     try:
         process = subprocess.Popen(
             command,

@@ -95,5 +95,6 @@ def test_link_to_a_missing_folder_is_found_before_the_render(scene, monkeypatch)
 
 
 def test_format_names_the_file_to_which_a_link_leads(palito):
+    palito.write_text("\n\n\n" + palito.read_text())
     (link := palito.with_name("link.scn")).symlink_to(palito)
     assert f"{link}, a link to {palito}: tidied" in prosim("format", link).stdout

@@ -93,27 +93,35 @@ def test_rescue_finds_the_first_place_with_room(tmp_path, monkeypatch):
         assert exr.parent.parent == tmp_path / place and exr.read_bytes() == b"image" and png.read_bytes() == b"shown"
 
 
+SCRATCH = "with atomic.scratch() as folder: wait(folder / 'a')"
+WRITE = "atomic.write({Path(os.environ['TMPDIR'], 'a'): wait})"
+
+
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, None])
-def test_temporary_folder_is_deleted_when_the_process_ends(tmp_path, number):
-    code = """if True:
-        import sys
+@pytest.mark.parametrize("work", [SCRATCH, WRITE])
+def test_temporary_folder_is_deleted_when_the_process_ends(tmp_path, work, number):
+    code = f"""if True:
+        import os, sys
+        from pathlib import Path
         from mitsuba_prosim import atomic
-        with atomic.scratch() as folder:
-            (folder / "a").write_bytes(b"content")
-            print(folder, flush=True)
+
+        def wait(path):
+            path.write_bytes(b"content")
+            print(path, flush=True)
             sys.stdin.read()
+
+        {work}
     """
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     command, env = [sys.executable, "-c", code], os.environ | {"TMPDIR": str(tmp_path)}
     with subprocess.Popen(command, env=env, start_new_session=True, **pipes) as process:
-        folder = Path(process.stdout.readline().strip())
-        assert (
-            folder.parent == tmp_path and os.listdir(folder) == ["a"] and stat.S_IMODE(folder.stat().st_mode) == 0o700
-        )
+        file = Path(process.stdout.readline().strip())
+        assert file.parent.parent == tmp_path and stat.S_IMODE(file.parent.stat().st_mode) == 0o700
         if number:
             os.killpg(process.pid, number)
         process.communicate()
     end = time.monotonic() + 20
-    while folder.exists() and time.monotonic() < end:
+    while file.parent.exists() and time.monotonic() < end:
         time.sleep(0.01)
-    assert os.listdir(tmp_path) == [] and process.returncode == -(number or 0)
+    assert process.returncode == -(number or 0)
+    assert os.listdir(tmp_path) == (["a"] if work == WRITE and not number else [])

@@ -21,6 +21,31 @@ def with_line(number, line):
     return "\n".join(lines) + "\n"
 
 
+ABOVE = "POINT position 0 20 0"
+LAMPS = {  # further lights -> whether the AREA light shades the cube, which is around the origin, from another light
+    f"{ABOVE} AREA position 0 10 0 radius 2": True,
+    f"{ABOVE} AREA position 30 10 0 radius 2": False,
+    f"{ABOVE} AREA position 0 -10 0 radius 2": False,
+    f"{ABOVE} AREA position 0 10 0 radius .5": False,
+    f"{ABOVE} AREA position 2.8 10 0 radius 3": True,
+    f"{ABOVE} direction 0 -1 0 CONE angle 20 AREA position 0 10 0 radius 2": True,
+    f"{ABOVE} direction 0 1 0 SPOT exponent 2 AREA position 0 10 0 radius 2": False,
+    "AREA position 0 10 0 radius 1 AREA position 0 10 0 radius 2": True,
+    "POINT position 0 5 0 AREA position 0 9 0 radius 2": False,
+    "AREA position 0 10 0 radius 2": False,
+}
+
+
+@pytest.mark.parametrize("lights", LAMPS)
+@pytest.mark.parametrize("shadows", ["TRUE", "FALSE"])
+def test_area_light_that_shades_surfaces_causes_warning(write_scene, recwarn, lights, shadows):
+    path = write_scene(with_line(2, f"DO-SHADOW {shadows}\nLIGHTS {lights}"))
+    prosim_scene.translate(path)
+    messages = [str(warning.message) for warning in recwarn if "shades surfaces from" in str(warning.message)]
+    assert len(messages) == (LAMPS[lights] and shadows == "TRUE")
+    assert all(":3:" in text and "in line 3" in text for text in messages)
+
+
 # line of the text, its replacement, column of the error, its code, and what is suggested
 WRONG = [
     # given twice

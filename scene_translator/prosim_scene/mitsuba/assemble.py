@@ -81,6 +81,7 @@ def assemble(
     result["view_comment"] = _comment_with_line(document, "VIEW", "view")
     view_sensor = sensor(context, target, camera, triangles.values())
     result["view"] = check_single_precision(document, view_sensor, "view")
+    lights.warn_of_hidden_lights(context, [mesh.positions for mesh in triangles.values()])
     for i, light in enumerate(scene.lights):
         lights.warn_of_radius(context, i, light)
         result[f"light_{i}_comment_with_line"] = _comment_with_line(document, light.kind.upper(), "lights", i)

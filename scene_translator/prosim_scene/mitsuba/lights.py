@@ -20,12 +20,18 @@ light units, d is the distance from the light to VRP (the VIEW's reference point
 """
 
 import math
+from collections.abc import Sequence
+
+import numpy as np
 
 from ..model import Light, Vector
 from ..nodes import Node, Point, rgb
 from .translation_context import Context
 
 FULL_SCALE = 65535
+
+#: An AREA light causes no warning of its shadow if its radius is smaller than this fraction of the distance.
+SMALL = 0.0999
 
 
 def from_full_scale(color: Vector) -> tuple[float, ...]:
@@ -81,6 +87,73 @@ def warn_of_radius(context: Context, number: int, light: Light) -> None:
         context.document.warn(
             f"{word} has an effect on a POINT light only with light units 'radiance'; delete it", *path
         )
+
+
+def warn_of_hidden_lights(context: Context, corners: Sequence[np.ndarray]) -> None:
+    """Warns of AREA lights that shade a surface from another light, because a light is a body in Mitsuba. In the thesis
+    only objects cast shadows.
+
+    ``corners`` are the corners (n, 3, 3) of the triangles of each mesh of the scene.
+    """
+    document, scene = context.document, context.scene
+    kinds = {number: light for number, light in enumerate(scene.lights) if light.kind != "sky"}
+    areas = {number: light for number, light in kinds.items() if light.kind == "area"}
+    if not scene.shadows or not areas or len(kinds) < 2:
+        return
+    hidden: dict[int, list[str]] = {}
+    for number, light in kinds.items():
+        # The edges of each triangle, as seen from the light: a ray on the same side of all three meets the triangle.
+        seen = [each - np.array(light.position) for each in corners]
+        edges = [(each[:, 0], np.cross(each, np.roll(each, -1, axis=1))) for each in seen]
+        for front, area in areas.items():
+            if front != number and hides(area, light, edges):
+                name = f"{light.kind.upper()} in line {document.line('lights', number)}"
+                hidden.setdefault(front, []).append(name)
+    for front, names in hidden.items():
+        reason = f"this light shades surfaces from {', '.join(names)}, because an AREA light is a body; "
+        document.warn(f"{reason}move it, or make it smaller or a POINT light", "lights", front)
+
+
+def hides(area: Light, light: Light, edges: Sequence[tuple[np.ndarray, np.ndarray]]) -> bool:
+    """Whether the sphere of ``area`` shades a triangle from the centre of ``light``; also whether ``light`` is inside
+    the sphere.
+
+    A sphere that is smaller than :data:`SMALL` shades nothing. The function tests the corners of the triangles, and
+    five rays: through the centre of the sphere, and near its outline. ``edges`` are, for each mesh, the first corner
+    (n, 3) of each triangle relative to ``light``, and the normals (n, 3, 3) of the planes through ``light`` and the
+    edges.
+    """
+    axis = np.subtract(area.position, light.position)
+    distance = float(np.linalg.norm(axis))
+    inside = light.kind == "area" and light.radius >= distance + area.radius
+    if inside or area.radius < SMALL * distance:
+        return False
+    if distance <= area.radius:
+        return True
+    cosine = math.sqrt(1 - (area.radius / distance) ** 2)
+    across = np.linalg.svd(axis[None] / distance)[2][1:]
+    rays = axis + 0.9 * area.radius * cosine * np.array([np.zeros(3), *across, *-across])
+    rays = rays[in_beam(light, rays)]
+    for corners, normals in edges:
+        far = np.linalg.norm(corners, axis=1)
+        if np.any((corners @ axis > cosine * distance * far) & (far > distance) & in_beam(light, corners)):
+            return True
+        sides = normals @ rays.T
+        met = np.all(sides > 0, axis=1) | np.all(sides < 0, axis=1)
+        with np.errstate(all="ignore"):  # triangles that are parallel to the ray
+            distances = np.sum(corners * normals.sum(axis=1), axis=1)[:, None] / sides.sum(axis=1)
+        if np.any(met & (distances > 1)):  # behind the middle of the sphere
+            return True
+    return False
+
+
+def in_beam(light: Light, vectors: np.ndarray) -> np.ndarray:
+    """Whether ``light`` emits in the direction of each of the ``vectors`` (n, 3); a mask (n,)."""
+    if light.distribution == "uniform":
+        return np.ones(len(vectors), bool)
+    limit = math.cos(math.radians(90 if light.angle is None else light.angle))
+    length = np.linalg.norm(vectors, axis=1) * float(np.linalg.norm(light.direction))
+    return np.asarray(vectors @ light.direction >= limit * length)
 
 
 def sky_emitter(context: Context, number: int, light: Light) -> Node:

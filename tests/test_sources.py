@@ -3,9 +3,11 @@
 import ast
 import functools
 import re
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import prosim_scene
+import pytest
 from test_pages import PAGES
 
 ROOT = Path(__file__).parents[1]
@@ -40,6 +42,22 @@ def test_rooms():
                 others = {name.partition(".")[0] for name in names} & rooms - {here[0]}
                 upwards += [(here, room) for room in others if listed.index(room) < listed.index(here[0])]
     assert not upwards
+
+
+def imported(path):
+    """The modules of its package that the module at ``path`` imports, also for types only."""
+    for node in nodes(path):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            module = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))
+            names = [module, *(module / alias.name for alias in node.names)]
+            yield from (name.with_suffix(".py") for name in names if name.with_suffix(".py").exists())
+
+
+@pytest.mark.parametrize("base", [PACKAGE, Path(prosim_scene.__file__).parent], ids=lambda base: base.name)
+def test_imports_of_modules_go_in_no_circles(base):
+    """Also within a room, and where only types are imported."""
+    graph = {path: set(imported(path)) - {path} for path in base.rglob("*.py") if path.stem != "__init__"}
+    TopologicalSorter(graph).prepare()
 
 
 def test_no_two_modules_on_the_path_share_a_name():

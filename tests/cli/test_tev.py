@@ -7,7 +7,7 @@ import threading
 import numpy as np
 import pytest
 from mitsuba_prosim.cli import tev
-from mitsuba_prosim.live import publisher
+from mitsuba_prosim.scene import throttle
 from running import done, pixels, refused
 
 tevclient = pytest.importorskip("tevclient", reason="tevclient is not installed (it needs Python 3.11)")
@@ -45,8 +45,8 @@ class Tev:
 
 
 def test_waves_are_sent_and_the_last_is_the_image(palito, monkeypatch):
-    monkeypatch.setattr(publisher, "DRAW_INTERVAL", 0.0)
-    monkeypatch.setattr(publisher, "DRAW_FRACTION", 1e9)
+    monkeypatch.setattr(throttle, "DRAW_INTERVAL", 0.0)
+    monkeypatch.setattr(throttle, "DRAW_FRACTION", 1e9)
     viewer = Tev()
     done("render", palito, "--resolution", "24x16", "--samples", 2, "--view", viewer.place)
     (kind, first), *updates = viewer.packets()

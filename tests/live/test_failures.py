@@ -2,8 +2,8 @@
 
 import pytest
 from little import change, move, running, save, surface_at, until
-from mitsuba_prosim.compare.methods import with_background_emitter
 from mitsuba_prosim.live.progressive_image import ProgressiveImage
+from mitsuba_prosim.scene.background import with_background_emitter
 
 pytestmark = pytest.mark.slow
 

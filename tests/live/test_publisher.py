@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from mitsuba_prosim.live import publisher
 from mitsuba_prosim.live.picture import Picture
+from mitsuba_prosim.scene import throttle
 
 
 @pytest.mark.parametrize("value, white", [(0, 0), (0.5, 0.5), (3e7, 3e7), (np.nan, 1)])
@@ -16,8 +16,8 @@ def test_layers_and_their_white(value, white):
 
 def test_pictures_are_drawn_as_often_as_they_are_cheap(monkeypatch):
     time = 0.0
-    monkeypatch.setattr(publisher, "clock", lambda: time)
-    another, drawn = publisher.Throttle(), []
+    monkeypatch.setattr(throttle, "clock", lambda: time)
+    another, drawn = throttle.Throttle(), []
     for took in (0.001, 0.06):
         while time < 60:
             if another.due:
@@ -26,5 +26,5 @@ def test_pictures_are_drawn_as_often_as_they_are_cheap(monkeypatch):
                     time += took
             time += 0.01
         rate = len(drawn) / 60
-        assert 0.8 < max(rate * publisher.DRAW_INTERVAL, rate * took / publisher.DRAW_FRACTION) <= 1
-        time, another, drawn = 0.0, publisher.Throttle(), []
+        assert 0.8 < max(rate * throttle.DRAW_INTERVAL, rate * took / throttle.DRAW_FRACTION) <= 1
+        time, another, drawn = 0.0, throttle.Throttle(), []

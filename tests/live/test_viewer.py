@@ -11,9 +11,9 @@ import pytest
 from little import LITTLE, change, move, running, save, surface_at, until
 from mitsuba_prosim import denoising
 from mitsuba_prosim.engine.work import Executor
-from mitsuba_prosim.live import publisher
 from mitsuba_prosim.live.progressive_image import ProgressiveImage
 from mitsuba_prosim.live.viewer import Viewer
+from mitsuba_prosim.scene import throttle
 from mitsuba_prosim.scene.scene_file import SceneFile
 
 pytestmark = pytest.mark.slow
@@ -38,8 +38,8 @@ def is_done(viewer):
 @pytest.fixture
 def all_portions_seen(monkeypatch):
     """However small and quick they are."""
-    monkeypatch.setattr(publisher, "DRAW_INTERVAL", 0)
-    monkeypatch.setattr(publisher, "DRAW_FRACTION", 1e9)
+    monkeypatch.setattr(throttle, "DRAW_INTERVAL", 0)
+    monkeypatch.setattr(throttle, "DRAW_FRACTION", 1e9)
     return lambda samples: monkeypatch.setattr(Executor, "limit", lambda *_: samples)
 
 

@@ -15,7 +15,7 @@ import pytest
 from image_statistics import renderings
 from mitsuba_prosim.cli.report import summary
 from mitsuba_prosim.compat import take_back_interrupts
-from mitsuba_prosim.engine.camera import sees_tiny_lamp
+from mitsuba_prosim.engine.tiny_lamps import sees_tiny_lamp
 from mitsuba_prosim.engine.work import Executor
 from scenes import COPPER, CROP, alone, loaded, penumbra, rgb, sphere_lamp
 

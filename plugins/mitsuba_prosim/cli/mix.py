@@ -10,8 +10,8 @@ import click
 import numpy as np
 import OpenEXR
 
-from ..denoising.layers import mixed, of_channels, parse_factor
 from ..scene import images
+from ..scene.channels import mixed, of_channels, parse_factor
 from . import files
 from .files import IMAGE_FILE
 from .job import Command, Job, job_options

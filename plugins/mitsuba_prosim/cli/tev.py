@@ -11,8 +11,8 @@ from typing import Any
 import click
 import mitsuba as mi
 
-from ..live.publisher import Throttle
 from ..scene import images
+from ..scene.throttle import Throttle
 from .job import Job
 from .option_types import require_extra
 

@@ -12,7 +12,8 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ..engine.error_target import AIM, Noise, counts_for_ratio, mean
+from ..engine.error_target import AIM, counts_for_ratio, mean
+from ..engine.image import Noise
 from ..engine.render import Render
 from ..registry import create
 from ..sampling.hash import combine, hash32

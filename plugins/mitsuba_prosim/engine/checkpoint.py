@@ -25,8 +25,9 @@ import numpy as np
 
 from .. import atomic
 from ..compat import dr_array
-from .accumulators import Accumulators, FilmState
+from .accumulators import Accumulators
 from .environment import MAY_DIFFER, MUST_AGREE, differences, this_environment
+from .image import Image
 from .plan import SAMPLING, SHARED, TARGETS
 from .policies import POLICIES
 from .tiles import Part
@@ -86,7 +87,7 @@ class NotACheckpointError(CheckpointError):
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A bit-identical copy, as NumPy arrays, of the :class:`.FilmState` between two steps of a render.
+    """A bit-identical copy, as NumPy arrays, of the :class:`.Image` between two steps of a render.
 
     ``attributes`` describe the image and the progress of the render, as values for JSON. ``pixels`` maps names of
     arrays to arrays with one value for each pixel that has samples, shape (number of pixels,). The array
@@ -103,7 +104,7 @@ class Checkpoint:
     environment: Mapping[str, str] = field(default_factory=this_environment)
 
     @classmethod
-    def of(cls, state: FilmState, seconds: float, finished: bool) -> Checkpoint:
+    def of(cls, state: Image, seconds: float, finished: bool) -> Checkpoint:
         """Returns the checkpoint of ``state`` after ``seconds`` of rendering.
 
         ``finished`` tells whether the image has all requested samples. A checkpoint does not have the pixels without
@@ -141,7 +142,7 @@ class Checkpoint:
         """The part of the image whose samples the checkpoint has; None for the whole image."""
         return Part(*self.attributes["part"]) if self.attributes["part"] else None
 
-    def restore(self, state: FilmState) -> bool:
+    def restore(self, state: Image) -> bool:
         """Copies this checkpoint into ``state``, which has no samples yet.
 
         If one of the sampling parameters :data:`DECIDING` differs between the checkpoint and ``state``, the policy of
@@ -182,7 +183,7 @@ class Checkpoint:
             state.rounds, state.wanted = self.attributes["rounds"], pixels.get("wanted") if same_target else None
         return decided and self.finished and same_target
 
-    def check_arrays(self, state: FilmState) -> None:
+    def check_arrays(self, state: Image) -> None:
         """Raises ValueError unless the arrays have the names and the types that ``state`` needs, and each pixel is
         stored once.
         """
@@ -207,7 +208,7 @@ class Checkpoint:
                 archive.comment = digest(archive)
 
 
-def identity(state: FilmState) -> dict[str, Any]:
+def identity(state: Image) -> dict[str, Any]:
     """Returns the attributes of an image that must be equal in a checkpoint and in the render that continues from the
     checkpoint.
     """
@@ -225,7 +226,7 @@ def identity(state: FilmState) -> dict[str, Any]:
     }
 
 
-def index(state: FilmState) -> np.ndarray:
+def index(state: Image) -> np.ndarray:
     """Returns the index of each pixel of ``state`` in the rectangle ``state.plan.domain``, whose pixels are numbered
     row by row.
     """

@@ -9,9 +9,9 @@ import mitsuba as mi
 import numpy as np
 
 from ..compat import denormals_rounded, double, dr_array
-from .accumulators import FilmState
 from .camera import without_crop_window
 from .film import film_values, put
+from .image import Image
 from .plan import pixels, pixels_around
 
 #: Number of samples per kernel. A large number is fast, because Dr.Jit traces the code again for each kernel. The
@@ -22,11 +22,11 @@ LANES = 1 << 18
 class Derivatives:
     """Computes the derivatives of a rendered image: takes the samples of the image again, now with derivatives.
 
-    ``state`` is the :class:`.FilmState` of the rendered image, which has the number of samples of each pixel. The
+    ``state`` is the :class:`.Image` of the rendered image, which has the number of samples of each pixel. The
     caller has replaced the light transport of ``state.estimator`` by a light transport that computes derivatives.
     """
 
-    def __init__(self, state: FilmState) -> None:
+    def __init__(self, state: Image) -> None:
         self.plan, self.estimator, self.sensor = state.plan, state.estimator, state.estimator.sensor
         self.counts = state.counts.ravel()
         #: The film's values of the rendered image; and the developed image, which is differentiable by the values.

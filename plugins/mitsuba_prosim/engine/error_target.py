@@ -7,20 +7,12 @@ from __future__ import annotations
 import time
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import TypeAlias
+from dataclasses import dataclass
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 
-from ..alone import alone
-from ..compat import denormals_rounded, double, dr_array
-from ..sampling.hash import hash32
-from .accumulators import Accumulators, FilmState
-from .error import displayed, in_display_units, variance
-from .film import film_values
-from .plan import UNLIMITED, area, pixels_around
+from .image import Image, display_variance
+from .plan import UNLIMITED
 
 #: Duration of a work item with a time limit: this fraction of the limit, within these bounds in seconds.
 SHARE, SHORTEST, LONGEST = 0.01, 0.01, 0.5
@@ -48,10 +40,6 @@ TOLERANCE, UNCERTAIN = 0.98, 1.2
 #: A photon pass is used if enough samples gather its photons. Enough is the number of its photons, or the number of
 #: pixels times its photon maps if that is less, divided by SPARSE.
 SPARSE = 2
-
-#: RMS error of the displayed image (white = 1), the bounds of 99 and of 99.9 % of its pixels, and the upper bound of
-#: the RMS error, which the error exceeds with a probability of about 5 %; NaN while they are not known.
-Noise: TypeAlias = "tuple[float, float, float, float]"
 
 
 @dataclass
@@ -112,100 +100,7 @@ class ErrorTarget:
         return min(LONGEST, max(self.seconds * SHARE, SHORTEST)) if self.seconds else np.inf
 
 
-class SecondImage:
-    """An independent second image of some or all pixels, from which the error of the first image is estimated.
-
-    The difference between two independent images shows the error of these images, however well the samples are
-    distributed. The variance of the samples within a pixel does not show the error of the image: if the samples are
-    well distributed, the actual error can be ten times smaller. ``complete`` tells whether the second image was begun
-    as a whole image, which has each pixel once; then the final image is the mean of the first and the second image.
-    """
-
-    #: One pixel of this many is in the second image, and at least this number of pixels.
-    ONE_IN, MIN_PIXELS = 16, 4096
-    #: Fewer pixels than this are sampled several times, because their differences could all be small by chance; and the
-    #: maximum number of copies of a pixel.
-    FEW, MAX_COPIES = 512, 64
-
-    @alone()
-    def __init__(self, state: FilmState, complete: bool = False) -> None:
-        """Begins a second image for ``state``: of all pixels of the plan's region if ``complete`` is true, else of
-        randomly chosen pixels.
-
-        One of :attr:`ONE_IN` pixels is chosen, or more, so that there are at least about :attr:`MIN_PIXELS` pixels; in
-        a small image, all pixels are chosen. If fewer than :attr:`FEW` pixels are chosen, each chosen pixel is sampled
-        several times with different seeds, but at most :attr:`MAX_COPIES` times. If ``state.second`` already has
-        accumulators for this number of pixels, the second image continues from these accumulators.
-        """
-        self.state, self.estimator, self.complete = state, state.estimator, complete
-        #: The rectangle of the pixels of a complete second image, row by row.
-        self.outer = state.plan.region
-        index, seed = state.crop(np.arange(area(state.outer)), state.plan.region).ravel(), state.plan.seed + 1
-        one_in = 1 if complete else max(1, min(self.ONE_IN, len(index) // self.MIN_PIXELS))
-        index = index[hash32(hash32(index.astype(np.uint64)) + 1) % one_in == 0]  # a pseudo-random choice
-        copies = 1 if complete else min(-(-self.FEW // len(index)), self.MAX_COPIES)
-        if copies > 1:
-            seed = seed + dr.arange(mi.UInt32, len(index) * copies) // len(index)
-            index = np.tile(index, copies)
-        self.index, seed = index, hash32(seed)
-        state.second_index = index
-        self.x, self.y = dr.gather(tuple, (state.x, state.y), dr_array(index.astype(np.uint32)))
-        dr.make_opaque(seed, self.x, self.y)
-        sampling = replace(state.plan.sampling, adaptive="none")  # the second image takes as many samples as the first
-        self.plan = replace(state.plan, seed=seed, photon_seed=int(seed[0]), sampling=sampling)
-        if state.second is None or dr.width(state.second.count) != len(index):  # none, or for other pixels
-            state.second = Accumulators.empty(self.estimator.sums_per_pixel, len(index))
-        #: The sums of the second image: the object ``state.second``, which a checkpoint stores.
-        self.accumulators = state.second
-
-    @alone()
-    @denormals_rounded()
-    def noise(self) -> Noise:
-        """Returns the measured error of the displayed image, see :data:`Noise`.
-
-        The displayed image is the first image, or the mean of both images if the second image is complete. For each
-        pixel of the second image, the method replaces the samples of this pixel in the first image by those of the
-        second image, and sums the squared changes of the displayed values of all pixels within the filter's reach and
-        the crop window. The tone curve is applied to the values before their difference is computed. If the difference
-        of radiances were multiplied by the slope of the tone curve instead, the measured error would depend mostly on
-        bright spots.
-        """
-        # ``of_pixel`` is the number of channels, and ``stored`` the number of the channels up to the weight W.
-        plan, channels, own = self.plan, self.estimator.channels, mi.UInt32(self.index)
-        film, of_pixel, stored = film_values(self.state), len(channels.names), channels.names.index("W") + 1
-        first, second, squares = self.state.accumulators, self.accumulators, dr.zeros(mi.Float, len(self.index))
-        Double = double()
-        counts = [Double(v) for v in (dr.gather(mi.UInt32, first.count, own), second.count)]
-        around = pixels_around(self.x, self.y, self.estimator.reach, plan.window, plan.window)
-        for place, (index, seen) in enumerate(around):
-            sums = [image.sums[place * of_pixel :][:stored] for image in (first, second)]
-            before = [dr.gather(mi.Float, film.array, index * film.shape[2] + k, seen) for k in range(stored)]
-            means = ((dr.gather(Double, a, own) / counts[0], b / counts[1]) for a, b in zip(*sums))
-            after = [v + mi.Float(b - a) for v, (a, b) in zip(before, means)]
-            change = displayed(channels.luminance(before)) - displayed(channels.luminance(after))
-            squares += dr.select(seen, dr.square(change), 0)
-            dr.eval(squares)
-        # The difference of two images has twice the variance of one image, and four times the variance of their mean.
-        # Pixels around a crop window also cause errors in the window, by the filter.
-        factor = (0.25 if self.complete else 0.5) * area(plan.region) / area(plan.window)
-        errors = np.sqrt(factor * np.array(squares, dtype=np.float64))
-        tails = np.percentile(errors, [99, 99.9])
-        rms, within = float(np.sqrt(np.mean(errors**2))), display_variance(first) / np.float64(np.array(first.count))
-        # Relative standard deviation of the RMS error. The second image may lack the brightest pixels. The variance of
-        # the samples within a pixel shows such pixels.
-        deviation = 0.5 * (concentration(errors**2) + 2 * concentration(self.state.crop(within, plan.window))) ** 0.5
-        # 95 % of a normal distribution are below its mean plus 1.645 standard deviations.
-        return rms, float(tails[0]), float(tails[1]), rms * (1 + 1.645 * deviation)
-
-
-def concentration(squares: np.ndarray) -> float:
-    """Returns how concentrated the squared errors ``squares`` are: 1 if one pixel has the whole error, 1/n if n pixels
-    have equal errors, 0 if no pixel has an error.
-    """
-    return float(np.sum(squares**2) / max(np.sum(squares) ** 2, 1e-300))
-
-
-def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarray:
+def next_counts(state: Image, target: ErrorTarget, speed: float) -> np.ndarray:
     """Returns the total number of samples of each pixel after the next pass: as many as the error target requires, but
     limited to the maximum size of one pass.
 
@@ -225,7 +120,7 @@ def next_counts(state: FilmState, target: ErrorTarget, speed: float) -> np.ndarr
     return counts_for_ratio(state, ratio, most)
 
 
-def counts_for_ratio(state: FilmState, ratio: float | None, most: float = np.inf) -> np.ndarray:
+def counts_for_ratio(state: Image, ratio: float | None, most: float = np.inf) -> np.ndarray:
     """Returns the number of samples for each pixel with which the error is as small as with ``ratio`` times the current
     samples in every pixel.
 
@@ -265,7 +160,7 @@ def counts_for_ratio(state: FilmState, ratio: float | None, most: float = np.inf
     return after(smallest_effort(reaches))
 
 
-def remaining_factor(state: FilmState, target: ErrorTarget) -> float:
+def remaining_factor(state: Image, target: ErrorTarget) -> float:
     """Returns the factor by which the samples must increase until the error is :data:`AIM` times the error target.
 
     The error is assumed to be proportional to the number of samples to the power of -:data:`RATE`. The result is NaN if
@@ -296,14 +191,6 @@ def limit_by_photons(count: np.ndarray, wanted: np.ndarray, max_samples: int, ma
     samples = np.cumsum(starts - ends)[: passes * maps].reshape(passes, maps).sum(axis=1)
     enough = np.flatnonzero(samples >= min(photons, count.size * maps) / SPARSE)
     return (int(enough[-1]) + 1) * maps if enough.size else 0
-
-
-def display_variance(accumulators: Accumulators) -> np.ndarray:
-    """Returns, for each pixel, the variance of one sample, converted from radiance to displayed values
-    (:func:`.in_display_units`); 32-bit floats.
-    """
-    total, squares, count = accumulators.statistics()
-    return np.float32(np.square(in_display_units(np.sqrt(variance(total, squares, count)), total / count)))
 
 
 def smallest_effort(reaches: Callable[[float], bool]) -> float:

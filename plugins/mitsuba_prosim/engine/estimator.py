@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import product
-from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
@@ -13,26 +12,23 @@ from ..sampling import wavelengths
 from ..sampling.hash import combine
 from ..sampling.nrook import NRook
 from ..sampling.sobol import Sobol
-from ..transport.transport_context import LENS, PIXEL, TIME_AND_WAVELENGTH
+from ..sampling.spaces import LENS, PIXEL, TIME_AND_WAVELENGTH
+from ..transport.transport import RadianceEstimator
 from .accumulators import BRIGHTEST, DARKEST, Accumulators
 from .camera import ray_sampler
-from .film import Channels, aov_values, luminance
+from .channels import Channels, aov_values, luminance
 from .plan import Plan
 from .policies import policy_of
 
-if TYPE_CHECKING:
-    from .integrator import ProgressiveIntegrator
-
 
 class Estimator:
-    """Takes samples of the image of ``scene`` for ``sensor``, by a progressive ``integrator``.
+    """Takes samples of the image of ``scene`` for ``sensor``; ``transport`` estimates the radiance of camera rays.
 
-    The constructor prepares the film of ``sensor``.
+    The constructor prepares the film of ``sensor``, which stores the ``channels``.
     """
 
-    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, integrator: ProgressiveIntegrator) -> None:
-        self.scene, self.sensor, self.transport = scene, sensor, integrator.transport(scene, sensor)
-        self.channels = Channels(sensor.film(), integrator, self.transport.aov_names)
+    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, transport: RadianceEstimator, channels: Channels) -> None:
+        self.scene, self.sensor, self.transport, self.channels = scene, sensor, transport, channels
         # The channel names may depend on the scene. A specfilm that is not prepared ends the process.
         sensor.film().prepare(self.channels.aov_names)
         self.rays = ray_sampler(sensor)

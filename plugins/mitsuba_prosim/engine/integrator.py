@@ -13,7 +13,7 @@ from ..alone import alone
 from ..compat import take_back_interrupts
 from ..parameters import choice, describe, number, reject, whole
 from ..sampling.nrook import JITTERS
-from .film import parse_aovs
+from .channels import Channels, parse_aovs
 from .plan import SAMPLING, Plan, Sampling
 
 if TYPE_CHECKING:
@@ -195,7 +195,9 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         """Creates the :class:`.Estimator`, which takes the samples of an image, and prepares the film of ``sensor``."""
         from .estimator import Estimator
 
-        return Estimator(scene, sensor, self)
+        transport = self.transport(scene, sensor)
+        aovs = self.own_aovs, self.mitsuba_aovs, transport.aov_names
+        return Estimator(scene, sensor, transport, Channels(sensor.film(), self.channels, *aovs))
 
     def _render_scalar(self, scene: mi.Scene, sensor: int | mi.Sensor, *arguments: Any) -> mi.TensorXf:
         """Renders the image in a scalar variant, by Mitsuba's own loop over pixels and samples.

@@ -40,7 +40,7 @@ class Policy:
         """Returns the total number of samples that each pixel should get, shape (height, width).
 
         For each pixel, ``total`` and ``squares`` are the sums of the luminance and of its square over ``count``
-        samples; the three arrays have 64-bit floats, shape (height, width). :meth:`.FilmState.counts_for` later rounds
+        samples; the three arrays have 64-bit floats, shape (height, width). :meth:`.Image.counts_for` later rounds
         the requested numbers up, and limits them. In this class, the result is the same number for every pixel.
         """
         return np.full(count.shape, self.noisy_samples)

@@ -12,16 +12,17 @@ import mitsuba as mi
 import numpy as np
 
 from ..alone import alone
-from .accumulators import FilmState
-from .camera import sees_tiny_lamp
 from .checkpoint import Checkpoint
 from .error import in_display_units
-from .error_target import GROWTH, UNCERTAIN, ErrorTarget, SecondImage, mean, next_counts, remaining_factor
+from .error_target import GROWTH, UNCERTAIN, ErrorTarget, mean, next_counts, remaining_factor
 from .estimator import Estimator
 from .film import film_values, put
+from .image import Image, SecondImage
+from .pixel_set import PixelSet
 from .plan import UNLIMITED, Plan, area
 from .tiles import Part
-from .work import Executor, Pixels, Step, Steps, photon_batches, work_items
+from .tiny_lamps import sees_tiny_lamp
+from .work import Executor, Step, Steps, photon_batches, work_items
 
 
 class Reached(NamedTuple):
@@ -55,7 +56,7 @@ class Pass(NamedTuple):
     :meth:`Render.stop` cannot end this next pass.
     """
 
-    pixels: Pixels
+    pixels: PixelSet
     wanted: np.ndarray
     #: Estimated number of samples of all pixels together at the end of the image; if the number is 0, the samples of
     #: this pass do not count as progress.
@@ -94,7 +95,7 @@ class Render(Steps):
         part: Part | None = None,
         denoiser: Any = None,
     ) -> None:
-        self.state = FilmState(plan, estimator, part if begin is None else begin.part)
+        self.state = Image(plan, estimator, part if begin is None else begin.part)
         self.film, self.executor = estimator.sensor.film(), executor or Executor()
         elapsed = 0.0 if begin is None else begin.attributes["seconds"]
         self.target = ErrorTarget(plan.sampling.noises, plan.sampling.time, time.perf_counter() - elapsed)

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
@@ -18,16 +18,11 @@ from ..sampling.sobol import z_curve
 from .accumulators import Accumulators
 from .camera import is_perspective, without_crop_window
 from .estimator import Estimator
+from .pixel_set import PixelSet
 from .plan import UNLIMITED, Plan
 
 if TYPE_CHECKING:
     from typing_extensions import Self
-
-    from .accumulators import FilmState
-    from .error_target import SecondImage
-
-#: Pixels that are sampled together: an image, or its second image.
-Pixels: TypeAlias = "FilmState | SecondImage"
 
 #: Maximum number of sums of the pixels of a work item, which limits memory: wide filters have many sums per pixel.
 MOST_SUMS = 1 << 22
@@ -161,7 +156,7 @@ class Executor:
             yield item, sums
 
 
-def work_items(pixels: Pixels, wanted: np.ndarray, executor: Executor, seconds: float = np.inf) -> Iterator[WorkItem]:
+def work_items(pixels: PixelSet, wanted: np.ndarray, executor: Executor, seconds: float = np.inf) -> Iterator[WorkItem]:
     """Yields work items that together bring each pixel of ``pixels`` to its number of samples in ``wanted``.
 
     Pixels that already have this number are in no work item. ``executor`` limits the size of the work items, so that
@@ -188,7 +183,7 @@ def work_items(pixels: Pixels, wanted: np.ndarray, executor: Executor, seconds: 
 
 
 @alone()
-def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, samples: int) -> WorkItem:
+def _work_item(pixels: PixelSet, some: np.ndarray, wanted: np.ndarray, samples: int) -> WorkItem:
     """Returns the work item for the pixels with the indices ``some``, which get at most ``samples`` samples together.
 
     ``wanted`` has the number of samples that each pixel of the image has after the work item, unless the pixel
@@ -209,7 +204,7 @@ def _work_item(pixels: Pixels, some: np.ndarray, wanted: np.ndarray, samples: in
     return WorkItem(pixels.estimator, plan, x, y, start, end, samples, store)
 
 
-def photon_batches(pixels: Pixels, wanted: np.ndarray) -> Iterator[np.ndarray]:
+def photon_batches(pixels: PixelSet, wanted: np.ndarray) -> Iterator[np.ndarray]:
     """Divides the samples that ``pixels`` need to reach the numbers ``wanted`` into batches, one for each photon pass.
 
     Yields, for each batch, the number of samples of each pixel after the batch; a pixel that already has more samples

@@ -12,15 +12,16 @@ import drjit as dr
 import mitsuba as mi
 
 from ..alone import alone_if_traced
-from ..engine.film import aov_values
+from ..engine.channels import aov_values
 from ..engine.integrator import ProgressiveIntegrator
 from ..light.source import read_emission, shown
 from ..parameters import choice, expose, number, reject, whole
 from ..registry import plugin
 from ..sampling.nrook import SamplerPoints
 from ..transport.radiance import KINDS, layers_conflict
+from ..transport.settings import SETTINGS, Settings
 from ..transport.transport import Transport
-from ..transport.transport_context import DEEPEST_TREE, SETTINGS, Settings
+from ..transport.transport_context import DEEPEST_TREE
 
 if TYPE_CHECKING:
     from ..engine.derivatives import Derivatives

@@ -7,7 +7,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..engine.film import aov_values
+from ..engine.channels import aov_values
 from ..engine.integrator import ProgressiveIntegrator
 from ..parameters import nested_integrator
 from ..registry import plugin

@@ -8,7 +8,7 @@ import mitsuba as mi
 
 from ..alone import alone, alone_if_traced
 from ..compat import take_back_interrupts
-from ..engine.film import to_rgb
+from ..engine.channels import to_rgb
 from ..parameters import describe
 from ..registry import plugin
 from ..transport import features

@@ -10,8 +10,8 @@ from typing import TypeAlias
 import mitsuba as mi
 import numpy as np
 
-from ..denoising.layers import mixed
 from ..engine.render import Render
+from ..scene.channels import mixed
 from ..scene.images import luminance
 
 #: The layers that every picture has, except for a coarse picture.

@@ -10,14 +10,14 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compare.methods import can_light, with_background_emitter
 from ..denoising import halves
 from ..engine.work import Executor, Step
 from ..registry import create
 from ..scene import rendering
+from ..scene.background import can_light, with_background_emitter
+from ..scene.throttle import Throttle
 from ..transport.scattering import disperses
 from .picture import Picture, colours, fill_unknown, layers_of_render
-from .publisher import Throttle
 
 #: Approximate duration of a work item in seconds. The viewer handles new requests between work items.
 SECONDS = 0.4

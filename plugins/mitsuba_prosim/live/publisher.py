@@ -5,10 +5,8 @@ web server sends both to every open page.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Mapping
 from dataclasses import dataclass, field, replace
-from time import perf_counter as clock
 from typing import Any
 
 from .picture import Picture
@@ -89,29 +87,3 @@ class Publisher:
             if self.state is not last:
                 yield (last := self.state)
             await asyncio.sleep(INTERVAL)
-
-
-#: Minimum number of seconds between two pictures, and the maximum fraction of the time for drawing pictures.
-DRAW_INTERVAL, DRAW_FRACTION = 0.1, 0.03
-
-
-class Throttle:
-    """Limits how often pictures are drawn, so that drawing takes only a small fraction of the rendering time."""
-
-    def __init__(self) -> None:
-        self._next = 0.0
-
-    @property
-    def due(self) -> bool:
-        """Whether enough time has passed since the latest picture, so that the next picture may be drawn."""
-        return clock() >= self._next
-
-    @contextmanager
-    def drawing(self) -> Iterator[None]:
-        """Measures how long the ``with`` block, which draws a picture, takes, and sets the earliest time of the next
-        picture.
-        """
-        started = clock()
-        yield
-        now = clock()
-        self._next = now + max(DRAW_INTERVAL, (now - started) / DRAW_FRACTION)

@@ -26,7 +26,7 @@ from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from ..denoising.layers import parse_factor
+from ..scene.channels import parse_factor
 from .picture import Factors, Picture
 from .viewer import Viewer
 

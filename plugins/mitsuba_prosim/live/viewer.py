@@ -19,8 +19,8 @@ import mitsuba as mi
 import numpy as np
 import prosim_scene
 
-from ..denoising import layers
 from ..scene import black, session
+from ..scene.channels import of_channels, planes
 from ..scene.errors import with_line, with_suggestion
 from .loaded_scene import LoadedScene
 from .orbit_camera import Camera
@@ -122,8 +122,8 @@ class Viewer:
         for layer, values in picture.layers.items():
             # The channels of the layer lights.lamp1 are lamp1.R, lamp1.G and lamp1.B; a map has one channel, error.Y.
             prefix = "" if layer == "final" else layer.rpartition(".")[2] + "."
-            channels |= layers.planes(prefix, values) if values.ndim == 3 else {prefix + "Y": values}
-        return self.publisher.state, layers.of_channels(channels), self._integrator, self._reached
+            channels |= planes(prefix, values) if values.ndim == 3 else {prefix + "Y": values}
+        return self.publisher.state, of_channels(channels), self._integrator, self._reached
 
     def run_calls(self, timeout: float = 0.0) -> None:
         """Executes all functions that :meth:`call` has scheduled. If no function is scheduled, waits at most

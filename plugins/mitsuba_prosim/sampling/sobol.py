@@ -34,7 +34,7 @@ class Sobol:
         """Returns the point of this sample, in [0, 1)², in the space number ``space``; ``active`` is ignored.
 
         A space is one of the pairs of random numbers of the sample, such as ``PIXEL`` (number 0, the position in the
-        pixel) or ``LENS``; the spaces are numbered in ``transport_context.py``.
+        pixel) or ``LENS``; the spaces are numbered in ``spaces.py``.
         """
         return point(combine(self.key, space), self.reversed)
 

@@ -13,12 +13,13 @@ from ..light.table import Lamp
 from ..masks import but_not
 from ..sampling.nrook import SamplerPoints
 from ..sampling.sobol import Points
+from ..sampling.spaces import NODE_SPACES
 from . import lobes
 from .absorption import medium_beyond, transmittance
 from .next_ray import lobe_point
 from .radiance import Radiance
 from .ray import Vertex, mis
-from .transport_context import NODE_SPACES, Context
+from .transport_context import Context
 
 
 def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:

@@ -10,11 +10,12 @@ import mitsuba as mi
 from ..light.reparameterisation import reparameterised_ray
 from ..masks import but_not, idle
 from ..sampling.sobol import Points
+from ..sampling.spaces import CHOICE, DIFFUSE, REFRACTED
 from . import lobes
 from .absorption import medium_beyond
 from .lobes import LobePoint
 from .ray import Ray, Vertex
-from .transport_context import CHOICE, DIFFUSE, REFRACTED, Context, direction_space
+from .transport_context import Context, direction_space
 
 
 def next_ray(

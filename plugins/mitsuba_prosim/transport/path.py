@@ -10,10 +10,11 @@ import drjit as dr
 import mitsuba as mi
 
 from ..sampling.sobol import Points
+from ..sampling.spaces import CHOICE, REFRACTED, ROULETTE
 from . import lobes
 from .next_ray import next_ray, roulette
 from .ray import Ray, Vertex
-from .transport_context import CHOICE, REFRACTED, ROULETTE, Context
+from .transport_context import Context
 
 
 @dataclass

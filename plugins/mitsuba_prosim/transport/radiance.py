@@ -29,7 +29,7 @@ from ..light.table import Lights
 
 if TYPE_CHECKING:
     from .ray import Ray
-    from .transport_context import Settings
+    from .settings import Settings
 
 #: Allowed values of the parameter ``layers``.
 KINDS = ("none", "lights", "levels", "terms")

@@ -6,8 +6,9 @@ integrator of Mitsuba.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import drjit as dr
 import mitsuba as mi
@@ -16,11 +17,12 @@ from ..masks import but_not
 from ..registry import create
 from ..sampling.nrook import NRook, SamplerPoints
 from ..sampling.sobol import Points, Sobol
+from ..sampling.spaces import CAMERA_SPACES
 from . import path, tree
 from .differentiable_loop import differentiable_loop
 from .radiance import Radiance
 from .ray import Ray
-from .transport_context import CAMERA_SPACES, Context
+from .transport_context import Context
 from .vertex import shade
 from .workarounds import warn_of_lost_light
 
@@ -38,6 +40,19 @@ class State:
     progress: tree.Stack | path.Counters
     #: The ``mi.Sampler`` that draws the sampling points; None where the points have no state.
     sampler: mi.Sampler | None
+
+
+class RadianceEstimator(Protocol):
+    """Estimates the radiance of camera rays; one object is used for all camera rays of a render."""
+
+    #: The photon maps; None without caustics.
+    caustics: Any
+    #: Names of the channels that a call returns after the radiance and the hit; whether they are layers of the image.
+    aov_names: Sequence[str]
+    has_layers: bool
+
+    def __call__(self, ray: mi.Ray3f, points: Points, active: mi.Bool) -> tuple[mi.Spectrum, mi.Bool, list[Any]]:
+        """Returns the radiance along ``ray``, whether it hits a surface, and the values of the further channels."""
 
 
 class Transport(Context):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
@@ -10,51 +10,19 @@ import mitsuba as mi
 
 from ..light.table import Lights
 from ..optics.nested import all_flags
+from ..sampling.spaces import CAMERA_SPACES, DIFFUSE, NODE_SPACES, REFLECTED, REFRACTED
 from . import lobes
 from .absorption import absorbs_any, pointer
 from .radiance import layers_of
 from .ray import Ray
 from .scattering import Scattering
+from .settings import Settings
 
 #: Maximum level of a ray tree: its nodes are numbered as in a heap, in 32 bits.
 DEEPEST_TREE = 24
 
 #: Maximum number of diffuse reflections of a path that stands for no limit.
 UNLIMITED_BOUNCES = (1 << 31) - 1
-
-#: Spaces of the sampling pattern for the camera. The spaces of the nodes follow.
-PIXEL, LENS, TIME_AND_WAVELENGTH, CAMERA_SPACES = 0, 1, 2, 3
-
-#: Spaces of the sampling pattern for one node. The spaces of the light sources follow.
-REFLECTED, REFRACTED, DIFFUSE, CHOICE, ROULETTE, NODE_SPACES = 0, 1, 2, 3, 4, 5
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Settings of the light transport; the plugin page :ref:`integrator-prosim` explains each setting."""
-
-    max_level: int
-    shadows: bool
-    ambient: mi.Texture | None
-    background: mi.Texture | None
-    diffuse_bounces: int
-    cutoff: float
-    rr_depth: int
-    rr_throughput: float
-    hide_emitters: bool
-    layers: str
-
-    @property
-    def follows_tree(self) -> bool:
-        """Whether the integrator follows Whitted's ray tree instead of paths.
-
-        If ``diffuse_bounces`` is 0, the integrator follows the ray tree, which has no rays from diffuse lobes.
-        """
-        return self.diffuse_bounces == 0
-
-
-#: Names of the settings.
-SETTINGS = tuple(field.name for field in fields(Settings))
 
 
 class Context:

@@ -12,10 +12,11 @@ import mitsuba as mi
 
 from ..masks import but_not
 from ..sampling.sobol import Points
+from ..sampling.spaces import ROULETTE
 from . import lobes
 from .next_ray import next_ray, roulette
 from .ray import Ray, Vertex
-from .transport_context import ROULETTE, Context
+from .transport_context import Context
 
 
 @dataclass

@@ -1,0 +1,228 @@
+"""The image in progress, and the independent second image that measures its error."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, TypeAlias
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..alone import alone
+from ..compat import denormals_rounded, double, dr_array
+from ..sampling.hash import hash32
+from .accumulators import Accumulators
+from .error import displayed, in_display_units, variance
+from .estimator import Estimator
+from .film import film_values
+from .pixel_set import PixelSet
+from .plan import UNLIMITED, Plan, Rectangle, area, pixels, pixels_around, widened
+from .policies import policy_of
+from .tiles import Part, part_numbers
+
+#: RMS error of the displayed image (white = 1), the bounds of 99 and of 99.9 % of its pixels, and the upper bound of
+#: the RMS error, which the error exceeds with a probability of about 5 %; NaN while they are not known.
+Noise: TypeAlias = "tuple[float, float, float, float]"
+
+
+class Image(PixelSet):
+    """The state of an image in progress: the accumulators of all pixels, and the state of adaptive sampling.
+
+    The n-th sample of a pixel does not depend on the order in which samples are taken, so the image depends only on the
+    number of samples of each pixel. A :class:`.Checkpoint` stores a film state in a file. ``part`` is the part of the
+    image that is rendered; None for the whole image.
+    """
+
+    def __init__(self, plan: Plan, estimator: Estimator, part: Part | None = None) -> None:
+        # ``part`` is the part of the image that is rendered; None for the whole image.
+        self.plan, self.estimator, self.policy, self.part = plan, estimator, policy_of(plan), part
+        #: Width in pixels of the margin around the image whose samples the policy uses.
+        self.margin = self.policy.rounds * self.policy.reach
+        #: The rectangle of the pixels in the arrays, row by row.
+        self.outer = widened(plan.region, self.margin, plan.domain)
+        self.x, self.y = pixels(self.outer)
+        self.accumulators = Accumulators.empty(estimator.sums_per_pixel, area(self.outer))
+        #: The last measurement by :class:`.SecondImage`, see :data:`Noise`.
+        self.noise: tuple[float, float, float, float] = (float("nan"),) * 4
+        #: Estimates of the error of the denoised image: samples per pixel, the denoiser's networks, and the ratio of
+        #: the error of the denoised image to the error of the raw image.
+        self.estimates = list[Sequence[Any]]()
+        #: Number of decisions of the policy so far; 0 before the end of the first pass.
+        self.rounds = 0
+        #: The counts of the current pass; None during the first pass and between two passes.
+        self.wanted: np.ndarray | None = None
+        #: Accumulators of the :class:`.SecondImage`.
+        self.second: Accumulators | None = None
+        #: Indices of the pixels of the :class:`.SecondImage` in the arrays of this state.
+        self.second_index: np.ndarray | None = None
+
+    def crop(self, values: mi.Float | mi.UInt32 | np.ndarray, rectangle: Rectangle) -> np.ndarray:
+        """Returns the entries of ``values`` for the pixels of ``rectangle``, shape (height, width).
+
+        ``values`` has one entry for each pixel of the rectangle :attr:`outer`, row by row; ``rectangle`` must lie in
+        :attr:`outer`. If ``values`` is a NumPy array, the result is a view of ``values``, not a copy.
+        """
+        left, top, right, bottom = self.outer
+        plane = values if isinstance(values, np.ndarray) else np.array(values)
+        plane = plane.reshape(bottom - top, right - left)
+        return plane[rectangle[1] - top : rectangle[3] - top, rectangle[0] - left : rectangle[2] - left]
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Number of samples of each pixel of ``plan.region``, shape (height, width).
+
+        ``plan.region`` has the pixels whose samples contribute to the crop window through the reconstruction filter.
+        """
+        return self.crop(self.accumulators.count, self.plan.region)
+
+    def counts_of_part(self, counts: np.ndarray, reach: int) -> np.ndarray:
+        """Returns ``counts``, but 0 for pixels that are farther than ``reach`` pixels from the image part :attr:`part`.
+
+        ``counts`` has one entry for each pixel of :attr:`outer`. A distance is the larger one of the distances in rows
+        and in columns. ``reach``, in pixels, must not exceed the side of a tile (:mod:`.tiles`). A place outside
+        ``plan.region`` counts as the nearest pixel of ``plan.region``. If :attr:`part` is None, ``counts`` is returned
+        unchanged.
+        """
+        if self.part is None:
+            return counts
+        x, y, needed = np.array(self.x), np.array(self.y), np.zeros(counts.shape, bool)
+        left, top, right, bottom = self.plan.region
+        # These nine places meet all tiles within ``reach`` pixels, because no tile is narrower than ``reach``.
+        for px in (np.clip(x + step, left, right - 1) for step in (-reach, 0, reach)):
+            for py in (np.clip(y + step, top, bottom - 1) for step in (-reach, 0, reach)):
+                needed |= part_numbers(self.plan.region, self.part.of, self.margin, px, py) == self.part.number
+        return np.where(needed, counts, np.uint32(0))
+
+    def request(self, margin: int = 0) -> np.ndarray:
+        """Returns the number of samples that the policy of adaptive sampling requests for each pixel of :attr:`outer`.
+
+        The result is a flat array of total numbers, which include the samples that a pixel already has. The numbers are
+        32-bit floats, neither rounded nor limited; the policy ``graded`` also requests infinity. The requested number
+        is 0 for a pixel that is more than ``margin`` pixels outside ``plan.region``.
+        """
+        statistics = self.accumulators.statistics()
+        # The statistics of both images are added, because either image may have met a rare bright light.
+        if self.second is not None and self.second_index is not None:
+            for first, second in zip(statistics, self.second.statistics()):
+                np.add.at(first, self.second_index, second)
+        with np.errstate(all="ignore"):  # the error is NaN without samples
+            values = np.float32(self.policy.request(*(self.crop(sums, self.outer) for sums in statistics)))
+        there, result = widened(self.plan.region, margin, self.plan.domain), np.zeros(area(self.outer), np.float32)
+        self.crop(result, there)[:] = self.crop(values, there)
+        return result
+
+    def counts_for(self, request: np.ndarray) -> np.ndarray:
+        """Converts the requested numbers of samples to the numbers of samples that the pixels will have.
+
+        The numbers include the samples that a pixel already has. A request below the plan's minimum number of samples
+        per pixel becomes this minimum. A request above the minimum is rounded up to a power of two, for which Sobol'
+        points are best, and limited to the plan's maximum number of samples per pixel. A request of NaN becomes 1.
+        """
+        plan, clipped = self.plan, np.clip(np.nan_to_num(request, nan=1), 1, UNLIMITED)
+        # The exponent of frexp(m - 1) is the smallest e with 2^e >= m, for whole numbers m >= 1.
+        power_of_two = np.left_shift(1, np.frexp(np.ceil(clipped) - 1)[1])
+        counts = np.where(request <= plan.min_samples, plan.min_samples, power_of_two)
+        return np.minimum(counts, plan.max_samples).astype(np.uint32)
+
+
+class SecondImage(PixelSet):
+    """An independent second image of some or all pixels, from which the error of the first image is estimated.
+
+    The difference between two independent images shows the error of these images, however well the samples are
+    distributed. The variance of the samples within a pixel does not show the error of the image: if the samples are
+    well distributed, the actual error can be ten times smaller. ``complete`` tells whether the second image was begun
+    as a whole image, which has each pixel once; then the final image is the mean of the first and the second image.
+    """
+
+    #: One pixel of this many is in the second image, and at least this number of pixels.
+    ONE_IN, MIN_PIXELS = 16, 4096
+    #: Fewer pixels than this are sampled several times, because their differences could all be small by chance; and the
+    #: maximum number of copies of a pixel.
+    FEW, MAX_COPIES = 512, 64
+
+    @alone()
+    def __init__(self, image: Image, complete: bool = False) -> None:
+        """Begins a second image for ``image``: of all pixels of the plan's region if ``complete`` is true, else of
+        randomly chosen pixels.
+
+        One of :attr:`ONE_IN` pixels is chosen, or more, so that there are at least about :attr:`MIN_PIXELS` pixels; in
+        a small image, all pixels are chosen. If fewer than :attr:`FEW` pixels are chosen, each chosen pixel is sampled
+        several times with different seeds, but at most :attr:`MAX_COPIES` times. If ``image.second`` already has
+        accumulators for this number of pixels, the second image continues from these accumulators.
+        """
+        self.first, self.estimator, self.complete = image, image.estimator, complete
+        #: The rectangle of the pixels of a complete second image, row by row.
+        self.outer = image.plan.region
+        index, seed = image.crop(np.arange(area(image.outer)), image.plan.region).ravel(), image.plan.seed + 1
+        one_in = 1 if complete else max(1, min(self.ONE_IN, len(index) // self.MIN_PIXELS))
+        index = index[hash32(hash32(index.astype(np.uint64)) + 1) % one_in == 0]  # a pseudo-random choice
+        copies = 1 if complete else min(-(-self.FEW // len(index)), self.MAX_COPIES)
+        if copies > 1:
+            seed = seed + dr.arange(mi.UInt32, len(index) * copies) // len(index)
+            index = np.tile(index, copies)
+        self.index, seed = index, hash32(seed)
+        image.second_index = index
+        self.x, self.y = dr.gather(tuple, (image.x, image.y), dr_array(index.astype(np.uint32)))
+        dr.make_opaque(seed, self.x, self.y)
+        sampling = replace(image.plan.sampling, adaptive="none")  # the second image takes as many samples as the first
+        self.plan = replace(image.plan, seed=seed, photon_seed=int(seed[0]), sampling=sampling)
+        if image.second is None or dr.width(image.second.count) != len(index):  # none, or for other pixels
+            image.second = Accumulators.empty(self.estimator.sums_per_pixel, len(index))
+        #: The sums of the second image: the object ``image.second``, which a checkpoint stores.
+        self.accumulators = image.second
+
+    @alone()
+    @denormals_rounded()
+    def noise(self) -> Noise:
+        """Returns the measured error of the displayed image, see :data:`Noise`.
+
+        The displayed image is the first image, or the mean of both images if the second image is complete. For each
+        pixel of the second image, the method replaces the samples of this pixel in the first image by those of the
+        second image, and sums the squared changes of the displayed values of all pixels within the filter's reach and
+        the crop window. The tone curve is applied to the values before their difference is computed. If the difference
+        of radiances were multiplied by the slope of the tone curve instead, the measured error would depend mostly on
+        bright spots.
+        """
+        # ``of_pixel`` is the number of channels, and ``stored`` the number of the channels up to the weight W.
+        plan, channels, own = self.plan, self.estimator.channels, mi.UInt32(self.index)
+        film, of_pixel, stored = film_values(self.first), len(channels.names), channels.names.index("W") + 1
+        first, second, squares = self.first.accumulators, self.accumulators, dr.zeros(mi.Float, len(self.index))
+        Double = double()
+        counts = [Double(v) for v in (dr.gather(mi.UInt32, first.count, own), second.count)]
+        around = pixels_around(self.x, self.y, self.estimator.reach, plan.window, plan.window)
+        for place, (index, seen) in enumerate(around):
+            sums = [side.sums[place * of_pixel :][:stored] for side in (first, second)]
+            before = [dr.gather(mi.Float, film.array, index * film.shape[2] + k, seen) for k in range(stored)]
+            means = ((dr.gather(Double, a, own) / counts[0], b / counts[1]) for a, b in zip(*sums))
+            after = [v + mi.Float(b - a) for v, (a, b) in zip(before, means)]
+            change = displayed(channels.luminance(before)) - displayed(channels.luminance(after))
+            squares += dr.select(seen, dr.square(change), 0)
+            dr.eval(squares)
+        # The difference of two images has twice the variance of one image, and four times the variance of their mean.
+        # Pixels around a crop window also cause errors in the window, by the filter.
+        factor = (0.25 if self.complete else 0.5) * area(plan.region) / area(plan.window)
+        errors = np.sqrt(factor * np.array(squares, dtype=np.float64))
+        tails = np.percentile(errors, [99, 99.9])
+        rms, within = float(np.sqrt(np.mean(errors**2))), display_variance(first) / np.float64(np.array(first.count))
+        # Relative standard deviation of the RMS error. The second image may lack the brightest pixels. The variance of
+        # the samples within a pixel shows such pixels.
+        deviation = 0.5 * (concentration(errors**2) + 2 * concentration(self.first.crop(within, plan.window))) ** 0.5
+        # 95 % of a normal distribution are below its mean plus 1.645 standard deviations.
+        return rms, float(tails[0]), float(tails[1]), rms * (1 + 1.645 * deviation)
+
+
+def concentration(squares: np.ndarray) -> float:
+    """Returns how concentrated the squared errors ``squares`` are: 1 if one pixel has the whole error, 1/n if n pixels
+    have equal errors, 0 if no pixel has an error.
+    """
+    return float(np.sum(squares**2) / max(np.sum(squares) ** 2, 1e-300))
+
+
+def display_variance(accumulators: Accumulators) -> np.ndarray:
+    """Returns, for each pixel, the variance of one sample, converted from radiance to displayed values
+    (:func:`.in_display_units`); 32-bit floats.
+    """
+    total, squares, count = accumulators.statistics()
+    return np.float32(np.square(in_display_units(np.sqrt(variance(total, squares, count)), total / count)))

@@ -1,0 +1,39 @@
+"""Makes the background of an integrator an emitter of the scene."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mitsuba as mi
+
+
+def can_light(background: Any) -> bool:
+    """Whether the integrator's ``background`` is None, or can be converted to an emitter because it is a constant
+    colour or a bitmap.
+    """
+    return background is None or not background.is_spatially_varying() or "data" in mi.traverse(background)
+
+
+def with_background_emitter(scene: mi.Scene, background: mi.Texture) -> mi.Scene:
+    """Returns a new scene with the shapes and emitters of ``scene``, with ``background`` as an additional emitter, and
+    without a sensor.
+
+    The new scene contains the same objects as ``scene``, not copies, because Dr.Jit traces all BSDFs and emitters that
+    exist. Raises ValueError if the background varies in space and is not a bitmap.
+    """
+    if not can_light(background):
+        raise ValueError(
+            f"a background of {background.class_name()} can't light the scene for other integrators; use a colour or a "
+            "bitmap"
+        )
+    sky = {"type": "constant", "radiance": background}
+    if background.is_spatially_varying():
+        sky = {"type": "envmap", "bitmap": mi.Bitmap(mi.traverse(background)["data"])}
+    parts = {f"shape_{i}": shape for i, shape in enumerate(scene.shapes())}
+    parts |= {f"emitter_{i}": emitter for i, emitter in enumerate(scene.emitters()) if emitter.get_shape() is None}
+    names = {part: part.id() for part in parts.values()}
+    try:
+        return mi.load_dict({"type": "scene", **parts, "background": sky})
+    finally:
+        for part, name in names.items():  # load_dict has renamed the objects
+            part.set_id(name)

@@ -135,6 +135,33 @@ def test_photons_of_a_textured_lamp_carry_its_light(variant_rgb, tmp_path, logge
     assert (ours == pytest.approx(expected, rel=0.02)) != (case == "attribute") and warned == (case == "attribute")
 
 
+@pytest.mark.parametrize("inner", [None, {"type": "path"}])
+@pytest.mark.parametrize("degrees", [0, 3, 20, 45])
+def test_lamp_with_tilted_normals_causes_warning(variant_rgb, tmp_path, logged, degrees, inner):
+    angle = np.radians(degrees)
+    normals = np.tile(np.array([np.sin(angle), 0, np.cos(angle)], np.float32), 4)
+    scene = lit(write_square(tmp_path / "square.ply", normals=normals) | {"emitter": {"type": "prosim_area"}})
+    integrator = {"type": "prosim_adaptive", "inner": inner} if inner else DIRECT
+    mi.load_dict(integrator).render(scene, spp=1)
+    warnings = [text for _, text in logged if "tilted" in text]
+    assert len(warnings) == (degrees > 8) and all(
+        f"'lamp' (about {1 - np.cos(angle):.0%})" in text for text in warnings
+    )
+
+
+def test_smooth_ball_of_triangles_causes_no_warning(variant_rgb, tmp_path, logged):
+    """Eight triangles with the normals of a sphere."""
+    ends = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, 0, 0), (0, -1, 0), (0, 0, -1)]
+    rows = [("v", *v) for v in ends] + [("vn", *v) for v in ends]
+    for x, y, z in np.ndindex(2, 2, 2):
+        corners = (1 + 3 * x, 2 + 3 * y, 3 + 3 * z)
+        rows.append(("f", *(f"{k}//{k}" for k in (corners if (x + y + z) % 2 == 0 else corners[::-1]))))
+    (tmp_path / "ball.obj").write_text("\n".join(" ".join(map(str, row)) for row in rows))
+    scene = lit({"type": "obj", "filename": str(tmp_path / "ball.obj"), "emitter": {"type": "prosim_area"}})
+    mi.load_dict(DIRECT).render(scene, spp=1)
+    assert not logged
+
+
 CURVE = "bsplinecurve"
 STRANGERS = ("instance", "shapegroup", *UNSAMPLED, f"{CURVE} that shines", "sdfgrid that shines")
 

@@ -65,6 +65,9 @@ class Area(Source):
     source find its light, and particle tracing raises an error. For an unoccluded, uniform sphere of radius r at
     distance d, wholly above the horizon, the irradiance is exactly :math:`\pi L (r/d)^2 \cos \theta`.
 
+    On a mesh whose vertex normals are tilted against its triangles, light sampling loses light, as with Mitsuba's
+    :monosp:`area`: a warning names the shape.
+
     An unattenuated source has the radiance :math:`4 E d^2 / A` for a receiver at distance d of its centre, where A is
     the area of the shape (:math:`E d^2 / \pi r^2` for a sphere). As the radiance depends on the receiver, such a source
     has no power: particle tracing (:monosp:`ptracer`) raises an error. If a ray has passed through a surface without

@@ -17,13 +17,16 @@ from typing import Any, TypeAlias
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import AREA, MESH_ATTRIBUTE, UNIQUE_UV, samples_elsewhere
+from ..compat import AREA, MESH_ATTRIBUTE, UNIQUE_UV, mesh_positions, samples_elsewhere
 
 #: One emitter, or a Dr.Jit array of emitters.
 Emitter: TypeAlias = "mi.Emitter | mi.EmitterPtr"
 
 #: Maximum number of triangles of a mesh whose texture coordinates are examined.
 MAX_TRIANGLES = 256
+
+#: Fraction of light that an emitter with tilted normals must lose to cause a warning.
+MIN_TILT_LOSS = 0.01
 
 
 def point_sampler(emitter: mi.Emitter) -> str:
@@ -73,6 +76,38 @@ def _has_unique_uv(shape: mi.Shape) -> bool:
     gap = np.maximum(low - high[own, own][:, None], low[own, own][:, None] - high).max(-1)
     overlap = np.maximum(gap, gap.T) < -1e-6 * np.abs(edges).max()
     return bool(np.array_equal(overlap, own == own[:, None]))
+
+
+def warn_of_tilted_normals(emitters: Iterable[mi.Emitter]) -> None:
+    """Warns of emitters on meshes whose vertex normals are tilted: Mitsuba 3.9 uses them in place of the normals of the
+    triangles in the density of a sampled point, so that light sampling loses light.
+    """
+    losses = {e.get_shape().id(): tilt_loss(e.get_shape()) for e in emitters if e.get_shape() is not None}
+    if tilted := {name: loss for name, loss in losses.items() if loss > MIN_TILT_LOSS}:
+        names = ", ".join(f"{name!r} (about {loss:.0%})" for name, loss in tilted.items())
+        mi.Log(
+            mi.LogLevel.Warn,
+            f"prosim: {names} may light too little: the vertex normals of these emitters are tilted against their "
+            "triangles. Load the mesh with face_normals, or remove the vertex normals from its file.",
+        )
+
+
+def tilt_loss(shape: mi.Shape) -> float:
+    """Returns 1 - cos of the angle between the normal of a triangle and the mean normal of its corners, averaged
+    over the area of the mesh ``shape``; 0 for other shapes, and for a mesh without vertex normals.
+    """
+    import numpy as np
+
+    parameters, positions = mi.traverse(shape), mesh_positions(shape)
+    if positions is None or "vertex_normals" not in parameters or not len(parameters["vertex_normals"]):
+        return 0.0
+    faces = np.array(parameters["faces"]).reshape(-1, 3)
+    normals = np.array(dr.detach(parameters["vertex_normals"]), dtype=float).reshape(-1, 3)[faces].sum(axis=1)
+    a, b, c = positions[faces].transpose(1, 0, 2)
+    areas = np.cross(b - a, c - a)
+    lengths = np.maximum(np.linalg.norm(normals, axis=1), 1e-30)
+    total = max(float(np.linalg.norm(areas, axis=1).sum()), 1e-30)
+    return 1 - float(np.abs(np.sum(areas * normals, axis=1) / lengths).sum()) / total
 
 
 def no_sample(kind: type) -> Any:

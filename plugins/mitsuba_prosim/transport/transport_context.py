@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..light.emitter_methods import warn_of_tilted_normals
 from ..light.table import Lights
 from ..optics.nested import all_flags
 from ..sampling.spaces import CAMERA_SPACES, DIFFUSE, NODE_SPACES, REFLECTED, REFRACTED
@@ -47,6 +48,7 @@ class Context:
             # With photons, a path must distinguish diffuse from other reflections. A ray that samples the whole BRDF
             # cannot.
             settings = replace(settings, diffuse_bounces=UNLIMITED_BOUNCES)
+        warn_of_tilted_normals(scene.emitters())
         self.scene, self.settings, self.attached = scene, settings, attached
         #: The photons, emitted by :meth:`.Caustics.use_pass`; and the MIS of photons and rays. Each may be None.
         self.caustics, self.photon_mis = caustics, None if caustics is None else caustics.mis

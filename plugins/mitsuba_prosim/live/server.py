@@ -63,8 +63,6 @@ HEADERS = {
 #: :func:`guard` accepts; minimum number of seconds between two log messages.
 MAX_CONNECTIONS, AT_ONCE, QUEUE, TIMEOUT, LOG_INTERVAL = 24, 8, 1024, 10.0, 60.0
 
-LOG = logging.getLogger(__name__)
-
 
 class Connection(H11Protocol):
     """An HTTP connection to a client, who may be hostile.
@@ -117,7 +115,8 @@ class Server(uvicorn.Server):
         """Logs an error of the event loop, such as too many open files."""
         if loop.time() >= self.due:
             self.due = loop.time() + LOG_INTERVAL
-            LOG.warning("The server of the page: %s", context.get("exception") or context["message"])
+            words = context.get("exception") or context["message"]
+            logging.getLogger(__name__).warning("The server of the page: %s", words)
 
 
 @contextmanager

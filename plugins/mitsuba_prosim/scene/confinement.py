@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 from xml.parsers import expat
 
 import mitsuba as mi
@@ -28,32 +28,27 @@ def elements(content: bytes, strict: bool = True) -> list[tuple[str, Mapping[str
     """Returns ``(tag, attributes, line, column)`` for each XML element in the ``content`` of a file, in its order.
 
     If ``strict`` is true, the function raises ValueError for all content that Mitsuba's parser may read in another way:
-    content that is not well-formed XML in UTF-8, a document type, a processing instruction, and elements that are
-    nested more than :data:`MAX_DEPTH` deep, for which Mitsuba's parser may lack memory. If ``strict`` is false, the
-    function raises ValueError only if the content is not well-formed.
+    content that is not well-formed XML in UTF-8, a document type, and a processing instruction. If ``strict`` is false,
+    the content must only be well-formed. In both cases, elements that are nested more than :data:`MAX_DEPTH` deep raise
+    ValueError, too, because Mitsuba's parser may lack memory for them.
     """
-    parser, depth = expat.ParserCreate("utf-8" if strict else None), 0
-    found: list[tuple[str, Mapping[str, str], int, int]] = []
+    parser = expat.ParserCreate("utf-8" if strict else None)
+    found, levels = list[tuple[str, Mapping[str, str], int, int]](), list[str]()
 
-    def refuse(*_: Any) -> NoReturn:
+    def refuse(*_: Any) -> None:
         raise ValueError("a document type or a processing instruction")
 
-    def declare(version: str, encoding: str | None, _: int) -> None:
+    def declare(_: str, encoding: str | None, __: int) -> None:
         if (encoding or "utf-8").lower() not in ("utf-8", "utf8"):
             raise ValueError(f"the encoding {encoding}, not UTF-8")
 
     def begin(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth
-        depth += 1
-        if strict and depth > MAX_DEPTH:
+        levels.append(tag)
+        if len(levels) > MAX_DEPTH:
             raise ValueError(f"elements nested more than {MAX_DEPTH} deep")
         found.append((tag, attributes, parser.CurrentLineNumber, parser.CurrentColumnNumber + 2))
 
-    def end(_: str) -> None:
-        nonlocal depth
-        depth -= 1
-
-    parser.StartElementHandler, parser.EndElementHandler = begin, end
+    parser.StartElementHandler, parser.EndElementHandler = begin, lambda _: levels.pop()
     if strict:
         parser.StartDoctypeDeclHandler = parser.ProcessingInstructionHandler = refuse
         parser.XmlDeclHandler = declare
@@ -62,7 +57,7 @@ def elements(content: bytes, strict: bool = True) -> list[tuple[str, Mapping[str
             raise ValueError("a zero byte")
         parser.Parse(content, True)
     except (expat.ExpatError, ValueError) as error:
-        words = expat.ErrorString(error.code) if isinstance(error, expat.ExpatError) else error
+        words = str(error).partition(": line ")[0]
         raise ValueError(f"(line {parser.ErrorLineNumber}, col {parser.ErrorColumnNumber + 1}): {words}") from None
     return found
 
@@ -77,25 +72,19 @@ class Confinement:
     """
 
     def __init__(self, folders: Iterable[Path]) -> None:
-        self._folders = [os.path.realpath(folder) for folder in folders]
+        self._folders, self._includes = [os.path.realpath(folder) for folder in folders], 0
 
-    def check_text(self, path: Path) -> None:
+    def check_text(self, path: Path, folders: dict[str, None] | None = None) -> None:
         """Checks all files that Mitsuba's parser may open while it parses the XML file ``path``; call this method
         before parsing.
 
-        This method does not check the files that ``<string>`` parameters of plugins name; :meth:`check_state` checks
-        these files. Raises OutsideError if a file is not allowed, if the name of a file contains a ``$key`` parameter,
-        if :func:`elements` refuses an XML file, or if more than :data:`MAX_INCLUDES` files are included. Raises OSError
-        if the file ``path`` or an included XML file cannot be read.
+        ``folders`` are the folders in which Mitsuba may search for files; this method adds folders that it finds. This
+        method does not check the files that ``<string>`` parameters of plugins name; :meth:`check_state` checks these
+        files. Raises OutsideError if a file is not allowed, if the name of a file contains a ``$key`` parameter, if
+        :func:`elements` refuses an XML file, or if more than :data:`MAX_INCLUDES` files are included. Raises OSError if
+        the file ``path`` or an included XML file cannot be read.
         """
-        self._includes = 0
-        self._check_text(path, dict.fromkeys(map(str, mi.file_resolver())))
-
-    def _check_text(self, path: Path, folders: dict[str, None]) -> None:
-        """Checks the XML file ``path``, as :meth:`check_text`, and the files that it includes.
-
-        ``folders`` are the folders in which Mitsuba may search for files; this method adds the folders that it finds.
-        """
+        folders = dict.fromkeys(map(str, mi.file_resolver())) if folders is None else folders
         folders[str(path.parent)] = None
         try:
             found = elements(path.read_bytes())
@@ -117,7 +106,7 @@ class Confinement:
                 raise OutsideError(f"At {path} (line {line}, col {column}): {wrong}")
             folders.update(dict.fromkeys(places if tag == "path" else ()))
             for place in places if tag == "include" else ():
-                self._check_text(Path(place), folders)
+                self.check_text(Path(place), folders)
 
     def check_state(self, state: mi.parser.ParserState) -> None:
         """Checks the XML files that the parser has read, the names of plugins, and all files that plugins would open

@@ -106,7 +106,9 @@ async def keystrokes(count: int, keys: int = 100) -> None:
     """Types a character into ``keys`` random SURFACE lines, and prints a row of the table."""
     client, reports = LanguageClient("keystrokes", "1"), asyncio.Queue()
     client.feature(lsp.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)(lambda report: reports.put_nowait(report))  # noqa: PLW0108  (pygls marks the function)
-    await client.start_io(sys.executable, "-c", "import prosim_scene.language_server as it; it.language_server()")
+    await client.start_io(
+        sys.executable, "-c", "import prosim_scene.editor.language_server as it; it.language_server()"
+    )
     await client.initialize_async(lsp.InitializeParams(lsp.ClientCapabilities(), root_uri="file:///nowhere"))
     text, rng, found = scene("grid", count), random.Random(1), []
     places = [i for i, line in enumerate(text.splitlines()) if "kd =" in line]

@@ -14,7 +14,7 @@ COMMANDS = {
     "compare": ("mitsuba_prosim.cli.compare_command:compare", "Compare two integrators or samplers on a scene."),
     "doctor": ("mitsuba_prosim.cli.doctor:doctor", "Print versions, backends and problems."),
     "format": ("mitsuba_prosim.cli.translate:format_scene", "Rewrite scenes in canonical layout."),
-    "language-server": ("prosim_scene.language_server:language_server", "Help an editor with scenes."),
+    "language-server": ("prosim_scene.editor.language_server:language_server", "Help an editor with scenes."),
     "link": ("mitsuba_prosim.stock_command.stand_ins:link", "Let the mitsuba command run plugins in Python."),
     "merge": ("mitsuba_prosim.cli.render_commands:merge", "Merge the separately rendered parts of an image."),
     "mix": ("mitsuba_prosim.cli.mix:mix", "Dim and colour the lamps of a rendered image."),

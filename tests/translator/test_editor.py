@@ -4,10 +4,10 @@ import json
 import re
 from pathlib import Path
 
+from prosim_scene.editor.symbols import Symbol, Symbols, description
 from prosim_scene.language.analysis import analyse
 from prosim_scene.language.diagnostics import MAX_ERRORS
 from prosim_scene.language.words import WORDS
-from prosim_scene.symbols import Symbol, Symbols, description
 
 SCENE = """(a scene)
 DEFAULT $turn = 30

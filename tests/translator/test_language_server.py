@@ -14,7 +14,7 @@ from pygls.exceptions import JsonRpcException
 from test_editor import SCENE
 
 URI = "file:///nowhere/scene.scn"
-SERVER = [sys.executable, "-c", "from prosim_scene.language_server import language_server; language_server()"]
+SERVER = [sys.executable, "-c", "from prosim_scene.editor.language_server import language_server; language_server()"]
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -107,7 +107,7 @@ async def test_nothing_waits_for_a_tree(editor):
 @pytest.mark.slow
 async def test_an_evaluation_ends_without_its_parent():
     scene = pickle.dumps((crowded(), "s.scn", 0.5))
-    command = [sys.executable, "-c", "from prosim_scene.evaluation import main; main()"]
+    command = [sys.executable, "-c", "from prosim_scene.editor.evaluation import main; main()"]
     done = subprocess.run(command, check=False, input=scene, capture_output=True, timeout=40)
     assert done.returncode == 1 and not done.stdout and not done.stderr
 

@@ -6,8 +6,8 @@ import random
 import prosim_scene
 import pytest
 from prosim_scene import SceneError
+from prosim_scene.editor.symbols import Symbols
 from prosim_scene.language import reader
-from prosim_scene.symbols import Symbols
 from test_errors import MINIMAL
 
 pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")

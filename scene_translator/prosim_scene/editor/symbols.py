@@ -10,13 +10,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-from .language import words
-from .language.analysis import analyse
-from .language.diagnostics import USE, SceneError
-from .language.expressions import CONSTANTS, FPS, FRAME, FUNCTIONS, TIME
-from .language.reader import KEYED, Reader
-from .language.tokens import START, Token
-from .language.words import NAMED, NO_NUMBERS, ROLES, STATEMENTS, Word, find_word
+from ..language import words
+from ..language.analysis import analyse
+from ..language.diagnostics import USE, SceneError
+from ..language.expressions import CONSTANTS, FPS, FRAME, FUNCTIONS, TIME
+from ..language.reader import KEYED, Reader
+from ..language.tokens import START, Token
+from ..language.words import NAMED, NO_NUMBERS, ROLES, STATEMENTS, Word, find_word
 
 #: The grammar roles of keywords before an index.
 INDEXED = ("SURFACE", "TRANSFORM", "PRIMITIVE", "USE")

@@ -9,14 +9,14 @@ import sys
 import warnings
 from pathlib import Path
 
-from .language import document_of
-from .language.diagnostics import Problem, SceneError, SceneWarning
-from .translator import check
+from ..language import document_of
+from ..language.diagnostics import Problem, SceneError, SceneWarning
+from ..translator import check
 
 #: The time limit of an evaluation in seconds.
 TIME_LIMIT = 60.0
 #: The folder that contains this package. The process starts here, so it never imports modules from a scene's folder.
-PACKAGES = Path(__file__).parents[1]
+PACKAGES = Path(__file__).parents[2]
 
 
 def evaluate(text: str, filename: str) -> list[Problem]:
@@ -42,7 +42,7 @@ async def evaluate_in_process(text: str, filename: str) -> list[Problem] | None:
     If this coroutine is cancelled, it kills the process that evaluates the scene.
     """
     process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-c", "from prosim_scene.evaluation import main; main()"),
+        *(sys.executable, "-c", "from prosim_scene.editor.evaluation import main; main()"),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         cwd=PACKAGES,

@@ -13,7 +13,7 @@ from urllib.parse import unquote
 
 import click
 
-from . import extras
+from .. import extras
 
 try:
     from lsprotocol import types as lsp
@@ -24,9 +24,9 @@ try:
 except ModuleNotFoundError:
     raise click.ClickException(extras.needs("the language server", "editors")) from None
 
+from ..language.diagnostics import Problem, SceneError
+from ..language.formatter import format
 from .evaluation import evaluate_in_process
-from .language.diagnostics import Problem, SceneError
-from .language.formatter import format
 from .symbols import Completion, Symbols
 
 #: The largest number of nodes of a CSG tree that the server evaluates; ``prosim translate --check`` has no limit.

@@ -246,6 +246,9 @@ CONSTANT, AREA, DIRECTIONAL_AREA = "ConstantBackgroundEmitter", "AreaLight", "Di
 #: coordinates in the unit square.
 MESH_ATTRIBUTE, UNIQUE_UV = "MeshAttribute", ("Cylinder", "Disk", "Rectangle", "Sphere")
 
+#: Class name of the integrator that computes further channels.
+AOV = "AOVIntegrator"
+
 #: Class names of BSDFs that contain other BSDFs; of these, the last two change the normal by a texture.
 MASK, BLEND, TWO_SIDED, MAPS = "MaskBSDF", "BlendBSDF", "TwoSidedBRDF", ("BumpMap", "NormalMap")
 

@@ -67,6 +67,20 @@ def flag(props: mi.Properties, name: str) -> bool:
     return value
 
 
+def check_unpolarized(name: str) -> None:
+    """Raises ValueError in polarised variants; ``name`` is the integrator's."""
+    if mi.is_polarized:
+        raise ValueError(
+            f"{name}: light is unpolarised here (thesis, section 2.2.3); use a variant without 'polarized'."
+        )
+
+
+def check_samples(sensor: mi.Sensor, spp: int) -> None:
+    """Raises ValueError if ``spp`` is negative, or is 0 and the sampler of ``sensor`` has no samples either."""
+    if spp < 0 or not (spp or sensor.sampler().sample_count()):
+        raise ValueError(f"{spp or 'sample_count = 0'} samples per pixel; give 1 or more")
+
+
 def nested_integrator(props: mi.Properties) -> mi.SamplingIntegrator:
     """Returns the integrator that is nested in a plugin.
 

@@ -11,7 +11,7 @@ from mitsuba_prosim.cli import render_commands
 from mitsuba_prosim.cli.job import Job
 from mitsuba_prosim.scene import scene_file
 from mitsuba_prosim.scene.errors import with_line, with_suggestion
-from running import PALITO, XML, done, prosim, refused
+from running import PALITO, XML, done, prosim, refused, scene_text
 from tqdm import tqdm
 
 
@@ -261,3 +261,20 @@ def test_what_can_not_be_shown_is_said_alone(tmp_path, write_scene):
     assert re.search(r"more\n    <scene/>\n     \^$", with_line(said.format(1)))
     outer = f"Error while loading {tmp_path}/gone.xml (line 1, col 2): while processing <include>:\n"
     assert with_line(outer + said.format(1)).endswith("     ^")
+
+
+@pytest.mark.parametrize("sampler", ["independent", "stratified", "nrook"])
+@pytest.mark.parametrize("integrator", ["path", "prosim"])
+def test_scene_without_samples_is_refused(tmp_path, sampler, integrator):
+    path = tmp_path / "s.xml"
+    path.write_text(scene_text(f'<integrator type="{integrator}"/>', sampler=sampler, spp=0))
+    refused(f"sample_count is 0 in the sampler {sampler}; give 1 or more", "render", path)
+
+
+@pytest.mark.parametrize("size", [(0, 4), (4, -1)])
+def test_empty_crop_window_is_refused(tmp_path, size):
+    crop = {"crop_offset_x": 0, "crop_offset_y": 0, "crop_width": size[0], "crop_height": size[1]}
+    integers = "".join(f'<integer name="{name}" value="{value}"/>' for name, value in crop.items())
+    path = tmp_path / "s.xml"
+    path.write_text(scene_text().replace("</film>", f"{integers}</film>"))
+    refused("the crop window", "render", path)

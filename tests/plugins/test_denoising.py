@@ -440,3 +440,16 @@ def test_the_final_error_that_is_asked_for_is_reached(variant_rgb, denoiser, mak
         off = display_value(render.denoiser.denoised().final) - display_value(np.float32(reference))
         ratios.append(np.sqrt(max(np.mean(off**2) - own, 0)) / asked)
     assert np.sum((np.array(ratios) >= 0.6) & (np.array(ratios) <= 1.1)) >= 9, np.sort(ratios)
+
+
+@pytest.mark.parametrize("bright", [1e10, 1e14, 1e16])
+def test_very_bright_lamp_leaves_the_image_finite(bright):
+    """A pixel beside others of usual brightness, which keep about their brightness of 0.5."""
+    rng = np.random.default_rng(3)
+    first, second = (0.5 + 0.05 * rng.standard_normal((32, 32, 3)).astype(np.float32) for _ in range(2))
+    for image in first, second:
+        image[5, 7] = bright * rng.uniform(0.8, 1)
+    result = denoising.denoise(first, second)
+    for image in (result.final, result.final_error, result.final_squares):
+        assert np.isfinite(image).all()
+    assert np.abs(result.final[20:, 20:] - 0.5).max() < 0.4

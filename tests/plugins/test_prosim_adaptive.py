@@ -177,5 +177,50 @@ def test_parameters_of_the_nested_integrator_are_found(variant_rgb):
 
 def test_polarised_light_is_refused():
     mi.set_variant("scalar_spectral_polarized")
-    with pytest.raises(RuntimeError, match="prosim_adaptive: light is unpolarised here"):
-        mi.load_dict(adaptive("path"))
+    for integrator in adaptive("path"), {"type": "prosim"}, {"type": "prosim_features"}:
+        with pytest.raises(RuntimeError, match=f"{integrator['type']}: light is unpolarised here"):
+            mi.load_dict(integrator)
+
+
+@pytest.mark.parametrize("pixel_format", ["rgb", "rgba", "luminance"])
+@pytest.mark.parametrize("inner", [(), ("path",), ("path", "direct")])
+@pytest.mark.parametrize("own", [{}, {"aovs": "samples"}])
+def test_image_around_aov_has_the_channels_of_aov(variant_rgb, pixel_format, inner, own):
+    """In their order: the means over the image are about equal. Then the own AOVs follow."""
+    if pixel_format == "luminance" and len(inner) > 1:
+        pytest.skip("the film has no luminance of the second integrator")
+    aov = {"type": "aov", "aovs": "n:sh_normal,d:depth", **{f"{name}_image": {"type": name} for name in inner}}
+    scene = penumbra(size=16)
+    scene["sensor"]["film"]["pixel_format"] = pixel_format
+    expected, found = (
+        renderings(scene | {"integrator": integrator}, 1, spp=64).mean((0, 1, 2))
+        for integrator in (aov, adaptive(aov, **own))
+    )
+    assert len(found) == len(expected) + len(own)
+    assert np.allclose(found[: len(expected)], expected, rtol=0.03, atol=0.02)
+
+
+@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "scalar_rgb"])
+@pytest.mark.parametrize(
+    "integrator",
+    [
+        {"type": "prosim"},
+        adaptive("path"),
+        {"type": "prosim_features"},
+        {"type": "prosim_denoised", "nested": {"type": "path"}},
+        {"type": "prosim_denoised", "nested": {"type": "prosim"}},
+    ],
+    ids=["prosim", "prosim_adaptive", "prosim_features", "denoised path", "denoised prosim"],
+)
+def test_images_without_samples_are_refused(variant, integrator):
+    """A negative number, and the number 0 of a sampler that the integrator uses: Mitsuba would end the process."""
+    mi.set_variant(variant)
+    scene = penumbra(size=4)
+    scene["sensor"]["sampler"] = {"type": "independent", "sample_count": 0}
+    scene, integrator = mi.load_dict(scene), mi.load_dict(integrator)
+    with pytest.raises(ValueError, match="-3 samples per pixel; give 1 or more"):
+        integrator.render(scene, spp=-3)
+    nested = getattr(integrator, "nested", None)
+    if variant == "scalar_rgb" or not any(hasattr(each, "progressive") for each in (integrator, nested)):
+        with pytest.raises(ValueError, match="sample_count = 0 samples per pixel; give 1 or more"):
+            integrator.render(scene)

@@ -8,6 +8,9 @@ from ..engine.accumulators import BRIGHTEST
 from .mixing import Denoised, inputs, mix
 from .oidn import Denoiser
 
+#: Greatest value for which the estimates are computed in 32 bits: they contain fourth powers.
+LARGEST = 1e8
+
 
 def denoise(
     first: np.ndarray,
@@ -57,4 +60,7 @@ def denoise_halves(first: np.ndarray, second: np.ndarray, denoiser: Denoiser) ->
     first, second = (
         np.clip(np.nan_to_num(half, posinf=0, neginf=0), -BRIGHTEST, BRIGHTEST) for half in (first, second)
     )
-    return mix(first, second, *(denoiser(image) for image in inputs(first, second)))
+    images = [first, second, *(denoiser(image) for image in inputs(first, second))]
+    if max(float(np.abs(image).max()) for image in images) > LARGEST:
+        images = [image.astype(np.float64) for image in images]
+    return mix(*images)

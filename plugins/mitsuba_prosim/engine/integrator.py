@@ -11,7 +11,7 @@ import mitsuba as mi
 
 from ..alone import alone
 from ..compat import take_back_interrupts
-from ..parameters import choice, describe, number, reject, whole
+from ..parameters import check_samples, check_unpolarized, choice, describe, number, reject, whole
 from ..sampling.nrook import JITTERS
 from .channels import Channels, parse_aovs
 from .plan import SAMPLING, Plan, Sampling
@@ -40,10 +40,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         super().__init__(props)
         from .policies import POLICIES  # slow to import, and only a render needs NumPy
 
-        if mi.is_polarized:
-            raise ValueError(
-                f"{self.name}: light is unpolarised here (thesis, section 2.2.3); use a variant without 'polarized'."
-            )
+        check_unpolarized(self.name)
         self.samples = whole(props, "samples", 5, 1)
         self.threshold = number(props, "threshold", 0.006, 0)
         self.min_passes = whole(props, "min_passes", 1, 1)
@@ -168,6 +165,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             )
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
+        check_samples(sensor, spp or 1)  # the sampler is not used
         sampling, spp = self.sampling.halved(spp) if denoiser is not None else (self.sampling, spp)
         if denoiser is not None and begin is not None and not spp:
             # With a limit, :meth:`.Sampling.halved` does not halve ``samples``. But the checkpoint may be from a render
@@ -199,19 +197,23 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         aovs = self.own_aovs, self.mitsuba_aovs, transport.aov_names
         return Estimator(scene, sensor, transport, Channels(sensor.film(), self.channels, *aovs))
 
-    def _render_scalar(self, scene: mi.Scene, sensor: int | mi.Sensor, *arguments: Any) -> mi.TensorXf:
+    def _render_scalar(
+        self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int, *arguments: Any
+    ) -> mi.TensorXf:
         """Renders the image in a scalar variant, by Mitsuba's own loop over pixels and samples.
 
         ``arguments`` are the further arguments of :meth:`render`. Warns if the integrator has a limit of noise or time;
         such a limit is ignored in scalar variants.
         """
         if self._scalar is not None:  # Mitsuba's ``render`` below calls this object's ``render`` again: the second call
-            return super().render(scene, sensor, *arguments)
+            return super().render(scene, sensor, seed, spp, *arguments)
         if self.sampling.has_target:
             mi.Log(mi.LogLevel.Warn, f"{self.name}: noise and time end nothing in scalar variants; the samples do.")
-        self._scalar = self.transport(scene, scene.sensors()[sensor] if isinstance(sensor, int) else sensor)
+        taker = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
+        check_samples(taker, spp)
+        self._scalar = self.transport(scene, taker)
         try:
-            return super().render(scene, sensor, *arguments)
+            return super().render(scene, sensor, seed, spp, *arguments)
         finally:
             self._scalar = None
             take_back_interrupts()

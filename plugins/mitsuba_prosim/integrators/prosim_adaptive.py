@@ -7,8 +7,10 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import AOV
 from ..engine.channels import aov_values
 from ..engine.integrator import ProgressiveIntegrator
+from ..optics.nested import parts
 from ..parameters import nested_integrator
 from ..registry import plugin
 from ..sampling.nrook import SamplerPoints
@@ -75,6 +77,30 @@ class ProsimAdaptive(ProgressiveIntegrator):
 
     def aov_names(self) -> list[str]:
         return [*self.nested.aov_names(), *super().aov_names()]
+
+    def render(
+        self,
+        scene: mi.Scene,
+        sensor: int | mi.Sensor = 0,
+        seed: int | mi.UInt32 = 0,
+        spp: int = 0,
+        develop: bool = True,
+        evaluate: bool = True,
+    ) -> mi.TensorXf:
+        """Renders the image, see :meth:`.ProgressiveIntegrator.render`. Around Mitsuba's ``aov``, the result has the
+        channels that ``aov`` returns, in the same order, which are not all channels of the film.
+        """
+        image = super().render(scene, sensor, seed, spp, develop, evaluate)
+        if not develop or self.nested.class_name() != AOV:
+            return image
+        inner = sum(isinstance(part, mi.Integrator) for part in parts(self.nested).values())
+        base = image.shape[2] - len(self.aov_names())
+        if inner > 1 and base < 3:  # there ``aov`` returns luminances, which the film has not
+            return image
+        # The film has R, G, B and A of each integrator in ``aov``. The first one's are also the colours of the film.
+        ranges = [(base + 4 * k, 2 * base + 4 * k) for k in range(1, inner)] + [(base + 4 * inner, image.shape[2])]
+        ranges = [(0, base), *ranges] if inner else ranges
+        return dr.concat([image[:, :, begin:end] for begin, end in ranges], axis=2)
 
     def sample(
         self,

@@ -9,7 +9,7 @@ import mitsuba as mi
 from ..alone import alone, alone_if_traced
 from ..compat import take_back_interrupts
 from ..engine.channels import to_rgb
-from ..parameters import describe
+from ..parameters import check_samples, check_unpolarized, describe
 from ..registry import plugin
 from ..transport import features
 
@@ -47,18 +47,22 @@ class ProsimFeatures(mi.SamplingIntegrator):
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
+        check_unpolarized("prosim_features")
         self.hide_emitters = props.get("hide_emitters", False)
 
     def aov_names(self) -> list[str]:
         return list(features.NAMES)
 
-    def render(self, *arguments: Any, **more: Any) -> mi.TensorXf:
+    def render(
+        self, scene: mi.Scene, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0, *arguments: Any
+    ) -> mi.TensorXf:
         """Renders the albedo and the normals. This method holds a lock, so that no other thread renders with this
         package at the same time.
         """
+        check_samples(scene.sensors()[sensor] if isinstance(sensor, int) else sensor, spp)
         with alone():  # all renders share the film
             try:
-                return super().render(*arguments, **more)
+                return super().render(scene, sensor, seed, spp, *arguments)
             finally:
                 take_back_interrupts()
 

@@ -53,7 +53,8 @@ def apply(
         _set(props, zip(("width", "height"), resolution or ()))
         _set(props, zip(CROP, crop or ()))
         check_size(props.get("width", 768), props.get("height", 576))
-        if any(props.get(name, 0) > LONGEST_SIDE for name in CROP):  # Mitsuba would compute with 32 bits
+        # Mitsuba would compute with 32 bits, and take an empty window.
+        if any(props.get(name, 1) > LONGEST_SIDE for name in CROP) or min(props.get(name, 1) for name in CROP[2:]) < 1:
             raise ValueError(f"the crop window {[props.get(name, 0) for name in CROP]} is not within the image")
     if state.root.type == mi.ObjectType.Scene and not _integrators(state):
         state.root.props["integrator"] = _add(state, mi.ObjectType.Integrator, mi.Properties("path"))  # the default

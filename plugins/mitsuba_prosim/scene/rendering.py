@@ -11,6 +11,7 @@ import numpy as np
 
 from ..compat import denormals_rounded
 from ..engine.work import Step, Steps
+from ..parameters import check_samples
 from ..sampling.hash import combine, hash32
 
 
@@ -65,6 +66,7 @@ class Blocking(Steps):
         """Prepares the render; the steps of the iterator render the images. ``spp`` is the number of samples per pixel,
         of both images together if there is a ``denoiser``; 0 means the number of the sensor's sampler.
         """
+        check_samples(sensor, spp)
         self.denoiser, self._sensor, self._spp = denoiser, sensor, spp
         self._images: list[mi.TensorXf] = []
         super().__init__(self._render(integrator, scene, seed))

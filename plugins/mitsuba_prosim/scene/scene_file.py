@@ -221,13 +221,19 @@ def parse(
 
     ``parameters`` are the values that replace the ``$key`` constants of the scene. ``unused`` is the log level of the
     message that the scene does not use an entry of ``parameters``. Raises ValueError if ``parameters`` contains a name
-    that Mitsuba reserves, and the errors of Mitsuba's parser.
+    that Mitsuba reserves and for a sampler without samples, and the errors of Mitsuba's parser.
     """
     if taken := set(compat.RESERVED) & set(parameters):
         raise ValueError(f"-D {taken.pop()}=...: Mitsuba reserves this name; choose another")
     config = mi.parser.ParserConfig(mi.variant() or "")
     config.unused_parameters = unused
-    return mi.parser.parse_file(config, str(path), **parameters)
+    state = mi.parser.parse_file(config, str(path), **parameters)
+    for props in (node.props for node in state.nodes if node.type == mi.ObjectType.Sampler):
+        if (
+            count := props.get("sample_count", 1)
+        ) < 1:  # without samples, Mitsuba would divide by 0, which ends the process
+            raise ValueError(f"{path}: sample_count is {count} in the sampler {props.plugin_name()}; give 1 or more")
+    return state
 
 
 def instantiate(state: mi.parser.ParserState) -> mi.Scene:

@@ -209,9 +209,9 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             return super().render(scene, sensor, seed, spp, *arguments)
         if self.sampling.has_target:
             mi.Log(mi.LogLevel.Warn, f"{self.name}: noise and time end nothing in scalar variants; the samples do.")
-        taker = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
-        check_samples(taker, spp)
-        self._scalar = self.transport(scene, taker)
+        chosen = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
+        check_samples(chosen, spp)
+        self._scalar = self.transport(scene, chosen)
         try:
             return super().render(scene, sensor, seed, spp, *arguments)
         finally:

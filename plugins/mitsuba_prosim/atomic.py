@@ -6,11 +6,11 @@ import errno
 import os
 import secrets
 import shutil
-import subprocess
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from subprocess import DEVNULL, PIPE, Popen
 
 from prosim_scene import refuse_special, replace
 
@@ -110,19 +110,8 @@ def guard(folders: Iterable[Path]) -> Iterator[None]:
     """
     # The standard input of the process ends when this process ends. The new session has no Ctrl-C.
     command = ["/bin/sh", "-c", 'read line || rm -rf -- "$@"', "sh", *map(str, folders)]
-    try:
-        process = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            cwd="/",
-            start_new_session=True,
-        )
-    except OSError:
+    with ExitStack() as stack:
+        with suppress(OSError):
+            process = Popen(command, stdin=PIPE, stdout=DEVNULL, stderr=DEVNULL, cwd="/", start_new_session=True)
+            stack.callback(process.communicate, b"\n")
         yield
-        return
-    try:
-        yield
-    finally:
-        process.communicate(b"\n")

@@ -9,7 +9,6 @@ digest of these checksums; it reveals that another program has changed the archi
 
 from __future__ import annotations
 
-import errno
 import io
 import json
 import time
@@ -57,14 +56,14 @@ ALLOWED: Mapping[str, Callable[[Any], bool]] = {
 }
 
 
-def is_integer(value: Any, low: int, high: int) -> bool:
-    """Tells whether ``value`` is an integer, but no bool, in the range from ``low`` to ``high``."""
-    return type(value) is int and low <= value <= high
-
-
 def is_number(value: Any, low: float, high: float) -> bool:
     """Tells whether ``value`` is an integer or a float in the range from ``low`` to ``high``, which include it."""
     return type(value) in (int, float) and low <= value <= high
+
+
+def is_integer(value: Any, low: int, high: int) -> bool:
+    """Tells whether ``value`` is an integer, but no bool, in the range from ``low`` to ``high``."""
+    return type(value) is int and low <= value <= high
 
 
 #: Attributes in which the parts of one image may differ.
@@ -187,15 +186,12 @@ class Checkpoint:
         """Raises ValueError unless the arrays have the names and the types that ``state`` needs, and each pixel is
         stored once.
         """
-        needed = types(arrays(Accumulators.empty(len(state.accumulators.sums), 1)))
-        index = self.pixels.get("index", np.zeros(0))
-        optional = {"wanted": index.dtype} if "wanted" in self.pixels else {}
-        if (
-            types(self.pixels) != {**needed, **optional, "index": np.dtype(np.uint32)}
-            or types(self.second) not in (needed, {})
-            or len(np.unique(index)) < len(index)
-        ):
+        needed, uint32 = types(arrays(Accumulators.empty(len(state.accumulators.sums), 1))), np.dtype(np.uint32)
+        found = {"wanted": uint32, **types(self.pixels)}
+        if found != {**needed, "index": uint32, "wanted": uint32} or types(self.second) not in (needed, {}):
             raise ValueError("these are the samples of another image (the arrays differ)")
+        if len(np.unique(self.pixels["index"])) < len(self.pixels["index"]):
+            raise ValueError("these are the samples of another image (a pixel is stored twice)")
 
     def write(self, path: Path) -> None:
         """Writes the archive to ``path``, and overwrites an older file. Raises OSError."""
@@ -288,9 +284,9 @@ def read(path: str | Path, arrays: bool = True) -> Checkpoint:
                 result = Checkpoint(header["attributes"], pixels, second, header["about"], header["environment"])
                 if not (is_integer(version, 1, 10**6) and (version != FORMAT or is_allowed(result))):
                     raise ValueError("a value in the file is not allowed")
-        except Exception as error:  # zipfile, NumPy and json raise exceptions of many kinds for damaged data
-            if isinstance(error, OSError) and error.errno != errno.EINVAL:  # not a seek to a damaged position
-                raise
+        except MemoryError:
+            raise CheckpointError(f"{path} needs more memory than there is") from None
+        except Exception:  # noqa: BLE001  (for damaged data, zipfile, NumPy and json raise exceptions of many kinds)
             if seems_checkpoint:
                 raise CheckpointError(f"{path} is damaged or not complete; render again") from None
             raise NotACheckpointError(f"{path} is no checkpoint; --checkpoint and --part write some") from None
@@ -330,15 +326,9 @@ def member(archive: zipfile.ZipFile, name: str) -> np.ndarray:
     The member is read to its end before it is parsed, because zipfile compares the checksum only at the end.
     """
     info = archive.getinfo(name)
-    if info.compress_type != zipfile.ZIP_STORED or info.file_size != info.compress_size:
-        raise zipfile.BadZipFile("a checkpoint has no compressed members, which could be of any size")
-    if info.file_size > archive.start_dir:
-        raise zipfile.BadZipFile("the member is larger than the file")
-    content = io.BytesIO(archive.read(info))
-    values = np.lib.format.read_array(content, allow_pickle=False)
-    if content.read(1):
-        raise ValueError("the array does not fill the member")
-    return values
+    if info.compress_type != zipfile.ZIP_STORED or not info.file_size == info.compress_size <= archive.start_dir:
+        raise zipfile.BadZipFile("a compressed member, or one beyond the end of the file, could be of any size")
+    return np.lib.format.read_array(io.BytesIO(archive.read(info)), allow_pickle=False)
 
 
 def load(path: str | Path) -> Checkpoint:

@@ -19,7 +19,8 @@ def main() -> None:
     """
     for file, name in enumerate(("stdin", "stdout", "stderr")):
         open_if_closed(file, name)
-    if sys.getfilesystemencoding() != "utf-8":  # Mitsuba and XML need names of files in UTF-8: starts again
+    # Mitsuba and XML need names of files in UTF-8, so the process starts again, but once.
+    if sys.getfilesystemencoding() != "utf-8" and os.environ.get("PYTHONUTF8") != "1":
         os.environ["PYTHONUTF8"] = "1"
         os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
     try:

@@ -123,6 +123,9 @@ def test_names_of_files_are_utf_8_in_any_locale(write_scene):
     done = subprocess.run([*START, "translate", scene], check=False, capture_output=True, env=env)
     assert done.returncode == 0, done.stderr
     assert done.stdout.decode() == f"{scene.with_suffix('.xml')}\n" and scene.with_suffix(".xml").exists()
+    ascii_only = [sys.executable, "-X", "utf8=0", *START[1:], "translate", scene]
+    done = subprocess.run(ascii_only, check=False, capture_output=True, env=env, timeout=60)
+    assert done.returncode == 2 and b"in UTF-8" in done.stderr
 
 
 @pytest.mark.slow

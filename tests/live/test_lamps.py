@@ -85,9 +85,10 @@ def test_sliders(lamps, browser):
         page.click("#copy-command")
         until(lambda: page.inner_text("#copy-command") == "Copied")
         assert page.evaluate("navigator.clipboard.readText()").split() == command
-        page.check("#compare", force=True)
-        until(lambda: page.is_visible("#half"))
-        page.uncheck("#compare", force=True)
+        page.click("#compare", force=True)
+        until(lambda: page.is_visible("#half") and page.get_attribute("body", "data-status") == "done")
+        until(lambda: page.is_visible("#path"))
+        page.click("#compare", force=True)
         until(lambda: page.is_hidden("#half"))
         page.click("#unmix")
         assert page.is_hidden("#mixed") and set(page_factors(page)) == {1}

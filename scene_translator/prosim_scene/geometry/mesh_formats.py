@@ -42,20 +42,18 @@ class MeshData:
 
 
 def parse(data: bytes) -> MeshData:
-    """Parses the content of a mesh file; its first bytes determine its format. Raises MeshError, or
-    another ValueError, OverflowError, LookupError or TypeError, if the content is wrong.
+    """Parses the content of a mesh file; its first bytes determine its format. Raises MeshError, or another
+    ValueError, OverflowError, LookupError or TypeError, if the content is wrong.
     """
     if data.startswith(BYTE_ORDER_MARKS):
         data = decode(data).encode()
     if data[:3] == b"ply":
         return _ply(data)
-    if len(data) >= STL_HEADER and len(data) == STL_HEADER + STL_TRIANGLE.itemsize * int.from_bytes(
-        data[80:84], "little"
-    ):
+    if len(data) == STL_HEADER + STL_TRIANGLE.itemsize * int.from_bytes(data[80:STL_HEADER], "little"):
         return _separate(np.frombuffer(data, STL_TRIANGLE, offset=STL_HEADER)["corners"].astype(float))
     text = decode(data)
-    if re.match(r"\s*solid\b", text, re.IGNORECASE) and "facet" in text.lower():
-        return _stl(text)
+    if re.match(r"\s*solid\b", text, re.IGNORECASE):
+        return _stl(text.lower())
     return _off(text) if re.match(r"\s*C?OFF\b", text) else _obj(text)
 
 
@@ -70,21 +68,24 @@ def _ply(data: bytes) -> MeshData:
     for line in lines:
         if line[:1] == ["element"]:
             elements.append((line[1], int(line[2]), []))
+            if elements[-1][1] < 0:
+                raise MeshError(f"its header has a negative count, {line[2]}")
         elif line[:1] == ["property"]:
             types = line[2:4] if line[1] == "list" else line[1:2]
             formats = [ORDERS[kind] + ("f8" if kind == "ascii" else TYPES[name]) for name in types]
             elements[-1][2].append((line[-1], formats))
     body, position, values = data[header.end() :], 0, dict[str, dict[str, Any]]()
-    if (
-        kind == "ascii"
-    ):  # the numbers become binary, so that _rows reads both kinds of files; inf marks the end of a row
+    if kind == "ascii":  # the numbers become binary, so that _rows reads both kinds of files; inf ends a row
         body = np.array(b" inf ".join([*filter(bytes.strip, body.splitlines()), b""]).split(), "<f8").tobytes()
         elements = [(name, count, [*properties, ("row end", ["<f8"])]) for name, count, properties in elements]
-    for name, count, properties in elements:
-        values[name], position = _rows(body, position, count, properties)
-        if not np.isinf(values[name].get("row end", np.inf)).all():
-            raise MeshError(CONTRADICTION)
-    if position != len(body):
+    try:
+        with np.errstate(invalid="ignore"):  # of inf as the length of a list
+            for name, count, properties in elements:
+                values[name], position = _rows(body, position, count, properties)
+        valid = position == len(body) and all(np.isinf(rows.get("row end", np.inf)).all() for rows in values.values())
+    except (ValueError, OverflowError):
+        valid = False
+    if not valid:
         raise MeshError(CONTRADICTION)
     vertex, face = values["vertex"], values.get("face", {})
     uv_names = next((pair for pair in UV if set(pair) <= set(vertex)), UV[0])
@@ -108,8 +109,6 @@ def _rows(body: bytes, position: int, count: int, properties: Properties) -> tup
     are an array if every list property has the same length in all rows; otherwise the values are a list with one entry
     per row. For an element without rows or properties, the dictionary is empty.
     """
-    if count < 0:
-        raise MeshError(f"its header has a negative count, {count}")
     if not count or not properties:
         return {}, position
     fields: list[Any] = []  # the fields of a row, if its lists have the same lengths as in the first row
@@ -141,7 +140,9 @@ def _obj(text: str) -> MeshData:
         word, *values = line.partition("#")[0].split() or [""]
         if word in tables:
             tables[word].append([float(number) for number in values[: 2 if word == "vt" else 3]])
-            # Four or seven numbers are x y z w, or x y z w r g b; six numbers are x y z r g b.
+            # After x y z there may be a weight w, or a colour r g b, or both.
+            if word == "v" and len(values) not in (3, 4, 6, 7):
+                raise MeshError(f"a vertex has {len(values)} numbers; expected x y z")
             if word == "v" and len(values) in (4, 7) and float(values[3]) != 1:
                 raise MeshError(f"a vertex has the weight {values[3]} after x y z; only 1 is supported")
         elif word == "f":
@@ -168,10 +169,9 @@ def _number(text: str, count: int) -> int:
 
 
 def _stl(text: str) -> MeshData:
-    """Parses the content of a text STL file, whose triangles have no common vertices."""
-    lines = [line.split() for line in text.lower().split("\n")]
-    corners = [line[1:] for line in lines if line[:1] == ["vertex"]]
-    if len(corners) != 3 * sum(line[:1] == ["facet"] for line in lines) or ["endsolid"] not in [x[:1] for x in lines]:
+    """Parses the content of a text STL file in lower case; its triangles have no common vertices."""
+    corners = re.findall(r"^\s*vertex\s+(\S+)\s+(\S+)\s+(\S+)\s*$", text, re.MULTILINE)
+    if len(corners) != 3 * text.count("endfacet") or "endsolid" not in text:
         raise MeshError("its facets are not complete")
     return _separate(np.array(corners, float).reshape(-1, 3, 3))
 
@@ -189,11 +189,10 @@ def _off(text: str) -> MeshData:
     rows = [row for line in text.split("\n") if (row := line.partition("#")[0].split())]
     counts = rows.pop(0)[1:] or rows.pop(0)
     n = int(counts[0])
-    points, polygons = np.array(rows[:n], float)[:, :3], [row[1 : int(row[0]) + 1] for row in rows[n:]]
-    if [n, len(polygons)] != [*map(int, counts[:2])] or any(
-        len(p) != int(row[0]) for p, row in zip(polygons, rows[n:])
-    ):
+    faces = [(int(row[0]), row[1:]) for row in rows[n:]]
+    if n < 0 or len(faces) != int(counts[1]) or any(count > len(corners) for count, corners in faces):
         raise MeshError(CONTRADICTION)
+    points, polygons = np.array(rows[:n], float)[:, :3], [corners[:count] for count, corners in faces]
     return MeshData(points, np.repeat(_fans(polygons)[..., None], 3, axis=2))
 
 

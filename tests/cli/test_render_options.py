@@ -172,12 +172,20 @@ def folder(tmp_path, monkeypatch):
         ("format", "scenes/jug.xml", "prosim render scenes/jug.xml\n"),
         ("resume", "mug.scn", "a text file, not the state of a render. prosim render --checkpoint"),
         ("merge", "empty.npz", "an empty file, not a part of an image. prosim render --part 1/4"),
-        *[(name, "/dev/zero", "is a device, not ") for name in ("render", "translate", "watch", "mix", "merge")],
+        *[
+            (name, "/dev/zero", "is a device or a pipe, not ")
+            for name in ("render", "translate", "watch", "mix", "merge")
+        ],
         ("merge", "night.*-of-4.npz", "File 'night.*-of-4.npz' does not exist.\n"),
     ],
 )
 def test_wrong_files_are_refused(folder, command, path, says):
     refused(says, command, path, *["a=1"] * (command == "mix"), folder=folder)
+
+
+def test_pipe_is_no_scene_in_xml(folder):
+    os.mkfifo(pipe := folder / "pipe.xml")
+    refused("is a device or a pipe, not a scene", "render", pipe)
 
 
 @pytest.mark.parametrize("text, code", [(PALITO.read_bytes(), 0), (b"(" * 2**23, 2)])

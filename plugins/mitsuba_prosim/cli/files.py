@@ -19,7 +19,7 @@ from .. import atomic
 from ..engine import checkpoint
 from .option_types import InputError
 
-TEXT, XML, EXR, ARCHIVE, DEVICE = "a text file", "a Mitsuba scene", "an EXR image", "an archive", "a device"
+TEXT, XML, EXR, ARCHIVE, DEVICE = "a text file", "a Mitsuba scene", "an EXR image", "an archive", "a device or a pipe"
 STATE, PART = "the state of a render", "a part of an image"
 
 #: The first bytes of a binary file -> the kind of the file.
@@ -107,11 +107,12 @@ def quoted_path(path: Path) -> str:
 def kind(path: Path) -> str:
     """Returns the kind of a file, such as "an EXR image"; the file's first bytes and suffix determine the kind.
 
-    A file with unknown first bytes, or a pipe, is a Mitsuba scene if its suffix is .xml, else a text file. A file with
-    a checkpoint is the state of a render or a part of an image; a checkpoint that cannot be read counts as the state of
-    a render. A file without content is "an empty file". Raises OSError if the file cannot be opened.
+    A file with unknown first bytes is a Mitsuba scene if its suffix is .xml, else a text file. A pipe is a text file,
+    because the scene language is read only once, unless its suffix is .xml. A file with a checkpoint is the state of a
+    render or a part of an image; a checkpoint that cannot be read counts as the state of a render. A file without
+    content is "an empty file". Raises OSError if the file cannot be opened.
     """
-    if path.is_char_device() or path.is_block_device():
+    if not path.is_file() and (not path.is_fifo() or path.suffix.lower() == ".xml"):  # XML is read several times
         return DEVICE
     begin = b""
     if path.is_file():  # the content of a pipe can be read only once

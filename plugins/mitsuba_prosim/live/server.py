@@ -61,7 +61,7 @@ HEADERS = {
 
 #: Maximum numbers of connections: all, accepted at once, and waiting. Maximum number of seconds without a request that
 #: :func:`guard` accepts; minimum number of seconds between two log messages.
-MAX_CONNECTIONS, AT_ONCE, QUEUE, TIMEOUT, LOG_INTERVAL = 24, 8, 1024, 10.0, 60.0
+MAX_CONNECTIONS, AT_ONCE, QUEUE, TIMEOUT, LOG_INTERVAL = 16, 4, 1024, 10.0, 60.0
 
 
 class Connection(H11Protocol):

@@ -9,21 +9,19 @@ concentrated.
   the faces. If only a cap of a ball is a part of the result, the ball's facets are concentrated near the cap by a
   Lorentz transformation, which maps the sphere to itself and concentrates its points around one point (Penrose 1959). A
   Lorentz transformation is a projective map, so a convex mesh stays convex.
-- An inscribed ball touches a curved face of another solid from inside, for example a ball in a pipe of the same width.
-  The mesh approximates the faces of both the ball and the pipe by flat facets. Near the contact of the ball with the
-  pipe, the facets of the ball would penetrate the facets of the pipe, and patches of the wrong solid would be visible,
-  many pixels wide. Therefore an inscribed ball is made smaller by at most the chord error of the outer solid.
+- Curved faces that touch from inside, such as a ball in a pipe of the same width: see :mod:`.contacts`.
 """
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from ..language.document import Document
 from ..view import Camera
-from .csg import Tree, fold
+from .contacts import MAX_ENCLOSING, circumscribe, find_contacts
+from .csg import Tree, fold, tree_of
 from .grouping import group_equal, sweep
 from .primitives import MAX_SEGMENTS, MIN_SEGMENTS
 from .solids import IDENTITY, Solid, unit_mesh, world_box_corners
@@ -114,41 +112,6 @@ def _lorentz(axis: np.ndarray, refinement: float) -> np.ndarray:
     return np.eye(4) + (refinement - 1) / 2 * np.outer(near, near) + (1 / refinement - 1) / 2 * np.outer(far, far)
 
 
-INSIDE = 1e-6  # how far a ball that touches a face from inside may be outside, relative to the size of the face
-SPACING = 0.002  # how far this ball may be inside; the contact may lie between the tested points of the face
-FEW = 64  # a 64th of the tangent planes of a face is tested first, which excludes most balls
-#: Maximum number of enclosing solids that are stored for a solid: one is enough to leave it out, and more take memory.
-MAX_ENCLOSING = 64
-BATCH = 1 << 16  # the number of pairs of a ball and a tangent plane that are tested at a time
-
-
-def shrink_inscribed(solids: list[Solid]) -> None:
-    """Sets the factor ``shrink`` of each ball that touches a curved face of another solid from inside, and the set
-    ``enclosing`` of each ball that lies inside other balls.
-
-    The factor is 1 - e/r, but at least 0.5, where e is the chord error of the outer solid and r the shortest semi-axis
-    of the ball. If a ball touches several solids, the smallest factor counts. All balls on one surface get the same
-    factor. The attribute ``segments`` of all solids must be set before.
-    """
-    curved = [s for s in solids if s.primitive.curved is not None]
-    surfaces = np.array([s.curved_surface if s.curved_surface >= 0 else -1 - i for i, s in enumerate(curved)], int)
-    inscribed: dict[int, list[int]] = {}  # the balls inside each outer solid
-    for ball, outer, enclosed, touches in _inner_balls(curved, surfaces):
-        if enclosed and len(curved[ball].enclosing) < MAX_ENCLOSING:
-            curved[ball].enclosing.add(curved[outer])
-        if touches:
-            inscribed.setdefault(outer, []).append(ball)
-    # The largest outer solid comes first, so a ball shrinks after the balls that enclose it.
-    for outer in sorted(inscribed, key=lambda i: -abs(np.linalg.det(curved[i].to_world))):
-        (size,), _ = curved[outer].primitive.ball(curved[outer].to_world[None])
-        error = (1 - curved[outer].inradius * curved[outer].shrink) * size
-        for ball in inscribed[outer]:
-            factor = max(1 - error / curved[ball].narrowest, 0.5)
-            if factor < curved[ball].shrink:
-                for i in np.flatnonzero(surfaces == surfaces[ball]).tolist():
-                    curved[i].shrink = factor
-
-
 def find_enclosing(solids: Sequence[Solid]) -> None:
     """Adds other solids to the set ``enclosing`` of each solid: those that contain the bounding box of the primitive.
 
@@ -175,72 +138,71 @@ def find_enclosing(solids: Sequence[Solid]) -> None:
                     solids[i].enclosing.add(solids[j])
 
 
-def _inner_balls(solids: Sequence[Solid], surfaces: np.ndarray) -> Iterator[tuple[int, int, bool, bool]]:
-    """Yields the number of a ball, the number of an outer solid, whether the outer solid is a ball that encloses the
-    ball, and whether the ball touches the outer solid's curved face, for each ball inside the quadric of such a face.
-
-    A ball also touches the face if its distance from the face is at most about twice the chord error of the face.
-
-    ``surfaces`` (n,) has, for each solid, the number of the surface on which its curved face lies; two balls on the
-    same surface are no pair. Cylinders and cones inside other solids are excluded: they would touch the outer solid
-    along a line or with their rim, where a gap would look like a wall.
-    """
-    boxes, to_world = world_box_corners(solids), np.array([s.to_world for s in solids]).reshape(-1, 4, 4)
-    to_local, depth = np.linalg.inv(to_world), np.array([SPACING + 2 * (1 - s.inradius) for s in solids])
-    is_ball = np.array([s.primitive.axes == 3 for s in solids])
-    for pairs in sweep(boxes.min(axis=1), boxes.max(axis=1)):
-        inner, outer = np.concatenate([pairs, pairs[::-1]], axis=1)
-        compared = np.stack([inner, outer])[:, is_ball[inner] & (surfaces[inner] != surfaces[outer])]
-        for primitive, numbers in group_equal(s.primitive for s in solids).items():
-            # A ball lies inside a convex face if it lies on the inner side of each tangent plane of the face.
-            quadric = np.diag(primitive.quadrics[primitive.curved])
-            normals = primitive.surface_lines[:, 1] * quadric[:3]
-            inside = compared[:, np.isin(compared[1], numbers)]
-            for tested in (normals[::FEW], normals):
-                distances = []
-                for part in np.array_split(inside, inside.shape[1] * len(tested) // BATCH + 1, axis=1):
-                    planes = (to_local[part[1]] @ to_world[part[0]])[:, :3].transpose(0, 2, 1) @ tested.T
-                    radii = np.sqrt(np.einsum("kim,kim->km", planes[:, :3], planes[:, :3]))
-                    distances.append(np.max(planes[:, 3] + radii, axis=1) + quadric[3])
-                distance = np.concatenate(distances)
-                inside, distance = inside[:, distance <= INSIDE], distance[distance <= INSIDE]
-            relative = (to_local[inside[1]] @ to_world[inside[0]])[:, :3]
-            reach = np.linalg.norm(relative[..., :3], 2, (1, 2)) + np.linalg.norm(relative[..., 3], axis=1)
-            yield from zip(*inside.tolist(), is_ball[inside[1]] & (reach <= 1), distance > -depth[inside[1]])
-
-
+ROUNDED = 1.02  # the error may exceed the tolerance by this factor: bounds of it are not exact
 TOLERANCE = 0.1  # the default of the largest chord error, in pixels
 MAX_TRIANGLES = 4_000_000  # the limit for all primitives together; their union takes about 3 GB of memory
 
 
-def choose_segments(
-    document: Document, solids: list[Solid], zones: np.ndarray, camera: Camera, tolerance: float
+def choose_tessellations(
+    document: Document, solids: list[Solid], of_leaf: np.ndarray, camera: Camera, tolerance: float
 ) -> None:
-    """Sets ``segments`` of all solids so that the chord error stays below ``tolerance`` pixels.
+    """Sets ``segments`` of all solids, and ``facet_map`` and ``scale`` of some, so that the meshes are less than
+    ``tolerance`` pixels away from the curved faces, and meshes of faces that touch from inside do not cross.
+
+    ``of_leaf`` has, for each leaf, the number of its solid. If the solids would have more than MAX_TRIANGLES triangles,
+    all solids become coarser. A :class:`SceneWarning` names solids that are coarser than the tolerance. Raises
+    :class:`SceneError` if even the coarsest meshes have too many triangles.
+    """
+    zones = active_zones(tree_of(document.scene.csg), solids, of_leaf)
+    allowed, visible = np.ones(len(solids)), np.zeros(len(solids), bool)
+    for primitive, numbers in group_equal(s.primitive for s in solids).items():
+        if primitive.curved is not None:
+            pixel, visible[numbers] = primitive.pixel(np.array([solids[i].to_world for i in numbers]), camera)
+            allowed[numbers] = tolerance * pixel
+    reached = choose_segments(document, solids, zones, camera, tolerance, np.ones(len(solids)))
+    contacts = find_contacts(solids)
+    if len(contacts.outer):
+        reached = choose_segments(document, solids, zones, camera, tolerance, contacts.shares(allowed))
+    if reached > tolerance:
+        document.warn(
+            f"curved faces are approximated to {reached:.2g} pixels instead of {tolerance:g}: "
+            f"the tree's {len(solids):,} primitives would have more than {MAX_TRIANGLES:,} triangles",
+            "csg",
+        )
+    radius = circumscribe(solids, contacts)
+    doubtful = np.maximum(radius - 1, [1 - s.inradius for s in solids]) > reached / tolerance * ROUNDED * allowed
+    doubtful &= visible & [s.segments == MAX_SEGMENTS or not s.facet_map[3, :3].any() for s in solids]
+    errors = {i: _largest_error(solids[i], zones[i], camera) for i in np.flatnonzero(doubtful).tolist()}
+    _warn_of_coarse_faces(document, {i: e for i, e in errors.items() if e > ROUNDED * reached}, of_leaf, tolerance)
+
+
+def choose_segments(
+    document: Document, solids: list[Solid], zones: np.ndarray, camera: Camera, tolerance: float, shares: np.ndarray
+) -> float:
+    """Sets ``segments`` of all solids so that the chord error stays below ``tolerance`` pixels times ``shares`` (n,).
+    Returns the tolerance that allows at most MAX_TRIANGLES triangles.
 
     ``zones`` (n, 4) are the balls that :func:`active_zones` returns. If only a cap of a ball has an effect on the CSG
     tree's result, this function also sets the ball's ``facet_map``. Solids that share a curved face get the same number
-    of segments. If the solids would have more than MAX_TRIANGLES triangles, all solids become coarser, and a
-    :class:`SceneWarning` is emitted. Raises :class:`SceneError` if even the coarsest meshes have too many triangles.
+    of segments. Raises :class:`SceneError` if even the coarsest meshes have too many triangles.
     """
-    requested_tolerance = tolerance
     while True:
         for primitive, numbers in group_equal(s.primitive for s in solids).items():
             matrices = np.array([solids[i].to_world for i in numbers])
-            for i, segments in zip(numbers, primitive.segments(matrices, camera, tolerance).tolist()):
+            for i, segments in zip(numbers, primitive.segments(matrices, camera, tolerance * shares[numbers]).tolist()):
                 solids[i].segments = segments
         segments_of_surface: dict[int, int] = {}
-        for s, zone in zip(solids, zones):
+        for s, zone, share in zip(solids, zones, shares.tolist()):
             if (surface := s.curved_surface) >= 0:
                 segments_of_surface[surface] = max(segments_of_surface.get(surface, 0), s.segments)
             elif s.primitive.axes == 3 and zone[3] < math.inf:
-                s.segments, s.facet_map = refined_cap(s, zone, camera, tolerance)
+                s.segments, s.facet_map = refined_cap(s, zone, camera, tolerance * share)
         for s in solids:
             s.segments = segments_of_surface.get(s.curved_surface, s.segments)
         uses = Counter((s.primitive, s.segments) for s in solids)
         total = sum(count * len(unit_mesh(*key).triangles) for key, count in uses.items())
         if total <= MAX_TRIANGLES:
-            break
+            return tolerance
         if max(s.segments for s in solids) <= MIN_SEGMENTS:
             raise document.error(
                 f"the tree's {len(solids):,} different primitives have at least {total:,} triangles; "
@@ -248,12 +210,45 @@ def choose_segments(
                 "csg",
             )
         tolerance *= 1.5
-    if tolerance > requested_tolerance:
-        document.warn(
-            f"curved faces are approximated to {tolerance:.2g} pixels instead of {requested_tolerance:g}: "
-            f"the tree's {len(solids):,} primitives would have more than {MAX_TRIANGLES:,} triangles",
-            "csg",
-        )
+
+
+def _largest_error(solid: Solid, zone: np.ndarray, camera: Camera) -> float:
+    """Returns an upper bound of the distance in pixels of the mesh from the curved face of the solid, in the window and
+    in the ball ``zone``.
+    """
+    mesh, primitive = solid.mesh(), solid.primitive
+    triangles = mesh.vertices[mesh.triangles[mesh.faces[mesh.facets] == primitive.curved]]
+    triangles = triangles[camera.may_see(triangles)]
+    midpoints = (triangles + np.roll(triangles, 1, axis=1)) / 2
+    points = np.concatenate([triangles, midpoints, triangles.mean(axis=1, keepdims=True)], axis=1)
+    to_local = np.linalg.inv(solid.to_world)
+    local = points @ to_local[:3, :3].T + to_local[:3, 3]
+    form = np.diag(primitive.quadrics[primitive.curved])
+    slope = np.linalg.norm(2 * local * form[:3] @ to_local[:3, :3], axis=2)
+    errors = np.abs(local**2 @ form[:3] + form[3]) / np.maximum(slope, 1e-300)
+    errors[np.linalg.norm(points - zone[:3], axis=2) > zone[3]] = 0
+    longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
+    nearest = np.linalg.norm(points - camera.eye, axis=2).min(axis=1) - longest
+    (pixel,), _ = primitive.pixel(solid.to_world[None], camera)
+    (size,), _ = primitive.ball(solid.to_world[None])
+    return float((errors.max(axis=1) / np.maximum(camera.footprint(nearest), pixel * size)).max(initial=0))
+
+
+def _warn_of_coarse_faces(document: Document, errors: dict[int, float], of_leaf: np.ndarray, tolerance: float) -> None:
+    """Warns of solids whose curved faces are coarser than the ``tolerance``; ``errors`` has their errors in pixels."""
+    if not errors:
+        return
+    worst = sorted(errors, key=lambda i: -errors[i])
+    places = [document.scene.leaves[int(np.flatnonzero(of_leaf == i)[0])] for i in worst]
+    names = [f"{leaf.shape.upper()} {leaf.index} (line {document.line('csg', n)})" for n, leaf in places[:10]]
+    more = f" and {len(places) - 10} more" if len(places) > 10 else ""
+    document.warn(
+        f"curved faces are up to {errors[worst[0]]:.2g} pixels off instead of {tolerance:g}: {', '.join(names)}{more}; "
+        f"{MAX_SEGMENTS} segments in a circle are too few so near to the eye; use a smaller primitive, "
+        "or keep only the visible part of a SPHERE (* with a CUBE)",
+        "csg",
+        places[0][0],
+    )
 
 
 def warn_of_rounding(document: Document, camera: Camera, vertices: np.ndarray) -> None:

@@ -9,8 +9,7 @@ import numpy as np
 from ..language.document import Document
 from ..view import Camera
 from .coincidence import THICKNESS, Planes, same_surfaces
-from .csg import tree_of
-from .detail import active_zones, choose_segments, find_enclosing, shrink_inscribed
+from .detail import choose_tessellations, find_enclosing
 from .grouping import group_equal
 from .primitives import PRIMITIVES, CornerAttributes, Primitive
 from .solids import Solid, world_box_corners
@@ -69,9 +68,7 @@ class Leaves:
         size = float(np.abs(np.stack([low, high]) - self.origin).max())
         self.thickness = THICKNESS * 2.0 ** (math.frexp(size)[1] - 1)
         self._find_shared_surfaces(cuts_several_media)
-        zones = active_zones(tree_of(document.scene.csg), self.solids, self.of_leaf)
-        choose_segments(document, self.solids, zones, camera, tolerance)
-        shrink_inscribed(self.solids)
+        choose_tessellations(document, self.solids, self.of_leaf, camera, tolerance)
         find_enclosing(self.solids)
         offset = np.pad(self.origin[:, None], ((0, 1), (3, 0)))
         for s in self.solids:
@@ -113,7 +110,7 @@ class Leaves:
     def cache_key(self) -> Hashable:
         """Returns a hashable key of this object; two :class:`Leaves` objects with equal keys have equal tables."""
         solids = tuple(
-            (s.primitive.name, s.segments, s.shrink, s.to_world.tobytes(), s.facet_map.tobytes(), s.surfaces.tobytes())
+            (s.primitive.name, s.segments, s.scale, s.to_world.tobytes(), s.facet_map.tobytes(), s.surfaces.tobytes())
             for s in self.solids
         )
         return solids, self.of_leaf.tobytes(), self.origin.tobytes()

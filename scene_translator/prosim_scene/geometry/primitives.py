@@ -110,7 +110,23 @@ class Primitive(ABC):
         radius = np.linalg.norm(corners - center[:, None], axis=2).max(axis=1)
         return radius, np.append(center, radius[:, None], axis=1)
 
-    def segments(self, to_world: np.ndarray, camera: Camera, tolerance: float) -> np.ndarray:
+    def pixel(self, to_world: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+        """Returns, for each transform (n, 4, 4), the width of a pixel relative to the size of the curved face, and
+        whether the primitive may be in the window.
+
+        The width is that at the point of the primitive that is nearest to the eye.
+        """
+        linear, offset = to_world[:, :3, :3], to_world[:, :3, 3]
+        size, ball = self.ball(to_world)
+        visible = camera.may_see(self.box_corners @ linear.transpose(0, 2, 1) + offset[:, None])
+        distance = np.linalg.norm(ball[:, :3] - camera.eye, axis=1) - ball[:, 3]
+        for i in np.flatnonzero(distance < ball[:, 3]).tolist():
+            # The eye is near the bounding ball, but perhaps not near the surface: lines on it give a better bound.
+            a, b = (self.surface_lines[:, end] @ linear[i].T + offset[i] for end in range(2))
+            distance[i] = max(distance[i], distance_to_segments(a, b, camera.eye) - self.gap * size[i])
+        return camera.footprint(distance) / size, visible
+
+    def segments(self, to_world: np.ndarray, camera: Camera, tolerance: float | np.ndarray) -> np.ndarray:
         """Returns, for each transform (n, 4, 4), the number of line segments by which the mesh must approximate a full
         circle: a multiple of 4. For a primitive without a curved face, the number is 4.
 
@@ -121,15 +137,8 @@ class Primitive(ABC):
         """
         if self.curved is None:
             return np.full(len(to_world), 4)
-        linear, offset = to_world[:, :3, :3], to_world[:, :3, 3]
-        size, ball = self.ball(to_world)
-        visible = camera.may_see(self.box_corners @ linear.transpose(0, 2, 1) + offset[:, None])
-        distance = np.linalg.norm(ball[:, :3] - camera.eye, axis=1) - ball[:, 3]
-        for i in np.flatnonzero(distance < ball[:, 3]).tolist():
-            # The eye is near the bounding ball, but perhaps not near the surface: lines on it give a better bound.
-            a, b = (self.surface_lines[:, end] @ linear[i].T + offset[i] for end in range(2))
-            distance[i] = max(distance[i], distance_to_segments(a, b, camera.eye) - self.gap * size[i])
-        error = np.where(visible, 1, OUTSIDE_TOLERANCE) * tolerance * camera.footprint(distance) / size  # relative
+        pixel, visible = self.pixel(to_world, camera)
+        error = np.where(visible, 1, OUTSIDE_TOLERANCE) * tolerance * pixel  # relative
         n = math.pi / np.arccos(1 - np.clip(error, 1e-9, 0.5)) * self.segment_factor
         n = np.clip(n, MIN_SEGMENTS, np.where(visible, MAX_SEGMENTS, OUTSIDE_SEGMENTS))
         return np.asarray(4 * np.ceil(n / 4), int)

@@ -23,8 +23,8 @@ class Solid:
     share a curved surface, their meshes have the same facets on this surface: those of the owner of the surface, the
     largest of these solids. The 4x4 matrix ``facet_map`` moves the facets of the curved face: it maps the space of the
     owner of a shared surface to the space of this solid, or concentrates the facets of a ball near a visible cap. The
-    size of the curved face is multiplied by ``shrink``, which is below 1 only for a ball that touches another solid
-    from inside. ``enclosing`` is a set of solids of the scene that contain the solid (64 at most).
+    mesh of the curved face is multiplied by ``scale``, which is above 1 only if another solid touches the face from
+    inside. ``enclosing`` is a set of solids of the scene that contain the solid (64 at most).
     """
 
     primitive: Primitive
@@ -32,7 +32,7 @@ class Solid:
     segments: int = 0
     surfaces: np.ndarray = field(default_factory=lambda: np.array([-1]))
     facet_map: np.ndarray = field(default_factory=lambda: IDENTITY)
-    shrink: float = 1.0
+    scale: float = 1.0
     enclosing: set["Solid"] = field(default_factory=set)
 
     @cached_property
@@ -43,9 +43,9 @@ class Solid:
     @property
     def inradius(self) -> float:
         """The inradius of the mesh of the curved face in the primitive's coordinates, where the radius of the curved
-        face is 1; without the effects of ``facet_map`` and ``shrink``.
+        face is 1; without the effects of ``facet_map`` and ``scale``.
         """
-        return math.cos(math.pi * self.primitive.segment_factor / self.segments)
+        return inradius(self.primitive, self.segments)
 
     @property
     def curved_surface(self) -> int:
@@ -53,7 +53,7 @@ class Solid:
         return -1 if self.primitive.curved is None else int(self.surfaces[self.primitive.curved])
 
     def mesh(self) -> Mesh:
-        """Returns the mesh of the solid in world coordinates, with the effects of ``facet_map`` and ``shrink``; the
+        """Returns the mesh of the solid in world coordinates, with the effects of ``facet_map`` and ``scale``; the
         triangles are counter-clockwise if seen from outside, also if the transform mirrors the primitive.
         """
         linear, offset = self.to_world[:3, :3], self.to_world[:3, 3]
@@ -64,7 +64,7 @@ class Solid:
             mirrored ^= np.einsum("ij,ij->", a, np.cross(b, c)) < 0  # the sign of the mesh's volume
         else:
             unit = unit_mesh(self.primitive, self.segments)
-        vertices = unit.vertices * np.where(np.arange(3) < self.primitive.axes, self.shrink, 1.0)
+        vertices = unit.vertices * np.where(np.arange(3) < self.primitive.axes, self.scale, 1.0)
         triangles = unit.triangles[:, ::-1] if mirrored else unit.triangles
         return Mesh(vertices @ linear.T + offset, triangles, unit.facets, unit.faces)
 
@@ -75,6 +75,17 @@ def unit_mesh(primitive: Primitive, segments: int) -> Mesh:
     arguments.
     """
     return primitive.mesh(segments, IDENTITY)
+
+
+@lru_cache(maxsize=1024)
+def inradius(primitive: Primitive, segments: int) -> float:
+    """Returns the inradius of the mesh of a primitive's curved face, of radius 1, in the primitive's coordinates."""
+    if primitive.axes == 2:
+        return math.cos(math.pi / segments)
+    mesh = unit_mesh(primitive, segments)
+    a, b, c = (mesh.vertices[mesh.triangles[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    return float((np.einsum("ij,ij->i", normals, a) / np.linalg.norm(normals, axis=1)).min())
 
 
 def world_box_corners(solids: Sequence[Solid]) -> np.ndarray:

@@ -1,0 +1,194 @@
+"""Finds curved faces that touch another curved face from inside, and makes meshes that do not cross there.
+
+A mesh approximates a curved face by flat facets. The vertices of the mesh lie on the face, so the facets lie inside the
+solid, by the chord error at most: the mesh is inscribed. Where a ball touches a pipe of the same width from inside, the
+facets of the ball would cross the facets of the pipe, and patches of the wrong solid would be visible, many pixels
+wide. Therefore the mesh of the pipe is circumscribed: its facets touch the face, and its vertices lie outside, by the
+chord error at most. The mesh of the ball is inscribed, so it lies inside the mesh of the pipe.
+
+In a chain of contacts, such as a bubble in a ball in a pipe, the mesh of the ball is circumscribed because of the
+bubble. So the mesh of the pipe also grows by the chord error of the ball, and all meshes of the chain are finer.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from .grouping import group_equal, sweep
+from .primitives import Primitive
+from .solids import Solid, world_box_corners
+
+INSIDE = 1e-6  # how far a face that touches another face from inside may be outside, relative to the outer face
+#: Maximum number of enclosing solids that are stored for a solid: one is enough to leave it out, and more take memory.
+MAX_ENCLOSING = 64
+BATCH = 1 << 16  # the number of pairs of a solid and a tangent plane that are tested at a time
+FEW = 16  # about this number of tangent planes of a face are tested first, which excludes most pairs
+STEPS = 16  # the number of steps that improve a tangent plane
+LONGEST = 4  # meshes become finer with the length of a chain of contacts up to this number of contacts
+
+
+class Contacts(NamedTuple):
+    """Pairs of solids: the curved face of ``inner`` (k,) touches the curved face of ``outer`` (k,) from inside, or is
+    nearer to it than a few chord errors. The pairs are sorted so that a solid occurs in ``outer`` before it occurs in
+    ``inner``. Solids whose curved faces lie on one surface have the number of the first of them.
+
+    If the curved face of the outer solid is scaled by ``reach`` (k,), it just encloses the inner solid. If the inner
+    solid grows by a part of its size, this factor grows by at most ``gain`` (k,) times this part.
+    """
+
+    inner: np.ndarray
+    outer: np.ndarray
+    reach: np.ndarray
+    gain: np.ndarray
+
+    def shares(self, allowed: np.ndarray) -> np.ndarray:
+        """Returns, for each of n solids, the share of the tolerance that is the chord error of its mesh: 1 over the
+        number of contacts in the longest chain of contacts to which the solid belongs, or less.
+
+        ``allowed`` (n,) is the tolerance relative to the size of each solid. A solid between two others has a smaller
+        share if the tolerance of the outer one is smaller, because the outer one grows by its error. The share of an
+        outer solid is smaller, because its mesh is scaled, and its chord error with it.
+        """
+        below, above, limit = np.zeros(len(allowed), int), np.zeros(len(allowed), int), allowed.copy()
+        pairs = list(zip(self.inner.tolist(), self.outer.tolist(), self.gain.tolist()))
+        for inner, outer, _ in pairs:
+            below[outer] = max(below[outer], below[inner] + 1)
+        for inner, outer, gain in reversed(pairs):
+            above[inner] = max(above[inner], above[outer] + 1)
+            if below[inner]:
+                limit[inner] = min(limit[inner], limit[outer] / gain)
+        widened = np.where(below > 0, 1 + 2 * np.minimum(allowed, 0.1), 1)
+        return np.asarray(limit / allowed / np.clip(below + above, 1, LONGEST) / widened)
+
+
+def first_on_surface(solids: Sequence[Solid]) -> np.ndarray:
+    """Returns, for each solid, the number of the first solid whose curved face lies on the same surface."""
+    first: dict[int, int] = {}
+    return np.array(
+        [first.setdefault(s.curved_surface, i) if s.curved_surface >= 0 else i for i, s in enumerate(solids)]
+    )
+
+
+def find_contacts(solids: Sequence[Solid]) -> Contacts:
+    """Returns the contacts of curved faces, and adds to the set ``enclosing`` of each ball other balls that enclose it.
+    The attribute ``segments`` of all solids must be set before.
+
+    A ball may touch any curved face from inside, and a cylinder may touch a parallel cylinder. Other contacts are rims,
+    where a gap would look like a wall.
+    """
+    first = first_on_surface(solids)
+    order = _order(solids)[first]
+    found = [[np.empty(0, int), np.empty(0, int), np.empty(0), np.empty(0)]]
+    for inner, outer, relative, normals in _enclosed(solids, order):
+        primitive = solids[outer[0]].primitive
+        reach, gain = _reach(primitive, relative, normals)
+        spread = np.linalg.norm(relative[..., :3], 2, (1, 2)) + np.linalg.norm(relative[..., 3], axis=1)
+        for i, j in zip(*(a[spread <= 1].tolist() for a in (inner, outer))) if primitive.axes == 3 else ():
+            if len(solids[i].enclosing) < MAX_ENCLOSING:
+                solids[i].enclosing.add(solids[j])
+        near = 1 - (LONGEST + 1) * np.array([1 - solids[j].inradius for j in outer])
+        touches = (reach > near) & (reach <= 1 + INSIDE)
+        found.append([column[touches] for column in (first[inner], first[outer], reach, gain)])
+    contacts = Contacts(*(np.concatenate(column) for column in zip(*found)))
+    sorting = np.argsort(order[contacts.outer], kind="stable")
+    return Contacts(*(column[sorting] for column in contacts))
+
+
+def _order(solids: Sequence[Solid]) -> np.ndarray:
+    """Returns a rank of each solid: the rank of a solid in which another solid may lie is the higher one."""
+    sizes = [np.linalg.svd(s.to_world[:3, : s.primitive.axes], compute_uv=False).prod() for s in solids]
+    # Cylinders and cones come after all balls, because they are in no ball.
+    return np.argsort(np.lexsort((sizes, [s.primitive.axes == 2 for s in solids])))
+
+
+def _enclosed(solids: Sequence[Solid], order: np.ndarray) -> Iterator[tuple[np.ndarray, ...]]:
+    """Yields pairs of an inner and an outer solid, of which the inner one lies inside the quadric of the outer one. All
+    outer solids of an item have the same primitive.
+
+    An item has the numbers of the inner and the outer solids (k,), the matrices (k, 3, 4) from the coordinates of the
+    inner primitives to those of the outer primitive, and the normals (k, 3) of tangent planes near the contacts.
+    ``order`` (n,) has the ranks of :func:`_order`.
+    """
+    curved = np.flatnonzero([s.primitive.curved is not None for s in solids])
+    boxes = world_box_corners([solids[i] for i in curved.tolist()])
+    to_world = np.array([s.to_world for s in solids]).reshape(-1, 4, 4)
+    to_local, is_ball = np.linalg.inv(to_world), np.array([s.primitive.axes == 3 for s in solids], bool)
+    is_cylinder = np.array([s.primitive.name == "cylinder" for s in solids], bool)
+    of_primitive = group_equal(solids[i].primitive for i in curved.tolist())
+    for pairs in sweep(boxes.min(axis=1), boxes.max(axis=1)):
+        inner, outer = curved[np.concatenate([pairs, pairs[::-1]], axis=1)]
+        compared = (order[inner] < order[outer]) & (is_ball[inner] | is_cylinder[inner] & is_cylinder[outer])
+        for primitive, numbers in of_primitive.items():
+            chosen = np.flatnonzero(compared & np.isin(outer, curved[numbers]))
+            i, j = inner[chosen], outer[chosen]
+            relative = (to_local[j] @ to_world[i])[:, :3]
+            within = is_ball[i] | (np.abs(relative[:, :2, 2]).max(axis=1) < INSIDE)  # parallel cylinders
+            for planes in (FEW, len(primitive.surface_lines)):  # the few planes exclude most pairs
+                i, j, relative = i[within], j[within], relative[within]
+                heights, normals = _highest(primitive, relative, planes)
+                within = heights <= INSIDE
+            if within.any():
+                yield i[within], j[within], relative[within], normals[within]
+
+
+def _highest(primitive: Primitive, relative: np.ndarray, planes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns, for each of k inner solids, the largest height of the solid over about this number of tangent ``planes``
+    of the outer solid's curved face, and the normal of the plane with this height.
+
+    A solid lies inside a convex face if it lies on the inner side of each tangent plane of the face.
+    """
+    quadric = np.diag(primitive.quadrics[primitive.curved])
+    normals = primitive.surface_lines[:: math.ceil(len(primitive.surface_lines) / planes), 1] * quadric[:3]
+    found = [(np.empty(0), np.empty(0, int))]
+    for part in np.array_split(relative, len(relative) * len(normals) // BATCH + 1):
+        products = part.transpose(0, 2, 1) @ normals.T
+        heights = products[:, 3] + np.linalg.norm(products[:, :3], axis=1) + quadric[3]
+        found.append((heights.max(axis=1), heights.argmax(axis=1)))
+    heights, best = (np.concatenate(column) for column in zip(*found))
+    return heights, normals[best]
+
+
+def _reach(primitive: Primitive, relative: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the columns ``reach`` and ``gain`` of :class:`Contacts` for the pairs of :func:`_enclosed`.
+
+    The height of the inner solid over a tangent plane is a convex function of the normal, so it never falls if the
+    point with the largest height defines the next normal.
+    """
+    linear, offset, axes, normals = relative[..., :3], relative[..., 3], primitive.axes, normals.copy()
+    for _ in range(STEPS):
+        across = np.einsum("kij,ki->kj", linear, normals)
+        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+        points = offset + np.einsum("kij,kj->ki", linear, across)  # the highest points of the inner solids
+        radius = np.linalg.norm(points[:, :axes], axis=1)
+        normals[:, :axes] = points[:, :axes] / np.maximum(radius, 1e-300)[:, None]
+    if primitive.name != "cone":
+        return radius, np.linalg.norm(linear[:, :axes], 2, (1, 2))
+    width = np.maximum(points[:, 2], 1e-300)  # the radius of the cone at the height of the contact
+    return radius / width, math.sqrt(2) * np.linalg.norm(linear, 2, (1, 2)) / width
+
+
+def circumscribe(solids: Sequence[Solid], contacts: Contacts) -> np.ndarray:
+    """Sets ``scale`` and ``facet_map`` of the outer solids of contacts, so that their meshes enclose those of the inner
+    solids. Returns, for each solid, the radius of its mesh relative to the curved face (n,).
+
+    In a chain of more than LONGEST contacts, the tolerance counts more than the order of the meshes.
+    """
+    first = first_on_surface(solids)
+    scale, radius, depth = np.zeros(len(solids)), np.ones(len(solids)), np.zeros(len(solids), int)
+    for i, j, reach, gain in zip(*contacts):
+        if depth[i] < LONGEST:
+            reach += (radius[i] - 1) * gain
+        if reach > solids[j].inradius:
+            depth[j] = max(depth[j], depth[i] + 1)
+            scale[j] = max(scale[j], reach, 1)
+            radius[j] = scale[j] / solids[j].inradius
+    for solid, j in zip(solids, first):
+        if scale[j] > 0:
+            widened = 1 / solid.inradius
+            # The facets of a ball are circumscribed before a projective map concentrates them.
+            if solid.primitive.axes == 3:
+                solid.facet_map, widened = solid.facet_map * [widened, widened, widened, 1], 1.0
+            solid.scale = scale[j] * widened
+    return np.asarray(radius[first])

@@ -1,0 +1,222 @@
+"""Every BSDF of Mitsuba and of this package, by itself and within others, under every kind of lamp; and every sensor,
+film, filter and medium: the images by ``prosim`` and ``prosim_adaptive`` have the mean of ``path``, and no more noise.
+
+The plugins are those of the installed Mitsuba, so new ones take part by themselves. Light that is lost or gained, noise
+of more than four times the variance, NaN, and refusals that are not in the tables below are failures.
+"""
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from mitsuba_prosim import registry
+from scenes import FLAT, T, area, bitmap, load_scene, plugins_of_mitsuba, rectangle
+
+pytestmark = pytest.mark.slow
+
+#: Parameters of plugins that do not load without them.
+NEEDED = {"hair": {"eumelanin": 0.2}}
+#: BSDFs that are no material by themselves, or whose files of measurements Mitsuba does not have.
+NOT_ALONE = {"blendbsdf", "bumpmap", "mask", "normalmap", "twosided", "measured", "measured_polarized"}
+PARTNER = {"type": "diffuse", "reflectance": 0.4}
+TILTED = FLAT * 0 + np.array((0.6, 0.55, 0.97))
+WRAPPERS = {
+    "alone": lambda bsdf: bsdf,
+    "twosided": lambda bsdf: {"type": "twosided", "b": bsdf},
+    "mask": lambda bsdf: {"type": "mask", "opacity": 0.6, "b": bsdf},
+    "blendbsdf": lambda bsdf: {"type": "blendbsdf", "weight": 0.5, "a": PARTNER, "b": bsdf},
+    "bumpmap": lambda bsdf: {"type": "bumpmap", "texture": bitmap(TILTED), "b": bsdf},
+    "normalmap": lambda bsdf: {"type": "normalmap", "normalmap": bitmap(TILTED), "b": bsdf},
+}
+SKY = np.random.default_rng(2).random((4, 8, 3)) + 0.2
+BLACK = {"type": "diffuse", "reflectance": 0.0}
+LAMPS = ("constant", "envmap", "point", "area")
+
+
+def light(name):
+    if name == "point":
+        return {"type": name, "position": [3, 4, 20], "intensity": 900.0}
+    if name == "area":
+        return rectangle(T().translate([2, 3, 20]).rotate([1, 0, 0], 180).scale(9), bsdf=BLACK, **area(2.0))
+    return {
+        "type": name,
+        **({"radiance": 0.8} if name == "constant" else {"bitmap": mi.Bitmap(SKY.astype(np.float32))}),
+    }
+
+
+PLACES = [("alone", lamp) for lamp in LAMPS] + list(
+    zip([*WRAPPERS][1:], ("area", "constant", "envmap", "area", "point"))
+)
+OURS = {
+    "tree": {"type": "prosim", "adaptive": "none"},
+    "paths": {"type": "prosim", "adaptive": "none", "max_level": -1, "diffuse_bounces": -1},
+    "adaptive": {"type": "prosim_adaptive", "adaptive": "none", "nested": {"type": "path"}},
+}
+#: Pixels of a side of a card, and samples of a pixel.
+SIDE, SAMPLES = 12, 64
+
+
+def all_plugins(kind, base):
+    """The plugins of one kind, of Mitsuba and of this package."""
+    return {*plugins_of_mitsuba(kind), *(name for name, plugin in registry.PLUGINS.items() if issubclass(plugin, base))}
+
+
+def materials():
+    """Each BSDF that is a material by itself, by its name: with its default parameters, ours also rough."""
+    names = sorted(all_plugins(mi.ObjectType.BSDF, mi.BSDF) - NOT_ALONE)
+    found = {name: {"type": name, **NEEDED.get(name, {})} for name in names}
+    rough = {
+        f"rough {name}": {"type": f"prosim_{name}", "alpha": 0.3} for name in ("composite", "conductor", "dielectric")
+    }
+    return found | rough | {"rough phong": {"type": "prosim_phong", "exponent": 20.0}}
+
+
+def statistics(cards, lamp, integrator):
+    """``(mean, variance)`` of R, G and B for each of the ``cards``: of a pixel with :data:`SAMPLES` samples. The cards
+    lie in one plane, so no light goes from one to another.
+    """
+    shapes = {f"card{k}": rectangle(T().translate([2 * k + 1, 0, 0]), bsdf=bsdf) for k, bsdf in enumerate(cards)}
+    n = len(cards)
+    to_world = T().look_at([n, 0, 10], [n, 0, 0], [0, 1, 0]).scale([n, n, 1])
+    film = {
+        "type": "hdrfilm",
+        "width": SIDE * n,
+        "height": SIDE,
+        "rfilter": {"type": "box"},
+        "component_format": "float32",
+    }
+    sensor = {"type": "orthographic", "to_world": to_world, "film": film}
+    image = np.array(
+        mi.render(
+            load_scene(sensor=sensor, **shapes, lamp=light(lamp)),
+            integrator=mi.load_dict(integrator),
+            spp=SAMPLES,
+            seed=4,
+        )
+    )
+    assert np.isfinite(image).all()
+    pixels = image[..., :3].reshape(SIDE, n, SIDE, 3).transpose(1, 0, 2, 3).reshape(n, -1, 3).astype(float)
+    return pixels.mean(1), pixels.var(1, ddof=1)
+
+
+def failures(names, expected, found):
+    """The names of the cards whose mean differs by more than 5 standard errors (p < 0.002 for 3,000 comparisons), or
+    whose standard deviation is greater than twice the expected one, and than 24 % of the mean for one sample: in the
+    tree, the hole of a mask adds noise to glass without any.
+    """
+    (mean, variance), (own, noise) = expected, found
+    error = np.sqrt((variance + noise) / SIDE**2)
+    wrong = np.abs(own - mean) > 5 * error + 1e-3 * mean + 1e-5
+    noisy = (noise > 4 * variance + np.square(0.03 * mean) + 1e-8).all(1)
+    return {
+        name: (mean[k].round(4), own[k].round(4), (noise[k] / (variance[k] + 1e-12)).round(2))
+        for k, name in enumerate(names)
+        if wrong[k].any() or noisy[k]
+    }
+
+
+@pytest.mark.parametrize("wrapper, lamp", PLACES)
+def test_surface_looks_as_by_path(variant_rgb, wrapper, lamp):
+    """A blend is compared with the mean of its materials: Mitsuba's blend of ideal and smooth lobes is biased."""
+    cards = {}
+    for name, bsdf in materials().items():
+        if wrapper == "twosided" and mi.has_flag(mi.load_dict(bsdf).flags(), mi.BSDFFlags.Transmission):
+            with pytest.raises(RuntimeError, match="without a transmission component"):
+                mi.load_dict(WRAPPERS[wrapper](bsdf))
+        else:
+            cards[name] = bsdf
+    wrapped = [WRAPPERS[wrapper](bsdf) for bsdf in cards.values()]
+    expected = statistics(cards.values() if wrapper == "blendbsdf" else wrapped, lamp, {"type": "path"})
+    if wrapper == "blendbsdf":
+        mean, variance = statistics([PARTNER], lamp, {"type": "path"})
+        between = np.square(expected[0] - mean) / 4 / SAMPLES
+        expected = (expected[0] + mean) / 2, (expected[1] + variance) / 2 + between
+    found = {way: statistics(wrapped, lamp, ours) for way, ours in OURS.items()}
+    inner = statistics(wrapped, lamp, {"type": "path"}) if wrapper == "blendbsdf" else expected
+    if "hair" in cards:  # the tree finds its light by light sampling alone, which is noisy
+        found["tree"] = tuple(
+            np.where(np.array([*cards])[:, None] == "hair", a, b) for a, b in zip(expected, found["tree"])
+        )
+    wrong = {way: failures(cards, inner if way == "adaptive" else expected, found[way]) for way in OURS}
+    assert not any(wrong.values()), wrong
+
+
+def ball(sensor, integrator, **more):
+    """10 images of a ball, under a lamp and a sky, that a ``sensor`` sees: array (10, height, width, channels)."""
+    scene = load_scene(
+        sensor=sensor,
+        ball={"type": "sphere", "bsdf": PARTNER} | more,
+        lamp={"type": "sphere", "center": [2, 3, 4], "radius": 0.5, "bsdf": BLACK, **area(20.0)},
+        sky={"type": "constant", "radiance": 0.2},
+    )
+    integrator = mi.load_dict(integrator)
+    return np.stack([np.array(mi.render(scene, integrator=integrator, seed=k, spp=64)) for k in range(10)]).astype(
+        float
+    )
+
+
+def assert_same_mean(sensor, ours, theirs, **more):
+    """The means of all channels differ by less than 6 standard errors of 10 images, or by rounding."""
+    expected = ball(sensor, theirs, **more).mean((1, 2))
+    for integrator in ours:
+        found = ball(sensor, integrator, **more).mean((1, 2))
+        assert found.shape == expected.shape and np.isfinite(found).all()
+        error = np.sqrt((found.var(0, ddof=1) + expected.var(0, ddof=1)) / 10)
+        mean, own = expected.mean(0), found.mean(0)
+        assert (np.abs(own - mean) < 6 * error + 1e-3 * mean + 1e-6).all(), (sensor["type"], integrator, mean, own)
+
+
+FILM = {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}, "component_format": "float32"}
+SENSORS = (
+    "batch",
+    "distant",
+    "irradiancemeter",
+    "orthographic",
+    "perspective",
+    "prosim_window",
+    "radiancemeter",
+    "thinlens",
+)
+
+
+def view(name="perspective", **film):
+    """A sensor that sees the ball."""
+    sensor = {"type": name, "to_world": T().look_at([0, 1, 6], [0, 0, 0], [0, 1, 0]), "film": FILM | film}
+    if name == "thinlens":
+        return sensor | {"aperture_radius": 0.1, "focus_distance": 5.0}
+    if name == "batch":
+        return {"type": name, "film": FILM | {"width": 8}, "a": view(), "b": view("orthographic")}
+    if name in ("distant", "irradiancemeter", "radiancemeter"):
+        one = {"type": name, "film": FILM | {"width": 1, "height": 1}}
+        if name == "irradiancemeter":
+            return rectangle(T().translate([0, 0, 3]), sensor=one)
+        where = {"target": [0, 0, 0]} if name == "distant" else {"origin": [0, 1, 6]}
+        return one | where | {"direction": [0, -0.1, -1]}
+    return sensor
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_sensor_sees_as_by_path(variant_rgb, name):
+    assert {*SENSORS} == all_plugins(mi.ObjectType.Sensor, mi.Sensor)
+    assert_same_mean(view(name), OURS.values(), {"type": "path"})
+
+
+def test_filter_as_by_path(variant_rgb):
+    for name in plugins_of_mitsuba(mi.ObjectType.ReconstructionFilter):
+        sensor = view(rfilter={"type": name}, pixel_format="rgba", sample_border=name != "box")
+        assert_same_mean(sensor, [OURS["paths"]], {"type": "path"})
+
+
+@pytest.mark.parametrize("name", ["homogeneous", "heterogeneous"])
+def test_medium_as_by_volpath(variant_rgb, name):
+    """Of any albedo within ``prosim_adaptive``; and by ``prosim`` where a homogeneous medium only absorbs light."""
+    assert {*plugins_of_mitsuba(mi.ObjectType.Medium)} == {"homogeneous", "heterogeneous"}
+    volpath = {"type": "volpath"}
+    adaptive = OURS["adaptive"] | {"nested": volpath}
+    for albedo in (0.7, 0.0) if name == "homogeneous" else (0.7,):
+        density = {"sigma_t" if name == "homogeneous" else "scale": 0.7, "albedo": albedo}
+        if name == "heterogeneous":
+            grid = mi.VolumeGrid(np.ones((2, 2, 2, 1), np.float32))
+            density["sigma_t"] = {"type": "gridvolume", "grid": grid, "to_world": T().translate(-1).scale(2)}
+        ours = [adaptive] if albedo else [adaptive, OURS["tree"], OURS["paths"]]
+        inside = {"type": name, **density}
+        assert_same_mean(view(), ours, volpath, bsdf={"type": "null"}, interior=inside)

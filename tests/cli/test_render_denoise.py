@@ -110,7 +110,7 @@ def test_wrong_factors_and_images(image, tmp_path):
     for factor in ("key", *(f"key={value}" for value in ("bright", "nan", "inf", "-1", "1e99", "50%"))):
         refused("LAYER=FACTOR", "mix", image, factor)
     refused("several factors", "mix", image, "key=1", "key=2")
-    refused("not a readable EXR", "mix", tmp_path / "two.xml", "key=1")
+    refused("two.xml' is a Mitsuba scene, not an EXR image", "mix", tmp_path / "two.xml", "key=1")
     (tmp_path / "cut.exr").write_bytes(image.read_bytes()[:500])
     refused("not a readable EXR", "mix", tmp_path / "cut.exr", "key=1")
     OpenEXR.File({}, {"a.R": np.zeros((2, 2), np.float32)}).write(str(tmp_path / "red.exr"))

@@ -197,8 +197,7 @@ def mesh(positions, faces, **within):
 def plugins_of_mitsuba(kind):
     """The names of all plugins of one kind (a ``mi.ObjectType``) that this Mitsuba has, in alphabetical order."""
     names = sorted(path.stem for path in Path(mi.__file__).with_name("plugins").glob("*.*"))
-    manager = mi.PluginManager.instance()
-    return [name for name in names if manager.plugin_type(name) == kind]
+    return [name for name in names if mi.PluginManager.instance().plugin_type(name) == kind]
 
 
 #: A square in the plane z = 0, whose normal is z: corners and texture coordinates.
@@ -230,26 +229,29 @@ def write_serialized(path):
     return {"filename": str(path)}
 
 
-def shape_of(name, folder):
-    """An object of the shape plugin ``name`` within 1.5 of the origin, with its files in ``folder``; None if it stands
-    for other shapes. A plugin that is not known here needs no parameters.
+def shape_of(name, folder, place=(0, 0, 0)):
+    """A dictionary of the shape plugin ``name`` within 2 of ``place``, facing down, with its files in ``folder``; None
+    if the plugin stands for other shapes. A plugin that is not known here needs no parameters.
     """
     if name in ("blender", "instance", "merge", "shapegroup"):
         return None
-    if name in ("ply", "serialized"):
-        return {"type": name} | (write_square if name == "ply" else write_serialized)(folder / f"square.{name}")
-    if name == "obj":
-        rows = [("v", *v) for v in CORNERS] + [("vt", *v) for v in UV] + [("f", "1/1", "2/2", "3/3", "4/4")]
-        (folder / "square.obj").write_text("\n".join(" ".join(map(str, row)) for row in rows))
-        return {"type": name, "filename": str(folder / "square.obj")}
-    if name in ("bsplinecurve", "linearcurve"):
-        np.savetxt(folder / "curve.txt", [[-1, 0, 0, 0.3], [-0.3, 0.2, 0, 0.3], [0.4, 0, 0.2, 0.3], [1, 0, 0, 0.3]])
-        return {"type": name, "filename": str(folder / "curve.txt")}
     if name.startswith("ellipsoids"):
-        values = {"centers": [0, 0, 0], "scales": [0.6, 0.3, 0.4], "quaternions": [0, 0, 0, 1]}
+        values = {"centers": place, "scales": [0.4, 0.2, 0.3], "quaternions": [0, 0, 0, 1]}
         return {"type": name} | {key: mi.TensorXf(np.array([value], np.float32)) for key, value in values.items()}
+    to_world = T().translate(list(place)).rotate([1, 0, 0], 90)
     if name == "sdfgrid":
         axes = np.meshgrid(*[np.linspace(-0.5, 0.5, 16, dtype=np.float32)] * 3)
         distances = np.sqrt(sum(axis**2 for axis in axes))[..., None] - np.float32(0.35)
-        return {"type": name, "grid": mi.TensorXf(distances), "to_world": T().translate([-0.5] * 3)}
-    return {"type": name}
+        upright = T().translate(list(place)).scale(2).translate([-0.5] * 3)  # Mitsuba 3.9 misses rotated ones
+        return {"type": name, "grid": mi.TensorXf(distances), "to_world": upright}
+    more = {}
+    if name in ("ply", "serialized"):
+        more = (write_square if name == "ply" else write_serialized)(folder / f"square.{name}")
+    if name == "obj":
+        rows = [("v", *v) for v in CORNERS] + [("vt", *v) for v in UV] + [("f", "1/1", "2/2", "3/3", "4/4")]
+        (folder / "square.obj").write_text("\n".join(" ".join(map(str, row)) for row in rows))
+        more = {"filename": str(folder / "square.obj")}
+    if name in ("bsplinecurve", "linearcurve"):
+        np.savetxt(folder / "curve.txt", [[-1, 0, 0, 0.3], [-0.3, 0.2, 0, 0.3], [0.4, 0, 0.2, 0.3], [1, 0, 0, 0.3]])
+        more = {"filename": str(folder / "curve.txt")}
+    return {**more, "type": name, "to_world": to_world}

@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..compat import SPHERE
-from ..light.emitter_methods import has_area, no_sample, point_sampler
+from ..light.emitter_methods import has_area, no_sample, point_sampler, sample_shape
 from ..light.source import Source
 from ..registry import plugin
 
@@ -173,7 +173,8 @@ class Area(Source):
             ds.d /= dr.maximum(ds.dist, 1e-30)
             ds.pdf = ps.pdf * dr.square(ds.dist) / dr.maximum(-dr.dot(ds.d, ds.n), 1e-30)
         else:
-            ds = self.get_shape().sample_direction(it, sample, active)
+            varies = mi.has_flag(self.m_flags, mi.EmitterFlags.SpatiallyVarying)
+            ds = (sample_shape if varies else mi.Shape.sample_direction)(self.get_shape(), it, sample, active)
             ds.pdf = self.pdf_shape(it, ds, ds.pdf)
         active = active & (dr.dot(ds.d, ds.n) < 0) & (ds.pdf > 0)
         ds.pdf = dr.select(active, ds.pdf, 0)

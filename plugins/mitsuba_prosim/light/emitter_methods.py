@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import AREA, MESH_ATTRIBUTE, UNIQUE_UV, mesh_positions, samples_elsewhere
+from ..compat import AREA, MESH_ATTRIBUTE, SPHERE, UNIQUE_UV, mesh_positions, samples_elsewhere
 
 #: One emitter, or a Dr.Jit array of emitters.
 Emitter: TypeAlias = "mi.Emitter | mi.EmitterPtr"
@@ -32,6 +32,7 @@ MIN_TILT_LOSS = 0.01
 def point_sampler(emitter: mi.Emitter) -> str:
     """Tells what samples the points of ``emitter``: its "texture", its "shape", or "" if nothing can sample them.
 
+    The shape of an emitter on ``ellipsoidsmesh`` is None (Mitsuba 3.9).
     The result is "" if Mitsuba cannot sample points of the shape, or if the radiance is a ``mesh_attribute``, which
     Mitsuba evaluates only where a ray meets the mesh. The texture samples the points if it reaches all of them.
     """
@@ -82,7 +83,7 @@ def warn_of_tilted_normals(emitters: Iterable[mi.Emitter]) -> None:
     """Warns of emitters on meshes whose vertex normals are tilted: Mitsuba 3.9 uses them in place of the normals of the
     triangles in the density of a sampled point, so that light sampling loses light.
     """
-    losses = {e.get_shape().id(): tilt_loss(e.get_shape()) for e in emitters if e.get_shape() is not None}
+    losses = {name_of(e): tilt_loss(e.get_shape()) for e in emitters if e.get_shape() is not None}
     if tilted := {name: loss for name, loss in losses.items() if loss > MIN_TILT_LOSS}:
         names = ", ".join(f"{name!r} (about {loss:.0%})" for name, loss in tilted.items())
         mi.Log(
@@ -117,6 +118,21 @@ def no_sample(kind: type) -> Any:
     return sample
 
 
+def name_of(emitter: mi.Emitter) -> str:
+    """Returns the id by which messages name ``emitter``: that of its shape, if it has one."""
+    return str((emitter.get_shape() or emitter).id())
+
+
+def sample_shape(shape: mi.Shape, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool) -> mi.DirectionSample3f:
+    """Returns ``shape.sample_direction(it, sample, active)`` with texture coordinates, which Mitsuba 3.9 does not
+    compute for a sphere.
+    """
+    ds = shape.sample_direction(it, sample, active)
+    if shape.class_name() == SPHERE:
+        ds.uv = shape.ray_intersect(mi.Ray3f(it.p, ds.d), +mi.RayFlags.All, active).uv
+    return ds
+
+
 class EmitterMethods:
     """Samples the ``emitters`` of a scene, given one of them or a Dr.Jit array.
 
@@ -129,7 +145,7 @@ class EmitterMethods:
         self.samplers: dict[mi.Emitter, tuple[mi.Emitter | mi.Shape, str]] = {}
         for one in emitters:
             by, varies = point_sampler(one), mi.has_flag(one.flags(), mi.EmitterFlags.SpatiallyVarying)
-            if by or one.get_shape() is None:
+            if by or not mi.has_flag(one.flags(), mi.EmitterFlags.Surface):
                 by_shape = by == "shape" and varies and one.class_name() == AREA
                 self.samplers[one] = one.get_shape() if by_shape else one, by
 
@@ -152,7 +168,7 @@ class EmitterMethods:
         ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
             if sampler is one:
                 return one.sample_direction(it, sample, active)
-            ds = sampler.sample_direction(it, sample, active)
+            ds = sample_shape(sampler, it, sample, active)
             ds.emitter = mi.EmitterPtr(one) if dr.is_jit_v(mi.Float) else one
             lit = active & (dr.dot(ds.d, ds.n) < 0) & (ds.pdf > 0)
             return ds, dr.select(lit, one.eval_direction(it, ds, lit) / dr.select(lit, ds.pdf, 1), 0)

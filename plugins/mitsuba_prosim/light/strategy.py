@@ -127,8 +127,11 @@ class UnsampledLights(OtherLights):
 
     @staticmethod
     def can_sample(emitter: Emitter) -> bool:
-        """Tells whether ``emitter`` has a shape, whose points nothing can sample (:func:`.point_sampler`)."""
-        return emitter.get_shape() is not None and not point_sampler(emitter)
+        """Tells whether ``emitter`` is a surface whose points nothing can sample (:func:`.point_sampler`)."""
+        surface = mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface)
+        return (
+            surface and not mi.has_flag(emitter.flags(), mi.EmitterFlags.DeltaDirection) and not point_sampler(emitter)
+        )
 
     def sample(
         self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool

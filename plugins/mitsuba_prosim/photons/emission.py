@@ -18,7 +18,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..compat import emitter_pointers, emitters_in_order, eval_direction
-from ..light.emitter_methods import EmitterMethods, point_sampler
+from ..light.emitter_methods import EmitterMethods, name_of, point_sampler
 from ..sampling import sobol
 from ..sampling.hash import combine
 from . import targets as aim
@@ -68,9 +68,10 @@ def photon_emitters(emitters: Sequence[mi.Emitter]) -> list[mi.Emitter]:
     """Returns those ``emitters`` whose photons can be aimed at targets, and logs a warning for all other emitters."""
     others = [emitter for emitter in emitters if not can_be_aimed(emitter)]
     if others:
+        names = ", ".join(repr(name_of(emitter)) for emitter in others)
         mi.Log(
             mi.LogLevel.Warn,
-            f"prosim: caustics omit the light of the emitters {', '.join(repr(emitter.id()) for emitter in others)}, "
+            f"prosim: caustics omit the light of the emitters {names}, "
             "because they emit only along their normals, their flags tell no place, or Mitsuba cannot sample "
             "their shape or texture (curves, ellipsoids, sdfgrid, mesh_attribute). "
             "Use emitters with the flag DeltaPosition or Infinite, or with Surface but without DeltaDirection.",

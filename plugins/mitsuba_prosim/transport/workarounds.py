@@ -40,7 +40,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..compat import AREA, BLEND, EVALUATED_TOGETHER, MAPS, MASK
-from ..light.emitter_methods import point_sampler
+from ..light.emitter_methods import name_of, point_sampler
 from ..masks import but_not, idle
 from ..optics.nested import Leaf, all_within, leaves, parts
 from . import lobes
@@ -54,7 +54,7 @@ def warn_of_lost_light(scene: mi.Scene) -> None:
     """Warns of ``area`` emitters whose light Mitsuba's own integrators may lose."""
     varies = mi.EmitterFlags.SpatiallyVarying
     lost = [
-        e.get_shape().id()
+        name_of(e)
         for e in scene.emitters()
         if e.class_name() == AREA and point_sampler(e) != ("texture" if mi.has_flag(e.flags(), varies) else "shape")
     ]

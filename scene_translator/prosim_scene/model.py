@@ -105,7 +105,8 @@ class Surface:
     abbe: float | None = None  # Abbe number; used together with eta
     transmittance: Vector | None = None  # inside the solid, over the distance ``thickness``
     thickness: float = 1.0
-    exponent: float | None = None  # roughness as a Phong exponent
+    exponent: float | None = None  # roughness as the exponent of Phong's lobe about the mirror direction
+    facet_exponent: float | None = None  # roughness as the exponent of the facets' distribution
     slope: float | None = None  # roughness as the RMS slope of Beckmann's distribution
 
 

@@ -282,7 +282,7 @@ class Reader(Scanner):
                 self.read_material(parameters)
             else:
                 self.store_span_once(keyword, keyword.text, *owner, word.name)
-                if word.name in ("exponent", "slope") and keyword.role == "OPTIC":
+                if word.name in ("exponent", "facet_exponent", "slope") and keyword.role == "OPTIC":
                     self.store_span_once(keyword, "the roughness", "roughness")
                 parameters[word.name] = self.read_numbers(keyword, follow | {"MINUS"} if word.name == "vrp" else follow)
                 if keyword.role == "VIEW_PARAMETER":

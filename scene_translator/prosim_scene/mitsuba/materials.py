@@ -14,6 +14,11 @@ from .translation_context import Context
 BLACK = (0.0, 0.0, 0.0)
 #: The smallest absorption of a channel, relative to the largest. Mitsuba's ``volpath`` returns NaN for no absorption.
 MIN_ABSORPTION = 1e-7
+#: The exponent of facets divided by the exponent of an equally wide lobe about the mirror direction. If a facet turns
+#: by an angle, the reflected ray turns by twice the angle; exponents are inverse squares of angles.
+SQUARED_ANGLES = 4
+#: The largest exponent of a BSDF.
+MAX_EXPONENT = numbers_of("OPTIC", "exponent").high
 
 
 @dataclass(frozen=True)
@@ -31,14 +36,15 @@ class MediumInterface:
 
 
 def roughness_parameters(surface: Surface) -> Node:
-    """Returns the parameters of a BSDF that describe the roughness of a surface; for a smooth surface, the result is
-    empty.
+    """Returns the parameters of a BSDF of facets that describe the roughness of a surface; for a smooth surface, the
+    result is empty.
     """
+    exponent = surface.facet_exponent
     if surface.exponent is not None:
-        return {"distribution": "phong", "exponent": surface.exponent}
-    if surface.slope:
-        return {"distribution": "beckmann", "alpha": surface.slope}
-    return {}
+        exponent = min(SQUARED_ANGLES * surface.exponent, MAX_EXPONENT)
+    if exponent is not None:
+        return {"distribution": "phong", "exponent": exponent}
+    return {"distribution": "beckmann", "alpha": surface.slope} if surface.slope else {}
 
 
 def reflectances(surface: Surface) -> tuple[Vector, Vector, Vector]:
@@ -174,24 +180,21 @@ def _absorbing_medium(surface: Surface) -> Node:
 
 
 def phong_exponent(surface: Surface) -> float | None:
-    """Returns the exponent of a surface's Phong lobe, or None for a mirror.
+    """Returns the exponent of a surface's Phong lobe about the mirror direction, or None for a mirror.
 
-    A Phong exponent that the scene states is returned unchanged. An RMS slope m is converted to the Phong exponent n =
-    2/m^2 - 2, clamped to the range that the scene language allows. Walter et al. (2007) give the formula n = 2/m^2 - 2
-    for the angle between the half vector and the normal. The Phong lobe uses the exponent n for the angle between the
-    reflected ray and the mirror direction, so the lobe is about half as wide as the lobe of Beckmann's distribution.
+    The roughness of facets is converted to the exponent of an equally wide lobe. Facets with the RMS slope m are about
+    as rough as facets with the exponent 2/m^2 - 2 (Walter et al. 2007).
     """
-    if surface.exponent is None and surface.slope:
-        return min(max(2 / surface.slope**2 - 2, 0.0), numbers_of("OPTIC", "exponent").high)
-    return surface.exponent
+    facets = surface.facet_exponent
+    if surface.slope:
+        facets = min(max(2 / surface.slope**2 - 2, 0.0), SQUARED_ANGLES * MAX_EXPONENT)
+    return surface.exponent if facets is None else facets / SQUARED_ANGLES
 
 
 def beckmann_slope(surface: Surface) -> float:
     """Returns the RMS slope m of Beckmann's distribution for a surface, or 0 if the surface is smooth.
 
-    A Phong exponent n is converted to the RMS slope m = sqrt(2/(n + 2)), the inverse of the formula of
-    :func:`phong_exponent`.
+    An exponent n of facets is converted to the RMS slope m = sqrt(2/(n + 2)) (Walter et al. 2007).
     """
-    if surface.exponent is not None:
-        return math.sqrt(2 / (surface.exponent + 2))
-    return surface.slope or 0.0
+    exponent = roughness_parameters(surface).get("exponent")
+    return surface.slope or 0.0 if exponent is None else math.sqrt(2 / (exponent + 2))

@@ -234,9 +234,8 @@ def _phong(surface: Surface, diffuse: Node, ks: Vector) -> Node:
     weight = min(max(weight, max(ks) if max(ks) < 1 else 0.0), 1.0)
     base = rgb_clipped(kd / (1 - weight)) if diffuse["type"] == "rgb" and weight < 1 else diffuse
     mirror: Node = {"type": "conductor"}
-    if (exponent := materials.phong_exponent(surface)) is not None:
-        # A half vector turns by half the angle of the reflected ray, so its distribution has 4 times the exponent.
-        mirror = {"type": "roughconductor", "distribution": "beckmann", "alpha": math.sqrt(2 / (4 * exponent + 2))}
+    if alpha := materials.beckmann_slope(surface):
+        mirror = {"type": "roughconductor", "distribution": "beckmann", "alpha": alpha}
     mirror |= {"material": "none", "specular_reflectance": rgb_clipped(np.array(ks) / weight)}
     diffuse_bsdf = {"type": "diffuse", "reflectance": base}
     return {"type": "blendbsdf", "weight": weight, "diffuse": diffuse_bsdf, "specular": mirror}

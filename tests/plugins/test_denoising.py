@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from image_statistics import renderings
 from mitsuba_prosim import denoising
-from mitsuba_prosim.denoising import halves, layers, oidn
+from mitsuba_prosim.denoising import final_image, halves, layers, oidn
 from mitsuba_prosim.denoising.mixing import LIGHT, display_value, inputs, mix, with_light
 from mitsuba_prosim.denoising.pyramid import average, blur
 from mitsuba_prosim.live import picture as live_picture
@@ -242,8 +242,8 @@ def test_halves_are_two_renders(variant_rgb, integrator, spp):
     ours = {"samples": 4, "aovs": "samples"} if integrator != "path" else {}
     scene = mi.load_dict(penumbra(size=16, type=integrator, **nested, **ours))
     sensor, own = scene.sensors()[0], scene.integrator()
-    before, render = str(own), halves.denoised_progressive(scene, sensor, own, 5, spp)
-    told, both = [step.done for step in render], render.denoiser
+    before, both = str(own), final_image.denoised_progressive(scene, sensor, own, 5, spp)
+    told = [step.done for step in both.render]
     assert str(own) == before and told == sorted(told) and told[-1] == 1
     one, other = both.images
     assert both.names == ["R", "G", "B", "samples"][: len(both.names)]
@@ -255,7 +255,7 @@ def test_halves_are_two_renders(variant_rgb, integrator, spp):
     first = half.render(scene, sensor, seed=5, spp=spp and 9 if ours else 8)
     np.testing.assert_array_equal(one, np.array(first))
     assert not np.array_equal(one[..., :3], other[..., :3])
-    assert [feature.shape for feature in render.denoiser.features] == 2 * [(16, 16, 3)]
+    assert [feature.shape for feature in both.denoiser.features] == 2 * [(16, 16, 3)]
 
 
 def test_features_have_other_samples_than_the_halves(variant_rgb):
@@ -270,12 +270,12 @@ def test_features_have_other_samples_than_the_halves(variant_rgb):
 
 def test_a_stop_leaves_the_first_half(variant_rgb):
     scene = mi.load_dict(penumbra(size=8))
-    render = halves.denoised_progressive(scene, scene.sensors()[0], scene.integrator())
-    next(render)
-    render.close()
-    assert render.denoiser.names == ["R", "G", "B"] and len(render.denoiser.images) == 1
+    final = final_image.denoised_progressive(scene, scene.sensors()[0], scene.integrator())
+    next(final.render)
+    final.render.close()
+    assert final.names == ["R", "G", "B"] and len(final.images) == 1
     with pytest.raises(RuntimeError, match="stopped before its second half"):
-        render.denoiser.denoised()
+        final.denoised()
 
 
 def test_render_in_every_variant(variant, denoiser):
@@ -306,8 +306,9 @@ def test_the_integrator_is_the_denoised_image_of_the_nested_one(variant_rgb, den
     fields = [field.name for field in ours.sensors()[0].film().bitmap().struct_()]
     planes = dict(zip(fields, np.moveaxis(image, 2, 0)))
     scene = mi.load_dict(scene)
-    denoiser = halves.denoised_progressive(scene, scene.sensors()[0], scene.integrator(), 3).run().denoiser
-    wanted = denoiser.denoised()
+    final = final_image.denoised_progressive(scene, scene.sensors()[0], scene.integrator(), 3)
+    final.render.run()
+    wanted = final.denoised()
     errors = {"error": wanted.final_error, "error_raw": wanted.raw_error, "error_denoised": wanted.denoised_error}
     expected = {f"{name}.Y": error for name, error in errors.items()}
     for layer, values in ("", wanted.final), ("raw.", wanted.raw), ("denoised.", wanted.denoised):
@@ -320,10 +321,10 @@ def test_the_integrator_is_the_denoised_image_of_the_nested_one(variant_rgb, den
     live = progressive_image.ProgressiveImage(scene.integrator(), scene, scene.sensors()[0], 0, 3, denoise=True)
     while not live.done:
         live.step()
-    raw = live_picture.layers_of_render(live.render, live.integrator)["final"], denoiser.colours[0]
+    raw = live_picture.layers_of_render(live.render, live.integrator)["final"], final.denoiser.colours(final.images)[0]
     for shown, colours in (live.layers()["final"], wanted.final), raw:
         assert np.array_equal(shown, colours * np.ones(3, np.float32))
-    saved = {field.name for field in layers.bitmap(denoiser).struct_()}
+    saved = {field.name for field in layers.bitmap(final).struct_()}
     colours = [layer + c for layer in ("", "raw.", "denoised.") for c in names.strip("A")]
     assert saved == {*names, "samples", *colours, "error.Y", "error_raw.Y", "error_denoised.Y"}
 
@@ -349,8 +350,15 @@ def test_the_integrator_has_no_derivatives_and_is_not_nested(variant_rgb, denois
 
 
 def begun(scene, seed=3, **how):
-    """A render to an error of the final image."""
-    return halves.denoised_progressive(scene, scene.sensors()[0], scene.integrator(), seed, **how)
+    """The final image of a render to an error of the final image, and the render."""
+    final = final_image.denoised_progressive(scene, scene.sensors()[0], scene.integrator(), seed, **how)
+    return final, final.render
+
+
+def done(scene, seed=3, **how):
+    """The same after the render."""
+    final, render = begun(scene, seed, **how)
+    return final, render.run()
 
 
 def cornell(size, **settings):
@@ -367,30 +375,30 @@ def test_the_error_of_the_final_image_ends_the_render(variant_rgb, denoiser):
     by the work items of others.
     """
     scene = mi.load_dict(cornell(96, noise=0.006, band=5000))
-    render = begun(scene).run()
-    image, estimates = render.denoiser.denoised().final, render.state.estimates
-    assert render.finished and render.reached.noise <= 0.006 and render.denoiser.networks == "plain"
+    final, render = done(scene)
+    image, estimates = final.denoised().final, render.state.estimates
+    assert render.finished and render.reached.noise <= 0.006 and final.networks == "plain"
     assert {networks for _, networks, *_ in estimates} == {"plain"} and len(estimates) <= 4
     raw = scene.integrator().progressive(scene, seed=3)
     assert any(raw.reached.samples > render.reached.samples / 0.7 for _ in raw)
     ways = [{"executor": Elsewhere(mi.load_dict(cornell(96, noise=0.006, band=5000)), most=100_000)}]
     for later in (False, True):
-        stopped = begun(scene)
+        _, stopped = begun(scene)
         next(k for k, _ in enumerate(stopped) if k > 2 and stopped.second.complete == later)
         ways.append({"begin": stopped.checkpoint()})
     for how in ways:
-        again = begun(scene, **how).run()
-        assert np.array_equal(again.denoiser.denoised().final, image) and again.state.estimates == estimates
+        final, again = done(scene, **how)
+        assert np.array_equal(final.denoised().final, image) and again.state.estimates == estimates
 
 
 def test_where_the_denoiser_does_not_pay_the_result_is_the_image_without_it(variant_rgb, denoiser):
     scene = mi.load_dict(penumbra(size=96, type="prosim", samples=3, noise=0.006, aovs="samples,error"))
-    render = begun(scene).run()
-    result, alone = render.denoiser.denoised(), np.array(scene.integrator().render(scene, seed=3))
-    assert render.denoiser.networks == "none" and not render.state.estimates
+    final, render = done(scene)
+    result, alone = final.denoised(), np.array(scene.integrator().render(scene, seed=3))
+    assert final.networks == "none" and not render.state.estimates
     assert np.array_equal(result.final, result.raw) and np.array_equal(result.final, alone[..., :3])
     assert result.noise == result.raw_noise == pytest.approx(render.reached.noise) and result.noise <= 0.006
-    others = render.denoiser.other_channels()
+    others = final.other_channels()
     assert all(np.array_equal(others[name], alone[..., k]) for name, k in (("samples", 3), ("error", 4)))
 
 
@@ -399,21 +407,21 @@ def test_a_render_that_ends_before_its_limit(variant_rgb, denoiser):
     last pass, that over the second half.
     """
     scene = mi.load_dict(cornell(96, noise=1e-4, max_samples=40, band=5000))
-    render, stopped = begun(scene).run(), begun(scene)
-    result = render.denoiser.denoised()
+    (final, render), (_, stopped) = done(scene), begun(scene)
+    result = final.denoised()
     assert result.noise < result.raw_noise == pytest.approx(render.reached.noise, rel=1e-3)
     next(stopped for _ in stopped if stopped.second.complete)
-    again = begun(scene, begin=stopped.checkpoint()).run()
+    final, again = done(scene, begin=stopped.checkpoint())
     assert again.state.estimates == render.state.estimates
-    assert np.array_equal(again.denoiser.denoised().final, result.final)
+    assert np.array_equal(final.denoised().final, result.final)
 
 
 @pytest.mark.slow
 def test_time_is_left_for_the_denoiser(variant_rgb, denoiser):
     denoising.render(mi.load_dict(penumbra(size=16, type="prosim", samples=2, noise=0.05)))  # compiles
     denoising.render(mi.load_dict(penumbra(size=16, type="prosim", samples=2)))  # loads the denoiser
-    render = begun(mi.load_dict(penumbra(size=16, type="prosim", samples=2, time=10.0))).run()
-    assert render.finished and render.target.denoiser_seconds > 0
+    _, render = done(mi.load_dict(penumbra(size=16, type="prosim", samples=2, time=10.0)))
+    assert render.finished and render.target.reserved > 0
 
 
 @pytest.mark.slow
@@ -435,9 +443,9 @@ def test_the_final_error_that_is_asked_for_is_reached(variant_rgb, denoiser, mak
     scene = mi.load_dict(make(size=64, noise=asked))
     ratios = []
     for seed in range(12):
-        render = begun(scene, seed).run()
-        assert (render.denoiser.networks != "none") == denoised
-        off = display_value(render.denoiser.denoised().final) - display_value(np.float32(reference))
+        final, _ = done(scene, seed)
+        assert (final.networks != "none") == denoised
+        off = display_value(final.denoised().final) - display_value(np.float32(reference))
         ratios.append(np.sqrt(max(np.mean(off**2) - own, 0)) / asked)
     assert np.sum((np.array(ratios) >= 0.6) & (np.array(ratios) <= 1.1)) >= 9, np.sort(ratios)
 

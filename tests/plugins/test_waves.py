@@ -93,13 +93,13 @@ def test_the_image_between_two_work_items_has_all_samples_so_far(variant_rgb):
     settings = {"rfilter": "box", "adaptive": "graded", "aovs": "samples,error", "film": {"sample_border": True}}
     scene, seen, ends = loaded(COPPER, band=200, **settings), [], []
     render = scene.integrator().progressive(scene, seed=5)
-    size = list(render.film.crop_size())
+    size = list(scene.sensors()[0].film().crop_size())
     for step in render:
         if step.complete:
             ends.append(np.array(render.image()))
         else:
             seen.append((render.counts() > 0, np.array(render.image()), render.counts()))
-        assert list(render.film.crop_size()) == size  # the film is the user's
+        assert list(scene.sensors()[0].film().crop_size()) == size  # the film is the user's
     assert np.array_equal(ends[-1], np.array(mi.render(loaded(COPPER, **settings), seed=5)))
     first = [known for known, *_ in seen if not known.all()]
     assert len(first) >= 2 and all(np.all(a <= b) for a, b in itertools.pairwise(first))

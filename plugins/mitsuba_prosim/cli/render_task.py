@@ -18,7 +18,9 @@ import click
 import mitsuba as mi
 
 from .. import atomic
-from ..denoising import halves, layers
+from ..denoising import layers
+from ..denoising.final_image import FinalImage, denoised_progressive
+from ..denoising.halves import check
 from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint, CheckpointWriter
 from ..engine.error_target import SHARE
@@ -209,7 +211,7 @@ def render_image(task: RenderTask, bar: Progress, resources: Resources) -> Outco
     state, snapshots = Path(f"{task.stem}{task.state_suffix}"), Snapshots(task)
     consumers: list[Any] = [CheckpointWriter(state, task.about)] if task.state_suffix else []
     with TevClient(task.job, task.sensor.film()) as viewer, interruptible(task.integrator.cancel, resources.signals):
-        render, seconds = run_steps(task, bar, resources, [*consumers, snapshots, viewer.update])
+        render, final, seconds = run_steps(task, bar, resources, [*consumers, snapshots, viewer.update])
         snapshots(render)
         viewer.show()  # before denoising, which takes time
         reached, interruption = render.reached, resources.interruption
@@ -223,7 +225,7 @@ def render_image(task: RenderTask, bar: Progress, resources: Resources) -> Outco
             # If the state cannot be written now, ``files.save`` writes it with the image, to another folder if needed.
             with suppress(OSError):
                 saved, unsaved = atomic.write({state: unsaved[task.state_suffix]}), {}
-        contents, lines, why_black = finished_image(task, render, seconds, interruption is not None)
+        contents, lines, why_black = finished_image(task, render, final, seconds, interruption is not None)
         written = [*files.save(task.stem, contents | unsaved), *saved]
     lines = [written_line(task, written, seconds, interruption), *lines]
     if interruption and task.state_suffix:
@@ -233,18 +235,20 @@ def render_image(task: RenderTask, bar: Progress, resources: Resources) -> Outco
 
 def run_steps(
     task: RenderTask, bar: Progress, resources: Resources, consumers: Sequence[Callable[[Any], None]]
-) -> tuple[Any, float]:
-    """Renders the image of ``task``; returns the render, which may have been interrupted, and the elapsed seconds.
+) -> tuple[Any, FinalImage | None, float]:
+    """Renders the image of ``task``; returns the render, which may have been interrupted, its final image (None without
+    denoising), and the elapsed seconds.
 
     A signal or the loss of the cluster interrupts the render. After each step of the render whose progress is above 0,
     each of the ``consumers``, such as the writer of checkpoints, is called with the render as its argument. Raises
     InputError and other ClickExceptions.
     """
     job, executor, started = task.job, resources.executor(task.file), perf_counter()
-    begin_render = halves.denoised_progressive if job.denoise else rendering.progressive
+    what = task.scene, task.sensor, task.integrator, job.seed, job.spp or 0
     options: dict[str, Any] = {"begin": task.begin, "part": job.part, "executor": executor}
     try:
-        render = begin_render(task.scene, task.sensor, task.integrator, job.seed, job.spp or 0, **options)
+        final = denoised_progressive(*what, **options) if job.denoise else None
+        render = rendering.progressive(*what, **options) if final is None else final.render
         while not resources.interruption and (step := next(render, None)) is not None:
             bar.show(step.done)
             for consume in consumers if step.done else ():
@@ -254,7 +258,7 @@ def run_steps(
         raise InputError(str(error)) from None
     except (RuntimeError, MemoryError) as error:
         raise click.ClickException(f"the scene could not be rendered: {session.message(error)}") from None
-    return render, perf_counter() - started
+    return render, final, perf_counter() - started
 
 
 def written_line(task: RenderTask, written: Sequence[Path], seconds: float, interruption: str | None) -> str:
@@ -334,11 +338,11 @@ class Snapshots:
 
 
 def finished_image(
-    task: RenderTask, render: Any, seconds: float, interrupted: bool
+    task: RenderTask, render: Any, final: FinalImage | None, seconds: float, interrupted: bool
 ) -> tuple[dict[str, atomic.Content], list[str | None], str | None]:
     """Returns the image files, lines for the report, and the reason for a black image, after the end of a ``render``.
 
-    The image is denoised if the job has the option ``denoise``, unless the render was interrupted before its second
+    The image is denoised if there is a ``final`` image, unless the render was interrupted before its second
     half. The first result is a dictionary from the suffix of each image file to the content of the file. The lines may
     contain None. The last result is None if something is visible in the image, or if the film stores no colours. For a
     part of an image, and for an interrupted frame of an animation, there are no image files and no lines.
@@ -352,13 +356,12 @@ def finished_image(
     bound = render.noise_bound() if unmeasured else None
     lines, added = [report.summary(integrator, reached, ended, bound)], dict[str, str]()
     bitmap = film.bitmap()
-    if job.denoise:
-        final = render.denoiser
+    if final is not None:
         if interrupted and len(final.images) == 1:
             added, line = {"prosim.denoised": "no, interrupted"}, "not denoised: interrupted"
         else:
             bitmap = layers.bitmap(final)
-            added, line = report.denoised_report(final, film)
+            added, line = report.denoised_report(final, integrator, film)
         lines.append(line)
     exposure = job.exposure or 0.0
     colours = images.colours(bitmap)
@@ -377,4 +380,4 @@ def check_denoising(film: mi.Film, integrator: mi.Integrator | None = None) -> N
     require_extra("denoise", "--denoise")
     if integrator is not None and "denoised.R" in integrator.aov_names():
         raise ValueError("the scene's integrator, prosim_denoised, already denoises; leave out --denoise.")
-    halves.check(film)
+    check(film)

@@ -9,7 +9,8 @@ from math import isnan
 import mitsuba as mi
 
 from ..denoising import oidn
-from ..denoising.halves import TOLERANCE, FinalImage
+from ..denoising.final_error import TOLERANCE
+from ..denoising.final_image import FinalImage
 from ..engine.plan import UNLIMITED
 from ..engine.render import Reached
 from .job import Job
@@ -78,13 +79,14 @@ def summary(
     return ", ".join(parts)
 
 
-def denoised_report(final: FinalImage, film: mi.Film) -> tuple[dict[str, str], str]:
+def denoised_report(final: FinalImage, integrator: mi.Integrator, film: mi.Film) -> tuple[dict[str, str], str]:
     """Returns the metadata of a denoised image, and the line that the command prints about denoising.
 
-    If the image without denoising (the raw image) has reached the error target, the line says that the image was not
-    denoised. The line also says if the error is uncertain, and if the filter of ``film`` is no box filter.
+    If the image without denoising (the raw image) has reached the error target of ``integrator``, the line says that
+    the image was not denoised. The line also says if the error is uncertain, and if the filter of ``film`` is no box
+    filter.
     """
-    result, limit = final.denoised(), getattr(final.integrator, "noise", 0.0)
+    result, limit = final.denoised(), getattr(integrator, "noise", 0.0)
     facts = {
         "prosim.denoised": f"by Open Image Denoise {oidn.load().oidn_version()}, where two halves of the samples "
         "agree; the layers raw and denoised of the EXR are what was mixed",

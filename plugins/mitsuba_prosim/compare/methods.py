@@ -15,7 +15,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..denoising import halves
+from ..denoising.final_image import denoised_progressive
 from ..scene import rendering, scene_file
 from ..scene.background import with_background_emitter
 
@@ -106,11 +106,12 @@ class Method:
         The result is the image (height, width, 3), the sample counts (height, width), the elapsed seconds, and the
         processor seconds per thread.
         """
-        begin = halves.denoised_progressive if self.denoised else rendering.progressive
         start, start_cpu = time.perf_counter(), time.process_time()
-        render = begin(self.scene, self.sensor, self.integrator, seed, self.spp).run()
+        what = self.scene, self.sensor, self.integrator, seed, self.spp
+        final = denoised_progressive(*what) if self.denoised else None
+        render = (rendering.progressive(*what) if final is None else final.render).run()
         # Without a denoiser, no second image is complete, and the list has the image alone.
-        image = render.denoiser.denoised().final if self.denoised else render.half_images()[0]
+        image = render.half_images()[0] if final is None else final.denoised().final
         seconds, cpu = time.perf_counter() - start, time.process_time() - start_cpu
         return image[..., :3], render.counts(), seconds, cpu / max(dr.thread_count(), 1)
 

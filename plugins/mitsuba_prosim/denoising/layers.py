@@ -9,7 +9,7 @@ import numpy as np
 
 from ..engine.film import put
 from ..scene.channels import of_channels, planes
-from .halves import FinalImage
+from .final_image import FinalImage
 
 
 def bitmap(final: FinalImage) -> mi.Bitmap:
@@ -38,7 +38,7 @@ def update_film(final: FinalImage, names: Sequence[str]) -> None:
     ``names`` are the names of the :func:`channels` that the film stores in addition to the colours and alpha of the
     final image. Raises ValueError if the film stores neither RGB colours nor the luminance.
     """
-    film = final.sensor.film()
+    film = final.denoiser.sensor.film()
     if final.names[0] not in ("R", "Y"):
         raise ValueError(
             f"{film.class_name()}: its colours are {', '.join(final.names[:3])}; take pixel_format rgb, rgba, "

@@ -129,7 +129,9 @@ class Checkpoint:
         if not needed.all():
             pixels = {name: values[needed > 0] for name, values in pixels.items()}
         # The attributes are those that a file would give back: lists in place of tuples.
-        return cls(json.loads(json.dumps(attributes)), pixels, {} if state.second is None else arrays(state.second))
+        return cls(
+            json.loads(json.dumps(attributes)), pixels, {} if state.second_sums is None else arrays(state.second_sums)
+        )
 
     @property
     def finished(self) -> bool:
@@ -175,7 +177,7 @@ class Checkpoint:
         for name, values in pixels.items():
             values[theirs] = self.pixels[name][mine]
         state.accumulators = accumulators(pixels)
-        state.second = accumulators(self.second) if self.second else None
+        state.second_sums = accumulators(self.second) if self.second else None
         same_target = changed.isdisjoint(TARGETS)
         if decided:
             # The current pass belongs to its target; with another target, the next pass is decided at once.

@@ -54,11 +54,8 @@ class ErrorTarget:
     limits: tuple[float, float, float]
     seconds: float
     started: float
-    #: Seconds at the end that the denoiser needs. The denoiser sets this number.
-    denoiser_seconds: float = 0.0
-    #: Ratio of the samples after the next pass to the samples before; 0 if the measured error decides. The denoiser
-    #: sets this ratio.
-    sample_ratio: float = 0.0
+    #: Seconds at the end in which no samples are taken, because the denoiser needs them.
+    reserved: float = 0.0
 
     def excess(self, noise: Sequence[float]) -> float:
         """Returns the largest ratio of a measured error in ``noise`` to the limit of this error, at most 1e100.
@@ -83,7 +80,7 @@ class ErrorTarget:
         """Remaining seconds in which the render may take samples before the denoiser must start; infinite without a
         time limit.
         """
-        return self.seconds - self.denoiser_seconds - self.elapsed if self.seconds else np.inf
+        return self.seconds - self.reserved - self.elapsed if self.seconds else np.inf
 
     @property
     def time_is_up(self) -> bool:
@@ -91,6 +88,11 @@ class ErrorTarget:
         without a time limit.
         """
         return self.seconds_left <= self.seconds * SHARE
+
+    def progress(self, done: float) -> float:
+        """Returns the progress of the render, 0 to 1: ``done``, or the fraction of the time limit if that is more."""
+        by_time = 1 - self.seconds_left / self.seconds if self.seconds else 0.0
+        return min(max(done, by_time), 1.0)
 
     @property
     def item_seconds(self) -> float:
@@ -100,15 +102,16 @@ class ErrorTarget:
         return min(LONGEST, max(self.seconds * SHARE, SHORTEST)) if self.seconds else np.inf
 
 
-def next_counts(state: Image, target: ErrorTarget, speed: float) -> np.ndarray:
+def next_counts(state: Image, target: ErrorTarget, sample_ratio: float, speed: float) -> np.ndarray:
     """Returns the total number of samples of each pixel after the next pass: as many as the error target requires, but
     limited to the maximum size of one pass.
 
     Before the numbers are rounded up to powers of two, their mean is at most :data:`GROWTH` times the present mean, or
     :data:`UNCERTAIN_GROWTH` times if few pixels have most of the error. With a time limit, the pass also takes at most
-    about half of the time that is left; 90 % if less than a fifth of the limit is left. ``speed`` is the measured speed
-    of the render, in samples per pixel and second; 0 if the speed is not known. With a time limit and an unknown speed,
-    the pass at most doubles the mean number of samples.
+    about half of the time that is left; 90 % if less than a fifth of the limit is left. ``sample_ratio`` is the ratio
+    of the samples after the pass to the samples before; 0 if the measured error decides. ``speed`` is the measured
+    speed of the render, in samples per pixel and second; 0 if the speed is not known. With a time limit and an unknown
+    speed, the pass at most doubles the mean number of samples.
     """
     have, ratio = mean(state.accumulators.count), None
     most = (UNCERTAIN_GROWTH if state.noise[3] > UNCERTAIN * state.noise[0] else GROWTH) * have
@@ -116,7 +119,7 @@ def next_counts(state: Image, target: ErrorTarget, speed: float) -> np.ndarray:
         share = 0.9 if target.seconds_left < target.seconds / 5 else 0.5  # the last pass uses the rest of the time
         most = min(most, have + speed * target.seconds_left * share) if speed else 2 * have
     if any(target.limits):
-        ratio = target.sample_ratio or remaining_factor(state, target)
+        ratio = sample_ratio or remaining_factor(state, target)
     return counts_for_ratio(state, ratio, most)
 
 

@@ -16,7 +16,7 @@ from ..sampling.hash import hash32
 from .accumulators import Accumulators
 from .error import displayed, in_display_units, variance
 from .estimator import Estimator
-from .film import film_values
+from .film import film_values, put
 from .pixel_set import PixelSet
 from .plan import UNLIMITED, Plan, Rectangle, area, pixels, pixels_around, widened
 from .policies import policy_of
@@ -36,7 +36,6 @@ class Image(PixelSet):
     """
 
     def __init__(self, plan: Plan, estimator: Estimator, part: Part | None = None) -> None:
-        # ``part`` is the part of the image that is rendered; None for the whole image.
         self.plan, self.estimator, self.policy, self.part = plan, estimator, policy_of(plan), part
         #: Width in pixels of the margin around the image whose samples the policy uses.
         self.margin = self.policy.rounds * self.policy.reach
@@ -53,10 +52,92 @@ class Image(PixelSet):
         self.rounds = 0
         #: The counts of the current pass; None during the first pass and between two passes.
         self.wanted: np.ndarray | None = None
-        #: Accumulators of the :class:`.SecondImage`.
-        self.second: Accumulators | None = None
-        #: Indices of the pixels of the :class:`.SecondImage` in the arrays of this state.
-        self.second_index: np.ndarray | None = None
+        #: Whether the image has all requested samples.
+        self.finished = False
+        #: The second image; and its sums, which may be those of a checkpoint before the second image has begun.
+        self.second: SecondImage | None = None
+        self.second_sums: Accumulators | None = None
+
+    # ---------------------------------------------------------------- changes of the state
+
+    def begin_round(self, wanted: np.ndarray | None, rounds: int | None = None) -> None:
+        """Begins a pass in which each pixel gets ``wanted`` samples, by the next decision of the policy or by the
+        decision with the number ``rounds``.
+        """
+        self.wanted, self.rounds = wanted, self.rounds + 1 if rounds is None else rounds
+
+    def end_pass(self, pixels: PixelSet) -> None:
+        """Ends a pass over ``pixels``: the image, or the second image."""
+        if pixels is self:
+            self.wanted = None
+
+    def begin_second(self, complete: bool) -> SecondImage:
+        """Begins or continues a second image, and returns it; the samples for other pixels are discarded."""
+        self.second = SecondImage(self, complete)
+        self.second_sums = self.second.accumulators
+        return self.second
+
+    def record(self, noise: Noise, estimates: Sequence[Sequence[Any]] = ()) -> None:
+        """Stores a measured error, and new estimates of the error of the denoised image."""
+        self.noise, self.estimates = noise, [*self.estimates, *estimates]
+
+    # ---------------------------------------------------------------- the state
+
+    @property
+    def one(self) -> np.ndarray:
+        """An array that is 1 for each pixel that needs samples, and 0 for all other pixels."""
+        return self.counts_of_part(np.ones(dr.width(self.x), np.uint32), self.margin)
+
+    @property
+    def most_samples(self) -> float:
+        """Maximum number of samples of the whole image. The progress uses it while later passes are not decided."""
+        return float(self.plan.max_samples * np.count_nonzero(self.one))
+
+    @property
+    def has_complete_second(self) -> bool:
+        """Whether there are sums of a complete second image."""
+        return self.second_sums is not None and dr.width(self.second_sums.count) == area(self.plan.region)
+
+    @alone()
+    def all_counts(self) -> np.ndarray:
+        """Returns the number of samples of each pixel of the crop window, shape (height, width), including the samples
+        of a complete second image.
+        """
+        counts = np.array(self.accumulators.count)
+        if self.second is not None and self.second.complete:
+            counts[self.second.index] += np.array(self.second.accumulators.count)
+        return self.crop(counts, self.plan.window)
+
+    @alone()
+    def update_film(self, second: bool = False, values: mi.TensorXf | None = None) -> None:
+        """Writes the image, or the second image, which must be complete, to the film.
+
+        ``values`` are the film's values if they are known.
+        """
+        film = self.estimator.sensor.film()
+        values = film_values(self.second if second and self.second else self) if values is None else values
+        put(film, values, self.estimator.channels.aov_names)
+        film.schedule_storage()
+        dr.eval()  # pending work of this thread would break dr.freeze in another thread
+
+    @alone()
+    def developed(self, second: bool = False, values: mi.TensorXf | None = None) -> mi.TensorXf:
+        """Returns the developed image, or the second image, shape (height, width, channels); the arguments are those of
+        :meth:`update_film`. The film holds the returned image afterwards.
+        """
+        self.update_film(second, values)
+        return self.estimator.sensor.film().develop()
+
+    def halves(self) -> list[np.ndarray]:
+        """Returns a list of one or two images of shape (height, width, channels).
+
+        The list has the developed first image, and the second image if the second image is complete and has a sample of
+        each pixel.
+        """
+        second = self.second
+        both = second is not None and second.complete and np.all(np.array(second.accumulators.count) > 0)
+        # The first image is developed last, because the film must hold it at the end. So the list is reversed.
+        return [np.array(self.developed(is_second)) for is_second in ((True, False) if both else (False,))][::-1]
 
     def crop(self, values: mi.Float | mi.UInt32 | np.ndarray, rectangle: Rectangle) -> np.ndarray:
         """Returns the entries of ``values`` for the pixels of ``rectangle``, shape (height, width).
@@ -104,9 +185,9 @@ class Image(PixelSet):
         """
         statistics = self.accumulators.statistics()
         # The statistics of both images are added, because either image may have met a rare bright light.
-        if self.second is not None and self.second_index is not None:
-            for first, second in zip(statistics, self.second.statistics()):
-                np.add.at(first, self.second_index, second)
+        if self.second is not None:
+            for first, second in zip(statistics, self.second.accumulators.statistics()):
+                np.add.at(first, self.second.index, second)
         with np.errstate(all="ignore"):  # the error is NaN without samples
             values = np.float32(self.policy.request(*(self.crop(sums, self.outer) for sums in statistics)))
         there, result = widened(self.plan.region, margin, self.plan.domain), np.zeros(area(self.outer), np.float32)
@@ -143,13 +224,13 @@ class SecondImage(PixelSet):
     FEW, MAX_COPIES = 512, 64
 
     @alone()
-    def __init__(self, image: Image, complete: bool = False) -> None:
+    def __init__(self, image: Image, complete: bool) -> None:
         """Begins a second image for ``image``: of all pixels of the plan's region if ``complete`` is true, else of
         randomly chosen pixels.
 
         One of :attr:`ONE_IN` pixels is chosen, or more, so that there are at least about :attr:`MIN_PIXELS` pixels; in
         a small image, all pixels are chosen. If fewer than :attr:`FEW` pixels are chosen, each chosen pixel is sampled
-        several times with different seeds, but at most :attr:`MAX_COPIES` times. If ``image.second`` already has
+        several times with different seeds, but at most :attr:`MAX_COPIES` times. If ``image.second_sums`` are
         accumulators for this number of pixels, the second image continues from these accumulators.
         """
         self.first, self.estimator, self.complete = image, image.estimator, complete
@@ -163,15 +244,14 @@ class SecondImage(PixelSet):
             seed = seed + dr.arange(mi.UInt32, len(index) * copies) // len(index)
             index = np.tile(index, copies)
         self.index, seed = index, hash32(seed)
-        image.second_index = index
         self.x, self.y = dr.gather(tuple, (image.x, image.y), dr_array(index.astype(np.uint32)))
         dr.make_opaque(seed, self.x, self.y)
         sampling = replace(image.plan.sampling, adaptive="none")  # the second image takes as many samples as the first
         self.plan = replace(image.plan, seed=seed, photon_seed=int(seed[0]), sampling=sampling)
-        if image.second is None or dr.width(image.second.count) != len(index):  # none, or for other pixels
-            image.second = Accumulators.empty(self.estimator.sums_per_pixel, len(index))
-        #: The sums of the second image: the object ``image.second``, which a checkpoint stores.
-        self.accumulators = image.second
+        sums = image.second_sums
+        if sums is None or dr.width(sums.count) != len(index):  # none, or for other pixels
+            sums = Accumulators.empty(self.estimator.sums_per_pixel, len(index))
+        self.accumulators = sums
 
     @alone()
     @denormals_rounded()

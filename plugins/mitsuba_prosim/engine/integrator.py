@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .checkpoint import Checkpoint
     from .derivatives import Derivatives
     from .estimator import Estimator
+    from .goal import Measure
     from .render import Render
     from .tiles import Part
     from .work import Executor
@@ -136,15 +137,15 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         executor: Executor | None = None,
         begin: Checkpoint | None = None,
         part: Part | None = None,
-        denoiser: Any = None,
+        measure: Measure | None = None,
     ) -> Render:
         """Begins a progressive render, and returns an iterator that yields a :class:`.Step` after each work item.
 
         The iterator is a :class:`.Render`, whose methods return the image so far. ``executor`` computes the work items;
         if ``executor`` is None, this process computes one work item after another. ``begin`` is a checkpoint from which
         the render continues. ``part`` is the part of the image that is rendered; with ``begin``, the part that the
-        checkpoint stores is rendered instead. With a ``denoiser``, the samples may be divided between two images, see
-        :class:`.Render`.
+        checkpoint stores is rendered instead. With ``measure``, which measures the error of the denoised image, the
+        samples may be divided between two images, see :class:`.Render`.
 
         Raises RuntimeError in scalar variants and within ``dr.freeze``. Raises ValueError if ``begin`` is a checkpoint
         of another image, or cannot be continued with the policy of this integrator (:meth:`.Checkpoint.restore`).
@@ -166,8 +167,8 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         check_samples(sensor, spp or 1)  # the sampler is not used
-        sampling, spp = self.sampling.halved(spp) if denoiser is not None else (self.sampling, spp)
-        if denoiser is not None and begin is not None and not spp:
+        sampling, spp = self.sampling.halved(spp) if measure is not None else (self.sampling, spp)
+        if measure is not None and begin is not None and not spp:
             # With a limit, :meth:`.Sampling.halved` does not halve ``samples``. But the checkpoint may be from a render
             # without a limit, whose passes had half of the samples; then this N continues.
             sampling = replace(sampling, samples=begin.attributes["sampling"]["samples"])
@@ -179,7 +180,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         with alone(), dr.suspend_grad():
             estimator = self.estimator(scene, sensor)
             plan = Plan.of(sampling, sensor.film(), seed, spp)
-            render = Render(plan, estimator, executor, begin, part, denoiser)
+            render = Render(plan, estimator, executor, begin, part, measure)
         self._renders.add(render)
         return render
 

@@ -103,13 +103,14 @@ class ProsimDenoised(mi.SamplingIntegrator):
         ignored.
         """
         # Imported for the first image: few users denoise, and the denoiser is slow to load.
-        from ..denoising import halves, layers
+        from ..denoising import final_image, layers
 
         seed = seed if isinstance(seed, int) else int(dr.slice(seed, 0))
-        final_image = halves.denoised_progressive(scene, sensor, self.nested, seed, spp, self.fast).run().denoiser
+        final = final_image.denoised_progressive(scene, sensor, self.nested, seed, spp, self.fast)
+        final.render.run()
         with alone():  # all renders share the film
-            layers.update_film(final_image, self.aov_names())
-            return final_image.sensor.film().develop() if develop else mi.TensorXf()
+            layers.update_film(final, self.aov_names())
+            return final.denoiser.sensor.film().develop() if develop else mi.TensorXf()
 
     def sample(self, *_: Any, **__: Any) -> NoReturn:
         """Raises RuntimeError, because the denoiser needs the whole image and cannot compute the radiance along a

@@ -10,7 +10,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..denoising import halves
+from ..denoising.final_image import denoised_progressive
+from ..engine.render import Reached
 from ..engine.work import Executor, Step
 from ..registry import create
 from ..scene import rendering
@@ -50,6 +51,7 @@ class ProgressiveImage:
         self._steps = self._run()
         self._coarse: dict[str, np.ndarray] = {}
         self._denoised: dict[str, np.ndarray] = {}
+        self._final_noise: tuple[float, float] | None = None
 
     def step(self) -> bool:
         """Renders one work item; returns whether the caller should now draw a new picture of the image.
@@ -68,13 +70,14 @@ class ProgressiveImage:
 
     def _run(self) -> Iterator[Step]:
         """Renders the image and, if requested, denoises it at the end; yields the progress after each work item."""
-        begin = halves.denoised_progressive if self.denoise else rendering.progressive
-        self.render = begin(self.scene, self.sensor, self.integrator, self.seed, self.spp, executor=Executor(SECONDS))
+        what, executor = (self.scene, self.sensor, self.integrator, self.seed, self.spp), Executor(SECONDS)
+        final = denoised_progressive(*what, executor=executor) if self.denoise else None
+        self.render = rendering.progressive(*what, executor=executor) if final is None else final.render
         for step in self.render:
             # Denoising counts as the last 4 % of the progress.
             yield Step(0.96 * step.done, step.complete) if self.denoise else step
-        if self.denoise:
-            result = self.render.denoiser.denoised()
+        if final is not None:
+            result = final.denoised()
             self._denoised = {
                 "final": colours(result.final),
                 "error": result.final_error,
@@ -82,9 +85,19 @@ class ProgressiveImage:
                 "raw": colours(result.raw),
                 "denoised": colours(result.denoised),
             }
-            # The noise of the render becomes that of the denoised image; the errors of 99 % and 99.9 % are not known.
-            self.render.state.noise, self.new = (result.noise, np.nan, np.nan, result.at_most), True
+            self._final_noise, self.new = (result.noise, result.at_most), True
             yield Step(1.0, True)
+
+    @property
+    def reached(self) -> Reached:
+        """Samples, error and time so far. After denoising, the error is that of the denoised image, and the errors of
+        99 % and 99.9 % of its pixels are not known.
+        """
+        reached: Reached = self.render.reached
+        if self._final_noise is None:
+            return reached
+        noise, most = self._final_noise
+        return reached._replace(noise=noise, noise_99=np.nan, noise_999=np.nan, noise_at_most=most)
 
     def layers(self) -> Mapping[str, np.ndarray]:
         """Returns the layers of the image so far, from which the caller makes a :class:`.Picture`; sets :attr:`new` to

@@ -279,7 +279,7 @@ class Viewer:
         with image.throttle.drawing():
             image.picture = Picture(next(self._numbers), image.layers())
             if image is self._images["own"] and image.render is not None:
-                self._reached = image.render.reached
+                self._reached = image.reached
 
     def _publish(self, **changes: Any) -> None:
         """Publishes the pictures, the progress and the other ``changes`` of the state, so that the open pages show

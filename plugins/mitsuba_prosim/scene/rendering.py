@@ -42,17 +42,17 @@ def progressive(scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int =
     :func:`is_progressive` is false, also for ``prosim`` in scalar variants.
 
     ``spp`` is the number of samples per pixel; 0 stands for the number in the scene. ``how`` are further arguments for
-    the integrator's method ``progressive``; of these arguments, :class:`Blocking` uses only ``denoiser``.
+    the integrator's method ``progressive``; of these arguments, :class:`Blocking` uses only ``measure``.
     """
     if not is_progressive(integrator):
-        return Blocking(integrator, scene, sensor, seed, spp, how.get("denoiser"))
+        return Blocking(integrator, scene, sensor, seed, spp, how.get("measure") is not None)
     return integrator.progressive(scene, sensor, seed, spp, **how)
 
 
 class Blocking(Steps):
     """Renders a whole image in one :class:`.Step`, but has the same interface as the progressive :class:`.Render`.
 
-    This class is for integrators that do not render progressively. If ``denoiser`` is not None, this class renders two
+    This class is for integrators that do not render progressively. If ``in_halves`` is true, this class renders two
     independent images in two steps, each with half of the samples, rounded up. ``spp`` is the number of samples per
     pixel; 0 means the number of the sensor's sampler.
     """
@@ -61,23 +61,23 @@ class Blocking(Steps):
     second = reached = None
 
     def __init__(
-        self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, seed: int, spp: int, denoiser: Any = None
+        self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, seed: int, spp: int, in_halves: bool = False
     ) -> None:
         """Prepares the render; the steps of the iterator render the images. ``spp`` is the number of samples per pixel,
-        of both images together if there is a ``denoiser``; 0 means the number of the sensor's sampler.
+        of both images together if ``in_halves`` is true; 0 means the number of the sensor's sampler.
         """
         check_samples(sensor, spp)
-        self.denoiser, self._sensor, self._spp = denoiser, sensor, spp
+        self._in_halves, self._sensor, self._spp = in_halves, sensor, spp
         self._images: list[mi.TensorXf] = []
         super().__init__(self._render(integrator, scene, seed))
         self.close = self._steps.close  # no further image is rendered
 
     def _render(self, integrator: Any, scene: mi.Scene, seed: int) -> Generator[Step, None, None]:
-        """Renders one image, or, if there is a denoiser, two images with half of the samples each; yields a
+        """Renders one image, or, in halves, two images with half of the samples each; yields a
         :class:`.Step` after each image.
         """
         seeds, sensor = [seed], self._sensor
-        if self.denoiser is not None:
+        if self._in_halves:
             self._spp = ((self._spp or sensor.sampler().sample_count()) + 1) // 2
             # The second seed is not a neighbour of the first seed, which may be the seed of another image.
             seeds.append(combine(hash32(seed), 1))
@@ -91,8 +91,7 @@ class Blocking(Steps):
     def half_images(self) -> list[np.ndarray]:
         """Returns the developed images that are rendered so far, each of shape (height, width, channels).
 
-        With a denoiser, the list has at most two images, each with half of the samples. Without a denoiser, the list
-        has at most one image.
+        In halves, the list has at most two images, each with half of the samples; else, the list has at most one image.
         """
         return [np.array(image) for image in self._images]
 

@@ -27,6 +27,9 @@ from .transport_context import Context
 from .vertex import shade
 from .workarounds import warn_of_lost_light
 
+#: About how many rays a path traces.
+RAYS_PER_PATH = 10
+
 
 @dataclass
 class State:
@@ -52,12 +55,32 @@ class RadianceEstimator(Protocol):
     aov_names: Sequence[str]
     has_layers: bool
 
+    @property
+    def rays_per_sample(self) -> int:
+        """About how many rays a sample traces.
+
+        The number is estimated from the scene, not from measured times, because decisions of a render must be
+        reproducible.
+        """
+
     def __call__(self, ray: mi.Ray3f, points: Points, active: mi.Bool) -> tuple[mi.Spectrum, mi.Bool, list[Any]]:
         """Returns the radiance along ``ray``, whether it hits a surface, and the values of the further channels."""
 
 
 class Transport(Context):
     """Estimates the radiance of camera rays in a scene; one object is used for all camera rays of a render."""
+
+    @property
+    def rays_per_sample(self) -> int:
+        """About how many rays a sample traces.
+
+        A ray tree is assumed to have one camera ray and one shadow ray to each lamp, and twice as many rays if
+        reflected or refracted rays are followed.
+        """
+        if not self.settings.follows_tree:
+            return RAYS_PER_PATH
+        follows = self.settings.max_level > 0 and (self.reflects or self.refracts)
+        return (1 + self.lights.lamps) * (2 if follows else 1)
 
     def __call__(
         self, ray: mi.Ray3f, points: Points, active: mi.Bool
@@ -106,7 +129,7 @@ class InnerIntegrator:
     """
 
     #: The integrator computes its own photons and layers, if it has any.
-    caustics, has_layers = None, False
+    caustics, has_layers, rays_per_sample = None, False, RAYS_PER_PATH
 
     def __init__(self, integrator: mi.SamplingIntegrator, scene: mi.Scene, medium: mi.Medium | None = None) -> None:
         warn_of_lost_light(scene)

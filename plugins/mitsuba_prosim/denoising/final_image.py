@@ -1,0 +1,131 @@
+"""The final image of a render with a denoiser."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from ..engine.error_target import mean
+from ..engine.render import Render
+from ..scene import rendering
+from .final_error import FinalError
+from .halves import HalvesDenoiser, check
+from .mixing import Denoised, unmixed
+
+
+def render(
+    scene: mi.Scene,
+    sensor: int | mi.Sensor = 0,
+    integrator: mi.Integrator | None = None,
+    seed: int = 0,
+    spp: int = 0,
+    fast: bool = False,
+) -> Denoised:
+    """Renders ``scene`` with its own integrator, or with ``integrator``, and denoises the image.
+
+    Half of the ``spp`` samples per pixel use one seed, and the other half use another seed; if ``spp`` is 0, the sample
+    count in the scene is used. The integrator's parameter ``noise`` is the error target of the final image. If the
+    image reaches the error target without denoising, all images of the result are the image without denoising. The
+    render overwrites the sensor's film; the denoised image is only returned, not written to the film. ``fast`` selects
+    smaller networks, see :func:`.denoise`.
+
+    Raises ValueError for films that store no colours, and :class:`.oidn.MissingError` if the package mitsuba-oidn is
+    not installed.
+    """
+    integrator = integrator or scene.integrator()
+    final = denoised_progressive(scene, sensor, integrator, seed, spp, fast)
+    final.render.run()
+    return final.denoised()
+
+
+def denoised_progressive(
+    scene: mi.Scene,
+    sensor: int | mi.Sensor,
+    integrator: Any,
+    seed: int = 0,
+    spp: int = 0,
+    fast: bool = False,
+    **options: Any,
+) -> FinalImage:
+    """Returns the :class:`FinalImage` of a new progressive render, which takes two halves of the samples.
+
+    The caller takes the steps of its attribute ``render``. ``options`` are passed to :func:`.rendering.progressive`.
+    Raises ValueError for films that store no colours.
+    """
+    if isinstance(sensor, int):
+        sensor = scene.sensors()[sensor]
+    check(sensor.film())
+    hide_emitters = getattr(integrator, "hide_emitters", False)
+    error = FinalError(HalvesDenoiser(scene, sensor, seed, hide_emitters, fast))
+    return FinalImage(rendering.progressive(scene, sensor, integrator, seed, spp, measure=error, **options), error)
+
+
+class FinalImage:
+    """The denoised image of a ``render``, or its image without denoising if that has reached the error target.
+
+    ``error`` is the measure of the render, the denoiser of which denoises the image.
+    """
+
+    def __init__(self, render: Any, error: FinalError) -> None:
+        self.render, self.error, self.denoiser = render, error, error.denoiser
+        self._latest = lru_cache(maxsize=1)(self._denoised)  # keeps the last result
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the channels of :attr:`images`."""
+        return self.denoiser.names
+
+    @property
+    def images(self) -> list[np.ndarray]:
+        """One or two developed images, each from half of the samples so far: all channels, shape (height, width,
+        channels).
+
+        The list has only the first image if any pixel has no sample of the second half.
+        """
+        images: list[np.ndarray] = self.render.half_images()
+        return images
+
+    def other_channels(self) -> dict[str, np.ndarray]:
+        """Returns all channels except the colours, combined from both images of :attr:`images`: name -> array.
+
+        Each array has the shape (height, width). A channel is the mean of this channel in the two images, with two
+        exceptions: "samples" is the sum, and "error" is the standard error of the mean of two independent images. If
+        :attr:`images` has only the first image, the channels are those of the first image.
+        """
+        images, names, result = self.images, self.names, {}
+        for k in range(1 if names[0] == "Y" else 3, len(names)):
+            planes, name = [image[..., k] for image in images], names[k]
+            total = np.hypot.reduce(planes) if name == "error" else np.add.reduce(planes)
+            result[name] = total if name == "samples" else total / len(images)
+        return result
+
+    @property
+    def networks(self) -> str:
+        """Kind of the denoiser's neural networks for the samples so far, see :meth:`.FinalError.networks`; "none" if
+        the image has reached the error target without denoising.
+        """
+        if not isinstance(self.render, Render):
+            return self.error.networks((), 0)
+        image, second = self.render.state, self.render.second
+        if second is not None and self.render.target.excess(second.noise()) <= 1:
+            return "none"
+        return self.error.networks(image.estimates, mean(image.all_counts()))
+
+    def denoised(self) -> Denoised:
+        """Returns the denoised image of the samples so far, or the image without denoising if it has reached the error
+        target. Raises RuntimeError if an image that needs denoising has no second half.
+        """
+        samples = mean(self.render.counts()) if isinstance(self.render, Render) else 0.0
+        return self._latest(self.networks, samples)
+
+    def _denoised(self, networks: str, samples: float) -> Denoised:
+        """Returns the image denoised by ``networks``; the raw image if they are "none"."""
+        if networks != "none":
+            return self.denoiser(self.render.half_images, networks, samples)
+        colours = self.denoiser.colours(self.images)
+        # ``error`` shows where the noise is, but is too large: it is the error of independent samples of the first
+        # image. ``noise`` [0] is the measured RMS error.
+        return unmixed(np.add.reduce(colours) / len(colours), self.render.error(), self.render.second.noise()[0])

@@ -116,7 +116,8 @@ class Estimator:
         criterion of the adaptive-sampling policy. A pixel to which this applies at once gets no sample. Each lane is
         one pixel.
         """
-        n, policy = plan.n, policy_of(plan)
+        n, policy, Double = plan.n, policy_of(plan), double()
+        brightest = BRIGHTEST if Double is mi.Float else BRIGHTEST**2
 
         # ``end`` is not a part of the loop's state: Dr.Jit traces a loop twice if the body leaves a state variable
         # unchanged.
@@ -132,12 +133,12 @@ class Estimator:
             """Adds one sample to the sums of each pixel; returns the new sums and the mask :func:`unfinished`.
 
             The loop itself keeps the sums of pixels that are not ``active``. The luminance of a sample is limited to
-            :data:`.BRIGHTEST`; the film's sums are not limited.
+            ``brightest``; the film's sums are not limited.
             """
             t = sums.count
             values, Y, position = self.sample(plan, x, y, t)
             filtered = [s + w * v for s, (w, v) in zip(sums.sums, product(self.weights(position), values))]
-            Y = double()(dr.clip(Y, -BRIGHTEST, BRIGHTEST))
+            Y = Double(dr.clip(Y, -brightest, brightest))
             in_pass = sums.in_pass + Y
             last = (t + 1) % n == 0
             sums = Accumulators(

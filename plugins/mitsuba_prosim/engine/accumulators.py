@@ -11,8 +11,8 @@ import numpy as np
 from ..compat import double
 from .error import standard_error
 
-#: Maximum brightness of a sample in the estimated error, so that the squares of N² samples are finite; its square is the
-#: maximum if sums have 64 bits.
+#: Maximum brightness of a sample in the estimated error, so that the squares of N² samples are finite. Sums of 64 bits
+#: allow its square.
 BRIGHTEST = 1e16
 
 #: Minimum absolute value of a sample in the image. A darker value counts as black, so that no value of the image is a

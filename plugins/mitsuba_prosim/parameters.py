@@ -59,9 +59,9 @@ def choice(props: mi.Properties, name: str, allowed: Sequence[str], default: str
     return value
 
 
-def flag(props: mi.Properties, name: str) -> bool:
-    """Reads the parameter ``name``, true or false; the default is false. Raises ValueError for other values."""
-    value = props.get(name, False)
+def flag(props: mi.Properties, name: str, default: bool = False) -> bool:
+    """Reads the parameter ``name``, true or false. Raises ValueError for other values."""
+    value = props.get(name, default)
     if not isinstance(value, bool):
         raise reject(props, name, value, "true or false")
     return value
@@ -130,13 +130,13 @@ def expose(callback: mi.TraversalCallback, flags: mi.ParamFlags | None = None, /
     """Shows the textures and Dr.Jit values ``parameters`` of a plugin to ``mi.traverse``, by name.
 
     ``callback`` is the argument of the plugin's method ``traverse``. Without ``flags``, the parameters are shown as
-    differentiable. The function ignores None, strings and Python's floats, such as all numbers of scalar variants,
-    because Python's floats cannot be changed in place. If a BSDF exposes a texture with the name ``ambient``,
+    differentiable. The function ignores None, booleans, strings and Python's floats, such as all numbers of scalar
+    variants, because they cannot be changed in place. If a BSDF exposes a texture with the name ``ambient``,
     ``BSDF.eval_attribute`` can evaluate this texture by its name.
     """
     flags = mi.ParamFlags.Differentiable if flags is None else flags
     for name, parameter in parameters.items():
-        if parameter is not None and not isinstance(parameter, (float, str)):
+        if parameter is not None and not isinstance(parameter, (bool, float, str)):
             callback.put(name, parameter, flags)
 
 

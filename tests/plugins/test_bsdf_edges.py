@@ -198,6 +198,7 @@ FACETS = ("prosim_conductor", "prosim_composite", "prosim_dielectric")
 MATERIALS = [
     *({"type": kind, **lobe} for kind in FACETS for lobe in EDGE_LOBES),
     *({"type": "prosim_phong", **lobe} for lobe in POWERS),
+    *({"type": "prosim_phong", "normalized": False, **lobe} for lobe in POWERS[1:]),
     {"type": "prosim_lambertian"},
     {"type": "prosim_dielectric", "int_ior": 1.00001, "ext_ior": 1.0, "alpha": 0.1},
     {"type": "prosim_conductor", "material": "Cu", "fresnel": "thesis", "alpha": 0.2},

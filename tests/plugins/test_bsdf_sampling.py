@@ -132,6 +132,7 @@ WIDE = [
         ({"type": "prosim_composite", "exponent": 20.0}, ALL, INCIDENCES),
         ({"type": "prosim_phong"}, DIFFUSE, INCIDENCES),
         (PHONG, ALL, INCIDENCES),
+        (PHONG | {"normalized": False}, ALL, INCIDENCES),
         (PHONG | {"exponent": 0.0}, ALL, INCIDENCES),
         (PHONG | {"exponent": 200.0, "specular_reflectance": 0.5}, ALL, INCIDENCES),
         (DISPERSIVE, ALL, (50, 130)),

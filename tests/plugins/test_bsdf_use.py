@@ -15,6 +15,7 @@ MATERIALS = {
     "lambertian": {"type": "prosim_lambertian", "reflectance": RGB},
     "composite": {"type": "prosim_composite", "diffuse_reflectance": RGB, "alpha": 0.2},
     "phong": {"type": "prosim_phong", "diffuse_reflectance": RGB, "exponent": 20.0},
+    "literal": {"type": "prosim_phong", "diffuse_reflectance": RGB, "exponent": 20.0, "normalized": False},
 }
 each = pytest.mark.parametrize("material", MATERIALS.values(), ids=MATERIALS)
 
@@ -34,6 +35,13 @@ def test_renders_in_every_variant(variant, material):
     size = 4 if variant == "scalar_rgb" else 16
     result = image(material, size=size)
     assert np.isfinite(result).all() and (result >= 0).all() and 0.05 < result.mean() < 0.6
+
+
+@pytest.mark.parametrize("material", [MATERIALS["literal"], MATERIALS["conductor"] | {"multiple_scattering": True}])
+def test_choices_of_a_model_are_no_parameters_of_a_scene(variant_rgb, material):
+    bsdf = mi.load_dict(material)
+    assert not {"normalized", "multiple_scattering"} & set(mi.traverse(bsdf).keys())
+    assert "normalized = False" in str(bsdf) or "multiple_scattering = True" in str(bsdf)
 
 
 @pytest.mark.slow

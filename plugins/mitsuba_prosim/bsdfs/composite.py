@@ -125,7 +125,9 @@ class Composite(Pigmented):
             return grooves.leave(si.wi, m, sample1, self.distribution, width)
         return mi.reflect(si.wi, m)
 
-    def specular_eval_pdf(self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
+    def specular_eval_pdf(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
+    ) -> Evaluated:
         width = self.roughness.eval_1(si, active)
         ks = self.specular_factor(si, active)
         if self.multiple_scattering:

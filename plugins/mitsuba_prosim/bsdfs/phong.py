@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 
 from ..optics import cosine
 from ..optics.material import Evaluated, Pigmented, reflectance
+from ..parameters import flag
 from ..registry import plugin
 
 
@@ -36,6 +39,10 @@ class Phong(Pigmented):
          (Default: none)
        - |exposed|, |differentiable|
 
+     * - normalized
+       - |bool|
+       - Whether the lobe has the factor that conserves energy; ``false``: the equation of the thesis. (Default: true)
+
      * - distribution
        - |string|
        - ``phong``, the only distribution of this model. (Default: ``phong``)
@@ -51,6 +58,13 @@ class Phong(Pigmented):
     greater sum, because the listing in the thesis has such surfaces; but if the reflectances change later, :math:`k_s`
     is limited to :math:`1 - k_d`. The model has no Fresnel reflectance and no off-specular peak. It is one-sided. Its
     components are specular and diffuse.
+
+    With ``normalized`` false, the model is the equation of section 3.1.2 as it stands, :math:`I_r = I_i (k_d \cos
+    \theta + k_s \cos^n \alpha)`, where :math:`\theta` is the angle of incidence, and :math:`\pi I_i` the irradiance on
+    a surface that faces the light. So the lobe is :math:`\rho = k_s \cos^n \alpha / (\pi \cos \theta)`. It is not
+    reciprocal. It does not conserve energy: at normal incidence it reflects about :math:`2 k_s / (n + 1)`, and at
+    grazing incidence more light than arrives. So in path tracing, surfaces that light each other may become ever
+    brighter with the number of bounces; each value is finite.
 
     .. tabs::
         .. code-tab:: xml
@@ -79,9 +93,16 @@ class Phong(Pigmented):
         # Loaded values may have a sum kd + ks above 1: the model is empirical, and the thesis's listing has the sums
         # 1.2 and 1.4 (appendix A). Changed values are limited, because an optimisation may find any sum.
         self.specular_reflectance = reflectance(props, "specular_reflectance", 0.2)
+        self.normalized = flag(props, "normalized", True)
+
+    def parameters(self) -> dict[str, Any]:
+        return super().parameters() | ({} if self.normalized else {"normalized": False})
 
     def specular_weight(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        return self.specular_factor(si, active)
+        ks = self.specular_factor(si, active)
+        if self.normalized or self.roughness is None:
+            return ks
+        return ks * (2 / (self.roughness.eval_1(si, active) + 1))
 
     def specular_sample(
         self, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
@@ -90,7 +111,13 @@ class Phong(Pigmented):
         sin_phi, cos_phi = dr.sincos(2 * dr.pi * sample2.y)
         return mi.Frame3f(mi.reflect(si.wi)).to_world(mi.Vector3f(sin * cos_phi, sin * sin_phi, cos))
 
-    def specular_eval_pdf(self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
+    def specular_eval_pdf(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
+    ) -> Evaluated:
         n = self.roughness.eval_1(si, active)
         lobe = cosine.power(cosine.versine(mi.reflect(si.wi), wo), n) * dr.inv_two_pi
-        return self.specular_factor(si, active) * ((n + 2) * lobe * wo.z), (n + 1) * lobe
+        if self.normalized:
+            scale = (n + 2) * wo.z
+        else:  # the cosine of the light cancels; the light is at wo for radiance, at wi for importance
+            scale = mi.Float(2) if ctx.mode == mi.TransportMode.Radiance else 2 * wo.z / si.wi.z
+        return self.specular_factor(si, active) * (scale * lobe), (n + 1) * lobe

@@ -218,7 +218,9 @@ class Pigmented(Material):
         """
         raise NotImplementedError
 
-    def specular_eval_pdf(self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
+    def specular_eval_pdf(
+        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
+    ) -> Evaluated:
         """Returns the value of the specular lobe times the cosine of ``wo``, and the density of the lobe's samples at
         ``wo``.
         """
@@ -278,7 +280,7 @@ class Pigmented(Material):
             value += kd * density
             pdf += (1 - p_specular) * density
         if specular and self.roughness is not None:
-            lobe, density = self.specular_eval_pdf(si, wo, active)
+            lobe, density = self.specular_eval_pdf(ctx, si, wo, active)
             value += lobe
             pdf += p_specular * density
         # The integrator prb divides the remaining radiance of a path by this value. If the lobe is nearly 0 and a

@@ -73,7 +73,7 @@ def test_bsdfs_are_reciprocal(variant_rgb, bsdf):
 
 @each(LITERAL)
 def test_literal_phong_is_the_equation_of_the_thesis(variant_rgb, bsdf):
-    """I_r = I_i (kd cos + ks cos^n), section 3.1.2, where pi I_i is the irradiance on a surface that faces the light."""
+    """I_r = I_i (kd cos + ks cos^n), where pi I_i is the irradiance on a surface that faces the light."""
     wi, wo = directions(20000, 1), directions(20000, 2)
     si, ctx = curves.interaction(wi), mi.BSDFContext()
     cos = (np.array(mi.reflect(wi), dtype=float) * np.array(wo, dtype=float)).sum(axis=0)

@@ -180,11 +180,7 @@ class _Chain:
         """Evaluates the chain, and returns the resulting body.
 
         If the chain has a -, a leaf is left out if a later leaf of the chain encloses it, unless the leaf is the first
-        operand of the chain. Two independent bodies (see :func:`_later_dependent`) may change places in the chain.
-        Therefore the bodies of a chain with a - are sorted into rounds: each round first adds bodies, and then
-        subtracts bodies. A body belongs to the last round in which the body still comes before all later dependent
-        bodies of the other sign. Bodies are added late because a body that is added late is a part of few intermediate
-        results.
+        operand of the chain.
         """
         if not self.has_minus:
             result = union(body for _, body in self.operands)
@@ -195,32 +191,12 @@ class _Chain:
                 """Whether a later leaf of the chain encloses the chain's operand ``i``, the leaf ``body``."""
                 return body.solid is not None and any(last.get(outer, -1) > i for outer in body.solid.enclosing)
 
-            operands = [(sign, body) for i, (sign, body) in enumerate(self.operands) if i == 0 or not enclosed(i, body)]
-            adds = np.array([sign == "+" for sign, _ in operands])
-            boxes = np.array([body.box for _, body in operands])
-            rounds = np.zeros(len(adds), int)
-            for i in reversed(range(len(adds))):
-                later = _later_dependent(operands, boxes, i)
-                rounds[i] = (rounds[later] + (adds[later] & ~adds[i])).max(initial=0)
-            result, _ = evaluate_chain([operands[i] for i in np.argsort(-2 * rounds - adds, kind="stable")])
+            operands = enumerate(self.operands)
+            result, _ = evaluate_chain(
+                [(sign, body) for i, (sign, body) in operands if i == 0 or not enclosed(i, body)]
+            )
         assert result
         return result
-
-
-def _later_dependent(operands: list[Operand], boxes: np.ndarray, number: int) -> np.ndarray:
-    """Returns the numbers of the chain's operands that come after the operand ``number`` and depend on this operand.
-
-    Two dependent bodies of different signs must keep their order in the chain. Two bodies are independent if their
-    boxes do not touch, or if their boxes touch only along an edge or at a corner. Two bodies are also independent if
-    their boxes touch only at a face, and the bodies share no surface. ``boxes`` (n, 2, 3) are the bounding boxes of all
-    operands of the chain.
-    """
-    body = operands[number][1]
-    later = number + 1 + touching(boxes[number + 1 :], body.box)
-    widths = np.minimum(boxes[later, 1], body.box[1]) - np.maximum(boxes[later, 0], body.box[0])
-    overlaps = (widths > (2 + 1e-6) * body.planes.thickness).sum(axis=1)  # each box is enlarged by the thickness
-    shares = np.array([not operands[i][1].surfaces.isdisjoint(body.surfaces) for i in later], int)
-    return np.asarray(later[overlaps + shares >= 3])
 
 
 def evaluate_chain(operands: list[Operand]) -> tuple[Body | None, list[Body]]:

@@ -287,8 +287,10 @@ def make_job(options: dict[str, Any]) -> Job:
             raise click.UsageError(message)
     if "frames" not in given and (film_options := given & {"fps", "overwrite"}):
         raise click.UsageError(f"--{min(film_options)} is for films; add --frames.")
-    if options.get("adaptive") == "thesis" and given & set(TARGETS):
-        raise click.UsageError("--adaptive thesis does not measure the noise; leave it out with --noise and --time.")
+    if given & set(TARGETS) and not POLICIES[options.get("adaptive") or "graded"].unbounded:
+        raise click.UsageError(
+            f"--adaptive {options['adaptive']} does not measure the noise; leave it out with --noise and --time."
+        )
     options["scene"] = str(options.get("scene") or "")
     if (snapshots := options.get("snapshots")) and not given & set(TARGETS):
         seconds = [float(text[:-1]) for text in snapshots if text.endswith("s")]

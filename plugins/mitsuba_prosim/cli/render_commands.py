@@ -14,6 +14,7 @@ import click
 from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint
 from ..engine.plan import TARGETS
+from ..engine.policies import POLICIES
 from . import files, frames
 from .files import PART_FILE, SCENE_FILE, STATE_FILE, image_stem, quoted_path
 from .job import OPTIONS, RUNNING, Command, Job, choose_variant, job_options
@@ -22,7 +23,7 @@ from .render_task import STATE_SUFFIX, SUFFIXES, render_and_write
 
 #: Policies that decide only once, by the first samples of each pixel. They cannot decide again after a checkpoint: with
 #: a new target, ``prosim resume`` replaces them by ``graded``.
-FIRST_SAMPLE_POLICIES = ("neighbours", "thesis")
+FIRST_SAMPLE_POLICIES = [name for name, policy in POLICIES.items() if not (policy.decides_again and policy.unbounded)]
 
 #: Options that change when a render stops.
 TARGET_OPTIONS = (*TARGETS, "max_samples", "adaptive")

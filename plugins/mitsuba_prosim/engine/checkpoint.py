@@ -149,8 +149,8 @@ class Checkpoint:
         If one of the sampling parameters :data:`DECIDING` differs between the checkpoint and ``state``, the policy of
         adaptive sampling decides again. Returns whether the image needs no more samples: the checkpoint is finished,
         and ``state`` has the same parameters :data:`DECIDING` and :data:`.TARGETS`. Raises ValueError if the checkpoint
-        has the samples of another image, or if a parameter of :data:`DECIDING` differs and the policy of ``state`` is
-        ``neighbours``, which cannot decide again.
+        has the samples of another image, or if a parameter of :data:`DECIDING` differs and the policy of ``state``
+        cannot decide again.
         """
         mine, theirs = self.attributes["samples"], json.loads(json.dumps(identity(state)))
         if name := next((name for name, value in theirs.items() if mine.get(name) != value), None):
@@ -160,7 +160,7 @@ class Checkpoint:
         sampling = asdict(state.plan.sampling)
         changed = {name for name, value in sampling.items() if self.attributes["sampling"][name] != value}
         decided = changed.isdisjoint(DECIDING)
-        if not decided and state.plan.sampling.adaptive == "neighbours":
+        if not decided and not state.policy.decides_again:
             raise ValueError(
                 "adaptive = neighbours decides once, by the first samples alone; continue with adaptive = graded if "
                 "threshold, max_samples or adaptive differ"

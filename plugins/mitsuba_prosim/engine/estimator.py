@@ -18,7 +18,6 @@ from .accumulators import BRIGHTEST, DARKEST, Accumulators
 from .camera import ray_sampler
 from .channels import Channels, aov_values, luminance
 from .plan import Plan
-from .policies import policy_of
 
 
 class Estimator:
@@ -116,7 +115,7 @@ class Estimator:
         criterion of the adaptive-sampling policy. A pixel to which this applies at once gets no sample. Each lane is
         one pixel.
         """
-        n, policy, Double = plan.n, policy_of(plan), double()
+        n, policy, Double = plan.n, plan.policy, double()
         brightest = BRIGHTEST if Double is mi.Float else BRIGHTEST**2
 
         # ``end`` is not a part of the loop's state: Dr.Jit traces a loop twice if the body leaves a state variable

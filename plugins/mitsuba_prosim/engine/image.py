@@ -19,7 +19,6 @@ from .estimator import Estimator
 from .film import film_values, put
 from .pixel_set import PixelSet
 from .plan import UNLIMITED, Plan, Rectangle, area, pixels, pixels_around, widened
-from .policies import policy_of
 from .tiles import Part, part_numbers
 
 #: RMS error of the displayed image (white = 1), the bounds of 99 and of 99.9 % of its pixels, and the upper bound of
@@ -36,7 +35,7 @@ class Image(PixelSet):
     """
 
     def __init__(self, plan: Plan, estimator: Estimator, part: Part | None = None) -> None:
-        self.plan, self.estimator, self.policy, self.part = plan, estimator, policy_of(plan), part
+        self.plan, self.estimator, self.policy, self.part = plan, estimator, plan.policy, part
         #: Width in pixels of the margin around the image whose samples the policy uses.
         self.margin = self.policy.rounds * self.policy.reach
         #: The rectangle of the pixels in the arrays, row by row.

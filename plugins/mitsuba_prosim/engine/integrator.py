@@ -54,7 +54,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         has_target = bool(self.noise or self.noise_99 or self.noise_999 or self.time)
         default = "graded" if has_target else "neighbours"
         self.adaptive = choice(props, "adaptive", (default, *(name for name in POLICIES if name != default)))
-        if has_target and self.adaptive == "thesis":
+        if has_target and not POLICIES[self.adaptive].unbounded:
             raise reject(
                 props, "adaptive", self.adaptive, "another, as noise and time ask for more than N² samples: graded, say"
             )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
@@ -12,14 +13,15 @@ from ..compat import dr_array
 from ..sampling.nrook import NRook, Permutations, grid_size, pixel_key
 from ..sampling.sobol import Sobol, z_curve
 
+if TYPE_CHECKING:
+    from .policies import Policy
+
 #: Left, top, right and bottom, in pixels of the whole film.
 Rectangle = tuple[int, int, int, int]
 
 
 #: Default maximum number of samples of a pixel, if a limit of noise or time ends the render.
 UNLIMITED = 1 << 20
-#: Default maximum number of samples of a pixel with the policy ``graded``, in multiples of N².
-GRADED_PATTERNS = 4
 #: Numbers of samples of a pixel with which the pixels share one sequence.
 SHARED = (1, 2, 4, 8, 16)
 #: Parameters of the integrator that end a render.
@@ -122,18 +124,19 @@ class Plan:
         A nonzero ``spp`` is the number of samples per pixel, and replaces N², the square of the parameter ``samples``.
         With a nonzero ``spp``, the parameter ``max_samples`` is ignored, unless a limit of noise or time is set. If
         ``max_samples`` is 0 or ignored, the maximum number of samples of a pixel is :data:`UNLIMITED` with a limit of
-        noise or time, :data:`GRADED_PATTERNS` times N² with the policy ``graded``, and else N².
+        noise or time, and else :attr:`.Policy.max_patterns` times N².
         """
-        noisy = spp or sampling.samples**2
+        from .policies import POLICIES  # slow to import, and only a render needs NumPy
+
+        policy, noisy = POLICIES[sampling.adaptive], spp or sampling.samples**2
         n = grid_size(spp) if spp else min(sampling.samples, sampling.max_samples or noisy)
         least = sampling.min_passes * n
         if sampling.has_target:
             highest = sampling.max_samples or UNLIMITED
             least = 1 << (least.bit_length() - 1)  # a power of two, for which Sobol' points are best
-        elif sampling.adaptive == "graded":
-            highest = (0 if spp else sampling.max_samples) or GRADED_PATTERNS * noisy
         else:
-            highest = noisy = (0 if spp else sampling.max_samples) or noisy
+            highest = (0 if spp else sampling.max_samples) or policy.max_patterns * noisy
+            noisy = noisy if policy.max_patterns > 1 else highest
         x, y, w, h, width, height = map(int, (*film.crop_offset(), *film.crop_size(), *film.size()))
         reach = film.rfilter().border_size()
         border = reach if film.sample_border() else 0
@@ -143,14 +146,14 @@ class Plan:
         least = min(least, highest)
         # Pixels that share one sequence have dependent samples. A policy that decides by neighbours needs independent
         # samples, so pixels share a sequence only if every pixel gets the same number of samples.
-        uniform = not sampling.has_target and (sampling.adaptive == "none" or least == highest)
+        uniform = not sampling.has_target and (policy.uniform or least == highest)
         shares = uniform and spp in SHARED and not mi.is_spectral
         return cls(
             n=n,
             min_samples=least,
             noisy_samples=min(noisy, highest),
             max_samples=highest,
-            uses_sobol=bool(spp) or sampling.has_target or sampling.adaptive == "graded" or highest > n * n,
+            uses_sobol=bool(spp) or sampling.has_target or policy.max_patterns > 1 or highest > n * n,
             shared=spp if shares else 0,
             permutations=Permutations(n),
             seed=seed,
@@ -160,6 +163,14 @@ class Plan:
             sampling=sampling,
             photon_seed=int(seed[0]),
         )
+
+    @property
+    def policy(self) -> Policy:
+        """The policy of adaptive sampling."""
+        from .policies import POLICIES
+
+        numbers = self.min_samples, self.noisy_samples, self.max_samples
+        return POLICIES[self.sampling.adaptive](self.n, self.sampling.threshold, *numbers)
 
     def points(self, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> NRook | Sobol:
         """Returns the ``t``-th sample point of the pixels (x, y).

@@ -7,34 +7,40 @@ import mitsuba as mi
 import numpy as np
 
 from .error import in_display_units, standard_error, variance
-from .plan import Plan
 
 
 class Policy:
-    """The adaptive-sampling policy ``none``, which requests the same number of samples for every pixel.
+    """Base class of the policies of adaptive sampling.
 
-    :class:`Policy` is also the base class of all other adaptive-sampling policies.
-
-    A subclass overrides the attributes and methods that differ from those of :class:`Policy`.
+    A subclass overrides the attributes and methods that differ from those of :class:`Policy`, which requests the same
+    number of samples for every pixel.
     """
 
+    #: Whether each pixel gets the same number of samples.
+    uniform = False
+    #: Whether the policy can decide again, with other parameters, when pixels have more samples than the first ones.
+    decides_again = True
+    #: Whether a pixel can get more samples than the policy requests, to reach a limit of noise or time.
+    unbounded = True
+    #: Default maximum number of samples of a pixel, in multiples of N².
+    max_patterns = 1
     #: Distance in pixels up to which the policy looks at neighbours.
     reach = 0
     #: Number of decisions of the policy, each after a pass over the image. With an error target, a policy with several
     #: decisions decides after every pass.
     rounds = 1
 
-    def __init__(self, plan: Plan) -> None:
-        #: Number of samples of every pixel in the first pass; total number of samples of a noisy pixel.
-        self.first_samples, self.noisy_samples = plan.min_samples, plan.noisy_samples
+    def __init__(self, n: int, threshold: float, min_samples: int, noisy_samples: int, max_samples: int) -> None:
+        """``n`` is the number N of samples of a pass, and ``threshold`` the integrator's parameter; the other arguments
+        are numbers of samples of a pixel, see :class:`.Plan`.
+        """
+        self.n, self.threshold, self.noisy_samples = n, threshold, noisy_samples
         # The policy ``none`` without an error target decides nothing: the first pass takes all samples.
-        if type(self) is Policy and plan.noisy_samples == plan.max_samples:
-            self.first_samples = plan.max_samples
+        #: Number of samples of every pixel in the first pass.
+        self.first_samples = max_samples if self.uniform and noisy_samples == max_samples else min_samples
         # After the first pass nothing is decided, so no neighbours are needed.
-        if self.first_samples >= plan.max_samples:
+        if self.first_samples >= max_samples:
             self.reach = 0
-        #: The integrator's parameter ``threshold``; the number N of samples of a pass.
-        self.threshold, self.n = plan.sampling.threshold, plan.n
 
     def request(self, total: np.ndarray, squares: np.ndarray, count: np.ndarray) -> np.ndarray:
         """Returns the total number of samples that each pixel should get, shape (height, width).
@@ -55,6 +61,12 @@ class Policy:
         return mi.Bool(False)
 
 
+class Uniform(Policy):
+    """The policy ``none``, which requests the same number of samples for every pixel."""
+
+    uniform = True
+
+
 class Thesis(Policy):
     """The policy ``thesis``: a pixel gets no more samples when its standard error is at most the threshold.
 
@@ -62,6 +74,8 @@ class Thesis(Policy):
     criterion of the thesis (section 5.3.2). The same samples estimate the value of a pixel and decide when the pixel is
     finished, so the value is biased (Kirk and Arvo 1991).
     """
+
+    unbounded = False
 
     def converged(self, total: mi.Float, squares: mi.Float, t: mi.UInt32) -> mi.Bool:
         """Tells which pixels have the minimum number of samples, and a standard error of at most the threshold."""
@@ -77,6 +91,7 @@ class Neighbours(Policy):
     noise where the first samples of the 8 nearest pixels are equal by chance.
     """
 
+    decides_again = False
     reach = 2
 
     def request(self, total: np.ndarray, squares: np.ndarray, count: np.ndarray) -> np.ndarray:
@@ -106,6 +121,7 @@ class Graded(Policy):
     bright samples.
     """
 
+    max_patterns = 4
     reach = 2
     rounds = 2
 
@@ -168,9 +184,4 @@ def mean_around(plane: np.ndarray, reach: int) -> np.ndarray:
 
 
 #: Allowed values of the integrator's parameter ``adaptive`` -> policy; the default is first.
-POLICIES: dict[str, type[Policy]] = {"neighbours": Neighbours, "thesis": Thesis, "none": Policy, "graded": Graded}
-
-
-def policy_of(plan: Plan) -> Policy:
-    """Returns the adaptive-sampling policy of ``plan``."""
-    return POLICIES[plan.sampling.adaptive](plan)
+POLICIES: dict[str, type[Policy]] = {"neighbours": Neighbours, "thesis": Thesis, "none": Uniform, "graded": Graded}

@@ -11,9 +11,10 @@ import numpy as np
 from ..engine.error_target import mean
 from ..engine.render import Render
 from ..scene import rendering
+from .denoised import Denoised
 from .final_error import FinalError
 from .halves import HalvesDenoiser, check
-from .mixing import Denoised, unmixed
+from .mixing import unmixed
 
 
 def render(

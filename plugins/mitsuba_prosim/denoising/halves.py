@@ -11,8 +11,8 @@ import numpy as np
 from ..registry import create
 from ..sampling.hash import combine, hash32
 from ..transport.features import NAMES
-from .denoised import denoise_halves
-from .mixing import Denoised
+from .denoise import denoise_halves
+from .denoised import Denoised
 from .oidn import Denoiser
 
 #: Square root of the number of samples of a pixel's features.

@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..compat import double
-from .error import standard_error
+from .standard_error import standard_error
 
 #: Maximum brightness of a sample in the estimated error, so that the squares of N² samples are finite. Sums of 64 bits
 #: allow its square.

@@ -14,11 +14,11 @@ from ..alone import alone
 from ..compat import denormals_rounded, double, dr_array
 from ..sampling.hash import hash32
 from .accumulators import Accumulators
-from .error import displayed, in_display_units, variance
 from .estimator import Estimator
 from .film import film_values, put
 from .pixel_set import PixelSet
 from .plan import UNLIMITED, Plan, Rectangle, area, pixels, pixels_around, widened
+from .standard_error import displayed, in_display_units, variance
 from .tiles import Part, part_numbers
 
 #: RMS error of the displayed image (white = 1), the bounds of 99 and of 99.9 % of its pixels, and the upper bound of

@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .error import in_display_units, standard_error, variance
+from .standard_error import in_display_units, standard_error, variance
 
 
 class Policy:

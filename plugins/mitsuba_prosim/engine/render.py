@@ -13,13 +13,13 @@ import numpy as np
 
 from ..alone import alone
 from .checkpoint import Checkpoint
-from .error import in_display_units
 from .error_target import UNCERTAIN, ErrorTarget, mean
 from .estimator import Estimator
 from .film import film_values
 from .goal import Measure, Pass, goal_of
 from .image import Image, SecondImage
 from .plan import Plan
+from .standard_error import in_display_units
 from .tiles import Part
 from .tiny_lamps import sees_tiny_lamp
 from .work import Executor, Step, Steps, photon_batches, work_items

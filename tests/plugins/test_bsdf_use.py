@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drawing import curves
 from mitsuba_prosim.optics.nested import ambient_reflectance
-from scenes import FLAT, T, bitmap, camera, film, load_scene, slopes
+from scenes import FLAT, T, bitmap, camera, film, load_scene, only, slopes
 
 RGB = {"type": "rgb", "value": [0.2, 0.4, 0.6]}
 MATERIALS = {
@@ -15,8 +15,10 @@ MATERIALS = {
     "lambertian": {"type": "prosim_lambertian", "reflectance": RGB},
     "composite": {"type": "prosim_composite", "diffuse_reflectance": RGB, "alpha": 0.2},
     "phong": {"type": "prosim_phong", "diffuse_reflectance": RGB, "exponent": 20.0},
+    "coloured": {"type": "prosim_composite", "int_ior": {"type": "rgb", "value": [1.3, 1.8, 2.6]}, "alpha": 0.2},
     "literal": {"type": "prosim_phong", "diffuse_reflectance": RGB, "exponent": 20.0, "normalized": False},
 }
+SPECULAR = mi.BSDFFlags.DeltaReflection
 each = pytest.mark.parametrize("material", MATERIALS.values(), ids=MATERIALS)
 
 
@@ -35,6 +37,37 @@ def test_renders_in_every_variant(variant, material):
     size = 4 if variant == "scalar_rgb" else 16
     result = image(material, size=size)
     assert np.isfinite(result).all() and (result >= 0).all() and 0.05 < result.mean() < 0.6
+
+
+INDICES = {"type": "rgb", "value": [1.3, 1.8, 2.6]}
+
+
+@pytest.mark.parametrize("spectral", [False, True])
+@pytest.mark.parametrize(
+    "material, reflectance",
+    [
+        (
+            {"type": "prosim_composite", "diffuse_reflectance": 0.0, "int_ior": INDICES, "ext_ior": 1.0},
+            (0.0170, 0.1975),
+        ),
+        ({"type": "prosim_conductor", "eta": INDICES, "k": 0.0}, (0.0170, 0.1975)),
+        ({"type": "prosim_conductor", "eta": 0.2, "k": {"type": "rgb", "value": [4.0, 3.0, 2.0]}}, (0.9541, 0.8529)),
+    ],
+)
+def test_colours_of_indices_may_be_above_1(spectral, material, reflectance):
+    """At the wavelengths of r and b a spectral variant has the reflectances of r and b; Mitsuba's colours end at 1."""
+    mi.set_variant("llvm_ad_spectral" if spectral else "llvm_ad_rgb")
+    si = curves.interaction(mi.Vector3f(0, 0, 1))
+    if spectral:
+        si.wavelengths = mi.UnpolarizedSpectrum(635, 635, 437, 437)
+    weight = mi.load_dict(material).sample(only(SPECULAR), si, mi.Float(0.5), mi.Point2f(0.5))[1]
+    assert np.ravel(weight)[[0, -1]] == pytest.approx(reflectance, abs=2e-4)
+
+
+@pytest.mark.parametrize("int_ior", [-1.0, 0.0, {"type": "rgb", "value": [1.5, 0.0, 1.5]}, "wine"])
+def test_composite_refuses_impossible_indices(variant_rgb, int_ior):
+    with pytest.raises(RuntimeError, match='parameter "int_ior" is .*; allowed: .*> 0'):
+        mi.load_dict({"type": "prosim_composite", "int_ior": int_ior})
 
 
 @pytest.mark.parametrize("material", [MATERIALS["literal"], MATERIALS["conductor"] | {"multiple_scattering": True}])

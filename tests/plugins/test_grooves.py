@@ -135,7 +135,7 @@ def test_groove_has_derivatives_by_roughness(variant_rgb, monkeypatch, roughness
     def reflected(change, enabled=False):
         bsdf = material("conductor", roughness, value)
         parameters = mi.traverse(bsdf)
-        (key,) = (k for k in parameters if k.startswith(("alpha", "exponent")))
+        (key,) = (k for k, _ in parameters.items() if k.startswith(("alpha", "exponent")))
         width = mi.Float(value + change)
         if enabled:
             dr.enable_grad(width)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 
 from ..optics import facets, fresnel, grooves
-from ..optics.dispersion import index
+from ..optics.dispersion import index, optical_constant
 from ..optics.material import Evaluated, Pigmented, reflectance
 from ..parameters import constant_values, flag, for_message, reject
 from ..registry import plugin
@@ -34,14 +37,19 @@ class Composite(Pigmented):
          reduced to :math:`1 - k_d`. (Default: ``1 - diffuse_reflectance``)
        - |exposed|, |differentiable|
 
-     * - int_ior, ext_ior
+     * - int_ior
+       - |float|, |string|, |spectrum| or |texture|
+       - Index of refraction of the varnish, > 0, or a name such as ``water``. With a colour, each channel has its index.
+         (Default: ``polypropylene``)
+       - |exposed| and |differentiable| if it is a spectrum or a texture
+
+     * - ext_ior
        - |float| or |string|
-       - Indices of refraction of the varnish and of the medium outside, > 0, or names such as ``water``. (Default:
-         ``polypropylene``, ``air``)
+       - Index of refraction of the medium outside, > 0, or a name. (Default: ``air``)
 
      * - eta
        - |float|
-       - Relative index ``int_ior / ext_ior``: no parameter, but exposed.
+       - Relative index ``int_ior / ext_ior`` of a number or a name: no parameter, but exposed.
        - |exposed|, |differentiable|
 
      * - distribution
@@ -97,7 +105,11 @@ class Composite(Pigmented):
             'exponent': 50.0
     """
 
-    PARAMETERS = ("diffuse_reflectance", "specular_reflectance", "eta")
+    PARAMETERS = ("diffuse_reflectance", "specular_reflectance", "eta", "int_ior", "ext_ior")
+    #: The relative index if it is a number; otherwise the texture of the index inside, and the index outside.
+    eta: Any = None
+    int_ior: Any = None
+    ext_ior: Any = None
 
     def __init__(self, props: mi.Properties) -> None:
         conserves = known_to_conserve(props)  # before the parameters become textures
@@ -105,16 +117,23 @@ class Composite(Pigmented):
         self.is_limited = not conserves
         self.specular_reflectance = reflectance(props, "specular_reflectance")
         self.ambient = self.ambient or self.diffuse_reflectance
-        self.eta = mi.Float(index(props, "int_ior", "polypropylene") / index(props, "ext_ior", "air"))
-        dr.make_opaque(self.eta)
+        outside = index(props, "ext_ior", "air")
+        if isinstance(props.get("int_ior", ""), (int, float, str)):
+            self.eta = mi.Float(index(props, "int_ior", "polypropylene") / outside)
+            dr.make_opaque(self.eta)
+        else:
+            self.int_ior, self.ext_ior = optical_constant(props, "int_ior", 1.0, open_below=True), outside
         self.multiple_scattering = flag(props, "multiple_scattering")
 
-    def fresnel(self, cos: mi.Float) -> mi.Float:
-        """Returns the reflectance of the varnish for light at the cosine ``cos`` to a facet."""
-        return fresnel.interface(cos, self.eta).f
+    def reflected(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Callable[[mi.Float], Any]:
+        """Returns a function: the reflectance of the varnish for light at a given cosine to a facet."""
+        if self.int_ior is None:
+            return lambda cos: fresnel.interface(cos, self.eta).f
+        eta = self.int_ior.eval(si, active) / self.ext_ior
+        return lambda cos: mi.UnpolarizedSpectrum(*(fresnel.interface(cos, channel).f for channel in eta))
 
     def specular_weight(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        return self.specular_factor(si, active) * self.fresnel(si.wi.z)
+        return self.specular_factor(si, active) * self.reflected(si, active)(si.wi.z)
 
     def specular_sample(
         self, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
@@ -129,11 +148,11 @@ class Composite(Pigmented):
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
     ) -> Evaluated:
         width = self.roughness.eval_1(si, active)
-        ks = self.specular_factor(si, active)
+        ks, reflected = self.specular_factor(si, active), self.reflected(si, active)
         if self.multiple_scattering:
-            return grooves.reflect((si.wi, wo), self.distribution, width, self.fresnel, ks)
+            return grooves.reflect((si.wi, wo), self.distribution, width, reflected, ks)
         i_m, value, pdf = facets.torrance_sparrow(si.wi, wo, self.distribution, width)
-        return ks * self.fresnel(i_m) * value, pdf
+        return ks * reflected(i_m) * value, pdf
 
 
 def known_to_conserve(props: mi.Properties) -> bool:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from math import inf
 from pathlib import Path
 
 import drjit as dr
 import mitsuba as mi
 
 from ..optics import facets, fresnel, grooves
-from ..optics.dispersion import index
+from ..optics.dispersion import index, optical_constant
 from ..optics.material import Evaluated, Material, reflectance, roughness
 from ..optics.nested import parts
-from ..parameters import choice, constant_values, flag, for_message, reject
+from ..parameters import choice, flag, reject
 from ..registry import create, plugin
 
 #: Allowed values of the parameter ``fresnel`` -> the function that computes the reflectance.
@@ -181,11 +180,8 @@ def metal(props: mi.Properties) -> tuple[mi.Texture, mi.Texture]:
     for name in ("eta", "k"):
         if material != "none" and name in props:
             raise reject(props, name, props[name], f'no "{name}" together with "material", which is {material!r}')
-        values = constant_values(props, name)
-        if not all(0 <= v < inf for v in values):
-            raise reject(props, name, for_message(values), "finite numbers >= 0")
     if material == "none":
-        return props.get_unbounded_texture("eta", 0.0), props.get_unbounded_texture("k", 1.0)
+        return optical_constant(props, "eta", 0.0), optical_constant(props, "k", 1.0)
     try:
         conductor = create("conductor", material=material)
     except RuntimeError:

@@ -14,7 +14,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..parameters import number, reject
+from ..parameters import constant_values, for_message, number, reject
+from ..registry import create
 
 #: Wavelengths in nm of Fraunhofer's lines d, F and C. The Abbe number of a glass is V = (n_d - 1) / (n_F - n_C).
 D, F, C = 587.5618, 486.1327, 656.2725
@@ -163,6 +164,24 @@ def index(props: mi.Properties, name: str, default: float | str) -> float:
     if not 0 < result < inf:
         raise reject(props, name, value, "a number > 0 or a name from Mitsuba's table of indices")
     return result
+
+
+def optical_constant(props: mi.Properties, name: str, default: float, open_below: bool = False) -> mi.Texture:
+    """Returns the parameter ``name``, an index of refraction or an extinction coefficient, as a texture; ``default`` is
+    its value if it is missing. Raises ValueError if a constant value is below 0 or not finite, or, with ``open_below``,
+    if it is 0.
+
+    In spectral variants, Mitsuba makes a reflectance of a colour, which is at most 1. So a colour with a channel above
+    1 is interpolated linearly between the wavelengths :data:`RGB`.
+    """
+    values = constant_values(props, name)
+    if not all((0 < v if open_below else 0 <= v) and v < inf for v in values):
+        raise reject(props, name, for_message(values), f"finite numbers {'>' if open_below else '>='} 0")
+    if mi.is_spectral and len(values) == 3 and max(values) > 1 and not hasattr(props[name], "values"):
+        r, g, b = values
+        wavelengths = ", ".join(map(str, (360.0, *RGB[::-1], 830.0)))
+        return create("irregular", wavelengths=wavelengths, values=f"{b}, {b}, {g}, {r}, {r}")
+    return props.get_unbounded_texture(name, default)
 
 
 def read_index(props: mi.Properties, side: str, default: str) -> float | Dispersion:

@@ -119,11 +119,13 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> N
     elif surface.material == "lambertian":
         node = {"type": "prosim_lambertian", "reflectance": textured(kd)}
     elif surface.material == "composite":
+        per_channel = surface.eta is not None and len(set(surface.eta)) > 1  # a coat refracts no ray
         node = {
             "type": "prosim_composite",
             "diffuse_reflectance": textured(kd),
             "specular_reflectance": rgb(ks),
-            **mean_indices(context, sides),
+            "int_ior": rgb(surface.eta or ()) if per_channel else mean_index(context, sides.inside),
+            "ext_ior": mean_index(context, sides.outside),
             **rough,
         }
     else:

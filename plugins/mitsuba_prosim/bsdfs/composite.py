@@ -39,8 +39,8 @@ class Composite(Pigmented):
 
      * - int_ior
        - |float|, |string|, |spectrum| or |texture|
-       - Index of refraction of the varnish, > 0, or a name such as ``water``. With a colour, each channel has its index.
-         (Default: ``polypropylene``)
+       - Index of refraction of the varnish, > 0, or a name such as ``water``. With a colour, each channel has its
+         index. (Default: ``polypropylene``)
        - |exposed| and |differentiable| if it is a spectrum or a texture
 
      * - ext_ior

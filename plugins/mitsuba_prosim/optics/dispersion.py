@@ -175,7 +175,7 @@ def optical_constant(props: mi.Properties, name: str, default: float, open_below
     1 is interpolated linearly between the wavelengths :data:`RGB`.
     """
     values = constant_values(props, name)
-    if not all((0 < v if open_below else 0 <= v) and v < inf for v in values):
+    if not all(0 <= v < inf and (v > 0 or not open_below) for v in values):
         raise reject(props, name, for_message(values), f"finite numbers {'>' if open_below else '>='} 0")
     if mi.is_spectral and len(values) == 3 and max(values) > 1 and not hasattr(props[name], "values"):
         r, g, b = values

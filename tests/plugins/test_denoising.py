@@ -2,6 +2,7 @@
 
 import functools
 import sys
+from dataclasses import replace
 
 import mitsuba as mi
 import mitsuba_prosim
@@ -15,7 +16,7 @@ from mitsuba_prosim.denoising.pyramid import average, blur
 from mitsuba_prosim.live import picture as live_picture
 from mitsuba_prosim.live import progressive_image
 from mitsuba_prosim.sampling.hash import combine, hash32
-from scenes import T, area, camera, diffuse, film, load_scene, penumbra, rectangle, rgb
+from scenes import COPPER, T, area, camera, diffuse, film, load_scene, penumbra, rectangle, rgb
 from test_record import Elsewhere
 
 SIZES = [(1, 1), (3, 17), (64, 48)]
@@ -367,6 +368,19 @@ def cornell(size, **settings):
     nested = {"type": "path", "max_depth": 6}
     scene["integrator"] = {"type": "prosim_adaptive", "nested": nested, "samples": 3} | settings
     return scene | {"sensor": scene["sensor"] | {"film": film(size, pixel_format="rgb")}}
+
+
+def test_measured_error_changes_neither_image_nor_target(variant_rgb, denoiser):
+    """The denoiser answers; the goal of the render stores the answer."""
+    final, render = done(mi.load_dict(penumbra(COPPER, size=24, type="prosim", noise=0.02)))
+    image, target = render.state, render.target
+    assert render.second.complete and image.estimates == []
+    before = dict(vars(image)), dict(vars(target))
+    for limit in (0.015, 0.003):
+        answer = final.error(image, render.second, replace(target, limits=(limit, 0, 0)))
+        assert answer.noise[0] > 0
+    assert answer.sample_ratio > 1
+    assert (vars(image), vars(target)) == before and image.estimates == []
 
 
 @pytest.mark.slow

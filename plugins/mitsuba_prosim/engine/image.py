@@ -30,7 +30,7 @@ class Image(PixelSet):
     """The state of an image in progress: the accumulators of all pixels, and the state of adaptive sampling.
 
     The n-th sample of a pixel does not depend on the order in which samples are taken, so the image depends only on the
-    number of samples of each pixel. A :class:`.Checkpoint` stores a film state in a file. ``part`` is the part of the
+    number of samples of each pixel. A :class:`.Checkpoint` stores this state in a file. ``part`` is the part of the
     image that is rendered; None for the whole image.
     """
 

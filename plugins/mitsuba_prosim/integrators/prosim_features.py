@@ -54,7 +54,13 @@ class ProsimFeatures(mi.SamplingIntegrator):
         return list(features.NAMES)
 
     def render(
-        self, scene: mi.Scene, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0, *arguments: Any
+        self,
+        scene: mi.Scene,
+        sensor: int | mi.Sensor = 0,
+        seed: int | mi.UInt32 = 0,
+        spp: int = 0,
+        *arguments: Any,
+        **more: Any,
     ) -> mi.TensorXf:
         """Renders the albedo and the normals. This method holds a lock, so that no other thread renders with this
         package at the same time.
@@ -62,7 +68,7 @@ class ProsimFeatures(mi.SamplingIntegrator):
         check_samples(scene.sensors()[sensor] if isinstance(sensor, int) else sensor, spp)
         with alone():  # all renders share the film
             try:
-                return super().render(scene, sensor, seed, spp, *arguments)
+                return super().render(scene, sensor, seed, spp, *arguments, **more)
             finally:
                 take_back_interrupts()
 

@@ -118,7 +118,7 @@ TEXTURES = {
     "mean": (IMAGE, {"mean": lambda v: v * 1.1}),
     "eval_1": (IMAGE, {"eval_1": lambda v, si: v * 1.1}),
     "not_varying": (IMAGE, {"is_spatially_varying": lambda v: False}),
-    "max": (IMAGE, {"max": lambda v: v * 0.5}),
+    "gradient": (IMAGE, {"eval_1_grad": lambda v: v * 0.5}),
 }
 
 PHASES = {
@@ -193,7 +193,7 @@ def emitter(plugin, change):
 
 def texture(plugin, change):
     methods = dict.fromkeys(("eval", "eval_1", "eval_3"), (0,))
-    others = ("mean", "max", "is_spatially_varying", "resolution", "sample_position", "pdf_position")
+    others = ("mean", "max", "is_spatially_varying", "resolution", "eval_1_grad", "sample_position", "pdf_position")
     return wrapper(mi.Texture, plugin, change, methods | dict.fromkeys(others, ()))
 
 

@@ -165,7 +165,7 @@ class Dielectric(Material):
             t = t * dr.square(dr.rcp(face.eta_it))
         return mi.UnpolarizedSpectrum(dr.select(reflected, face.f * r, (1 - face.f) * t))
 
-    def albedo(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
+    def directional_albedo(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         f = fresnel.interface(mi.Float(1), self.indices.etas(si)[0]).f
         r, t = (
             mi.UnpolarizedSpectrum(1) if texture is None else texture.eval(si, active)

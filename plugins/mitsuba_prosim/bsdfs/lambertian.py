@@ -69,5 +69,5 @@ class Lambertian(Material):
         pdf = mi.warp.square_to_cosine_hemisphere_pdf(wo)
         return self.reflectance.eval(si, active) * pdf, pdf
 
-    def albedo(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
+    def directional_albedo(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         return self.reflectance.eval(si, active)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -66,49 +67,56 @@ class Report:
         expected: Any,
         where: Any = None,
         *,
-        tolerance: float = 0.01,
-        share: float = 0.005,
-        floor: float = 1e-4,
+        on: Any = None,
         worst: str = FAILS,
+        **limits: float,
     ) -> None:
-        """Adds the result of comparing two arrays of shape (..., n).
+        """Adds the result of comparing two arrays of shape (..., n), in the columns ``on``.
 
-        Values differ if their difference is above ``tolerance`` times the larger one, and above ``floor`` times the
-        mean of ``expected``. Not more than the ``share`` of the n columns may differ, because a few inputs lie where
-        single precision is coarse. ``where(i)`` describes column i. ``worst`` is the verdict if too many differ.
+        Values differ if their difference is above ``tolerance`` (0.02) times the larger one, and above ``floor`` (1e-4)
+        times the mean of ``expected``. Not more than the ``share`` (0.005) of the columns may differ, because a few
+        inputs lie where single precision is coarse. ``where`` is a text, or a function that describes column i.
+        ``worst`` is the verdict if too many differ.
         """
-        values, expected = (
-            np.atleast_2d(np.asarray(one, dtype=float)) for one in np.broadcast_arrays(values, expected)
-        )
-        if not expected.size:
-            return
+        tolerance, floor, share = ({"tolerance": 0.02, "floor": 1e-4, "share": 0.005} | limits).values()
+        values, expected = (np.atleast_2d(np.asarray(v, dtype=float)) for v in np.broadcast_arrays(values, expected))
         both = ~np.isfinite(values) & ~np.isfinite(expected)  # another test reports these
         values, expected = np.where(both, 0, values), np.where(both, 0, expected)
-        larger = np.maximum(np.abs(values), np.abs(expected))
-        scale = floor * np.nanmean(np.minimum(np.abs(expected), 1e6)) + 1e-12
-        difference = np.abs(values - expected)
-        off = ~(difference <= np.maximum(tolerance * larger, scale)).all(axis=0)
-        if off.mean() <= share:
-            self.add(test, statistic=f"{off.size} values agree")
+        on = np.ones(values.shape[1], dtype=bool) if on is None else np.asarray(on)
+        if not on.any():
             return
-        relative = np.where(off, (difference / np.maximum(larger, 1e-30)).max(axis=0), 0)
-        i = int(np.argsort(np.where(off, relative, np.inf))[off.sum() // 2])
+        larger, difference = np.maximum(np.abs(values), np.abs(expected)), np.abs(values - expected)
+        scale = floor * np.nanmean(np.minimum(np.abs(expected[:, on]), 1e6)) + 1e-12
+        off = on & ~(difference <= np.maximum(tolerance * larger, scale)).all(axis=0)
+        if off.sum() <= share * on.sum():
+            self.add(test, statistic=f"{on.sum()} values agree")
+            return
+        i = self._median(off, (difference / np.maximum(larger, 1e-30)).max(axis=0))
         channel = int(np.argmax(difference[:, i]))
         numbers = f"{values[channel, i]:.4g} instead of {expected[channel, i]:.4g}"
-        text = f"{numbers}; {off.mean():.1%} of {off.size} differ"
-        self.add(test, worst, text, where(i) if where else "")
+        self.add(test, worst, f"{numbers}; {off.sum() / on.sum():.1%} of {on.sum()} differ", _place(where, i))
 
     def require(
-        self, test: str, right: Any, statistic: str = "", where: Any = None, share: float = 0.0, worst: str = FAILS
-    ) -> None:
-        """Adds the result of a condition: ``right`` is an array of n booleans, of which the ``share`` may be false."""
-        right = np.atleast_1d(np.asarray(right))
-        wrong = np.flatnonzero(~right)
-        if len(wrong) <= share * right.size:
+        self, test: str, right: Any, statistic: str = "it is not", where: Any = None, *, on: Any = True,
+        share: float = 0.0, worst: str = FAILS,
+    ) -> None:  # fmt: skip
+        """Adds the result of a condition: ``right`` is an array of shape (..., n) of booleans, which is tested in the
+        columns ``on``; the ``share`` of them may be false.
+        """
+        right = np.atleast_2d(np.asarray(right)).all(axis=0)
+        on = np.broadcast_to(on, right.shape)
+        wrong = on & ~right
+        if wrong.sum() <= share * on.sum():
             self.add(test)
             return
-        place = where(int(wrong[len(wrong) // 2])) if where else ""
-        self.add(test, worst, f"{statistic} ({len(wrong)} of {right.size})" if right.size > 1 else statistic, place)
+        count = f" ({wrong.sum()} of {on.sum()})" if on.sum() > 1 else ""
+        self.add(test, worst, statistic + count, _place(where, self._median(wrong, np.arange(wrong.size))))
+
+    @staticmethod
+    def _median(chosen: np.ndarray, order: np.ndarray) -> int:
+        """The column in the middle of the chosen ones."""
+        columns = np.flatnonzero(chosen)
+        return int(columns[np.argsort(order[columns])[len(columns) // 2]])
 
     def finish(self) -> Report:
         """Decides the statistical tests together (Šidák's correction); returns this report."""
@@ -150,8 +158,14 @@ class Report:
 
     def write_pictures(self, folder: Path) -> list[Path]:
         """Writes a PNG image of density and histogram for each failed chi-squared test; returns their paths."""
+        if find_spec("matplotlib") is None:
+            return []
         wrong = [result for result in self.results if result.verdict == FAILS and result.picture is not None]
         return [_picture(result, folder / f"check-{self.plugin}-{i}.png") for i, result in enumerate(wrong)]
+
+
+def _place(where: Any, i: int) -> str:
+    return where(i) if callable(where) else where or ""
 
 
 def _picture(result: Result, path: Path) -> Path:

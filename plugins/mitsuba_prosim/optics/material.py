@@ -148,13 +148,13 @@ class Material(mi.BSDF):
         """Returns the density with which :meth:`sample` samples ``wo``; the arguments are those of :meth:`eval_pdf`."""
         return self.eval_pdf(*args, **kwargs)[1]
 
-    def albedo(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
+    def directional_albedo(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         """Returns the colour of the surface, for denoisers: the same from all directions."""
         raise NotImplementedError
 
     def eval_diffuse_reflectance(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
         """Returns the colour of the surface, in [0, 1], also for a material without a diffuse component."""
-        return mi.depolarizer(dr.clip(self.albedo(si, active), 0, 1))
+        return mi.depolarizer(dr.clip(self.directional_albedo(si, active), 0, 1))
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
         expose(callback, **self.parameters())
@@ -289,7 +289,7 @@ class Pigmented(Material):
         value -= dr.detach(dr.select(value > LEAST_WEIGHT * pdf * wo.z, 0, value))
         return value, pdf
 
-    def albedo(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
+    def directional_albedo(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         return self.diffuse_reflectance.eval(si, active)
 
 

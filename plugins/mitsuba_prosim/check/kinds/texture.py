@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..report import NOTE, OK, Report
-from ..statistics import chi_squared, spectrum, uniform_inputs
+from ..statistics import chi_squared, rows, uniform_inputs
 from ..subject import Subject
 
 #: Number of places.
@@ -36,8 +36,7 @@ def places(seed: int = 1, n: int = INPUTS) -> np.ndarray:
 
 def colours(texture: Any, uv: np.ndarray) -> np.ndarray:
     """eval() at places, shape (channels, n)."""
-    value = spectrum(texture.eval(at(mi.Point2f(uv))))
-    return np.broadcast_to(value, (value.shape[0], uv.shape[1]))
+    return rows(texture.eval(at(mi.Point2f(uv))), uv.shape[1])
 
 
 def where(uv: np.ndarray) -> Callable[[int], str]:
@@ -49,7 +48,7 @@ def test_methods(subject: Subject, report: Report) -> None:
     """eval_3() is eval(); eval_1() is eval() where it is grey, and its luminance elsewhere."""
     texture, uv = subject.load(), places()
     value = colours(texture, uv)
-    report.require("eval() is finite", np.isfinite(value).all(axis=0), "it is not", where(uv))
+    report.require("eval() is finite", np.isfinite(value).all(axis=0), where=where(uv))
     if "rgb" in (mi.variant() or ""):
         try:
             report.equal("eval_3() = eval()", np.array(texture.eval_3(at(mi.Point2f(uv)))), value, where(uv))
@@ -77,7 +76,7 @@ def test_mean_and_max(subject: Subject, report: Report) -> None:
     texture, side = subject.load(), 512
     grid = (np.indices((side, side)).reshape(2, -1) + places(3, side * side)).astype(np.float32) / side
     value = colours(texture, grid)
-    if "rgb" in (mi.variant() or ""):
+    if "rgb" in (mi.variant() or "") and "to_uv" not in subject.props:
         means = [value.mean(), float((np.array([0.212671, 0.715160, 0.072169]) @ value).mean())]
         found = float(np.array(texture.mean()).ravel()[0])
         nearest = min(means, key=lambda mean: abs(mean - found))
@@ -107,7 +106,7 @@ def test_positions(subject: Subject, report: Report) -> None:
     texture = subject.load()
     uv, pdf = texture.sample_position(mi.Point2f(places(5)))
     stated = np.broadcast_to(np.array(texture.pdf_position(uv)), INPUTS)
-    report.equal("pdf of a place = pdf_position()", np.array(pdf), stated, tolerance=0.02)
+    report.equal("pdf of a place = pdf_position()", np.array(pdf), stated)
     domain = PlanarDomain(mi.ScalarBoundingBox2f([0, 0], [1, 1]))
 
     def sample(u: Any) -> Any:
@@ -142,12 +141,15 @@ def test_wavelengths(subject: Subject, report: Report) -> None:
         return
     try:
         subject.set_variant(variant)
-        texture = subject.load()
+        try:
+            texture = subject.load()
+        except RuntimeError:
+            return  # for example, data of another variant
         si = at(mi.Point2f(places(7)))
         wavelengths, weight = texture.sample_spectrum(si, mi.sample_shifted(mi.Float(places(8)[0])))
         si.wavelengths = wavelengths
-        pdf, value = spectrum(texture.pdf_spectrum(si)), spectrum(texture.eval(si))
-        report.equal("weight of a wavelength = eval() / pdf_spectrum()", spectrum(weight) * pdf, value, tolerance=0.02)
+        pdf, value = rows(texture.pdf_spectrum(si), INPUTS), rows(texture.eval(si), INPUTS)
+        report.equal("weight of a wavelength = eval() / pdf_spectrum()", rows(weight, INPUTS) * pdf, value)
 
         def sample(u: Any) -> Any:
             points = dr.zeros(mi.SurfaceInteraction3f, dr.width(u))

@@ -90,3 +90,46 @@ def test_composite_has_an_index_for_each_channel(variant_rgb, write_scene, recwa
     np.testing.assert_allclose(np.ravel(weight), ((n - 1) / (n + 1)) ** 2, rtol=1e-5)
     with pytest.warns(prosim_scene.SceneWarning, match="n-refr differs between channels"):
         assert translated(write_scene, surface, "stock")["int_ior"] == pytest.approx(n.mean())
+
+
+BRIGHT = "TEXTURE t-a stripes color0 = 2 1 1 color1 = 0 0 0 "
+
+
+@pytest.mark.parametrize(
+    "variant, material, slots",
+    [("llvm_ad_rgb", "material lambertian kd = .5", slots) for slots in ("t-a", "t-a t-a", "grey.png", "grey.png t-a")]
+    + [
+        ("llvm_ad_rgb", "kd = .5", ""),
+        ("llvm_ad_spectral", "kd = .5", ""),
+        ("llvm_ad_spectral", "kd = .5", "NULL t-a"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+def test_ka_above_1_keeps_its_light(variant, write_scene, tmp_path, material, slots):
+    """ka = 3 is as bright as ka = 1 in three times the ambient light, with any textures; before, ka ended at 1."""
+    mi.set_variant(variant)
+    mi.Bitmap(np.full((4, 4, 3), 128, np.uint8)).write(str(tmp_path / "grey.png"))
+    images = []
+    for ka, ambient in (1, 19660.5), (3, 6553.5):
+        text = f"AMBIENT {ambient} {ambient} {ambient} NSAMPLES 2 VIEW RESOLUTION 8 8 WINDOW -.4 -.4 .4 .4 EYE 0 0 9"
+        text += (
+            f" {BRIGHT} CSG-TREE CUBE 0 {slots} SURFACE 0 {material} ka = {ka} TRANSFORM 0 TRANSLATE (-.5 -.5 -1) END"
+        )
+        path = prosim_scene.translate(write_scene(text))
+        images.append(np.array(mi.render(mi.load_file(str(path), parallel=False), seed=1)))
+    np.testing.assert_allclose(*images, rtol=2e-3)
+    if not slots and variant == "llvm_ad_rgb":
+        np.testing.assert_allclose(images[1], 0.3, rtol=1e-4)
+
+
+@pytest.mark.parametrize("target", ["prosim", "stock"])
+@pytest.mark.parametrize(
+    "kd, slots, clipped",
+    [(1, "t-a", True), (0.6, "NULL t-a", True), (0.4, "t-a t-a", True), (0.4, "NULL t-a", False), (1, "", False)],
+)
+def test_kd_above_1_is_clipped_with_a_warning(write_scene, recwarn, kd, slots, clipped, target):
+    text = "TEXTURE t-a stripes color0 = 2 1 1 color1 = 2 1 1\nLIGHTS POINT position 0 0 9\n"
+    text += f"CSG-TREE + CUBE 0 {slots} CUBE 0 {slots}\nSURFACE 0\n  kd = {kd}\nTRANSFORM 0 END"
+    prosim_scene.load(write_scene(text), target=target)
+    found = [str(one.message) for one in recwarn if "is clipped to 1" in str(one.message)]
+    assert [":5:" in one and "kd times a texture is above 1" in one for one in found] == [True] * clipped

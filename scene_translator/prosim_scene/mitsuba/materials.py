@@ -101,9 +101,9 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> N
     surface = context.scene.surfaces[leaf.index]
     (kd, ks, ka), rough = reflectances(surface), roughness_parameters(surface)
 
-    def textured(color: Vector) -> Node:
-        """Returns the reflectance ``color`` multiplied by the textures of the primitive."""
-        return textures.reflectance(context, number, leaf, effective_textures(leaf, surface), color)
+    def textured(name: str, color: Vector) -> Node:
+        """Returns the reflectance ``color``, which is kd or ka, multiplied by the textures of the primitive."""
+        return textures.reflectance(context, number, leaf, effective_textures(leaf, surface), name, color)
 
     if surface.material == "conductor":
         node: Node = {"type": "prosim_conductor", "ext_ior": mean_index(context, sides.outside), **rough}
@@ -117,24 +117,24 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> N
         node |= {f"ext_{name}": value for name, value in outside.items()}
         node |= rough if inside != outside else {}  # the roughness of a face between equal media has no effect
     elif surface.material == "lambertian":
-        node = {"type": "prosim_lambertian", "reflectance": textured(kd)}
+        node = {"type": "prosim_lambertian", "reflectance": textured("kd", kd)}
     elif surface.material == "composite":
         per_channel = surface.eta is not None and len(set(surface.eta)) > 1  # a coat refracts no ray
         node = {
             "type": "prosim_composite",
-            "diffuse_reflectance": textured(kd),
+            "diffuse_reflectance": textured("kd", kd),
             "specular_reflectance": rgb(ks),
             "int_ior": rgb(surface.eta or ()) if per_channel else mean_index(context, sides.inside),
             "ext_ior": mean_index(context, sides.outside),
             **rough,
         }
     else:
-        node = {"type": "prosim_phong", "diffuse_reflectance": textured(kd), "specular_reflectance": rgb(ks)}
+        node = {"type": "prosim_phong", "diffuse_reflectance": textured("kd", kd), "specular_reflectance": rgb(ks)}
         if (exponent := phong_exponent(surface)) is not None:
             node["exponent"] = exponent
     # The parameter is left out if it has the plugin's default: kd for lambertiano and composto, else black.
     if any(ka) if surface.material not in ("lambertian", "composite") else surface.ka is not None:
-        node["ambient"] = textured(ka)
+        node["ambient"] = textured("ka", ka)
     return node
 
 

@@ -156,6 +156,8 @@ def surface(context: Context, number: int, leaf: Leaf, sides: materials.MediumIn
         elif texture and texture.name is not None:
             _approximate(context, "the mean colour of a pattern replaces it", *path)
             factor = factor * _mean_color(*textures.parameters(scene, texture.name, slot == 1))
+    if image is None and max(factor * kd) > 1:
+        context.warn_once(textures.CLIPPED, "surfaces", leaf.index, "kd")
     result = {
         "bsdf": _bsdf(context, leaf.index, surface, sides, image or rgb_clipped(factor * kd), ks),
         **materials.media(context, sides),

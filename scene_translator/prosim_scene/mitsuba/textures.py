@@ -12,7 +12,7 @@ import numpy as np
 
 from ..geometry.transforms import matrices
 from ..model import Leaf, Scene, Texture
-from ..nodes import Node, rgb_clipped
+from ..nodes import Node, rgb, rgb_clipped
 from .translation_context import Context
 
 #: Kind of a pattern -> the defaults of its parameters. Colours are factors of ka and kd. Lengths are in (u, v) on a
@@ -43,6 +43,9 @@ STRIPES_AXIS = {False: (0.0, 1.0, 0.0), True: (0.0, 0.0, 1.0)}
 
 COLORS = ("brick", "mortar", "color0", "color1")
 
+#: The warning about diffuse reflectances above 1.
+CLIPPED = "kd times a texture is above 1, and is clipped to 1; reduce kd, or the colours of the texture"
+
 #: A function that converts a factor (r, g, b) of a pattern to a colour or to a nested texture.
 Colored = Callable[[Sequence[float]], Node]
 
@@ -59,17 +62,27 @@ def parameters(scene: Scene, name: str, solid: bool) -> tuple[str, dict[str, Any
 
 
 def reflectance(
-    context: Context, number: int, leaf: Leaf, slots: Sequence[Texture | None], color: Sequence[float]
+    context: Context, number: int, leaf: Leaf, slots: Sequence[Texture | None], name: str, color: Sequence[float]
 ) -> Node:
     """Returns the reflectance ``color`` of a primitive multiplied by the primitive's two textures, as an rgb dictionary
-    or a (nested) texture. The products of ``color`` with the colours of patterns are clipped to at most 1.
+    or a (nested) texture.
 
     The primitive is ``leaf``, node ``number`` of the CSG tree. ``slots`` are the surface texture and the solid texture
-    of the primitive, each None if the slot is empty. ``color`` (r, g, b) is the primitive's ambient reflectance ka or
-    its diffuse reflectance kd.
+    of the primitive, each None if the slot is empty. ``color`` (r, g, b) is the primitive's ambient reflectance or its
+    diffuse reflectance, and ``name`` is "ka" or "kd". The products of kd with the colours of patterns are clipped to at
+    most 1, with a warning; ka has no limit, because ambient light has no energy.
     """
     surface_texture, solid_texture = slots
     scene = context.scene
+
+    def limited(product: np.ndarray) -> Node:
+        """Returns the dictionary of the colour ``product``, clipped if it is a diffuse reflectance."""
+        if (largest := max(product)) <= 1:
+            return rgb(product)
+        if name == "ka":  # Mitsuba's colours are at most 1
+            return {"type": "prosim_product", "a": float(largest), "b": rgb(np.divide(product, largest))}
+        context.warn_once(CLIPPED, "surfaces", leaf.index, "kd")
+        return rgb_clipped(product)
 
     def inner(factor: Sequence[float]) -> Node:
         """Returns the primitive's reflectance ``color`` multiplied by ``factor`` and by the primitive's solid texture,
@@ -77,8 +90,8 @@ def reflectance(
         """
         product = np.multiply(color, factor)
         if solid_texture is None:
-            return rgb_clipped(product)
-        node = pattern(scene, solid_texture, True, lambda other_factor: rgb_clipped(product * other_factor))
+            return limited(product)
+        node = pattern(scene, solid_texture, True, lambda other_factor: limited(product * other_factor))
         return node | {"solid": True, "to_local": np.linalg.inv(matrices([scene.transforms[leaf.index]])[0])}
 
     if surface_texture is None:

@@ -44,6 +44,14 @@ class Context:
             self.reported.add(reason)
             self.document.warn(reason, *path)
 
+    def warn_once(self, reason: str, *path: str | int) -> None:
+        """Emits a warning about the line of the value at ``path``; a second warning with the same ``reason`` about the
+        same line is not emitted.
+        """
+        if (key := f"{self.document.line(*path)}: {reason}") not in self.reported:
+            self.reported.add(key)
+            self.document.warn(reason, *path)
+
     def read_mesh(self, name: str, *path: str | int) -> Primitive:
         """Returns the solid of the mesh file ``name``. Raises SceneError if the option ``allow_outside`` forbids the
         file's folder, or if the file cannot be read or has no closed mesh. Warns of overlaps in the mesh.

@@ -19,7 +19,7 @@ def test_the_raw_image_is_never_lost(scene):
     exr, png = scene.with_suffix(".exr"), scene.with_suffix(".png")
     scene.write_text(OURS.replace('<film type="hdrfilm">', '<film type="hdrfilm"><rfilter type="box"/>'))
     printed = done("render", scene, "--denoise", "--seed", 3).stdout
-    assert "denoised: noise about" in printed and "box filter" not in printed
+    assert "denoised: error about" in printed and "box filter" not in printed
     file = OpenEXR.File(str(exr))
     channels = {name: channel.pixels for name, channel in file.channels().items()}
     assert set(channels) == {"RGB", "raw", "denoised", "error.Y", "error_raw.Y", "error_denoised.Y"}
@@ -57,7 +57,7 @@ def test_a_denoised_render_continues_with_another_limit(scene):
     assert " of 0.001" in done("resume", scene.with_suffix(".state.npz"), "--noise", 0.001).stdout
     done("render", scene, "--denoise", "--checkpoint", "--noise", 0.5, "--resolution", "128x64")
     printed = done("resume", scene.with_suffix(".state.npz"), "--time", 0.05).stdout
-    assert "not denoised: the raw image is within the limit" in printed
+    assert "not denoised: the image reached 0.5 without denoising" in printed
 
 
 def test_time_that_is_left_for_the_denoiser_ends_a_render(scene):

@@ -206,14 +206,16 @@ def test_noise_with_any_integrator(scene, integrator, wrapped):
     printed, found = done("render", scene, "--noise", 0.02).stdout, metadata(scene)
     assert f"{wrapped} within prosim_adaptive" in printed if wrapped else "within" not in printed
     assert float(found["noise"]) <= 0.02 and found["ended"] == "noise" and "adaptive = graded" in found["integrator"]
-    assert f" of 0.02, {float(found['samples']):.1f} samples a pixel" in printed
+    bound = f"(95 %: below {float(found['noise_at_most']):.3g})"
+    error = f"error {float(found['noise']):.2g} of 0.02 {bound}"
+    assert f"{error}, {float(found['samples']):.1f} samples a pixel" in printed
 
 
 def test_the_report_says_what_ended_it(noisy):
     for options, ended, says in [
         (["--noise", 1e-6, "--max-samples", 50], "samples", "ended by the maximum number of samples per pixel, 50"),
-        (["--noise-99", 0.2, "--noise", 0.1], "noise", ", noise of 99 % of the pixels 0."),
-        (["--noise", 1e-6, "--time", 0.2], "time", "s of 0.2, ended by the time"),
+        (["--noise-99", 0.2, "--noise", 0.1], "noise", ", error of 99 % of the pixels 0."),
+        (["--noise", 1e-6, "--time", 0.2], "time", "reached the time limit at error below 0."),
     ]:
         assert says in done("render", noisy, *options).stdout and metadata(noisy)["ended"] == ended
 
@@ -221,7 +223,7 @@ def test_the_report_says_what_ended_it(noisy):
 def test_time_alone_says_what_the_noise_is_at_most(noisy, variant_rgb):
     """It is about what N-rook samples come to in the end, or some times as much, and never known from one sample."""
     printed = done("render", noisy, "--time", 1000, "--max-samples", 20).stdout
-    assert re.search(r"\nnoise at most about 0\.0\d+ .*, 20\.0 samples a pixel", printed)
+    assert re.search(r"\nerror at most about 0\.0\d+ .*, 20\.0 samples a pixel", printed)
     loaded = mi.load_string(scene_text(ADAPTIVE_PATH, LIT_FLOOR))
     integrator = loaded.integrator()
     integrator.noise, integrator.adaptive = 0.001, "graded"

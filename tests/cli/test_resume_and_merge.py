@@ -61,7 +61,7 @@ def test_another_target_and_another_place(lamp, tmp_path):
     lamp.rename(moved / "lamp.xml")
     refused("scene.xml does not exist, nor does the folder of", "resume", tmp_path / "a.state.npz")
     report = done("resume", tmp_path / "a.state.npz", "--noise", 0.02, "--scene", moved / "lamp.xml", "-o", moved / "b")
-    assert re.search(r"noise 0\.0\d+ of 0\.02", report.stdout)
+    assert re.search(r"error 0\.0\d+ of 0\.02", report.stdout)
     third = moved.rename(tmp_path / "third")  # beside the state it is found
     report = done("resume", third / "b.state.npz", "--max-samples", 400, "--noise", 1e-9)
     assert "maximum number of samples per pixel, 400" in report.stdout
@@ -105,7 +105,7 @@ def test_parts_make_the_image_and_it_is_continued(lamp, tmp_path, monkeypatch):
     assert alike(tmp_path / "whole", tmp_path / "a b")
     # All that a small noise begins with is in the parts.
     report = done("resume", tmp_path / "a b.state.npz", "-o", tmp_path / "on", "--noise", 5e-5, "--adaptive", "graded")
-    assert re.search(r"noise \S+ of 5e-05", report.stdout)
+    assert re.search(r"error \S+ of 5e-05", report.stdout)
     refused("all parts of an image have one target", "resume", second, "--noise", 0.01)
     with monkeypatch.context() as patch:
         die_after(patch, 2)

@@ -13,8 +13,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings
-from mitsuba_prosim.cli.report import summary
 from mitsuba_prosim.compat import take_back_interrupts
+from mitsuba_prosim.denoising.verdict import verdict
 from mitsuba_prosim.engine.tiny_lamps import sees_tiny_lamp
 from mitsuba_prosim.engine.work import Executor
 from scenes import COPPER, CROP, alone, loaded, penumbra, rgb, sphere_lamp
@@ -319,9 +319,10 @@ def test_the_noise_is_uncertain_if_few_pixels_have_most_of_it(variant_rgb):
     tiny, wide = (mi.load_dict(penumbra(size=96, type="prosim", noise=0.1) | lamp) for lamp in (bright, {}))
     glossy = (mi.load_dict(penumbra(COPPER) | lamp) for lamp in (bright, {}))
     assert [sees_tiny_lamp(scene, scene.sensors()[0]) for scene in (tiny, *glossy)] == [False, True, False]
-    for far, other in ((reached(tiny, seed), reached(wide, seed)) for seed in range(3)):
-        assert f"uncertain: it may be {far.noise_at_most:.2g}" in summary(tiny.integrator(), far, "noise")
-        assert not other.uncertain
+    for seed in range(3):
+        far = tiny.integrator().progressive(tiny, seed=seed).run()
+        assert f"uncertain: it may be {far.reached.noise_at_most:.2g}" in verdict(far)
+        assert not reached(wide, seed).uncertain
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,9 @@ class Job:
         POSITIVE, "Stop when the RMS error of the displayed image is below this (white = 1); 0.01 is usual."
     )
     time: float | None = _quality(POSITIVE, "Stop after this many seconds, at the latest.")
-    spp: int | None = _quality(Integer(1, 2**24), "Samples per pixel.", show_default=BY_SCENE)
+    spp: int | None = _quality(
+        Integer(1, 2**24), "Samples of each pixel, whatever target the scene has.", show_default=BY_SCENE
+    )
     denoise: bool = _quality(None, "Denoise the image; --noise then limits the error of the denoised image.")
 
     output: str | None = _output(
@@ -256,6 +258,12 @@ class Command(click.Command):
 #: Options that exclude each other: an option, the options that cannot be combined with it, and the error message.
 CONFLICTS = (
     ("spp", "samples", "--spp and --samples both set the number of samples; give one of them."),
+    (
+        "spp",
+        " ".join((*TARGETS, "snapshots", "max_samples", "adaptive", "threshold")),
+        "--spp gives each pixel exactly so many samples; leave it out with --noise, --time, --snapshots, --adaptive, "
+        "--threshold and --max-samples, which sets a maximum.",
+    ),
     ("workers", "cluster", "--workers starts local workers, and --cluster names a running cluster; give one of them."),
     ("part", "workers cluster", "--part is for machines without a connection; leave out --part with a cluster."),
     (
@@ -282,8 +290,9 @@ def make_job(options: dict[str, Any]) -> Job:
     variant, and the errors of :func:`choose_variant`.
     """
     given = {name for name, value in options.items() if value}
+    uniform = {"adaptive"} if options.get("adaptive") == "none" else set()
     for option, others, message in CONFLICTS:
-        if option in given and given & set(others.split()):
+        if option in given and (given - uniform) & set(others.split()):
             raise click.UsageError(message)
     if "frames" not in given and (film_options := given & {"fps", "overwrite"}):
         raise click.UsageError(f"--{min(film_options)} is for films; add --frames.")

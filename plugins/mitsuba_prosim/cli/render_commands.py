@@ -73,7 +73,9 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
         raise click.UsageError(f"--adaptive {target['adaptive']} decides by the first samples, which exist already.")
     if target:
         policy = record.attributes["sampling"]["adaptive"]
-        target = {"adaptive": "graded" if policy in FIRST_SAMPLE_POLICIES else policy} | target
+        # The target replaces --spp, too.
+        unfit = before.spp or policy in FIRST_SAMPLE_POLICIES
+        target = {"adaptive": "graded" if unfit else policy, "spp": None} | target
     job = continued_job(before, job, checkpoint=True, part=record.part, **target)
     render_and_write(job, files.output_stem(job.output, image_stem(state), SUFFIXES), record)
     if record.finished and not target:

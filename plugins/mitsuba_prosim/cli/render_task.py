@@ -246,6 +246,8 @@ def run_steps(
     job, executor, started = task.job, resources.executor(task.file), perf_counter()
     what = task.scene, task.sensor, task.integrator, job.seed, job.spp or 0
     options: dict[str, Any] = {"begin": task.begin, "part": job.part, "executor": executor}
+    if task.begin is not None and not job.spp:  # N of the passes so far, if a target has replaced --spp
+        task.integrator.samples = task.begin.attributes["sampling"]["samples"]
     try:
         final = denoised_progressive(*what, **options) if job.denoise else None
         render = rendering.progressive(*what, **options) if final is None else final.render
@@ -330,7 +332,7 @@ class Snapshots:
             if due:
                 self.left.remove(text)
                 render.update_film()
-                facts = report.metadata(task.job, task.integrator, reached, False, reached.seconds)
+                facts = report.metadata(task.job, task.integrator, render, False, reached.seconds)
                 facts = {"prosim.noise_at_most": f"{render.noise_bound():.6g}"} | facts
                 facts["prosim.ended"] = f"snapshot {text}"
                 exr = images.exr(task.sensor.film().bitmap(), facts)
@@ -340,7 +342,7 @@ class Snapshots:
 def finished_image(
     task: RenderTask, render: Any, final: FinalImage | None, seconds: float, interrupted: bool
 ) -> tuple[dict[str, atomic.Content], list[str | None], str | None]:
-    """Returns the image files, lines for the report, and the reason for a black image, after the end of a ``render``.
+    """Returns the image files, lines of the report, and the reason for a black image, after the end of a ``render``.
 
     The image is denoised if there is a ``final`` image, unless the render was interrupted before its second
     half. The first result is a dictionary from the suffix of each image file to the content of the file. The lines may
@@ -349,26 +351,18 @@ def finished_image(
     """
     if task.job.part or (task.facts and interrupted):  # only a frame has ``facts``
         return {}, [], None
-    job, integrator, film, reached = task.job, task.integrator, task.sensor.film(), render.reached
-    header = report.metadata(job, integrator, reached, interrupted, seconds)
-    ended = header.get("prosim.ended")
-    unmeasured = ended is not None and not report.noise_goals(integrator) and not job.denoise
-    bound = render.noise_bound() if unmeasured else None
-    lines, added = [report.summary(integrator, reached, ended, bound)], dict[str, str]()
-    bitmap = film.bitmap()
+    job, film, added = task.job, task.sensor.film(), dict[str, str]()
+    header, bitmap = report.metadata(job, task.integrator, render, interrupted, seconds), film.bitmap()
     if final is not None:
-        if interrupted and len(final.images) == 1:
-            added, line = {"prosim.denoised": "no, interrupted"}, "not denoised: interrupted"
-        else:
-            bitmap = layers.bitmap(final)
-            added, line = report.denoised_report(final, integrator, film)
-        lines.append(line)
+        added = report.denoised_facts(final, interrupted)
+        bitmap = bitmap if interrupted and len(final.images) == 1 else layers.bitmap(final)
     exposure = job.exposure or 0.0
     colours = images.colours(bitmap)
     displayed = None if colours is None else colours * 2.0**exposure
     why_black = None if displayed is None else black.reason(task.scene, task.sensor, displayed, exposure=exposure)
     # The EXR has all metadata; the PNG has only the metadata of denoising.
-    return {**images.encode(bitmap, header | added | dict(task.facts), exposure, added)}, lines, why_black
+    contents = images.encode(bitmap, header | added | dict(task.facts), exposure, added)
+    return {**contents}, [report.summary(render, final, interrupted)], why_black
 
 
 def check_denoising(film: mi.Film, integrator: mi.Integrator | None = None) -> None:

@@ -107,7 +107,8 @@ class Method:
         processor seconds per thread.
         """
         start, start_cpu = time.perf_counter(), time.process_time()
-        what = self.scene, self.sensor, self.integrator, seed, self.spp
+        spp = self.spp and rendering.samples_taken(self.integrator, self.sensor, self.spp, 1 + self.denoised)
+        what = self.scene, self.sensor, self.integrator, seed, spp
         final = denoised_progressive(*what) if self.denoised else None
         render = (rendering.progressive(*what) if final is None else final.render).run()
         # Without a denoiser, no second image is complete, and the list has the image alone.

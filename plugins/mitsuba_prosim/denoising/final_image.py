@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..engine.error_target import mean
+from ..engine.goal import HalvesGoal
 from ..engine.render import Render
 from ..scene import rendering
 from .denoised import Denoised
@@ -61,7 +62,16 @@ def denoised_progressive(
     check(sensor.film())
     hide_emitters = getattr(integrator, "hide_emitters", False)
     error = FinalError(HalvesDenoiser(scene, sensor, seed, hide_emitters, fast))
-    return FinalImage(rendering.progressive(scene, sensor, integrator, seed, spp, measure=error, **options), error)
+    # A denoiser that only a time limit ends has to be better than the samples that fit into its time.
+    sampling = getattr(integrator, "sampling", None)
+    timed = sampling is not None and not spp and sampling.time > 0 and not any(sampling.noises)
+    measure = None if timed and has_wide_filter(sensor) else error
+    return FinalImage(rendering.progressive(scene, sensor, integrator, seed, spp, measure=measure, **options), error)
+
+
+def has_wide_filter(sensor: mi.Sensor) -> bool:
+    """Tells whether the filter of a sensor's film is wider than a pixel, so that the noise of pixels is dependent."""
+    return not sensor.film().rfilter().is_box_filter()
 
 
 class FinalImage:
@@ -110,10 +120,22 @@ class FinalImage:
         """
         if not isinstance(self.render, Render):
             return self.error.networks((), 0)
-        image, second = self.render.state, self.render.second
-        if second is not None and self.render.target.excess(second.noise()) <= 1:
+        if self.why_raw:
             return "none"
-        return self.error.networks(image.estimates, mean(image.all_counts()))
+        return self.error.networks(self.render.state.estimates, mean(self.render.state.all_counts()))
+
+    @property
+    def why_raw(self) -> str | None:
+        """Why the image is not denoised, in words; None if it is denoised."""
+        render = self.render
+        if not isinstance(render, Render):
+            return None
+        if not isinstance(render.goal, HalvesGoal):
+            return "in equal time, samples help more than a denoiser, as the film's filter is wider than a pixel"
+        if render.second is not None and render.target.excess(render.second.noise()) <= 1:
+            reached = " and ".join(f"{limit:g}" for limit in render.target.limits if limit)
+            return f"the image reached {reached} without denoising, which would have taken longer"
+        return None
 
     def denoised(self) -> Denoised:
         """Returns the denoised image of the samples so far, or the image without denoising if it has reached the error
@@ -129,4 +151,6 @@ class FinalImage:
         colours = self.denoiser.colours(self.images)
         # ``error`` shows where the noise is, but is too large: it is the error of independent samples of the first
         # image. ``noise`` [0] is the measured RMS error.
-        return unmixed(np.add.reduce(colours) / len(colours), self.render.error(), self.render.second.noise()[0])
+        second = self.render.second
+        noise = self.render.noise_bound() if second is None else second.noise()[0]
+        return unmixed(np.add.reduce(colours) / len(colours), self.render.error(), noise)

@@ -109,8 +109,8 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
     ) -> mi.TensorXf:
         """Renders the whole image.
 
-        Returns the developed image, shape (height, width, channels), or an empty tensor if ``develop`` is False. A
-        nonzero ``spp`` is the number of samples per pixel, and replaces N², the square of the parameter ``samples``. In
+        Returns the developed image, shape (height, width, channels), or an empty tensor if ``develop`` is False. With a
+        nonzero ``spp``, each pixel gets exactly this number of samples, whatever target and policy the scene has. In
         scalar variants, the sensor's sampler sets the number of samples, and a nonzero ``spp`` replaces that number. If
         ``evaluate`` is true, this method waits until the image is computed. After :meth:`cancel`, the result is the
         image of the samples so far.
@@ -167,11 +167,16 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         check_samples(sensor, spp or 1)  # the sampler is not used
-        sampling, spp = self.sampling.halved(spp) if measure is not None else (self.sampling, spp)
-        if measure is not None and begin is not None and not spp:
-            # With a limit, :meth:`.Sampling.halved` does not halve ``samples``. But the checkpoint may be from a render
-            # without a limit, whose passes had half of the samples; then this N continues.
-            sampling = replace(sampling, samples=begin.attributes["sampling"]["samples"])
+        sampling, in_halves = self.sampling, measure is not None
+        if spp:
+            spp = spp // 2 if in_halves else spp
+            sampling = sampling.uniform(spp)
+        elif in_halves:
+            sampling = sampling.halved()
+            if begin is not None:
+                # With a limit, :meth:`.Sampling.halved` does not halve ``samples``. But the checkpoint may be from a
+                # render without a limit, whose passes had half of the samples; then this N continues.
+                sampling = replace(sampling, samples=begin.attributes["sampling"]["samples"])
         if (part or (begin and begin.part)) and sampling.has_target:
             raise ValueError(
                 f"{self.name}: a part of an image can't have the limits noise and time, those of the whole image; "
@@ -252,11 +257,11 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
     def _derivatives(self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int) -> Derivatives:
         """Renders the image, and returns the object that computes the derivatives of the image.
 
-        Raises RuntimeError if the integrator has a time limit.
+        Raises RuntimeError if the integrator has a time limit and ``spp`` is 0.
         """
         from .derivatives import Derivatives
 
-        if self.time:
+        if self.time and not spp:
             raise RuntimeError(
                 f"{self.name}: derivatives are those of an image's own samples, and how many fit into a time is "
                 "different each time; set samples, max_samples or noise in the place of time."

@@ -54,24 +54,24 @@ class Sampling:
         """Whether the parameters set a limit of noise or of time, which ends the render."""
         return any(self.noises) or self.time > 0
 
-    def halved(self, spp: int) -> tuple[Sampling, int]:
-        """Returns ``(sampling, spp)`` for each of two images that together take about as many samples as one image.
+    def uniform(self, spp: int) -> Sampling:
+        """Returns the parameters with which each pixel gets ``spp`` samples, without limits of noise or time."""
+        unlimited = replace(self, noise=0, noise_99=0, noise_999=0, time=0)
+        return replace(unlimited, samples=grid_size(spp), max_samples=spp, adaptive="none")
 
-        If ``spp`` is 0, the returned ``spp`` is 0, too; else it is a square number near ``spp`` / 2. The parameter
-        ``max_samples`` is halved and rounded up; 0 (no maximum) stays 0. If a limit of noise or time is set, the
-        parameter ``samples`` is not halved, because a second image may not be needed. Without a limit of noise or time,
-        the parameter ``threshold`` is multiplied by the square root of 2, because the mean of both images has half the
-        variance of one image.
+    def halved(self) -> Sampling:
+        """Returns the parameters for each of two images that together take about as many samples as one image.
+
+        The parameter ``max_samples`` is halved and rounded up; 0 (no maximum) stays 0. If a limit of noise or time is
+        set, the parameter ``samples`` is not halved, because a second image may not be needed. Without a limit of noise
+        or time, the parameter ``threshold`` is multiplied by the square root of 2, because the mean of both images has
+        half the variance of one image.
         """
         half = replace(self, max_samples=(self.max_samples + 1) // 2)
         if not self.has_target:
-            half = replace(half, samples=half_pattern(self.samples), threshold=self.threshold * 2**0.5)
-        return half, spp and half_pattern(spp**0.5) ** 2
-
-
-def half_pattern(n: float) -> int:
-    """Returns N for an N-rook pattern that has about half as many samples (N²) as a pattern of ``n``² samples."""
-    return max(1, round(n / 2**0.5))
+            # N for an N-rook pattern of about half as many samples, N².
+            half = replace(half, samples=max(1, round(self.samples / 2**0.5)), threshold=self.threshold * 2**0.5)
+        return half
 
 
 #: Names of the parameters of sampling.
@@ -121,21 +121,20 @@ class Plan:
     def of(cls, sampling: Sampling, film: mi.Film, seed: int | mi.UInt32, spp: int) -> Plan:
         """Returns the plan for an image on ``film`` with the parameters ``sampling`` and the random ``seed``.
 
-        A nonzero ``spp`` is the number of samples per pixel, and replaces N², the square of the parameter ``samples``.
-        With a nonzero ``spp``, the parameter ``max_samples`` is ignored, unless a limit of noise or time is set. If
-        ``max_samples`` is 0 or ignored, the maximum number of samples of a pixel is :data:`UNLIMITED` with a limit of
-        noise or time, and else :attr:`.Policy.max_patterns` times N².
+        A nonzero ``spp`` is the number of samples of each pixel; ``sampling`` must then be the result of
+        :meth:`Sampling.uniform`. If the parameter ``max_samples`` is 0, the maximum number of samples of a pixel is
+        :data:`UNLIMITED` with a limit of noise or time, and else :attr:`.Policy.max_patterns` times N².
         """
         from .policies import POLICIES  # slow to import, and only a render needs NumPy
 
-        policy, noisy = POLICIES[sampling.adaptive], spp or sampling.samples**2
-        n = grid_size(spp) if spp else min(sampling.samples, sampling.max_samples or noisy)
+        policy, noisy = POLICIES[sampling.adaptive], sampling.samples**2
+        n = min(sampling.samples, sampling.max_samples or noisy)
         least = sampling.min_passes * n
         if sampling.has_target:
             highest = sampling.max_samples or UNLIMITED
             least = 1 << (least.bit_length() - 1)  # a power of two, for which Sobol' points are best
         else:
-            highest = (0 if spp else sampling.max_samples) or policy.max_patterns * noisy
+            highest = sampling.max_samples or policy.max_patterns * noisy
             noisy = noisy if policy.max_patterns > 1 else highest
         x, y, w, h, width, height = map(int, (*film.crop_offset(), *film.crop_size(), *film.size()))
         reach = film.rfilter().border_size()

@@ -168,8 +168,8 @@ class Prosim(ProgressiveIntegrator):
     So the bits of the image do not depend on crop windows, :monosp:`band` and the number of threads. There are two
     exceptions: with :monosp:`noise` the bits depend on the crop window, and with :monosp:`time` the bits depend on crop
     windows, :monosp:`band` and the number of threads. The reconstruction filter weights each sample by one over the
-    number of samples in its pixel. The sensor's sampler is not used. A nonzero :monosp:`spp` of ``render()`` replaces
-    :math:`N^2`; :monosp:`graded` may take up to four times as many samples in a pixel.
+    number of samples in its pixel. The sensor's sampler is not used. With a nonzero :monosp:`spp` of ``render()``, each
+    pixel gets exactly this number of samples, whatever targets and policy are set here.
 
     **Lobes** are selected by the type mask of Mitsuba's :monosp:`BSDFContext`. BSDFs without separate lobes
     (:monosp:`principled`, :monosp:`principledthin`, :monosp:`hair`, :monosp:`pplastic`) are sampled as a whole. The

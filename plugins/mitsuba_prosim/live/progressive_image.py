@@ -37,7 +37,7 @@ class ProgressiveImage:
         """Prepares the render; :meth:`step` renders. ``seed`` is the seed of the samples."""
         if not rendering.is_progressive(integrator):
             integrator = create("prosim_adaptive", nested=integrator, adaptive="none")
-            spp = spp or sensor.sampler().sample_count()
+            spp = spp or rendering.samples_taken(integrator, sensor, sensor.sampler().sample_count(), 1 + denoise)
         self.integrator, self.scene, self.sensor, self.spp, self.seed = integrator, scene, sensor, spp, seed
         self.denoise, self.done = denoise, False
         #: Whether samples were taken since the last call of :meth:`layers`; whether a pass over the image is complete.

@@ -41,12 +41,31 @@ def progressive(scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int =
     """Returns a new render, an iterator over its steps: a :class:`.Render`, or a :class:`Blocking` if
     :func:`is_progressive` is false, also for ``prosim`` in scalar variants.
 
-    ``spp`` is the number of samples per pixel; 0 stands for the number in the scene. ``how`` are further arguments for
-    the integrator's method ``progressive``; of these arguments, :class:`Blocking` uses only ``measure``.
+    ``spp`` is the number of samples of each pixel; 0 stands for the number in the scene. ``how`` are further arguments
+    for the integrator's method ``progressive``; of these arguments, :class:`Blocking` uses only ``measure``. Raises
+    ValueError if not each pixel can get exactly ``spp`` samples.
     """
+    in_halves = how.get("measure") is not None
+    if spp > 0 and (taken := samples_taken(integrator, sensor, spp, 1 + in_halves)) != spp:
+        why = "a denoised image has two halves" if spp % 2 and in_halves else "the scene's sampler rounds the number up"
+        raise ValueError(f"each pixel can't get exactly {spp} samples (--spp, in Python spp), as {why}; take {taken}")
     if not is_progressive(integrator):
-        return Blocking(integrator, scene, sensor, seed, spp, how.get("measure") is not None)
+        return Blocking(integrator, scene, sensor, seed, spp, in_halves)
     return integrator.progressive(scene, sensor, seed, spp, **how)
+
+
+def samples_taken(integrator: mi.Integrator, sensor: mi.Sensor, spp: int, images: int = 1) -> int:
+    """Returns the number of samples of each pixel, in ``images`` images together, if ``spp`` samples are requested.
+
+    The images get equally many samples. The sensor's sampler, which only progressive integrators do not use, may round
+    their number up.
+    """
+    each = -(-spp // images)
+    if not is_progressive(integrator) and "denoised.R" not in integrator.aov_names():  # prosim_denoised counts itself
+        sampler = sensor.sampler().clone()
+        sampler.set_sample_count(each)
+        each = int(sampler.sample_count())
+    return images * each
 
 
 class Blocking(Steps):

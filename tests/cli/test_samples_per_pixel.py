@@ -1,0 +1,132 @@
+"""The number of samples that a user gives is the number that each pixel gets."""
+
+from itertools import cycle
+
+import mitsuba as mi
+import mitsuba_prosim
+import numpy as np
+import pytest
+from mitsuba_prosim import denoising, parallel
+from mitsuba_prosim.engine.render import Render
+from mitsuba_prosim.parallel import cluster
+from mitsuba_prosim.scene import rendering
+from running import LIT_FLOOR, done, refused, scene_text
+
+SPP = 12
+
+CROP = '<integer name="crop_offset_x" value="3"/><integer name="crop_width" value="5"/>'
+#: Policy of the scene and, if there are any, its limits.
+POLICIES = {
+    "neighbours": "",
+    "graded": '<float name="noise" value="0.01"/>',
+    "thesis": "",
+    "none": '<float name="time" value="0.01"/><integer name="max_samples" value="5"/>',
+}
+INTEGRATORS = [
+    '<integrator type="path"/>',
+    *(
+        f'<integrator type="{plugin}"><string name="adaptive" value="{policy}"/>{limits}{nested}</integrator>'
+        for plugin, nested in (("prosim", ""), ("prosim_adaptive", '<integrator type="path"/>'))
+        for policy, limits in POLICIES.items()
+    ),
+]
+
+
+def by_command(path):
+    done("render", path, "--spp", SPP)
+
+
+def by_mitsuba(path):
+    scene = mi.load_file(str(path))
+    if not hasattr(scene.integrator(), "progressive"):
+        pytest.skip("this is Mitsuba alone")
+    mi.render(scene, spp=SPP)
+
+
+def by_denoiser(path):
+    pytest.importorskip("mitsuba_oidn")
+    denoising.render(mi.load_file(str(path)), spp=SPP)
+
+
+def by_notebook(path):
+    pytest.importorskip("ipywidgets")
+    mitsuba_prosim.show(path, spp=SPP)
+
+
+@pytest.fixture(scope="module")
+def client():
+    with cluster.workers(1) as client:
+        yield client
+
+
+@pytest.fixture
+def counts(monkeypatch):
+    """The sample counts of the first render that begins."""
+    renders = []
+    for kind in Render, rendering.Blocking:
+        begin = kind.__init__
+        monkeypatch.setattr(kind, "__init__", lambda self, *how, to=begin: renders.append(self) or to(self, *how))
+    return lambda: renders.pop(0).counts()
+
+
+@pytest.mark.parametrize("integrator, crop", list(zip(INTEGRATORS, cycle(["", CROP]))), ids=range(len(INTEGRATORS)))
+@pytest.mark.parametrize("way", [by_command, by_mitsuba, by_denoiser, by_notebook])
+def test_each_pixel_gets_the_samples(scene, variant_rgb, counts, way, integrator, crop):
+    scene.write_text(scene_text(integrator, LIT_FLOOR, sampler="independent").replace("<integer", crop + "<integer", 1))
+    way(scene)
+    assert np.all(counts() == SPP)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS[1::3])
+def test_workers_take_the_samples(scene, variant_rgb, counts, client, integrator):
+    scene.write_text(scene_text(integrator, LIT_FLOOR))
+    parallel.render(scene, client=client, spp=SPP)
+    assert np.all(counts() == SPP)
+
+
+def test_scene_in_the_language_gets_the_samples(palito, counts):
+    done("render", palito, "--spp", SPP, "--resolution", "16x12", "--checkpoint")
+    assert np.all(counts() == SPP)
+
+
+@pytest.mark.parametrize("denoise", [[], ["--denoise"]])
+def test_continued_render_keeps_its_samples_until_another_target_is_set(scene, counts, denoise):
+    if denoise:
+        pytest.importorskip("mitsuba_oidn")
+    scene.write_text(scene_text(INTEGRATORS[2], LIT_FLOOR))
+    done("render", scene, "--spp", SPP, "--checkpoint", *denoise)
+    state = scene.with_suffix(".state.npz")
+    assert np.all(counts() == SPP)
+    assert "finished before" in done("resume", state).stdout
+    assert "of 0.001" in done("resume", state, "--noise", 0.001).stdout
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        "--noise 0.1",
+        "--time 1",
+        "--samples 2",
+        "--max-samples 9",
+        "--adaptive graded",
+        "--threshold 1",
+        "--snapshots 2s",
+    ],
+)
+def test_other_option_for_the_number_is_refused(scene, option):
+    name = option.partition(" ")[0]
+    refused(name, "render", scene, "--spp", SPP, *option.split())
+    refused("--spp", "render", scene, "--spp", SPP, *option.split())
+
+
+@pytest.mark.parametrize("sampler, spp, taken", [("stratified", 12, 16), ("multijitter", 7, 8), ("ldsampler", 9, 16)])
+def test_rounding_sampler_is_refused(scene, sampler, spp, taken):
+    scene.write_text(scene_text(sampler=sampler))
+    refused(f"can't get exactly {spp} samples (--spp, in Python spp)", "render", scene, "--spp", spp)
+    done("render", scene, "--spp", taken)
+
+
+def test_odd_number_is_not_denoised(scene):
+    pytest.importorskip("mitsuba_oidn")
+    scene.write_text(scene_text(INTEGRATORS[1]))
+    refused("a denoised image has two halves; take 14", "render", scene, "--spp", 13, "--denoise")

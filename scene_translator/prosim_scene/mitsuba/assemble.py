@@ -4,7 +4,6 @@ tree.
 
 from collections.abc import Callable, Hashable
 from pathlib import Path
-from types import ModuleType
 
 from ..geometry import TOLERANCE, MeshKey, Triangles, tessellate
 from ..geometry.grouping import group_equal
@@ -17,6 +16,7 @@ from ..writer import TranslationCache, ply_bytes
 from . import lights, materials, prosim_target, stock_target
 from .materials import MediumInterface
 from .sensor import sensor
+from .target import Target
 from .translation_context import Context, check_single_precision, meshes
 
 
@@ -61,7 +61,8 @@ def assemble(
     both functions return the file name that the dictionary contains. ``cache`` may contain the evaluated CSG tree of an
     earlier translation, and stores that of this translation. Raises SceneError if the scene cannot be translated.
     """
-    scene, target = document.scene, prosim_target if options.target == "prosim" else stock_target
+    scene = document.scene
+    target: Target = prosim_target if options.target == "prosim" else stock_target
     context = Context(document, options, image_path)
     camera = camera_of(document, options.resolution)
     if options.resolution is None and options.target == "prosim":  # the target stock emits its own warning
@@ -91,7 +92,7 @@ def assemble(
 
 
 def _shapes(
-    context: Context, target: ModuleType, triangles: dict[MeshKey, Triangles], store: Callable[[str, bytes], str]
+    context: Context, target: Target, triangles: dict[MeshKey, Triangles], store: Callable[[str, bytes], str]
 ) -> Node:
     """Returns the dictionaries of the shapes of a scene, each after a comment. The shapes are in the order in which
     their materials first occur in the CSG tree.

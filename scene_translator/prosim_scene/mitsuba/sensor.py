@@ -5,7 +5,6 @@ The scene language has no clipping planes, so the clipping planes of the sensor 
 
 import math
 from collections.abc import Collection, Iterable
-from types import ModuleType
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from ..geometry import Triangles
 from ..model import Light
 from ..nodes import Default, Node
 from ..view import Camera
+from .target import Target
 from .translation_context import Context
 
 #: The default depths of the clipping planes, in units of the view plane's distance from the eye.
@@ -50,7 +50,7 @@ def _is_near(point: np.ndarray, mesh: Triangles, distance: float) -> bool:
     return bool(np.all(below[mesh.index].any(axis=1) & above[mesh.index].any(axis=1), axis=1).any())
 
 
-def sensor(context: Context, target: ModuleType, camera: Camera, meshes: Collection[Triangles]) -> Node:
+def sensor(context: Context, target: Target, camera: Camera, meshes: Collection[Triangles]) -> Node:
     """Returns the dictionary of a camera's sensor, which is Mitsuba's ``perspective`` for square pixels and
     ``prosim_window`` for other pixels.
 

@@ -12,7 +12,7 @@ import textwrap
 from pathlib import Path
 
 import mitsuba as mi
-from prosim_scene.language.words import TABLE, WORDS, Numbers
+from prosim_scene.language.words import TABLE, WORDS
 
 DOCS = Path(__file__).parent
 PAGE = DOCS / "api.rst"
@@ -118,8 +118,8 @@ def words_section():
     rows = []
     for word in WORDS:
         first, *others = (f"``{spelling}``" for spelling in word.spellings)
-        takes = word.numbers.count_in_words() if word.numbers else ""
-        bounds = word.numbers.range_in_words() if isinstance(word.numbers, Numbers) else ""
+        numbers = word.numbers
+        takes, bounds = (numbers.count_in_words(), numbers.range_in_words()) if numbers.count else ("", "")
         rows.append([first, ", ".join(others), takes, bounds])
     title = "Words of the scene language"
     words = table(["word", "other spellings", "takes", "range"], rows)

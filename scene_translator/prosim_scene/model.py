@@ -39,6 +39,22 @@ class Background:
 
 
 @dataclass(frozen=True)
+class Method:
+    """How the image is computed, as the METHOD statement describes it; None is the default of the integrator.
+
+    The reflection models apply to all surfaces of the scene.
+    """
+
+    adaptive: str | None = None  # "neighbours", "graded", "thesis" or "none"
+    threshold: float | None = None
+    cutoff: float | None = None
+    fresnel: str = "exact"  # or "thesis", for conductors
+    facets: str = "beckmann"  # or "gaussian", for surfaces with a slope
+    phong: str = "normalized"  # or "literal", for surfaces without a material
+    multiple_scattering: bool = False
+
+
+@dataclass(frozen=True)
 class View:
     """The camera of a scene, as its VIEW statement describes it.
 
@@ -155,6 +171,7 @@ class Scene:
     ambient: Vector = (0.0, 0.0, 0.0)
     lights: tuple[Light, ...] = ()
     background: Background = Background()
+    method: Method = Method()
     view: View = View()
     csg: tuple[Operator | Leaf, ...] = ()
     surfaces: dict[int, Surface] = field(default_factory=dict)

@@ -60,6 +60,8 @@ def test_completion_knows_what_fits():
     assert labels("LIGHTS AREA raio 2 VIEW |\nOBS 0 0 9 END")[:3] == ["RESOLUTION", "WINDOW", "OBS"]
     assert {"NULO", "t-tijolo"} <= set(labels("FUNDO 0 0 0 CSG CUBO 0 t|"))
     assert labels(SCENE.replace("ks 0", "k|"))[:3] == ["material", "metal", "ka"]
+    assert labels("METHOD |")[:5] == ["adaptive", "fresnel", "facets", "phong", "threshold"]
+    assert labels("METODO facetas |")[:2] == ["beckmann", "gaussiana"]
     assert labels("DO-SHADOW |")[:2] == ["TRUE", "FALSE"]
     assert labels(SCENE.replace("$turn / 60", "s|"))[:4] == ["$frame", "$time", "$turn", "sin"]
     assert labels(SCENE.replace("ks 0", "ks |")) == ["$frame", "$time", "$turn"]

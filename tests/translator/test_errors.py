@@ -52,10 +52,14 @@ WRONG = [
     (1, "NAME: x NAME: y", 9, "twice", ""),
     (5, "SURFACE 0 kd = 1 1 1 SURFACE 0 kd = 1 1 1", 22, "twice", ""),
     (5, "SURFACE 0 ks = .1 .1 .1 n = 5 m = .3", 31, "twice", ""),
+    (1, "METHOD threshold 1 METHOD cutoff 0", 20, "twice", ""),
+    (1, "METHOD fresnel exact fresnel thesis", 22, "twice", ""),
     # an index without a SURFACE or TRANSFORM
     (4, "CSG-TREE CUBE 1", 10, "no-index", ""),
     # unknown words
     (4, "CSG-TREE CUBO 0 SFERE 1", 17, "unknown-word", "'SPHERE'"),
+    (1, "METHOD adaptive fast", 17, "unknown-word", "expected neighbours, graded, thesis or none"),
+    (1, "METHOD facets beckman", 15, "unknown-word", "'beckmann'"),
     (4, "CSG-TREE CUBE 0 t-tijollo", 17, "unknown-name", "'t-tijolo'"),
     # a wrong count of values
     (3, "VIEW OBS 0 9", 10, "count", "3 numbers (x y z)"),
@@ -70,6 +74,9 @@ WRONG = [
     (3, "VIEW RESOLUTION 65536 65536", 6, "range", "268435456 at most"),
     (1, "SAVE-RGB: FALSE FALSE FALSE", 1, "range", "TRUE for one"),
     (1, "DO-SHADOW 2", 11, "range", "TRUE or FALSE"),
+    (1, "METHOD multiple-scattering 2", 28, "range", "TRUE or FALSE"),
+    (1, "METHOD threshold -1", 18, "range", "from 0 to 1000"),
+    (5, "METHOD facets gaussian SURFACE 0 material conductor gold m = 3", 58, "range", "radians; expected 2 at most"),
     (5, "SURFACE 0 kd = 153 .2 .2", 16, "range", "from 0 to 1; a colour value 153 of 255 is written 0.6"),
     (6, "TRANSFORM 0 SCALE (1 0 1)", 22, "range", "expected a number other than 0\n"),
     (6, "TRANSFORM 0 SCALE (1 1e-20 1)", 22, "range", "1e-15 or more in magnitude"),

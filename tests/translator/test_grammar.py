@@ -111,6 +111,7 @@ def test_every_row_has_one_meaning_and_sets_a_field_of_the_model():
     for same_spelling in WORDS_BY_SPELLING.values():
         assert len({word.role for word in same_spelling}) == len(same_spelling)
     owners = {"SETTING": model.Scene, "LIGHT_PARAMETER": model.Light, "VIEW_PARAMETER": model.View}
+    owners |= dict.fromkeys(["CHOICE", "METHOD_PARAMETER"], model.Method)
     owners |= dict.fromkeys(["OPTIC", "METAL", "MATERIAL"], model.Surface)
     for word in WORDS:
         if word.role in owners:

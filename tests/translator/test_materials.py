@@ -133,3 +133,49 @@ def test_kd_above_1_is_clipped_with_a_warning(write_scene, recwarn, kd, slots, c
     prosim_scene.load(write_scene(text), target=target)
     found = [str(one.message) for one in recwarn if "is clipped to 1" in str(one.message)]
     assert [":5:" in one and "kd times a texture is above 1" in one for one in found] == [True] * clipped
+
+
+METHOD = {
+    "adaptive graded": ("integrator", {"adaptive": "graded"}),
+    "threshold .02": ("integrator", {"threshold": 0.02}),
+    "cutoff .01": ("integrator", {"cutoff": 0.01}),
+    "fresnel thesis": ("conductor", {"fresnel": "thesis"}),
+    "facets gaussian": ("conductor composite dielectric", {"distribution": "gaussian"}),
+    "multiple-scattering TRUE": ("conductor composite dielectric", {"multiple_scattering": True}),
+    "phong literal": ("phong", {"normalized": False}),
+}
+
+
+@pytest.mark.parametrize("words", METHOD)
+def test_method_reaches_integrator_and_materials(variant_rgb, write_scene, recwarn, words):
+    """Each word changes the plugins that it names, and no others; without METHOD nothing is said."""
+    changed, parameters = METHOD[words]
+    for statement in {}, {"METHOD": words}:
+        text = " ".join(
+            [f"{key} {value}" for key, value in statement.items()] + [SCENE.format("kd = .1 ks = .5 n = 9")]
+        )
+        nodes = {"integrator": prosim_scene.load(write_scene(text))["integrator"]}
+        nodes |= {name: translated(write_scene, f"{MATERIALS[name]} m = .4", **statement) for name in MATERIALS}
+        for name, node in nodes.items():
+            assert (parameters.items() <= node.items()) == bool(statement and name in changed.split())
+            mi.load_dict(node)
+    assert not recwarn
+    with pytest.warns(prosim_scene.SceneWarning, match="METHOD has no effect"):
+        translated(write_scene, "kd = .1", "stock", METHOD=words)
+
+
+@pytest.mark.parametrize(
+    "english, portuguese",
+    [
+        ("METHOD adaptive none threshold 1", "METODO limiar 1 adaptativo = nenhuma"),
+        ("METHOD fresnel thesis facets gaussian", "METODO fresnel tese facetas gaussiana"),
+        ("METHOD cutoff .1 multiple-scattering TRUE", "método: corte .1 espalhamento-múltiplo SIM"),
+        ("DEFAULT $way = thesis METHOD adaptive $way", "METODO adaptativo tese"),
+        ("METHOD", ""),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+def test_method_has_words_in_english_and_portuguese(english, portuguese):
+    scene, other = (prosim_scene.parse(f"{text} END", "s") for text in (english, portuguese))
+    assert scene == other == prosim_scene.parse(prosim_scene.format(f"{english} END"), "s")
+    assert (scene.method == prosim_scene.model.Method()) == (not portuguese)

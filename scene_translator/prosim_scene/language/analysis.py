@@ -182,6 +182,10 @@ def _materials_problems(document: Document) -> Iterator[Problem]:
             # The error points to the name of the metal or glass, or to the SURFACE if the text has no such name.
             name = "glass" if s.glass else "metal"
             yield document.error(wrong, "surfaces", index, name, code="optics")
+        facets = s.material not in (None, "lambertian") and document.scene.method.facets == "gaussian"
+        if facets and s.slope is not None and s.slope > 2:
+            reason = "m is above 2, but with METHOD facets gaussian it is an angle in radians; expected 2 at most"
+            yield document.error(reason, "surfaces", index, "slope", code="range")
         path = "surfaces", index, "thickness"
         if s.material == "dielectric" and s.transmittance is None and document.is_given(*path):
             reason = f"{document.text_of(*path)} has no effect without transmittance; add transmittance"

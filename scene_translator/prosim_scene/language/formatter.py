@@ -11,7 +11,7 @@ from .words import OPERATORS, STATEMENTS
 INDENT = "    "
 MAX_DEPTH = 12  # the largest indentation of a node of the CSG tree, in units of INDENT
 #: Statements whose parameters are on separate lines.
-HEADINGS = {"LIGHTS", "VIEW", "SOLID", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE"}
+HEADINGS = {"LIGHTS", "METHOD", "VIEW", "SOLID", "CSG_TREE", "SURFACE", "TRANSFORM", "TEXTURE"}
 #: Statement -> the mark between a parameter's keyword and its values.
 VALUE_MARKS = {"SURFACE": "=", "TEXTURE": "=", "TRANSFORM": "("}
 #: The roles of tokens that stay on the line of the keyword before them; any other token begins a new line.

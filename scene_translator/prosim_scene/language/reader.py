@@ -34,6 +34,7 @@ FILE = frozenset(("FILE", "STRING"))
 IMAGE = STATEMENT_END | FILE | {"NULL"}
 LIGHTS = STATEMENT_END | {"LIGHT"}
 LIGHT = LIGHTS | {"LIGHT_PARAMETER", "DISTRIBUTION"}
+METHOD = STATEMENT_END | {"CHOICE", "METHOD_PARAMETER"}
 VIEW = STATEMENT_END | {"VIEW_PARAMETER"}
 TREE = STATEMENT_END | {"PLUS", "MINUS", "TIMES", "PRIMITIVE", "USE"}  # USE: the name of a solid
 SLOTS = TREE | FILE | {"TEXTURE_NAME", "NULL"}
@@ -278,13 +279,19 @@ class Reader(Scanner):
                 self.store_span_once(keyword, "the distribution of a light", *owner, "distribution")
                 parameters["distribution"] = word.name
                 self.read_token(follow)
+            elif keyword.role == "CHOICE":
+                self.store_span_once(keyword, keyword.text, word.name)
+                choice = self.read_token(frozenset((word.name.upper(),)))
+                parameters[word.name] = find_word(choice.role, choice.text).name
+                self.read_token(follow)
             elif not word.numbers.count:
                 self.read_material(parameters)
             else:
                 self.store_span_once(keyword, keyword.text, *owner, word.name)
                 if word.name in ("exponent", "facet_exponent", "slope") and keyword.role == "OPTIC":
                     self.store_span_once(keyword, "the roughness", "roughness")
-                parameters[word.name] = self.read_numbers(keyword, follow | {"MINUS"} if word.name == "vrp" else follow)
+                further = {"BOOL"} if word.numbers.flags else {"MINUS"} if word.name == "vrp" else set()
+                parameters[word.name] = self.read_numbers(keyword, follow | further)
                 if keyword.role == "VIEW_PARAMETER":
                     self.store_span(self.span_from(keyword), word.name)
                 if self.token.role == "MINUS":  # the thesis's example scene has a superfluous dash here
@@ -343,6 +350,11 @@ class Reader(Scanner):
                 parameters.setdefault("angle", 30.0)
             lights.append(model.Light(kind, image=image, **parameters))
         return tuple(lights)
+
+    def read_method(self) -> model.Method:
+        """Reads a METHOD statement."""
+        self.read_token(METHOD)
+        return model.Method(**self.read_parameters(METHOD))
 
     def read_view(self) -> model.View:
         """Reads a VIEW statement."""

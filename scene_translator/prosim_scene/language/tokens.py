@@ -13,7 +13,7 @@ from typing import NamedTuple
 from .diagnostics import Source, Span, quote
 from .expressions import NAME, Definitions, evaluate, number_text
 from .suggestions import NUMBER
-from .words import MARKS, ROLES, STATEMENT_OF, WORDS_BY_SPELLING, canonical_spelling, normalise
+from .words import CHOICES, MARKS, ROLES, STATEMENT_OF, WORDS_BY_SPELLING, canonical_spelling, normalise
 
 #: Matches the next token of the text, after white space. The most frequent kind of token comes first.
 PIECE = re.compile(
@@ -27,7 +27,7 @@ PARENTHESIS = re.compile(r"[()]")
 #: The roles of the tokens that a ``$name`` may stand for: values, and no keyword of a statement.
 VALUES = frozenset(
     ("NUMBER", "WORD", "FILE", "TEXTURE_NAME", "BOOL", "NULL", "MATERIAL_KIND", "CONDUCTOR", "DIELECTRIC", "KIND")
-)
+).union(CHOICES)
 
 #: The roles of the placeholder for a ``$name`` without a value; the first role that the grammar expects is used.
 PLACEHOLDERS = ("NUMBER", "WORD", *sorted(VALUES))

@@ -184,6 +184,9 @@ MARKS = OPERATORS | {"(": "LPAR", ")": "RPAR"}
 #: The order in which an error message lists the expected roles.
 ORDER = ("NUMBER", "VARIABLE", *OPERATORS.values(), *ROLES, "TEXTURE_NAME", "FILE", "STRING", "WORD", "LPAR", "RPAR")
 
+#: The roles of the words that may follow a keyword with the role CHOICE: for each keyword its name in capitals.
+CHOICES = frozenset(word.name.upper() for word in WORDS if word.role == "CHOICE")
+
 #: Name of a metal -> the name of its table of optical constants in Mitsuba.
 METALS = {name: table for _, names, table in TABLE["metals"] for name in _all_spellings(names)}
 #: Name of a glass -> the value of the parameter ``material`` of the plugin prosim_dielectric.

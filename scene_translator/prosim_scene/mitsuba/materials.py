@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from ..language.words import INDICES, numbers_of
-from ..model import GREY, Leaf, Surface, Texture, Vector
+from ..model import GREY, Leaf, Method, Surface, Texture, Vector
 from ..nodes import Node, rgb
 from . import textures
 from .translation_context import Context
@@ -35,16 +35,17 @@ class MediumInterface:
     outside: int | None = None
 
 
-def roughness_parameters(surface: Surface) -> Node:
+def roughness_parameters(surface: Surface, method: Method) -> Node:
     """Returns the parameters of a BSDF of facets that describe the roughness of a surface; for a smooth surface, the
     result is empty.
     """
+    multiple = {"multiple_scattering": True} if method.multiple_scattering else {}
     exponent = surface.facet_exponent
     if surface.exponent is not None:
         exponent = min(SQUARED_ANGLES * surface.exponent, MAX_EXPONENT)
     if exponent is not None:
-        return {"distribution": "phong", "exponent": exponent}
-    return {"distribution": "beckmann", "alpha": surface.slope} if surface.slope else {}
+        return {"distribution": "phong", "exponent": exponent, **multiple}
+    return {"distribution": method.facets, "alpha": surface.slope, **multiple} if surface.slope else {}
 
 
 def reflectances(surface: Surface) -> tuple[Vector, Vector, Vector]:
@@ -99,7 +100,8 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> N
     classic Phong surface.
     """
     surface = context.scene.surfaces[leaf.index]
-    (kd, ks, ka), rough = reflectances(surface), roughness_parameters(surface)
+    method = context.scene.method
+    (kd, ks, ka), rough = reflectances(surface), roughness_parameters(surface, method)
 
     def textured(name: str, color: Vector) -> Node:
         """Returns the reflectance ``color``, which is kd or ka, multiplied by the textures of the primitive."""
@@ -107,6 +109,7 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> N
 
     if surface.material == "conductor":
         node: Node = {"type": "prosim_conductor", "ext_ior": mean_index(context, sides.outside), **rough}
+        node |= {"fresnel": "thesis"} if method.fresnel == "thesis" else {}
         if surface.metal:
             node["material"] = surface.metal
         elif surface.eta and surface.k:
@@ -132,6 +135,7 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> N
         node = {"type": "prosim_phong", "diffuse_reflectance": textured("kd", kd), "specular_reflectance": rgb(ks)}
         if (exponent := phong_exponent(surface)) is not None:
             node["exponent"] = exponent
+        node |= {"normalized": False} if method.phong == "literal" else {}
     # The parameter is left out if it has the plugin's default: kd for lambertiano and composto, else black.
     if any(ka) if surface.material not in ("lambertian", "composite") else surface.ka is not None:
         node["ambient"] = textured("ka", ka)
@@ -198,5 +202,5 @@ def beckmann_slope(surface: Surface) -> float:
 
     An exponent n of facets is converted to the RMS slope m = sqrt(2/(n + 2)) (Walter et al. 2007).
     """
-    exponent = roughness_parameters(surface).get("exponent")
+    exponent = roughness_parameters(surface, Method()).get("exponent")
     return surface.slope or 0.0 if exponent is None else math.sqrt(2 / (exponent + 2))

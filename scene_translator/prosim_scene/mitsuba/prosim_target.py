@@ -22,6 +22,9 @@ def settings(context: Context) -> Node:
         background = context.image("bitmap", scene.background.image, "background", "image")
     # The parameter `caustics` is written only if the scene has CAUSTICS.
     word, caustics = (", CAUSTICS", {"caustics": True}) if scene.caustics else ("", {})
+    stated = {name: getattr(scene.method, name) for name in ("adaptive", "threshold", "cutoff")}
+    method = {name: value for name, value in stated.items() if value is not None}
+    word += ", METHOD" if method else ""
     return {
         "comment": Comment(f"{scene.name}: SAVE-RGB, MAX-LEVEL, NSAMPLES, DO-SHADOW{word}, AMBIENT, BACKGROUND"),
         "integrator": {
@@ -30,6 +33,7 @@ def settings(context: Context) -> Node:
             "max_level": scene.max_level,
             "shadows": scene.shadows,
             **caustics,
+            **method,
             "ambient": rgb(lights.from_full_scale(scene.ambient)),
             "background": background,
             "hide_emitters": True,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..language.words import PIXELS
-from ..model import Leaf, Light, Surface, Vector
+from ..model import Leaf, Light, Method, Surface, Vector
 from ..nodes import Comment, Default, Node, rgb, rgb_clipped
 from ..view import Camera
 from . import lights, materials, textures
@@ -48,6 +48,8 @@ def settings(context: Context) -> Node:
         _approximate(context, "DO-SHADOW has no effect, shadows are cast", "shadows")
     if scene.caustics:
         _approximate(context, f"CAUSTICS has no effect; {integrator!r} finds caustics by chance", "caustics")
+    if scene.method != Method():
+        _approximate(context, "METHOD has no effect", "method")
     if not all(scene.channels):
         _approximate(context, "all channels are written", "channels")
     if scene.background.image is not None:

@@ -8,11 +8,13 @@ ROUGH = {"type": "roughplastic", "alpha": 0.3, "distribution": "ggx"}
 METAL = {"type": "roughconductor", "alpha": 0.3, "distribution": "ggx"}
 GLASS = {"type": "roughdielectric", "alpha": 0.3, "distribution": "ggx"}
 IMAGE = {"type": "bitmap", "raw": True}
-SPECTRAL = "spectral"
 
 
 def spectral():
-    return SPECTRAL in mi.variant()
+    return "spectral" in mi.variant()
+
+
+#: Bits of BSDFFlags, which need no variant: FrontSide below, GlossyReflection 8, DeltaReflection 32.
 
 
 def scaled(bs, factor=1.0, **fields):
@@ -24,81 +26,70 @@ def scaled(bs, factor=1.0, **fields):
     return copy
 
 
-# What a mutant does to (bs, weight) of sample(si, ctx), to eval(wo), and to pdf(wo); flags replaces m_flags.
+# What a mutant does to (bs, weight) of sample(), to eval(), and to pdf(); ``flags`` replaces the flags.
+
+
+def eval_(f):
+    return {"eval": lambda v, si, wo, ctx: f(v, si, wo)}
+
+
+def pdf(f):
+    return {"pdf": lambda v, si, wo, ctx: f(v, wo, ctx)}
+
+
+def weight(f):
+    return {"sample": lambda bs, w, si, ctx: (bs, w * f(bs, si, ctx))}
+
+
+def sample(f):
+    return {"sample": lambda bs, w, si, ctx: (f(bs), w)}
+
+
+def cosine(v):
+    return dr.maximum(dr.abs(v.z), 0.1)
+
+
+def tilt(si):
+    return 0.5 + 0.5 * dr.abs(si.wi.z)
+
+
+BRUSHED, REFLECTS = {"type": "roughconductor", "alpha_u": 0.1, "alpha_v": 0.4}, 0x8000
 BSDFS = {
     "pdf_too_large": (
         "diffuse",
-        {"pdf": lambda v, si, wo, ctx: v * 1.1, "sample": lambda bs, w, si, ctx: (scaled(bs, 1.1), w / 1.1)},
+        pdf(lambda v, wo, ctx: v * 1.1) | {"sample": lambda bs, w, si, ctx: (scaled(bs, 1.1), w / 1.1)},
     ),
-    "pdf_without_cosine": ("diffuse", {"pdf": lambda v, si, wo, ctx: dr.select(v > 0, dr.inv_two_pi, 0)}),
-    "pdf_of_one_sample": (ROUGH, {"sample": lambda bs, w, si, ctx: (scaled(bs, 1.2), w)}),
-    "eval_without_cosine": ("diffuse", {"eval": lambda v, si, wo, ctx: v / dr.maximum(dr.abs(wo.z), 1e-3)}),
-    "no_cosine_at_all": (
-        "diffuse",
-        {
-            "eval": lambda v, si, wo, ctx: v / dr.maximum(dr.abs(wo.z), 0.1),
-            "sample": lambda bs, w, si, ctx: (bs, w / dr.maximum(dr.abs(bs.wo.z), 0.1)),
-        },
-    ),
-    "weight_too_large": (METAL, {"sample": lambda bs, w, si, ctx: (bs, w * 1.05)}),
-    "albedo_above_one": (
-        "diffuse",
-        {"eval": lambda v, si, wo, ctx: v * 2.2, "sample": lambda bs, w, si, ctx: (bs, w * 2.2)},
-    ),
-    "mirror_above_one": ("conductor", {"sample": lambda bs, w, si, ctx: (bs, w * 1.2)}),
-    "light_below_horizon": ("diffuse", {"eval": lambda v, si, wo, ctx: v + dr.select(wo.z < 0, 0.05, 0)}),
-    "not_reciprocal": (
-        "diffuse",
-        {
-            "eval": lambda v, si, wo, ctx: v * (0.5 + 0.5 * dr.abs(si.wi.z)),
-            "sample": lambda bs, w, si, ctx: (bs, w * (0.5 + 0.5 * dr.abs(si.wi.z))),
-        },
-    ),
-    "eta_inverted": ("dielectric", {"sample": lambda bs, w, si, ctx: (scaled(bs, eta=dr.rcp(bs.eta)), w)}),
-    "rough_eta_inverted": (GLASS, {"sample": lambda bs, w, si, ctx: (scaled(bs, eta=dr.rcp(bs.eta)), w)}),
+    "pdf_without_cosine": ("diffuse", pdf(lambda v, wo, ctx: dr.select(v > 0, dr.inv_two_pi, 0))),
+    "pdf_of_one_sample": (ROUGH, sample(lambda bs: scaled(bs, 1.2))),
+    "eval_without_cosine": ("diffuse", eval_(lambda v, si, wo: v / cosine(wo))),
+    "no_cosine": ("diffuse", eval_(lambda v, si, wo: v / cosine(wo)) | weight(lambda bs, si, ctx: 1 / cosine(bs.wo))),
+    "weight_too_large": (METAL, weight(lambda bs, si, ctx: 1.05)),
+    "albedo_above_one": ("diffuse", eval_(lambda v, si, wo: v * 2.2) | weight(lambda bs, si, ctx: 2.2)),
+    "mirror_above_one": ("conductor", weight(lambda bs, si, ctx: 1.2)),
+    "light_below_horizon": ("diffuse", eval_(lambda v, si, wo: v + dr.select(wo.z < 0, 0.05, 0))),
+    "not_reciprocal": ("diffuse", eval_(lambda v, si, wo: v * tilt(si)) | weight(lambda bs, si, ctx: tilt(si))),
+    "eta_inverted": ("dielectric", sample(lambda bs: scaled(bs, eta=dr.rcp(bs.eta)))),
+    "rough_eta_inverted": (GLASS, sample(lambda bs: scaled(bs, eta=dr.rcp(bs.eta)))),
     "radiance_not_scaled": (
         "dielectric",
-        {
-            "sample": lambda bs, w, si, ctx: (
-                bs,
-                w * (dr.square(bs.eta) if ctx.mode == mi.TransportMode.Radiance else 1),
-            )
-        },
+        weight(lambda bs, si, ctx: dr.square(bs.eta) if ctx.mode == mi.TransportMode.Radiance else 1),
     ),
-    "glossy_lobe_lost": (ROUGH, {"eval": lambda v, si, wo, ctx: dr.minimum(v, 0.2)}),
-    "delta_probability": (
-        "plastic",
-        {"sample": lambda bs, w, si, ctx: (scaled(bs, dr.select((bs.sampled_type & 32) != 0, 0.8, 1)), w)},
-    ),
-    "transmission_as_reflection": (
-        GLASS,
-        {"sample": lambda bs, w, si, ctx: (scaled(bs, sampled_type=mi.UInt32(8)), w)},
-    ),
-    "not_anisotropic": (
-        {"type": "roughconductor", "alpha_u": 0.1, "alpha_v": 0.4},
-        {"flags": int(mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.FrontSide)},
-    ),
-    "flags_of_a_mirror": ("diffuse", {"flags": int(mi.BSDFFlags.DeltaReflection | mi.BSDFFlags.FrontSide)}),
-    "nan_at_grazing": ("diffuse", {"eval": lambda v, si, wo, ctx: v / dr.select(wo.z < 0.01, 0.0, 1.0)}),
-    "negative": ("diffuse", {"eval": lambda v, si, wo, ctx: v - 0.01}),
-    "turned_half": (
-        "twosided",
-        {"sample": lambda bs, w, si, ctx: (scaled(bs, wo=mi.Vector3f(bs.wo.x, bs.wo.y, dr.abs(bs.wo.z))), w)},
-    ),
-    "spectral_too_bright": ("diffuse", {"eval": lambda v, si, wo, ctx: v * (1.2 if spectral() else 1)}),
-    "one_component": (
-        {"type": "roughplastic", "alpha": 0.3},
-        {"pdf": lambda v, si, wo, ctx: v * (1.3 if ctx.component == 1 else 1)},
-    ),
+    "glossy_lobe_lost": (ROUGH, eval_(lambda v, si, wo: dr.minimum(v, 0.2))),
+    "delta_probability": ("plastic", sample(lambda bs: scaled(bs, dr.select((bs.sampled_type & 32) != 0, 0.8, 1)))),
+    "transmission_as_reflection": (GLASS, sample(lambda bs: scaled(bs, sampled_type=mi.UInt32(8)))),
+    "not_anisotropic": (BRUSHED, {"flags": REFLECTS | 0x8}),
+    "flags_of_a_mirror": ("diffuse", {"flags": REFLECTS | 0x20}),
+    "nan_at_grazing": ("diffuse", eval_(lambda v, si, wo: v / dr.select(wo.z < 0.01, 0.0, 1.0))),
+    "negative": ("diffuse", eval_(lambda v, si, wo: v - 0.01)),
+    "turned_half": ("twosided", sample(lambda bs: scaled(bs, wo=mi.Vector3f(bs.wo.x, bs.wo.y, dr.abs(bs.wo.z))))),
+    "spectral_too_bright": ("diffuse", eval_(lambda v, si, wo: v * (1.2 if spectral() else 1))),
+    "one_component": (ROUGH, pdf(lambda v, wo, ctx: v * (1.3 if ctx.component == 1 else 1))),
 }
 
 EMITTERS = {
     "point_squared": ("point", {"sample_direction": lambda ds, w, it: (ds, w * ds.dist)}),
     "point_ray_too_bright": ("point", {"sample_ray": lambda ray, w: (ray, w * 1.1)}),
-    "sky_turned": (
-        {"type": "sunsky"},
-        {"eval_direction": lambda v, it, ds: v, "sample_direction": lambda ds, w, it: (turned(ds), w)},
-    ),
+    "sky_turned": ("sunsky", {"sample_direction": lambda ds, w, it: (turned(ds), w)}),
     "constant_pdf": ("constant", {"pdf_direction": lambda v, it, ds: v * 1.2}),
     "constant_eval": ("constant", {"eval": lambda v, si: v * 0.9}),
     "spot_flux": ("spot", {"sample_ray": lambda ray, w: (ray, w * 0.9)}),

@@ -1,7 +1,9 @@
 """Two halves of the samples say how far a denoiser is followed; what it is told of a view."""
 
 import functools
+import itertools
 import sys
+import time
 from dataclasses import replace
 
 import mitsuba as mi
@@ -428,6 +430,32 @@ def test_a_render_that_ends_before_its_limit(variant_rgb, denoiser):
     final, again = done(scene, begin=stopped.checkpoint())
     assert again.state.estimates == render.state.estimates
     assert np.array_equal(final.denoised().final, result.final)
+
+
+@pytest.mark.parametrize(
+    "call, fast, reserved", [(0.02, False, 0.3), (0.3, True, 0.87), (0.5, True, None)], ids=["best", "fast", "none"]
+)
+def test_time_limit_reserves_the_time_of_the_denoiser(variant_rgb, monkeypatch, call, fast, reserved):
+    """At most a quarter of the limit, here 1 s; the render ends so many seconds earlier, whatever the clock's speed."""
+    scene = mi.load_dict(penumbra(size=16, type="prosim", samples=2, time=4.0))
+    monkeypatch.setattr(halves, "seconds_per_pixel", lambda: call / 16**2)
+    final = final_image.denoised_progressive(scene, 0, scene.integrator())
+    target = final.render.target
+    assert (final.denoiser.fast, target.reserved) == (fast, pytest.approx(reserved or 0))
+    assert reserved or final.why_raw == "the denoiser would take too much of the 4 s"
+    seconds = itertools.count(target.started, 0.01)
+    monkeypatch.setattr(time, "perf_counter", lambda: next(seconds))
+    elapsed = 0.01 * next(k for k in itertools.count() if target.time_is_up)
+    assert elapsed + (reserved or 0) == pytest.approx(4, rel=0.02)
+
+
+def test_time_limit_takes_samples_where_the_filter_is_wide(variant_rgb, denoiser):
+    """Its image has the samples of a render without denoiser, in one image and not in halves."""
+    scene = mi.load_dict(penumbra(size=16, rfilter="gaussian", type="prosim", samples=2, time=1e-3))
+    final = final_image.denoised_progressive(scene, 0, scene.integrator())
+    final.render.run()
+    assert final.render.second is None and "filter is wider than a pixel" in final.why_raw
+    assert np.array_equal(final.denoised().final, np.array(final.render.image()))
 
 
 @pytest.mark.slow

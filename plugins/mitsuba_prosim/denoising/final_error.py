@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -64,17 +63,10 @@ class FinalError:
         If the denoiser is not called, the error is extrapolated from the denoiser's last call, or is the error of the
         raw image.
         """
-        raw, samples, seconds = second.noise(), mean(image.all_counts()), 0.0
-        within = target.excess(raw) <= 1
-        if target.seconds and not target.reserved:
-            started = time.perf_counter()
-            if not within:
-                self.denoiser(image.halves, self.networks(image.estimates, samples), samples)
-            seconds = 1.2 * (time.perf_counter() - started)
+        raw, samples = second.noise(), mean(image.all_counts())
         if not target.excess(raw) > 1:  # the excess is NaN without limits
-            return Measurement(raw, seconds=seconds)
-        measure = self._with_both if second.complete else self._with_part
-        return measure(image, target, raw, samples)._replace(seconds=seconds)
+            return Measurement(raw)
+        return (self._with_both if second.complete else self._with_part)(image, target, raw, samples)
 
     def networks(self, estimates: Sequence[Sequence[Any]], samples: float) -> str:
         """Returns the kind of the networks for an image with ``samples`` samples per pixel: "plain", "fast" or "best".

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from functools import lru_cache
 from typing import Any
 
@@ -9,7 +10,6 @@ import mitsuba as mi
 import numpy as np
 
 from ..engine.error_target import mean
-from ..engine.goal import HalvesGoal
 from ..engine.render import Render
 from ..scene import rendering
 from .denoised import Denoised
@@ -62,11 +62,18 @@ def denoised_progressive(
     check(sensor.film())
     hide_emitters = getattr(integrator, "hide_emitters", False)
     error = FinalError(HalvesDenoiser(scene, sensor, seed, hide_emitters, fast))
-    # A denoiser that only a time limit ends has to be better than the samples that fit into its time.
-    sampling = getattr(integrator, "sampling", None)
-    timed = sampling is not None and not spp and sampling.time > 0 and not any(sampling.noises)
-    measure = None if timed and has_wide_filter(sensor) else error
-    return FinalImage(rendering.progressive(scene, sensor, integrator, seed, spp, measure=measure, **options), error)
+    started, why_raw, reserved = time.perf_counter(), "", 0.0
+    if limit := integrator.time if rendering.is_progressive(integrator) and not spp else 0.0:
+        if not any(integrator.sampling.noises) and has_wide_filter(sensor):
+            why_raw = "in equal time, samples help more than a denoiser, as the film's filter is wider than a pixel"
+        elif (reserved := error.denoiser.choose_networks(limit)) == np.inf:
+            why_raw = f"the denoiser would take too much of the {limit:g} s"
+    spent, measure = time.perf_counter() - started, None if why_raw else error
+    render = rendering.progressive(scene, sensor, integrator, seed, spp, measure=measure, **options)
+    final = FinalImage(render, error, why_raw)
+    if limit and not why_raw:
+        final.prepare(reserved, spent)
+    return final
 
 
 def has_wide_filter(sensor: mi.Sensor) -> bool:
@@ -77,12 +84,22 @@ def has_wide_filter(sensor: mi.Sensor) -> bool:
 class FinalImage:
     """The denoised image of a ``render``, or its image without denoising if that has reached the error target.
 
-    ``error`` is the measure of the render, the denoiser of which denoises the image.
+    ``error`` is the measure of the render, the denoiser of which denoises the image. ``why_raw`` says why the image
+    must not be denoised; it is empty if the error target decides.
     """
 
-    def __init__(self, render: Any, error: FinalError) -> None:
-        self.render, self.error, self.denoiser = render, error, error.denoiser
+    def __init__(self, render: Any, error: FinalError, why_raw: str = "") -> None:
+        self.render, self.error, self.denoiser, self._why_raw = render, error, error.denoiser, why_raw
         self._latest = lru_cache(maxsize=1)(self._denoised)  # keeps the last result
+
+    def prepare(self, reserved: float, spent: float) -> None:
+        """Renders the features before the first sample, and reserves the last ``reserved`` seconds of the time limit
+        for the denoiser. ``spent`` seconds of the time limit have passed before the render.
+        """
+        names, features = self.names, self.denoiser.features  # the names first: the features change the film
+        assert names and features
+        self.render.target.reserved = reserved
+        self.render.target.started -= spent
 
     @property
     def names(self) -> list[str]:
@@ -130,8 +147,8 @@ class FinalImage:
         render = self.render
         if not isinstance(render, Render):
             return None
-        if not isinstance(render.goal, HalvesGoal):
-            return "in equal time, samples help more than a denoiser, as the film's filter is wider than a pixel"
+        if self._why_raw:
+            return self._why_raw
         if render.second is not None and render.target.excess(render.second.noise()) <= 1:
             reached = " and ".join(f"{limit:g}" for limit in render.target.limits if limit)
             return f"the image reached {reached} without denoising, which would have taken longer"

@@ -45,8 +45,6 @@ class Measurement(NamedTuple):
     sample_ratio: float = 0.0
     #: Whether the error can only be measured with a complete second image.
     needs_complete: bool = False
-    #: Seconds that the final image still needs after its last sample.
-    seconds: float = 0.0
     #: Estimates of the error of the denoised image that are new, see :attr:`.Image.estimates`.
     estimates: Sequence[Sequence[Any]] = ()
 
@@ -168,7 +166,7 @@ class ErrorGoal:
                 return False
             measured = self._measure(image, second, self.target)
             image.record(measured.noise, measured.estimates)
-            self._ratio, self.target.reserved = measured.sample_ratio, measured.seconds or self.target.reserved
+            self._ratio = measured.sample_ratio
             if measured.needs_complete:
                 image.begin_second(complete=True)
                 return False

@@ -198,7 +198,7 @@ def materials():
         "lambertian": {"reflectance": rgb(0.6, 0.3, 0.2)},
     }.items():
         for m in (0.02, 0.1, 0.2, 0.4, 0.6):
-            rough = {"phong": {"exponent": 2 / m**2 - 2}, "lambertian": {}}.get(name, {"alpha": m})
+            rough = {"phong": {"exponent": (2 / m**2 - 2) / 4}, "lambertian": {}}.get(name, {"alpha": m})
             scene = studio(ball=ball({"type": f"prosim_{name}", **parameters, **rough}))
             scene["sensor"]["film"] |= {"width": 96, "height": 96}
             scene["sensor"]["fov"] = 24

@@ -1,5 +1,6 @@
 """The worked examples of CONTRIBUTING.md work."""
 
+import dataclasses
 import re
 import types
 from pathlib import Path
@@ -14,6 +15,8 @@ from mitsuba_prosim import registry
 from mitsuba_prosim.engine.policies import POLICIES
 from mitsuba_prosim.light import table
 from mitsuba_prosim.light.table import Lights
+from prosim_scene.language import words
+from prosim_scene.model import Scene
 from scenes import area, camera, film, ground
 
 ROOT = Path(__file__).parents[1]
@@ -71,10 +74,47 @@ def test_light(variant_rgb, count, monkeypatch):
     direct = [renderings(under_tubes(count, floor, type="direct"), 12, spp=64) for floor in floors]
     without = renderings(under_tubes(count, floors[0], **settings), 12, spp=16)
     tubes = module("mitsuba_prosim.light", "Tubes").TubeLights
-    monkeypatch.setattr(table, "STRATEGIES", (table.SphereLights, tubes, table.OtherLights))
+    monkeypatch.setattr(table, "STRATEGIES", (tubes, *table.STRATEGIES))
     ours = [renderings(under_tubes(count, floor, **settings), 12, spp=16) for floor in floors]
     assert all(map(same_expectation, direct, ours))
     assert ours[0].var(0).mean() < 0.4 * without.var(0).mean()
+
+
+LAMPS = {
+    "tube": ({"type": "cylinder", **area(1.0)}, True),
+    "tube that emits inwards": ({"type": "cylinder", "flip_normals": True, **area(1.0)}, False),
+    "tube with a texture": ({"type": "cylinder", **area({"type": "checkerboard"})}, False),
+    "tube that emits along its normals": ({"type": "cylinder", "lamp": {"type": "directionalarea"}}, False),
+    "ball": ({"type": "sphere", **area(1.0)}, False),
+    "rectangle": ({"type": "rectangle", **area(1.0)}, False),
+    "point": ({"type": "point"}, False),
+    "sky": ({"type": "constant"}, False),
+}
+
+
+@pytest.mark.parametrize("name", LAMPS)
+def test_strategy_samples_tubes_only(variant_rgb, monkeypatch, name):
+    """Other lamps keep the strategies that they have."""
+    lamp, is_tube = LAMPS[name]
+    scene = mi.load_dict({"type": "scene", "lamp": lamp})
+    before = [type(strategy) for strategy, *_ in Lights(scene).groups]
+    tubes = module("mitsuba_prosim.light", "Tubes").TubeLights
+    monkeypatch.setattr(table, "STRATEGIES", (tubes, *table.STRATEGIES))
+    after = [type(strategy) for strategy, *_ in Lights(scene).groups]
+    assert after == ([tubes] if is_tube else before)
+
+
+def test_statement_is_read_with_the_default_of_the_integrator(variant_rgb):
+    """The row of words.txt is well formed, and the field of the model has the default that its meaning says."""
+    text = TEXT.partition("## Add a statement")[2].partition("\n## ")[0]
+    row, field, parameter = re.findall(r"```(?:python)?\n(.*?)```", text, re.DOTALL)
+    cells, _, meaning = row.partition("\n")
+    role, _, name, numbers = map(str.strip, cells.split("|"))
+    assert role in words.ROLES and all(not words.WORDS_BY_SPELLING.get(s.lower()) for s in cells.split() if "-" in s)
+    default = re.search(rf"{name}: \w+ = (\S+)", field)[1]
+    assert f"Default: {default}." in meaning and numbers.startswith("1 ")
+    assert float(default) == getattr(mi.load_dict({"type": "prosim"}), name)
+    assert parameter.strip() == f'"{name}": scene.{name},' and name not in {f.name for f in dataclasses.fields(Scene)}
 
 
 @pytest.mark.slow

@@ -60,6 +60,12 @@ def test_the_api_is_up_to_date(variant_rgb, monkeypatch):
     assert importlib.import_module("api").page() == (DOCS / "api.rst").read_text("utf-8")
 
 
+def test_api_lists_numbers_only_of_words_that_have_some():
+    """The cells of a word without numbers, such as METHOD, are empty."""
+    row = (DOCS / "api.rst").read_text("utf-8").partition("   * - ``METHOD``\n")[2].splitlines()[:3]
+    assert [cell.strip() for cell in row] == ["- ``METODO``", "-", "-"]
+
+
 @pytest.mark.parametrize("page", ["README.md", "docs/index.md", "docs/inverse_rendering.md"])
 def test_python_examples_run(page, tmp_path, monkeypatch):
     """Two steps of an optimisation instead of its many."""

@@ -50,6 +50,22 @@ def test_bsdf(variant_rgb, monkeypatch):
     assert dr.allclose(bsdf.eval(mi.BSDFContext(), si, wo).x / wo.z, there, rtol=1e-4)
 
 
+@pytest.mark.parametrize("albedo, expected", [(0.8, 0.1), (0.0, 0.0)])
+def test_bsdf_has_a_default_albedo(variant_rgb, monkeypatch, albedo, expected):
+    """pi times the BRDF along the normal, whatever the direction of the viewer; the denoiser's layer shows it."""
+    monkeypatch.setattr(registry, "PLUGINS", {})
+    module("mitsuba_prosim.bsdfs", "Dusty")
+    dusty = {"type": "prosim_lunar", "albedo": albedo}
+    si = dr.zeros(mi.SurfaceInteraction3f, 3)
+    si.wi = dr.normalize(mi.Vector3f([0, 0.6, 0.99], 0, [1, 0.7, 0.1]))
+    for bsdf in (dusty, {"type": "twosided", "b": dusty}):
+        assert np.allclose(np.array(mi.load_dict(bsdf).eval_diffuse_reflectance(si)), expected, atol=1e-6)
+    sensor = camera([0, 1, 0], [0, 0, 0], film(4), (0, 0, 1), fov=60)
+    layers = {"type": "aov", "aovs": "albedo:albedo"}
+    scene = mi.load_dict({"type": "scene", "sensor": sensor, "floor": ground(4, dusty), "integrator": layers})
+    assert np.allclose(np.array(mi.render(scene, spp=4))[..., -3:], expected, atol=1e-5)
+
+
 def under_tubes(count, floor, **integrator):
     """A floor below as many tubes; the camera sees the floor alone."""
     tubes = {

@@ -149,8 +149,16 @@ class Material(mi.BSDF):
         return self.eval_pdf(*args, **kwargs)[1]
 
     def directional_albedo(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        """Returns the colour of the surface, for denoisers: the same from all directions."""
-        raise NotImplementedError
+        """Returns the colour of the surface, for denoisers: the same from all directions.
+
+        The default is that of Mitsuba, pi times the BRDF, for light and a viewer along the normal. It is exact for an
+        ideally diffuse surface, and 0 for a mirror.
+        """
+        normal = mi.Vector3f(0, 0, 1)
+        along_normal = mi.SurfaceInteraction3f(si)
+        along_normal.wi = normal
+        value = self.eval_pdf(mi.BSDFContext(), along_normal, normal, active)[0]
+        return mi.unpolarized_spectrum(value) * dr.pi
 
     def eval_diffuse_reflectance(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
         """Returns the colour of the surface, in [0, 1], also for a material without a diffuse component."""

@@ -226,9 +226,6 @@ def test_albedo(subject: Subject, report: Report) -> None:
     report.require(
         "eval_diffuse_reflectance() is in [0, 1]", (value >= 0) & (value <= 1.001), where=q.where, worst=NOTE
     )
-    if bsdf.flags() & int(mi.BSDFFlags.All) == int(mi.BSDFFlags.DiffuseReflection):
-        test, worst = "weight of a diffuse sample = eval_diffuse_reflectance()", NOTE if is_tilted(bsdf) else FAILS
-        report.equal(test, q.weight, value, q.where, on=q.valid, worst=worst)
 
 
 def test_flags(subject: Subject, report: Report) -> None:

@@ -45,7 +45,7 @@ class Method:
     The reflection models apply to all surfaces of the scene.
     """
 
-    adaptive: str | None = None  # "neighbours", "graded", "thesis" or "none"
+    adaptive: str | None = None  # "neighbours", "graded", "thesis", "variance" or "none"
     threshold: float | None = None
     cutoff: float | None = None
     fresnel: str = "exact"  # or "thesis", for conductors

@@ -10,7 +10,7 @@ from image_statistics import renderings, same_expectation
 from mitsuba_prosim.compat import MXCSR, denormals_rounded, to_world_name
 from mitsuba_prosim.engine.camera import ray_sampler
 from mitsuba_prosim.engine.derivatives import Derivatives
-from mitsuba_prosim.engine.policies import Neighbours, error_of_neighbours
+from mitsuba_prosim.engine.policies import POLICIES, Neighbours, error_of_neighbours
 from mitsuba_prosim.scene import session
 from scenes import (
     COPPER,
@@ -190,7 +190,13 @@ def test_one_channel_has_the_values_that_it_has_with_others(variant_rgb):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "spp, adaptive, rfilter",
-    [(4, "none", "box"), (0, "neighbours", "gaussian"), (0, "thesis", "box"), (0, "graded", "gaussian")],
+    [
+        (4, "none", "box"),
+        (0, "neighbours", "gaussian"),
+        (0, "thesis", "box"),
+        (0, "variance", "box"),
+        (0, "graded", "gaussian"),
+    ],
 )
 def test_bands_crops_and_threads_do_not_change_a_bit(variant_rgb, spp, adaptive, rfilter, monkeypatch):
     def image(band=1 << 18, **window):
@@ -378,6 +384,21 @@ def test_samples_go_where_they_are_needed(variant_rgb, adaptive):
     assert 5 < taken.mean() < 15
     assert np.all(taken[-8:, :20] == 5)  # open floor
     assert taken[20:40, 13:16].mean() > 15  # the pole, two pixels wide
+
+
+@pytest.mark.parametrize(
+    "name, measure",  # of the samples of a pixel
+    [("thesis", lambda x: x.std(ddof=1) / np.sqrt(x.size)), ("variance", lambda x: np.mean((x - x.mean()) ** 2))],
+)
+def test_policy_stops_at_the_measure_that_it_names(variant_rgb, name, measure):
+    """Where the measure is the threshold but for 1 %, above and below; not before the first pass ends."""
+    samples = np.random.default_rng(1).gamma(0.3, size=(200, 10))
+    expected = np.array([measure(x) for x in samples])
+    total, squares = (mi.Float(values.sum(1)) for values in (samples, samples**2))
+    for least, threshold in (5, np.median(expected)), (11, np.median(expected)):
+        stops = np.array(POLICIES[name](5, threshold, least, 25, 25).converged(total, squares, mi.UInt32(10)))
+        clear = np.abs(expected / threshold - 1) > 0.01
+        assert np.array_equal(stops[clear], (expected <= threshold)[clear] & (least <= 10)) and clear.mean() > 0.9
 
 
 def test_threshold_and_limits(variant_rgb):

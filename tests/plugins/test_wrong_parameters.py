@@ -90,6 +90,7 @@ WRONG = [
     ("prosim_adaptive", {}, "\"integrator\" is 'nothing'; allowed: one integrator that takes samples"),
     ("prosim_adaptive", PATH | {"b": {"type": "direct"}}, "is 'PathIntegrator, DirectIntegrator'; allowed: one"),
     ("prosim_adaptive", {"a": {"type": "ptracer"}}, "ParticleTracerIntegrator|takes samples from a sensor"),
+    ("prosim", {"adaptive": "variance", "noise": 0.1}, "noise and time ask for more than N² samples"),
     ("prosim_adaptive", PATH | {"adaptive": "thesis", "noise": 0.1}, "noise and time ask for more than N² samples"),
     ("prosim_adaptive", PATH | {"noise": -1.0}, '"noise" is -1.0'),
     ("prosim_adaptive", PATH | {"adaptive": "always"}, '"adaptive" is |always|; allowed: one of'),

@@ -58,7 +58,7 @@ WRONG = [
     (4, "CSG-TREE CUBE 1", 10, "no-index", ""),
     # unknown words
     (4, "CSG-TREE CUBO 0 SFERE 1", 17, "unknown-word", "'SPHERE'"),
-    (1, "METHOD adaptive fast", 17, "unknown-word", "expected neighbours, graded, thesis or none"),
+    (1, "METHOD adaptive fast", 17, "unknown-word", "expected neighbours, graded, thesis, variance or none"),
     (1, "METHOD facets beckman", 15, "unknown-word", "'beckmann'"),
     (4, "CSG-TREE CUBE 0 t-tijollo", 17, "unknown-name", "'t-tijolo'"),
     # a wrong count of values

@@ -70,17 +70,33 @@ class Uniform(Policy):
 class Thesis(Policy):
     """The policy ``thesis``: a pixel gets no more samples when its standard error is at most the threshold.
 
-    The standard error is computed from the pixel's own samples, in units of radiance. The policy is exactly the
-    criterion of the thesis (section 5.3.2). The same samples estimate the value of a pixel and decide when the pixel is
-    finished, so the value is biased (Kirk and Arvo 1991).
+    The standard error is s / sqrt(n) of the pixel's own n samples with the sample variance s², in units of radiance, as
+    if they were independent; it is not that of the AOV ``error``, which compares passes. The thesis asks for an error
+    below a threshold (section 4.2.1.1), and stops at the variance (section 5.3.2), as the policy ``variance`` does. The
+    same samples estimate the value of a pixel and decide when the pixel is finished, so the value is biased (Kirk and
+    Arvo 1991).
     """
 
     unbounded = False
+    measure = staticmethod(standard_error)
 
     def converged(self, total: mi.Float, squares: mi.Float, t: mi.UInt32) -> mi.Bool:
-        """Tells which pixels have the minimum number of samples, and a standard error of at most the threshold."""
+        """Tells which pixels have the minimum number of samples, and a measure of at most the threshold."""
         threshold = dr.opaque(mi.Float, self.threshold)  # one kernel serves all values
-        return (t >= self.first_samples) & (standard_error(total, squares, mi.Float(t)) <= threshold)
+        return (t >= self.first_samples) & (self.measure(total, squares, mi.Float(t)) <= threshold)
+
+
+class Variance(Thesis):
+    """The policy ``variance``: a pixel gets no more samples when the variance of its samples is at most the threshold.
+
+    The variance is the square of equation 4.4 of the thesis, of the pixel's own samples, in squared units of radiance.
+    It does not decrease with the number of samples, so most pixels stop after the first pass or get N² samples.
+    """
+
+    @staticmethod
+    def measure(total: mi.Float, squares: mi.Float, t: mi.Float) -> mi.Float:
+        """Returns the mean squared deviation of ``t`` samples from their mean."""
+        return dr.maximum(squares / t - dr.square(total / t), 0)
 
 
 class Neighbours(Policy):
@@ -184,4 +200,10 @@ def mean_around(plane: np.ndarray, reach: int) -> np.ndarray:
 
 
 #: Allowed values of the integrator's parameter ``adaptive`` -> policy; the default is first.
-POLICIES: dict[str, type[Policy]] = {"neighbours": Neighbours, "thesis": Thesis, "none": Uniform, "graded": Graded}
+POLICIES: dict[str, type[Policy]] = {
+    "neighbours": Neighbours,
+    "thesis": Thesis,
+    "variance": Variance,
+    "none": Uniform,
+    "graded": Graded,
+}

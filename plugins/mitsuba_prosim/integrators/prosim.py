@@ -47,13 +47,15 @@ class Prosim(ProgressiveIntegrator):
        - |string|
        - Policy. :monosp:`neighbours`: a pixel gets all :math:`N^2` samples if the 24 pixels around it are noisy.
          :monosp:`graded`: the number of samples follows the variance within the 24 pixels around.
-         :monosp:`thesis`: :math:`N` samples at a time, until the pixel's own variance is small. :monosp:`none`:
-         always :math:`N^2`. (Default: :monosp:`neighbours`; :monosp:`graded` with :monosp:`noise` or :monosp:`time`)
+         :monosp:`thesis`: :math:`N` samples at a time, until the pixel's own standard error is small;
+         :monosp:`variance`: until the variance of its samples is small. :monosp:`none`: always :math:`N^2`. (Default:
+         :monosp:`neighbours`; :monosp:`graded` with :monosp:`noise` or :monosp:`time`)
 
      * - threshold
        - |float|
        - Standard error of a pixel that needs no more samples: of the displayed value (white = 1) for
-         :monosp:`neighbours` and :monosp:`graded`, of the radiance for :monosp:`thesis` (Default: 0.006)
+         :monosp:`neighbours` and :monosp:`graded`, of the radiance for :monosp:`thesis`. For
+         :monosp:`variance`, the variance of a sample (Default: 0.006)
 
      * - min_passes, max_samples
        - |int|
@@ -64,7 +66,7 @@ class Prosim(ProgressiveIntegrator):
        - |float|
        - Error targets of the displayed image (white = 1): the RMS error, the error of 99 % and of 99.9 % of the pixels;
          and a limit in seconds. The render ends when all errors are within their targets, or at the time limit. Not
-         with :monosp:`thesis`. (Default: 0, none)
+         with :monosp:`thesis` and :monosp:`variance`. (Default: 0, none)
 
      * - max_level
        - |int|

@@ -16,13 +16,13 @@ import mitsuba as mi
 
 from .registry import register_plugins
 
-__all__ = ["denoise", "register_plugins", "show"]
+__all__ = ["denoise", "explain", "register_plugins", "show"]
 
 __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
-    """Imports the function ``denoise`` or ``show`` of this package when it is first used, and returns it.
+    """Imports the function ``denoise``, ``explain`` or ``show`` of this package when it is first used, and returns it.
 
     Raises AttributeError for other names.
     """
@@ -30,6 +30,10 @@ def __getattr__(name: str) -> Any:
         from .denoising import denoise
 
         return denoise
+    if name == "explain":
+        from .explaining.explanation import explain
+
+        return explain
     if name == "show":
         from .live.notebook import show
 

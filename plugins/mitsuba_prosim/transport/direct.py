@@ -98,16 +98,19 @@ def lamp_light(
     f = mi.Spectrum(0) if context.light_lobes is None else scattering.eval(context.light_lobes, vertex, wo, lit)
     if gathered is not None and not context.mis_lobes:  # else ``light_lobes`` are diffuse
         f = dr.select(gathered, scattering.eval(lobes.only(lobes.DIFFUSE), vertex, wo, lit & gathered), f)
-    diffuse = f
+    diffuse, terms = f, [(context.light_lobes, f, mi.Float(0), mi.Float(1))]
     for lobe in mis_lobes:
         f_lobe, pdf_lobe = eval_lobe(context, lobe, vertex, wo, points, mis_active)
         weight_lobe = dr.select(ds.delta, 1, mis(ds.pdf, pdf_lobe))
         if context.photon_mis is not None:
             weight_lobe *= context.photon_mis.light_weight(vertex, ds, f_lobe, pdf_lobe, mis_active)
         f = f + f_lobe * weight_lobe
+        terms.append((lobe, f_lobe, pdf_lobe, weight_lobe))
     f = dr.select(vertex.inseparable, diffuse, f)  # ``diffuse`` has the light of all lobes there
     lit, transmitted = visibility(context, vertex, ds.p, f * weight, lit)
-    L = layers.none().plus(dr.select(lit, f * weight * transmitted, 0), layers.of(ray, "glossy", k))
+    value = dr.select(lit, f * weight * transmitted, 0)
+    context.observe("lamp", ray, vertex=vertex, lamp=k, sample=sample, terms=terms, f=f, visible=lit, value=value)
+    L = layers.none().plus(value, layers.of(ray, "glossy", k))
     if not layers.splits_lobes:
         return L
     if not context.mis_lobes:  # then ``light_lobes`` are all lobes, not only the diffuse lobes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -49,6 +50,8 @@ class Context:
             # cannot.
             settings = replace(settings, diffuse_bounces=UNLIMITED_BOUNCES)
         warn_of_tilted_normals(scene.emitters())
+        #: Gets the values of :meth:`observe`; None except in the explanation of a pixel.
+        self.observer: Callable[..., None] | None = None
         self.scene, self.settings, self.attached = scene, settings, attached
         #: The photons, emitted by :meth:`.Caustics.use_pass`; and the MIS of photons and rays. Each may be None.
         self.caustics, self.photon_mis = caustics, None if caustics is None else caustics.mis
@@ -88,6 +91,15 @@ class Context:
             and not (self.scattering.disperses or self.scattering.needs_workarounds)
             and (self.lights.sampler is not None or self.lights.lamps == 1)
         )
+
+    def observe(self, event: str, ray: Ray, **values: Any) -> None:
+        """Passes intermediate values of the transport to the :attr:`observer`, if there is one.
+
+        ``event`` is the name of a computation at the end of ``ray``, and ``values`` are its values. An observer needs
+        values of evaluated loops, that is with the flag ``dr.JitFlag.SymbolicLoops`` switched off.
+        """
+        if self.observer is not None:
+            self.observer(event, ray, **values)
 
     def first(self, camera: mi.Ray3f) -> Ray:
         """Returns the camera ray ``camera`` as the first :class:`.Ray` of a ray tree or path.

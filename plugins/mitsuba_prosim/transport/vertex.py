@@ -34,7 +34,8 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
     ray3, si = intersect(context, ray, camera, active)
     if settings.hide_emitters and not lights.all_delta:
         si = past_emitters(context.scene, ray3, si, active & ray.is_visible, context.attached)
-    ray = attenuated_at(ray, ray3, si, active)
+    arriving, ray = ray, attenuated_at(ray, ray3, si, active)
+    context.observe("ray", arriving, si=si, attenuated=ray.throughput, active=active)
     within_max_level = active if settings.max_level < 0 else active & (ray.level <= settings.max_level)
     L = context.layers.none()
     # Emission also counts beyond the maximum level: by MIS, this ray shares the direct light of the vertex where it
@@ -45,16 +46,20 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
         escaped = but_not(within_max_level, active & si.is_valid())
         radiance = dr.select(escaped, background_radiance(settings.background, ray3, si, escaped), 0)
         L = L.plus(radiance, context.layers.of(ray, "background"))
+        context.observe("background", ray, value=radiance)
     surface = active & si.is_valid() & within_max_level
     if idle(surface):
         return L.scaled(ray.throughput), Vertex(si, None, surface, surface, surface, ray, Receiver(si, ray.n))
     vertex = vertex_at(context, ray, si, surface)
     if settings.ambient is not None and context.flags:  # else Dr.Jit has no BSDF to dispatch to
-        L = L.plus(ambient_term(settings.ambient, vertex), context.layers.of(ray, "ambient"))
+        radiance = ambient_term(settings.ambient, vertex)
+        L = L.plus(radiance, context.layers.of(ray, "ambient"))
+        context.observe("ambient", ray, value=radiance)
     L += direct_light(context, vertex, points)
     if context.caustics is not None:
         assert not isinstance(points, SamplerPoints)
         total = context.caustics.add_to(L.total, vertex, points.t)
+        context.observe("photons", ray, value=total - L.total)
         L = L.plus(total - L.total, context.layers.of(ray, "caustics"), total)
     return L.scaled(ray.throughput), vertex
 
@@ -137,7 +142,9 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
         # Only rays find light that comes directly from a sky.
         photons_may_find = uses_mis | active & (ray.pdf == 0)
         weight *= context.photon_mis.emission_weight(ray, origin, ds, pdf, photons_may_find)
-    return dr.select(active, L * weight, 0), context.layers.of(ray, "emitted", lights.number_of(emitter, active))
+    value, number = dr.select(active, L * weight, 0), lights.number_of(emitter, active)
+    context.observe("emission", ray, value=value, lamp=number, radiance=L, pdf=pdf, weight=weight, active=active)
+    return value, context.layers.of(ray, "emitted", number)
 
 
 def ambient_term(radiance: mi.Texture, vertex: Vertex) -> mi.UnpolarizedSpectrum:

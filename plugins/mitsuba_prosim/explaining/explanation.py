@@ -1,0 +1,233 @@
+"""Explains why a pixel has its value: the function ``explain`` and its result."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .. import atomic
+from ..alone import alone
+from ..compat import PLACE, denormals_rounded
+from ..engine.camera import is_perspective, without_crop_window
+from ..engine.estimator import Estimator
+from ..engine.plan import Plan
+from ..registry import create
+from ..scene.scene_file import SceneFile
+from .nodes import Node, Numbers
+from .recorder import Recorder
+
+#: Maximum number of samples of an explanation.
+MOST_SAMPLES = 1 << 14
+#: An unlimited depth in Mitsuba's integrators.
+UNLIMITED = (1 << 32) - 1
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """Why a pixel has its value, as plain data; the function :func:`explain` returns it."""
+
+    #: Column and row of the pixel in the image, from the upper left corner; the seed of the image.
+    pixel: tuple[int, int]
+    seed: int
+    #: Names of the film's channels, in the order of the values.
+    channels: tuple[str, ...]
+    #: The value of each sample of the pixel, and their mean.
+    values: tuple[Numbers, ...]
+    mean: Numbers
+    #: Index of the explained sample, and the nodes of its tree or path. The contributions of the nodes sum to its value.
+    sample: int
+    nodes: tuple[Node, ...]
+    #: Sentences on the differences between this explanation and the image of the scene; usually none.
+    notes: tuple[str, ...]
+
+    def json(self) -> str:
+        """Returns the explanation as JSON text."""
+        return json.dumps(asdict(self))
+
+
+def explain(
+    scene: mi.Scene | str | Path,
+    pixel: tuple[int, int],
+    sample: int | None = None,
+    spp: int = 64,
+    sensor: int = 0,
+    integrator: mi.Integrator | None = None,
+    seed: int = 0,
+) -> Explanation:
+    """Explains why a pixel is bright, dark or noisy: the rays of a sample, and the light that each ray adds.
+
+    ``scene``
+        A Mitsuba scene, or the path of a scene file in the thesis's scene language or in XML. Only a path gives the
+        lines of shapes.
+    ``pixel``
+        Column and row of the pixel in the image, from the upper left corner.
+    ``sample``
+        Index of the sample whose rays are returned; None: the sample with the greatest sum of the film's channels.
+    ``spp``
+        Number of samples of the pixel; 0: that of the integrator, N².
+    ``sensor``, ``integrator``, ``seed``
+        As in ``mi.render``, whose image with the same ``spp`` and ``seed`` has the same samples.
+
+    The mean of the samples is the value of the pixel in the image, if the film has a box filter and the pixel has all
+    samples (``adaptive`` is ``none``); an adaptive image has the first of these samples. For another filter than
+    ``box``, the image also has a part of the samples of the pixels around, and a note says so. An integrator of Mitsuba
+    that follows paths is explained by paths of ``prosim``, which a note says, too.
+
+    Raises ValueError for a pixel outside the image, a sample that does not exist, and an integrator without samples of
+    its own, and RuntimeError in scalar variants.
+    """
+    return Samples.of(scene, pixel, spp, sensor, integrator, seed).explanation(sample)
+
+
+@dataclass
+class Samples:
+    """The samples of one pixel, with the records of all their rays."""
+
+    recorders: Sequence[tuple[int, Recorder]]
+    estimator: Estimator
+    plan: Plan
+    pixel: tuple[int, int]
+    channels: tuple[str, ...]
+    values: np.ndarray
+    notes: list[str] = field(default_factory=list)
+
+    @classmethod
+    def of(
+        cls,
+        scene: mi.Scene | str | Path,
+        pixel: tuple[int, int],
+        spp: int,
+        sensor: int = 0,
+        integrator: mi.Integrator | None = None,
+        seed: int = 0,
+    ) -> Samples:
+        """Takes all samples of a pixel; the arguments and errors are those of :func:`explain`."""
+        if not dr.is_jit_v(mi.Float):
+            raise RuntimeError("explain: scalar variants record no rays; use an llvm or cuda variant.")
+        lines: Mapping[str, str] = {}
+        if isinstance(scene, (str, Path)):
+            with atomic.scratch() as folder:
+                file = SceneFile(scene, folder)
+                lines, scene = shape_lines(file), file.load()
+        camera, notes = scene.sensors()[sensor], list[str]()
+        film = camera.film()
+        size, (x, y) = tuple(map(int, film.crop_size())), pixel
+        if not (0 <= x < size[0] and 0 <= y < size[1]):
+            raise ValueError(f"the pixel {x},{y} is outside the image, whose pixels are 0,0 to {size[0] - 1},{size[1] - 1}")
+        if not 0 <= spp <= MOST_SAMPLES:
+            raise ValueError(f"spp is {spp}; give a number from 1 to {MOST_SAMPLES}, or 0 for the integrator's own")
+        integrator = explained_integrator(integrator or scene.integrator(), notes)
+        if not film.rfilter().is_box_filter():
+            notes.append("The film's filter also adds samples of the pixels around to the pixel's value in the image.")
+        with explaining(camera):
+            estimator = integrator.estimator(scene, camera)
+            plan = Plan.of(integrator.sampling, film, seed, spp)
+            offset = tuple(map(int, film.crop_offset()))
+            count = spp or min(plan.noisy_samples, MOST_SAMPLES)
+            samples = cls([], estimator, plan, (x, y), (), np.empty((0,)), notes)
+            samples._take(x + offset[0], y + offset[1], count, lines)
+        return samples
+
+    def _take(self, x: int, y: int, count: int, lines: Mapping[str, str]) -> None:
+        """Takes ``count`` samples of the pixel (x, y) of the whole film."""
+        estimator, plan, parts, values = self.estimator, self.plan, [], []
+        names = [name for name in estimator.channels.names[: estimator.channels.names.index("W")] if name != "A"]
+        transport, caustics = estimator.transport, estimator.transport.caustics
+        size = count if caustics is None else caustics.maps(plan.n)
+        for first in range(0, count, size):
+            if caustics is not None:
+                caustics.use_pass(plan.photon_seed, first // size, plan.n)
+            width = min(size, count - first)
+            t = first + dr.arange(mi.UInt32, width)
+            where = dr.full(mi.Int32, x, width), dr.full(mi.Int32, y, width)
+            points = plan.points(*where, t)
+            if caustics is not None:
+                points.division = t, caustics.n
+            ray, weight, _ = estimator.camera_ray(*where, points)
+
+            def channels(L: mi.Spectrum, ray: Any = ray, weight: Any = weight) -> Sequence[mi.Float]:
+                return estimator.channels.values(L * weight, ray.wavelengths, mi.Float(0))[: len(names)]
+
+            transport.observer = recorder = Recorder(transport, width, channels, lines)
+            taken = estimator.sample(plan, *where, t)[0][: len(names)]
+            transport.observer = None
+            values.append(np.array([np.broadcast_to(np.array(value), width) for value in taken]).T)
+            parts.append((first, recorder))
+        self.recorders, self.channels, self.values = parts, tuple(names), np.concatenate(values)
+
+    def nodes(self, sample: int) -> tuple[Node, ...]:
+        """Returns the nodes of the sample with this index."""
+        first, recorder = next(part for part in reversed(self.recorders) if part[0] <= sample)
+        return recorder.nodes(sample - first)
+
+    def explanation(self, sample: int | None = None) -> Explanation:
+        """Returns the explanation of the pixel with the nodes of one sample; the default is the brightest sample."""
+        count = len(self.values)
+        if sample is None:
+            sample = int(np.argmax(self.values.sum(axis=1)))
+        if not 0 <= sample < count:
+            raise ValueError(f"the sample {sample} does not exist; the pixel has the samples 0 to {count - 1}")
+        values = tuple(tuple(map(float, value)) for value in self.values)
+        mean = tuple(map(float, self.values.mean(axis=0, dtype=np.float64)))
+        seed = int(self.plan.seed[0])
+        return Explanation(self.pixel, seed, self.channels, values, mean, sample, self.nodes(sample), tuple(self.notes))
+
+
+@contextmanager
+def explaining(sensor: mi.Sensor) -> Iterator[None]:
+    """Inside the ``with`` block, Dr.Jit evaluates each iteration of a loop, so that the values of rays are known; and
+    the film has no crop window, as in a render.
+    """
+    window = nullcontext() if is_perspective(sensor) else without_crop_window(sensor)
+    symbolic = dr.JitFlag.SymbolicLoops
+    with alone(), denormals_rounded(), dr.suspend_grad(), window, dr.scoped_set_flag(symbolic, False):
+        yield
+
+
+def explained_integrator(integrator: Any, notes: list[str]) -> Any:
+    """Returns the integrator ``prosim`` whose samples are explained: ``integrator`` itself, the one that it nests, or
+    one that follows the same paths; then the function adds a sentence to ``notes``.
+
+    Raises ValueError if no integrator ``prosim`` follows the paths of ``integrator``.
+    """
+    outer = integrator
+    while hasattr(integrator, "nested"):
+        integrator = integrator.nested
+    if getattr(integrator, "name", "") == "prosim":
+        if integrator is not outer:
+            notes.append(f"The image is denoised or wrapped by {outer.name}; these are the samples before.")
+        return integrator
+    depth = re.match(r"\w+\[\s*max_depth = (-?\d+)", str(integrator))
+    direct = integrator.class_name() == "DirectIntegrator"
+    if not (isinstance(integrator, mi.SamplingIntegrator) and (depth or direct)):
+        raise ValueError(
+            f"the integrator {integrator.class_name()} has no samples of pixels that can be explained; give prosim or "
+            "path"
+        )
+    most = 2 if direct or depth is None else int(depth[1])
+    level = -1 if most in (-1, UNLIMITED) else max(most - 2, 0)
+    notes.append(
+        f"The integrator {integrator.class_name()} keeps no record of its rays; these are paths of prosim, which find "
+        "the same light with other random numbers."
+    )
+    return create("prosim", max_level=level, diffuse_bounces=-1, hide_emitters=integrator.hide_emitters)
+
+
+def shape_lines(file: SceneFile) -> dict[str, str]:
+    """Returns the line in the scene file of each shape that has an id."""
+    if file.document is not None:  # the translator names the line in a comment
+        text = file.xml.read_text(encoding="utf-8")
+        found = re.findall(r"<!-- ([^>]*?) \(line (\d+)\) -->\s*<shape [^>]*\bid=\"([^\"]+)\"", text)
+        return {name: f"{file.path.name}, line {line} ({what})" for what, line, name in found}
+    shapes = [node for node in file.state.nodes if node.type == mi.ObjectType.Shape and node.props.id()]
+    places = {node.props.id(): PLACE.search("At " + mi.parser.file_location(file.state, node)) for node in shapes}
+    return {name: f"{Path(place[1]).name}, line {place[2]}" for name, place in places.items() if place}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -43,7 +43,7 @@ class Explanation:
     #: The value of each sample of the pixel, and their mean.
     values: tuple[Numbers, ...]
     mean: Numbers
-    #: Index of the explained sample, and the nodes of its tree or path. The contributions of the nodes sum to its value.
+    #: Index of the explained sample, and the nodes of its tree or path, whose contributions sum to its value.
     sample: int
     nodes: tuple[Node, ...]
     #: Sentences on the differences between this explanation and the image of the scene; usually none.
@@ -122,33 +122,39 @@ class Samples:
         film = camera.film()
         size, (x, y) = tuple(map(int, film.crop_size())), pixel
         if not (0 <= x < size[0] and 0 <= y < size[1]):
-            raise ValueError(f"the pixel {x},{y} is outside the image, whose pixels are 0,0 to {size[0] - 1},{size[1] - 1}")
+            raise ValueError(
+                f"the pixel {x},{y} is outside the image, whose pixels are 0,0 to {size[0] - 1},{size[1] - 1}"
+            )
         if not 0 <= spp <= MOST_SAMPLES:
             raise ValueError(f"spp is {spp}; give a number from 1 to {MOST_SAMPLES}, or 0 for the integrator's own")
         integrator = explained_integrator(integrator or scene.integrator(), notes)
         if not film.rfilter().is_box_filter():
             notes.append("The film's filter also adds samples of the pixels around to the pixel's value in the image.")
-        with explaining(camera):
+        window = nullcontext() if is_perspective(camera) else without_crop_window(camera)
+        with alone(), denormals_rounded(), dr.suspend_grad():
             estimator = integrator.estimator(scene, camera)
             plan = Plan.of(integrator.sampling, film, seed, spp)
             offset = tuple(map(int, film.crop_offset()))
             count = spp or min(plan.noisy_samples, MOST_SAMPLES)
             samples = cls([], estimator, plan, (x, y), (), np.empty((0,)), notes)
-            samples._take(x + offset[0], y + offset[1], count, lines)
+            with window:  # a render takes its samples without it, too
+                samples._take(x + offset[0], y + offset[1], count, lines)
         return samples
 
     def _take(self, x: int, y: int, count: int, lines: Mapping[str, str]) -> None:
         """Takes ``count`` samples of the pixel (x, y) of the whole film."""
-        estimator, plan, parts, values = self.estimator, self.plan, [], []
+        estimator, plan = self.estimator, self.plan
+        parts, values = list[tuple[int, Recorder]](), list[np.ndarray]()
         names = [name for name in estimator.channels.names[: estimator.channels.names.index("W")] if name != "A"]
-        transport, caustics = estimator.transport, estimator.transport.caustics
+        transport: Any = estimator.transport
+        caustics = transport.caustics
         size = count if caustics is None else caustics.maps(plan.n)
         for first in range(0, count, size):
             if caustics is not None:
                 caustics.use_pass(plan.photon_seed, first // size, plan.n)
             width = min(size, count - first)
-            t = first + dr.arange(mi.UInt32, width)
-            where = dr.full(mi.Int32, x, width), dr.full(mi.Int32, y, width)
+            t = dr.opaque(mi.UInt32, first) + dr.arange(mi.UInt32, width)
+            where = dr.opaque(mi.Int32, x, width), dr.opaque(mi.Int32, y, width)
             points = plan.points(*where, t)
             if caustics is not None:
                 points.division = t, caustics.n
@@ -158,9 +164,12 @@ class Samples:
                 return estimator.channels.values(L * weight, ray.wavelengths, mi.Float(0))[: len(names)]
 
             transport.observer = recorder = Recorder(transport, width, channels, lines)
-            taken = estimator.sample(plan, *where, t)[0][: len(names)]
+            # The values of rays are known only if Dr.Jit evaluates each iteration of a loop.
+            with dr.scoped_set_flag(dr.JitFlag.SymbolicLoops, False):
+                taken = estimator.sample(plan, *where, t)[0][: len(names)]
+                recorder.finish()
             transport.observer = None
-            values.append(np.array([np.broadcast_to(np.array(value), width) for value in taken]).T)
+            values.append(np.array([np.broadcast_to(np.array(value), width) for value in taken], np.float64).T)
             parts.append((first, recorder))
         self.recorders, self.channels, self.values = parts, tuple(names), np.concatenate(values)
 
@@ -177,20 +186,12 @@ class Samples:
         if not 0 <= sample < count:
             raise ValueError(f"the sample {sample} does not exist; the pixel has the samples 0 to {count - 1}")
         values = tuple(tuple(map(float, value)) for value in self.values)
-        mean = tuple(map(float, self.values.mean(axis=0, dtype=np.float64)))
+        mean = tuple(map(float, self.values.mean(axis=0)))
+        nodes, notes = self.nodes(sample), list(self.notes)
+        if not any(values[sample]) and any(any(node.contribution) for node in nodes):
+            notes.append(f"The light of sample {sample} is not finite, so the sample counts as black.")
         seed = int(self.plan.seed[0])
-        return Explanation(self.pixel, seed, self.channels, values, mean, sample, self.nodes(sample), tuple(self.notes))
-
-
-@contextmanager
-def explaining(sensor: mi.Sensor) -> Iterator[None]:
-    """Inside the ``with`` block, Dr.Jit evaluates each iteration of a loop, so that the values of rays are known; and
-    the film has no crop window, as in a render.
-    """
-    window = nullcontext() if is_perspective(sensor) else without_crop_window(sensor)
-    symbolic = dr.JitFlag.SymbolicLoops
-    with alone(), denormals_rounded(), dr.suspend_grad(), window, dr.scoped_set_flag(symbolic, False):
-        yield
+        return Explanation(self.pixel, seed, self.channels, values, mean, sample, nodes, tuple(notes))
 
 
 def explained_integrator(integrator: Any, notes: list[str]) -> Any:

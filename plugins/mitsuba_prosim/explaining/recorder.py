@@ -29,7 +29,6 @@ class Record(NamedTuple):
     """The values of one computation; the last axis of each array is that of the samples."""
 
     event: str
-    number: np.ndarray
     values: dict[str, Any]
 
 
@@ -62,10 +61,22 @@ class Recorder:
             values = self._lamp_values(**values)
         if "value" in values:
             values["contribution"] = self.channels(ray.throughput * values.pop("value"))
+        if event == "scatter":
+            after, bs = values.pop("after"), values.pop("bs")
+            values |= {"d": after.d, "throughput": after.throughput, "pdf": bs.pdf, "type": bs.sampled_type}
         if event == "ray":
-            n = values["si"].sh_frame.n
-            values |= {"ray": ray, "normal": n * dr.select(values["si"].wi.z < 0, mi.Float(-1), 1)}
-        self.records.append(Record(event, self._numpy(ray.node), {k: self._numpy(v) for k, v in values.items()}))
+            si = values.pop("si")
+            normal = si.sh_frame.n * dr.select(si.wi.z < 0, mi.Float(-1), 1)
+            values |= {"d": ray.d, "arriving": ray.throughput, "p": si.p, "shape": si.shape, "normal": normal}
+            values |= {"o": ray.o, "level": ray.level, "valid": si.is_valid()}
+        values["number"] = ray.node
+        dr.schedule(values)  # the loop evaluates these values together with its state, in one kernel
+        self.records.append(Record(event, values))
+
+    def finish(self) -> None:
+        """Converts all values to NumPy arrays."""
+        dr.eval()
+        self.records = [Record(event, self._numpy(values)) for event, values in self.records]
 
     def _lamp_values(
         self,
@@ -101,20 +112,14 @@ class Recorder:
         }
 
     def _numpy(self, value: Any) -> Any:
-        """Converts Dr.Jit arrays to NumPy arrays with an entry for each sample, also within lists and structures."""
-        if isinstance(value, (str, bool)) or value is None:
-            return value
+        """Converts Dr.Jit arrays in nested lists and dictionaries to NumPy arrays with an entry for each sample."""
+        if isinstance(value, dict):
+            return {name: self._numpy(one) for name, one in value.items()}
         if isinstance(value, (list, tuple)):
             return [self._numpy(one) for one in value]
-        if isinstance(value, mi.ShapePtr):
-            value = dr.reinterpret_array(mi.UInt32, value)
-        if isinstance(value, mi.SurfaceInteraction3f):
-            return {name: self._numpy(v) for name, v in (("p", value.p), ("shape", value.shape), ("t", value.t))}
-        if isinstance(value, mi.BSDFSample3f):
-            return {"pdf": self._numpy(value.pdf), "type": self._numpy(value.sampled_type)}
-        if isinstance(value, Ray):
-            return {name: self._numpy(getattr(value, name)) for name in ("o", "d", "throughput", "level", "node")}
-        array = np.array(value)
+        if isinstance(value, str):
+            return value
+        array = np.array(dr.reinterpret_array(mi.UInt32, value) if isinstance(value, mi.ShapePtr) else value)
         return np.broadcast_to(array, (*array.shape[:-1], self.width))
 
     # ---------------------------------------------------------------- the nodes of a sample
@@ -135,7 +140,7 @@ class Recorder:
         """Yields the nodes of the sample ``i``; ``rays`` are its rays, each with the other records of the node."""
         leaving, last = dict[int, list[Record]](), 0
         for ray, records in rays:
-            number = int(ray.number[i])
+            number = int(ray.values["number"][i])
             parent = number // 2 if self.transport.settings.follows_tree else last
             leaving[number] = [record for record in records if record.event == "scatter"]
             yield self._node(i, ray.values, records, number, parent, leaving.get(parent, []))
@@ -144,30 +149,33 @@ class Recorder:
     def _node(
         self, i: int, values: dict[str, Any], records: list[Record], number: int, parent: int, left: list[Record]
     ) -> Node:
-        si, ray = values["si"], values["ray"]
-        met = bool(np.isfinite(si["t"][i]))
-        shape = self.shapes.get(int(si["shape"][i]), "a shape without a name") if met else None
+        met = bool(values["valid"][i])
+        shape = self.shapes.get(int(values["shape"][i]), "a shape without a name") if met else None
         sums = {r.event: at(r.values["contribution"], i) for r in records if r.event in SUMS}
         lamps = tuple(self._lamp(i, record.values) for record in records if record.event == "lamp")
         found = [self._emission(i, record.values) for record in records if record.event == "emission"]
         emission = next((one for one in found if any(one.radiance)), None)
         parts = [*sums.values(), *(one.contribution for one in lamps), *([emission.contribution] if emission else [])]
+        lobe, density, probability, survival = self._chosen(i, values, left)
         return Node(
-            number,
-            parent,
-            int(ray["level"][i]),
-            shape,
-            self.lines.get(shape or ""),
-            at(ray["o"], i),
-            at(ray["d"], i),
-            at(si["p"], i) if met else None,
-            at(values["normal"], i) if met else None,
-            *self._chosen(i, ray, left),
-            at(values["attenuated"], i),
-            lamps,
-            emission,
-            *(sums.get(name, self.black) for name in SUMS),
-            tuple(map(sum, zip(self.black, *parts))),
+            number=number,
+            parent=parent,
+            level=int(values["level"][i]),
+            shape=shape,
+            line=self.lines.get(shape or ""),
+            origin=at(values["o"], i),
+            direction=at(values["d"], i),
+            position=at(values["p"], i) if met else None,
+            normal=at(values["normal"], i) if met else None,
+            lobe=lobe,
+            density=density,
+            probability=probability,
+            survival=survival,
+            throughput=at(values["attenuated"], i),
+            lamps=lamps,
+            emission=emission,
+            **{name: sums.get(name, self.black) for name in SUMS},
+            contribution=tuple(map(sum, zip(self.black, *parts))),
         )
 
     @staticmethod
@@ -179,10 +187,10 @@ class Recorder:
         """
         if not left:
             return "camera", None, None, 1.0
-        one = min((r.values for r in left), key=lambda v: float(np.abs(v["next"]["d"] - ray["d"])[:, i].sum()))
-        flags, pdf = int(one["bs"]["type"][i]), float(one["bs"]["pdf"][i])
+        one = min((r.values for r in left), key=lambda v: float(np.abs(v["d"] - ray["d"])[:, i].sum()))
+        flags, pdf = int(one["type"][i]), float(one["pdf"][i])
         ideal = bool(lobes.has_any(flags, *lobes.IDEAL))
-        sampled, followed = (at(x["throughput"], i) for x in (one["next"], ray))
+        sampled, followed = (at(x, i) for x in (one["throughput"], ray["arriving"]))
         survival = max(sampled) / max(followed) if max(followed) > 0 else 1.0
         return lobe_names(flags), None if ideal else pdf, pdf if ideal else None, survival
 
@@ -202,23 +210,17 @@ class Recorder:
     def _emission(self, i: int, values: dict[str, Any]) -> Emission:
         number = min(int(values["lamp"][i]), len(self.lamps) - 1)
         weight, density = float(values["weight"][i]), float(values["pdf"][i])
-        return Emission(
-            self.lamps[number], at(values["radiance"], i), density, weight, at(values["contribution"], i)
-        )
+        return Emission(self.lamps[number], at(values["radiance"], i), density, weight, at(values["contribution"], i))
 
 
 def at(value: Any, i: int) -> Numbers:
-    """Returns the components of ``value`` in lane ``i`` as Python numbers."""
-    return tuple(float(one[i]) for one in value)
+    """Returns the components of ``value`` in lane ``i`` as finite Python numbers."""
+    return tuple(float(np.nan_to_num(one[i])) for one in value)
 
 
 def lobe_names(flags: int) -> str:
     """Returns the names of the lobes in the BSDF ``flags``, such as "glossy reflection"; "all lobes" for all."""
-    kinds = {
-        "diffuse": lobes.DIFFUSE,
-        "glossy": lobes.GLOSSY,
-        "ideal": lobes.IDEAL[:2],
-    }
+    kinds = {"diffuse": lobes.DIFFUSE, "glossy": lobes.GLOSSY, "ideal": lobes.IDEAL[:2]}
     if all(lobes.has_any(flags, *names) for names in kinds.values()):
         return "all lobes"
     found = [kind for kind, names in kinds.items() if lobes.has_any(flags, *names)]

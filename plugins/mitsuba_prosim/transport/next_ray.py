@@ -52,7 +52,7 @@ def next_ray(
     result.branch = context.layers.branch(ray, space == DIFFUSE, through)
     if context.photon_mis is not None:
         result = context.photon_mis.next(vertex, result, bs, weight)
-    context.observe("scatter", ray, next=result, bs=bs, active=active)
+    context.observe("scatter", ray, after=result, bs=bs, active=active)
     return result, active, bs.eta
 
 

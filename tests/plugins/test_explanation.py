@@ -1,0 +1,216 @@
+"""The explanation of a pixel: its sums, against the image; its occluders, against rays of the tests."""
+
+import json
+from dataclasses import asdict
+
+import drjit as dr
+import mitsuba as mi
+import mitsuba_prosim
+import numpy as np
+import pytest
+from mitsuba_prosim.explaining.explanation import Samples
+from scenes import COPPER, T, area, bitmap, diffuse, penumbra, rectangle, rgb, without
+
+SIZE, SPP, SEED = 16, 8, 5
+GLASS = {"type": "roughdielectric", "alpha": 0.1}
+HOLES = {"type": "mask", "opacity": bitmap([[[0.2], [0.9]], [[0.6], [0.3]]]), "bsdf": COPPER}
+BLEND = {"type": "blendbsdf", "weight": 0.4, "a": COPPER, "b": diffuse(0.2, 0.5, 0.8)}
+ABSORBING = {"type": "homogeneous", "albedo": 0.0, "sigma_t": rgb(1.0, 0.3, 0.75)}
+PATHS = {"diffuse_bounces": -1, "rr_depth": 2}
+BLACK_SKY = {"ambient": 0.1, "background": rgb(0.1, 0.2, 0.3), "hide_emitters": True}
+#: name -> (material of the ball, parameters of the integrator, further things).
+CASES = {
+    "tree": (GLASS, BLACK_SKY, {}),
+    "paths": (GLASS, PATHS, {}),
+    "bounces": ({"type": "principled", "roughness": 0.3, "metallic": 0.5}, {"diffuse_bounces": 2}, {}),
+    "sky": (COPPER, {}, {"sky": {"type": "constant", "radiance": 0.2}}),
+    "layers": (GLASS, {"layers": "terms", "diffuse_bounces": 1}, {}),
+    "masks": (HOLES, {"rr_throughput": 0.5}, {}),
+    "blends": (BLEND, PATHS, {}),
+    "absorption": ({"type": "dielectric"}, {}, {"interior": ABSORBING}),
+    "caustics": ({"type": "dielectric"}, {"caustics": True, "caustic_photons": 5000}, {}),
+    "lamps": (COPPER, {}, {f"lamp_{k}": (k - 2.5, 3.5, -1.0) for k in range(5)}),
+}
+
+
+def scene_of(name, rfilter="box", **more):
+    ball, settings, things = CASES[name]
+    integrator = {"type": "prosim", "adaptive": "none", "max_level": 3, **settings, **more}
+    made = penumbra(ball, SIZE, rfilter, **integrator)
+    made["ball"] |= {"interior": things["interior"]} if "interior" in things else {}
+    panel = rectangle(T().look_at([0, 3, 3], [0, 0, 0], [0, 0, 1]).scale(0.5), **area(9.0))
+    lamps = {
+        key: {"type": "point", "position": place, "intensity": rgb(2, 3, 4)}
+        for key, place in things.items()
+        if key.startswith("lamp")
+    }
+    return mi.load_dict(made | {"panel": panel} | lamps | {k: v for k, v in things.items() if k == "sky"})
+
+
+def pixels(count, seed=0):
+    return [tuple(map(int, pixel)) for pixel in np.random.default_rng(seed).integers(0, SIZE, (count, 2))]
+
+
+def parts(node):
+    """All contributions of a node."""
+    met = [node.emission.contribution] if node.emission else []
+    return [node.ambient, node.background, node.photons, *(lamp.contribution for lamp in node.lamps), *met]
+
+
+def check_sums(scene, count):
+    """The image has the mean of the samples, and each sample the contributions of its nodes and of their parts."""
+    image = np.array(mi.render(scene, spp=SPP, seed=SEED))[..., :3]
+    lit = 0
+    for x, y in pixels(count):
+        samples = Samples.of(scene, (x, y), SPP, seed=SEED)
+        assert samples.values.mean(axis=0) == pytest.approx(image[y, x], rel=1e-5, abs=1e-7)
+        for i, value in enumerate(samples.values):
+            nodes = samples.nodes(i)
+            assert np.sum([node.contribution for node in nodes], axis=0) == pytest.approx(value, rel=1e-5, abs=1e-6)
+            for node in nodes:
+                assert np.sum(parts(node), axis=0) == pytest.approx(node.contribution, rel=1e-6, abs=1e-9)
+                assert node.parent in {0, *(other.number for other in nodes)} and 0 < node.survival <= 1 + 1e-5
+            lit += value.any()
+    assert lit
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_contributions_sum_to_samples_and_samples_to_the_image(variant_rgb, name):
+    check_sums(scene_of(name), 2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_contributions_sum_in_many_pixels(variant_rgb, name):
+    check_sums(scene_of(name), 30)
+
+
+@pytest.mark.parametrize("settings", [{}, {"caustics": True, "caustic_photons": 5000}, PATHS])
+def test_contributions_sum_with_dispersion_in_spectra(variant_spectral, settings):
+    ball = {"type": "prosim_dielectric", "int_material": "sf10"}
+    check_sums(mi.load_dict(penumbra(ball, SIZE, type="prosim", adaptive="none", **settings)), 2)
+
+
+def test_contributions_sum_in_a_crop_window(variant_rgb):
+    made = penumbra(GLASS, SIZE, type="prosim", adaptive="none")
+    whole = mi.load_dict(made)
+    made["sensor"]["film"] |= {"crop_offset_x": 5, "crop_offset_y": 3, "crop_width": 6, "crop_height": 4}
+    here, there = (mitsuba_prosim.explain(s, p) for s, p in ((mi.load_dict(made), (2, 3)), (whole, (7, 6))))
+    assert here.values == there.values and here.nodes == there.nodes
+
+
+def test_lamp_samples_have_the_factors_of_their_contributions(variant_rgb):
+    """Throughput times BSDF value times MIS weight times radiance over density."""
+    checked = 0
+    for pixel in pixels(4):
+        for node in mitsuba_prosim.explain(scene_of("blends"), pixel, spp=SPP).nodes:
+            for lamp in node.lamps:
+                scattered = np.sum([np.multiply(lobe.bsdf, lobe.weight) for lobe in lamp.lobes], axis=0)
+                product = np.prod([node.throughput, scattered, lamp.weighted_radiance], axis=0)
+                expected = product if lamp.state == "visible" else np.zeros(3)
+                assert lamp.contribution == pytest.approx(expected, rel=1e-4, abs=1e-7)
+                checked += 1
+    assert checked
+
+
+@pytest.mark.parametrize("name", ["tree", "lamps", "paths"])
+def test_occluders_are_what_rays_meet(variant_rgb, name):
+    scene, states = scene_of(name), []
+    for pixel in pixels(12, seed=1):
+        for node in mitsuba_prosim.explain(scene, pixel, spp=SPP).nodes:
+            for lamp in node.lamps:
+                away = mi.Vector3f(*lamp.point) - mi.Point3f(*node.position)
+                d, distance = dr.normalize(away), dr.norm(away)
+                ray = mi.Ray3f(mi.Point3f(*node.position) + 1e-3 * d, d)
+                si = scene.ray_intersect(ray)
+                blocked = bool((si.is_valid() & (si.t < distance * (1 - 1e-3) - 2e-3))[0])
+                if lamp.state != "dark":
+                    states.append(lamp.state)
+                    assert blocked == (lamp.state == "hidden")
+                if blocked and lamp.state == "hidden":
+                    (met,) = [s for s in scene.shapes() if bool((mi.ShapePtr(s) == si.shape)[0])]
+                    assert met.id() == lamp.occluder
+    assert {"visible", "hidden"} <= {*states}
+
+
+def test_nodes_tell_shapes_lobes_and_densities(variant_rgb):
+    """The tree of a smooth glass ball: reflected and refracted rays, of an ideal lobe and its probability."""
+    scene = mi.load_dict(penumbra({"type": "dielectric"}, SIZE, type="prosim", max_level=2))
+    first, *others = mitsuba_prosim.explain(scene, (9, 7)).nodes
+    assert (first.number, first.lobe, first.shape) == (1, "camera", "ball")
+    assert {"ideal reflection", "ideal transmission"} <= {node.lobe for node in others}
+    for node in others:
+        (parent,) = [one for one in (first, *others) if one.number == node.parent]
+        assert node.number // 2 == node.parent and node.level == parent.level + 1
+        assert node.density is None and 0 < node.probability <= 1
+        assert np.allclose(node.origin, parent.position, atol=1e-2)
+
+
+def test_explanation_chooses_the_brightest_sample_and_is_json(variant_rgb):
+    scene = scene_of("tree")
+    told = mitsuba_prosim.explain(scene, (8, 8), spp=SPP, seed=SEED)
+    assert told.sample == int(np.argmax(np.sum(told.values, axis=1))) and len(told.values) == SPP
+    assert told.channels == ("R", "G", "B") and not told.notes
+    assert json.loads(told.json()) == json.loads(json.dumps(asdict(told)))
+    assert mitsuba_prosim.explain(scene, (8, 8), sample=3, spp=SPP, seed=SEED).nodes != told.nodes
+    assert len(mitsuba_prosim.explain(scene, (8, 8), spp=0).values) == 25
+
+
+def test_lines_are_those_of_the_scene_file(variant_rgb, write_scene):
+    path = write_scene(
+        "LIGHTS AREA position 0 5 5 intensity 65535 65535 65535 radius 1\n"
+        "VIEW RESOLUTION 8 8 WINDOW -1 -1 1 1 EYE 0 0 9\n"
+        "CSG-TREE\n\n SPHERE 0\nSURFACE 0 kd .5 .5 .5\nTRANSFORM 0\nEND\n"
+    )
+    (node, *_) = mitsuba_prosim.explain(path, (4, 4), spp=4).nodes
+    assert node.line == "s.scn, line 6 (SURFACE 0 of SPHERE 0)"
+
+
+@pytest.mark.parametrize("kind", ["path", "direct", "volpath", "prb", "prosim_adaptive", "prosim_denoised"])
+def test_other_integrators_are_explained_by_paths_and_say_so(variant_rgb, kind):
+    nested = {"nested": {"type": "path"}} if "prosim" in kind else {}
+    told = mitsuba_prosim.explain(mi.load_dict(penumbra(GLASS, SIZE, type=kind, **nested)), (8, 8), spp=SPP)
+    assert "paths of prosim" in "".join(told.notes) and np.sum(told.mean) > 0
+
+
+def test_other_filters_are_noted(variant_rgb):
+    assert "filter" in mitsuba_prosim.explain(scene_of("tree", "gaussian"), (8, 8), spp=SPP).notes[0]
+
+
+@pytest.mark.parametrize(
+    "kind, arguments, message",
+    [
+        ("prosim", {"pixel": (16, 0)}, "the pixel 16,0 is outside the image, whose pixels are 0,0 to 15,15"),
+        ("prosim", {"pixel": (0, -1)}, "outside"),
+        ("prosim", {"sample": 8}, "the sample 8 does not exist"),
+        ("prosim", {"sample": -1}, "the sample -1 does not exist"),
+        ("prosim", {"spp": -1}, "spp is -1"),
+        ("ptracer", {}, "ParticleTracerIntegrator"),
+        ("depth", {}, "DepthIntegrator"),
+    ],
+)
+def test_explanation_refuses_wrong_arguments(variant_rgb, kind, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        mitsuba_prosim.explain(mi.load_dict(penumbra(None, SIZE, type=kind)), **{"pixel": (0, 0), "spp": 8} | arguments)
+
+
+def test_explanation_refuses_scalar_variants(variant_scalar):
+    with pytest.raises(RuntimeError, match="scalar"):
+        mitsuba_prosim.explain(mi.load_dict(penumbra(None, SIZE)), (0, 0))
+
+
+def test_explanation_leaves_the_image_as_it_was(variant_rgb):
+    scene = scene_of("lamps")
+    before = np.array(mi.render(scene, spp=4))
+    mitsuba_prosim.explain(scene, (8, 8), spp=4)
+    assert np.array_equal(before, np.array(mi.render(scene, spp=4))) and dr.flag(dr.JitFlag.SymbolicLoops)
+
+
+def test_sample_that_is_not_finite_counts_as_black_and_says_so(variant_rgb):
+    made = without(penumbra(None, SIZE, type="prosim"), "light")
+    made["ball"] |= {"emitter": {"type": "area", "radiance": 3e38}, "bsdf": diffuse(1, 1, 1)}
+    made |= {"lamp": {"type": "point", "position": [0.5, 0.9, 1.0], "intensity": 3e38}}
+    samples = Samples.of(mi.load_dict(made), (8, 7), 4)
+    (black,) = np.flatnonzero(samples.values.sum(axis=1) == 0)
+    told = samples.explanation(int(black))
+    assert any(told.nodes[0].contribution) and "black" in told.notes[0] and "Infinity" not in told.json()

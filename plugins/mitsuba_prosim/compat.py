@@ -328,7 +328,7 @@ NO_PARAMETER = re.compile(
 )
 
 #: A plugin is missing: its tag in XML, and its name.
-NOT_FOUND = re.compile(r'failed to instantiate (\w+) plugin of type "([^"\n]+)": [^\n]*not found!')
+NOT_FOUND = re.compile(r'failed to instantiate (\w+) plugin of type "([^"\n]+)": [^\n]*Plugin "[^"\n]*" not found!')
 
 #: Tag in XML -> name of the kind of plugin, where both differ.
 TAGS = {"rfilter": "reconstructionfilter", "phase": "phasefunction"}

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+import re
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -49,6 +50,12 @@ def plugin(kind: str, name: str) -> Callable[[type], type]:
         return cls
 
     return register
+
+
+def parameters(name: str) -> list[str]:
+    """Returns the parameters of the plugin ``name`` of this package, from its page; empty for other plugins."""
+    page = PLUGINS[name].__doc__ or "" if name in PLUGINS else ""
+    return re.findall(r"\w+", " ".join(re.findall(r"^ *\* - ([\w,\s]+?)\n *- \|", page, re.MULTILINE)))
 
 
 def create(name: str, **properties: Any) -> Any:

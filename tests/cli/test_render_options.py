@@ -11,7 +11,7 @@ from mitsuba_prosim.cli import render_commands
 from mitsuba_prosim.cli.job import Job
 from mitsuba_prosim.scene import scene_file
 from mitsuba_prosim.scene.errors import with_line, with_suggestion
-from running import PALITO, XML, done, prosim, refused, scene_text
+from running import LIT_FLOOR, PALITO, XML, done, prosim, refused, scene_text
 from tqdm import tqdm
 
 
@@ -31,10 +31,14 @@ from tqdm import tqdm
         ("--spp 4 --samples 2", "give one of them"),
         ("-s 7", "out of bounds! The scene has sensors 0 to 0."),
         ("--exposure nan", "finite"),
-        ("--threshold 0.1", "prosim and prosim_adaptive have threshold; this scene's is path"),
-        ("--paths", "only the integrator prosim"),
+        ("--threshold 0.1", "prosim and prosim_adaptive have --threshold; this scene's is path"),
+        ("--caustics", "prosim has --caustics; this scene's is path, which --paths"),
+        ("--layers lights --caustics", "--layers lights: the photons of --caustics"),
+        ("--layers terms --paths", "--layers terms: the rays of --paths"),
+        ("--layers levels --paths", "--layers levels: --paths has no maximum depth"),
         ("--adaptive all", "graded"),
         ("--noise 0.1 --adaptive thesis", "--adaptive thesis does not"),
+        ("--snapshots 0.1 --adaptive thesis", "--adaptive thesis does not"),
         ("--noise 0.1 -m scalar_rgb", "--noise: scalar_rgb"),
         ("--light-units radiance", "--light-units: only for scenes in the thesis's language"),
         ("--snapshots 0.1,4s", "errors or times, not both"),
@@ -286,3 +290,58 @@ def test_empty_crop_window_is_refused(tmp_path, size):
     path = tmp_path / "s.xml"
     path.write_text(scene_text().replace("</film>", f"{integers}</film>"))
     refused("the crop window", "render", path)
+
+
+@pytest.mark.parametrize(
+    "integrator",
+    [
+        "",
+        '<integrator type="path"/>',
+        '<integrator type="volpath"/>',
+        '<integrator type="ptracer"/>',
+        '<integrator type="aov"><string name="aovs" value="d:depth"/><integrator type="path"/></integrator>',
+        '<integrator type="prosim_adaptive"><integrator type="path"/><integer name="samples" value="2"/></integrator>',
+        '<integrator type="prosim_denoised"><integrator type="path"/></integrator>',
+    ],
+)
+def test_paths_replace_any_integrator(scene, variant_rgb, integrator):
+    """The image is that of path: the light of the sky, and of what the floor reflects."""
+    scene.write_text(scene_text(integrator, LIT_FLOOR))
+    assert "prosim in place of " in done("render", scene, "--paths").stdout
+    file = scene_file.SceneFile(scene, scene.parent, integrator=Job(paths=True).integrator)
+    made = file.load().integrator()
+    assert getattr(made, "nested", made).diffuse_bounces == -1
+    assert made.aov_names()[:1] == (
+        ["d.T"] if "aov" in integrator and "d:depth" in integrator else made.aov_names()[:1]
+    )
+
+
+@pytest.mark.parametrize(
+    "content, says",
+    [
+        (
+            '<bsdf type="prosim_lambertian"><rgb name="kd" value="1"/></bsdf>',
+            "parameter kd; it has reflectance, ambient\n",
+        ),
+        ('<bsdf type="prosim_phong"><float name="exponnt" value="9"/></bsdf>', "exponnt. Did you mean exponent?\n"),
+        (
+            '<bsdf type="prosim_dielectric"><float name="n_refr" value="2"/></bsdf>',
+            "n_refr; it has int_ior, ext_ior, eta,",
+        ),
+        ('<bsdf type="prosim_conductor"><string name="material" value="Copper"/></bsdf>', "allowed: Cu for copper;"),
+    ],
+)
+def test_wrong_parameter_gets_a_suggestion(scene, content, says):
+    scene.write_text(scene_text(content=f'<shape type="sphere">{content}</shape>'))
+    refused(says, "render", scene)
+
+
+def test_missing_hair_file_is_no_missing_plugin(scene):
+    scene.write_text(scene_text(content='<shape type="bsplinecurve"><string name="filename" value="no.txt"/></shape>'))
+    refused('from "no.txt": file not found!\n', "render", scene)
+
+
+@pytest.mark.parametrize("option", ["--noise", "--spp"])
+def test_missing_integrator_is_shown_at_its_line(scene, option):
+    scene.write_text(scene_text('<integrator type="pathh"/>'))
+    refused('(line 3, col 6): failed to instantiate integrator plugin of type "pathh"', "render", scene, option, 1)

@@ -16,6 +16,11 @@ from ..registry import create, plugin
 
 #: Allowed values of the parameter ``fresnel`` -> the function that computes the reflectance.
 FRESNEL = {"exact": fresnel.conductor, "thesis": fresnel.conductor_thesis}
+#: English name of a metal -> the value of the parameter ``material``.
+WORDS = (
+    "aluminium Al aluminum Al chrome Cr chromium Cr copper Cu gold Au mercury Hg nickel Ni_palik silver Ag tungsten W"
+)
+SYMBOLS = dict(zip(WORDS.split()[::2], WORDS.split()[1::2]))
 
 
 @plugin("bsdf", "prosim_conductor")
@@ -188,6 +193,8 @@ def metal(props: mi.Properties) -> tuple[mi.Texture, mi.Texture]:
         names = metals()
         if not names or material in names:  # a table cannot be read
             raise
-        raise reject(props, "material", material, "none, " + ", ".join(names)) from None
+        symbol = SYMBOLS.get(material.lower(), "")
+        hint = f"{symbol} for {material.lower()}; in all: " if symbol in names else ""
+        raise reject(props, "material", material, f"{hint}none, {', '.join(names)}") from None
     found = parts(conductor)
     return found["eta"], found["k"]

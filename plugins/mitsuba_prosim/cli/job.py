@@ -276,6 +276,13 @@ CONFLICTS = (
     ("denoise", "part", "--denoise needs the whole image, and --part renders a part of it; give one of them."),
     ("snapshots", "denoise part frames", "--snapshots writes raw single images; leave out the other option."),
     ("layers", "denoise", "--denoise changes the image, and --layers are parts of the raw image; give one of them."),
+    (
+        "layers=lights",
+        "caustics",
+        "--layers lights: the photons of --caustics do not know their light; omit one of them.",
+    ),
+    ("layers=terms", "paths", "--layers terms: the rays of --paths do not distinguish lobes; leave out one of them."),
+    ("layers=levels", "paths", "--layers levels: --paths has no maximum depth; leave out one of them."),
     ("frames", "part", "--part is for single images. Let each machine render some of the --frames: 0:24, 24:48."),
     ("frames", "view", "--view is for single images. To see one frame: -D frame=7 instead of --frames."),
 )
@@ -289,16 +296,19 @@ def make_job(options: dict[str, Any]) -> Job:
     render. Raises UsageError if options contradict each other, InputError if an option does not work in the selected
     variant, and the errors of :func:`choose_variant`.
     """
-    given = {name for name, value in options.items() if value}
+    given = {name for name, value in options.items() if value} | {f"layers={options.get('layers')}"}
+    if options.get("max_level") not in (None, -1):
+        given.discard("layers=levels")
     uniform = {"adaptive"} if options.get("adaptive") == "none" else set()
     for option, others, message in CONFLICTS:
         if option in given and (given - uniform) & set(others.split()):
             raise click.UsageError(message)
     if "frames" not in given and (film_options := given & {"fps", "overwrite"}):
         raise click.UsageError(f"--{min(film_options)} is for films; add --frames.")
-    if given & set(TARGETS) and not POLICIES[options.get("adaptive") or "graded"].unbounded:
+    if given & {*TARGETS, "snapshots"} and not POLICIES[options.get("adaptive") or "graded"].unbounded:
         raise click.UsageError(
-            f"--adaptive {options['adaptive']} does not measure the noise; leave it out with --noise and --time."
+            f"--adaptive {options['adaptive']} does not measure the noise; leave it out with --noise, --time and "
+            "--snapshots."
         )
     options["scene"] = str(options.get("scene") or "")
     if (snapshots := options.get("snapshots")) and not given & set(TARGETS):

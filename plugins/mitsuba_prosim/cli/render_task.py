@@ -275,7 +275,7 @@ def written_line(task: RenderTask, written: Sequence[Path], seconds: float, inte
         f"{' and '.join(map(str, written))}: "
         + (f"part {job.part.number} of {job.part.of}, " if job.part else "")
         + f"{width} x {height} pixels, {job.variant}, {seconds:.2f} s"
-        + (f", {task.file.wrapped} within prosim_adaptive" if task.file.wrapped else "")
+        + (f", {task.file.wrapped}" if task.file.wrapped else "")
         + (f", {interruption}" if interruption else "")
     )
 

@@ -37,17 +37,17 @@ def apply(
     crop: tuple[int, int, int, int] | None,
     parameters: dict[str, Any],
 ) -> str | None:
-    """Changes the film and the integrators of a parsed scene; returns the name of the integrator that this function
-    nests in ``prosim_adaptive``, or None.
+    """Changes the film and the integrators of a parsed scene; returns in words what became of the scene's integrator,
+    such as "path within prosim_adaptive", or None.
 
     ``resolution`` is the new size (width, height) of the film and ``crop`` the new crop window (x, y, width, height),
     both in pixels; None changes nothing. ``parameters`` are new values for parameters of the integrator; the value None
     deletes a parameter from the scene. Parameters of sampling, such as ``samples``, are set for the outermost
     integrator. If the outermost integrator is neither ``prosim`` nor ``prosim_adaptive``, a parameter in
     :data:`WRAPPING`, such as ``noise``, nests the integrator in ``prosim_adaptive``. All parameters that do not concern
-    sampling are set for every integrator ``prosim`` in the scene. A scene without an integrator first gets Mitsuba's
-    default, ``path``. Raises ValueError if a film cannot have this size, or if no integrator of the scene has the
-    parameters.
+    sampling are set for every integrator ``prosim`` in the scene. If there is none, the parameter ``diffuse_bounces``
+    replaces the scene's integrator by ``prosim``. A scene without an integrator first gets Mitsuba's default, ``path``.
+    Raises ValueError if a film cannot have this size, or if no integrator of the scene has the parameters.
     """
     for props in (node.props for node in state.nodes if node.type == mi.ObjectType.Film):
         _set(props, zip(("width", "height"), resolution or ()))
@@ -60,29 +60,44 @@ def apply(
         state.root.props["integrator"] = _add(state, mi.ObjectType.Integrator, mi.Properties("path"))  # the default
     sampling = {name: value for name, value in parameters.items() if name in SAMPLING}
     others = {name: value for name, value in parameters.items() if name not in SAMPLING}
-    integrators = _integrators(state)
-    ours = [node.props for node in integrators if node.props.plugin_name() == "prosim"]
+    integrators, replaced = _integrators(state), None
     named = ", ".join(node.props.plugin_name() for node in integrators) or "none"
+    ours = [node.props for node in integrators if node.props.plugin_name() == "prosim"]
+    if others and not ours and integrators and "diffuse_bounces" in others:
+        node = integrators[integrators[0].props.plugin_name() == "prosim_denoised"]  # the nested one
+        before, node.props = mi.Properties(node.props), mi.Properties("prosim")
+        kept = (*SAMPLING, "aovs", "channels", "hide_emitters")
+        _set(node.props, [(name, before[name]) for name in kept if name in before])
+        ours, replaced = [node.props], f"prosim in place of {before.plugin_name()}"
     if others and not ours:
-        raise ValueError(f"only the integrator prosim has {', '.join(others)}; this scene's is {named}")
+        raise ValueError(
+            f"only the integrator prosim has {_options(others)}; this scene's is {named}, which --paths (in Python "
+            '{"diffuse_bounces": -1}) replaces by prosim'
+        )
     for props in ours:
         _set(props, others.items())
     if not sampling or not integrators:
-        return None
+        return replaced
     props = mi.Properties(integrators[0].props)  # the parser puts an object before the objects nested in it
     plugin = props.plugin_name()
     if plugin in ("prosim", "prosim_adaptive"):
         _set(integrators[0].props, sampling.items())
-        return None
+        return replaced
     if not set(sampling) & set(WRAPPING):
         raise ValueError(
-            f"only the integrators prosim and prosim_adaptive have {', '.join(sampling)}; this scene's is {named}. Any "
-            f"of {', '.join(WRAPPING)} puts it inside prosim_adaptive"
+            f"only the integrators prosim and prosim_adaptive have {_options(sampling)}; this scene's is {named}. Any "
+            f"of {_options(WRAPPING)} puts it inside prosim_adaptive"
         )
     wrapper = mi.Properties("prosim_adaptive")
     _set(wrapper, [("nested", _add(state, mi.ObjectType.Integrator, props)), *sampling.items()])
-    _integrators(state)[0].props = wrapper
-    return plugin
+    outer, inner = _integrators(state)[0], state.nodes[-1]
+    outer.props, inner.file_index, inner.offset = wrapper, outer.file_index, outer.offset
+    return f"{plugin} within prosim_adaptive"
+
+
+def _options(parameters: Iterable[str]) -> str:
+    """Returns the names of parameters of the integrator as command-line options, separated by commas."""
+    return ", ".join(f"--{name.replace('_', '-')}" for name in parameters if name != "ambient")
 
 
 def set_sampler(state: mi.parser.ParserState, plugin: str) -> None:

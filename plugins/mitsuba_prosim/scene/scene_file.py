@@ -105,7 +105,7 @@ class SceneFile:
                 confinement.check_state(self.state)
             self._unchanged = mi.parser.ParserState(self.state)  # for digest()
         try:
-            #: Name of the integrator that was nested in ``prosim_adaptive``, or None.
+            #: What became of the scene's integrator, such as "path within prosim_adaptive"; None if it is kept.
             self.wrapped = overrides.apply(self.state, resolution, crop, parameters)
         except ValueError as error:
             raise ValueError(f"{self.path}: {error}") from None

@@ -1,5 +1,6 @@
 """Sets up Mitsuba: the variant, the plugins of all packages, the number of threads and the search path."""
 
+import difflib
 import re
 import warnings
 from collections.abc import Iterator, Sequence
@@ -10,6 +11,7 @@ from pathlib import Path
 import drjit as dr
 import mitsuba as mi
 
+from .. import registry
 from ..alone import alone
 from ..compat import EXR_THREADS, NO_PARAMETER, SOURCE_LINE, TRACEBACK
 from ..registry import register_plugins
@@ -73,7 +75,8 @@ def load_plugins() -> None:
 def message(error: BaseException) -> str:
     """Returns the messages of an exception and of its cause, without Python tracebacks and without references to lines
     of Mitsuba's source code. If the message says that a plugin does not have some parameters, the message is shortened
-    to the name of the plugin and the names of these parameters.
+    to the name of the plugin and the names of these parameters. For a plugin of this package, similar parameters or all
+    its parameters are added.
     """
     cause = f" {message(error.__cause__)}" if error.__cause__ else ""
     words = SOURCE_LINE.sub("", TRACEBACK.sub("", str(error)) + cause)
@@ -81,7 +84,10 @@ def message(error: BaseException) -> str:
     def shortened(found: re.Match[str]) -> str:
         """Returns the short form of a match of :data:`NO_PARAMETER`."""
         names = re.findall(r'- \w+ "([^"\n]+)":', found[2])
-        return f"{found[1]} has no parameter {', '.join(names)}"
+        known = registry.parameters(found[1])
+        near = [word for name in names for word in difflib.get_close_matches(name, known, 1)]
+        hint = f". Did you mean {' and '.join(near)}?" if near else f"; it has {', '.join(known)}" if known else ""
+        return f"{found[1]} has no parameter {', '.join(names)}{hint}"
 
     return NO_PARAMETER.sub(shortened, words)
 

@@ -221,7 +221,8 @@ def _bsdf(
             reflectances = {"diffuse_reflectance": diffuse, "specular_reflectance": rgb(ks)}
             return {"type": prefix + "plastic", **reflectances, **indices, **rough}
     elif surface.material is None and any(ks):
-        _approximate(context, "a Phong surface is a blend of a diffuse one and a rough mirror", *path)
+        reason = "a Phong surface is a blend of a diffuse one and a rough mirror, and saturated colours may be darker"
+        _approximate(context, reason, *path)
         return _phong(surface, diffuse, ks)
     return {"type": "diffuse", "reflectance": diffuse}
 

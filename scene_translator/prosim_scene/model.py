@@ -61,6 +61,9 @@ class View:
     If the view plane normal ``vpn`` is (0, 0, 0), the vector ``eye`` - ``vrp`` is used as normal. The image shows the
     rectangle ``window`` (umin, vmin, umax, vmax) on the view plane, in coordinates relative to the view reference point
     ``vrp``.
+
+    ``aperture`` is the radius of the lens, and ``focus`` the distance of the plane of focus from the eye, along the
+    normal; if None, the view plane is in focus.
     """
 
     resolution: tuple[int, int] = (500, 500)
@@ -69,6 +72,8 @@ class View:
     vpn: Vector = (0.0, 0.0, 0.0)
     vrp: Vector = (0.0, 0.0, 0.0)
     vup: Vector = (0.0, 1.0, 0.0)
+    aperture: float = 0.0
+    focus: float | None = None
 
 
 @dataclass(frozen=True)
@@ -91,17 +96,19 @@ class Texture:
 @dataclass(frozen=True)
 class Leaf:
     """A primitive, which is a leaf of the CSG tree: its shape, the index of its SURFACE and its TRANSFORM, its two
-    textures (surface texture, solid texture), and for a mesh the name of its file.
+    textures (surface texture, solid texture), for a mesh the name of its file, and the radius of a cone's smaller disc
+    or of a torus's tube.
 
     If named solids (SOLID) contain the primitive, ``within`` has the indices of these solids, the innermost first. In
     the scene that :func:`prosim_scene.parse` returns, ``within`` is always empty.
     """
 
-    shape: str  # "cube", "sphere", "cylinder", "cone" or "mesh"
+    shape: str  # "cube", "sphere", "cylinder", "cone", "torus", "plane" or "mesh"
     index: int
     textures: tuple[Texture | None, Texture | None] = (None, None)
     within: tuple[int, ...] = ()
     file: str | None = None
+    radius: float | None = None
 
 
 @dataclass(frozen=True)
@@ -128,8 +135,8 @@ class Surface:
 
 @dataclass(frozen=True)
 class Step:
-    """One step of a transform: "scale" or "translate" with three values, or "rotate-x", "rotate-y" or "rotate-z" with
-    an angle in degrees.
+    """One step of a transform: "scale" or "translate" with three values, "rotate-x", "rotate-y" or "rotate-z" with an
+    angle in degrees, or "matrix" with the three or four rows of a matrix.
     """
 
     kind: str

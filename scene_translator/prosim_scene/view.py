@@ -14,6 +14,7 @@ from .language.document import Document
 
 PARALLEL = 1e-9  # the sine of an angle; two directions with a smaller angle between them are parallel
 MIN_LENGTH = 1e-15  # a shorter direction vector counts as 0
+CENTRED = 1e-9  # the largest offset of a window that counts as 0, relative to its smaller side
 WIDEST, NARROWEST = 1e5, 1e-9  # largest and smallest side of a window, relative to the window's distance from the eye
 
 
@@ -26,7 +27,7 @@ class Camera:
 
     ``depth`` is the distance of the eye from the view plane. ``left, bottom, right, top`` are the borders of the window
     on the view plane, relative to the orthogonal projection of the eye onto this plane. ``resolution`` is (width,
-    height) in pixels.
+    height) in pixels. ``aperture`` is the radius of the lens, and ``focus`` the depth of the plane of focus.
     """
 
     eye: np.ndarray
@@ -39,11 +40,23 @@ class Camera:
     right: float
     top: float
     resolution: tuple[int, int]
+    aperture: float
+    focus: float
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """The width and the height of the window."""
+        return self.right - self.left, self.top - self.bottom
+
+    @property
+    def centred(self) -> bool:
+        """Whether the middle of the window is straight ahead, except for rounding."""
+        return max(abs(self.left + self.right), abs(self.top + self.bottom)) < CENTRED * min(self.size)
 
     @property
     def pixel(self) -> tuple[float, float]:
         """The width and the height of a pixel on the view plane, in scene units."""
-        return (self.right - self.left) / self.resolution[0], (self.top - self.bottom) / self.resolution[1]
+        return self.size[0] / self.resolution[0], self.size[1] / self.resolution[1]
 
     @property
     def square_pixels(self) -> bool:
@@ -137,9 +150,10 @@ def camera_of(document: Document, resolution: tuple[int, int] | None = None) -> 
         raise document.error(reason, "view", "window")
     offset = vrp - eye
     a, b = float(offset @ u), float(offset @ v)
-    result = Camera(eye, u, v, n, depth, a + umin, b + vmin, a + umax, b + vmax, resolution or view.resolution)
-    sides = result.right - result.left, result.top - result.bottom
-    if not NARROWEST * depth <= min(sides) <= max(sides) <= WIDEST * depth:
+    window = a + umin, b + vmin, a + umax, b + vmax
+    lens = view.aperture, view.focus or depth
+    result = Camera(eye, u, v, n, depth, *window, resolution or view.resolution, *lens)
+    if not NARROWEST * depth <= min(result.size) <= max(result.size) <= WIDEST * depth:
         reason = f"the window is too large or too small at the distance {depth:g} from EYE; "
         reason += f"expected sides between {NARROWEST * depth:g} and {WIDEST * depth:g}"
         raise document.error(reason, "view", "window")

@@ -1,5 +1,7 @@
 """The camera of the page: what its moves keep, and the VIEW that says the same."""
 
+from dataclasses import replace
+
 import numpy as np
 import prosim_scene
 import pytest
@@ -81,6 +83,11 @@ def test_copied_view_has_the_words_of_the_scene(text, words):
     camera = seen(DOCUMENT)
     lines = as_view(DOCUMENT.scene.view, camera, camera.orbited(10, 0), source.spellings).split("\n")
     assert [line.split()[0] for line in lines] == [*words.split(), "VPN", "VRP", "VUP"]
+
+
+def test_copied_view_has_the_lens():
+    camera, lens = seen(DOCUMENT), replace(DOCUMENT.scene.view, aperture=0.125, focus=7.5)
+    assert as_view(lens, camera, camera.orbited(10, 0), {}).endswith("    APERTURE 0.125\n    FOCUS 7.5")
 
 
 def test_xml_has_the_matrix():

@@ -1,8 +1,8 @@
 """CSG by its definition: rays against the primitives' own equations, in double precision, without any mesh.
 
-A primitive is convex, so a ray is inside of it on one interval. Along the ray the tree is evaluated on both sides of
-each end of an interval; the first end where the result begins is what is seen, and the face there belongs to the
-primitive that stands first in the tree among those that bound the result there.
+A ray is inside of a convex primitive on one interval, of a torus on two. Along the ray the tree is evaluated on both
+sides of each end of an interval; the first end where the result begins is what is seen, and the face there belongs to
+the primitive that stands first in the tree among those that bound the result there.
 """
 
 import numpy as np
@@ -27,6 +27,9 @@ def placed(transform):
     for step in transform.steps:
         if step.kind == "translate":
             offset = offset + step.values
+        elif step.kind == "matrix":
+            m = np.reshape(step.values[:12], (3, 4))
+            linear, offset = m[:, :3] @ linear, m[:, :3] @ offset + m[:, 3]
         else:
             m = np.diag(step.values) if step.kind == "scale" else rotation("xyz".index(step.kind[-1]), step.values[0])
             linear, offset = m @ linear, m @ offset
@@ -45,8 +48,36 @@ def slab(o, d, low, high):
     )
 
 
-def interval(shape, o, d):
+def torus(radius, o, d):
+    """The intervals of rays within (sqrt(x^2 + y^2) - 1)^2 + z^2 <= r^2, between the roots of a polynomial."""
+    # |p|^2 = a t^2 + 2 b t + c, and (|p|^2 + 1 - r^2)^2 = 4 (x^2 + y^2).
+    a, b, c = (d * d).sum(axis=1), (o * d).sum(axis=1), (o * o).sum(axis=1) + 1 - radius**2
+    flat = [(d * d)[:, :2].sum(axis=1), (o * d)[:, :2].sum(axis=1), (o * o)[:, :2].sum(axis=1)]
+    coefficients = [a * a, 4 * a * b, 4 * b * b + 2 * a * c - 4 * flat[0], 4 * b * c - 8 * flat[1], c * c - 4 * flat[2]]
+    companion = np.zeros((len(o), 4, 4))
+    companion[:, 1:, :3] = np.eye(3)
+    companion[:, :, 3] = -np.stack(coefficients[:0:-1], axis=1) / coefficients[0][:, None]
+    roots = np.sort(np.linalg.eigvals(companion).real, axis=1)
+    for near, far in zip(roots.T, roots.T[1:]):
+        p = o + d * ((near + far) / 2)[:, None]
+        within = (np.hypot(p[:, 0], p[:, 1]) - 1) ** 2 + p[:, 2] ** 2 < radius**2
+        yield np.where(within, near, np.inf), np.where(within, far, -np.inf)
+
+
+def pieces(leaf, o, d):
+    """The intervals of rays (n, 3) within a leaf, in its own space."""
+    if leaf.shape == "torus":
+        return list(torus(leaf.radius or 0.25, o, d))
+    if leaf.shape == "cone" and leaf.radius:
+        r = leaf.radius  # x^2 + y^2 <= w^2, w = r + (1 - r) z
+        return [interval("cone", o * [1, 1, 1 - r] + [0, 0, r], d * [1, 1, 1 - r], r)]
+    return [interval(leaf.shape, o, d)]
+
+
+def interval(shape, o, d, bottom=0.0):
     """Entry and exit of rays (n, 3) in a primitive's own space; entry > exit where they miss it."""
+    if shape == "plane":
+        return slab(o[:, 2], d[:, 2], -np.inf, 0.0)
     if shape == "cube":
         ends = [slab(o[:, i], d[:, i], 0.0, 1.0) for i in range(3)]
         return np.max([e[0] for e in ends], axis=0), np.min([e[1] for e in ends], axis=0)
@@ -60,7 +91,7 @@ def interval(shape, o, d):
     near, far = np.where(hit, r[0], np.inf), np.where(hit, r[1], -np.inf)
     if shape == "sphere":
         return near, far
-    low, high = slab(o[:, 2], d[:, 2], 0.0, 1.0)
+    low, high = slab(o[:, 2], d[:, 2], bottom, 1.0)
     if shape == "cylinder":
         return np.maximum(near, low), np.minimum(far, high)
     # Between the roots of a flat ray; of a steep one beyond the root where it enters the nappe z > 0.
@@ -72,14 +103,14 @@ def interval(shape, o, d):
 
 
 def intervals(scene, origins, directions):
-    """Entries and exits of rays (n, 3) for each leaf of the tree, equal where they miss it."""
+    """Entries and exits of rays (n, 3) for each leaf of the tree, a list of pairs, equal where they miss it."""
     ends = []
     for leaf in scene.csg:
         if isinstance(leaf, Leaf):
             linear, offset = placed(scene.transforms[leaf.index])
             inverse = np.linalg.inv(linear)
-            near, far = interval(leaf.shape, (origins - offset) @ inverse.T, directions @ inverse.T)
-            ends.append((near, np.where(near < far, far, near)))
+            own = pieces(leaf, (origins - offset) @ inverse.T, directions @ inverse.T)
+            ends.append([(near, np.where(near < far, far, near)) for near, far in own])
     return ends
 
 
@@ -88,14 +119,16 @@ def surfaces(scene, origins, directions):
     that owns the surface, in the order of the tree; -1 where there is none.
     """
     ends = intervals(scene, origins, directions)
-    times = np.sort(np.concatenate(list(zip(*ends))), axis=0)  # (2 leaves, rays)
+    times = np.sort([t for leaf in ends for pair in leaf for t in pair], axis=0)  # (2 intervals, rays)
     for t in times:
         # The middle of the stretches before and after the ends that coincide with this one.
         earlier = np.where(times < t - COINCIDENT, times, -np.inf).max(axis=0)
         later = np.where(times > t + COINCIDENT, times, np.inf).min(axis=0)
         before = np.where(np.isfinite(earlier), (np.maximum(earlier, -1e9) + t) / 2, t - 1)
         after = np.where(np.isfinite(later), (later + t) / 2, t + 1)
-        state = [((a < before) & (before < b), (a < after) & (after < b)) for a, b in ends]
+        state = [
+            tuple(np.any([(a < at) & (at < b) for a, b in leaf], axis=0) for at in (before, after)) for leaf in ends
+        ]
         first, second, owner = evaluate(scene.csg, state)
         yield t, ~first & second, np.where(np.isfinite(t) & (t > COINCIDENT), owner, -1)
 
@@ -173,7 +206,7 @@ def text(rng, shapes, transforms, nodes, size=(120, 90)):
         view,
         "LIGHTS POINT position 0 9 9",
         "CSG-TREE",
-        *(n if isinstance(n, str) else f"{shapes[n]} {n}" for n in nodes),
+        *(n if isinstance(n, str) else f"{shapes[n]} ".replace(" ", f" {n} ", 1) for n in nodes),
     ]
     for i, transform in enumerate(transforms):
         lines += [f"SURFACE {i} material lambertiano kd {(i + 1) / 64}", f"TRANSFORM {i} {transform}"]
@@ -306,10 +339,60 @@ def grazing(rng):
     return text(rng, shapes, transforms, tree(rng, 4))
 
 
-KINDS = {
-    f.__name__: f
-    for f in (general, grid, turned_grid, unions, chains, stretched_grid, decimals, same_quadric, nested, grazing)
-}
+def round_shape(rng):
+    """A torus, a truncated cone or another primitive."""
+    names = f"TORUS radius {rng.uniform(0.1, 0.9):.3f}", f"CONE radius {rng.uniform(0.01, 0.95):.3f}", "TORUS"
+    return [*names, *SHAPES][rng.integers(7)]
+
+
+def rings_and_stumps(rng):
+    """Tori and truncated cones, stretched, mirrored and turned by a matrix."""
+    count = rng.integers(2, 6)
+    shapes = [round_shape(rng) for _ in range(count)]
+    transforms = [
+        f"MATRIX ({numbers((rng.normal(scale=0.6, size=(3, 4)) + np.eye(3, 4)).ravel())}) {turn(rng)}" for _ in shapes
+    ]
+    return text(rng, shapes, transforms, tree(rng, count))
+
+
+def slices(rng):
+    """Slices of one cone, and what lies on their discs, in a common placement."""
+    count = rng.integers(2, 6)
+    after = f"SCALE ({numbers(rng.uniform(0.6, 2, 3))}) {turn(rng)}" if rng.random() < 0.7 else ""
+    shapes, transforms = [], []
+    for _ in range(count):
+        r, factor = rng.choice([0.25, 0.5, 0.75, round(rng.uniform(0.05, 0.9), 3)]), rng.choice([0.5, 1, 2])
+        spin = f"ROTATE-Z ({rng.uniform(0, 360)!r})" if rng.random() < 0.5 else ""
+        shape = ["CONE", "CYLINDER", "CUBE", f"CONE radius {r}"][rng.choice(4, p=[0.15, 0.1, 0.15, 0.6])]
+        stump = f"SCALE (1 1 {float(1 - r)!r}) TRANSLATE (0 0 {float(r)!r})" if "radius" in shape else ""
+        shapes.append(shape)
+        transforms.append(f"{spin} {stump} SCALE ({numbers([factor] * 3)}) {after}")
+    return text(rng, shapes, transforms, tree(rng, count))
+
+
+def half_spaces(rng, after=""):
+    """A grid whose solids are cut by planes, which lie on faces of the grid, too."""
+    count = rng.integers(2, 5)
+    shapes, transforms, nodes = [], [], []
+    for node in tree(rng, count):
+        nodes += [node] if isinstance(node, str) else ["-*"[rng.integers(2)], 2 * node, 2 * node + 1]
+    for _ in range(count):
+        shapes += [round_shape(rng) if rng.random() < 0.3 else SHAPES[rng.choice(4, p=[0.6, 0.1, 0.2, 0.1])], "PLANE"]
+        transforms += [
+            f"SCALE ({numbers(size)}) ROTATE-{'XYZ'[rng.integers(3)]} ({90 * rng.integers(-1, 4)}) "
+            f"TRANSLATE ({numbers(rng.integers(-2, 3, 3) / 2)}) {after}"
+            for size in (rng.choice([0.5, 1, 2], 3), rng.choice([-1, 1], 3))
+        ]
+    return text(rng, shapes, transforms, nodes)
+
+
+def turned_half_spaces(rng):
+    return half_spaces(rng, turn(rng))
+
+
+GRIDS = grid, turned_grid, stretched_grid, decimals, half_spaces, turned_half_spaces
+ROUND = unions, same_quadric, nested, grazing, rings_and_stumps, slices
+KINDS = {f.__name__: f for f in (general, chains, *GRIDS, *ROUND)}
 
 
 # ---- The comparison --------------------------------------------------------------------------------------------------

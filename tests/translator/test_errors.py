@@ -64,6 +64,9 @@ WRONG = [
     # a wrong count of values
     (3, "VIEW OBS 0 9", 10, "count", "3 numbers (x y z)"),
     (6, "TRANSFORM 0 ROTATE-X ()", 13, "count", "1 number (degrees)"),
+    (6, "TRANSFORM 0 MATRIX (1 0 0)", 21, "count", "12 numbers (a matrix of 3 rows and 4 columns), or 16"),
+    (6, "TRANSFORM 0 MATRIX 1 0 0 0 0 1 0 0 0 0 1 0 2 3 4 1", 13, "range", "2 3 4 1; expected 0 0 0 1, and the trans"),
+    (6, "TRANSFORM 0 MATRIX (1 0 0 0 0 1 0 0 1 1 0 0)", 1, "transforms", "this transform is singular"),
     (1, "CAUSTICS", 1, "count", "TRUE or FALSE"),
     (1, "SAVE-RGB TRUE TRUE: TRUE", 19, "count", ""),
     (4, "CSG-TREE CUBE 0 NULL NULL NULL", 27, "count", ""),
@@ -100,7 +103,10 @@ WRONG = [
     (1, "// a scene", 1, "foreign", "begin with #"),
     # words of other languages, and their meaning in a statement
     (1, "CAUSTICS ON", 10, "unknown-word", "write TRUE"),
-    (4, "CSG-TREE TORUS 0", 10, "unknown-word", "CUBE, SPHERE, CYLINDER"),
+    (4, "CSG-TREE CUBE 0 radius .5", 17, "unexpected", "radius has no effect on CUBE; it is for CONE and TORUS"),
+    (4, "CSG-TREE TORO 0 raio 0", 22, "range", "expected a number from 0.001 to 0.99"),
+    (4, "CSG-TREE CONE 0 radius t-brick", 17, "count", "1 number (the radius)"),
+    (4, "CSG-TREE PRISM 0", 10, "unknown-word", "CUBE, SPHERE, CYLINDER"),
     (2, "LIGHTS SPOT position 0 5 5", 8, "unexpected", "AREA or POINT"),
     # words in the wrong place
     (3, "RESOLUTION 5 5 OBS 0 0 9", 1, "unexpected", "after VIEW"),

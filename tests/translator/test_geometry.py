@@ -23,6 +23,9 @@ PRIMITIVES = {
     "SPHERE": (4 / 3 * math.pi, 4 * math.pi),
     "CYLINDER": (math.pi, 4 * math.pi),
     "CONE": (math.pi / 3, math.pi * (1 + math.sqrt(2))),
+    "CONE 0 radius .5": (math.pi * 7 / 12, math.pi * (1.25 + 1.5 * math.sqrt(1.25))),
+    "TORUS": (math.pi**2 / 8, math.pi**2),
+    "TORUS 0 radius .6": (2 * math.pi**2 * 0.36, 4 * math.pi**2 * 0.6),
 }
 
 
@@ -31,12 +34,77 @@ PRIMITIVES = {
 @pytest.mark.parametrize("scale", [(1, 1, 1), (-1, 1, 1), (2, 0.5, -1)])
 def test_canonical_solids(shape, scale):
     steps = f"SCALE {scale} ROTATE-X (37) ROTATE-Z (-80) TRANSLATE (1 2 -1)".replace(",", "")
-    meshes = list(solids(scene(f"{shape} 0", [steps]), tolerance=0.001).values())
+    meshes = list(solids(scene(shape if "0" in shape else f"{shape} 0", [steps]), tolerance=0.002).values())
     assert_closed(meshes)
     expected, surface = PRIMITIVES[shape]
     assert volume(meshes) == pytest.approx(expected * abs(np.prod(scale)), rel=1e-4)
     if scale[0] ** 2 == 1 and scale[1] == 1:
         assert sum(map(area, meshes)) == pytest.approx(surface, rel=1e-4)
+
+
+def turned(text):
+    """A function from points to the space of TRANSFORM 0, and the linear part of its matrix."""
+    to_local = np.linalg.inv(matrices([prosim_scene.parse(text).transforms[0]])[0])
+    return lambda p: p @ to_local[:3, :3].T + to_local[:3, 3], to_local[:3, :3]
+
+
+@pytest.mark.parametrize("shape, radius", [("CONE 0 radius .4", 0.4), ("TORUS 0 radius .4", 0.4), ("TORUS 0", 0.25)])
+@pytest.mark.parametrize("sign", [1, -1], ids=["added", "taken away"])
+def test_normals_and_uv_of_stumps_and_tori(shape, radius, sign):
+    """After cuts; v is the height, or the angle around the tube."""
+    transforms = ["SCALE (2 -1 1.5) ROTATE-Y (30)", "SCALE (9 9 9) TRANSLATE (.2 -4 -4)"]
+    text = scene(f"{'+' if sign > 0 else '-'} CUBE 1 {shape} t-brick", transforms)
+    mesh = solids(text)[0]
+    local, linear = turned(text)
+    p, uv, normals = local(mesh.positions), mesh.uv[mesh.index], mesh.normals[mesh.index]
+    rho = np.linalg.norm(p[..., :2], axis=2)
+    if "CONE" in shape:
+        side = np.ptp(p[..., 2], axis=1) > 1e-6
+        uncut = side[:, None] & (np.abs(mesh.positions[..., 0] - 0.2) > 1e-6)
+        assert np.abs(rho - radius - (1 - radius) * p[..., 2])[uncut].max() < 1e-9
+        gradient = np.append(p[..., :2] / rho[..., None], np.full((*rho.shape, 1), radius - 1), axis=2)
+        v = p[..., 2]
+        assert uv[~side] == pytest.approx(p[~side][..., :2] / 2 + 0.5, abs=1e-6)
+    else:
+        side = np.ones(len(p), bool)
+        assert np.hypot(rho - 1, p[..., 2])[np.abs(mesh.positions[..., 0] - 0.2) > 1e-6] == pytest.approx(radius)
+        gradient = np.append(p[..., :2] * (1 - 1 / rho)[..., None], p[..., 2:], axis=2)
+        v = np.arctan2(p[..., 2], rho - 1) / (2 * np.pi)
+    expected = sign * gradient @ linear
+    cosine = np.einsum("tci,tci->tc", normals, expected) / np.linalg.norm(expected, axis=2)
+    assert side.any() and cosine[side].min() > np.cos(np.radians(0.1))
+    for found, turns in ((uv[..., 0], np.arctan2(p[..., 1], p[..., 0]) / (2 * np.pi)), (uv[..., 1], v)):
+        assert np.abs((found - turns + 0.5) % 1 - 0.5)[side].max() < 1e-5
+    for seam in (uv[..., 0], uv[..., 1] if "TORUS" in shape else 0 * v):
+        assert np.ptp(seam, axis=1)[side].max() < 0.3  # no triangle goes back over the seam
+    flat = np.cross(*np.moveaxis(mesh.positions[:, 1:] - mesh.positions[:, :1], 1, 0))
+    wound = np.einsum("ti,tci->tc", flat, normals)
+    assert wound.min() > -1e-8
+
+
+@pytest.mark.parametrize("shape", ["CONE 0 radius .5", "TORUS 0 radius .4", "TORUS 0 radius .05"])
+@pytest.mark.parametrize("steps", ["", "SCALE (3 1 2) ROTATE-X (70)", "SCALE (.5 .5 3) ROTATE-Y (20)"])
+def test_stumps_and_tori_are_as_fine_as_promised(shape, steps):
+    """The distance to the face of points on the triangles, over the gradient, is below the tolerance in pixels."""
+    text = scene(shape, [steps])
+    camera, (local, linear) = camera_of(document_of(text)), turned(text)
+    radius = float(shape.split()[-1])
+    weights = np.random.default_rng(0).dirichlet([1, 1, 1], 20)
+    for tolerance in (0.5, 0.05):
+        points = weights @ solids(text, tolerance)[0].positions
+        p = local(points)
+        rho = np.linalg.norm(p[..., :2], axis=2)
+        if "CONE" in shape:
+            side = np.ptp(p[..., 2], axis=1) > 1e-6
+            gradient = np.append(p[..., :2] / rho[..., None], np.full((*rho.shape, 1), radius - 1), axis=2) @ linear
+            error = np.where(side[:, None], rho - radius - (1 - radius) * p[..., 2], 0)
+            distance = np.abs(error) / np.linalg.norm(gradient, axis=2)
+        else:
+            error = np.hypot(rho - 1, p[..., 2]) - radius
+            gradient = np.append(p[..., :2] * (1 - 1 / rho)[..., None], p[..., 2:], axis=2) @ linear
+            distance = np.abs(error) * (error + radius) / np.linalg.norm(gradient, axis=2)
+        pixel = camera.footprint(20 - np.abs(points).max())
+        assert 0.1 * tolerance * pixel < distance.max() <= 1.02 * tolerance * pixel
 
 
 @pytest.mark.parametrize("shape, form", [("SPHERE", (1, 1, 1)), ("CYLINDER", (1, 1, 0)), ("CONE", (1, 1, -1))])

@@ -10,6 +10,7 @@ from pathlib import Path
 import prosim_scene
 import pytest
 from prosim_scene import SceneError, model
+from prosim_scene.geometry.transforms import matrices
 from prosim_scene.language.reader import Reader
 from prosim_scene.language.words import ROLES, TRANSLATIONS, WORDS, WORDS_BY_SPELLING, find_word, normalise
 
@@ -172,3 +173,21 @@ def test_a_disk_that_is_full_leaves_the_file_as_it_was(write_scene, step, monkey
     with pytest.raises(SceneError, match=r"s.scn: No space left on device; the file is unchanged"):
         prosim_scene.rewrite(scene, "END\n")
     assert scene.read_text() == "fim" and os.listdir(scene.parent) == ["s.scn"]
+
+
+TURNED = "ROTATE-X (30) SCALE (2 1 3) TRANSLATE (4 5 6)"
+
+
+@pytest.mark.parametrize("last", ["", " 0 0 0 1"])
+@pytest.mark.parametrize("parentheses", ["({})", "{}"])
+def test_matrix_is_a_step(last, parentheses):
+    """Row by row, with the translation in the fourth column, and after the steps before it."""
+
+    def matrix(steps, written=str):
+        text = written(f"CSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 {steps} END")
+        return matrices([prosim_scene.parse(text).transforms[0]])[0]
+
+    rows = matrix(TURNED)[:3].ravel().tolist()
+    steps = f"ROTATE-Z (20) MATRIX {parentheses.format(' '.join(map(repr, rows)) + last)}"
+    for written in (str, prosim_scene.format):
+        assert matrix(steps, written) == pytest.approx(matrix(f"ROTATE-Z (20) {TURNED}"), abs=1e-12)

@@ -53,15 +53,16 @@ def media_of_the_tree(text, origin, direction):
     """The same by the tree's definition: the first of the media in the tree that is there."""
     read = document_of(text, "test.scn").scene
     leaves = [node for node in read.csg if isinstance(node, Leaf)]
-    ends = [(near[0], far[0]) for near, far in exact_csg.intervals(read, origin[None], direction[None])]
-    times = np.unique([t for near, far in ends if near < far for t in (near, far)])
+    leaves_ends = exact_csg.intervals(read, origin[None], direction[None])
+    ends = [[(near[0], far[0]) for near, far in pairs] for pairs in leaves_ends]
+    times = np.unique([t for pairs in ends for near, far in pairs if near < far for t in (near, far)])
     result, now = [], None
     media = sorted({medium_of(read, leaf): 0 for leaf in leaves}, key=lambda medium: medium != METAL)  # which is first
     for begin, end in zip(times, [*times[1:], np.inf]):
         if end - begin < 1e-6:
             continue
         middle = begin + 1 if end == np.inf else (begin + end) / 2
-        inside = [near < middle < far for near, far in ends]
+        inside = [any(near < middle < far for near, far in pairs) for pairs in ends]
         after = next((medium for medium in media if exists(read, inside, medium)), None)
         if after != now:
             result.append(now)
@@ -94,7 +95,7 @@ def exists(read, inside, medium):
     "kind",
     [
         *("blocks", "turned blocks", "blocks of one glass", "turned blocks of one glass", "blocks, some of metal"),
-        *("chains", "general", "same_quadric", "nested"),
+        *("chains", "general", "same_quadric", "nested", "rings_and_stumps", "slices", "turned_half_spaces"),
     ],
 )
 def test_every_face_leads_from_one_medium_to_the_next(kind):

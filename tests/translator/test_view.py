@@ -64,6 +64,66 @@ def test_rays_are_exact(name, write_scene, variant_rgb):
     assert tuple(sensor.film().size()) == (w, h)
 
 
+LENSES = {
+    "centred": "RESOLUTION 300 150 WINDOW -4 -2 4 2 OBS 0 0 5 VRP 0 0 0 VUP 0 1 0 APERTURE .5",
+    "oblique": VIEWS["oblique"] + " APERTURE .5 FOCUS 9",
+    "tall pixels": VIEWS["tall pixels"] + " ABERTURA .2 FOCO 4",
+}
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_rays_from_the_lens_meet_in_the_plane_of_focus(name, write_scene, variant_rgb):
+    """Where the pinhole's ray meets this plane; the lens is a disc around the eye, parallel to the view plane."""
+    sensor, view = translated(write_scene(VIEWED.format(LENSES[name])))
+    assert sensor.needs_aperture_sample()
+    (i, j), on_lens = np.random.default_rng(4).integers(0, 100, (2, 500)), np.random.default_rng(5).random((2, 500))
+    position = mi.Point2f((i + 0.5) / view.resolution[0], (j + 0.5) / view.resolution[1])
+    for sample in (sensor.sample_ray, sensor.sample_ray_differential):
+        ray, _ = sample(0, 0.5, position, mi.Point2f(on_lens))
+        o, d = np.array(ray.o, dtype=float).T, np.array(ray.d, dtype=float).T
+        through, eye, pixel, n, vrp = formula(view, i, j)
+        depth = (eye - vrp) @ n
+        focus = view.focus or depth
+        sharp = eye + (through - eye) * (focus / depth)
+        t = ((sharp - o) @ n[:, None])[:, 0] / (d @ n)
+        assert np.linalg.norm(o + t[:, None] * d - sharp, axis=1).max() < 1e-3 * pixel * focus / depth
+        lens = o - d * ((o - eye) @ n / (d @ n))[:, None]
+        radius = np.linalg.norm(lens - eye, axis=1)
+        assert radius.max() <= view.aperture * (1 + 1e-5) and radius.min() < 0.2 * view.aperture
+        assert np.mean((radius / view.aperture) ** 2) == pytest.approx(0.5, abs=0.05)  # evenly over the disc
+
+
+def test_stock_lens_has_the_rays_of_the_window(write_scene, variant_rgb):
+    path = write_scene(VIEWED.format(LENSES["centred"]))
+    own, _ = translated(path)
+    stock, _ = translated(path, target="stock")
+    assert stock.class_name() == "ThinLensCamera"
+    points = np.random.default_rng(4).random((4, 500))
+    a, b = (s.sample_ray(0, 0.5, mi.Point2f(points[:2]), mi.Point2f(points[2:]))[0] for s in (own, stock))
+    assert np.abs(np.array(a.d) - b.d).max() < 1e-5 and np.abs(np.array(a.o) - b.o).max() < 1e-5
+
+
+def test_stock_says_that_an_off_centre_window_has_no_lens(write_scene, variant_rgb):
+    view = VIEWS["turned"] + " APERTURE .5"
+    with pytest.warns(prosim_scene.SceneWarning, match="APERTURE has no effect if the window is not centred"):
+        sensor = prosim_scene.load(write_scene(VIEWED.format(view)), light_units="radiance", target="stock")["view"]
+    assert sensor["type"] == "perspective" and "aperture_radius" not in sensor
+
+
+@pytest.mark.parametrize("eye, vpn", [("0 0 20", "0 0 0"), ("3.7 4.1 9.3", "0 0 0"), ("1 2 3", "1 2 3")])
+def test_another_sensor_of_mitsuba_reads_a_centred_view(eye, vpn, write_scene, variant_rgb):
+    with pytest.warns(prosim_scene.SceneWarning, match="no|empty"):
+        sensor = prosim_scene.load(write_scene(VIEWED.format(f"EYE {eye} VPN {vpn}")), light_units="radiance")["view"]
+    del sensor["sampler"]
+    lens = mi.load_dict(sensor | {"type": "thinlens", "aperture_radius": 0.1, "focus_distance": 20})
+    assert lens.class_name() == "ThinLensCamera"
+
+
+def test_focus_without_aperture_is_said(write_scene):
+    with pytest.warns(prosim_scene.SceneWarning, match="FOCUS has no effect without APERTURE; add APERTURE"):
+        prosim_scene.check(write_scene(f"VIEW FOCUS 3 LIGHTS POINT position 0 9 9 CSG-TREE {BALL} END"))
+
+
 def test_stock_views_have_square_pixels_and_say_so(write_scene, variant_rgb):
     with pytest.warns(prosim_scene.SceneWarning, match="pixels are square, 400x250 of them instead of 400x100"):
         sensor, _ = translated(write_scene(VIEWED.format(VIEWS["tall pixels"])), target="stock")

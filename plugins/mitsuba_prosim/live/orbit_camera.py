@@ -130,6 +130,8 @@ def as_view(view: View, home: Camera, moved: Camera, spellings: Mapping[str, str
         f"VPN {vector(view.vpn, 0) if any(view.vpn) else '0 0 0'}",
         f"VRP {vector(view.vrp, 1)}",
         f"VUP {vector(view.vup, 0)}",
+        *([f"APERTURE {view.aperture:.7g}"] if view.aperture else []),
+        *([] if view.focus is None else [f"FOCUS {view.focus:.7g}"]),
     ]
     return re.sub("[A-Z]+", lambda word: spellings.get(word[0], word[0]), "\n    ".join(lines))
 

@@ -1,4 +1,4 @@
-"""A pinhole camera with a window on the view plane and pixels of any aspect ratio: prosim_window."""
+"""A camera with a window on the view plane, pixels of any aspect ratio and a thin lens: prosim_window."""
 
 from __future__ import annotations
 
@@ -31,13 +31,21 @@ class Window(mi.Sensor):
        - Transform from the camera's space to the world. In the camera's space the view direction is +Z, the window's
          right is -X and its top is +Y, as for Mitsuba's other cameras. (Default: identity)
 
+     * - aperture_radius
+       - |float|
+       - Radius of the lens; 0 is a pinhole. (Default: 0)
+
+     * - focus_distance
+       - |float|
+       - Depth of the plane that a lens shows sharply. (Default: 1)
+
      * - near_clip, far_clip
        - |float|
        - Depths between which objects are visible. (Default: 0.01, 10000)
 
-    The pinhole camera of the thesis's scene language (VIEW in appendix A). The film's pixels evenly divide a window,
-    which may have any place and proportions. For square pixels, Mitsuba's ``perspective`` with a principal point offset
-    has the same rays. Particle tracers cannot sample this sensor.
+    The camera of the thesis's scene language (VIEW in appendix A). The film's pixels evenly divide a window, which may
+    have any place and proportions. For square pixels, Mitsuba's ``perspective`` with a principal point offset has the
+    same rays; with an aperture and a centred window, ``thinlens`` has. Particle tracers cannot sample this sensor.
 
     .. tabs::
         .. code-tab:: xml
@@ -64,13 +72,18 @@ class Window(mi.Sensor):
     """
 
     def __init__(self, props: mi.Properties) -> None:
-        """Reads the parameters. Raises ValueError unless left < right, bottom < top and 0 < near_clip < far_clip."""
+        """Reads the parameters. Raises ValueError unless left < right, bottom < top, 0 < near_clip < far_clip,
+        aperture_radius >= 0 and focus_distance > 0.
+        """
         super().__init__(props)
         self.left, self.right = number(props, "left", -1.0, -inf), number(props, "right", 1.0, -inf)
         self.bottom, self.top = number(props, "bottom", -1.0, -inf), number(props, "top", 1.0, -inf)
         for low, high in (("left", "right"), ("bottom", "top")):
             if not getattr(self, low) < getattr(self, high):
                 raise reject(props, low, getattr(self, low), f"a number below {high}, {getattr(self, high)}")
+        self.aperture_radius = number(props, "aperture_radius", 0.0, 0.0)
+        self.focus_distance = number(props, "focus_distance", 1.0, 0.0, open_below=True)
+        self.m_needs_sample_3 = self.aperture_radius > 0
         self.near_clip, self.far_clip = props.get("near_clip", 1e-2), props.get("far_clip", 1e4)
         if not 0 < self.near_clip < self.far_clip:
             raise reject(props, "near_clip", self.near_clip, "a number above 0 and below far_clip")
@@ -92,17 +105,22 @@ class Window(mi.Sensor):
         self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
         """Returns ``(ray, weight)``: the camera ray, in world coordinates, through the position ``sample2`` in the crop
-        window, in [0, 1)². The ray begins at the near clipping plane, and ends at the far clipping plane.
+        window, in [0, 1)², from the point ``sample3`` of the lens, in [0, 1)². The ray begins at the near clipping
+        plane, and ends at the far clipping plane.
 
         ``weight`` is the weight of the wavelengths that ``sample1`` selects. A pinhole needs no ``sample3``.
         """
         wavelengths, weight = self.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), sample1, active)
-        d = self.direction(sample2)
+        d, lens = self.direction(sample2), mi.Point3f(0)
+        if self.aperture_radius > 0:
+            on_disk = self.aperture_radius * mi.warp.square_to_uniform_disk_concentric(sample3)
+            lens = mi.Point3f(on_disk.x, on_disk.y, 0)
+            d = dr.normalize(d * (self.focus_distance / d.z) - mi.Vector3f(lens))
         to_world = world_transform(self, time)
         ray = dr.zeros(mi.Ray3f)
         ray.time, ray.wavelengths = time, wavelengths
         ray.d = to_world @ d
-        ray.o = to_world @ mi.Point3f(0) + ray.d * (self.near_clip / d.z)
+        ray.o = to_world @ lens + ray.d * (self.near_clip / d.z)
         ray.maxt = (self.far_clip - self.near_clip) / d.z
         return ray, weight
 
@@ -110,4 +128,5 @@ class Window(mi.Sensor):
         return box_of_point(mi.ScalarPoint3f(*world_matrix(self)[:3, 3]))
 
     def to_string(self) -> str:
-        return describe(self, left=self.left, right=self.right, bottom=self.bottom, top=self.top, film=self.film())
+        window = {side: getattr(self, side) for side in ("left", "right", "bottom", "top")}
+        return describe(self, **window, aperture_radius=self.aperture_radius, film=self.film())

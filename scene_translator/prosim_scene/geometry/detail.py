@@ -197,9 +197,8 @@ def _largest_error(solid: Solid, zone: np.ndarray, camera: Camera) -> float:
     points = np.concatenate([triangles, midpoints, triangles.mean(axis=1, keepdims=True)], axis=1)
     to_local = np.linalg.inv(solid.to_world)
     local = points @ to_local[:3, :3].T + to_local[:3, 3]
-    form = np.diag(primitive.quadrics[primitive.curved])
-    slope = np.linalg.norm(2 * local * form[:3] @ to_local[:3, :3], axis=2)
-    errors = np.abs(local**2 @ form[:3] + form[3]) / np.maximum(slope, 1e-300)
+    value, gradient = primitive.implicit(local)
+    errors = np.abs(value) / np.maximum(np.linalg.norm(gradient @ to_local[:3, :3], axis=2), 1e-300)
     errors[np.linalg.norm(points - zone[:3], axis=2) > zone[3]] = 0
     longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
     nearest = np.linalg.norm(points - camera.eye, axis=2).min(axis=1) - longest

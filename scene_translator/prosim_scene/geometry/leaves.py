@@ -11,10 +11,12 @@ from ..view import Camera
 from .coincidence import THICKNESS, Planes, same_surfaces
 from .detail import choose_tessellations
 from .grouping import group_equal
-from .primitives import PRIMITIVES, CornerAttributes, Primitive
+from .primitives import PRIMITIVES, CornerAttributes, Cube, Primitive, box_corners, with_radius
 from .solids import Solid, world_box_corners
 from .transforms import matrices
 
+#: How far a PLANE extends, relative to the size of the scene.
+EXTENT = 100
 #: The largest number that is allowed; its square is below the maximum of single precision.
 LARGEST = 1e19
 FAR = 16  # a scene whose distance from the origin is more than this number of scene sizes is first moved to the origin
@@ -50,15 +52,16 @@ class Leaves:
         :class:`SceneError` for a transform that is nearly singular or too extreme for Mitsuba, and for too many
         triangles.
         """
-        keys = [(leaf.shape, leaf.file, leaf.index) for _, leaf in document.scene.leaves]
+        keys = [(leaf.shape, leaf.file, leaf.radius, leaf.index) for _, leaf in document.scene.leaves]
         numbers_of_keys = {key: i for i, key in enumerate(dict.fromkeys(keys))}
         self.of_leaf = np.array([numbers_of_keys[key] for key in keys])
         indices = [index for *_, index in numbers_of_keys]
+        primitives = [_primitive(shape, file, radius, meshes) for shape, file, radius, _ in numbers_of_keys]
         with np.errstate(all="ignore"):
             to_world_matrices = matrices([document.scene.transforms[index] for index in indices])
             self.solids = [
-                Solid(PRIMITIVES[shape] if file is None else meshes[file], to_world)
-                for (shape, file, _), to_world in zip(numbers_of_keys, to_world_matrices)
+                Solid(primitive, to_world @ primitive.placement)
+                for primitive, to_world in zip(primitives, to_world_matrices)
             ]
             boxes = world_box_corners(self.solids)
         _check_transforms(document, indices, to_world_matrices, boxes)
@@ -67,6 +70,7 @@ class Leaves:
         self.origin = middle if np.abs(middle).max() > FAR * (high - low).max() else np.zeros(3)
         size = float(np.abs(np.stack([low, high]) - self.origin).max())
         self.thickness = THICKNESS * 2.0 ** (math.frexp(size)[1] - 1)
+        _bound_planes(self.solids, np.append(boxes.reshape(-1, 3), [camera.eye], axis=0))
         self._find_shared_surfaces(cuts_several_media)
         choose_tessellations(document, self.solids, self.of_leaf, camera, tolerance)
         offset = np.pad(self.origin[:, None], ((0, 1), (3, 0)))
@@ -109,8 +113,9 @@ class Leaves:
     def cache_key(self) -> Hashable:
         """Returns a hashable key of this object; two :class:`Leaves` objects with equal keys have equal tables."""
         solids = tuple(
-            (s.primitive.name, s.segments, s.scale, s.to_world.tobytes(), s.facet_map.tobytes(), s.surfaces.tobytes())
+            (s.primitive.name, s.segments, s.scale, *(array.tobytes() for array in arrays))
             for s in self.solids
+            for arrays in [(s.primitive.box, s.to_world, s.facet_map, s.surfaces)]
         )
         return solids, self.of_leaf.tobytes(), self.origin.tobytes()
 
@@ -158,6 +163,28 @@ class Leaves:
         normals = result.normals @ inverse[:, :, :3]  # normals are transformed by the transposed inverse matrix
         length = np.linalg.norm(normals, axis=2, keepdims=True)
         return replace(result, normals=normals * (1 / np.where(length > 0, length, 1)))
+
+
+def _primitive(shape: str, file: str | None, radius: float | None, meshes: Mapping[str, Primitive]) -> Primitive:
+    """Returns the primitive of a leaf, whose :class:`.Leaf` has these values; ``meshes`` has those of mesh files."""
+    if file is not None:
+        return meshes[file]
+    return PRIMITIVES[shape] if radius is None else with_radius(shape, radius)
+
+
+def _bound_planes(solids: Sequence[Solid], points: np.ndarray) -> None:
+    """Makes each PLANE a block that ends EXTENT times as far from the middle of the scene as the scene itself.
+
+    ``points`` (n, 3) are points in world coordinates between which the scene lies.
+    """
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle = (low + high) / 2
+    corners = box_corners(middle + EXTENT * np.stack([low - middle, high - middle]))
+    for s in solids:
+        if s.primitive.name == "plane":
+            to_local = np.linalg.inv(s.to_world)
+            local = corners @ to_local[:3, :3].T + to_local[:3, 3]
+            s.primitive = Cube("plane", [local.min(axis=0), [*local.max(axis=0)[:2], 0]])
 
 
 def _check_transforms(document: Document, indices: Sequence[int], matrices: np.ndarray, boxes: np.ndarray) -> None:

@@ -1,17 +1,20 @@
 """Defines the primitives of the scene language, each in its own coordinates, and makes their meshes.
 
 CUBE is [0, 1]^3. SPHERE is the unit ball. CYLINDER is x^2 + y^2 <= 1, 0 <= z <= 1. CONE is x^2 + y^2 <= z^2, 0 <= z <=
-1, with its apex at the origin.
+1, with its apex at the origin. A CONE with a radius r is the part r <= z of this cone, which begins at z = 0 in the
+coordinates of the scene's text. TORUS is a tube around the unit circle. PLANE is z <= 0.
 """
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import ClassVar
 
 import numpy as np
 from manifold3d import Manifold
+from numpy.typing import ArrayLike
 
 from ..view import Camera
 
@@ -55,23 +58,25 @@ class CornerAttributes:
 
 class Primitive(ABC):
     """A primitive in its own coordinates. A primitive with a curved face is convex, and is bounded by planes and one
-    quadric.
+    quadric; a torus is neither.
     """
 
     #: The name of the primitive in the language; for a mesh file, a digest of the content.
     name: str
     #: The surface of each face as a quadric p^T Q p = 0, p = (x, y, z, 1). Empty if no face can coincide with a face of
     #: another solid.
-    quadrics: ClassVar[np.ndarray]
+    quadrics: np.ndarray
     #: The minimum and the maximum corner of the bounding box.
     box: np.ndarray
+    #: Maps the coordinates of the primitive to those of the scene's text (4, 4).
+    placement: np.ndarray = np.eye(4)
     #: The number of the curved face; None if all faces are flat.
     curved: ClassVar[int | None] = None
     #: The number of axes in which the curved face is round: 2 for a solid of revolution about z, 3 for a sphere.
     axes: ClassVar[int] = 2
     #: Lines (k, 2, 3) on the curved face. The distance of each point of this face from the nearest line is at most
     #: ``gap`` times the longest semi-axis of the face.
-    surface_lines: ClassVar[np.ndarray]
+    surface_lines: np.ndarray
     gap: ClassVar[float] = 0.08
     #: The number of segments that a chord error requires, relative to the number for a circle.
     segment_factor: ClassVar[float] = 1.0
@@ -91,6 +96,13 @@ class Primitive(ABC):
         """Returns the normals and uv at the corners ``p`` (n, 3, 3) of n triangles, which lie on the faces with the
         numbers ``face`` (n,); all coordinates are those of the primitive.
         """
+
+    def implicit(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the values (...) and the gradients (..., 3) of a function that is 0 on the curved face, at the points
+        ``p`` (..., 3).
+        """
+        form = np.diag(self.quadrics[self.curved])
+        return p**2 @ form[:3] + form[3], 2 * p * form[:3]
 
     @cached_property
     def box_corners(self) -> np.ndarray:
@@ -184,12 +196,9 @@ def azimuth(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 class Cube(Primitive):
     """Face 0, 1 or 2 is the side x = 0, y = 0 or z = 0 of the cube; face 3, 4 or 5 is the side x = 1, y = 1 or z =
-    1.
+    1. A PLANE is a cube with another ``box``.
     """
 
-    name = "cube"
-    quadrics = np.array([plane(*n, d) for d in (0, -1) for n in np.eye(3)])
-    box = np.array([[0.0, 0, 0], [1, 1, 1]])
     #: The corners of each face, counter-clockwise from outside; the corner (x, y, z) has the number 4 x + 2 y + z.
     squares: ClassVar[list[tuple[int, int, int, int]]] = [
         (0, 1, 3, 2),
@@ -199,6 +208,10 @@ class Cube(Primitive):
         (2, 3, 7, 6),
         (1, 5, 7, 3),
     ]
+
+    def __init__(self, name: str = "cube", box: ArrayLike = ((0, 0, 0), (1, 1, 1))) -> None:
+        self.name, self.box = name, np.array(box, float)
+        self.quadrics = np.array([plane(*n, -corner @ n) for corner in self.box for n in np.eye(3)])
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
         """Returns the mesh of the cube: two triangles for each face. ``segments`` and ``facet_map`` have no effect."""
@@ -262,32 +275,75 @@ class Sphere(Primitive):
 
 
 class _OfRevolution(Primitive):
-    """A solid of revolution about z with radius 1. Face 0 is the curved side, face 1 is the disc at z = 1, and face 2
-    is the disc at z = 0.
+    """A slice of a cylinder or a cone about z, from a disc at z = ``low`` to a disc with radius 1 at z = 1. Face 0 is
+    the curved side, face 1 is the disc at z = 1, and face 2 is the disc at z = ``low``, if its radius is not 0.
     """
 
-    box = np.array([[-1.0, -1, 0], [1, 1, 1]])
     curved = 0
+
+    def __init__(self, narrow: float, low: float, quadric: Sequence[float]) -> None:
+        """Makes a slice of the surface x^2 + y^2 + ... = 0, whose coefficients of x^2, y^2, z^2 and 1 are ``quadric``.
+
+        ``narrow`` is the radius of the disc at z = ``low``.
+        """
+        self.narrow, self.low = narrow, low
+        self.quadrics = np.array([np.diag(quadric), plane(0, 0, 1, -1), plane(0, 0, 1, -low)])[: 3 if narrow else 2]
+        self.box = np.array([[-1.0, -1, low], [1, 1, 1]])
+        self.placement = np.diag([1, 1, 1 / (1 - low), 1])
+        self.placement[2, 3] = -low / (1 - low)
+        ends = [np.append(circle(64) * radius, np.full((64, 1), z), axis=1) for radius, z in ((narrow, low), (1, 1))]
+        self.surface_lines = np.stack(ends, axis=1)
+
+    def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
+        """Returns the mesh: one or two discs, and for each segment of the side a facet of two triangles, or of one that
+        ends at the apex. ``facet_map`` moves the corners of the discs along their circles; an apex is the last vertex.
+        """
+        # facet_map keeps the lines of the side: they are parallel to z, or meet at the apex of the cone.
+        slope = -self.quadrics[0, 2, 2]  # 0 for a cylinder, 1 for a cone
+        lines = np.append(circle(segments), np.full((segments, 1), slope), axis=1) @ facet_map[:3, :3].T
+        around = lines[:, :2] / (lines[:, 2:] if slope else np.linalg.norm(lines[:, :2], axis=1, keepdims=True))
+        ring = np.append(around, np.ones((segments, 1)), axis=1)
+        upper, disc, corners = np.arange(segments), fan(segments), segments if self.narrow else 1
+        following, lower = (upper + 1) % segments, upper % corners + segments
+        discs, sides = [disc], [(upper, lower, following)]
+        if self.narrow:
+            discs.append(disc[:, ::-1] + segments)
+            sides.append((following, lower, lower[following]))
+        facets = [np.repeat(np.arange(len(discs)), segments - 2), *[upper + len(discs)] * len(sides)]
+        faces = np.append([1, 2][: len(discs)], np.zeros(segments, int))
+        vertices = np.concatenate([ring, (ring * [self.narrow, self.narrow, self.low])[:corners]])
+        triangles = np.concatenate([*discs, *(np.stack(side, axis=1) for side in sides)])
+        return Mesh(vertices, triangles, np.concatenate(facets), faces)
 
     def ball(self, to_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns the size of the curved face, which is the longest semi-axis of the transformed discs, and a bounding
         ball.
         """
         size = np.linalg.norm(to_world[:, :3, :2], 2, axis=(1, 2))  # the longest semi-axis of the discs
-        half = to_world[:, :3, 2] / 2  # the vector from a disc, or from the apex, to the centre
-        radius = np.linalg.norm(half, axis=1) + size
-        return size, np.append(to_world[:, :3, 3] + half, radius[:, None], axis=1)
+        axis = to_world[:, :3, 2]
+        radius = np.linalg.norm(axis, axis=1) * (1 - self.low) / 2 + size
+        center = to_world[:, :3, 3] + axis * (1 + self.low) / 2
+        return size, np.append(center, radius[:, None], axis=1)
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
-        """Returns normals and uv: uv is (azimuth, z) on the side, and (x, y) mapped to the unit square on a disc.
-        :func:`azimuth` computes the azimuth, also of a corner on the axis.
+        """Returns normals and uv: uv is (azimuth, z of the scene) on the side, and (x, y) mapped to the unit square on
+        a disc. :func:`azimuth` computes the azimuth, also of a corner on the axis.
+
+        At an apex, each triangle has the side's normal at the midpoint of the other two corners.
         """
         u, on_axis = azimuth(p)
-        normals, uv = p * np.diag(self.quadrics[0])[:3], np.stack([u, p[..., 2]], axis=2)
+        v = (p[..., 2] - self.low) / (1 - self.low)
+        normals, uv = p * np.diag(self.quadrics[0])[:3], np.stack([u, v], axis=2)
         on_disc = face > 0
         normals[on_disc] = np.where(face[on_disc] == 1, 1, -1)[:, None, None] * [0, 0, 1]
         uv[on_disc] = p[on_disc][..., :2] / 2 + 0.5
-        return CornerAttributes(normals, uv, on_axis & ~on_disc[:, None])
+        apex = (np.linalg.norm(p, axis=2) < ON_AXIS) & ~on_disc[:, None]
+        tips = apex.any(axis=1)
+        middle = np.where(apex[..., None], 0, p)[tips].sum(axis=1) * [1, 1, 0]
+        middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-300)
+        middle[:, 2] = -1
+        normals[tips] = np.where(apex[tips][..., None], middle[:, None], normals[tips])
+        return CornerAttributes(normals, uv, apex | on_axis & ~on_disc[:, None])
 
 
 def fan(segments: int) -> np.ndarray:
@@ -300,57 +356,78 @@ class Cylinder(_OfRevolution):
     """A cylinder, whose faces are a curved side and two discs."""
 
     name = "cylinder"
-    quadrics = np.array([np.diag([1.0, 1, 0, -1]), plane(0, 0, 1, -1), plane(0, 0, 1, 0)])
-    surface_lines = np.stack([np.append(circle(64), np.full((64, 1), z), axis=1) for z in (0, 1)], axis=1)
 
-    def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
-        """Returns the mesh of the cylinder: two discs, and a facet of two triangles for each segment of the side.
-        ``facet_map`` moves the corners of the discs along their circles.
-        """
-        around = circle(segments) @ facet_map[:2, :2].T  # facet_map keeps lines parallel to z
-        ring = np.append(around / np.linalg.norm(around, axis=1, keepdims=True), np.ones((segments, 1)), axis=1)
-        upper, disc = np.arange(segments), fan(segments)
-        following, lower = (upper + 1) % segments, upper + segments
-        sides = [upper, lower, following], [following, lower, following + segments]
-        triangles = [disc, disc[:, ::-1] + segments, *(np.stack(side, axis=1) for side in sides)]
-        facets = np.concatenate([np.repeat([0, 1], segments - 2), upper + 2, upper + 2])
-        faces = np.append([1, 2], np.zeros(segments, int))
-        return Mesh(np.concatenate([ring, ring * [1, 1, 0]]), np.concatenate(triangles), facets, faces)
+    def __init__(self) -> None:
+        super().__init__(1, 0, (1, 1, 0, -1))
 
 
 class Cone(_OfRevolution):
-    """A cone with its apex at the origin, whose faces are a curved side and one disc."""
+    """A cone with its apex at the origin, whose faces are a curved side and one disc; or, with a ``radius``, the part
+    of this cone above the disc of this radius.
+    """
 
     name = "cone"
-    quadrics = np.array([np.diag([1.0, 1, -1, 0]), plane(0, 0, 1, -1)])
-    surface_lines = np.stack([np.append(circle(64), np.ones((64, 1)), axis=1) * z for z in (0, 1)], axis=1)
+
+    def __init__(self, radius: float = 0.0) -> None:
+        super().__init__(radius, radius, (1, 1, -1, 0))
+
+
+class Torus(Primitive):
+    """A torus about z, whose tube has the radius ``radius`` and its centre at the distance 1 from z. Its only face is
+    never treated as coincident with faces of other solids.
+    """
+
+    name = "torus"
+    quadrics = np.empty((0, 4, 4))
+    curved = 0
+    segment_factor = math.sqrt(2)  # the chord errors around z and around the tube are added
+
+    def __init__(self, radius: float = 0.25) -> None:
+        self.radius = radius
+        self.box = np.array([1 + radius, 1 + radius, radius]) * [[-1], [1]]
+        self.surface_lines = np.repeat(self.mesh(64, np.eye(4)).vertices[:, None], 2, axis=1)  # points
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
-        """Returns the mesh of the cone: a disc of ``segments`` - 2 triangles, and one triangle per side segment.
-        ``facet_map`` moves the corners of the disc along its circle; the apex is the last vertex.
+        """Returns the mesh of the torus: a facet of two triangles for each pair of a segment around z and a segment of
+        the tube. ``facet_map`` has no effect.
         """
-        generators = np.append(circle(segments), np.ones((segments, 1)), axis=1) @ facet_map[:3, :3].T
-        ring = np.append(generators[:, :2] / generators[:, 2:], np.ones((segments, 1)), axis=1)
-        i = np.arange(segments)
-        side = np.stack([i, np.full(segments, segments), (i + 1) % segments], axis=1)
-        facets = np.concatenate([np.zeros(segments - 2, int), i + 1])
-        faces = np.append([1], np.zeros(segments, int))
-        return Mesh(np.append(ring, np.zeros((1, 3)), axis=0), np.append(fan(segments), side, axis=0), facets, faces)
+        of_tube = 4 * math.ceil(segments * math.sqrt(self.radius / (1 + self.radius)) / 4)  # an equal chord error
+        x, z = ((1, 0) + self.radius * circle(of_tube)).T
+        around = circle(segments)[:, None] * x[:, None]
+        vertices = np.concatenate([around, np.broadcast_to(z[:, None], (segments, of_tube, 1))], axis=2)
+        number = np.arange(segments * of_tube).reshape(segments, of_tube)
+        a, b, c, d = (np.roll(number, (-i, -j), (0, 1)).ravel() for i, j in ((0, 0), (1, 0), (1, 1), (0, 1)))
+        triangles = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+        return Mesh(vertices.reshape(-1, 3), triangles, np.tile(a, 2), np.zeros(len(a), int))
+
+    def ball(self, to_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the size of the curved face, which is its longest semi-axis or more, and a bounding ball."""
+        size = (1 + self.radius) * np.linalg.norm(to_world[:, :3, :3], 2, axis=(1, 2))
+        return size, np.append(to_world[:, :3, 3], size[:, None], axis=1)
+
+    def implicit(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the values (...) of the distance from the centre of the tube, squared, less the radius squared, and
+        the gradients (..., 3) of this function.
+        """
+        distance = np.linalg.norm(p[..., :2], axis=-1)
+        from_center = p * np.stack([1 - 1 / np.maximum(distance, 1e-300)] * 2 + [np.ones_like(distance)], axis=-1)
+        return (distance - 1) ** 2 + p[..., 2] ** 2 - self.radius**2, 2 * from_center
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
-        """Returns normals and uv as for other solids of revolution, except at the apex, where each triangle has the
-        side's normal at the midpoint of the other two corners.
-        """
-        side = super().corner_attributes(p, face)
-        apex = (np.linalg.norm(p, axis=2) < ON_AXIS) & (face == 0)[:, None]
-        tips = apex.any(axis=1)
-        # The apex has no normal. In each triangle it gets the normal at the midpoint of the other two corners.
-        middle = np.where(apex[..., None], 0, p)[tips].sum(axis=1) * [1, 1, 0]
-        middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-300)
-        middle[:, 2] = -1
-        side.normals[tips] = np.where(apex[tips][..., None], middle[:, None], side.normals[tips])
-        return CornerAttributes(side.normals, side.uv, side.unshared | apex)
+        """Returns normals and uv; u is the azimuth, and v is the angle around the tube, which is 0 on the outside."""
+        u, on_axis = azimuth(p)
+        v, _ = azimuth(np.stack([np.linalg.norm(p[..., :2], axis=2) - 1, p[..., 2]], axis=2))
+        return CornerAttributes(self.implicit(p)[1], np.stack([u, v], axis=2), on_axis | (v >= 1))
 
 
 #: Name of a primitive, which is the :attr:`prosim_scene.model.Leaf.shape` -> the primitive.
-PRIMITIVES: dict[str, Primitive] = {primitive.name: primitive for primitive in (Cube(), Sphere(), Cylinder(), Cone())}
+PRIMITIVES: dict[str, Primitive] = {
+    primitive.name: primitive
+    for primitive in (Cube(), Sphere(), Cylinder(), Cone(), Torus(), Cube("plane", ((-1, -1, -1), (1, 1, 0))))
+}
+
+
+@lru_cache(maxsize=1024)
+def with_radius(shape: str, radius: float) -> Primitive:
+    """Returns the CONE or the TORUS (``shape``) with this ``radius``."""
+    return {"cone": Cone, "torus": Torus}[shape](radius)

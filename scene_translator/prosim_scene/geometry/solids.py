@@ -80,7 +80,7 @@ def unit_mesh(primitive: Primitive, segments: int) -> Mesh:
 def inradius(primitive: Primitive, segments: int) -> float:
     """Returns the inradius of the mesh of a primitive's curved face, of radius 1, in the primitive's coordinates."""
     if primitive.axes == 2:
-        return math.cos(math.pi / segments)
+        return math.cos(primitive.segment_factor * math.pi / segments)
     mesh = unit_mesh(primitive, segments)
     a, b, c = (mesh.vertices[mesh.triangles[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)

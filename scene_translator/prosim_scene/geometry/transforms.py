@@ -30,13 +30,16 @@ def matrices(transforms: Sequence[model.Transform]) -> np.ndarray:
 def _matrices(kind: str, values: np.ndarray) -> np.ndarray:
     """Returns the matrices (n, 4, 4) of n steps of the kind ``kind``, such as "scale".
 
-    ``values`` are vectors (n, 3) for the kinds "scale" and "translate", and angles (n, 1) in degrees for rotations.
+    ``values`` are vectors (n, 3) for the kinds "scale" and "translate", angles (n, 1) in degrees for rotations, and
+    rows (n, 12) or (n, 16) for "matrix".
     """
     result = np.tile(np.eye(4), (len(values), 1, 1))
     if kind == "scale":
         result[:, [0, 1, 2], [0, 1, 2]] = values
     elif kind == "translate":
         result[:, :3, 3] = values
+    elif kind == "matrix":
+        result[:, :3] = values[:, :12].reshape(-1, 3, 4)
     else:
         quarters, rest = np.divmod(values[:, 0], 90)  # multiples of 90 degrees have no rounding error
         angles = np.radians(rest).tolist()

@@ -133,9 +133,9 @@ def _scene_problems(document: Document) -> Iterator[Problem]:
         yield from islice(problems(document), MAX_ERRORS + 1)
 
 
-def _settings_problems(document: Document) -> Iterator[SceneError]:
-    """Yields an error if the scene saves none of the channels R, G and B, and an error if its image has too many
-    pixels.
+def _settings_problems(document: Document) -> Iterator[Problem]:
+    """Yields an error if the scene saves none of the channels R, G and B, an error if its image has too many pixels,
+    and a warning if it has a FOCUS without an APERTURE.
     """
     scene = document.scene
     if not any(scene.channels):
@@ -143,6 +143,9 @@ def _settings_problems(document: Document) -> Iterator[SceneError]:
     if scene.view.resolution[0] * scene.view.resolution[1] > PIXELS:
         reason = f"these are too many pixels; expected {PIXELS} at most"
         yield document.error(reason, "view", "resolution", code="range")
+    if scene.view.focus is not None and not scene.view.aperture:
+        reason = f"{document.text_of('view', 'focus').split()[0]} has no effect without APERTURE; add APERTURE"
+        yield document.warning(reason, "view", "focus", code="no-effect")
 
 
 def _lights_problems(document: Document) -> Iterator[Problem]:

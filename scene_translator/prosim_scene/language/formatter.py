@@ -15,7 +15,7 @@ HEADINGS = {"LIGHTS", "METHOD", "VIEW", "SOLID", "CSG_TREE", "SURFACE", "TRANSFO
 #: Statement -> the mark between a parameter's keyword and its values.
 VALUE_MARKS = {"SURFACE": "=", "TEXTURE": "=", "TRANSFORM": "("}
 #: The roles of tokens that stay on the line of the keyword before them; any other token begins a new line.
-VALUES = tokens.VALUES - {"KIND"} | {"VARIABLE", "STRING", "LPAR", "RPAR"}
+VALUES = tokens.VALUES - {"KIND"} | {"VARIABLE", "STRING", "LPAR", "RPAR", "SHAPE_PARAMETER"}
 
 
 def format(text: str, filename: AnyPath = "<string>") -> str:

@@ -38,6 +38,7 @@ METHOD = STATEMENT_END | {"CHOICE", "METHOD_PARAMETER"}
 VIEW = STATEMENT_END | {"VIEW_PARAMETER"}
 TREE = STATEMENT_END | {"PLUS", "MINUS", "TIMES", "PRIMITIVE", "USE"}  # USE: the name of a solid
 SLOTS = TREE | FILE | {"TEXTURE_NAME", "NULL"}
+SHAPE = SLOTS | {"SHAPE_PARAMETER"}
 SURFACE = STATEMENT_END | {"MATERIAL", "METAL", "OPTIC"}
 TRANSFORM = STATEMENT_END | {"STEP"}
 STEP_VALUES, CLOSING = TRANSFORM | {"NUMBER", "LPAR"}, frozenset(("RPAR",))
@@ -411,6 +412,9 @@ class Reader(Scanner):
             else:
                 value = self.read_numbers(keyword, TRANSFORM, self.token)
             kind = find_word("STEP", keyword.text).name
+            if kind == "matrix" and value and value[12:] not in ((), (0, 0, 0, 1)):
+                reason = f"found the fourth row {' '.join(f'{x:g}' for x in value[12:])}; expected 0 0 0 1, "
+                self.add_error(keyword.span, f"{reason}and the translation in the fourth column", "range")
             steps.append(model.Step(kind, value if isinstance(value, tuple) else (value,)))
         return model.Transform(tuple(steps))
 
@@ -516,20 +520,25 @@ class Reader(Scanner):
         return tuple(replace(n, within=n.within + within) if isinstance(n, model.Leaf) else n for n in solid)
 
     def read_leaf(self, number: int) -> model.Leaf:
-        """Reads a primitive: its index (-1 if the index is wrong), the file of a mesh, and its textures, two at most.
-        Raises SceneError for a third texture.
+        """Reads a primitive: its index (-1 if the index is wrong), the file of a mesh, the radius of a cone or a torus,
+        and its textures, two at most. Raises SceneError for a third texture, and for a radius of another primitive.
 
         ``number`` is the number of nodes (operators and primitives) before the primitive in the CSG tree, in prefix
         order.
         """
         keyword = self.token
         slots: list[model.Texture | None] = []
-        shape, file = find_word("PRIMITIVE", keyword.text).name, None
-        index = self.read_numbers(keyword, FILE if shape == "mesh" else SLOTS)
+        shape, file, radius = find_word("PRIMITIVE", keyword.text).name, None, None
+        index = self.read_numbers(keyword, FILE if shape == "mesh" else SHAPE)
         if shape == "mesh":
             file = self.token.text
             self.store_span(self.token.span, number, "file")
             self.read_token(SLOTS)
+        if (parameter := self.token).role == "SHAPE_PARAMETER":
+            if shape not in find_word(parameter.role, parameter.text).kinds:
+                reason = f"{parameter.text} has no effect on {keyword.text}; it is for CONE and TORUS"
+                raise self.source.error(parameter.span, reason, "unexpected")
+            radius = self.read_numbers(parameter, SLOTS)
         while (token := self.token).role not in TREE:
             if len(slots) == 2:
                 reason = f"found {quote(token.text)}, a third texture; expected two at most"
@@ -539,7 +548,7 @@ class Reader(Scanner):
             self.read_token(SLOTS)
         self.store_span(self.span_from(keyword), number)
         surface, solid, *_ = [*slots, None, None]
-        return model.Leaf(shape, -1 if index is None else index, (surface, solid), file=file)
+        return model.Leaf(shape, -1 if index is None else index, (surface, solid), file=file, radius=radius)
 
     # ---- Syntax errors
 

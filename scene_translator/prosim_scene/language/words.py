@@ -35,12 +35,14 @@ class Numbers:
     least: float = 0  #: the smallest magnitude of a number that is not 0
     nonzero: bool = False  #: whether 0 is an error
     flags: bool = False  #: whether the numbers are flags: the words TRUE and FALSE, or 1 and 0
+    also: float = 0  #: another allowed count
 
     def count_in_words(self) -> str:
         """Describes the count and the names of the numbers, for error messages."""
         if self.flags:
             return f"{self.count} words, each TRUE or FALSE ({self.names})" if self.count > 1 else self.range_in_words()
-        return f"{self.count} number{'s' * (self.count > 1)} ({self.names})" + ", or 1 for all channels" * self.channels
+        also = ", or 1 for all channels" * self.channels + f", or {self.also:g}" * bool(self.also)
+        return f"{self.count} number{'s' * (self.count > 1)} ({self.names}){also}"
 
     def range_in_words(self, number: float = 0) -> str:
         """Describes the allowed values of the numbers, for error messages.
@@ -64,7 +66,7 @@ class Numbers:
 
     def allows_count(self, count: int) -> bool:
         """Whether the word may be followed by ``count`` numbers."""
-        return count == self.count or (self.channels and count == 1)
+        return count == self.count or 0 < count == (1 if self.channels else self.also)
 
     def parse(self, text: str) -> float:
         """Converts a text to a number. If a flag is expected and the text is not TRUE, FALSE, 1 or 0, the result is -1,
@@ -79,13 +81,12 @@ class Numbers:
         return abs(number) >= self.least or (number == 0 and not self.nonzero)
 
     def value(self, numbers: Sequence[float]) -> Any:
-        """Converts allowed numbers to one value, or to a tuple of ``count`` values; one number for all channels is
-        repeated.
+        """Converts allowed numbers to one value, or to a tuple; one number for all channels is repeated.
 
         A flag becomes a bool, a whole number becomes an int.
         """
         values = tuple(map(bool if self.flags else int, numbers)) if self.whole else tuple(numbers)
-        return values[0] if self.count == 1 else values * (self.count // len(values))
+        return values[0] if self.count == 1 else values * (self.count if len(values) == 1 else 1)
 
 
 NO_NUMBERS = Numbers(0)

@@ -6,7 +6,7 @@ from ..view import Camera
 from . import lights, materials
 from .translation_context import Context
 
-SAMPLER = "nrook"
+SAMPLER, LENS = "nrook", "prosim_window"
 
 
 def settings(context: Context) -> Node:

@@ -51,15 +51,15 @@ def _is_near(point: np.ndarray, mesh: Triangles, distance: float) -> bool:
 
 
 def sensor(context: Context, target: Target, camera: Camera, meshes: Collection[Triangles]) -> Node:
-    """Returns the dictionary of a camera's sensor, which is Mitsuba's ``perspective`` for square pixels and
-    ``prosim_window`` for other pixels.
+    """Returns the dictionary of a camera's sensor, which is Mitsuba's ``perspective`` for a pinhole with square pixels,
+    and ``prosim_window`` for other cameras; for the target ``stock``, a camera with an aperture is a ``thinlens``.
 
     ``target`` is the module of the target; the target ``stock`` first replaces a camera whose pixels are not square.
     The clipping planes of the sensor clip no triangle of ``meshes``.
     """
     camera = target.camera(context, camera)
     near, far = clipping_depths(camera, meshes, context.scene.lights)
-    width, height = camera.right - camera.left, camera.top - camera.bottom
+    width, height = camera.size
     to_world = np.eye(4)
     # Mitsuba's camera looks along +z; its x axis points to the left side of the image.
     to_world[:3] = np.stack([-camera.u, camera.v, -camera.n, camera.eye], axis=1)
@@ -77,15 +77,19 @@ def sensor(context: Context, target: Target, camera: Camera, meshes: Collection[
         },
         "sampler": {"type": target.SAMPLER, "sample_count": context.samples**2},
     }
-    if not camera.square_pixels:
+    kind = target.LENS if camera.aperture else "perspective" if camera.square_pixels else "prosim_window"
+    if camera.aperture:
+        common |= {"aperture_radius": camera.aperture, "focus_distance": camera.focus}
+    if kind == "prosim_window":
         window = {side: getattr(camera, side) / camera.depth for side in ("left", "right", "bottom", "top")}
-        return {"type": "prosim_window", **window, **common}
+        return {"type": kind, **window, **common}
+    # The orthogonal projection of the eye onto the view plane: its offset from the image's centre, in image sizes.
+    x, y = 0.5 + camera.left / width, 0.5 - camera.top / height
+    offsets = {} if camera.centred else {"principal_point_offset_x": x, "principal_point_offset_y": y}
     return {
-        "type": "perspective",
+        "type": kind,
         "fov": 2 * math.degrees(math.atan2(width / 2, camera.depth)),
         "fov_axis": "x",
-        # The orthogonal projection of the eye onto the view plane: its offset from the image's centre, in image sizes.
-        "principal_point_offset_x": 0.5 + camera.left / width,
-        "principal_point_offset_y": 0.5 - camera.top / height,
+        **offsets,
         **common,
     }

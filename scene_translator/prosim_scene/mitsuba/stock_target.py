@@ -15,7 +15,7 @@ from ..view import Camera
 from . import lights, materials, textures
 from .translation_context import Context
 
-SAMPLER = "multijitter"
+SAMPLER, LENS = "multijitter", "thinlens"
 
 
 def _approximate(context: Context, reason: str, *path: str | int) -> None:
@@ -65,11 +65,15 @@ def settings(context: Context) -> Node:
 
 
 def camera(context: Context, camera: Camera) -> Camera:
-    """Returns a camera with square pixels whose window is that of ``camera``, except for rounding to whole pixels.
+    """Returns a camera with square pixels whose window is that of ``camera``, except for rounding to whole pixels. If
+    the window is not centred, the camera has no aperture, and a warning is emitted.
 
     If the pixels of ``camera`` are not square, the returned camera's image has the same width in pixels, but another
     height, and a warning is emitted. Raises SceneError if this image would have too many pixels.
     """
+    if camera.aperture and not camera.centred:
+        _approximate(context, "APERTURE has no effect if the window is not centred", "view", "aperture")
+        camera = replace(camera, aperture=0)
     if camera.square_pixels:
         return camera
     width, height = camera.resolution

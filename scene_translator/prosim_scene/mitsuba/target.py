@@ -14,6 +14,8 @@ class Target(Protocol):
 
     #: Plugin name of the sampler.
     SAMPLER: str
+    #: Plugin name of the sensor of a camera with an aperture.
+    LENS: str
 
     def settings(self, context: Context) -> Node:
         """Returns the integrator and other settings of the scene."""

@@ -238,6 +238,25 @@ def csg():
     return np.concatenate([rendered(prosim_scene.load(document)) for document in documents], axis=1)
 
 
+def shapes():
+    """A truncated cone, a torus, and a ball that two planes cut."""
+    text = """LIGHTS AREA position 12 30 20 radius 3 Intensity 150000 150000 150000
+        AMBIENT 18000 18000 20000 BACKGROUND 60000 61000 64000 NSAMPLES 6
+        VIEW RESOLUTION 160 140 EYE 6 9 20 VRP 0 0 0 WINDOW -1.6 -1.4 1.6 1.4
+        CSG-TREE {}
+        SURFACE 0 kd = .6 .3 .15 SURFACE 1 material composite kd = .1 .25 .5 n-refr = 1.5
+        TRANSFORM 0 SCALE (1 1 -2) TRANSLATE (0 0 1) ROTATE-X (-90) TRANSFORM 1 ROTATE-X (-60) TRANSFORM 2
+        TRANSFORM 3 ROTATE-X (-90) TRANSLATE (0 -.4 0) TRANSFORM 4 ROTATE-X (-45) TRANSLATE (0 .1 .1)
+        SURFACE 2 kd = .3 .4 .2 SURFACE 3 kd = .6 .3 .15 SURFACE 4 kd = .7 .7 .6 END"""
+    trees = "CONE 0 radius .5", "TORUS 1 radius .3", "- * SPHERE 2 PLANE 4 PLANE 3"
+    scenes = [prosim_scene.load(document_of(text.format(tree), tree)) for tree in trees]
+    return np.concatenate([rendered(scene) for scene in scenes], axis=1)
+
+
+def pawns():
+    return rendered(prosim_scene.load(DOCS / "pawns.scn"))
+
+
 def samples():
     """The same scene with N = 2, 5 and 8."""
     path = EXAMPLES / "esfera-metalica.scn"
@@ -334,6 +353,8 @@ def main(only):
         "materials": materials,
         "rough-metals": rough_metals,
         "csg": csg,
+        "shapes": shapes,
+        "lens": pawns,
         "samples": samples,
         "equal-time": equal_time,
         "denoising": denoising,

@@ -178,13 +178,15 @@ def _bound_planes(solids: Sequence[Solid], points: np.ndarray) -> None:
     ``points`` (n, 3) are points in world coordinates between which the scene lies.
     """
     low, high = points.min(axis=0), points.max(axis=0)
-    middle = (low + high) / 2
-    corners = box_corners(middle + EXTENT * np.stack([low - middle, high - middle]))
+    half = (high - low).max() / 2
+    # The corners of two cubes: around all facets on which other solids may stand, and around the blocks.
+    boxes = [box_corners((low + high) / 2 + np.outer([-size, size], half * np.ones(3))) for size in (2, EXTENT)]
     for s in solids:
         if s.primitive.name == "plane":
             to_local = np.linalg.inv(s.to_world)
-            local = corners @ to_local[:3, :3].T + to_local[:3, 3]
-            s.primitive = Cube("plane", [local.min(axis=0), [*local.max(axis=0)[:2], 0]])
+            inner, outer = (corners @ to_local[:3, :3].T + to_local[:3, 3] for corners in boxes)
+            box = outer.min(axis=0), [*outer.max(axis=0)[:2], 0]
+            s.primitive = Cube("plane", box, [inner.min(axis=0)[:2], inner.max(axis=0)[:2]])
 
 
 def _check_transforms(document: Document, indices: Sequence[int], matrices: np.ndarray, boxes: np.ndarray) -> None:

@@ -200,23 +200,30 @@ class Cube(Primitive):
     """
 
     #: The corners of each face, counter-clockwise from outside; the corner (x, y, z) has the number 4 x + 2 y + z.
-    squares: ClassVar[list[tuple[int, int, int, int]]] = [
-        (0, 1, 3, 2),
-        (0, 4, 5, 1),
-        (0, 2, 6, 4),
-        (4, 6, 7, 5),
-        (2, 3, 7, 6),
-        (1, 5, 7, 3),
-    ]
+    squares = np.array([(0, 1, 3, 2), (0, 4, 5, 1), (0, 2, 6, 4), (4, 6, 7, 5), (2, 3, 7, 6), (1, 5, 7, 3)])
+    #: The corners of a rectangle on the side z = 1, and of the four facets around it.
+    frame = np.array([(8, 9, 10, 11), (1, 5, 9, 8), (5, 7, 10, 9), (7, 3, 11, 10), (3, 1, 8, 11)])
 
-    def __init__(self, name: str = "cube", box: ArrayLike = ((0, 0, 0), (1, 1, 1))) -> None:
+    def __init__(
+        self, name: str = "cube", box: ArrayLike = ((0, 0, 0), (1, 1, 1)), rectangle: ArrayLike | None = None
+    ) -> None:
+        """Makes a cube that has the minimum and the maximum corner ``box``.
+
+        If the other solids are small, ``rectangle`` (2, 2) divides the side z = 1: a mesh whose long narrow triangles
+        end at them would have holes in single precision.
+        """
         self.name, self.box = name, np.array(box, float)
+        self.vertices, self.faces = box_corners(self.box), np.arange(6)
+        if rectangle is not None:
+            (x0, y0), (x1, y1), z = *np.array(rectangle), self.box[1, 2]
+            self.vertices = np.append(self.vertices, [(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)], axis=0)
+            self.squares, self.faces = np.append(self.squares[:5], self.frame, axis=0), np.minimum(np.arange(10), 5)
         self.quadrics = np.array([plane(*n, -corner @ n) for corner in self.box for n in np.eye(3)])
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
-        """Returns the mesh of the cube: two triangles for each face. ``segments`` and ``facet_map`` have no effect."""
-        triangles = np.array([t for a, b, c, d in self.squares for t in ((a, b, c), (a, c, d))])
-        return Mesh(box_corners(self.box), triangles, np.repeat(np.arange(6), 2), np.arange(6))
+        """Returns the mesh of the cube: two triangles for each facet. ``segments`` and ``facet_map`` have no effect."""
+        triangles = self.squares[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+        return Mesh(self.vertices, triangles, np.repeat(np.arange(len(self.faces)), 2), self.faces)
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
         """Returns normals and uv; uv are the coordinates of a corner along the two axes that are parallel to the

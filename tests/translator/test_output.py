@@ -16,6 +16,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 EVERYTHING = """
 NAME: tudo  SAVE-RGB: TRUE TRUE FALSE  MAX-LEVEL: 2  NSAMPLES: 2  DO-SHADOW: FALSE  AIR-INDEX: 1.1
 AMBIENT 10000 10000 20000
+METHOD adaptive graded threshold .01 cutoff .001 fresnel thesis facets gaussian phong literal multiple-scattering TRUE
 LIGHTS
     AREA position 3 9 5 Intensity 90000 80000 70000 raio .5
     AREA position -3 9 5 Intensity 90000 80000 70000 raio .5 CONE direction 0 -1 0 angle 40

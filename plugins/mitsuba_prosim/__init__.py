@@ -10,34 +10,29 @@ Importing this package registers its plugins at once if a Mitsuba variant is set
 Mitsuba 3.10 and later find this package automatically through the entry-point group ``mitsuba``.
 """
 
+from importlib import import_module
 from typing import Any
 
 import mitsuba as mi
 
 from .registry import register_plugins
 
-__all__ = ["denoise", "explain", "register_plugins", "show"]
+__all__ = ["denoise", "explain", "register_plugins", "render", "show"]
 
 __version__ = "0.1.0"
 
 
+#: Functions of this package that are imported when they are first used -> their modules.
+LAZY = {"denoise": "denoising", "explain": "explaining.explanation", "render": "live.result", "show": "live.notebook"}
+
+
 def __getattr__(name: str) -> Any:
-    """Imports the function ``denoise``, ``explain`` or ``show`` of this package when it is first used, and returns it.
+    """Imports the function ``name`` of this package, one of :data:`LAZY`, and returns it.
 
     Raises AttributeError for other names.
     """
-    if name == "denoise":
-        from .denoising import denoise
-
-        return denoise
-    if name == "explain":
-        from .explaining.explanation import explain
-
-        return explain
-    if name == "show":
-        from .live.notebook import show
-
-        return show
+    if name in LAZY:
+        return getattr(import_module(f"{__name__}.{LAZY[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -75,6 +75,13 @@ def check_unpolarized(name: str) -> None:
         )
 
 
+def check_positive(name: str, value: float) -> float:
+    """Returns the argument ``name`` of a function; raises ValueError unless it is a finite number above 0."""
+    if not _is_number(value) or not 0 < value < inf:
+        raise ValueError(f"{name} is {value!r}; allowed: a number > 0")
+    return float(value)
+
+
 def check_samples(sensor: mi.Sensor, spp: int) -> None:
     """Raises ValueError if ``spp`` is negative, or is 0 and the sampler of ``sensor`` has no samples either."""
     if spp < 0 or not (spp or sensor.sampler().sample_count()):

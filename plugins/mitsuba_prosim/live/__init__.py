@@ -6,5 +6,5 @@ module ``publisher`` holds the state that the web page shows, and limits how oft
 ``progressive_image`` renders images progressively, and the module ``picture`` stores the layers of an image. The module
 ``loaded_scene`` opens a scene file, ``orbit_camera`` moves the camera, and ``scene_watcher`` detects changes of the
 scene's files. The module ``server`` serves the web page, and decides who may open the page. The module ``notebook``
-shows a progressive image in a notebook.
+shows a progressive image in a notebook, and the module ``result`` renders a scene in one call.
 """

@@ -9,7 +9,6 @@ import threading
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -17,12 +16,11 @@ import mitsuba as mi
 import numpy as np
 from prosim_scene import extras
 
-from .. import atomic
 from ..scene import session
 from ..scene.images import compress, png
-from ..scene.scene_file import SceneFile
-from .picture import LAYERS, finite_or_none
+from .picture import LAYERS, as_png, white_of
 from .progressive_image import ProgressiveImage
+from .result import AnyScene, load
 
 #: Seconds after each work item in which the notebook can run other tasks.
 PAUSE = 0.005
@@ -36,7 +34,7 @@ _made: WeakKeyDictionary[View, tuple[str | None, str | None]] = WeakKeyDictionar
 
 
 def show(
-    scene: mi.Scene | str | Path,
+    scene: AnyScene,
     sensor: int | mi.Sensor = 0,
     integrator: mi.Integrator | None = None,
     seed: int = 0,
@@ -47,7 +45,7 @@ def show(
     and a button that stops the render.
 
     ``scene``
-        A Mitsuba scene, or the path of a scene file in the thesis's scene language or in XML.
+        A Mitsuba scene, the dictionary of one, or the path of a scene file in the thesis's scene language or in XML.
     ``sensor``, ``integrator``, ``seed``, ``spp``
         As in ``mi.render``; an integrator that is not progressive is nested in ``prosim_adaptive``.
     ``exposure``
@@ -65,13 +63,7 @@ def show(
     Raises ImportError if ipywidgets is not installed, RuntimeError if the variant is scalar or not set, and the errors
     of loading the scene.
     """
-    if mi.variant() is None:
-        raise RuntimeError("show: no variant is set; set one before, such as mi.set_variant('llvm_ad_rgb').")
-    if str(mi.variant()).startswith("scalar"):
-        raise RuntimeError("show: scalar variants do not render progressively; use an llvm or cuda variant.")
-    if isinstance(scene, (str, Path)):
-        with atomic.scratch() as folder:
-            scene = SceneFile(scene, folder).load()
+    scene = load("show", scene)
     if isinstance(sensor, int):
         sensor = scene.sensors()[sensor]
     view = View(ProgressiveImage(integrator or scene.integrator(), scene, sensor, spp, seed), exposure)
@@ -222,11 +214,8 @@ class View:
             return
         self._label.value = self._status()
         if values.ndim == 2:
-            white = finite_or_none(np.percentile(values, 99)) or 1.0
-            self._label.value += f"; white: {white:.2g} or more"
-            self._shown.value = png(np.repeat(values[..., None] / np.float32(white), 3, axis=2), effort=FAST)
-        else:
-            self._shown.value = png(compress(values * self._factor), effort=FAST)
+            self._label.value += f"; white: {white_of(values):.2g} or more"
+        self._shown.value = as_png(values, self._factor, FAST)
 
     def _status(self) -> str:
         """Returns a text with the mean number of samples per pixel so far and the elapsed seconds. During the first

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..engine.render import Render
 from ..scene.channels import mixed
-from ..scene.images import luminance
+from ..scene.images import compress, luminance, png
 
 #: The layers that every picture has, except for a coarse picture.
 LAYERS = ("final", "error", "samples")
@@ -117,6 +117,20 @@ def colours(image: np.ndarray) -> np.ndarray:
     """
     image = image.astype(np.float32, copy=False)
     return image[..., :3] if image.shape[2] >= 3 else np.repeat(image[..., :1], 3, axis=2)
+
+
+def white_of(values: np.ndarray) -> float:
+    """Returns the 99th percentile of a map, which is shown as white; 1 if it is 0 or not finite."""
+    return finite_or_none(np.percentile(values, 99)) or 1.0
+
+
+def as_png(values: np.ndarray, factor: float | np.float32 = 1.0, effort: int = -1) -> bytes:
+    """Returns a PNG file of a layer: of linear colours times ``factor`` with compressed highlights, or of a map as a
+    grey image. ``effort`` is the compression level of zlib.
+    """
+    if values.ndim == 2:
+        return png(np.repeat(values[..., None] / np.float32(white_of(values)), 3, axis=2), effort=effort)
+    return png(compress(values * np.float32(factor)), effort=effort)
 
 
 def finite_or_none(value: float) -> float | None:

@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..denoising.final_image import denoised_progressive
+from ..denoising.final_image import FinalImage, denoised_progressive
 from ..engine.render import Reached
 from ..engine.work import Executor, Step
 from ..registry import create
@@ -52,6 +52,8 @@ class ProgressiveImage:
         self._coarse: dict[str, np.ndarray] = {}
         self._denoised: dict[str, np.ndarray] = {}
         self._final_noise: tuple[float, float] | None = None
+        #: The denoised image; None without denoising.
+        self.final: FinalImage | None = None
 
     def step(self) -> bool:
         """Renders one work item; returns whether the caller should now draw a new picture of the image.
@@ -71,7 +73,7 @@ class ProgressiveImage:
     def _run(self) -> Iterator[Step]:
         """Renders the image and, if requested, denoises it at the end; yields the progress after each work item."""
         what, executor = (self.scene, self.sensor, self.integrator, self.seed, self.spp), Executor(SECONDS)
-        final = denoised_progressive(*what, executor=executor) if self.denoise else None
+        final = self.final = denoised_progressive(*what, executor=executor) if self.denoise else None
         self.render = rendering.progressive(*what, executor=executor) if final is None else final.render
         for step in self.render:
             # Denoising counts as the last 4 % of the progress.

@@ -1,0 +1,169 @@
+"""Renders a scene in one call, and returns the image with its error and a verdict in words."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import mitsuba as mi
+import numpy as np
+from tqdm.auto import tqdm
+
+from .. import atomic
+from ..denoising.verdict import verdict
+from ..parameters import check_positive
+from ..registry import create
+from ..scene import rendering
+from ..scene.scene_file import SceneFile, pick_sensor
+from .picture import as_png
+from .progressive_image import ProgressiveImage
+
+#: A Mitsuba scene, the dictionary of one, or the path of a scene file in XML or in the thesis's scene language.
+AnyScene: TypeAlias = "mi.Scene | Mapping[str, Any] | str | Path"
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """The image of :func:`render` and its errors, in units of the displayed image (white = 1) unless another unit is
+    given. ``mi.TensorXf(result)``, ``mi.Bitmap(result)`` and ``np.array(result)`` have the image.
+    """
+
+    #: The linear image, shape (height, width, channels).
+    image: mi.TensorXf
+    #: Standard error of the luminance of each pixel, in units of radiance, and number of samples of each pixel, shape
+    #: (height, width).
+    error: np.ndarray
+    samples: np.ndarray
+    #: The measured RMS error, NaN if it was not measured; and its upper bound, which holds in about 95 of 100 renders,
+    #: NaN if it is unknown.
+    noise: float
+    noise_at_most: float
+    #: The errors that the image has reached, and what ended the render, in words.
+    verdict: str
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        return np.array(self.image, dtype=dtype)
+
+    def __dlpack__(self, **how: Any) -> Any:
+        return self.image.__dlpack__(**how)
+
+    def __dlpack_device__(self) -> Any:
+        return self.image.__dlpack_device__()
+
+    def __repr__(self) -> str:
+        return f"<{self.verdict}>"
+
+    def _repr_html_(self) -> str:
+        """Returns the verdict, the image, and maps of the error and of the number of samples, for a notebook."""
+        image = np.array(self.image)[..., :3]
+        colours = np.repeat(image[..., :1], 3, axis=2) if image.shape[2] < 3 else image
+        layers = {"image": colours, "standard error": self.error, "samples": self.samples}
+        figures = (
+            f'<figure style="margin: 0"><img style="max-width: 100%" alt="{name}" src="data:image/png;base64,'
+            f'{base64.b64encode(as_png(values)).decode()}"><figcaption>{name}</figcaption></figure>'
+            for name, values in layers.items()
+        )
+        return f'<p>{self.verdict}</p><div style="display: flex; flex-wrap: wrap; gap: 1em">{"".join(figures)}</div>'
+
+
+def render(
+    scene: AnyScene,
+    noise: float = 0.0,
+    time: float = 0.0,
+    spp: int = 0,
+    denoise: bool = False,
+    sensor: int | mi.Sensor = 0,
+    seed: int = 0,
+    progress: bool | Callable[[float], object] = True,
+) -> Result:
+    """Renders a scene until an error, a time or a number of samples is reached, and returns the image with its error.
+
+    ``scene``
+        A Mitsuba scene, the dictionary of one, or the path of a scene file in XML or in the thesis's scene language.
+    ``noise``, ``time``
+        Limit of the RMS error of the displayed image (white = 1; 0.01 is usual), and of the seconds; 0: as in the
+        scene.
+    ``spp``
+        Number of samples of each pixel, whatever limits the scene has; not together with ``noise`` and ``time``.
+    ``denoise``
+        Denoise the image; ``noise`` then limits the error of the denoised image.
+    ``sensor``, ``seed``
+        As in ``mi.render``.
+    ``progress``
+        Whether to show a bar, which is a widget in a notebook; or a function that gets the progress, 0 to 1.
+
+    Any integrator that takes samples from a sensor works. Raises RuntimeError in scalar variants and without a variant,
+    ValueError for wrong arguments, and the errors of loading the scene.
+    """
+    if spp and (noise or time):
+        raise ValueError("render: spp gives each pixel exactly so many samples; leave it out with noise and time")
+    limits = {name: check_positive(name, value) for name, value in (("noise", noise), ("time", time)) if value}
+    loaded = load("render", scene)
+    integrator: Any = loaded.integrator() or create("path")
+    if "denoised.R" in integrator.aov_names():  # prosim_denoised
+        integrator, denoise = integrator.nested, True
+    if limits and not rendering.is_progressive(integrator):
+        integrator = create("prosim_adaptive", nested=integrator)
+    sensor = pick_sensor(loaded, sensor) if isinstance(sensor, int) else sensor
+    image = ProgressiveImage(integrator, loaded, sensor, spp, seed, denoise)
+    with replaced(integrator, limits | {"adaptive": "graded"} if limits else {}), reporter(progress) as report:
+        while not image.done:
+            image.step()
+            report(image.progress)
+    layers, reached = image.layers(), image.render.reached
+    if np.isnan(reached.noise):  # not measured during the render, but perhaps by the denoiser
+        reached = image.reached
+    bound = image.render.noise_bound() if np.isnan(reached.noise) else reached.noise_at_most
+    return Result(
+        mi.TensorXf(layers["final"]) if denoise else image.render.image(),
+        layers["error"],
+        layers["samples"],
+        reached.noise,
+        bound,
+        verdict(image.render, image.final),
+    )
+
+
+def load(caller: str, scene: AnyScene) -> mi.Scene:
+    """Returns the loaded ``scene``; raises RuntimeError if the variant is scalar or not set, and the errors of loading.
+
+    ``caller`` is the name of the function that renders the scene.
+    """
+    if mi.variant() is None:
+        raise RuntimeError(f"{caller}: no variant is set; set one before, such as mi.set_variant('llvm_ad_rgb').")
+    if str(mi.variant()).startswith("scalar"):
+        raise RuntimeError(f"{caller}: scalar variants do not render progressively; use an llvm or cuda variant.")
+    if isinstance(scene, Mapping):
+        return mi.load_dict(dict(scene))
+    if isinstance(scene, (str, Path)):
+        with atomic.scratch() as folder:
+            return SceneFile(scene, folder).load()
+    return scene
+
+
+@contextmanager
+def replaced(integrator: Any, parameters: Mapping[str, Any]) -> Iterator[None]:
+    """Inside the ``with`` block, the ``integrator`` has other values of some parameters."""
+    before = {name: getattr(integrator, name) for name in parameters}
+    try:
+        for name, value in parameters.items():
+            setattr(integrator, name, value)
+        yield
+    finally:
+        for name, value in before.items():
+            setattr(integrator, name, value)
+
+
+@contextmanager
+def reporter(progress: bool | Callable[[float], object]) -> Iterator[Callable[[float], object]]:
+    """Yields the function that reports the progress, 0 to 1: ``progress`` itself, or one that moves a bar."""
+    if callable(progress):
+        yield progress
+        return
+    form = "{l_bar}{bar}| {elapsed}, {remaining} left"
+    with tqdm(total=1.0, desc="rendering", disable=not progress, leave=False, bar_format=form) as bar:
+        yield lambda done: bar.update(done - bar.n)

@@ -1,0 +1,88 @@
+"""``mitsuba_prosim.render``: a scene in one call, its error, and a verdict in words."""
+
+from pathlib import Path
+
+import mitsuba as mi
+import mitsuba_prosim
+import numpy as np
+import pytest
+from scenes import penumbra
+
+XML = """<scene version="3.0.0"><integrator type="path"/><emitter type="constant"/>
+    <sensor type="perspective"><film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="4"/>
+    </film></sensor></scene>"""
+EXAMPLE = Path(__file__).parents[2] / "examples" / "palito.scn"
+PATH = {"type": "path"}
+KINDS = {
+    "prosim": {"type": "prosim", "noise": 0.2},
+    "path": PATH,
+    "nothing": None,
+    "aov": {"type": "aov", "aovs": "d:depth", "nested": PATH},
+    "denoised": {"type": "prosim_denoised", "nested": PATH},
+}
+
+
+def scene(integrator=PATH, **how):
+    made = penumbra(size=48, **how) | {"integrator": integrator}
+    return made if integrator else {name: value for name, value in made.items() if name != "integrator"}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_render_reaches_the_error(variant_rgb, kind):
+    if kind == "denoised":
+        pytest.importorskip("mitsuba_oidn")
+    loaded = mi.load_dict(scene(KINDS[kind]))
+    before, told = str(loaded.integrator()), []
+    result = mitsuba_prosim.render(loaded, noise=0.02, progress=told.append)
+    assert result.noise <= 0.02 and result.error.shape == result.samples.shape == (48, 48)
+    assert str(loaded.integrator()) == before and told == sorted(told) and told[-1] == 1
+    assert f"error {result.noise:.2g} of 0.02 (95 %: below {result.noise_at_most:.3g})" in result.verdict
+    assert np.array_equal(np.array(result), np.array(mi.TensorXf(result)))
+    assert np.array(result).shape[:2] == np.array(mi.Bitmap(result)).shape[:2] == (48, 48)
+
+
+def test_render_takes_dictionaries_and_files(variant_rgb, tmp_path):
+    paths = tmp_path / "s.xml", tmp_path / "s.scn"
+    paths[0].write_text(XML)
+    paths[1].write_text(EXAMPLE.read_text("utf-8"))
+    one = mitsuba_prosim.render(mi.load_string(XML), spp=4, progress=False)
+    assert np.array_equal(np.array(one), np.array(mitsuba_prosim.render(paths[0], spp=4, progress=False)))
+    assert np.all(one.samples == 4) and "error at most about" in one.verdict and np.isnan(one.noise)
+    assert mitsuba_prosim.render(scene(), spp=4, progress=False).image.shape == (48, 48, 3)
+    language = mitsuba_prosim.render(str(paths[1]), noise=0.3, progress=False)
+    assert " of 0.3" in language.verdict
+
+
+def test_verdict_says_what_ended_the_render(variant_rgb):
+    limited = mitsuba_prosim.render(scene(), noise=1e-6, time=0.05, progress=False)
+    assert limited.verdict.startswith("reached the time limit at error ") and " of 1e-06" in limited.verdict
+    few = scene({"type": "prosim", "max_samples": 4})
+    assert mitsuba_prosim.render(few, noise=1e-6, progress=False).verdict.endswith("samples per pixel, 4")
+
+
+def test_notebook_shows_picture_maps_and_verdict(variant_rgb):
+    result = mitsuba_prosim.render(scene(), spp=2, progress=False)
+    page = result._repr_html_()
+    assert page.count("data:image/png;base64,") == 3 and result.verdict in page and result.verdict in repr(result)
+
+
+@pytest.mark.parametrize(
+    "arguments, says",
+    [
+        ({"spp": 4, "noise": 0.1}, "leave it out with noise and time"),
+        ({"noise": -1}, "noise is -1; allowed: a number > 0"),
+        ({"time": float("nan")}, "time is nan"),
+        ({"spp": -3}, "-3 samples per pixel"),
+        ({"sensor": 5}, "sensor index is out of bounds"),
+    ],
+)
+def test_wrong_arguments_are_named(variant_rgb, arguments, says):
+    with pytest.raises(ValueError, match=says):
+        mitsuba_prosim.render(scene(), progress=False, **arguments)
+
+
+def test_denoised_image_has_a_verdict(variant_rgb):
+    pytest.importorskip("mitsuba_oidn")
+    result = mitsuba_prosim.render(scene({"type": "prosim"}), spp=16, denoise=True, progress=False)
+    assert f"denoised: error about {result.noise:.2g}" in result.verdict and result.noise < result.noise_at_most
+    assert result.image.shape == (48, 48, 3) and np.all(result.samples == 16)

@@ -7,6 +7,7 @@ import math
 import re
 import warnings
 
+import mitsuba as mi
 import numpy as np
 import prosim_scene
 import pytest
@@ -42,9 +43,9 @@ def test_canonical_solids(shape, scale):
         assert sum(map(area, meshes)) == pytest.approx(surface, rel=1e-4)
 
 
-def turned(text):
-    """A function from points to the space of TRANSFORM 0, and the linear part of its matrix."""
-    to_local = np.linalg.inv(matrices([prosim_scene.parse(text).transforms[0]])[0])
+def turned(text, index=0):
+    """A function from points to the space of TRANSFORM 0, or of another one, and the linear part of its matrix."""
+    to_local = np.linalg.inv(matrices([prosim_scene.parse(text).transforms[index]])[0])
     return lambda p: p @ to_local[:3, :3].T + to_local[:3, 3], to_local[:3, :3]
 
 
@@ -249,6 +250,74 @@ def test_a_scene_far_from_the_origin_is_exact_in_itself_and_warned_of(distance, 
 def test_needles_are_not_as_fine_as_they_are_long():
     # With more segments, two of them take manifold3d minutes.
     assert segments("SPHERE 0", ["SCALE (.1 .1 1000) ROTATE-X (90)"])[0] < 256
+
+
+# ---- Half-spaces
+
+SIDES = ["", "ROTATE-X (90)", "ROTATE-X (180)", "ROTATE-X (270)", "ROTATE-Y (90)", "ROTATE-Y (270)"]
+SIX = [f"TRANSLATE (0 0 1) {turn}" for turn in SIDES]
+ROOM = "* * * * * PLANE 0 PLANE 1 PLANE 2 PLANE 3 PLANE 4 PLANE 5"
+
+
+@pytest.mark.filterwarnings("ignore:.*nothing is visible of (CUBE|PLANE)")
+@pytest.mark.parametrize(
+    "tree, transforms, expected",
+    [
+        ("* CUBE 1 PLANE 0", ["TRANSLATE (0 0 .25)", ""], 0.25),
+        ("- CUBE 1 PLANE 0", ["TRANSLATE (0 0 .25)", ""], 0.75),
+        ("- CUBE 1 PLANE 0", ["SCALE (1 1 -1) TRANSLATE (0 0 .25)", ""], 0.25),
+        ("- CUBE 1 PLANE 0", ["SCALE (1e9 1e9 1e9) TRANSLATE (0 0 .25)", ""], 0.75),
+        ("- CUBE 1 PLANE 0", ["SCALE (1e5 1e-5 1) TRANSLATE (0 0 .25)", ""], 0.75),
+        ("- CUBE 1 PLANE 0", ["MATRIX (1 0 99 0 0 1 -50 0 0 0 1 .25)", ""], 0.75),
+        ("* CUBE 1 PLANE 0", ["TRANSLATE (1e6 -1e6 .25)", ""], 0.25),
+        ("- CUBE 1 PLANE 0", ["TRANSLATE (0 0 -1e6)", ""], 1),
+        ("* CUBE 1 PLANE 0", ["TRANSLATE (0 0 1e6)", ""], 1),
+        ("- CUBE 1 PLANE 0", ["TRANSLATE (1e6 0 .25)", "TRANSLATE (1e6 0 0)"], 0.75),
+        (ROOM, SIX, 8),
+        (f"* CUBE 6 {ROOM}", [*SIX, "TRANSLATE (-.5 -.5 -.5) SCALE (4 4 4)"], 8),
+        (f"- CUBE 6 {ROOM}", [*SIX, "TRANSLATE (-.5 -.5 -.5) SCALE (4 4 4)"], 56),
+    ],
+)
+def test_plane_cuts_wherever_the_solids_are(tree, transforms, expected):
+    assert volume(solids(scene(tree, transforms)).values()) == pytest.approx(expected, rel=1e-6)
+
+
+def test_floor_reaches_far():
+    mesh = solids(scene("+ PLANE 0 SPHERE 1", ["ROTATE-X (-90) TRANSLATE (0 -1 0)", ""]))[0]
+    x, y, z = mesh.vertices.T
+    assert y.max() == pytest.approx(-1) and min(-x.min(), x.max(), -z.min(), z.max()) > 900
+
+
+#: A floor under twenty cubes, turned so that no coordinate of the floor is exact.
+CROWD = [
+    f"TRANSLATE (-.5 -.5 0) SCALE (.3 .3 .3) ROTATE-Z ({17 * i}) TRANSLATE ({i % 5 - 1.9} {i // 5 - 2.1} 0)"
+    for i in range(20)
+]
+
+
+def test_floor_has_no_holes(variant_rgb):
+    """Long narrow triangles that end at the solids would have some, because Mitsuba has single precision."""
+    tilt = " ROTATE-X (7) ROTATE-Y (5)"
+    tree = " ".join([*["+"] * 20, "PLANE 20", *(f"CUBE {i}" for i in range(20))])
+    text = scene(tree, [steps + tilt for steps in [*CROWD, ""]])
+    shapes = {}
+    for index, mesh in solids(text).items():
+        shape = mi.Mesh(str(index), len(mesh.vertices), len(mesh.index))
+        params = mi.traverse(shape)
+        params["vertex_positions"], params["faces"] = (
+            mesh.vertices.ravel().astype("f4"),
+            mesh.index.ravel().astype("u4"),
+        )
+        params.update()
+        shapes[f"shape_{index}"] = shape
+    local, linear = turned(text, 20)
+    x, y = np.random.default_rng(0).uniform(-4, 4, (2, 500_000))
+    up = np.linalg.inv(linear)
+    eye = up @ [1, -2, 20]
+    d = (up @ np.stack([x, y, 0 * x])).T - eye
+    hit = mi.load_dict({"type": "scene", **shapes}).ray_intersect(mi.Ray3f(mi.Point3f(eye), mi.Vector3f(d.T)))
+    through = np.array(hit.is_valid()) & (local(np.array(hit.p).T)[:, 2] < -0.01)
+    assert through.mean() < 2e-5
 
 
 # ---- Faces that coincide but for rounding

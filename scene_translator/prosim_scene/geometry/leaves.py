@@ -65,12 +65,15 @@ class Leaves:
             ]
             boxes = world_box_corners(self.solids)
         _check_transforms(document, indices, to_world_matrices, boxes)
+        bounded = np.array([primitive.name != "plane" for primitive in primitives])
+        boxes = boxes[bounded | ~bounded.any()]
         low, high = boxes.min(axis=(0, 1)), boxes.max(axis=(0, 1))
         middle = (low + high) / 2
         self.origin = middle if np.abs(middle).max() > FAR * (high - low).max() else np.zeros(3)
         size = float(np.abs(np.stack([low, high]) - self.origin).max())
         self.thickness = THICKNESS * 2.0 ** (math.frexp(size)[1] - 1)
-        _bound_planes(self.solids, np.append(boxes.reshape(-1, 3), [camera.eye], axis=0))
+        seen = [camera.eye, camera.eye - camera.depth * camera.n]
+        _bound_planes(self.solids, np.append(boxes.reshape(-1, 3), seen, axis=0))
         self._find_shared_surfaces(cuts_several_media)
         choose_tessellations(document, self.solids, self.of_leaf, camera, tolerance)
         offset = np.pad(self.origin[:, None], ((0, 1), (3, 0)))
@@ -185,7 +188,8 @@ def _bound_planes(solids: Sequence[Solid], points: np.ndarray) -> None:
         if s.primitive.name == "plane":
             to_local = np.linalg.inv(s.to_world)
             inner, outer = (corners @ to_local[:3, :3].T + to_local[:3, 3] for corners in boxes)
-            box = outer.min(axis=0), [*outer.max(axis=0)[:2], 0]
+            (*xy, z), high = outer.min(axis=0), outer.max(axis=0)
+            box = [*xy, min(z, z - high[2])], [*high[:2], 0]
             s.primitive = Cube("plane", box, [inner.min(axis=0)[:2], inner.max(axis=0)[:2]])
 
 

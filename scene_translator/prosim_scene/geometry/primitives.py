@@ -430,7 +430,7 @@ class Torus(Primitive):
 #: Name of a primitive, which is the :attr:`prosim_scene.model.Leaf.shape` -> the primitive.
 PRIMITIVES: dict[str, Primitive] = {
     primitive.name: primitive
-    for primitive in (Cube(), Sphere(), Cylinder(), Cone(), Torus(), Cube("plane", ((-1, -1, -1), (1, 1, 0))))
+    for primitive in (Cube(), Sphere(), Cylinder(), Cone(), Torus(), Cube("plane", np.zeros((2, 3))))
 }
 
 

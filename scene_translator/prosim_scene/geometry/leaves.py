@@ -72,7 +72,7 @@ class Leaves:
         self.origin = middle if np.abs(middle).max() > FAR * (high - low).max() else np.zeros(3)
         size = float(np.abs(np.stack([low, high]) - self.origin).max())
         self.thickness = THICKNESS * 2.0 ** (math.frexp(size)[1] - 1)
-        seen = [camera.eye, camera.eye - camera.depth * camera.n]
+        seen = np.stack([camera.eye, camera.eye - camera.depth * camera.n])
         _bound_planes(self.solids, np.append(boxes.reshape(-1, 3), seen, axis=0))
         self._find_shared_surfaces(cuts_several_media)
         choose_tessellations(document, self.solids, self.of_leaf, camera, tolerance)

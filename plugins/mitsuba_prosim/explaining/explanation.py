@@ -6,7 +6,8 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +21,17 @@ from ..compat import PLACE, denormals_rounded
 from ..engine.camera import is_perspective, without_crop_window
 from ..engine.estimator import Estimator
 from ..engine.plan import Plan
+from ..engine.render import Render
 from ..registry import create
-from ..scene.scene_file import SceneFile
+from ..scene.scene_file import SceneFile, pick_sensor
+from . import explanation_page
 from .nodes import Node, Numbers
 from .recorder import Recorder
 
 #: Maximum number of samples of an explanation.
 MOST_SAMPLES = 1 << 14
+#: Number of samples of each pixel of the image on the page.
+PREVIEW = 4
 #: An unlimited depth in Mitsuba's integrators.
 UNLIMITED = (1 << 32) - 1
 
@@ -52,6 +57,11 @@ class Explanation:
     def json(self) -> str:
         """Returns the explanation as JSON text."""
         return json.dumps(asdict(self))
+
+    def _repr_html_(self) -> str:
+        """Returns the page of this explanation, without the image, within a frame for a notebook."""
+        page = explanation_page.html(asdict(self), [(self.sample, self.nodes)])
+        return f'<iframe srcdoc="{escape(page)}" style="width: 100%; height: 50rem; border: 0"></iframe>'
 
 
 def explain(
@@ -85,7 +95,9 @@ def explain(
     Raises ValueError for a pixel outside the image, a sample that does not exist, and an integrator without samples of
     its own, and RuntimeError in scalar variants.
     """
-    return Samples.of(scene, pixel, spp, sensor, integrator, seed).explanation(sample)
+    with atomic.scratch() as folder:
+        file = scene if isinstance(scene, mi.Scene) else SceneFile(scene, folder)
+        return Samples.of(file, pixel, spp, sensor, integrator, seed).explanation(sample)
 
 
 @dataclass
@@ -103,7 +115,7 @@ class Samples:
     @classmethod
     def of(
         cls,
-        scene: mi.Scene | str | Path,
+        scene: mi.Scene | SceneFile,
         pixel: tuple[int, int],
         spp: int,
         sensor: int = 0,
@@ -114,11 +126,9 @@ class Samples:
         if not dr.is_jit_v(mi.Float):
             raise RuntimeError("explain: scalar variants record no rays; use an llvm or cuda variant.")
         lines: Mapping[str, str] = {}
-        if isinstance(scene, (str, Path)):
-            with atomic.scratch() as folder:
-                file = SceneFile(scene, folder)
-                lines, scene = shape_lines(file), file.load()
-        camera, notes = scene.sensors()[sensor], list[str]()
+        if isinstance(scene, SceneFile):
+            lines, scene = shape_lines(scene), scene.load()
+        camera, notes = pick_sensor(scene, sensor), list[str]()
         film = camera.film()
         size, (x, y) = tuple(map(int, film.crop_size())), pixel
         if not (0 <= x < size[0] and 0 <= y < size[1]):
@@ -192,6 +202,28 @@ class Samples:
             notes.append(f"The light of sample {sample} is not finite, so the sample counts as black.")
         seed = int(self.plan.seed[0])
         return Explanation(self.pixel, seed, self.channels, values, mean, sample, nodes, tuple(notes))
+
+
+def page(file: SceneFile, **arguments: Any) -> str:
+    """Returns an HTML page that explains a pixel of a scene; ``arguments`` are those of :meth:`Samples.of`."""
+    samples = Samples.of(file, **arguments)
+    told, estimator, plan = samples.explanation(), samples.estimator, samples.plan
+    order = np.argsort(-samples.values.sum(axis=1), kind="stable")
+    shown = dict.fromkeys([*order[: explanation_page.BRIGHTEST].tolist(), int(order[len(order) // 2]), int(order[-1])])
+    corners = mi.Point2f([0, 1, 0, 1], [0, 0, 1, 1])
+    with alone():
+        directions = np.array(estimator.rays(mi.Float(0), mi.Float(0.5), corners, mi.Point2f(0.5))[0].d)
+    sampling = replace(plan.sampling, adaptive="none", max_samples=0, noise=0, noise_99=0, noise_999=0, time=0)
+    image = Render(Plan.of(sampling, estimator.sensor.film(), plan.seed, PREVIEW), estimator).run().image()
+    return explanation_page.html(
+        asdict(told),
+        [(sample, samples.nodes(sample)) for sample in shown],
+        name=file.path.name,
+        image=explanation_page.picture(image),
+        size=[image.shape[1], image.shape[0]],
+        camera=explanation_page.pinhole(estimator.sensor, directions),
+        boxes=[[list(shape.bbox().min), list(shape.bbox().max)] for shape in estimator.scene.shapes()],
+    )
 
 
 def explained_integrator(integrator: Any, notes: list[str]) -> Any:

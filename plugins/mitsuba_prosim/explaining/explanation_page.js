@@ -1,0 +1,218 @@
+"use strict";
+const data = JSON.parse(document.getElementById("data").textContent);
+const find = id => document.getElementById(id);
+const sum = values => values.reduce((a, b) => a + b, 0);
+const number = x => x === 0 ? "0" : String(Number(x.toPrecision(4)));
+const list = values => values.map(number).join("  ");
+const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+/** Makes an SVG element with attributes and children. */
+function svg(name, attributes = {}, ...children) {
+    const element = document.createElementNS("http://www.w3.org/2000/svg", name);
+    for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+    element.append(...children);
+    return element;
+}
+
+/** Makes an element do `action` at a click and at Enter; `label` is its name for screen readers and its tooltip. */
+function choosable(element, label, action) {
+    element.setAttribute("tabindex", "0");
+    element.setAttribute("role", "button");
+    element.setAttribute("aria-label", label);
+    element.prepend(svg("title", {}, label));
+    element.addEventListener("click", action);
+    element.addEventListener("keydown", event => {
+        if (event.key === "Enter" || event.key === " ") { event.preventDefault(); action(); }
+    });
+    return element;
+}
+
+let tree = data.trees[0];
+
+// ---------------------------------------------------------------- the image
+
+/** The place of a point of the world in the image, in pixels; null behind the camera. */
+function project(p) {
+    const d = p.map((x, k) => x - data.camera.origin[k]);
+    const [s, u, v] = data.camera.matrix.map(row => sum(row.map((m, k) => m * d[k])));
+    return s > 0 ? [u / s * data.camera.size[0] - data.camera.offset[0], v / s * data.camera.size[1] - data.camera.offset[1]] : null;
+}
+
+function showImage() {
+    const frame = find("frame"), [w, h] = data.size, line = w / 300;
+    if (!data.image) { frame.parentElement.hidden = true; return; }
+    const image = new Image();
+    image.src = data.image;
+    image.alt = `The rendered image; the pixel is ${data.pixel}`;
+    const drawing = svg("svg", { viewBox: `0 0 ${w} ${h}`, "aria-hidden": "true" });
+    for (const node of data.camera ? tree.nodes : []) {
+        const to = node.position && project(node.position);
+        const from = node.parent ? project(node.origin) : null;
+        if (to && from) drawing.append(svg("line", { x1: from[0], y1: from[1], x2: to[0], y2: to[1], stroke: "#4cf", "stroke-width": 1.5 * line }));
+        for (const lamp of to ? node.lamps : []) {
+            const end = project(lamp.point);
+            if (!end || lamp.state === "dark") continue;
+            const dashes = lamp.state === "hidden" ? { "stroke-dasharray": `${3 * line} ${3 * line}` } : {};
+            drawing.append(svg("line", { x1: to[0], y1: to[1], x2: end[0], y2: end[1], stroke: "#fb4", "stroke-width": line, ...dashes }));
+        }
+    }
+    const r = 4 * line, [x, y] = data.pixel;
+    for (const [colour, width] of [["#000", 3 * line], ["#fff", 1.5 * line]])
+        drawing.append(svg("rect", { x: x + 0.5 - r, y: y + 0.5 - r, width: 2 * r, height: 2 * r, fill: "none", stroke: colour, "stroke-width": width }));
+    frame.replaceChildren(image, drawing);
+}
+
+// ---------------------------------------------------------------- the tree
+
+/** Width of a line for an amount of light, relative to the greatest amount. */
+const thickness = (light, most) => 1 + 6 * Math.sqrt(Math.max(light, 0) / (most || 1));
+
+function showTree() {
+    const nodes = tree.nodes, places = new Map(), below = new Map();
+    const children = node => nodes.filter(other => other.parent === node.number);
+    const lamps = node => node.lamps.filter(lamp => lamp.state !== "dark").slice(0, 6);
+    let column = 0, deepest = 0;
+    const place = (node, depth) => {
+        deepest = Math.max(deepest, depth);
+        const inner = children(node).map(child => place(child, depth + 1));
+        const own = lamps(node).map(() => column++);
+        const columns = [...inner, ...own];
+        const x = columns.length ? sum(columns) / columns.length : column++;
+        places.set(node.number, { x, depth, own });
+        below.set(node.number, sum(node.contribution) + sum(children(node).map(child => below.get(child.number))));
+        return x;
+    };
+    place(nodes[0], 0);
+    const dx = 34, dy = 64, width = Math.max(column * dx + 40, 200), X = x => 30 + x * dx, Y = depth => 24 + depth * dy;
+    const drawing = svg("svg", { width, height: Y(deepest + 1) + 12, role: "group", "aria-label": "Tree of the rays" });
+    const most = Math.max(...below.values());
+    for (const node of nodes) {
+        const { x, depth, own } = places.get(node.number), parent = places.get(node.parent);
+        if (parent) drawing.append(svg("line", { x1: X(parent.x), y1: Y(parent.depth), x2: X(x), y2: Y(depth), stroke: css("--accent"), "stroke-width": thickness(below.get(node.number), most) }));
+        lamps(node).forEach((lamp, k) => {
+            const hidden = lamp.state === "hidden" ? { "stroke-dasharray": "3 3" } : {};
+            drawing.append(svg("line", { x1: X(x), y1: Y(depth), x2: X(own[k]), y2: Y(depth) + 30, stroke: css("--lamp"), "stroke-width": thickness(sum(lamp.contribution), most), ...hidden }));
+            drawing.append(svg("circle", { cx: X(own[k]), cy: Y(depth) + 30, r: 4, fill: lamp.state === "hidden" ? "none" : css("--lamp"), stroke: css("--lamp") }, svg("title", {}, `${lamp.lamp}, ${lamp.state}`)));
+        });
+    }
+    for (const node of nodes) {
+        const { x, depth } = places.get(node.number);
+        const circle = svg("circle", { cx: X(x), cy: Y(depth), r: 8, fill: css(node.emission ? "--lamp" : "--raised"), stroke: css("--ink"), "stroke-width": 1.5 });
+        const label = `Node ${node.number}: ${node.lobe}, ${node.shape || "nothing met"}, adds ${number(sum(node.contribution))}`;
+        drawing.append(choosable(circle, label, () => showNode(node)));
+        drawing.append(svg("text", { x: X(x) + 11, y: Y(depth) - 7 }, String(node.number)));
+    }
+    find("tree").replaceChildren(drawing);
+    find("sample").textContent = `${tree.sample}: ${list(data.values[tree.sample])}`;
+}
+
+/** Shows the numbers of a node as a table. */
+function showNode(node) {
+    const rows = [
+        ["node", `${node.number}, from ${node.parent ? "node " + node.parent : "the camera"}, level ${node.level}`],
+        ["meets", node.shape ? node.shape + (node.line ? " – " + node.line : "") : "nothing"],
+        ["lobe", node.lobe + (node.density === null ? "" : `, density ${number(node.density)}`) + (node.probability === null ? "" : `, probability ${number(node.probability)}`)],
+        ["survival", number(node.survival)], ["throughput", list(node.throughput)],
+        ["position", node.position ? list(node.position) : "–"], ["normal", node.normal ? list(node.normal) : "–"],
+    ];
+    for (const lamp of node.lamps) {
+        const state = lamp.state === "hidden" ? `hidden by ${lamp.occluder}` : lamp.state;
+        rows.push([`lamp ${lamp.lamp}`, `${state}; adds ${list(lamp.contribution)}; density ${number(lamp.density)}`]);
+        for (const lobe of lamp.lobes) rows.push(["", `${lobe.name}: BSDF × cosine ${list(lobe.bsdf)}, density ${number(lobe.density)}, MIS weight ${number(lobe.weight)}`]);
+    }
+    if (node.emission) rows.push([`meets lamp ${node.emission.lamp}`, `adds ${list(node.emission.contribution)}; lamp's density ${number(node.emission.density)}, MIS weight ${number(node.emission.weight)}`]);
+    for (const name of ["ambient", "background", "photons"]) if (node[name].some(Boolean)) rows.push([name, `adds ${list(node[name])}`]);
+    rows.push(["adds in all", list(node.contribution)]);
+    const table = document.createElement("table");
+    for (const [name, text] of rows) {
+        const row = table.insertRow(), head = document.createElement("th");
+        head.textContent = name;
+        row.append(head);
+        row.insertCell().textContent = text;
+    }
+    find("node").replaceChildren(table);
+}
+
+// ---------------------------------------------------------------- the view from outside
+
+const view = { yaw: 0.6, pitch: 0.4, zoom: 1 };
+
+function showOutside() {
+    const canvas = find("outside"), g = canvas.getContext("2d"), scale = devicePixelRatio || 1;
+    const w = canvas.clientWidth, h = canvas.clientHeight;
+    [canvas.width, canvas.height] = [w * scale, h * scale];
+    g.scale(scale, scale);
+    const points = tree.nodes.flatMap(node => node.position ? [node.position, node.origin] : [node.origin]);
+    const low = [0, 1, 2].map(k => Math.min(...points.map(p => p[k]))), high = [0, 1, 2].map(k => Math.max(...points.map(p => p[k])));
+    const middle = low.map((a, k) => (a + high[k]) / 2), size = Math.hypot(...low.map((a, k) => high[k] - a)) || 1;
+    const [cy, sy, cp, sp] = [Math.cos(view.yaw), Math.sin(view.yaw), Math.cos(view.pitch), Math.sin(view.pitch)];
+    const k = 0.8 * Math.min(w, h) / size * view.zoom;
+    const at = p => {
+        const [x, y, z] = p.map((v, i) => v - middle[i]), depth = sy * x + cy * z;
+        return [w / 2 + k * (cy * x - sy * z), h / 2 - k * (cp * y - sp * depth)];
+    };
+    const line = (a, b, colour, width = 1, dashes = []) => {
+        g.strokeStyle = colour; g.lineWidth = width; g.setLineDash(dashes);
+        g.beginPath(); g.moveTo(...at(a)); g.lineTo(...at(b)); g.stroke();
+    };
+    for (const [a, b] of data.boxes)
+        for (let i = 0; i < 8; i++)
+            for (const bit of [1, 2, 4])
+                if (!(i & bit)) line([0, 1, 2].map(j => i >> j & 1 ? b[j] : a[j]), [0, 1, 2].map(j => (i | bit) >> j & 1 ? b[j] : a[j]), css("--line"), 0.5);
+    for (const node of tree.nodes) {
+        const end = node.position || node.origin.map((o, i) => o + node.direction[i] * size / 4);
+        for (const lamp of node.position ? node.lamps : [])
+            if (lamp.state !== "dark") line(end, lamp.point, css("--lamp"), 1, lamp.state === "hidden" ? [4, 4] : []);
+        line(node.origin, end, css("--accent"), 2);
+        if (node.normal) line(end, end.map((p, i) => p + node.normal[i] * size / 12), css("--ink"));
+    }
+}
+
+function turn(yaw, pitch, zoom = 1) {
+    view.yaw += yaw;
+    view.pitch = Math.max(-1.57, Math.min(1.57, view.pitch + pitch));
+    view.zoom *= zoom;
+    showOutside();
+}
+
+function listen() {
+    const canvas = find("outside");
+    canvas.addEventListener("pointerdown", event => canvas.setPointerCapture(event.pointerId));
+    canvas.addEventListener("pointermove", event => { if (event.buttons) turn(-event.movementX / 150, event.movementY / 150); });
+    canvas.addEventListener("wheel", event => { event.preventDefault(); turn(0, 0, Math.exp(-event.deltaY / 500)); }, { passive: false });
+    const keys = { ArrowLeft: [0.1, 0], ArrowRight: [-0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1], "+": [0, 0, 1.2], "-": [0, 0, 1 / 1.2] };
+    canvas.addEventListener("keydown", event => { if (keys[event.key]) { event.preventDefault(); turn(...keys[event.key]); } });
+    addEventListener("resize", showOutside);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", showAll);
+}
+
+// ---------------------------------------------------------------- the samples
+
+function showBars() {
+    const light = data.values.map(sum), order = light.map((_, i) => i).sort((a, b) => light[b] - light[a]);
+    const n = order.length, mean = sum(light) / n, most = Math.max(...light, 1e-30), stored = new Map(data.trees.map(one => [one.sample, one]));
+    const drawing = svg("svg", { viewBox: "0 0 640 170", width: "100%", role: "group", "aria-label": "Samples, the brightest first" });
+    order.forEach((i, rank) => {
+        const w = 640 / n, height = Math.max(150 * Math.max(light[i], 0) / most, 1);
+        const bar = svg("rect", { x: rank * w, y: 160 - height, width: Math.max(w * 0.85, 0.5), height, fill: css(stored.has(i) ? "--accent" : "--line"), opacity: i === tree.sample || !stored.has(i) ? 1 : 0.6 });
+        const label = `Sample ${i}: ${list(data.values[i])}`;
+        drawing.append(stored.has(i) ? choosable(bar, label, () => { tree = stored.get(i); showAll(); }) : bar);
+    });
+    drawing.append(svg("line", { x1: 0, x2: 640, y1: 160 - 150 * mean / most, y2: 160 - 150 * mean / most, stroke: css("--ink"), "stroke-dasharray": "4 3" }));
+    drawing.append(svg("text", { x: 638, y: 156 - 150 * mean / most, "text-anchor": "end" }, "mean"));
+    find("bars").replaceChildren(drawing);
+    const errors = light.map(x => (x - mean) ** 2).sort((a, b) => b - a), all = sum(errors);
+    let count = 0;
+    for (let part = 0; part < 0.9 * all; count++) part += errors[count];
+    find("error").textContent = all > 0 ? `${count} of ${n} samples make 90 % of the squared error.` : "All samples are equal.";
+}
+
+function showAll() {
+    showImage(); showTree(); showNode(tree.nodes[0]); showOutside(); showBars();
+}
+
+find("title").textContent = `Pixel ${data.pixel.join(", ")} of ${data.name}`;
+find("sum").textContent = `${data.channels.join(" ")} = ${list(data.mean)}, the mean of ${data.values.length} samples (seed ${data.seed})`;
+for (const note of data.notes) { const p = document.createElement("p"); p.textContent = note; find("notes").append(p); }
+showAll();
+listen();

@@ -1,0 +1,63 @@
+"""Makes the page that explains a pixel: one HTML file that needs no other files."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from importlib.resources import files
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from ..compat import world_matrix
+from .nodes import Node
+
+#: Number of the brightest samples whose rays are on the page; and their maximum size in characters.
+BRIGHTEST, MOST_CHARACTERS = 8, 1 << 20
+
+
+def html(facts: Mapping[str, Any], trees: Sequence[tuple[int, Sequence[Node]]], **more: Any) -> str:
+    """Returns the HTML text of the page. ``facts`` are those of an explanation, and ``trees`` are pairs of a sample and
+    its nodes; trees that would make the page too large are left out. ``more`` are further data of the page.
+    """
+    stored, size = list[Any](), 0
+    for sample, nodes in trees:
+        text = json.dumps({"sample": sample, "nodes": [asdict(node) for node in nodes]})
+        if not stored or size + len(text) < MOST_CHARACTERS:
+            stored, size = [*stored, json.loads(text)], size + len(text)
+    data = {"name": "the image", "image": "", "camera": None, "boxes": [], **facts, "trees": stored, **more}
+    page, script = (
+        files(__package__).joinpath(f"explanation_page.{kind}").read_text("utf-8") for kind in ("html", "js")
+    )
+    return page.replace("SCRIPT", script).replace("DATA", json.dumps(data).replace("<", "\\u003c"))
+
+
+def picture(image: mi.TensorXf) -> str:
+    """Returns an image as the data URI of a JPEG file."""
+    bitmap = mi.Bitmap(np.array(image)[..., :3]).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, True)
+    stream = mi.MemoryStream()
+    bitmap.write(stream, mi.Bitmap.FileFormat.JPEG, 90)
+    return "data:image/jpeg;base64," + base64.b64encode(stream.raw_buffer()).decode()
+
+
+def pinhole(sensor: mi.Sensor, corners: np.ndarray) -> dict[str, Any] | None:
+    """Returns the data by which the page projects points to the image; None if the rays do not begin at one point.
+
+    ``corners`` are the directions of the rays through the film's upper left, upper right, lower left and lower right
+    corner, shape (3, 4).
+    """
+    try:
+        right, below, first = np.linalg.solve(corners[:, [1, 2, 0]] * (1, 1, -1), corners[:, 3])
+    except np.linalg.LinAlgError:
+        return None
+    origin, film = first * corners[:, 0], sensor.film()
+    matrix = np.linalg.inv(np.stack([origin, right * corners[:, 1] - origin, below * corners[:, 2] - origin], axis=1))
+    return {
+        "origin": world_matrix(sensor)[:3, 3].tolist(),
+        "matrix": matrix.tolist(),
+        "size": [int(n) for n in film.size()],
+        "offset": [int(n) for n in film.crop_offset()],
+    }

@@ -1,0 +1,75 @@
+"""The page that explains a pixel, driven in a browser."""
+
+import mitsuba as mi
+import pytest
+from little import BROWSER, LITTLE
+from mitsuba_prosim.explaining import explanation
+from mitsuba_prosim.scene.scene_file import SceneFile
+
+pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome in PATH")]
+MIRROR = LITTLE.replace("lambertiano kd = 0.4 0.5 0.6", "composto kd = 0.2 0.2 0.2 n-refr = 1.6")
+
+
+@pytest.fixture(scope="module", params=["perspective", "window"])
+def file(request, tmp_path_factory):
+    """The page of a pixel whose rays are reflected; of square pixels, and of others, which another sensor samples."""
+    mi.set_variant("llvm_ad_rgb")
+    folder = tmp_path_factory.mktemp("explained")
+    scene = folder / "little.scn"
+    scene.write_text(MIRROR)
+    size = {"resolution": (64, 48 if request.param == "perspective" else 30)}
+    page = folder / "page.html"
+    page.write_text(explanation.page(SceneFile(scene, folder, **size), pixel=(20, 26), spp=16), "utf-8")
+    return page
+
+
+@pytest.fixture(params=[(1200, "light"), (390, "dark")])
+def page(request, browser, file):
+    width, scheme = request.param
+    page = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
+    page.errors = []
+    page.on("pageerror", lambda error: page.errors.append(str(error)))
+    page.on(
+        "request", lambda asked: None if asked.url.startswith(("file:", "data:")) else page.errors.append(asked.url)
+    )
+    page.goto(f"file://{file}")
+    yield page
+    assert not page.errors
+    page.close()
+
+
+def test_page_fits_and_says_what_it_shows(page):
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    assert page.text_content("h1") == "Pixel 20, 26 of little.scn"
+    assert "of 16 samples make 90 %" in page.text_content("#error")
+
+
+def test_first_point_is_projected_into_the_pixel(page):
+    for number in range(page.evaluate("data.trees.length")):
+        x, y = page.evaluate(f"project(data.trees[{number}].nodes[0].position)")
+        assert 20 - 1e-3 <= x <= 21 + 1e-3 and 26 - 1e-3 <= y <= 27 + 1e-3
+
+
+def test_keyboard_chooses_samples_and_nodes(page):
+    other = page.evaluate("data.trees[2].sample")
+    page.focus(f"#bars [aria-label^='Sample {other}:']")
+    page.keyboard.press("Enter")
+    assert page.text_content("#sample").startswith(f"{other}: ")
+    assert page.locator("#tree [role=button]").count() == page.evaluate("tree.nodes.length") > 1
+    page.locator("#tree [role=button]").last.focus()
+    page.keyboard.press("Space")
+    assert page.text_content("#node td").startswith(f"{page.evaluate('tree.nodes.at(-1).number')}, from node 1")
+
+
+def test_view_from_outside_turns_by_mouse_and_keys(page):
+    shown = "find('outside').toDataURL()"
+    before = page.evaluate(shown)
+    page.focus("#outside")
+    page.keyboard.press("ArrowLeft")
+    turned = page.evaluate(shown)
+    box = page.locator("#outside").bounding_box()
+    page.mouse.move(box["x"] + 50, box["y"] + 50)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 90, box["y"] + 80)
+    page.mouse.up()
+    assert before != turned != page.evaluate(shown)

@@ -100,6 +100,8 @@ WRONG = [
     ("prosim_denoised", {"a": {"type": "ptracer"}}, "takes samples from a sensor"),
     ("prosim_denoised", PATH | {"b": {"type": "path"}}, "takes samples from a sensor"),
     ("prosim_window", {"left": 2.0}, "left"),
+    ("prosim_window", {"aperture_radius": -1.0}, "aperture_radius"),
+    ("prosim_window", {"focus_distance": 0.0}, "focus_distance"),
     ("nrook", {"jitter": "none"}, 'parameter "jitter" is |allowed: multi or uniform'),
 ]
 

@@ -93,6 +93,13 @@ INSIDE = {
 }
 
 
+def test_truncated_cone_hides_a_ball_that_touches_it_from_inside():
+    stump = f"SCALE (1 1 .9) TRANSLATE (0 0 .1) SCALE (3 3 3) {TURN}"
+    meshes = solids(scene("+ SPHERE 0 CONE 1 radius .1", [INSIDE["ball in a cone"][1][0], stump]), 0.1)
+    assert set(meshes) == {1}
+    assert_closed(meshes.values())
+
+
 @pytest.mark.parametrize("name", INSIDE)
 @pytest.mark.parametrize("view", [VIEW, "OBS 3 -4 2 VRP 0 0 0 WINDOW -2 -2 2 2"], ids=["far", "near"])
 def test_curved_solid_hides_solids_that_touch_it_from_inside(name, view):

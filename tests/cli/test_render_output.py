@@ -226,7 +226,7 @@ def test_time_alone_says_what_the_noise_is_at_most(noisy, variant_rgb):
     assert re.search(r"\nerror at most about 0\.0\d+ .*, 20\.0 samples a pixel", printed)
     loaded = mi.load_string(scene_text(ADAPTIVE_PATH, LIT_FLOOR))
     integrator = loaded.integrator()
-    integrator.noise, integrator.adaptive = 0.001, "graded"
+    integrator.noise, integrator.adaptive = 0.0002, "graded"
     render = integrator.progressive(loaded).run()
     assert 0.9 < render.noise_bound() / render.reached.noise < 10
     integrator.noise, integrator.adaptive = 0, "none"

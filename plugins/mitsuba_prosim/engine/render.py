@@ -17,12 +17,16 @@ from .error_target import UNCERTAIN, ErrorTarget, mean
 from .estimator import Estimator
 from .film import film_values
 from .goal import Measure, Pass, goal_of
-from .image import Image, SecondImage
+from .image import Image, SecondImage, concentration
 from .plan import Plan
+from .policies import mean_around
 from .standard_error import in_display_units
 from .tiles import Part
 from .tiny_lamps import sees_tiny_lamp
 from .work import Executor, Step, Steps, photon_batches, work_items
+
+#: Minimum number of samples per pixel, and maximum relative deviation, of a bound of the RMS error that is known.
+FEW, KNOWN = 8, 0.1
 
 
 class Reached(NamedTuple):
@@ -220,18 +224,23 @@ class Render(Steps):
         The bound is estimated from the samples within each pixel (:meth:`.Accumulators.error`), as if these samples, or
         the passes, were independent. The samples are better distributed than independent samples, so the actual error
         is smaller than the bound; only a second image can measure the actual error. The bound is NaN if a pixel has
-        fewer than two samples.
+        fewer than two samples or all together fewer than :data:`FEW` per pixel, which may all have missed rare light,
+        or if so few pixels have most of the error that other pixels may have missed as much.
         """
         state, sums = self.state, self.state.accumulators
         total, _, count = sums.statistics()
         with np.errstate(all="ignore"):  # NaN without samples
-            error = in_display_units(sums.error(state.plan.n), total / count)
-        values = np.float64(state.crop(error, state.plan.region))
+            # The mean of a pixel that a rare bright sample has met is too large, and the slope there too small.
+            mean_of_pixel = state.crop(total / count, state.plan.region)
+            mean_there = np.minimum(mean_of_pixel, mean_around(mean_of_pixel, 2))
+            values = in_display_units(np.float64(state.crop(sums.error(state.plan.n), state.plan.region)), mean_there)
+            deviation = 0.5 * concentration(values**2) ** 0.5  # of the RMS, relative
         # The reconstruction filter multiplies the variance by the sum of its squared weights. On each axis, the sample
         # is a quarter of a pixel from the centre of its pixel: the mean distance of a random sample.
         weights = np.array(dr.concat(state.estimator.weights(mi.Point2f(0.25))))
         result = float(np.sqrt(np.mean(values**2)) * np.linalg.norm(weights) / np.sum(weights))
-        return result if state.counts.min() > 1 and np.isfinite(result) else float("nan")
+        known = state.counts.min() > 1 and mean(state.counts) >= FEW and np.isfinite(result) and deviation <= KNOWN
+        return result * (1 + 1.645 * deviation) if known else float("nan")
 
     @alone()
     def checkpoint(self) -> Checkpoint:

@@ -15,7 +15,7 @@ INVALID_IN_XML = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
 #: Name of an XML element -> the plugins of this element that the translator uses.
 PLUGINS = {
     "integrator": "prosim path volpath",
-    "sensor": "perspective prosim_window",
+    "sensor": "perspective prosim_window thinlens",
     "film": "hdrfilm",
     "sampler": "nrook multijitter",
     "rfilter": "box",

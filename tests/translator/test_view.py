@@ -1,5 +1,7 @@
 """The rays of translated cameras against the formula of the language, and degenerate views."""
 
+import contextlib
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -101,6 +103,18 @@ def test_stock_lens_has_the_rays_of_the_window(write_scene, variant_rgb):
     points = np.random.default_rng(4).random((4, 500))
     a, b = (s.sample_ray(0, 0.5, mi.Point2f(points[:2]), mi.Point2f(points[2:]))[0] for s in (own, stock))
     assert np.abs(np.array(a.d) - b.d).max() < 1e-5 and np.abs(np.array(a.o) - b.o).max() < 1e-5
+
+
+@pytest.mark.parametrize("target", ["prosim", "stock"])
+def test_file_of_a_scene_has_the_lens(target, write_scene, variant_rgb, tmp_path):
+    tree = (
+        "CSG-TREE + + CONE 0 radius .5 TORUS 0 radius .2 PLANE 0 SURFACE 0 TRANSFORM 0 MATRIX 1 0 0 0 0 1 0 0 0 0 1 1"
+    )
+    path = write_scene(f"VIEW {LENSES['centred']} LIGHTS POINT position 0 0 9 {tree} END")
+    with pytest.warns(prosim_scene.SceneWarning) if target == "stock" else contextlib.nullcontext():
+        scene = mi.load_file(str(prosim_scene.translate(path, tmp_path / target, target=target)))
+    params = mi.traverse(scene.sensors()[0]) if target == "stock" else vars(scene.sensors()[0])
+    assert params["aperture_radius"] == 0.5 and params["focus_distance"] == 5
 
 
 def test_stock_says_that_an_off_centre_window_has_no_lens(write_scene, variant_rgb):

@@ -25,4 +25,4 @@ def needs(feature: str, extra: str) -> str:
     """
     # If all modules of the extra are installed, the import of one of them has failed.
     modules = ", ".join(missing(extra)) or "a module that can be imported"
-    return f"{feature} needs {modules}; to get it: pip install 'mitsuba-prosim[{extra}]'"
+    return f"{feature} needs {modules}; to get it: pip install 'mitsuba-prosim[{extra}]', in a clone '.[{extra}]'"

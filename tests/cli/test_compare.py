@@ -3,12 +3,14 @@
 import importlib.util
 import json
 import re
+from collections import defaultdict
+from copy import deepcopy
 
 import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.cli import progress
-from mitsuba_prosim.compare import measures, runs
+from mitsuba_prosim.compare import comparison_page, measures, runs
 from mitsuba_prosim.compare.methods import ComparedScene, Spec
 from mitsuba_prosim.scene.scene_file import SceneFile
 from running import LIT_FLOOR, done, refused, scene_text
@@ -42,6 +44,17 @@ def report(tmp_path_factory):
     assert "reference of all paths: " in said and "rendering in turn: " in said
     stem = folder / "little-compare"
     return stem.with_suffix(".html").read_text("utf-8"), json.loads(stem.with_suffix(".json").read_text())
+
+
+def test_page_of_one_round_has_no_ranges(report, monkeypatch):
+    facts = deepcopy(report[1])
+    monkeypatch.setattr(comparison_page, "encode", lambda *_: defaultdict(str))
+    monkeypatch.setattr(comparison_page, "chart", lambda _: "")
+    for row in (row for section in facts["sections"] for row in section["rows"]):
+        for measure in (value for value in row.values() if isinstance(value, dict) and "least" in value):
+            measure["least"] = measure["most"] = measure["median"]
+    page = comparison_page.html(facts | {"rounds": 1}, {})
+    assert "</data> round after" in page and "range of the rounds" not in page and "</data> – <data" not in page
 
 
 # ---- measures

@@ -136,7 +136,7 @@ class Surface:
 @dataclass(frozen=True)
 class Step:
     """One step of a transform: "scale" or "translate" with three values, "rotate-x", "rotate-y" or "rotate-z" with an
-    angle in degrees, or "matrix" with the three or four rows of a matrix.
+    angle in degrees, or "matrix" with three rows of four values.
     """
 
     kind: str

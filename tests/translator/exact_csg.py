@@ -28,7 +28,7 @@ def placed(transform):
         if step.kind == "translate":
             offset = offset + step.values
         elif step.kind == "matrix":
-            m = np.reshape(step.values[:12], (3, 4))
+            m = np.reshape(step.values, (3, 4))
             linear, offset = m[:, :3] @ linear, m[:, :3] @ offset + m[:, 3]
         else:
             m = np.diag(step.values) if step.kind == "scale" else rotation("xyz".index(step.kind[-1]), step.values[0])

@@ -189,5 +189,8 @@ def test_matrix_is_a_step(last, parentheses):
 
     rows = matrix(TURNED)[:3].ravel().tolist()
     steps = f"ROTATE-Z (20) MATRIX {parentheses.format(' '.join(map(repr, rows)) + last)}"
+    other = prosim_scene.parse("CSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 MATRIX 1 0 0 0 0 1 0 0 0 0 1 0 END").transforms[0]
+    own = prosim_scene.parse(f"CSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 MATRIX {' '.join(map(repr, rows)) + last} END")
+    assert matrices([other, own.transforms[0]])[1, :3].ravel() == pytest.approx(rows)
     for written in (str, prosim_scene.format):
         assert matrix(steps, written) == pytest.approx(matrix(f"ROTATE-Z (20) {TURNED}"), abs=1e-12)

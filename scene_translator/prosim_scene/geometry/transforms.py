@@ -31,7 +31,7 @@ def _matrices(kind: str, values: np.ndarray) -> np.ndarray:
     """Returns the matrices (n, 4, 4) of n steps of the kind ``kind``, such as "scale".
 
     ``values`` are vectors (n, 3) for the kinds "scale" and "translate", angles (n, 1) in degrees for rotations, and
-    rows (n, 12) or (n, 16) for "matrix".
+    three rows (n, 12) for "matrix".
     """
     result = np.tile(np.eye(4), (len(values), 1, 1))
     if kind == "scale":
@@ -39,7 +39,7 @@ def _matrices(kind: str, values: np.ndarray) -> np.ndarray:
     elif kind == "translate":
         result[:, :3, 3] = values
     elif kind == "matrix":
-        result[:, :3] = values[:, :12].reshape(-1, 3, 4)
+        result[:, :3] = values.reshape(-1, 3, 4)
     else:
         quarters, rest = np.divmod(values[:, 0], 90)  # multiples of 90 degrees have no rounding error
         angles = np.radians(rest).tolist()

@@ -415,7 +415,7 @@ class Reader(Scanner):
             if kind == "matrix" and value and value[12:] not in ((), (0, 0, 0, 1)):
                 reason = f"found the fourth row {' '.join(f'{x:g}' for x in value[12:])}; expected 0 0 0 1, "
                 self.add_error(keyword.span, f"{reason}and the translation in the fourth column", "range")
-            steps.append(model.Step(kind, value if isinstance(value, tuple) else (value,)))
+            steps.append(model.Step(kind, value[:12] if isinstance(value, tuple) else (value,)))
         return model.Transform(tuple(steps))
 
     def read_texture(self) -> model.Pattern:

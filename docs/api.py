@@ -32,6 +32,7 @@ FOLDERS = {
 MODULES = {
     "mitsuba_prosim": None,
     "mitsuba_prosim.denoising": ["render"],
+    "mitsuba_prosim.live.result": ["Result"],
     "mitsuba_prosim.parallel": ["render"],
     "mitsuba_prosim.engine.integrator": ["ProgressiveIntegrator.progressive"],
     "mitsuba_prosim.engine.render": [

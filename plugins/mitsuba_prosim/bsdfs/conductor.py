@@ -16,7 +16,7 @@ from ..registry import create, plugin
 
 #: Allowed values of the parameter ``fresnel`` -> the function that computes the reflectance.
 FRESNEL = {"exact": fresnel.conductor, "thesis": fresnel.conductor_thesis}
-#: English name of a metal -> the value of the parameter ``material``.
+#: English names of metals, each before its value of the parameter ``material``; and the dictionary of both.
 WORDS = (
     "aluminium Al aluminum Al chrome Cr chromium Cr copper Cu gold Au mercury Hg nickel Ni_palik silver Ag tungsten W"
 )

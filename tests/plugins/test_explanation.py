@@ -211,6 +211,57 @@ def test_sample_that_is_not_finite_counts_as_black_and_says_so(variant_rgb):
     made["ball"] |= {"emitter": {"type": "area", "radiance": 3e38}, "bsdf": diffuse(1, 1, 1)}
     made |= {"lamp": {"type": "point", "position": [0.5, 0.9, 1.0], "intensity": 3e38}}
     samples = Samples.of(mi.load_dict(made), (8, 7), 4)
-    (black,) = np.flatnonzero(samples.values.sum(axis=1) == 0)
+    black, *_ = np.flatnonzero(samples.values.sum(axis=1) == 0)
     told = samples.explanation(int(black))
     assert any(told.nodes[0].contribution) and "black" in told.notes[0] and "Infinity" not in told.json()
+
+
+def shares_at(made, pixel):
+    """The shares of the dimensions in the variance of a pixel, and the sentences."""
+    told = mitsuba_prosim.explain(mi.load_dict(made), pixel, spp=16)
+    return told.shares, " ".join(told.noise)
+
+
+def sunny():
+    """Paths of one reflection under a directional light."""
+    made = without(penumbra({"type": "diffuse"}, 512, type="prosim", diffuse_bounces=1), "light")
+    return made | {"sun": {"type": "directional", "direction": [0, -1, -0.2], "irradiance": 1.0}}
+
+
+def blurred():
+    """A floor and a ball that are out of focus."""
+    made = without(penumbra(None, 512, type="prosim", background=1.0), "light", "wall", "pole")
+    made["sensor"] |= {"type": "thinlens", "aperture_radius": 0.3, "focus_distance": 1.0}
+    return made
+
+
+#: Dimension -> (a scene, a pixel) whose noise it carries alone.
+ALONE = {
+    "pixel": (lambda: without(penumbra(None, SIZE, type="prosim", background=1.0), "light", "wall"), (11, 5)),
+    "lamp": (lambda: penumbra(None, 512, type="prosim"), (441, 251)),
+    "lobe": (sunny, (280, 462)),
+    "lens": (blurred, (196, 92)),
+}
+
+
+@pytest.mark.parametrize("name", ALONE)
+def test_dimension_that_carries_the_noise_alone_has_a_share_of_1(variant_rgb, name):
+    """Of 1024 pairs, the standard error of the share is at most 0.1; the bounds are four of them away."""
+    make, pixel = ALONE[name]
+    shares, said = shares_at(make(), pixel)
+    print(shares, said)
+    assert shares[name] == pytest.approx(1, abs=0.4) and max(shares, key=shares.get) == name
+    assert sum(shares.values()) - shares[name] < 0.3 and f"{shares[name]:.0%}" in said
+
+
+def test_equal_samples_have_no_noise(variant_rgb):
+    made = without(penumbra(None, SIZE, type="prosim", background=1.0), "light", "wall", "floor", "ball", "pole")
+    assert shares_at(made, (1, 1)) == ({}, "All samples are equal, so the pixel has no noise.")
+
+
+def test_outliers_name_lamp_and_surface(variant_rgb):
+    """Two lamps and ambient light; the noise is that of the shadow of one lamp."""
+    made = penumbra(None, 512, type="prosim", ambient=5.0)
+    made["far"] = {"type": "point", "position": [0, 9, 9], "intensity": 9.0}
+    _, said = shares_at(made, ALONE["lamp"][1])
+    assert "the light of light by wall" in said and "smaller lamps" in said

@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -24,12 +24,14 @@ from ..engine.plan import Plan
 from ..engine.render import Render
 from ..registry import create
 from ..scene.scene_file import SceneFile, pick_sensor
-from . import explanation_page
+from . import explanation_page, noise
 from .nodes import Node, Numbers
 from .recorder import Recorder
 
 #: Maximum number of samples of an explanation.
 MOST_SAMPLES = 1 << 14
+#: Maximum number of samples whose light the sentences on the noise are about.
+MOST_OUTLIERS = 8
 #: Number of samples of each pixel of the image on the page.
 PREVIEW = 4
 #: An unlimited depth in Mitsuba's integrators.
@@ -51,6 +53,9 @@ class Explanation:
     #: Index of the explained sample, and the nodes of its tree or path, whose contributions sum to its value.
     sample: int
     nodes: tuple[Node, ...]
+    #: Dimension of the random numbers -> its share in the variance (:mod:`.noise`); and sentences on the noise.
+    shares: dict[str, float]
+    noise: tuple[str, ...]
     #: Sentences on the differences between this explanation and the image of the scene; usually none.
     notes: tuple[str, ...]
 
@@ -87,10 +92,10 @@ def explain(
     ``sensor``, ``integrator``, ``seed``
         As in ``mi.render``, whose image with the same ``spp`` and ``seed`` has the same samples.
 
-    The mean of the samples is the value of the pixel in the image, if the film has a box filter and the pixel has all
-    samples (``adaptive`` is ``none``); an adaptive image has the first of these samples. For another filter than
-    ``box``, the image also has a part of the samples of the pixels around, and a note says so. An integrator of Mitsuba
-    that follows paths is explained by paths of ``prosim``, which a note says, too.
+    The mean of the samples is the value of the pixel in the image, if the film has a box filter. With another filter,
+    the image also has a part of the samples of the pixels around, and a note says so. If ``spp`` is 0, an adaptive
+    image has the first of these samples. An integrator of Mitsuba that follows paths is explained by paths of
+    ``prosim``, which a note says, too.
 
     Raises ValueError for a pixel outside the image, a sample that does not exist, and an integrator without samples of
     its own, and RuntimeError in scalar variants.
@@ -110,7 +115,8 @@ class Samples:
     pixel: tuple[int, int]
     channels: tuple[str, ...]
     values: np.ndarray
-    notes: list[str] = field(default_factory=list)
+    notes: list[str]
+    shares: dict[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -143,12 +149,14 @@ class Samples:
         window = nullcontext() if is_perspective(camera) else without_crop_window(camera)
         with alone(), denormals_rounded(), dr.suspend_grad():
             estimator = integrator.estimator(scene, camera)
-            plan = Plan.of(integrator.sampling, film, seed, spp)
+            sampling = integrator.sampling.uniform(spp) if spp else integrator.sampling
+            plan = Plan.of(sampling, film, seed, spp)
             offset = tuple(map(int, film.crop_offset()))
             count = spp or min(plan.noisy_samples, MOST_SAMPLES)
             samples = cls([], estimator, plan, (x, y), (), np.empty((0,)), notes)
             with window:  # a render takes its samples without it, too
                 samples._take(x + offset[0], y + offset[1], count, lines)
+                samples.shares = noise.shares(estimator, plan, x + offset[0], y + offset[1])
         return samples
 
     def _take(self, x: int, y: int, count: int, lines: Mapping[str, str]) -> None:
@@ -201,7 +209,19 @@ class Samples:
         if not any(values[sample]) and any(any(node.contribution) for node in nodes):
             notes.append(f"The light of sample {sample} is not finite, so the sample counts as black.")
         seed = int(self.plan.seed[0])
-        return Explanation(self.pixel, seed, self.channels, values, mean, sample, nodes, tuple(notes))
+        middle = int(np.argsort(self.values.sum(axis=1))[count // 2])
+        told = noise.sentences(self.shares, [self.nodes(i) for i in self.outliers()], self.nodes(middle))
+        return Explanation(
+            self.pixel, seed, self.channels, values, mean, sample, nodes, self.shares, told, tuple(notes)
+        )
+
+    def outliers(self) -> list[int]:
+        """Returns the samples that make 90 % of the squared error, at most :data:`MOST_OUTLIERS`, the worst first."""
+        light = self.values.sum(axis=1)
+        errors = np.square(light - light.mean())
+        order = np.argsort(-errors, kind="stable")
+        count = int(np.searchsorted(np.cumsum(errors[order]), 0.9 * errors.sum())) + 1
+        return [int(i) for i in order[: min(count, MOST_OUTLIERS)]]
 
 
 def page(file: SceneFile, **arguments: Any) -> str:
@@ -213,8 +233,8 @@ def page(file: SceneFile, **arguments: Any) -> str:
     corners = mi.Point2f([0, 1, 0, 1], [0, 0, 1, 1])
     with alone():
         directions = np.array(estimator.rays(mi.Float(0), mi.Float(0.5), corners, mi.Point2f(0.5))[0].d)
-    sampling = replace(plan.sampling, adaptive="none", max_samples=0, noise=0, noise_99=0, noise_999=0, time=0)
-    image = Render(Plan.of(sampling, estimator.sensor.film(), plan.seed, PREVIEW), estimator).run().image()
+    preview = Plan.of(plan.sampling.uniform(PREVIEW), estimator.sensor.film(), plan.seed, PREVIEW)
+    image = Render(preview, estimator).run().image()
     return explanation_page.html(
         asdict(told),
         [(sample, samples.nodes(sample)) for sample in shown],

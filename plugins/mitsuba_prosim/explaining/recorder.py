@@ -79,14 +79,7 @@ class Recorder:
         self.records = [Record(event, self._numpy(values)) for event, values in self.records]
 
     def _lamp_values(
-        self,
-        vertex: Vertex,
-        lamp: Any,
-        sample: Any,
-        terms: Sequence[Any],
-        f: mi.Spectrum,
-        visible: mi.Bool,
-        value: mi.Spectrum,
+        self, vertex: Vertex, sample: Any, terms: Any, f: mi.Spectrum, visible: mi.Bool, lamp: Any, value: Any
     ) -> dict[str, Any]:
         """Returns the values of a lamp's sample, and traces which shape hides it."""
         ds, weight = sample

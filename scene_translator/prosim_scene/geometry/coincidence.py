@@ -52,7 +52,7 @@ def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray, low: np.ndarray, h
         """Whether the faces ``first[i]`` and ``second[i]`` have equal surfaces, for each i. Two surfaces are compared
         in the space of the larger primitive.
         """
-        result = np.abs(features[first] - features[second]).max(axis=1, initial=0) < NEAR  # excludes most pairs
+        result = np.asarray(np.abs(features[first] - features[second]).max(axis=1) < NEAR)  # excludes most pairs
         first, second = first[result], second[result]
         large = np.where(sizes[first] < sizes[second], second, first)
         small = first + second - large

@@ -114,7 +114,7 @@ def _lorentz(axis: np.ndarray, refinement: float) -> np.ndarray:
 
 ROUNDED = 1.02  # the error may exceed the tolerance by this factor: bounds of it are not exact
 TOLERANCE = 0.1  # the default of the largest chord error, in pixels
-MAX_TRIANGLES = 4_000_000  # the limit for all primitives together; their union takes about 3 GB of memory
+MAX_TRIANGLES = 2_000_000  # the limit for all primitives together; their union takes about 2 GB of memory
 
 
 def choose_tessellations(

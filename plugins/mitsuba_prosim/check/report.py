@@ -12,6 +12,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from .inputs import rows
 from .statistics import sidak
 
 #: Probability that a right plugin fails any statistical test of its report.
@@ -61,28 +62,20 @@ class Report:
         return self.results[-1]
 
     def equal(
-        self,
-        test: str,
-        values: Any,
-        expected: Any,
-        where: Any = None,
-        *,
-        on: Any = None,
-        worst: str = FAILS,
-        **limits: float,
-    ) -> None:
-        """Adds the result of comparing two arrays of shape (..., n), in the columns ``on``.
+        self, test: str, values: Any, expected: Any, where: Any = None, *, on: Any = True, worst: str = FAILS,
+        tolerance: float = 0.02, floor: float = 1e-4, share: float = 0.005,
+    ) -> None:  # fmt: skip
+        """Adds the result of comparing two arrays of shape (..., n), or values of Dr.Jit, in the columns ``on``.
 
-        Values differ if their difference is above ``tolerance`` (0.02) times the larger one, and above ``floor`` (1e-4)
-        times the mean of ``expected``. Not more than the ``share`` (0.005) of the columns may differ, because a few
-        inputs lie where single precision is coarse. ``where`` is a text, or a function that describes column i.
-        ``worst`` is the verdict if too many differ.
+        Values differ if their difference is above ``tolerance`` times the larger one, and above ``floor`` times the
+        mean of ``expected``. Not more than the ``share`` of the columns may differ, because a few inputs lie where
+        single precision is coarse. ``where`` is a text, or a function that describes column i. ``worst`` is the verdict
+        if too many differ.
         """
-        tolerance, floor, share = ({"tolerance": 0.02, "floor": 1e-4, "share": 0.005} | limits).values()
-        values, expected = (np.atleast_2d(np.asarray(v, dtype=float)) for v in np.broadcast_arrays(values, expected))
+        values, expected, _ = np.broadcast_arrays(rows(values), rows(expected), on)
         both = ~np.isfinite(values) & ~np.isfinite(expected)  # another test reports these
         values, expected = np.where(both, 0, values), np.where(both, 0, expected)
-        on = np.ones(values.shape[1], dtype=bool) if on is None else np.asarray(on)
+        on = np.broadcast_to(on, values.shape[1])
         if not on.any():
             return
         larger, difference = np.maximum(np.abs(values), np.abs(expected)), np.abs(values - expected)
@@ -97,20 +90,33 @@ class Report:
         self.add(test, worst, f"{numbers}; {off.sum() / on.sum():.1%} of {on.sum()} differ", _place(where, i))
 
     def require(
-        self, test: str, right: Any, statistic: str = "it is not", where: Any = None, *, on: Any = True,
-        share: float = 0.0, worst: str = FAILS,
-    ) -> None:  # fmt: skip
+        self, test: str, right: Any, where: Any = None, *, on: Any = True, share: float = 0.0, worst: str = FAILS
+    ) -> None:
         """Adds the result of a condition: ``right`` is an array of shape (..., n) of booleans, which is tested in the
         columns ``on``; the ``share`` of them may be false.
         """
-        right = np.atleast_2d(np.asarray(right)).all(axis=0)
-        on = np.broadcast_to(on, right.shape)
+        right, on = np.broadcast_arrays(np.atleast_2d(right).all(axis=0), on)
         wrong = on & ~right
         if wrong.sum() <= share * on.sum():
             self.add(test)
             return
         count = f" ({wrong.sum()} of {on.sum()})" if on.sum() > 1 else ""
-        self.add(test, worst, statistic + count, _place(where, self._median(wrong, np.arange(wrong.size))))
+        self.add(test, worst, f"not so{count}", _place(where, self._median(wrong, np.arange(wrong.size))))
+
+    def finite(self, name: str, values: Any, where: Any = None, *, on: Any = True, least: float = 0.0) -> None:
+        """Adds whether values are finite, and not below ``least``."""
+        values = rows(values)
+        self.require(f"{name} is finite, not negative", np.isfinite(values) & (values >= least), where, on=on)
+
+    def samples(self, weight: Any, pdf: Any, value: Any, stated: Any, where: Any = None, *, on: Any = True) -> None:
+        """Adds whether weights and densities of samples are those of ``value`` and the ``stated`` density."""
+        self.equal("weight of a sample = eval() / pdf()", rows(weight) * rows(pdf), value, where, on=on)
+        self.equal("pdf of a sample = pdf()", pdf, stated, where, on=on)
+
+    def unit(self, name: str, vectors: Any, where: Any = None, *, on: Any = True) -> None:
+        """Adds whether vectors have the length 1."""
+        length = np.linalg.norm(rows(vectors), axis=0)
+        self.require(f"{name} are unit vectors", np.abs(length - 1) < 1e-3, where, on=on, share=0.01)
 
     @staticmethod
     def _median(chosen: np.ndarray, order: np.ndarray) -> int:

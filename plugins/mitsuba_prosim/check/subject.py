@@ -7,6 +7,7 @@ import importlib.util
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,16 @@ class Subject:
         session.set_variant(variant)
         for module in self.modules:
             import_module(module)
+
+    @contextmanager
+    def other_variant(self, variant: str) -> Iterator[None]:
+        """Has another variant active in a ``with`` statement."""
+        before = mi.variant() or ""
+        try:
+            self.set_variant(variant)
+            yield
+        finally:
+            self.set_variant(before)
 
     @property
     def state(self) -> Any:

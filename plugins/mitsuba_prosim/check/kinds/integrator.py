@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..report import NOTE, OK, Report
-from ..statistics import add_welch
+from ..statistics import welch
 from ..subject import Subject
 
 #: Images of each scene, with other seeds; pixels per side; blocks per side; samples per pixel.
@@ -21,21 +21,13 @@ FACTOR = 4
 
 def scenes() -> Iterator[tuple[str, dict[str, Any]]]:
     """Yields the name and the dictionary of scenes in which a floor is lit directly: materials and lamps cross."""
-    transform = mi.ScalarTransform4f
-    above = transform().translate([0.3, 0.2, 1.2])
+    above = mi.ScalarTransform4f().translate([0.3, 0.2, 1.2]).rotate([1, 0, 0], 180).scale(0.3)
+    view = mi.ScalarTransform4f().look_at([0, 0.5, 2], [0, 0, 0], [1, 0, 0])
     lamps = {
-        "rectangle": {
-            "type": "rectangle",
-            "to_world": above @ transform().rotate([1, 0, 0], 180).scale(0.3),
-            "emitter": {"type": "area"},
-        },
+        "rectangle": {"type": "rectangle", "to_world": above, "emitter": {"type": "area"}},
         "sphere": {"type": "sphere", "center": [0.3, 0.2, 1.2], "radius": 0.2, "emitter": {"type": "area"}},
         "point": {"type": "point", "position": [0.3, 0.2, 1.2]},
-        "spot": {
-            "type": "spot",
-            "to_world": transform().look_at([0, 0.5, 2], [0, 0, 0], [1, 0, 0]),
-            "cutoff_angle": 30.0,
-        },
+        "spot": {"type": "spot", "to_world": view, "cutoff_angle": 30.0},
         "constant": {"type": "constant"},
     }
     materials = {
@@ -63,14 +55,13 @@ def test_images(subject: Subject, report: Report) -> None:
     """Blocks of images have the means of the reference, and at most four times its variance."""
     for name, things in scenes():
         a, b = images(subject.load(), things), images(mi.load_dict({"type": "volpath"}), things)
-        report.require("pixels are finite", np.isfinite(a), "they are not", name)
+        report.require("pixels are finite", np.isfinite(a), name)
         for i in range(BLOCKS**2):
-            add_welch(report, "blocks have the light of volpath", a[:, i], b[:, i], f"{name}, block {i}")
-        add_welch(report, "images have the light of volpath", a.sum(axis=1), b.sum(axis=1), name)
+            report.add("blocks have the light of volpath", where=f"{name}, block {i}", **welch(a[:, i], b[:, i]))
+        report.add("images have the light of volpath", where=name, **welch(a.sum(axis=1), b.sum(axis=1)))
         factor = float(a.var(axis=0).mean() / max(b.var(axis=0).mean(), 1e-12 + 1e-6 * b.mean() ** 2))
-        report.add(
-            "variance is at most 4 times that of volpath", NOTE if factor > FACTOR else OK, f"{factor:.2f} times", name
-        )
+        verdict = NOTE if factor > FACTOR else OK
+        report.add("variance is at most 4 times that of volpath", verdict, f"{factor:.2f} times", name)
 
 
 TESTS = (test_images,)

@@ -1,0 +1,48 @@
+"""Random inputs of tests, and what a plugin returns as arrays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+
+def uniform(n: int, dimensions: int, seed: int = 1) -> np.ndarray:
+    """Returns uniform numbers in [0, 1), shape (dimensions, n), in single precision."""
+    numbers = np.random.default_rng(seed).random((dimensions, n), dtype=np.float32)
+    return np.minimum(numbers, np.float32(1 - 2**-24))
+
+
+def directions(n: int, seed: int) -> np.ndarray:
+    """Returns unit vectors, shape (3, n): uniform on the sphere, and one of eight near the horizon."""
+    u, v = uniform(n, 2, seed + 1000)
+    z = 2 * u - 1
+    z[::8] *= 0.02
+    r, phi = np.sqrt(1 - z * z), 2 * np.pi * v
+    return np.stack([r * np.cos(phi), r * np.sin(phi), z]).astype(np.float32)
+
+
+def rows(value: Any, n: int | None = None) -> np.ndarray:
+    """Returns a number, a vector or a spectrum as an array of shape (components, n); a polarised one unpolarised."""
+    if dr.is_matrix_v(value):
+        value = mi.unpolarized_spectrum(value)
+    array = np.array(value, dtype=float)
+    array = array.reshape(-1, 1) if dr.is_array_v(value) and not dr.is_jit_v(value) else np.atleast_2d(array)
+    return array if n is None else np.broadcast_to(array, (array.shape[0], n))
+
+
+def interaction(kind: Any, n: int, wavelengths: Any = None, /, **fields: Any) -> Any:
+    """Returns ``n`` interactions of a type of Mitsuba with some fields; without ``wavelengths``, these are fixed."""
+    found = dr.zeros(kind, n)
+    if mi.is_spectral:
+        found.wavelengths = mi.UnpolarizedSpectrum(450, 520, 590, 650) if wavelengths is None else wavelengths
+    for name, value in fields.items():
+        setattr(found, name, value)
+    return found
+
+
+def lit(spectrum: Any) -> Any:
+    """Whether a spectrum is above 0 in any channel."""
+    return dr.any(mi.unpolarized_spectrum(spectrum) > 0)

@@ -85,7 +85,6 @@ def compare(
     report: Report, test: str, values: dict[str, np.ndarray], expected: dict[str, np.ndarray], how: str
 ) -> None:
     """Adds whether two results of :func:`evaluate` agree; loosely for colours of variants that have other ones."""
-    strict, loose = {"tolerance": 0.02, "share": 0.15, "floor": 2e-3}, {"tolerance": 0.6, "share": 0.4, "floor": 0.05}
     grey = {name: np.ptp(v, axis=0).max() <= 0.01 * v.max() for name, v in expected.items()}
     exact = "mono" not in how and "spectral" not in how
     for name in expected.keys() & values.keys():
@@ -94,7 +93,8 @@ def compare(
             continue  # a density may depend on the luminance of colours
         if not exact and (len(a) != len(b) or not grey[name]):
             a, b = (mi.luminance(mi.Color3f(v)) if len(v) == 3 else v for v in (a, b))
-        report.equal(test, a, b, f"{name}, {how}", **(strict if exact or grey[name] else loose))
+        tolerance, share, floor = (0.02, 0.15, 2e-3) if exact or grey[name] else (0.6, 0.4, 0.05)
+        report.equal(test, a, b, f"{name}, {how}", tolerance=tolerance, share=share, floor=floor)
 
 
 def test_variants(subject: Subject, module: ModuleType, variants: list[str], report: Report) -> None:

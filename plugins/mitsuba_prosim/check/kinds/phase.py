@@ -54,7 +54,8 @@ def test_samples(subject: Subject, report: Report) -> None:
         place = where(wi, rows(wo, INPUTS))
         report.finite("weight", weight, place)
         report.unit("sampled directions", wo, place)
-        report.samples(weight, pdf, *phase.eval_pdf(ctx, medium(wi), wo), place)
+        value, stated = phase.eval_pdf(ctx, medium(wi), wo)
+        report.samples(weight, pdf, value, stated, place)
 
 
 def test_density(subject: Subject, report: Report) -> None:
@@ -88,7 +89,7 @@ def test_symmetry(subject: Subject, report: Report) -> None:
     phase, ctx, flag = subject.load(), mi.PhaseFunctionContext(), mi.PhaseFunctionFlags
     wi, wo = directions(INPUTS, 6), directions(INPUTS, 7)
     there, back = (rows(phase.eval_pdf(ctx, medium(a), mi.Vector3f(b))[0]) for a, b in ((wi, wo), (wo, wi)))
-    areas = [1.0, 1.0]
+    areas = [np.ones(1), np.ones(1)]
     if phase.flags() & int(flag.Microflake):
         areas = [rows(phase.projected_area(medium(one))) for one in (wi, wo)]
         largest = rows(phase.max_projected_area()).max()

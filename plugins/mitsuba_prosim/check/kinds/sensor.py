@@ -49,9 +49,8 @@ def test_crop(subject: Subject, report: Report) -> None:
         return  # it has no such film
     film = uniform(INPUTS, 2, 2)
     here, there = rays(part.sample_ray, film)[0], rays(whole.sample_ray, [[0.25], [0.2]] + film * [[0.5], [0.4]])[0]
-    limits = {"tolerance": 2e-3, "floor": 1e-3}
-    report.equal("a crop is a part of the whole", here.d, there.d, where(film), **limits)
-    report.equal("a crop is a part of the whole", here.o, there.o, where(film), **limits)
+    for a, b in ((here.d, there.d), (here.o, there.o)):
+        report.equal("a crop is a part of the whole", a, b, where(film), tolerance=2e-3, floor=1e-3)
 
 
 def test_projection(subject: Subject, report: Report) -> None:
@@ -62,8 +61,8 @@ def test_projection(subject: Subject, report: Report) -> None:
     found = (rows(weight, INPUTS) > 0).any(axis=0)
     report.require("points of rays are seen", found, where(film), share=0.02)
     place = rows(ds.uv, INPUTS) / np.array(sensor.film().crop_size(), dtype=float)[:, None]
-    test, limits = "sample_direction() inverts sample_ray()", {"tolerance": 5e-3, "share": 0.02}
-    report.equal(test, place, film, where(film), on=found, **limits)
+    test = "sample_direction() inverts sample_ray()"
+    report.equal(test, place, film, where(film), on=found, tolerance=5e-3, share=0.02)
 
 
 TESTS = test_rays, test_crop, test_projection

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from manifold3d import Manifold, Mesh64
 
-from ..garbage_collection import garbage_collection_paused
+from ..language.analysis import garbage_collection_paused
 from ..language.document import Document
 from ..model import Leaf
 from ..view import Camera

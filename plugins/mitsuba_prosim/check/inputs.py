@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import drjit as dr
@@ -46,3 +47,17 @@ def interaction(kind: Any, n: int, wavelengths: Any = None, /, **fields: Any) ->
 def lit(spectrum: Any) -> Any:
     """Whether a spectrum is above 0 in any channel."""
     return dr.any(mi.unpolarized_spectrum(spectrum) > 0)
+
+
+def contexts(plugin: Any, kind: Any) -> Iterator[tuple[str, Any, int]]:
+    """Yields the name, the context of the type ``kind``, and the flags of the whole plugin, and of each component."""
+    yield "", kind(), plugin.flags()
+    for i in range(plugin.component_count() if plugin.component_count() > 1 else 0):
+        ctx = kind()
+        ctx.component = i
+        yield f"component {i}, ", ctx, plugin.flags(i)
+
+
+def place(name: str, p: Any) -> Callable[[int], str]:
+    """Returns a function that describes point i of ``p``, shape (2 or 3, n)."""
+    return lambda i: f"{name} ({', '.join(f'{x:.3f}' for x in rows(p)[:, i])})"

@@ -97,10 +97,10 @@ def compare(
         report.equal(test, a, b, f"{name}, {how}", tolerance=tolerance, share=share, floor=floor)
 
 
-def test_variants(subject: Subject, module: ModuleType, variants: list[str], report: Report) -> None:
+def test_variants(subject: Subject, module: ModuleType, report: Report) -> None:
     """The plugin returns the same values in all variants."""
     expected = evaluate(module, ready(module, subject.load()))
-    for variant in variants:
+    for variant in other_variants(mi.variant() or ""):
         with subject.other_variant(variant):
             try:
                 plugin = ready(module, subject.load())
@@ -198,3 +198,6 @@ def test_extremes(subject: Subject, module: ModuleType, report: Report) -> None:
                 continue
             right = [np.isfinite(v).all() and (v >= -0.05 * v.max()).all() for v in found.values()]
             report.require("finite with extreme parameters", right, f"{name} = {extreme}")
+
+
+TESTS = test_updates, test_derivatives, test_extremes, test_variants

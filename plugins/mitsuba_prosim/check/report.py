@@ -63,15 +63,16 @@ class Report:
 
     def equal(
         self, test: str, values: Any, expected: Any, where: Any = None, *, on: Any = True, worst: str = FAILS,
-        tolerance: float = 0.02, floor: float = 1e-4, share: float = 0.005,
+        **limits: float,
     ) -> None:  # fmt: skip
         """Adds the result of comparing two arrays of shape (..., n), or values of Dr.Jit, in the columns ``on``.
 
-        Values differ if their difference is above ``tolerance`` times the larger one, and above ``floor`` times the
-        mean of ``expected``. Not more than the ``share`` of the columns may differ, because a few inputs lie where
-        single precision is coarse. ``where`` is a text, or a function that describes column i. ``worst`` is the verdict
-        if too many differ.
+        Values differ if their difference is above ``tolerance`` (0.02) times the larger one, and above ``floor`` (1e-4)
+        times the mean of ``expected``. Not more than the ``share`` (0.005) of the columns may differ, because a few
+        inputs lie where single precision is coarse. ``where`` is a text, or a function that describes column i.
+        ``worst`` is the verdict if too many differ.
         """
+        tolerance, floor, share = ({"tolerance": 0.02, "floor": 1e-4, "share": 0.005} | limits).values()
         values, expected, _ = np.broadcast_arrays(rows(values), rows(expected), on)
         both = ~np.isfinite(values) & ~np.isfinite(expected)  # another test reports these
         values, expected = np.where(both, 0, values), np.where(both, 0, expected)
@@ -182,13 +183,9 @@ def _picture(result: Result, path: Path) -> Path:
     figure = Figure(figsize=(12, 3), layout="constrained")
     figure.suptitle(f"{result.test}: {result.where}")
     limit = max(float(np.quantile(density, 0.999)), 1e-6)
-    for axes, title, values, low in zip(
-        figure.subplots(1, 3),
-        ("density (pdf)", "histogram (sample)", "histogram - density"),
-        (density, histogram, histogram - density),
-        (0, 0, -limit),
-    ):
-        image = axes.imshow(values, vmin=low, vmax=limit, cmap="coolwarm" if low else "viridis", aspect="auto")
+    images = {"density (pdf)": density, "histogram (sample)": histogram, "histogram - density": histogram - density}
+    for axes, (title, values) in zip(figure.subplots(1, 3), images.items()):
+        image = axes.imshow(values, vmin=min(0, values.min()), vmax=limit, aspect="auto")
         axes.set(title=title, xlabel="first coordinate", ylabel="second coordinate")
         figure.colorbar(image, ax=axes)
     figure.savefig(path, dpi=100)

@@ -50,22 +50,20 @@ def check(
     *,
     node: int = 0,
     modules: Sequence[str] = (),
-    variants: Sequence[str] | None = None,
     begun: Callable[[str], None] = lambda test: None,
 ) -> Report:
-    """Tests a plugin in the active variant, and compares it with other ``variants``; returns the report.
+    """Tests a plugin in the active variant, and compares it with other variants; returns the report.
 
     ``source``, ``node`` and ``modules`` are those of :class:`.Subject`. If ``kind`` is not None, a plugin of another
-    kind raises TypeError. Without ``variants``, all variants of this machine that differ in their colours are compared.
-    ``begun`` is called with the name of each test when it begins. Raises Mitsuba's errors for a plugin that cannot be
-    loaded.
+    kind raises TypeError. ``begun`` is called with the name of each test when it begins. Raises Mitsuba's errors for a
+    plugin that cannot be loaded.
     """
     subject = Subject(source, node, modules)
     found = kind_of(subject.load())
     if kind is not None and found != kind:
         raise TypeError(f"{subject.name} is a plugin of the kind {found}, not {kind}")
     report = Report(subject.name, found)
-    for name, test in tests(subject, found, variants):
+    for name, test in tests(subject, found):
         begun(name)
         try:
             test(report)
@@ -87,19 +85,15 @@ def _failed(report: Report, name: str, error: Exception) -> None:
     report.add(name, SKIPPED if missing else FAILS, text if missing else f"{type(error).__name__}: {text}")
 
 
-def tests(
-    subject: Subject, kind: str, variants: Sequence[str] | None
-) -> Iterator[tuple[str, Callable[[Report], None]]]:
+def tests(subject: Subject, kind: str) -> Iterator[tuple[str, Callable[[Report], None]]]:
     """Yields the name and the function of each test of a kind of plugins."""
     module = importlib.import_module(f"{__package__}.kinds.{kind}")
     for test in module.TESTS:
         yield _name(test), partial(test, subject)
     if not hasattr(module, "values"):
         return
-    for again in (reloading.test_updates, reloading.test_derivatives, reloading.test_extremes):
+    for again in reloading.TESTS:
         yield _name(again), partial(again, subject, module)
-    others = reloading.other_variants(mi.variant() or "") if variants is None else list(variants)
-    yield _name(reloading.test_variants), partial(reloading.test_variants, subject, module, others)
 
 
 def _name(test: Callable) -> str:

@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..inputs import directions, interaction, lit, rows, uniform
+from ..inputs import contexts, directions, interaction, lit, rows, uniform
 from ..report import FAILS, NOTE, OK, Report
 from ..statistics import chi_squared, mean_is
 from ..subject import Subject
@@ -71,15 +71,6 @@ def angles(wi: np.ndarray, wo: np.ndarray) -> str:
     return f"wi {theta[0]:.1f}°, wo {theta[1]:.1f}°, azimuth {phi:.0f}°"
 
 
-def components(bsdf: Any) -> Iterator[tuple[str, Any, int]]:
-    """Yields the name, the context and the flags of the whole, and of each component alone."""
-    yield "", mi.BSDFContext(), bsdf.flags()
-    for i in range(bsdf.component_count() if bsdf.component_count() > 1 else 0):
-        ctx = mi.BSDFContext()
-        ctx.component = i
-        yield f"component {i}, ", ctx, bsdf.flags(i)
-
-
 def incidences(bsdf: Any) -> Iterator[tuple[str, Any, Any]]:
     """Yields the name, the direction wi and uv of each incidence of a statistical test."""
     two_sided = bsdf.flags() & int(mi.BSDFFlags.BackSide | mi.BSDFFlags.Transmission)
@@ -114,7 +105,7 @@ def test_weights(subject: Subject, report: Report) -> None:
     """weight = eval() / pdf(), and eval_pdf() and eval_pdf_sample() agree with the others, in each context."""
     bsdf = subject.load()
     importance = "importance, ", mi.BSDFContext(mi.TransportMode.Importance), 0
-    for name, ctx, _ in [*components(bsdf), importance]:
+    for name, ctx, _ in [*contexts(bsdf, mi.BSDFContext), importance]:
         q = Queries(bsdf, ctx)
         drawn, wo = mi.Vector3f(q.wo), mi.Vector3f(q.out)
         where, sampled = (lambda i, f=f, name=name: name + f(i) for f in (q.where, q.sampled))
@@ -130,7 +121,7 @@ def test_weights(subject: Subject, report: Report) -> None:
 def test_density(subject: Subject, report: Report) -> None:
     """Directions of sample() have the density of pdf(), where the BSDF is not black."""
     bsdf, delta = subject.load(), int(mi.BSDFFlags.Delta)
-    for name, ctx, flags in components(bsdf):
+    for name, ctx, flags in contexts(bsdf, mi.BSDFContext):
         for angle, wi, uv in incidences(bsdf) if flags & int(mi.BSDFFlags.Smooth) else ():
 
             def sample(u: Any, ctx: Any = ctx, wi: Any = wi, uv: Any = uv) -> tuple[Any, Any]:
@@ -228,7 +219,7 @@ def test_sampled_types(subject: Subject, report: Report) -> None:
 def test_components(subject: Subject, report: Report) -> None:
     """The values of the components add up to the whole."""
     bsdf = subject.load()
-    q, ctxs = Queries(bsdf), [ctx for name, ctx, _ in components(bsdf) if name]
+    q, ctxs = Queries(bsdf), [ctx for name, ctx, _ in contexts(bsdf, mi.BSDFContext) if name]
     parts = [rows(bsdf.eval(ctx, q.si, mi.Vector3f(q.out)), INPUTS) for ctx in ctxs]
     if not all(np.allclose(part, q.value) for part in parts):  # a BSDF may ignore the context's component
         report.equal("components add up to the whole", sum(parts), q.value, q.where)

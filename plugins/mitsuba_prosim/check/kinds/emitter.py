@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..inputs import directions, interaction, lit, rows, uniform
+from ..inputs import directions, interaction, lit, place, rows, uniform
 from ..report import NOTE, SKIPPED, Report
 from ..statistics import chi_squared, welch
 from ..subject import Subject
@@ -140,7 +140,7 @@ def test_directions(subject: Subject, report: Report) -> None:
         it = point(receivers(lamp, INPUTS, 2))
         ds, d, weight = aimed(lamp, it, INPUTS, 4)
         pdf, found = rows(ds.pdf, INPUTS), (weight > 0).any(axis=0)
-        where = lambda i, p=it.p, lamp=lamp: f"{lamp.name} from {rows(p)[:, i].round(2)}"  # noqa: E731
+        where = place(f"{lamp.name} from", it.p)
         report.finite("weight", weight, where, on=pdf[0] > 0, least=-0.05 * np.nanmax(weight))  # a fit may be below 0
         report.unit("sampled directions", d, where, on=found)
         report.require("ds.delta is the flag", rows(ds.delta, INPUTS) == lamp.ideal, where, on=found)
@@ -163,8 +163,8 @@ def test_directions(subject: Subject, report: Report) -> None:
 def test_density(subject: Subject, report: Report) -> None:
     """Directions of sample_direction() have the density of pdf_direction(), from two places."""
     for lamp in lamps(subject):
-        for place in rows(receivers(lamp, 2, 11)).T if not lamp.ideal else ():
-            p = mi.Point3f(*map(float, place))
+        for receiver in rows(receivers(lamp, 2, 11)).T if not lamp.ideal else ():
+            p = mi.Point3f(*map(float, receiver))
             dr.make_opaque(p)
 
             def sample(u: Any, lamp: Lamp = lamp, p: Any = p) -> tuple[Any, Any]:
@@ -177,7 +177,7 @@ def test_density(subject: Subject, report: Report) -> None:
                 bright = hit & lit(lamp.emitter.eval(si, hit))
                 return dr.select(bright, lamp.emitter.pdf_direction(it, ds, hit), 0)
 
-            where = f"{lamp.name} from {place.round(2)}"
+            where = f"{lamp.name} from {receiver.round(2)}"
             chi_squared(report, "samples follow pdf_direction()", where, sample, pdf, dimensions=2)
 
 
@@ -195,8 +195,14 @@ def test_light(subject: Subject, report: Report) -> None:
         si, hit, ds = seen(lamp, it, d)
         hit &= everywhere | mi.Bool((aim > 0).any(axis=0))  # samples on the dark side of a lamp do not count
         density = 0.5 / (4 * np.pi) + 0.5 * dr.select(hit, lamp.emitter.pdf_direction(it, ds, hit), 0)
-        value, place = dr.select(hit, lamp.emitter.eval(si, hit), 0) / density, rows(p) - lamp.centre[:, None]
-        octants(report, "light by sampling = light by rays", lamp, (weight, place), (rows(value, SAMPLES), place))
+        value, from_centre = dr.select(hit, lamp.emitter.eval(si, hit), 0) / density, rows(p) - lamp.centre[:, None]
+        octants(
+            report,
+            "light by sampling = light by rays",
+            lamp,
+            (weight, from_centre),
+            (rows(value, SAMPLES), from_centre),
+        )
 
 
 def test_flux(subject: Subject, report: Report) -> None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..inputs import directions, interaction, rows, uniform
+from ..inputs import contexts, directions, interaction, rows, uniform
 from ..report import Report
 from ..statistics import chi_squared, mean_is
 from ..subject import Subject
@@ -37,19 +37,10 @@ def where(wi: np.ndarray, wo: np.ndarray) -> Callable[[int], str]:
     return lambda i: f"angle {np.degrees(np.arccos(np.clip(wi[:, i] @ wo[:, i], -1, 1))):.1f}°"
 
 
-def contexts(phase: Any) -> Iterator[tuple[str, Any]]:
-    """Yields the contexts of the whole phase function, and of each component alone."""
-    yield "", mi.PhaseFunctionContext()
-    for i in range(phase.component_count() if phase.component_count() > 1 else 0):
-        ctx = mi.PhaseFunctionContext()
-        ctx.component = i
-        yield f"component {i}, ", ctx
-
-
 def test_samples(subject: Subject, report: Report) -> None:
     """Weights, densities and directions of samples fit eval_pdf()."""
     phase, u, wi = subject.load(), uniform(INPUTS, 3, 2), directions(INPUTS, 3)
-    for _, ctx in contexts(phase):
+    for _, ctx, _ in contexts(phase, mi.PhaseFunctionContext):
         wo, weight, pdf = phase.sample(ctx, medium(wi), mi.Float(u[0]), mi.Point2f(u[1:]))
         place = where(wi, rows(wo, INPUTS))
         report.finite("weight", weight, place)
@@ -61,7 +52,7 @@ def test_samples(subject: Subject, report: Report) -> None:
 def test_density(subject: Subject, report: Report) -> None:
     """Directions of sample() have the density of eval_pdf()."""
     phase = subject.load()
-    for name, ctx in contexts(phase):
+    for name, ctx, _ in contexts(phase, mi.PhaseFunctionContext):
         for direction in INCIDENCES:
             wi = mi.Vector3f(*direction)
             dr.make_opaque(wi)

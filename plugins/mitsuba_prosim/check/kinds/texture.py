@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..inputs import interaction, rows, uniform
+from ..inputs import interaction, place, rows, uniform
 from ..report import Report
 from ..statistics import chi_squared
 from ..subject import Subject
@@ -33,11 +32,6 @@ def colours(texture: Any, uv: np.ndarray) -> np.ndarray:
     return rows(texture.eval(at(uv)), uv.shape[1])
 
 
-def where(uv: np.ndarray) -> Callable[[int], str]:
-    """The place of input i."""
-    return lambda i: f"uv ({uv[0, i]:.3f}, {uv[1, i]:.3f})"
-
-
 def nearest(found: np.ndarray, value: np.ndarray) -> np.ndarray:
     """The mean or the luminance of colours, whatever is nearer; a plugin may return either."""
     means = [value.mean(axis=0), mi.luminance(mi.Color3f(value)) if len(value) == 3 else value[0]]
@@ -48,11 +42,11 @@ def test_methods(subject: Subject, report: Report) -> None:
     """eval_3() is eval(); eval_1() is eval() where it is grey, and its luminance elsewhere."""
     texture, uv = subject.load(), uniform(INPUTS, 2)
     value = colours(texture, uv)
-    report.require("eval() is finite", np.isfinite(value), where(uv))
+    report.require("eval() is finite", np.isfinite(value), place("uv", uv))
     one = rows(texture.eval_1(at(uv)), INPUTS)[0]
-    report.equal("eval_1() = eval()", one, nearest(one, value), where(uv))
+    report.equal("eval_1() = eval()", one, nearest(one, value), place("uv", uv))
     if "rgb" in (mi.variant() or ""):
-        report.equal("eval_3() = eval()", texture.eval_3(at(uv)), value, where(uv))
+        report.equal("eval_3() = eval()", texture.eval_3(at(uv)), value, place("uv", uv))
 
 
 def test_gradient(subject: Subject, report: Report) -> None:
@@ -62,7 +56,9 @@ def test_gradient(subject: Subject, report: Report) -> None:
     right, left, up, down = (rows(texture.eval_1(at(shift)), INPUTS) for shift in shifts)
     difference = np.concatenate([right - left, up - down]) / (2 * h)
     gradient = texture.eval_1_grad(at(uv))
-    report.equal("eval_1_grad() = differences", gradient, difference, where(uv), tolerance=0.05, share=0.25, floor=0.05)
+    report.equal(
+        "eval_1_grad() = differences", gradient, difference, place("uv", uv), tolerance=0.05, share=0.25, floor=0.05
+    )
 
 
 def test_mean_and_max(subject: Subject, report: Report) -> None:
@@ -107,7 +103,7 @@ def test_transform(subject: Subject, report: Report) -> None:
     except (RuntimeError, TypeError):
         return
     inside = (uv * [[0.5], [0.3]]).astype(np.float32)
-    report.equal("to_uv scales uv", colours(moved, uv), colours(texture, inside), where(uv), share=0.03)
+    report.equal("to_uv scales uv", colours(moved, uv), colours(texture, inside), place("uv", uv), share=0.03)
 
 
 def test_wavelengths(subject: Subject, report: Report) -> None:

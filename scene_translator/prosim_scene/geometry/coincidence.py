@@ -52,8 +52,6 @@ def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray, low: np.ndarray, h
         """Whether the faces ``first[i]`` and ``second[i]`` have equal surfaces, for each i. Two surfaces are compared
         in the space of the larger primitive.
         """
-        result = np.asarray(np.abs(features[first] - features[second]).max(axis=1) < NEAR)  # excludes most pairs
-        first, second = first[result], second[result]
         large = np.where(sizes[first] < sizes[second], second, first)
         small = first + second - large
         relative = np.zeros((len(small), 4, 4))  # from the space of the small primitive to that of the large one
@@ -62,10 +60,11 @@ def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray, low: np.ndarray, h
         relative[:, 3, 3] = 1
         compared = np.stack([relative.transpose(0, 2, 1) @ quadrics[large] @ relative, quadrics[small]])
         compared /= np.linalg.norm(compared, axis=(2, 3), keepdims=True)
-        result[result] = np.abs(compared[0] - compared[1]).max(axis=(1, 2)) < SAME
-        return result
+        return np.asarray(np.abs(compared[0] - compared[1]).max(axis=(1, 2)) < SAME)
 
-    group = components(low, high, equal)
+    # An offset along x separates the boxes of different surfaces, so one call finds the components of all surfaces.
+    offset = np.outer(_clusters(features) * 2 * np.ptp([low[:, 0], high[:, 0]]), [1, 0, 0])
+    group = components(low + offset, high + offset, equal)
     order = np.argsort(-sizes, kind="stable")
     _, largest = np.unique(group[order], return_index=True)
     _, number = np.unique(group, return_inverse=True)
@@ -85,6 +84,19 @@ def _features(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     world /= np.linalg.norm(world[:, :3, :3], axis=(1, 2))[:, None, None]
     row, column = np.triu_indices(4)
     return np.asarray(world[:, row, column])
+
+
+def _clusters(rows: np.ndarray) -> np.ndarray:
+    """Returns a label for each row of a table: rows that differ by at most NEAR in every column have the same label."""
+    label = np.zeros(len(rows), int)
+    count = 0
+    while count < label.max() + 1:
+        count = label.max() + 1
+        for column in rows.T:
+            order = np.lexsort([column, label])
+            new = (np.diff(label[order]) != 0) | (np.diff(column[order]) > NEAR)
+            label[order] = np.concatenate([[0], np.cumsum(new)])
+    return label
 
 
 THICKNESS = 2.0**-26  # the largest distance of coincident facets, relative to the scene's size (a power of two)

@@ -83,7 +83,8 @@ class Leaves:
         self.of_primitive = group_equal(s.primitive for s in self.solids)
 
     def _find_shared_surfaces(self, cuts_several_media: np.ndarray) -> None:
-        """Sets ``surfaces`` and ``facet_map`` of each :class:`.Solid` that shares surfaces with other solids.
+        """Sets ``surfaces`` and ``facet_map`` of each :class:`.Solid` that shares surfaces with other solids, and
+        merges equal solids.
 
         A solid of several leaves, or of a leaf that cuts several media, has shared surfaces even if no other solid has
         them.
@@ -105,6 +106,12 @@ class Leaves:
             s.surfaces = surfaces if len(surfaces) else s.surfaces
             if s.curved_surface >= 0 and (owner := self.solids[solid[s.curved_surface]]) is not s:
                 s.facet_map = np.linalg.solve(s.to_world, owner.to_world)
+        # Solids of a primitive are equal if all their faces lie on the same shared surfaces.
+        keys = [(s.primitive, *sorted(s.surfaces)) if min(s.surfaces) >= 0 else i for i, s in enumerate(self.solids)]
+        numbers = {key: i for i, key in enumerate(dict.fromkeys(keys))}
+        renumbered = np.array([numbers[key] for key in keys])
+        self.solids = [self.solids[i] for i in np.unique(renumbered, return_index=True)[1]]
+        self.of_leaf = renumbered[self.of_leaf]
 
     def cache_key(self) -> Hashable:
         """Returns a hashable key of this object; two :class:`Leaves` objects with equal keys have equal tables."""

@@ -21,6 +21,8 @@ from .primitives import Primitive
 from .solids import Solid, world_box_corners
 
 INSIDE = 1e-6  # how far a face that touches another face from inside may be outside, relative to the outer face
+#: Maximum number of enclosing solids that are stored for a solid: one is enough to leave it out, and more take memory.
+MAX_ENCLOSING = 64
 BATCH = 1 << 16  # the number of pairs of a solid and a tangent plane that are tested at a time
 FEW = 16  # about this number of tangent planes of a face are tested first, which excludes most pairs
 STEPS = 16  # the number of steps that improve a tangent plane
@@ -70,7 +72,8 @@ def first_on_surface(solids: Sequence[Solid]) -> np.ndarray:
 
 
 def find_contacts(solids: Sequence[Solid]) -> Contacts:
-    """Returns the contacts of curved faces. The attribute ``segments`` of all solids must be set before.
+    """Returns the contacts of curved faces, and adds to the set ``enclosing`` of each ball other balls that enclose it.
+    The attribute ``segments`` of all solids must be set before.
 
     A ball may touch any curved face from inside, and a cylinder may touch a parallel cylinder. Other contacts are rims,
     where a gap would look like a wall.
@@ -79,7 +82,12 @@ def find_contacts(solids: Sequence[Solid]) -> Contacts:
     order = _order(solids)[first]
     found = [[np.empty(0, int), np.empty(0, int), np.empty(0), np.empty(0)]]
     for inner, outer, relative, normals in _enclosed(solids, order):
-        reach, gain = _reach(solids[outer[0]].primitive, relative, normals)
+        primitive = solids[outer[0]].primitive
+        reach, gain = _reach(primitive, relative, normals)
+        spread = np.linalg.norm(relative[..., :3], 2, (1, 2)) + np.linalg.norm(relative[..., 3], axis=1)
+        for i, j in zip(*(a[spread <= 1].tolist() for a in (inner, outer))) if primitive.axes == 3 else ():
+            if len(solids[i].enclosing) < MAX_ENCLOSING:
+                solids[i].enclosing.add(solids[j])
         near = 1 - (LONGEST + 1) * np.array([1 - solids[j].inradius for j in outer])
         touches = (reach > near) & (reach <= 1 + INSIDE)
         found.append([column[touches] for column in (first[inner], first[outer], reach, gain)])

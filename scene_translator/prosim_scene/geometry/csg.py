@@ -6,17 +6,22 @@ medium (opaque, or a kind of dielectric). The solid of a medium consists of the 
 media can only cut this solid. If two operands share surfaces, their facets on the shared surfaces are moved apart
 before the Boolean operation (see :mod:`.coincidence`).
 
-Operators + and - that follow each other in the CSG tree form a chain, such as A + B - C + D, which is evaluated from
-left to right. Operands with the same sign that follow each other are united first: A - B - C is A - (B + C).
+Operators + and - that follow each other in the CSG tree form a chain, such as A + B - C + D. A leaf of a chain that
+lies inside another leaf of the chain has no effect, and is left out; if the chain has a -, the other leaf must come
+later. If few bodies of a chain touch, each added body is cut by the subtracted bodies that come later in the chain, and
+the result of the chain is the union of the cut bodies. If many bodies of a chain touch, the chain is divided into
+halves: its result is X - S + P, where X is the result of the first half, S are the subtracted bodies of the second
+half, and P is the result of the second half alone. If X - S + P would have faces with wrong owners, the bodies of the
+second half are added to X and subtracted from X one after the other.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from itertools import groupby
-from operator import itemgetter
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -24,7 +29,8 @@ from manifold3d import Error, Manifold, OpType
 
 from ..model import Leaf, Operator
 from .coincidence import Planes
-from .grouping import touch
+from .grouping import sweep, touching
+from .solids import Solid
 
 T = TypeVar("T")
 #: A CSG tree in prefix order: the symbols of its operators, and the numbers of its leaves.
@@ -76,15 +82,23 @@ def count_cut_media(tree: Tree, media_of: Sequence[int]) -> np.ndarray:
 class Body:
     """A solid of one medium: a leaf of the CSG tree, or the result of Boolean operations.
 
-    ``manifold()`` returns the mesh of the body. ``box`` (2, 3) has the minimum and the maximum corner of a box that
-    contains the body. ``surfaces`` are the numbers of the shared surfaces on which faces of the body may lie.
-    ``planes`` are all planes of the scene on which facets of several bodies may lie.
+    ``manifold()`` returns the mesh of the body. ``boxes`` (n, 10, 3) has 10 points for each of the n leaves of the
+    body: the minimum and the maximum corner of the leaf's box along the axes of the world, and the eight corners of the
+    primitive's own box, transformed to the world. ``surfaces`` are the numbers of the shared surfaces on which faces of
+    the body may lie. ``planes`` are all planes of the scene on which facets of several bodies may lie. The attribute
+    ``solid`` of a leaf is the same object for equal leaves; ``solid`` is None for the result of an operation.
     """
 
     manifold: Callable[[], Manifold]
-    box: np.ndarray
+    boxes: np.ndarray
     surfaces: frozenset[int]
     planes: Planes
+    solid: Solid | None = None
+
+    @cached_property
+    def box(self) -> np.ndarray:
+        """The bounding box (2, 3) of the body along the axes of the world: the minimum and the maximum corner."""
+        return np.stack([self.boxes[:, 0].min(axis=0), self.boxes[:, 1].max(axis=0)])
 
 
 def checked(manifold: Manifold) -> Manifold:
@@ -152,7 +166,8 @@ class _Chain:
         ``other`` are changed, so the caller cannot use them again.
         """
         if symbol == "*":
-            return _Chain(_combined([self.value(), other.value()], OpType.Intersect))
+            first = self.value()
+            return _Chain(_combined([first, other.value()], OpType.Intersect, [first]))
         right = _Chain(other.value()) if other.has_minus else other
         if symbol == "+" and not self.has_minus and len(self.operands) < len(right.operands):
             right.operands.extendleft(reversed(self.operands))
@@ -162,29 +177,106 @@ class _Chain:
         return self
 
     def value(self) -> Body:
-        """Evaluates the chain from left to right, and returns the resulting body. Operands that follow each other and
-        have the same sign are united first.
+        """Evaluates the chain, and returns the resulting body.
+
+        If the chain has a -, a leaf is left out if a later leaf of the chain encloses it, unless the leaf is the first
+        operand of the chain.
         """
-        result: Body | None = None
-        for sign, run in groupby(self.operands, itemgetter(0)):
-            bodies = [body for _, body in run]
-            result = difference(result, bodies) if sign == "-" and result else union([result, union(bodies)])
+        if not self.has_minus:
+            result = union(body for _, body in self.operands)
+        else:
+            last = {body.solid: i for i, (_, body) in enumerate(self.operands)}
+
+            def enclosed(i: int, body: Body) -> bool:
+                """Whether a later leaf of the chain encloses the chain's operand ``i``, the leaf ``body``."""
+                return body.solid is not None and any(last.get(outer, -1) > i for outer in body.solid.enclosing)
+
+            operands = enumerate(self.operands)
+            result, _ = evaluate_chain(
+                [(sign, body) for i, (sign, body) in operands if i == 0 or not enclosed(i, body)]
+            )
         assert result
         return result
+
+
+def evaluate_chain(operands: list[Operand]) -> tuple[Body | None, list[Body]]:
+    """Evaluates a part of a chain of + and -. Returns the resulting body, and a list of bodies whose union is the union
+    of all subtracted bodies of the part.
+
+    ``operands`` are applied one after the other to the empty solid; the resulting body is None if no operand has the
+    sign +. If few operands touch, each added body is cut by the later subtracted bodies that touch the added body. If
+    many operands touch, the operands are divided into halves.
+    """
+    subtracted = [body for sign, body in operands if sign == "-"]
+    boxes = np.array([body.box for body in subtracted]).reshape(-1, 2, 3)
+    passed = np.cumsum([sign == "-" for sign, _ in operands])  # the number of subtracted bodies before each added body
+    cuts = [(body, n + touching(boxes[n:], body.box)) for (sign, body), n in zip(operands, passed) if sign == "+"]
+    if sum(len(cutters) for _, cutters in cuts) <= len(operands) and _divisible(operands, True):
+        return union(difference(body, [subtracted[i] for i in cutters]) for body, cutters in cuts), subtracted
+    changes = [i for i in range(2, len(operands)) if operands[i - 1][0] == "+" and operands[i][0] == "-"]
+    middle = changes[len(changes) // 2]
+    (first, cut_first), later = evaluate_chain(operands[:middle]), operands[middle:]
+    if first and not _divisible([("+", first), *later]):
+        result, cut = evaluate_chain([("+", first), *later])
+        return result, [*cut_first, *cut]
+    added, cut = evaluate_chain(later)
+    cut = [body for body in [union(cut)] if body]  # one body, which the caller uses again
+    rest = first and difference(first, cut)
+    return union([rest, added]), [*cut_first, *cut]
+
+
+def _divisible(operands: list[Operand], all_faces: bool = False) -> bool:
+    """Whether each face of a chain's result gets the right owner if each added body of the chain is cut separately. The
+    owner of a face is the leaf whose material the face gets.
+
+    An example of a wrong owner: A + B - C, where B covers a face of A, and C has a face on the same surface and
+    uncovers the covered face of A. If A + B - C is evaluated from left to right, C owns the uncovered face. If A is cut
+    by C separately, the face of A was never covered, and A owns the face. A wrong owner is impossible if all bodies
+    that touch C are on one side of the surface. Not only a face of the first body can be covered and uncovered, but
+    also a face of a subtracted body; and if ``all_faces``, the face of any added body.
+    """
+    (_, first), *later = operands
+    boxes = np.concatenate([first.boxes, *(body.boxes for sign, body in later if sign == "+")])
+    surfaces, end = set(first.surfaces), len(first.boxes)  # of faces, and of boxes, in earlier operations
+    for sign, body in later:
+        if sign == "-" and (common := surfaces & body.surfaces):
+            near = touching(boxes[:end], body.box)
+            if (near >= len(first.boxes)).any() and not first.planes.one_sided(common, boxes[near]):
+                return False
+        if sign == "+":
+            end += len(body.boxes)
+        if sign == "-" or all_faces:
+            surfaces |= body.surfaces
+    return True
+
+
+CROWDED = 8  # a union is divided if each body touches more than twice this number of other bodies, on average
 
 
 def union(bodies: Iterable[Body | None]) -> Body | None:
     """Returns the union of bodies, or None if all are None. If bodies have a common face, the first of these bodies
     owns the face.
 
-    A union of bodies that share no surface is one operation of manifold3d. Other bodies are divided into halves.
+    A leaf that lies inside another leaf is left out. A union of bodies that share no surface is one operation of
+    manifold3d if few of the bodies touch. If many of the bodies touch, the bodies are sorted along the axis (x, y or z)
+    on which their centres lie farthest apart, because the unions of neighbours have few triangles. Bodies that share
+    surfaces, and many bodies that touch, are divided into halves; if the first body has more leaves than all other
+    bodies together, the first body is one part, and the other bodies are the second part.
     """
-    distinct = [body for body in bodies if body]
+    solids: dict[Solid | None, Body] = {}
+    distinct = [body for body in bodies if body and (body.solid is None or solids.setdefault(body.solid, body) is body)]
+    distinct = [body for body in distinct if not body.solid or body.solid.enclosing.isdisjoint(solids)]
     if len(distinct) < 2:
         return distinct[0] if distinct else None
-    if len(distinct) == 2 or not _share_surfaces(distinct):
-        return _combined(distinct, OpType.Add)
-    middle = len(distinct) // 2
+    shared, boxes = _share_surfaces(distinct), np.array([body.box for body in distinct])
+    pairs = sum(len(first) for first, _ in sweep(boxes[:, 0], boxes[:, 1]))
+    if len(distinct) == 2 or (not shared and pairs <= CROWDED * len(distinct)):
+        return _combined(distinct, OpType.Add, distinct)
+    if not shared:
+        axis = np.ptp(boxes.sum(axis=1), axis=0).argmax()
+        distinct = [distinct[i] for i in np.argsort(boxes[:, :, axis].sum(axis=1))]
+    first, *others = (len(body.boxes) for body in distinct)  # the numbers of leaves
+    middle = 1 if first > sum(others) else len(distinct) // 2
     return union([union(distinct[:middle]), union(distinct[middle:])])
 
 
@@ -192,36 +284,67 @@ def difference(first: Body, others: Sequence[Body]) -> Body:
     """Returns the body ``first`` minus the bodies ``others``. If several of these bodies have a common face, the
     earliest of them owns the face.
     """
-    near = [body for body in others if touch(body.box, first.box)]
+    near = [body for body in others if len(touching(body.boxes, first.box))]
     if _share_surfaces([first, *near]) and (body := union(near)):
         near = [body]
-    return _combined([first, *near], OpType.Subtract) if near else first
+    return _combined([first, *near], OpType.Subtract, [first]) if near else first
 
 
 def remainder(first: Body, second: Body) -> Body:
     """Returns the second body minus the first body. On surfaces that both bodies share, the faces of the result belong
     to the first body.
     """
-    return _combined([first, second], None)
+    return _combined([first, second], None, [second])
 
 
-def _combined(bodies: Sequence[Body], operation: OpType | None) -> Body:
-    """Returns the body that results from a Boolean operation on ``bodies``.
+def _combined(bodies: Sequence[Body], operation: OpType | None, boxed: Sequence[Body]) -> Body:
+    """Returns the body that results from a Boolean operation on ``bodies``; the returned body gets the ``boxes`` of the
+    bodies ``boxed``.
 
     If ``operation`` is None, the result is the second body minus the first body. Bodies may share surfaces only if
     there are two bodies. On the surfaces that two bodies share, the first body grows before a union and before the
     operation None, and shrinks before a subtraction or an intersection; see :meth:`.Planes.separate`.
     """
     solids, planes = [body.manifold() for body in bodies], bodies[0].planes
-    if _share_surfaces(bodies) and touch(bodies[0].box, bodies[1].box):
+    if _share_surfaces(bodies) and len(touching(bodies[0].boxes, bodies[1].box)):
         first, second = solids
         solids = planes.separate(first, second, -1 if operation in (OpType.Subtract, OpType.Intersect) else 1)
     # Without the check, manifold3d would join this operation and the next one, and change the order of their operands.
     result = checked(Manifold.batch_boolean(solids if operation else solids[::-1], operation or OpType.Subtract))
-    box = np.reshape(result.bounding_box(), (2, 3)) + planes.thickness * np.array([[-1.0], [1.0]])
-    return Body(lambda: result, box, frozenset().union(*(body.surfaces for body in bodies)), planes)
+    boxes = np.concatenate([body.boxes for body in boxed])
+    return Body(lambda: result, boxes, frozenset().union(*(body.surfaces for body in bodies)), planes)
 
 
 def _share_surfaces(bodies: Sequence[Body]) -> bool:
     """Whether any two of the bodies have faces on a common surface."""
     return sum(len(body.surfaces) for body in bodies) > len(frozenset().union(*(body.surfaces for body in bodies)))
+
+
+MAX_NEIGHBOURS = 64  # a leaf's mesh is refined if more small solids than this touch it, per triangle
+REFINED_NEIGHBOURS = 32  # the approximate number of small solids per triangle of a refined mesh
+SMALL = 8  # a solid is small if its box has less than 1/8 of the volume of the other box
+
+
+def count_small_neighbours(boxes: np.ndarray) -> np.ndarray:
+    """Returns, for each of n boxes (n, 10, 3), the number of boxes that touch this box and have less than 1/8 of its
+    volume (see SMALL). The points of a box are those of ``Body.boxes``.
+    """
+    result = np.zeros(len(boxes), int)
+    size = (boxes[:, 1] - boxes[:, 0]).prod(axis=1)
+    for pair in sweep(boxes[:, 0], boxes[:, 1]):
+        for large, small in (pair, pair[::-1]):
+            np.add.at(result, large[size[small] < size[large] / SMALL], 1)
+    return result
+
+
+def refined(manifold: Manifold, small_neighbours: int) -> Manifold:
+    """Returns the mesh of a leaf, with shorter edges if many small solids touch the leaf, such as holes in a plate.
+
+    If n solids cut one triangle, manifold3d needs a time proportional to n² to triangulate the rest of the triangle.
+    """
+    if small_neighbours <= MAX_NEIGHBOURS * manifold.num_tri():
+        return manifold
+    box = manifold.bounding_box()
+    _, middle, longest = sorted(high - low for low, high in zip(box[:3], box[3:]))
+    by_area = math.sqrt(middle * longest * REFINED_NEIGHBOURS / small_neighbours)
+    return manifold.refine_to_length(max(by_area, longest * REFINED_NEIGHBOURS / small_neighbours))

@@ -20,11 +20,11 @@ import numpy as np
 
 from ..language.document import Document
 from ..view import Camera
-from .contacts import circumscribe, find_contacts
+from .contacts import MAX_ENCLOSING, circumscribe, find_contacts
 from .csg import Tree, fold, tree_of
-from .grouping import group_equal
+from .grouping import group_equal, sweep
 from .primitives import MAX_SEGMENTS, MIN_SEGMENTS
-from .solids import IDENTITY, Solid, unit_mesh
+from .solids import IDENTITY, Solid, unit_mesh, world_box_corners
 
 #: A bounding ball of an operand, the number of its first leaf, and the number after its last leaf.
 _Operand = tuple[np.ndarray, int, int]
@@ -110,6 +110,32 @@ def _lorentz(axis: np.ndarray, refinement: float) -> np.ndarray:
     """
     near, far = np.append(axis, 1), np.append(axis, -1)  # eigenvectors; each has the squared length 2
     return np.eye(4) + (refinement - 1) / 2 * np.outer(near, near) + (1 / refinement - 1) / 2 * np.outer(far, far)
+
+
+def find_enclosing(solids: Sequence[Solid]) -> None:
+    """Adds other solids to the set ``enclosing`` of each solid: those that contain the bounding box of the primitive.
+
+    Two solids that share a surface are excluded, because faces of the two solids may coincide. Solids of mesh files are
+    excluded, because the solid of a mesh file need not be convex.
+    At most :data:`MAX_ENCLOSING` enclosing solids of a solid are stored.
+    """
+    solids = [s for s in solids if len(s.primitive.quadrics)]
+    boxes = world_box_corners(solids)
+    to_local = np.linalg.inv(np.array([s.to_world for s in solids]).reshape(-1, 4, 4))
+    low, high = boxes.min(axis=1), boxes.max(axis=1)
+    for pairs in sweep(low, high):
+        inner, outer = np.concatenate([pairs, pairs[::-1]], axis=1)
+        within = ((low[outer] <= low[inner]) & (high[inner] <= high[outer])).all(axis=1)
+        for primitive, numbers in group_equal(s.primitive for s in solids).items():
+            a, b = (pair[within & np.isin(outer, numbers)] for pair in (inner, outer))
+            corners = boxes[a] @ to_local[b, :3, :3].transpose(0, 2, 1) + to_local[b, None, :3, 3]
+            inside = ((corners >= primitive.box[0]) & (corners <= primitive.box[1])).all(axis=(1, 2))
+            if primitive.curved is not None:
+                quadric = np.diag(primitive.quadrics[primitive.curved])
+                inside &= (corners**2 @ quadric[:3] + quadric[3] <= 0).all(axis=1)
+            for i, j in zip(a[inside].tolist(), b[inside].tolist()):
+                if len(solids[i].enclosing) < MAX_ENCLOSING and {*solids[i].surfaces} & {*solids[j].surfaces} <= {-1}:
+                    solids[i].enclosing.add(solids[j])
 
 
 ROUNDED = 1.02  # the error may exceed the tolerance by this factor: bounds of it are not exact

@@ -47,9 +47,11 @@ def sweep(low: np.ndarray, high: np.ndarray) -> Iterator[tuple[np.ndarray, np.nd
         begin = end
 
 
-def touch(first: np.ndarray, second: np.ndarray) -> bool:
-    """Whether two boxes (2, 3) touch or overlap."""
-    return bool((first[0] <= second[1]).all() and (second[0] <= first[1]).all())
+def touching(boxes: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """Returns the numbers, in ascending order, of those of the ``boxes`` (n, 2, 3) that touch or overlap ``box`` (2,
+    3).
+    """
+    return np.flatnonzero(((boxes[:, 0] <= box[1]) & (boxes[:, 1] >= box[0])).all(axis=1))
 
 
 def components(

@@ -9,7 +9,7 @@ import numpy as np
 from ..language.document import Document
 from ..view import Camera
 from .coincidence import THICKNESS, Planes, same_surfaces
-from .detail import choose_tessellations
+from .detail import choose_tessellations, find_enclosing
 from .grouping import group_equal
 from .primitives import PRIMITIVES, CornerAttributes, Cube, Primitive, box_corners, with_radius
 from .solids import Solid, world_box_corners
@@ -76,6 +76,7 @@ class Leaves:
         _bound_planes(self.solids, np.append(boxes.reshape(-1, 3), seen, axis=0))
         self._find_shared_surfaces(cuts_several_media)
         choose_tessellations(document, self.solids, self.of_leaf, camera, tolerance)
+        find_enclosing(self.solids)
         offset = np.pad(self.origin[:, None], ((0, 1), (3, 0)))
         for s in self.solids:
             s.to_world = s.to_world - offset

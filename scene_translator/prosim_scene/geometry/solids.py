@@ -24,7 +24,7 @@ class Solid:
     largest of these solids. The 4x4 matrix ``facet_map`` moves the facets of the curved face: it maps the space of the
     owner of a shared surface to the space of this solid, or concentrates the facets of a ball near a visible cap. The
     mesh of the curved face is multiplied by ``scale``, which is above 1 only if another solid touches the face from
-    inside.
+    inside. ``enclosing`` is a set of solids of the scene that contain the solid (64 at most).
     """
 
     primitive: Primitive
@@ -33,6 +33,7 @@ class Solid:
     surfaces: np.ndarray = field(default_factory=lambda: np.array([-1]))
     facet_map: np.ndarray = field(default_factory=lambda: IDENTITY)
     scale: float = 1.0
+    enclosing: set["Solid"] = field(default_factory=set)
 
     @cached_property
     def narrowest(self) -> float:

@@ -21,6 +21,7 @@ from .enclosure import warn_of_enclosure
 from .grouping import components
 from .leaves import Leaves
 from .primitives import CornerAttributes, Mesh, Primitive
+from .solids import world_box_corners
 
 
 class MeshKey(NamedTuple):
@@ -171,10 +172,12 @@ def _boundary(tree: csg.Tree, table: Leaves, media_of: list[int], fresnel: bool,
     """
     table.make_meshes()
     ids = OriginalIds(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
-    # For each leaf, the box of its mesh, enlarged by the thickness.
-    boxes = (table.boxes + table.thickness * np.array([[-1.0], [1.0]]))[table.of_leaf]
+    # For each leaf, the box of its mesh, enlarged by the thickness, and the eight corners of its rotated box.
+    boxes = table.boxes + table.thickness * np.array([[-1.0], [1.0]])
+    boxes = np.append(boxes, world_box_corners(table.solids), axis=1)[table.of_leaf]
     groups = components(boxes[:, 0], boxes[:, 1])
     alone = np.bincount(groups, minlength=len(groups)) == 1
+    small_neighbours = csg.count_small_neighbours(boxes)
 
     def body(number: int, medium: int) -> csg.Body | None:
         """Returns the solid of a leaf for the evaluation of the CSG tree for one ``medium``; None if the leaf has no
@@ -187,9 +190,11 @@ def _boundary(tree: csg.Tree, table: Leaves, media_of: list[int], fresnel: bool,
 
         @cache
         def mesh() -> Manifold:
-            return manifold(table.meshes[i], table.first[i], ids.id_of(number, medium))
+            """Returns the leaf's mesh for manifold3d, refined if many small solids touch the leaf."""
+            own = manifold(table.meshes[i], table.first[i], ids.id_of(number, medium))
+            return csg.refined(own, small_neighbours[number])
 
-        return csg.Body(mesh, boxes[number], surfaces, table.planes)
+        return csg.Body(mesh, boxes[number : number + 1], surfaces, table.planes, table.solids[i])
 
     bodies: dict[int, dict[int, csg.Body]] = {}
     for m in sorted(set(media_of)):

@@ -10,7 +10,7 @@ from prosim_start.group import prosim
 QUICK = [("bsdf", "pdf_too_large"), ("emitter", "point_ray_too_bright"), ("texture", "mean"), ("phase", "weight")]
 STOCK = (
     "diffuse dielectric roughconductor plastic roughplastic principled null point spot constant directional area "
-    "checkerboard srgb hg rayleigh isotropic prosim_lambertian prosim_phong prosim_conductor prosim_dielectric "
+    "checkerboard hg rayleigh isotropic prosim_lambertian prosim_phong prosim_conductor prosim_dielectric "
     "prosim_composite prosim_area prosim_point prosim_stripes"
 )
 

@@ -21,6 +21,7 @@ from .. import atomic
 from ..denoising import layers
 from ..denoising.final_image import FinalImage, denoised_progressive
 from ..denoising.halves import check
+from ..denoising.verdict import end_cause
 from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint, CheckpointWriter
 from ..engine.error_target import SHARE
@@ -332,7 +333,7 @@ class Snapshots:
             if due:
                 self.left.remove(text)
                 render.update_film()
-                facts = report.metadata(task.job, task.integrator, render, False, reached.seconds)
+                facts = report.metadata(task.job, task.integrator, reached, None, reached.seconds)
                 facts = {"prosim.noise_at_most": f"{render.noise_bound():.6g}"} | facts
                 facts["prosim.ended"] = f"snapshot {text}"
                 exr = images.exr(task.sensor.film().bitmap(), facts)
@@ -352,7 +353,8 @@ def finished_image(
     if task.job.part or (task.facts and interrupted):  # only a frame has ``facts``
         return {}, [], None
     job, film, added = task.job, task.sensor.film(), dict[str, str]()
-    header, bitmap = report.metadata(job, task.integrator, render, interrupted, seconds), film.bitmap()
+    ended, bitmap = end_cause(render, interrupted), film.bitmap()
+    header = report.metadata(job, task.integrator, render.reached, ended, seconds)
     if final is not None:
         added = report.denoised_facts(final, interrupted)
         bitmap = bitmap if interrupted and len(final.images) == 1 else layers.bitmap(final)

@@ -12,16 +12,19 @@ import mitsuba as mi
 from ..denoising import oidn
 from ..denoising.final_image import FinalImage
 from ..denoising.verdict import ERRORS, denoised_words, end_cause, verdict
+from ..engine.render import Reached
 from .job import Job
 
 
-def metadata(job: Job, integrator: mi.Integrator, render: Any, interrupted: bool, seconds: float) -> dict[str, str]:
+def metadata(
+    job: Job, integrator: mi.Integrator, reached: Reached | None, ended: str | None, seconds: float
+) -> dict[str, str]:
     """Returns the metadata of an EXR image.
 
-    For a render that is not progressive, the following entries do not exist. The entry
+    For a render that is not progressive, ``reached`` is None, and the following entries do not exist. The entry
     ``prosim.samples`` is the mean number of samples per pixel. The entries ``prosim.noise``, ``prosim.noise_99``,
     ``prosim.noise_999`` and ``prosim.noise_at_most`` exist if the render measured these errors. The entry
-    ``prosim.ended`` is the result of :func:`end_cause`; if this result is None, the entry does not exist.
+    ``prosim.ended`` is ``ended``, the result of :func:`.end_cause`; if this result is None, the entry does not exist.
     """
     result = {
         "scene": job.scene,
@@ -31,11 +34,11 @@ def metadata(job: Job, integrator: mi.Integrator, render: Any, interrupted: bool
         "seed": str(job.seed),
         "seconds": f"{seconds:.3f}",
     }
-    if (reached := render.reached) is not None:
+    if reached is not None:
         values = {name: getattr(reached, name) for name in ("samples", *ERRORS, "noise_at_most")}
         result |= {name: f"{value:.6g}" for name, value in values.items() if not isnan(value)}
-        if ended := end_cause(render, interrupted):
-            result["ended"] = ended
+    if ended is not None:
+        result["ended"] = ended
     return {f"prosim.{name}": value for name, value in result.items()}
 
 

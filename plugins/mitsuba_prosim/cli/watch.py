@@ -13,6 +13,7 @@ import click
 from prosim_scene import TranslationCache
 
 from .. import atomic
+from ..denoising.verdict import end_cause
 from ..scene import images, session
 from .files import SCENE_FILE
 from .interrupts import interruptible
@@ -66,8 +67,9 @@ def watch(job: Job, port: int, browser: bool) -> None:
             ``factors`` are pairs of a layer's name, such as "lights.lamp1", and a factor; without factors, the layers
             stay unchanged.
             """
-            state, bitmap, integrator, reached = view.result(factors)
-            facts = metadata(job, integrator, reached, state.status != "done", state.seconds)
+            state, bitmap, image, reached = view.result(factors)
+            ended = end_cause(image.render, state.status != "done")
+            facts = metadata(job, image.integrator, reached, ended, state.seconds)
             if factors:
                 facts["prosim.mix"] = factors_in_words([(name.partition(".")[2], factor) for name, factor in factors])
             return images.encode(bitmap, facts, exposure)

@@ -108,8 +108,8 @@ class Viewer:
         if self._home is not None:
             self.change(camera=motion(self._request.camera or self._home), paused=False)
 
-    def result(self, factors: Factors = ()) -> tuple[State, mi.Bitmap, Any, Any]:
-        """Returns ``(state, bitmap, integrator, reached)`` of the latest published picture by the scene's integrator,
+    def result(self, factors: Factors = ()) -> tuple[State, mi.Bitmap, ProgressiveImage, Any]:
+        """Returns ``(state, bitmap, image, reached)`` of the latest published picture by the scene's integrator,
         even if the page also shows an image by Mitsuba's ``path``.
 
         ``bitmap`` has all layers of the picture, after some layers are multiplied by ``factors`` (pairs of a layer's
@@ -123,7 +123,7 @@ class Viewer:
             # The channels of the layer lights.lamp1 are lamp1.R, lamp1.G and lamp1.B; a map has one channel, error.Y.
             prefix = "" if layer == "final" else layer.rpartition(".")[2] + "."
             channels |= planes(prefix, values) if values.ndim == 3 else {prefix + "Y": values}
-        return self.publisher.state, of_channels(channels), self._integrator, self._reached
+        return self.publisher.state, of_channels(channels), self._images["own"], self._reached
 
     def run_calls(self, timeout: float = 0.0) -> None:
         """Executes all functions that :meth:`call` has scheduled. If no function is scheduled, waits at most

@@ -91,7 +91,7 @@ def test_what_is_missing_for_the_mitsuba_command_is_said_in_a_line(palito, monke
 def test_unknown_commands(palito):
     for word, hint in [
         ("rneder", "Did you mean 'render'?"),
-        ("paint", ""),
+        ("zebra", ""),
         (palito, f"To render that file: prosim render {palito}"),
     ]:
         refused(f"No such command '{word}'. {hint}".rstrip() + "\n", word, palito)

@@ -10,7 +10,7 @@ from little import BROWSER, LITTLE, opened, shown, until, watching
 
 pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome in PATH")]
 
-LONG = LITTLE.replace("NSAMPLES: 2", "NSAMPLES: 40")
+LONG = LITTLE.replace("NSAMPLES: 2", "NSAMPLES: 150")
 
 
 @pytest.fixture

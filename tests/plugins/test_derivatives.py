@@ -60,7 +60,9 @@ def test_the_derivative_of_what_is_linear_is_the_image(variant_rgb, capfd):
         params["light.emitter.radiance.value"] = mi.Color3f(25) * (1 + e)
 
     forward, backward = derivatives(scene, change, seed=1, spp=0)
-    assert forward[..., :3] == pytest.approx(image[..., :3], rel=1e-4, abs=1e-6) and image[..., 3].max() == 9
+    assert forward[..., :3] == pytest.approx(image[..., :3], rel=1e-4, abs=1e-6) and image[
+        ..., 3
+    ].max() == pytest.approx(9)
     assert np.all(forward[..., 3:] == 0) and capfd.readouterr().err == ""
     assert backward == pytest.approx(weighted_mean(image).array[0], rel=1e-4)
 

@@ -87,7 +87,7 @@ def test_groove_reflects_as_rays_followed_one_by_one(variant_rgb, kind, roughnes
         wo, light = walk(wi, roughness, value, reflectance, rng)
         light = np.where(wo[:, 2] > 0, light, 0)  # a few rays have not yet left the steepest grooves
         bins = (
-            np.minimum((wo[:, 2] * 5).astype(int), 0, 4) * 6
+            np.clip((wo[:, 2] * 5).astype(int), 0, 4) * 6
             + np.floor(np.arctan2(wo[:, 1], wo[:, 0]) / np.pi * 3 + 3).astype(int) % 6
         )
         expected = np.bincount(bins, light, 30) / RAYS
@@ -97,6 +97,8 @@ def test_groove_reflects_as_rays_followed_one_by_one(variant_rgb, kind, roughnes
         phi = (np.arange(30)[:, None] % 6 + u[1]) * np.pi / 3 - np.pi
         w = mi.Vector3f(*(x.ravel() for x in (np.sqrt(1 - z * z) * np.cos(phi), np.sqrt(1 - z * z) * np.sin(phi), z)))
         values = np.array(bsdf.eval(mi.BSDFContext(), interaction(wi), w))[0].reshape(30, -1) * (2 * np.pi / 30)
+        # Few rays say little of their own variance; light that is at most 1 has at most the variance of its mean.
+        variance = np.where(np.bincount(bins, minlength=30) < 100, values.mean(1), variance)
         error = variance / RAYS + values.var(1) / values.shape[1] + 1e-12
         score = ((values.mean(1) - expected) ** 2 / error).sum()
         assert stats.chi2.sf(score, 30) > 0.001, (angle, values.mean(1), expected)

@@ -81,7 +81,7 @@ def test_bright_spot_is_sampled_by_the_texture(variant_rgb, tmp_path):
 
 
 @pytest.mark.parametrize("plugin", PLUGINS)
-@pytest.mark.parametrize("name", ["sdfgrid", *slow(*UNSAMPLED[1:])])
+@pytest.mark.parametrize("name", ["sdfgrid", *slow(*(name for name in UNSAMPLED[1:] if not name.endswith("curve")))])
 def test_shape_without_sampling_keeps_its_light(variant_rgb, tmp_path, plugin, name):
     lamp = shape_of(name, tmp_path, (0, 1.5, 0)) | {"emitter": {"type": plugin, "radiance": 5.0}}
     assert_same(lit(lamp), DIRECT, PATHS, reference=RAYS)

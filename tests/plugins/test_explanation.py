@@ -133,6 +133,16 @@ def test_occluders_are_what_rays_meet(variant_rgb, name):
     assert {"visible", "hidden"} <= {*states}
 
 
+def test_shape_within_an_instance_has_its_name(variant_rgb):
+    made = without(penumbra(None, SIZE, type="prosim"), "ball", "pole")
+    box = {"type": "cube", "to_world": T().translate([-1, 1.8, 1]).scale(0.6)}
+    made |= {"group": {"type": "shapegroup", "box": box}}
+    scene = mi.load_dict(made | {"one": {"type": "instance", "group": {"type": "ref", "id": "group"}}})
+    nodes = [mitsuba_prosim.explain(scene, pixel, spp=SPP).nodes[0] for pixel in pixels(20)]
+    assert "box" in {node.shape for node in nodes}
+    assert {lamp.occluder for node in nodes for lamp in node.lamps} == {None, "box"}
+
+
 def test_nodes_tell_shapes_lobes_and_densities(variant_rgb):
     """The tree of a smooth glass ball: reflected and refracted rays, of an ideal lobe and its probability."""
     scene = mi.load_dict(penumbra({"type": "dielectric"}, SIZE, type="prosim", max_level=2))
@@ -163,18 +173,36 @@ def test_lines_are_those_of_the_scene_file(variant_rgb, write_scene):
         "CSG-TREE\n\n SPHERE 0\nSURFACE 0 kd .5 .5 .5\nTRANSFORM 0\nEND\n"
     )
     (node, *_) = mitsuba_prosim.explain(path, (4, 4), spp=4).nodes
-    assert node.line == "s.scn, line 6 (SURFACE 0 of SPHERE 0)"
+    assert (node.shape, node.line) == ("SURFACE 0", "s.scn, line 6 (SURFACE 0 of SPHERE 0)")
+    assert node.lamps[0].lamp == "AREA (line 1)"
 
 
-@pytest.mark.parametrize("kind", ["path", "direct", "volpath", "prb", "prosim_adaptive", "prosim_denoised"])
-def test_other_integrators_are_explained_by_paths_and_say_so(variant_rgb, kind):
-    nested = {"nested": {"type": "path"}} if "prosim" in kind else {}
-    told = mitsuba_prosim.explain(mi.load_dict(penumbra(GLASS, SIZE, type=kind, **nested)), (8, 8), spp=SPP)
-    assert "paths of prosim" in "".join(told.notes) and np.sum(told.mean) > 0
+@pytest.mark.parametrize(
+    "kind, nested, note",
+    [
+        ("path", "", "The integrator PathIntegrator keeps no record"),
+        ("direct", "", "paths of prosim"),
+        ("volpath", "", "except light that media scatter"),
+        ("prb", "", "The integrator PRBIntegrator keeps no record"),
+        ("prbvolpath", "", "except light that media scatter"),
+        ("prosim_adaptive", "path", "paths of prosim"),
+        ("prosim_denoised", "path", "paths of prosim"),
+        ("prosim_denoised", "prosim", "The image is denoised; these are the samples before."),
+        ("prosim_adaptive", "prosim", "other random numbers"),
+    ],
+)
+def test_other_integrators_are_explained_by_samples_of_prosim_and_say_so(variant_rgb, kind, nested, note):
+    more = {"nested": {"type": nested}} if nested else {}
+    told = mitsuba_prosim.explain(mi.load_dict(penumbra(GLASS, SIZE, type=kind, **more)), (8, 8), spp=SPP)
+    (said,) = told.notes
+    assert note in said and np.sum(told.mean) > 0
 
 
-def test_other_filters_are_noted(variant_rgb):
-    assert "filter" in mitsuba_prosim.explain(scene_of("tree", "gaussian"), (8, 8), spp=SPP).notes[0]
+def test_other_filters_and_colours_are_noted(variant_rgb):
+    made = penumbra(GLASS, SIZE, "gaussian", type="prosim")
+    made["sensor"]["film"]["pixel_format"] = "luminance"
+    notes = mitsuba_prosim.explain(mi.load_dict(made), (8, 8), spp=SPP).notes
+    assert [("filter" in note, "pixel_format" in note) for note in notes] == [(True, False), (False, True)]
 
 
 @pytest.mark.parametrize(
@@ -235,12 +263,20 @@ def blurred():
     return made
 
 
+def glass_under_a_point_light(**settings):
+    """A smooth glass ball, whose rays have a single direction, and whose lamp has a single point."""
+    made = penumbra({"type": "dielectric"}, 64, type="prosim", **settings)
+    return made | {"light": {"type": "point", "position": [-1, 4, 2], "intensity": 30.0}}
+
+
 #: Dimension -> (a scene, a pixel) whose noise it carries alone.
 ALONE = {
     "pixel": (lambda: without(penumbra(None, SIZE, type="prosim", background=1.0), "light", "wall"), (11, 5)),
     "lamp": (lambda: penumbra(None, 512, type="prosim"), (441, 251)),
     "lobe": (sunny, (280, 462)),
     "lens": (blurred, (196, 92)),
+    "roulette": (lambda: glass_under_a_point_light(rr_throughput=0.9), (32, 34)),
+    "photons": (lambda: glass_under_a_point_light(caustics=True, caustic_photons=20000), (26, 4)),
 }
 
 
@@ -264,4 +300,11 @@ def test_outliers_name_lamp_and_surface(variant_rgb):
     made = penumbra(None, 512, type="prosim", ambient=5.0)
     made["far"] = {"type": "point", "position": [0, 9, 9], "intensity": 9.0}
     _, said = shares_at(made, ALONE["lamp"][1])
-    assert "the light of light by wall" in said and "smaller lamps" in said
+    assert "the light of light that wall scatters" in said and "smaller lamps" in said
+
+
+def test_sentences_tell_where_light_comes_from_and_what_hides_it(variant_rgb):
+    told = mitsuba_prosim.explain(mi.load_dict(penumbra(None, 512, type="prosim")), ALONE["lamp"][1], spp=16)
+    first, second = told.light
+    assert first == "Where the light comes from: the light of light that wall scatters (100%)."
+    assert "points of light are hidden by ball" in second and 0 < int(second.split()[2]) < 16

@@ -22,7 +22,7 @@ from ..engine.camera import is_perspective, without_crop_window
 from ..engine.estimator import Estimator
 from ..engine.plan import Plan
 from ..engine.render import Render
-from ..registry import create
+from ..registry import PLUGINS, create
 from ..scene.scene_file import SceneFile, pick_sensor
 from . import explanation_page, noise
 from .nodes import Node, Numbers
@@ -30,8 +30,8 @@ from .recorder import Recorder
 
 #: Maximum number of samples of an explanation.
 MOST_SAMPLES = 1 << 14
-#: Maximum number of samples whose light the sentences on the noise are about.
-MOST_OUTLIERS = 8
+#: Maximum numbers of samples that the sentences on the noise and on the light are about.
+MOST_OUTLIERS, MOST_NAMED = 8, 64
 #: Number of samples of each pixel of the image on the page.
 PREVIEW = 4
 #: An unlimited depth in Mitsuba's integrators.
@@ -53,6 +53,8 @@ class Explanation:
     #: Index of the explained sample, and the nodes of its tree or path, whose contributions sum to its value.
     sample: int
     nodes: tuple[Node, ...]
+    #: Sentences on the light: where it comes from, and which shapes hide lamps.
+    light: tuple[str, ...]
     #: Dimension of the random numbers -> its share in the variance (:mod:`.noise`); and sentences on the noise.
     shares: dict[str, float]
     noise: tuple[str, ...]
@@ -131,9 +133,9 @@ class Samples:
         """Takes all samples of a pixel; the arguments and errors are those of :func:`explain`."""
         if not dr.is_jit_v(mi.Float):
             raise RuntimeError("explain: scalar variants record no rays; use an llvm or cuda variant.")
-        lines: Mapping[str, str] = {}
+        lines: Mapping[str, tuple[str, str]] = {}
         if isinstance(scene, SceneFile):
-            lines, scene = shape_lines(scene), scene.load()
+            lines, scene = places(scene), scene.load()
         camera, notes = pick_sensor(scene, sensor), list[str]()
         film = camera.film()
         size, (x, y) = tuple(map(int, film.crop_size())), pixel
@@ -146,6 +148,9 @@ class Samples:
         integrator = explained_integrator(integrator or scene.integrator(), notes)
         if not film.rfilter().is_box_filter():
             notes.append("The film's filter also adds samples of the pixels around to the pixel's value in the image.")
+        stored = re.search(r"pixel_format = (\w+)", str(film))
+        if stored and not stored[1].startswith("rgb") and not mi.is_monochromatic:
+            notes.append("The film converts these colours to those of its pixel_format.")
         window = nullcontext() if is_perspective(camera) else without_crop_window(camera)
         with alone(), denormals_rounded(), dr.suspend_grad():
             estimator = integrator.estimator(scene, camera)
@@ -159,7 +164,7 @@ class Samples:
                 samples.shares = noise.shares(estimator, plan, x + offset[0], y + offset[1])
         return samples
 
-    def _take(self, x: int, y: int, count: int, lines: Mapping[str, str]) -> None:
+    def _take(self, x: int, y: int, count: int, lines: Mapping[str, tuple[str, str]]) -> None:
         """Takes ``count`` samples of the pixel (x, y) of the whole film."""
         estimator, plan = self.estimator, self.plan
         parts, values = list[tuple[int, Recorder]](), list[np.ndarray]()
@@ -182,10 +187,8 @@ class Samples:
                 return estimator.channels.values(L * weight, ray.wavelengths, mi.Float(0))[: len(names)]
 
             transport.observer = recorder = Recorder(transport, width, channels, lines)
-            # The values of rays are known only if Dr.Jit evaluates each iteration of a loop.
-            with dr.scoped_set_flag(dr.JitFlag.SymbolicLoops, False):
-                taken = estimator.sample(plan, *where, t)[0][: len(names)]
-                recorder.finish()
+            taken = estimator.sample(plan, *where, t)[0][: len(names)]
+            recorder.finish()
             transport.observer = None
             values.append(np.array([np.broadcast_to(np.array(value), width) for value in taken], np.float64).T)
             parts.append((first, recorder))
@@ -211,8 +214,9 @@ class Samples:
         seed = int(self.plan.seed[0])
         middle = int(np.argsort(self.values.sum(axis=1))[count // 2])
         told = noise.sentences(self.shares, [self.nodes(i) for i in self.outliers()], self.nodes(middle))
+        light = noise.origins([self.nodes(i) for i in range(min(count, MOST_NAMED))])
         return Explanation(
-            self.pixel, seed, self.channels, values, mean, sample, nodes, self.shares, told, tuple(notes)
+            self.pixel, seed, self.channels, values, mean, sample, nodes, light, self.shares, told, tuple(notes)
         )
 
     def outliers(self) -> list[int]:
@@ -252,35 +256,39 @@ def explained_integrator(integrator: Any, notes: list[str]) -> Any:
 
     Raises ValueError if no integrator ``prosim`` follows the paths of ``integrator``.
     """
-    outer = integrator
+    outer = set()
     while hasattr(integrator, "nested"):
+        outer.add(type(integrator))
         integrator = integrator.nested
     if getattr(integrator, "name", "") == "prosim":
-        if integrator is not outer:
-            notes.append(f"The image is denoised or wrapped by {outer.name}; these are the samples before.")
+        if PLUGINS["prosim_denoised"] in outer:
+            notes.append("The image is denoised; these are the samples before.")
+        if PLUGINS["prosim_adaptive"] in outer:
+            notes.append("The image has other samples, because prosim_adaptive gives prosim other random numbers.")
         return integrator
-    depth = re.match(r"\w+\[\s*max_depth = (-?\d+)", str(integrator))
-    direct = integrator.class_name() == "DirectIntegrator"
+    kind, _, parameters = str(integrator).partition("[")  # class_name() is not that of a class in Python
+    depth, direct = re.match(r"\s*max_depth = (-?\d+)", parameters), kind == "DirectIntegrator"
     if not (isinstance(integrator, mi.SamplingIntegrator) and (depth or direct)):
-        raise ValueError(
-            f"the integrator {integrator.class_name()} has no samples of pixels that can be explained; give prosim or "
-            "path"
-        )
+        raise ValueError(f"the integrator {kind} has no samples of pixels that can be explained; give prosim or path")
     most = 2 if direct or depth is None else int(depth[1])
     level = -1 if most in (-1, UNLIMITED) else max(most - 2, 0)
+    found = "the same light, except light that media scatter," if "Vol" in kind else "the same light"
     notes.append(
-        f"The integrator {integrator.class_name()} keeps no record of its rays; these are paths of prosim, which find "
-        "the same light with other random numbers."
+        f"The integrator {kind} keeps no record of its rays; these are paths of prosim, which find {found} with other "
+        "random numbers."
     )
     return create("prosim", max_level=level, diffuse_bounces=-1, hide_emitters=integrator.hide_emitters)
 
 
-def shape_lines(file: SceneFile) -> dict[str, str]:
-    """Returns the line in the scene file of each shape that has an id."""
+def places(file: SceneFile) -> dict[str, tuple[str, str]]:
+    """Returns the name in the scene file, and the line, of each shape or emitter that has an id."""
     if file.document is not None:  # the translator names the line in a comment
         text = file.xml.read_text(encoding="utf-8")
-        found = re.findall(r"<!-- ([^>]*?) \(line (\d+)\) -->\s*<shape [^>]*\bid=\"([^\"]+)\"", text)
-        return {name: f"{file.path.name}, line {line} ({what})" for what, line, name in found}
+        found = re.findall(r"<!-- ([^>]*?) \(line (\d+)\) -->\s*<(?:shape|emitter) [^>]*\bid=\"([^\"]+)\"", text)
+        # The numbers of surfaces are those of the scene; lamps have no numbers.
+        names = {key: what.partition(" of ")[0] for what, _, key in found}
+        names |= {key: f"{what} (line {line})" for what, line, key in found if key.startswith("light")}
+        return {key: (names[key], f"{file.path.name}, line {line} ({what})") for what, line, key in found}
     shapes = [node for node in file.state.nodes if node.type == mi.ObjectType.Shape and node.props.id()]
-    places = {node.props.id(): PLACE.search("At " + mi.parser.file_location(file.state, node)) for node in shapes}
-    return {name: f"{Path(place[1]).name}, line {place[2]}" for name, place in places.items() if place}
+    lines = {node.props.id(): PLACE.search("At " + mi.parser.file_location(file.state, node)) for node in shapes}
+    return {name: (name, f"{Path(line[1]).name}, line {line[2]}") for name, line in lines.items() if line}

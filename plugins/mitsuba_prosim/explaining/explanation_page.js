@@ -213,7 +213,7 @@ function showAll() {
 
 find("title").textContent = `Pixel ${data.pixel.join(", ")} of ${data.name}`;
 find("sum").textContent = `${data.channels.join(" ")} = ${list(data.mean)}, the mean of ${data.values.length} samples (seed ${data.seed})`;
-for (const name of ["notes", "noise"])
+for (const name of ["notes", "light", "noise"])
     for (const text of data[name]) { const p = document.createElement("p"); p.textContent = text; find(name).append(p); }
 showAll();
 listen();

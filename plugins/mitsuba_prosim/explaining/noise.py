@@ -1,4 +1,4 @@
-"""Finds which random numbers of the samples of a pixel carry the variance, and says so in words.
+"""Says in words where the light of a pixel comes from, and which random numbers of its samples carry the variance.
 
 The share of a dimension, such as the points on lamps, is its total effect (Jansen 1999): half of the mean squared
 difference of two samples that differ only in the random numbers of this dimension, divided by the variance of a sample.
@@ -7,6 +7,7 @@ The shares sum to more than 1 if the effect of one dimension depends on another.
 
 from __future__ import annotations
 
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,7 +19,7 @@ import numpy as np
 from ..engine.estimator import Estimator
 from ..engine.plan import Plan
 from ..sampling.hash import hash32
-from ..sampling.spaces import CAMERA_SPACES, CHOICE, NODE_SPACES
+from ..sampling.spaces import CAMERA_SPACES, DIFFUSE, NODE_SPACES
 from .nodes import Node
 
 #: Number of pairs of samples by which a share is estimated.
@@ -29,9 +30,12 @@ DIMENSIONS = {
     "lens": ("the point on the lens", "more samples, or a smaller lens"),
     "time": ("the time", "more samples, or a shorter exposure"),
     "lobe": ("the directions of rays from surfaces", "more samples, and photons (caustics) if the rays look for lamps"),
-    "choice": ("the choices of lobes and of Russian roulette", "more samples, or less Russian roulette (rr_depth)"),
+    "choice": ("the choices of lobes", "more samples"),
+    "roulette": ("Russian roulette", "more samples, or less Russian roulette (rr_depth, in trees rr_throughput)"),
     "lamp": ("the choice of a lamp and of a point on it", "more samples, or smaller lamps"),
+    "photons": ("the paths of the photons", "more samples, or more photons (caustic_photons)"),
 }
+PHOTONS = list(DIMENSIONS).index("photons")
 
 
 @dataclass
@@ -52,13 +56,18 @@ class Pair:
         """Returns the single random number of a space, as the points of a plan do."""
         return dr.select(self._differs(space), self.other.choice(space), self.one.choice(space))
 
+    @property
+    def t(self) -> mi.UInt32:
+        """Index of the sample, by which the photon map is chosen."""
+        return self.one.t + dr.select(self.which == PHOTONS, mi.UInt32(1), 0)
+
     def __getattr__(self, name: str) -> Any:
         return getattr(self.one, name)
 
     def _differs(self, space: Any) -> mi.Bool:
         space = mi.UInt32(space)
-        k = (space - CAMERA_SPACES) % self.spaces
-        of_node = dr.select(k < CHOICE, mi.UInt32(3), dr.select(k < NODE_SPACES, mi.UInt32(4), 5))
+        # The spaces of the three rays of a node are one dimension, and those of all lamps another one.
+        of_node = dr.clip((space - CAMERA_SPACES) % self.spaces, DIFFUSE, NODE_SPACES) + 1
         return dr.select(space < CAMERA_SPACES, space, of_node) == self.which
 
 
@@ -107,24 +116,52 @@ def sentences(found: dict[str, float], outliers: Sequence[Sequence[Node]], usual
     carried = [f"{DIMENSIONS[name][0]} ({found[name]:.0%})" for name in order if found[name] >= 0.05]
     said = [f"What carries the variance: {'; '.join(carried)}."] if carried else []
     if found[order[0]] < 0.5:
-        return (*said, "No single kind of random numbers carries half of it: photons or wavelengths may do.")
+        said.append("No single kind of random numbers carries half of it.")
     difference = dict[str, float]()
     for sign, nodes in [*((1.0, nodes) for nodes in outliers), (-float(len(outliers)), usual)]:
         for light, amount in lights(nodes):
             difference[light] = difference.get(light, 0.0) + sign * amount
     light, count = max(difference, key=lambda name: abs(difference[name])), len(outliers)
     which = f"the {count} samples" if count > 1 else "the sample"
-    said.append(f"In {which} farthest from the mean, the light of {light} differs most from that in a middle sample.")
-    return (*said, f"What would help: {DIMENSIONS[order[0]][1]}.")
+    said.append(f"In {which} farthest from the mean, {light} differs most from that in a middle sample.")
+    return (*said, f"What would help: {DIMENSIONS[order[0]][1] if carried else 'more samples'}.")
 
 
 def lights(nodes: Sequence[Node]) -> Iterator[tuple[str, float]]:
     """Yields a name of each light of a sample, with the surface that scatters it, and the sum of its contribution."""
     surfaces = {node.number: node.shape for node in nodes}
     for node in nodes:
-        parts = [(lamp.lamp, node.shape, lamp.contribution) for lamp in node.lamps]
-        if node.emission:  # the surface where the ray begins scatters this light
-            parts.append((node.emission.lamp, surfaces.get(node.parent), node.emission.contribution))
-        parts += [(name, node.shape, getattr(node, name)) for name in ("photons", "ambient", "background")]
-        for light, shape, contribution in parts:
-            yield light + (f" by {shape}" if shape else ", seen directly"), sum(contribution)
+        yield f"the light of photons on {node.shape}", sum(node.photons)
+        yield f"the ambient term of {node.shape}", sum(node.ambient)
+        for lamp in node.lamps:
+            yield f"the light of {lamp.lamp} that {node.shape} scatters", sum(lamp.contribution)
+        # The surface where the ray begins scatters the light that the ray finds.
+        way = f"that {surfaces[node.parent]} scatters" if node.parent else "that the camera sees"
+        yield f"the background {way}", sum(node.background)
+        if node.emission:
+            yield f"the light of {node.emission.lamp} {way}", sum(node.emission.contribution)
+
+
+def origins(samples: Sequence[Sequence[Node]]) -> tuple[str, ...]:
+    """Returns sentences on the light of the samples with these nodes: where it comes from, and which shapes hide lamps
+    from the first surface.
+    """
+    amounts = defaultdict[str, float](float)
+    # Lamp and surface -> the states of the lamp's points, and the shapes that hide them.
+    found = defaultdict[tuple[str, str], tuple[Counter[str], set[str]]](lambda: (Counter(), set()))
+    for nodes in samples:
+        for light, amount in lights(nodes):
+            amounts[light] += amount
+        for lamp in nodes[0].lamps:
+            states, occluders = found[lamp.lamp, str(nodes[0].shape)]
+            states[lamp.state] += 1
+            occluders.update({lamp.occluder} if lamp.occluder else ())
+    total = sum(amounts.values())
+    brightest = sorted(amounts, key=lambda light: -amounts[light])[:3]
+    most = [f"{light} ({amounts[light] / total:.0%})" for light in brightest if amounts[light] > 0.01 * total]
+    said = [f"Where the light comes from: {'; '.join(most)}." if total > 0 else "No light comes from here."]
+    for (name, shape), (states, occluders) in found.items():
+        if hidden := states["hidden"]:
+            points = f"{hidden} of {hidden + states['visible']} points of {name}"
+            said.append(f"From {shape}, {points} are hidden by {' and '.join(sorted(occluders))}.")
+    return tuple(said)

@@ -35,8 +35,8 @@ class Record(NamedTuple):
 class Recorder:
     """Records the computations of ``transport`` for ``width`` samples (:attr:`.Context.observer`).
 
-    ``channels`` converts the radiance along the camera rays to the values of the film's channels. ``lines`` maps names
-    of shapes to lines of the scene file.
+    ``channels`` converts the radiance along the camera rays to the values of the film's channels. ``places`` maps ids
+    of shapes and emitters to their names and lines in the scene file.
     """
 
     def __init__(
@@ -44,15 +44,15 @@ class Recorder:
         transport: Transport,
         width: int,
         channels: Callable[[mi.Spectrum], Sequence[mi.Float]],
-        lines: Mapping[str, str],
+        places: Mapping[str, tuple[str, str]],
     ) -> None:
-        self.transport, self.width, self.channels, self.lines = transport, width, channels, lines
+        self.transport, self.width, self.channels, self.lines = transport, width, channels, dict(places.values())
         self.records: list[Record] = []
-        shapes = all_shapes(transport.scene)
-        names = [name_of(shape, number) for number, shape in enumerate(shapes)]
+        shapes, words = all_shapes(transport.scene), {key: name for key, (name, _) in places.items()}
+        names = [name_of(shape, number, words) for number, shape in enumerate(shapes)]
         #: Number of a shape in Dr.Jit -> its name; and the names of the lamps, in the order of their numbers.
         self.shapes = {shape_number(mi.ShapePtr(shape)): name for shape, name in zip(shapes, names)}
-        self.lamps = [lamp_name(lamp, number, self.shapes) for number, lamp in enumerate(transport.lights.emitters)]
+        self.lamps = [lamp_name(lamp, k, self.shapes, words) for k, lamp in enumerate(transport.lights.emitters)]
         self.black = (0.0,) * len(channels(mi.Spectrum(0)))
 
     def __call__(self, event: str, ray: Ray, **values: Any) -> None:
@@ -85,7 +85,8 @@ class Recorder:
         ds, weight = sample
         scatters = vertex.smooth & (ds.pdf > 0) & (dr.max(dr.abs(f * weight)) > 0)
         hidden = but_not(scatters, visible)
-        blocker = self.transport.scene.ray_intersect_preliminary(vertex.si.spawn_ray_to(ds.p), False, active=hidden)
+        shadow_ray = vertex.si.spawn_ray_to(ds.p)
+        blocker = self.transport.scene.ray_intersect(shadow_ray, mi.RayFlags.Minimal, coherent=False, active=hidden)
         shares = [
             (lobe_names(lobe.type_mask), bsdf, pdf, dr.select(vertex.inseparable & (number > 0), mi.Float(0), part))
             for number, (lobe, bsdf, pdf, part) in enumerate(terms)
@@ -226,13 +227,15 @@ def lobe_names(flags: int) -> str:
 WAYS = ("Diffuse", "Glossy", "Delta")
 
 
-def name_of(thing: mi.Object, number: int) -> str:
-    """Returns the id of a shape or emitter; if it has none in the scene file, its class and its ``number``."""
-    name = thing.id()
-    return name if name and not name.startswith("__") else f"{thing.class_name()} {number}"
+def name_of(thing: mi.Object, number: int, words: Mapping[str, str]) -> str:
+    """Returns the name of a shape or emitter: the one of its id in ``words``, else its id; if it has no id in the scene
+    file, its class and its ``number``.
+    """
+    key = thing.id()
+    return words.get(key, key) if key and not key.startswith("__") else f"{thing.class_name()} {number}"
 
 
-def lamp_name(emitter: mi.Emitter, number: int, shapes: Mapping[int, str]) -> str:
+def lamp_name(emitter: mi.Emitter, number: int, shapes: Mapping[int, str], words: Mapping[str, str]) -> str:
     """Returns the name of the emitter's shape, or the name of an emitter without a shape."""
     shape = emitter.get_shape()
-    return name_of(emitter, number) if shape is None else shapes.get(shape_number(mi.ShapePtr(shape)), shape.id())
+    return name_of(emitter, number, words) if shape is None else shapes[shape_number(mi.ShapePtr(shape))]

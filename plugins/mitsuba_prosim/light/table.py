@@ -176,14 +176,14 @@ class Lights:
             return Lamp(k, self.emitters[k], groups, self.two_sided)
         return Lamp(k, dr.gather(mi.EmitterPtr, self.pointers, k), groups or self.groups, self.two_sided)
 
-    def for_each(self, body: Callable[[Lamp, Any], Any], total: Any, active: mi.Bool, attached: bool = False) -> Any:
+    def for_each(self, body: Callable[[Lamp, Any], Any], total: Any, active: mi.Bool, evaluated: bool = False) -> Any:
         """Computes ``total = body(lamp, total)`` for each lamp in turn, and returns the last total. A constant sky is
         no lamp.
 
-        ``attached`` tells whether derivatives of ``total`` are wanted. If derivatives are wanted, Dr.Jit runs the loop
-        over the lamps in evaluated mode, because a symbolic loop would lose the derivatives.
+        ``evaluated`` tells whether Dr.Jit runs the loop over the lamps in evaluated mode. A symbolic loop would lose
+        derivatives of ``total``, and the values that ``body`` passes to an observer.
         """
-        unrolled, mode = self.lamps <= self.UNROLLED, "evaluated" if attached else None
+        unrolled, mode = self.lamps <= self.UNROLLED, "evaluated" if evaluated else None
         for strategy, first, end in self.groups:
             group = strategy, first if unrolled else dr.opaque(mi.UInt32, first), end
 

@@ -118,7 +118,9 @@ class Transport(Context):
         elif self.attached:
             state = differentiable_loop(state, step)
         else:
-            (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (step(state),))
+            # The observer needs the values of each iteration.
+            mode = None if self.observer is None else "evaluated"
+            (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (step(state),), mode=mode)
         return state.L.total, mi.Float(1) if state.alpha is None else state.alpha, state.L.layers
 
 

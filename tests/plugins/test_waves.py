@@ -15,6 +15,7 @@ import pytest
 from image_statistics import renderings
 from mitsuba_prosim.compat import take_back_interrupts
 from mitsuba_prosim.denoising.verdict import verdict
+from mitsuba_prosim.engine.goal import PolicyGoal
 from mitsuba_prosim.engine.tiny_lamps import sees_tiny_lamp
 from mitsuba_prosim.engine.work import Executor
 from scenes import COPPER, CROP, alone, loaded, penumbra, rgb, sphere_lamp
@@ -37,9 +38,9 @@ def begun(scene, seed=3):
     return render
 
 
-def passes(scene, seed=0):
+def passes(scene, seed=0, **options):
     """The render after each pass."""
-    render = scene.integrator().progressive(scene, seed=seed)
+    render = scene.integrator().progressive(scene, seed=seed, **options)
     return (render for step in render if step.complete)
 
 
@@ -53,6 +54,16 @@ def width(render):
 
 
 # ------------------------------------------------------------------ the counts alone make the image
+
+
+@pytest.mark.parametrize("rfilter", ["box", "gaussian"])
+def test_long_render_of_fixed_samples_shows_images_early(variant_rgb, monkeypatch, rfilter):
+    scene = loaded(size=8, film={"rfilter": {"type": rfilter}})
+    whole = np.array(mi.render(scene, spp=300))
+    monkeypatch.setattr(PolicyGoal, "LONG", 1000)
+    shown = [render.counts().max() for render in passes(scene, spp=300)]
+    assert len(shown) == 3 and shown[0] < shown[1] < shown[2] == 300
+    assert np.array_equal(mi.render(scene, spp=300), whole)
 
 
 @pytest.mark.parametrize("patterns", [1, 3])

@@ -56,17 +56,22 @@ Measure: TypeAlias = Callable[[Image, SecondImage, ErrorTarget], Measurement]
 class PolicyGoal:
     """Ends a render after the decisions of the adaptive-sampling policy, the number of which is fixed."""
 
+    #: Number of samples of an image up to which the samples before the first decision are one pass.
+    LONG = 1 << 22
+
     def __init__(self, target: ErrorTarget) -> None:
-        self.target, self._first = target, True
+        self.target = target
+        self._first: Iterator[Pass] | None = None
 
     def next(self, image: Image) -> Pass | None:
-        """Returns the first pass, and then a pass for each decision of the policy."""
+        """Returns the first passes, and then a pass for each decision of the policy."""
         if image.finished:
             return None
         plan, policy, most = image.plan, image.policy, image.most_samples
-        if image.rounds == 0 and self._first:
-            self._first = False
-            return Pass(image, image.one * np.uint32(policy.first_samples), most)
+        if image.rounds == 0:
+            self._first = self._first or self._first_passes(image)
+            if (request := next(self._first, None)) is not None:
+                return request
         if image.wanted is None:
             if image.rounds >= policy.rounds or policy.first_samples == plan.max_samples:
                 return None
@@ -80,6 +85,16 @@ class PolicyGoal:
         assert image.wanted is not None
         expected = most if image.rounds < policy.rounds else float(image.wanted.sum(dtype=np.int64))
         return Pass(image, image.wanted, expected)
+
+    def _first_passes(self, image: Image) -> Iterator[Pass]:
+        """Yields the passes before the first decision; several where there are many samples, so that an image can be
+        shown early.
+        """
+        numbers = [image.policy.first_samples]
+        while numbers[0] * area(image.outer) > self.LONG and numbers[0] > 1:
+            numbers.insert(0, -(-numbers[0] // GROWTH**2))
+        for number in numbers:
+            yield Pass(image, image.one * np.uint32(number), image.most_samples)
 
     def measure(self, image: Image) -> bool:
         """Returns True: the image may be shown after each pass."""

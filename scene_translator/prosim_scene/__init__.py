@@ -9,17 +9,22 @@ text. A :class:`SceneWarning`, which is emitted through :mod:`warnings`, reports
 The page ``docs/language.md`` describes the scene language.
 """
 
-from .language import document_of, parse
-from .language.diagnostics import SceneError, SceneWarning, Source, Span
-from .language.document import Document
-from .language.expressions import FPS, FRAME, TIME
-from .language.formatter import format
-from .mitsuba.translation_context import images, located, meshes
-from .model import Leaf, Scene, View
-from .text_files import read, refuse_special, replace, rewrite
-from .translator import check, document, load, translate
-from .view import distortion_message
-from .writer import TranslationCache
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .atomic_files import refuse_special, replace
+    from .language.analysis import document_of, parse
+    from .language.diagnostics import SceneError, SceneWarning, Source, Span
+    from .language.document import Document
+    from .language.expressions import FPS, FRAME, TIME
+    from .language.formatter import format
+    from .mitsuba.translation_context import images, located, meshes
+    from .model import Leaf, Scene, View
+    from .text_files import read, rewrite
+    from .translator import check, document, load, translate
+    from .view import distortion_message
+    from .writer import TranslationCache
 
 __all__ = [
     "FPS",
@@ -50,3 +55,28 @@ __all__ = [
     "rewrite",
     "translate",
 ]
+
+#: Module -> its public names. A module is imported when one of its names is first used, because the import of all
+#: modules takes longer than a small image, and rendering an XML scene needs only the replacement of files.
+MODULES = {
+    "atomic_files": ("refuse_special", "replace"),
+    "language.analysis": ("document_of", "parse"),
+    "language.diagnostics": ("SceneError", "SceneWarning", "Source", "Span"),
+    "language.document": ("Document",),
+    "language.expressions": ("FPS", "FRAME", "TIME"),
+    "language.formatter": ("format",),
+    "mitsuba.translation_context": ("images", "located", "meshes"),
+    "model": ("Leaf", "Scene", "View"),
+    "text_files": ("read", "rewrite"),
+    "translator": ("check", "document", "load", "translate"),
+    "view": ("distortion_message",),
+    "writer": ("TranslationCache",),
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Imports and returns the public ``name``; raises AttributeError for other names."""
+    for module, names in MODULES.items():
+        if name in names:
+            return getattr(import_module(f"{__name__}.{module}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

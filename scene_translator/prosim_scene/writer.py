@@ -19,9 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
+from .atomic_files import PART, refuse_special, replace
 from .geometry import SurfaceMesh, Triangles
 from .nodes import is_valid_in_xml
-from .text_files import PART, refuse_special, replace
 
 
 def ply_bytes(triangles: Triangles, with_uv: bool) -> bytes | None:

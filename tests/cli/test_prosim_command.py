@@ -1,5 +1,6 @@
 """The ``prosim`` command: what it writes, says and exits with."""
 
+import subprocess
 import sys
 
 import mitsuba as mi
@@ -30,6 +31,18 @@ def test_a_translation_renders_alike(palito):
     for source, name in (palito, "a"), (palito.parent / "out" / "listing.xml", "b"):
         done("render", source, "-o", palito.with_name(name), "--resolution", "32x32", "--samples", 2)
     assert np.array_equal(pixels(palito.with_name("a.exr")), pixels(palito.with_name("b.exr")))
+
+
+def test_render_of_xml_imports_no_translator(scene):
+    """Nor servers and multiprocessing, because their imports take longer than a small image."""
+    code = (
+        "import sys, prosim_start\ntry: prosim_start.main()\n"
+        "except SystemExit as end: assert not end.code\n"
+        "print(*{'lark', 'manifold3d', 'prosim_scene.language', 'asyncio', 'multiprocessing'} & {*sys.modules})"
+    )
+    command = [sys.executable, "-c", code, "render", str(scene)]
+    printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    assert printed.splitlines()[1:] == [""]
 
 
 def test_the_two_images_agree(scene):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from threading import RLock
 from typing import Any
 
 from tqdm import tqdm
@@ -10,6 +11,8 @@ from tqdm import tqdm
 #: Without a terminal, the time between two lines is ``SHARE`` of the elapsed time, but at least ``SHORTEST`` seconds
 #: and at most ``LONGEST`` seconds.
 SHORTEST, LONGEST, SHARE = 10.0, 300.0, 0.25
+
+tqdm.set_lock(RLock())  # the default lock imports multiprocessing
 
 
 class Progress(tqdm):

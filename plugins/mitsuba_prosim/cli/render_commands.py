@@ -15,7 +15,7 @@ from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint
 from ..engine.plan import TARGETS
 from ..engine.policies import POLICIES
-from . import files, frames
+from . import files
 from .files import PART_FILE, SCENE_FILE, STATE_FILE, image_stem, quoted_path
 from .job import OPTIONS, RUNNING, Command, Job, choose_variant, job_options
 from .option_types import input_errors, option
@@ -48,7 +48,9 @@ def render(job: Job) -> None:
     if job.frames is None:
         render_and_write(job, stem)
     else:
-        frames.Animation(job, stem).render()
+        from .frames import Animation  # imports the translator, which an XML scene does not need
+
+        Animation(job, stem).render()
 
 
 @click.command(cls=Command)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-from importlib.metadata import version
 from math import isnan
 from typing import Any
 
 import mitsuba as mi
 
+from .. import __version__
 from ..denoising import oidn
 from ..denoising.final_image import FinalImage
 from ..denoising.verdict import ERRORS, denoised_words, end_cause, verdict
@@ -28,7 +28,7 @@ def metadata(
     """
     result = {
         "scene": job.scene,
-        "version": version("mitsuba-prosim"),
+        "version": __version__,
         "variant": job.variant,
         "integrator": str(integrator),
         "seed": str(job.seed),

@@ -8,7 +8,7 @@ import difflib
 from pathlib import Path
 
 import mitsuba as mi
-from prosim_scene import Document, Source, Span, images, located
+import prosim_scene
 
 from .. import registry
 from ..compat import LIBRARIES, NOT_FOUND, PLACE, TAGS
@@ -40,12 +40,12 @@ def _line(path: Path, line: int, column: int) -> str:
     if path.suffix != ".xml":
         return ""
     try:
-        source = Source(path.read_text(encoding="utf-8"), str(path))
+        source = prosim_scene.Source(path.read_text(encoding="utf-8"), str(path))
         start = source.line_starts[line - 1] + max(column - 1, 0)
     except (OSError, ValueError, IndexError):
         return ""
     # The first line of the message, which has only the position, is left out.
-    return source.message(Span(start, start + 1), "").partition("\n")[2]
+    return source.message(prosim_scene.Span(start, start + 1), "").partition("\n")[2]
 
 
 def with_suggestion(words: str) -> str:
@@ -67,7 +67,7 @@ def with_suggestion(words: str) -> str:
     return words
 
 
-def check_images(document: Document) -> None:
+def check_images(document: prosim_scene.Document) -> None:
     """Reads all image files of a scene with Mitsuba; raises :class:`prosim_scene.SceneError` for the first image that
     Mitsuba cannot read.
 
@@ -75,9 +75,9 @@ def check_images(document: Document) -> None:
     of the scene language checks only the first bytes of an image file.
     """
     folder = Path(document.source.filename).parent
-    for name, way in images(document):  # ``way``: where the scene's text names the image
+    for name, way in prosim_scene.images(document):  # ``way``: where the scene's text names the image
         try:
-            mi.Bitmap(str(located(folder, name)))
+            mi.Bitmap(str(prosim_scene.located(folder, name)))
         except RuntimeError as error:
             why = f"the image {name!r} is incomplete or damaged: {message(error)}; save it again"
             raise document.error(why, *way) from None

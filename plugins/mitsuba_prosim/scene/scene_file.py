@@ -13,7 +13,6 @@ from typing import Any
 import mitsuba as mi
 import OpenEXR
 import prosim_scene
-from prosim_scene import Document, images, located, meshes
 
 from .. import compat, registry
 from . import overrides, session
@@ -71,7 +70,7 @@ class SceneFile:
             raise TypeError(f"no such argument: {', '.join(unknown)}; integrator={{...}} takes samples and the like")
         self.path = self.xml = Path(path)
         #: The parsed text in the scene language; None for XML.
-        self.document: Document | None = None
+        self.document: prosim_scene.Document | None = None
         parameters = dict(integrator or {})
         if self.path.suffix.lower() != ".xml":
             self.document = prosim_scene.document(self.path, dict(definitions or {}))
@@ -177,8 +176,8 @@ class SceneFile:
         """
         if self.document is None:
             return [path for _, path in self.named_files()]
-        names = [*(name for name, _ in images(self.document)), *meshes(self.document)]
-        return [located(self.path.parent, name) for name in names]
+        names = [*(name for name, _ in prosim_scene.images(self.document)), *prosim_scene.meshes(self.document)]
+        return [prosim_scene.located(self.path.parent, name) for name in names]
 
     def _file_parameters(self, state: mi.parser.ParserState) -> Iterator[tuple[mi.Properties, str, Path]]:
         """Yields ``(properties, name, path)`` for each parameter of the scene whose value is the name of an existing

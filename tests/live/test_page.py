@@ -244,3 +244,26 @@ def test_when_it_has_ended_nothing_can_be_pressed_in_vain(browser, write_scene):
     assert all(page.get_attribute(f"#{name}", "href") is None for name in ("exr", "png"))
     assert page.is_disabled("input[value=error]")
     page.close()
+
+
+def test_click_opens_the_page_that_explains_the_pixel(page, address):
+    """The page runs only its own script, and asks nobody anything; a drag opens nothing."""
+    page.check("#explain", force=True)
+    drag(page, (500, 400), (560, 400))
+    shown_at = box(page)
+    with page.expect_popup() as popup:
+        page.mouse.click(shown_at["x"] + 20.5 / 64 * shown_at["width"], shown_at["y"] + 26.5 / 48 * shown_at["height"])
+    explained, said = popup.value, []
+    explained.on("console", lambda message: said.append(message.text))
+    explained.on("request", lambda request: said.append(request.url))
+    explained.reload()
+    until(lambda: explained.text_content("h1") == "Pixel 20, 26 of little.scn")
+    assert explained.locator("#frame img").evaluate("image => image.naturalWidth") == 64
+    assert explained.locator("#tree [role=button]").count() >= 1 and len(page.context.pages) == 2
+    assert said == [f"{address}explain/20/26"]
+    explained.close()
+    page.focus("#stage")
+    with page.expect_popup() as popup:
+        page.keyboard.press("Enter")
+    assert popup.value.url.startswith(f"{address}explain/")
+    popup.value.close()

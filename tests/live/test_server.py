@@ -42,7 +42,15 @@ def test_nothing_but_what_is_its_own(address, scene):
     state_when(address, "done")
     (scene.parent / "secret.html").write_text("secret")
     files = "../secret.html secret.html ..%2fsecret.html %2e%2e/%2e%2e/etc/passwd little.scn server.py save/scn save/.."
-    for path in (*files.split(), "layer/own/secret", "layer/other/final", "pixel/-1/0", "do/pause", "do/orbit"):
+    for path in (
+        *files.split(),
+        "layer/own/secret",
+        "layer/other/final",
+        "pixel/-1/0",
+        "explain/-1/0",
+        "do/pause",
+        "do/orbit",
+    ):
         answer, content = ask(address, path)
         assert answer.status in (404, 405) and b"secret" not in content, path
     assert ask(address, "pixel/64/0")[1] == b"{}"
@@ -51,6 +59,11 @@ def test_nothing_but_what_is_its_own(address, scene):
     for path in ("do/orbit?x=nan", "do/dolly?x=0", "do/pan?x=one"):
         assert ask(address, path, "POST")[0].status == 400
     assert ask(address, "save/exr?exposure=bright")[0].status == 400
+    answer, content = ask(address, "explain/64/0")
+    assert (answer.status, content[:41]) == (400, b"the pixel 64,0 is outside the image, whos")
+    answer, content = ask(address, "explain/1/2")
+    allowed = answer.getheader("Content-Security-Policy")
+    assert b"</html>" in content and allowed.startswith("sandbox allow-scripts; default-src 'none';")
 
 
 def test_what_it_ends_by_and_refuses(path):

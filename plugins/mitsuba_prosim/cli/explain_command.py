@@ -22,7 +22,7 @@ def explain(job: Job, pixel: tuple[int, int]) -> None:
     """Explain a pixel of SCENE: the rays of its samples, and the light that each ray adds.
 
     The command writes one HTML page, SCENE-explain.html in the scene's folder, with the rays of the brightest samples
-    of the pixel. --spp is the number of samples of the pixel; the default is 64.
+    of the pixel. --spp is the number of samples of the pixel; the default is that of the scene, N².
     """
     refuse_scalar(["prosim explain"], job.variant)
     scene = Path(job.scene)
@@ -32,5 +32,5 @@ def explain(job: Job, pixel: tuple[int, int]) -> None:
 
     with Resources(job) as resources, input_errors():
         file = job.read_scene(resources.folder)
-        page = explanation.page(file, pixel=pixel, spp=job.spp or 64, sensor=job.sensor, seed=job.seed)
+        page = explanation.page(file, pixel=pixel, spp=job.spp or 0, sensor=job.sensor, seed=job.seed)
     click.echo(files.save(stem, {".html": page.encode("utf-8")})[0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field
 from html import escape
@@ -26,7 +26,7 @@ from ..registry import PLUGINS, create
 from ..scene.scene_file import SceneFile, pick_sensor
 from . import explanation_page, noise
 from .nodes import Node, Numbers
-from .recorder import Recorder
+from .recorder import Places, Recorder
 
 #: Maximum number of samples of an explanation.
 MOST_SAMPLES = 1 << 14
@@ -103,8 +103,9 @@ def explain(
     its own, and RuntimeError in scalar variants.
     """
     with atomic.scratch() as folder:
-        file = scene if isinstance(scene, mi.Scene) else SceneFile(scene, folder)
-        return Samples.of(file, pixel, spp, sensor, integrator, seed).explanation(sample)
+        file = None if isinstance(scene, mi.Scene) else SceneFile(scene, folder)
+        loaded, names = (scene, None) if file is None else (file.load(), places(file))
+        return Samples.of(loaded, pixel, spp, sensor, integrator, seed, names).explanation(sample)
 
 
 @dataclass
@@ -123,20 +124,21 @@ class Samples:
     @classmethod
     def of(
         cls,
-        scene: mi.Scene | SceneFile,
+        scene: Any,
         pixel: tuple[int, int],
         spp: int,
-        sensor: int = 0,
+        sensor: int | mi.Sensor = 0,
         integrator: mi.Integrator | None = None,
         seed: int = 0,
+        names: Places | None = None,
     ) -> Samples:
-        """Takes all samples of a pixel; the arguments and errors are those of :func:`explain`."""
+        """Takes all samples of a pixel of a scene; ``names`` are the :func:`places` of its file.
+
+        The other arguments and the errors are those of :func:`explain`.
+        """
         if not dr.is_jit_v(mi.Float):
             raise RuntimeError("explain: scalar variants record no rays; use an llvm or cuda variant.")
-        lines: Mapping[str, tuple[str, str]] = {}
-        if isinstance(scene, SceneFile):
-            lines, scene = places(scene), scene.load()
-        camera, notes = pick_sensor(scene, sensor), list[str]()
+        camera, notes = sensor if isinstance(sensor, mi.Sensor) else pick_sensor(scene, sensor), list[str]()
         film = camera.film()
         size, (x, y) = tuple(map(int, film.crop_size())), pixel
         if not (0 <= x < size[0] and 0 <= y < size[1]):
@@ -160,15 +162,15 @@ class Samples:
             count = spp or min(plan.noisy_samples, MOST_SAMPLES)
             samples = cls([], estimator, plan, (x, y), (), np.empty((0,)), notes)
             with window:  # a render takes its samples without it, too
-                samples._take(x + offset[0], y + offset[1], count, lines)
+                samples._take(x + offset[0], y + offset[1], count, names or {})
                 samples.shares = noise.shares(estimator, plan, x + offset[0], y + offset[1])
         return samples
 
-    def _take(self, x: int, y: int, count: int, lines: Mapping[str, tuple[str, str]]) -> None:
+    def _take(self, x: int, y: int, count: int, names: Places) -> None:
         """Takes ``count`` samples of the pixel (x, y) of the whole film."""
         estimator, plan = self.estimator, self.plan
         parts, values = list[tuple[int, Recorder]](), list[np.ndarray]()
-        names = [name for name in estimator.channels.names[: estimator.channels.names.index("W")] if name != "A"]
+        kept = [name for name in estimator.channels.names[: estimator.channels.names.index("W")] if name != "A"]
         transport: Any = estimator.transport
         caustics = transport.caustics
         size = count if caustics is None else caustics.maps(plan.n)
@@ -184,15 +186,15 @@ class Samples:
             ray, weight, _ = estimator.camera_ray(*where, points)
 
             def channels(L: mi.Spectrum, ray: Any = ray, weight: Any = weight) -> Sequence[mi.Float]:
-                return estimator.channels.values(L * weight, ray.wavelengths, mi.Float(0))[: len(names)]
+                return estimator.channels.values(L * weight, ray.wavelengths, mi.Float(0))[: len(kept)]
 
-            transport.observer = recorder = Recorder(transport, width, channels, lines)
-            taken = estimator.sample(plan, *where, t)[0][: len(names)]
+            transport.observer = recorder = Recorder(transport, width, channels, names)
+            taken = estimator.sample(plan, *where, t)[0][: len(kept)]
             recorder.finish()
             transport.observer = None
             values.append(np.array([np.broadcast_to(np.array(value), width) for value in taken], np.float64).T)
             parts.append((first, recorder))
-        self.recorders, self.channels, self.values = parts, tuple(names), np.concatenate(values)
+        self.recorders, self.channels, self.values = parts, tuple(kept), np.concatenate(values)
 
     def nodes(self, sample: int) -> tuple[Node, ...]:
         """Returns the nodes of the sample with this index."""
@@ -228,23 +230,30 @@ class Samples:
         return [int(i) for i in order[: min(count, MOST_OUTLIERS)]]
 
 
-def page(file: SceneFile, **arguments: Any) -> str:
-    """Returns an HTML page that explains a pixel of a scene; ``arguments`` are those of :meth:`Samples.of`."""
-    samples = Samples.of(file, **arguments)
+def page(file: SceneFile, scene: Any = None, image: Any = None, **arguments: Any) -> str:
+    """Returns an HTML page that explains a pixel of the scene in ``file``.
+
+    ``scene`` is the scene if it is loaded already. ``image`` holds the colours of the image, shape (height, width, 3)
+    of the film or of a coarse image; None: the function renders it. The other ``arguments`` are those of
+    :meth:`Samples.of`.
+    """
+    samples = Samples.of(scene or file.load(), names=places(file), **arguments)
     told, estimator, plan = samples.explanation(), samples.estimator, samples.plan
     order = np.argsort(-samples.values.sum(axis=1), kind="stable")
     shown = dict.fromkeys([*order[: explanation_page.BRIGHTEST].tolist(), int(order[len(order) // 2]), int(order[-1])])
     corners = mi.Point2f([0, 1, 0, 1], [0, 0, 1, 1])
     with alone():
         directions = np.array(estimator.rays(mi.Float(0), mi.Float(0.5), corners, mi.Point2f(0.5))[0].d)
-    preview = Plan.of(plan.sampling.uniform(PREVIEW), estimator.sensor.film(), plan.seed, PREVIEW)
-    image = Render(preview, estimator).run().image()
+    film = estimator.sensor.film()
+    if image is None:
+        preview = Plan.of(plan.sampling.uniform(PREVIEW), film, plan.seed, PREVIEW)
+        image = Render(preview, estimator).run().image()
     return explanation_page.html(
         asdict(told),
         [(sample, samples.nodes(sample)) for sample in shown],
         name=file.path.name,
         image=explanation_page.picture(image),
-        size=[image.shape[1], image.shape[0]],
+        size=list(map(int, film.crop_size())),
         camera=explanation_page.pinhole(estimator.sensor, directions),
         boxes=[[list(shape.bbox().min), list(shape.bbox().max)] for shape in estimator.scene.shapes()],
     )
@@ -280,7 +289,7 @@ def explained_integrator(integrator: Any, notes: list[str]) -> Any:
     return create("prosim", max_level=level, diffuse_bounces=-1, hide_emitters=integrator.hide_emitters)
 
 
-def places(file: SceneFile) -> dict[str, tuple[str, str]]:
+def places(file: SceneFile) -> Places:
     """Returns the name in the scene file, and the line, of each shape or emitter that has an id."""
     if file.document is not None:  # the translator names the line in a comment
         text = file.xml.read_text(encoding="utf-8")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib.resources import files
@@ -35,7 +37,19 @@ def html(facts: Mapping[str, Any], trees: Sequence[tuple[int, Sequence[Node]]], 
     return page.replace("SCRIPT", script).replace("DATA", json.dumps(data).replace("<", "\\u003c"))
 
 
-def picture(image: mi.TensorXf) -> str:
+def policy(page: str) -> str:
+    """Returns the Content-Security-Policy that lets ``page`` use only its own script, styles and images."""
+    kinds = {"script": "<script>(.*?)</script>", "style": "<style>(.*?)</style>"}
+    texts = {kind: re.findall(pattern, page, re.DOTALL)[0].encode() for kind, pattern in kinds.items()}
+    hashes = {kind: base64.b64encode(hashlib.sha256(text).digest()).decode() for kind, text in texts.items()}
+    allowed = "; ".join(f"{kind}-src 'sha256-{digest}'" for kind, digest in hashes.items())
+    return (
+        f"sandbox allow-scripts; default-src 'none'; {allowed}; img-src data:; base-uri 'none'; form-action 'none'; "
+        "frame-ancestors 'none'"
+    )
+
+
+def picture(image: Any) -> str:
     """Returns an image as the data URI of a JPEG file."""
     bitmap = mi.Bitmap(np.array(image)[..., :3]).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, True)
     stream = mi.MemoryStream()

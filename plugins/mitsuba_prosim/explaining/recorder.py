@@ -7,7 +7,7 @@ lane of an array is one sample.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -21,6 +21,8 @@ from ..transport.ray import Ray, Vertex
 from ..transport.transport import Transport
 from .nodes import Emission, LampSample, LobeShare, Node, Numbers
 
+#: Id of a shape or emitter -> its name, and its line in the scene file.
+Places: TypeAlias = "Mapping[str, tuple[str, str]]"
 #: The parts of a node's light that are known only as sums.
 SUMS = ("ambient", "background", "photons")
 
@@ -40,11 +42,7 @@ class Recorder:
     """
 
     def __init__(
-        self,
-        transport: Transport,
-        width: int,
-        channels: Callable[[mi.Spectrum], Sequence[mi.Float]],
-        places: Mapping[str, tuple[str, str]],
+        self, transport: Transport, width: int, channels: Callable[[mi.Spectrum], Sequence[mi.Float]], places: Places
     ) -> None:
         self.transport, self.width, self.channels, self.lines = transport, width, channels, dict(places.values())
         self.records: list[Record] = []

@@ -21,11 +21,12 @@ from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.middleware.base import BaseHTTPMiddleware, RequestResponseEndpoint
 from starlette.requests import Request
-from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
+from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from ..explaining import explanation_page
 from ..scene.channels import parse_factor
 from .picture import Factors, Picture
 from .viewer import Viewer
@@ -159,7 +160,7 @@ def guard(token: str) -> Callable[[Request, RequestResponseEndpoint], Any]:
 
     async def dispatch(request: Request, call_next: RequestResponseEndpoint) -> Response:
         """Answers a request whose address begins with the token and whose headers name this machine; refuses other
-        requests with the status 403. All responses get the :data:`HEADERS`.
+        requests with the status 403. All responses get those :data:`HEADERS` that they lack.
         """
         host, origin = request.headers.get("host", ""), request.headers.get("origin")
         first_folder = request.scope["path"].lstrip("/").partition("/")[0]
@@ -169,7 +170,8 @@ def guard(token: str) -> Callable[[Request, RequestResponseEndpoint], Any]:
             response = await call_next(request)
         else:
             response = PlainTextResponse("Refused: open the address that prosim watch printed.\n", 403)
-        response.headers.update(HEADERS)
+        for name, value in HEADERS.items():
+            response.headers.setdefault(name, value)
         return response
 
     return dispatch
@@ -191,6 +193,7 @@ class Pages:
             Route("/events", self.events),
             Route("/layer/{image}/{layer}", self.layer),
             Route("/pixel/{x:int}/{y:int}", self.pixel),
+            Route("/explain/{x:int}/{y:int}", self.explain),
             Route("/save/{suffix}", self.save),
             Route("/do/{action}", self.act, methods=["POST"]),
             Mount("/", StaticFiles(packages=[(__package__, "page")], html=True)),
@@ -231,6 +234,17 @@ class Pages:
         values = {name: picture.at(x, y, (width, height)) for name, picture in self._publisher.pictures.items()}
         surface = await self._call(lambda viewer: viewer.scene.surface_at(x, y) if viewer.scene is not None else "")
         return JSONResponse({**values, "surface": surface})
+
+    async def explain(self, request: Request) -> Response:
+        """Returns the page that explains a pixel of the scene's image. The page may do nothing but run its own script.
+        The status is 400 if the pixel cannot be explained.
+        """
+        x, y = (request.path_params[name] for name in "xy")
+        try:
+            page = await self._call(lambda viewer: viewer.explanation(x, y))
+        except (ValueError, RuntimeError) as error:
+            return PlainTextResponse(f"{error}\n", 400)
+        return HTMLResponse(page, headers={"Content-Security-Policy": explanation_page.policy(page)})
 
     async def save(self, request: Request) -> Response:
         """Returns the image of the scene's integrator as an EXR or PNG file. The request's factors multiply layers of

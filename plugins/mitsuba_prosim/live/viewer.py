@@ -19,6 +19,7 @@ import mitsuba as mi
 import numpy as np
 import prosim_scene
 
+from ..explaining import explanation
 from ..scene import black, session
 from ..scene.channels import of_channels, planes
 from ..scene.errors import with_line, with_suggestion
@@ -124,6 +125,17 @@ class Viewer:
             prefix = "" if layer == "final" else layer.rpartition(".")[2] + "."
             channels |= planes(prefix, values) if values.ndim == 3 else {prefix + "Y": values}
         return self.publisher.state, of_channels(channels), self._images["own"], self._reached
+
+    def explanation(self, x: int, y: int) -> str:
+        """Returns the HTML page that explains the pixel (x, y) of the image by the scene's integrator. Only functions
+        that :meth:`call` has scheduled may call this method, because they run in the thread that renders. Raises the
+        errors of :meth:`.Samples.of`, and ValueError if no picture has been published.
+        """
+        scene, picture = self.scene, self.publisher.pictures.get("own")
+        if scene is None or picture is None:
+            raise ValueError("There is no image yet.")
+        seen = {"scene": scene.scene, "sensor": scene.sensor, "image": picture.layers["final"]}
+        return explanation.page(scene.file, pixel=(x, y), spp=self._spp, seed=self._seed, **seen)
 
     def run_calls(self, timeout: float = 0.0) -> None:
         """Executes all functions that :meth:`call` has scheduled. If no function is scheduled, waits at most

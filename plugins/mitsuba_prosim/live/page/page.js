@@ -210,7 +210,7 @@ function lost(refused) {
         : "prosim watch has ended, or does not respond";
     for (const id of ["state", "announcement"]) write(find(id), text);
     document.body.dataset.status = "lost";
-    for (const id of ["pause", "camera", "compare", "home"]) find(id).disabled = true;
+    for (const id of ["pause", "camera", "compare", "explain", "home"]) find(id).disabled = true;
     for (const input of layers()) input.disabled = !input.checked;
     savable(false);
 }
@@ -270,6 +270,11 @@ function point(pixel, announced = false) {
     ask(pixel);
 }
 
+/** Opens the page that explains a pixel, while Explain is on. */
+function explain(pixel) {
+    if (pixel && find("explain").checked) window.open(`explain/${pixel[0]}/${pixel[1]}`, "_blank", "noopener");
+}
+
 function ask(pixel) {
     showPixel();
     clearTimeout(timer);
@@ -284,7 +289,7 @@ function ask(pixel) {
 
 new ResizeObserver(() => showCarets(find("notes"))).observe(find("notes")); // also when the user opens the warnings
 
-const view = new PanZoom(find("stage"), find("picture"), {camera: () => find("camera").checked && !find("camera").disabled, gesture, moved: split, point});
+const view = new PanZoom(find("stage"), find("picture"), {camera: () => find("camera").checked && !find("camera").disabled, gesture, moved: split, point, explain});
 
 find("layers").addEventListener("change", () => refresh());
 function mixed() {

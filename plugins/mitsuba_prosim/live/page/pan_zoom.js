@@ -4,11 +4,11 @@
 const CLICK = 3;
 
 /** Moves and zooms the picture. If `camera()` is true, calls `gesture(kind, x, y)` instead: orbit in degrees, pan in
- * fractions of the picture, dolly as a factor. Calls `moved()` after the picture was moved, and `point(pixel)` when the
- * pointer is at a pixel. */
+ * fractions of the picture, dolly as a factor. Calls `moved()` after the picture was moved, `point(pixel)` when the pointer
+ * is at a pixel, and `explain(pixel)` after a click and after Enter. */
 export class PanZoom {
-    constructor(stage, picture, {camera, gesture, moved, point}) {
-        Object.assign(this, {stage, picture, camera, gesture, moved, point, width: 1, height: 1, zoom: 1, x: 0, y: 0, fitted: true});
+    constructor(stage, picture, {camera, gesture, moved, point, explain}) {
+        Object.assign(this, {stage, picture, camera, gesture, moved, point, explain, width: 1, height: 1, zoom: 1, x: 0, y: 0, fitted: true});
         this.pointers = new Map();
         stage.addEventListener("pointerdown", (e) => this.down(e));
         stage.addEventListener("pointermove", (e) => this.move(e));
@@ -91,7 +91,9 @@ export class PanZoom {
     up(e) {
         const last = this.pointers.get(e.pointerId);
         this.pointers.delete(e.pointerId);
-        if (last?.still) this.point(this.pixel(e.clientX, e.clientY)); // without a mouse, a touch selects a pixel
+        if (!last?.still) return;
+        this.point(this.pixel(e.clientX, e.clientY)); // without a mouse, a touch selects a pixel
+        if (e.button === 0) this.explain(this.pixel(e.clientX, e.clientY));
     }
 
     move(e) {
@@ -131,6 +133,7 @@ export class PanZoom {
 
     key(e) {
         if (e.target !== this.stage || e.ctrlKey || e.metaKey || e.altKey) return;
+        const box = this.stage.getBoundingClientRect(), middle = () => this.pixel(box.left + box.width / 2, box.top + box.height / 2);
         const arrows = {ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1]}[e.key];
         const factor = {"+": 1.25, "=": 1.25, "-": 0.8}[e.key];
         if (arrows && this.camera() && e.shiftKey) this.gesture("pan", 0.05 * arrows[0], -0.05 * arrows[1]);
@@ -140,11 +143,9 @@ export class PanZoom {
         else if (factor) this.scale(factor);
         else if (e.key === "0") this.fit();
         else if (e.key === "1") this.actual();
+        else if (e.key === "Enter") this.explain(middle());
         else return;
         e.preventDefault();
-        if (!this.camera()) {
-            const box = this.stage.getBoundingClientRect();
-            this.point(this.pixel(box.left + box.width / 2, box.top + box.height / 2), true);
-        }
+        if (!this.camera()) this.point(middle(), true);
     }
 }

@@ -16,8 +16,10 @@ import mitsuba as mi
 import numpy as np
 from prosim_scene import extras
 
+from ..denoising.verdict import verdict
 from ..scene import session
 from ..scene.images import compress, png
+from ..scene.scene_file import pick_sensor
 from .picture import LAYERS, as_png, white_of
 from .progressive_image import ProgressiveImage
 from .result import AnyScene, load
@@ -64,8 +66,7 @@ def show(
     of loading the scene.
     """
     scene = load("show", scene)
-    if isinstance(sensor, int):
-        sensor = scene.sensors()[sensor]
+    sensor = pick_sensor(scene, sensor) if isinstance(sensor, int) else sensor
     view = View(ProgressiveImage(integrator or scene.integrator(), scene, sensor, spp, seed), exposure)
     stop_earlier(view)
     try:
@@ -84,14 +85,19 @@ def stop_earlier(view: View) -> None:
     If the notebook program does not tell which cell it executes, this function stops no view. The function also stores
     the cell of ``view`` in :data:`_made`.
     """
-    from IPython import get_ipython
-
-    request: dict[str, Any] = getattr(get_ipython(), "get_parent", dict)()
-    cell, run = request.get("metadata", {}).get("cellId"), request.get("header", {}).get("msg_id")
+    cell, run = executed_cell()
     for earlier, (its_cell, its_run) in _made.items():
         if cell is not None and its_cell == cell and its_run != run:
             earlier.stop()
     _made[view] = cell, run
+
+
+def executed_cell() -> tuple[str | None, str | None]:
+    """Returns the id of the notebook's cell that is executed, and the id of this execution; None where unknown."""
+    from IPython import get_ipython
+
+    request: dict[str, Any] = getattr(get_ipython(), "get_parent", dict)()
+    return request.get("metadata", {}).get("cellId"), request.get("header", {}).get("msg_id")
 
 
 class View:
@@ -125,6 +131,13 @@ class View:
 
     def __repr__(self) -> str:
         return f"<{self._label.value}>"
+
+    def _ipython_display_(self) -> None:
+        """Shows the image so far if a cell ends with this view; in the cell that made the view, it is already shown."""
+        if _made[self] != executed_cell():
+            from IPython.display import display
+
+            display(self._still(), raw=True)
 
     @property
     def layers(self) -> dict[str, np.ndarray]:
@@ -218,12 +231,13 @@ class View:
         self._shown.value = as_png(values, self._factor, FAST)
 
     def _status(self) -> str:
-        """Returns a text with the mean number of samples per pixel so far and the elapsed seconds. During the first
-        pass over the image, the number of samples is not shown.
+        """Returns a text with the error, the mean number of samples per pixel so far and the elapsed seconds. During
+        the first pass over the image, only the seconds are known.
         """
-        samples = self._layers.get("samples")
-        count = "the first pass" if samples is None else f"{samples.mean():.1f} samples a pixel"
-        return f"{count}, {time.perf_counter() - self._started:.1f} s"
+        samples, seconds = self._layers.get("samples"), f"{time.perf_counter() - self._started:.1f} s"
+        if samples is None:
+            return f"the first pass, {seconds}"
+        return f"{verdict(self._image.render, interrupted=not self._image.done)}, {samples.mean():.1f} samples a pixel, {seconds}"
 
     def _replace(self) -> None:
         """Replaces the notebook's widgets by a text and, if there is an image, by a still image, because widgets work
@@ -231,10 +245,14 @@ class View:
         """
         if self._place is None:  # IPython is not running
             return
+        self._place.update(self._still(), metadata={"image/png": {"alt": self._label.value}}, raw=True)
+
+    def _still(self) -> dict[str, str]:
+        """Returns the text and, if there is an image, the image, by their MIME types."""
         still = {"text/plain": self._label.value}
         if self._layers:
             still["image/png"] = base64.b64encode(png(compress(self.image * self._factor))).decode()
-        self._place.update(still, metadata={"image/png": {"alt": self._label.value}}, raw=True)
+        return still
 
 
 @contextmanager

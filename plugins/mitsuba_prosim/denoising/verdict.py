@@ -53,9 +53,8 @@ def verdict(render: Any, final: FinalImage | None = None, interrupted: bool = Fa
         parts.append(denoised_words(final, interrupted))
     elif not parts:
         bound = render.noise_bound() if isinstance(render, Render) else float("nan")
-        parts = [
-            f"error {'unknown' if isnan(bound) else f'at most about {bound:.2g}'} (only a limit of the noise measures it)"
-        ]
+        words = "unknown" if isnan(bound) else f"at most about {bound:.2g}"
+        parts = [f"error {words} (only a limit of the noise measures it)"]
     if ended == "samples":
         parts.append(f"ended by the maximum number of samples per pixel, {most_samples(render)}")
     return ", ".join(parts)

@@ -237,7 +237,8 @@ class View:
         samples, seconds = self._layers.get("samples"), f"{time.perf_counter() - self._started:.1f} s"
         if samples is None:
             return f"the first pass, {seconds}"
-        return f"{verdict(self._image.render, interrupted=not self._image.done)}, {samples.mean():.1f} samples a pixel, {seconds}"
+        words = verdict(self._image.render, interrupted=not self._image.done)
+        return f"{words}, {samples.mean():.1f} samples a pixel, {seconds}"
 
     def _replace(self) -> None:
         """Replaces the notebook's widgets by a text and, if there is an image, by a still image, because widgets work

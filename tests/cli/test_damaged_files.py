@@ -142,8 +142,9 @@ def test_wrong_attribute_of_a_checkpoint_is_no_internal_error(state, lamp):
     names = "attributes", "about", "environment"
     header = {name: getattr(saved, name) for name in names}
     header["attributes"] |= {"estimates": [[4.5, "plain", 0.5]]}
-    for _ in range(ROUNDS // 3):
-        other = with_wrong_value(header, rng)
+    sampling = header["attributes"]["sampling"]
+    lists = [{**header, "attributes": header["attributes"] | {"sampling": sampling | {name: [1]}}} for name in sampling]
+    for other in [*lists, *(with_wrong_value(header, rng) for _ in range(ROUNDS // 3))]:
         checkpoint.save(
             Checkpoint(pixels=saved.pixels, second=saved.second, **{name: other.get(name) for name in names}), state
         )

@@ -27,7 +27,7 @@ from ..compat import dr_array
 from .accumulators import Accumulators
 from .environment import MAY_DIFFER, MUST_AGREE, differences, this_environment
 from .image import Image
-from .plan import SAMPLING, SHARED, TARGETS
+from .plan import SAMPLING, SHARED, TARGETS, Sampling
 from .policies import POLICIES
 from .tiles import Part
 
@@ -41,7 +41,12 @@ DECIDING = ("adaptive", "threshold", "max_samples")
 #: Name of each attribute -> whether a value in a file is allowed. An exception, too, means that it is not allowed.
 ALLOWED: Mapping[str, Callable[[Any], bool]] = {
     "samples": lambda value: type(value) is dict,  # restore() compares the items
-    "sampling": lambda value: value.keys() == set(SAMPLING) and value["adaptive"] in POLICIES,
+    "sampling": lambda value: (
+        value.keys() == set(SAMPLING)
+        and value["adaptive"] in POLICIES
+        and all(is_number(value[f.name], 0, np.inf) for f in fields(Sampling) if f.type == "float")
+        and all(is_integer(value[f.name], 0, 2**32) for f in fields(Sampling) if f.type == "int")
+    ),
     "part": lambda value: value is None or (all(is_integer(n, 1, 9999) for n in value) and Part(*value) is not None),
     "uses_sobol": lambda value: type(value) is bool,
     "shared": lambda value: is_integer(value, 0, max(SHARED)),

@@ -8,6 +8,7 @@ import mitsuba as mi
 import mitsuba_prosim
 import numpy as np
 import pytest
+from mitsuba_prosim.explaining import page_data
 from mitsuba_prosim.explaining.explanation import Samples
 from scenes import COPPER, T, area, bitmap, diffuse, penumbra, rectangle, rgb, without
 
@@ -308,3 +309,51 @@ def test_sentences_tell_where_light_comes_from_and_what_hides_it(variant_rgb):
     first, second = told.light
     assert first == "Where the light comes from: the light of light that wall scatters (100%)."
     assert "points of light are hidden by ball" in second and 0 < int(second.split()[2]) < 16
+
+
+class Asked:
+    """The points of a sample, which keep the spaces that the transport asks for."""
+
+    def __init__(self, points, spaces):
+        self.points, self.spaces = points, spaces
+
+    def __call__(self, space, active=True):
+        self.spaces.update(np.ravel(space).tolist())
+        return self.points(space, active)
+
+    def __getattr__(self, name):
+        return getattr(self.points, name)
+
+
+@pytest.mark.parametrize("name", ["lamps", "sky", "paths", "bounces", "masks"])
+def test_patterns_are_the_random_numbers_that_the_samples_use(variant_rgb, name, monkeypatch):
+    """Each pass of an N-rook pattern has one sample in each row and column, and all passes one in each cell."""
+    n, (x, y), scene = 4, (9, 8), scene_of(name, samples=4)
+    samples = Samples.of(scene, (x, y), 0)
+    trees = [samples.nodes(i) for i in range(n * n)]
+    found = page_data.patterns(samples.estimator, samples.plan, samples.where, n * n, trees)
+    for _, _, numbers in found:
+        cells = np.reshape(numbers, (n, n, 2)) * n // 1000
+        assert (np.sort(cells, axis=1) == np.arange(n)[:, None]).all() and len(
+            {*map(tuple, cells.reshape(-1, 2))}
+        ) == 16
+    pixel = next(np.reshape(numbers, (-1, 2)) for number, label, numbers in found if (number, label) == (1, "pixel"))
+    for nodes, place in zip(trees, (pixel + 0.5) / 1000):
+        ray, _ = scene.sensors()[0].sample_ray(0, 0.5, np.add(place, (x, y)) / SIZE, [0.5, 0.5])
+        assert np.ravel(ray.d) == pytest.approx(nodes[0].direction, abs=1e-4)
+    asked, points, transport = set(), type(samples.plan).points, samples.estimator.transport
+    monkeypatch.setattr(type(samples.plan), "points", lambda *where: Asked(points(*where), asked))
+    transport.observer = lambda *_, **__: None  # evaluates the loops
+    samples.estimator.sample(samples.plan, *(mi.Int32(value) for value in (x, y)), dr.arange(mi.UInt32, n * n))
+    shown = {transport.space(k, space) for nodes in trees for k, space, _ in page_data.node_spaces(transport, nodes)}
+    assert shown <= asked and len(shown) == len(found) - 1 > 0
+
+
+def test_lobe_of_a_diffuse_surface_is_its_cosine(variant_rgb):
+    samples = Samples.of(mi.load_dict(penumbra(None, SIZE, type="prosim")), (5, 14), 1)
+    (node,) = samples.nodes(0)
+    (vectors,) = page_data.lobe_directions(samples.estimator, [node]).values()
+    vectors = np.reshape(vectors, (-1, 3))
+    lengths = np.linalg.norm(vectors, axis=1)
+    cosines = vectors @ node.normal / lengths
+    assert lengths == pytest.approx(cosines / cosines.max(), abs=5e-3) and len(lengths) == page_data.DIRECTIONS

@@ -24,7 +24,7 @@ from ..engine.plan import Plan
 from ..engine.render import Render
 from ..registry import PLUGINS, create
 from ..scene.scene_file import SceneFile, pick_sensor
-from . import explanation_page, noise
+from . import explanation_page, noise, page_data
 from .nodes import Node, Numbers
 from .recorder import Places, Recorder
 
@@ -67,7 +67,7 @@ class Explanation:
 
     def _repr_html_(self) -> str:
         """Returns the page of this explanation, without the image, within a frame for a notebook."""
-        page = explanation_page.html(asdict(self), [(self.sample, self.nodes)])
+        page = explanation_page.html(asdict(self), {self.sample: self.nodes})
         return f'<iframe srcdoc="{escape(page)}" style="width: 100%; height: 50rem; border: 0"></iframe>'
 
 
@@ -116,6 +116,8 @@ class Samples:
     estimator: Estimator
     plan: Plan
     pixel: tuple[int, int]
+    #: Column and row of the pixel in the whole film.
+    where: tuple[int, int]
     channels: tuple[str, ...]
     values: np.ndarray
     notes: list[str]
@@ -158,16 +160,14 @@ class Samples:
             estimator = integrator.estimator(scene, camera)
             sampling = integrator.sampling.uniform(spp) if spp else integrator.sampling
             plan = Plan.of(sampling, film, seed, spp)
-            offset = tuple(map(int, film.crop_offset()))
-            count = spp or min(plan.noisy_samples, MOST_SAMPLES)
-            samples = cls([], estimator, plan, (x, y), (), np.empty((0,)), notes)
+            left, top = map(int, film.crop_offset())
+            samples = cls([], estimator, plan, (x, y), (x + left, y + top), (), np.empty((0,)), notes)
             with window:  # a render takes its samples without it, too
-                samples._take(x + offset[0], y + offset[1], count, names or {})
-                samples.shares = noise.shares(estimator, plan, x + offset[0], y + offset[1])
+                samples._take(spp or min(plan.noisy_samples, MOST_SAMPLES), names or {})
+                samples.shares = noise.shares(estimator, plan, *samples.where)
         return samples
 
-    def _take(self, x: int, y: int, count: int, names: Places) -> None:
-        """Takes ``count`` samples of the pixel (x, y) of the whole film."""
+    def _take(self, count: int, names: Places) -> None:
         estimator, plan = self.estimator, self.plan
         parts, values = list[tuple[int, Recorder]](), list[np.ndarray]()
         kept = [name for name in estimator.channels.names[: estimator.channels.names.index("W")] if name != "A"]
@@ -179,17 +179,17 @@ class Samples:
                 caustics.use_pass(plan.photon_seed, first // size, plan.n)
             width = min(size, count - first)
             t = dr.opaque(mi.UInt32, first) + dr.arange(mi.UInt32, width)
-            where = dr.opaque(mi.Int32, x, width), dr.opaque(mi.Int32, y, width)
-            points = plan.points(*where, t)
+            x, y = (dr.opaque(mi.Int32, value, width) for value in self.where)
+            points = plan.points(x, y, t)
             if caustics is not None:
                 points.division = t, caustics.n
-            ray, weight, _ = estimator.camera_ray(*where, points)
+            ray, weight, _ = estimator.camera_ray(x, y, points)
 
             def channels(L: mi.Spectrum, ray: Any = ray, weight: Any = weight) -> Sequence[mi.Float]:
                 return estimator.channels.values(L * weight, ray.wavelengths, mi.Float(0))[: len(kept)]
 
             transport.observer = recorder = Recorder(transport, width, channels, names)
-            taken = estimator.sample(plan, *where, t)[0][: len(kept)]
+            taken = estimator.sample(plan, x, y, t)[0][: len(kept)]
             recorder.finish()
             transport.observer = None
             values.append(np.array([np.broadcast_to(np.array(value), width) for value in taken], np.float64).T)
@@ -248,9 +248,16 @@ def page(file: SceneFile, scene: Any = None, image: Any = None, **arguments: Any
     if image is None:
         preview = Plan.of(plan.sampling.uniform(PREVIEW), film, plan.seed, PREVIEW)
         image = Render(preview, estimator).run().image()
+    trees = {sample: samples.nodes(sample) for sample in shown}
+    with alone():
+        patterns = page_data.patterns(estimator, plan, samples.where, len(told.values), trees.values())
+        lobes = {sample: page_data.lobe_directions(estimator, nodes) for sample, nodes in trees.items()}
     return explanation_page.html(
         asdict(told),
-        [(sample, samples.nodes(sample)) for sample in shown],
+        trees,
+        n=0 if plan.uses_sobol else plan.n,
+        patterns=patterns,
+        lobes=lobes,
         name=file.path.name,
         image=explanation_page.picture(image),
         size=list(map(int, film.crop_size())),

@@ -4,7 +4,9 @@ const find = id => document.getElementById(id);
 const sum = values => values.reduce((a, b) => a + b, 0);
 const number = x => x === 0 ? "0" : String(Number(x.toPrecision(4)));
 const list = values => values.map(number).join("  ");
-const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+/** A colour of the page for SVG, which follows the colour scheme; and its present value for a canvas. */
+const css = name => `var(${name})`;
+const present = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 /** Makes an SVG element with attributes and children. */
 function svg(name, attributes = {}, ...children) {
@@ -106,23 +108,26 @@ function showTree() {
     find("sample").textContent = `${tree.sample}: ${list(data.values[tree.sample])}`;
 }
 
+/** Whether a node is `top` or in one of its branches. */
+const isWithin = (node, top) => node && (node === top || isWithin(tree.nodes.find(one => one.number === node.parent), top));
+
 /** Shows the numbers of a node as a table. */
 function showNode(node) {
     const rows = [
         ["node", `${node.number}, from ${node.parent ? "node " + node.parent : "the camera"}, level ${node.level}`],
         ["meets", node.shape ? node.shape + (node.line ? " – " + node.line : "") : "nothing"],
-        ["lobe", node.lobe + (node.density === null ? "" : `, density ${number(node.density)}`) + (node.probability === null ? "" : `, probability ${number(node.probability)}`)],
-        ["survival", number(node.survival)], ["throughput", list(node.throughput)],
+        ["lobe", node.lobe + (node.density === null ? "" : `, density ${number(node.density)} / sr`) + (node.probability === null ? "" : `, probability ${number(node.probability)}`)],
+        ["survives with", `probability ${number(node.survival)}`], ["throughput", list(node.throughput)],
         ["position", node.position ? list(node.position) : "–"], ["normal", node.normal ? list(node.normal) : "–"],
     ];
     for (const lamp of node.lamps) {
         const state = lamp.state === "hidden" ? `hidden by ${lamp.occluder}` : lamp.state;
-        rows.push([`lamp ${lamp.lamp}`, `${state}; adds ${list(lamp.contribution)}; density ${number(lamp.density)}`]);
-        for (const lobe of lamp.lobes) rows.push(["", `${lobe.name}: BSDF × cosine ${list(lobe.bsdf)}, density ${number(lobe.density)}, MIS weight ${number(lobe.weight)}`]);
+        rows.push([`lamp ${lamp.lamp}`, `${state}; adds ${list(lamp.contribution)}; density ${number(lamp.density)} / sr`]);
+        for (const lobe of lamp.lobes) rows.push(["", `${lobe.name}: BSDF × cosine ${list(lobe.bsdf)}, density ${number(lobe.density)} / sr, MIS weight ${number(lobe.weight)}`]);
     }
-    if (node.emission) rows.push([`meets lamp ${node.emission.lamp}`, `adds ${list(node.emission.contribution)}; lamp's density ${number(node.emission.density)}, MIS weight ${number(node.emission.weight)}`]);
+    if (node.emission) rows.push([`meets lamp ${node.emission.lamp}`, `adds ${list(node.emission.contribution)}; lamp's density ${number(node.emission.density)} / sr, MIS weight ${number(node.emission.weight)}`]);
     for (const name of ["ambient", "background", "photons"]) if (node[name].some(Boolean)) rows.push([name, `adds ${list(node[name])}`]);
-    rows.push(["adds in all", list(node.contribution)]);
+    rows.push(["adds in all", list(node.contribution)], ["with its branches", list(tree.nodes.filter(other => isWithin(other, node)).map(one => one.contribution).reduce((a, b) => a.map((x, k) => x + b[k])))]);
     const table = document.createElement("table");
     for (const [name, text] of rows) {
         const row = table.insertRow(), head = document.createElement("th");
@@ -131,6 +136,32 @@ function showNode(node) {
         row.insertCell().textContent = text;
     }
     find("node").replaceChildren(table);
+    showPatterns(node);
+}
+
+/** Shows the random numbers of a node, one square for each pair of numbers; a dot is a sample of the pixel. */
+function showPatterns(node) {
+    const squares = data.patterns.filter(([number]) => number === node.number).map(([, name, points]) => {
+        const pass = i => data.n && Math.floor(i / data.n) === Math.floor(tree.sample / data.n);
+        const drawing = svg("svg", { viewBox: "-2 -2 104 104", width: 130, role: "img", "aria-label": `Random numbers: ${name}` });
+        const line = (a, b) => drawing.append(svg("path", { d: `M${a}L${b}`, stroke: css("--line"), "stroke-width": 0.4 }));
+        for (let k = 0, n = data.n || 1; k <= n; k++) {
+            line([100 * k / n, 0], [100 * k / n, 100]);
+            line([0, 100 * k / n], [100, 100 * k / n]);
+        }
+        for (let i = 0; 2 * i < points.length; i++) {
+            const place = { cx: points[2 * i] / 10, cy: points[2 * i + 1] / 10 }, own = i === tree.sample;
+            if (own) drawing.append(svg("circle", { ...place, r: 6, fill: "none", stroke: css("--lamp"), "stroke-width": 2 }));
+            const colour = own ? "--lamp" : pass(i) ? "--accent" : "--line";
+            drawing.append(svg("circle", { ...place, r: own || pass(i) ? 2.6 : 1.6, fill: css(colour) }, svg("title", {}, `Sample ${i}`)));
+        }
+        const figure = document.createElement("figure"), caption = document.createElement("figcaption");
+        caption.textContent = name;
+        figure.append(drawing, caption);
+        return figure;
+    });
+    find("patterns").replaceChildren(...squares);
+    find("numbers").hidden = !squares.length;
 }
 
 // ---------------------------------------------------------------- the view from outside
@@ -158,14 +189,21 @@ function showOutside() {
     for (const [a, b] of data.boxes)
         for (let i = 0; i < 8; i++)
             for (const bit of [1, 2, 4])
-                if (!(i & bit)) line([0, 1, 2].map(j => i >> j & 1 ? b[j] : a[j]), [0, 1, 2].map(j => (i | bit) >> j & 1 ? b[j] : a[j]), css("--line"), 0.5);
-    for (const node of tree.nodes) {
+                if (!(i & bit)) line([0, 1, 2].map(j => i >> j & 1 ? b[j] : a[j]), [0, 1, 2].map(j => (i | bit) >> j & 1 ? b[j] : a[j]), present("--line"), 0.5);
+    tree.nodes.forEach((node, index) => {
         const end = node.position || node.origin.map((o, i) => o + node.direction[i] * size / 4);
+        const lobe = (data.lobes[tree.sample] || {})[index] || [];
+        for (let i = 0; i < lobe.length; i += 3) line(end, end.map((p, k) => p + lobe[i + k] * size / 7), present("--lobe"), 0.7);
         for (const lamp of node.position ? node.lamps : [])
-            if (lamp.state !== "dark") line(end, lamp.point, css("--lamp"), 1, lamp.state === "hidden" ? [4, 4] : []);
-        line(node.origin, end, css("--accent"), 2);
-        if (node.normal) line(end, end.map((p, i) => p + node.normal[i] * size / 12), css("--ink"));
-    }
+            if (lamp.state !== "dark") line(end, lamp.point, present("--lamp"), 1, lamp.state === "hidden" ? [4, 4] : []);
+        line(node.origin, end, present("--accent"), 2);
+        if (node.normal) line(end, end.map((p, i) => p + node.normal[i] * size / 12), present("--ink"));
+    });
+    g.fillStyle = present("--ink");
+    const labels = new Map([["camera", tree.nodes[0].origin]]);
+    for (const node of tree.nodes)
+        for (const lamp of node.lamps) if (lamp.state !== "dark") labels.set(lamp.lamp, lamp.point);
+    for (const [name, p] of labels) g.fillText(name, at(p)[0] + 4, at(p)[1] - 4);
 }
 
 function turn(yaw, pitch, zoom = 1) {
@@ -183,7 +221,7 @@ function listen() {
     const keys = { ArrowLeft: [0.1, 0], ArrowRight: [-0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1], "+": [0, 0, 1.2], "-": [0, 0, 1 / 1.2] };
     canvas.addEventListener("keydown", event => { if (keys[event.key]) { event.preventDefault(); turn(...keys[event.key]); } });
     addEventListener("resize", showOutside);
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", showAll);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", showOutside);
 }
 
 // ---------------------------------------------------------------- the samples
@@ -191,7 +229,7 @@ function listen() {
 function showBars() {
     const light = data.values.map(sum), order = light.map((_, i) => i).sort((a, b) => light[b] - light[a]);
     const n = order.length, mean = sum(light) / n, most = Math.max(...light, 1e-30), stored = new Map(data.trees.map(one => [one.sample, one]));
-    const drawing = svg("svg", { viewBox: "0 0 640 170", width: "100%", role: "group", "aria-label": "Samples, the brightest first" });
+    const drawing = svg("svg", { viewBox: "0 -10 640 180", width: "100%", role: "group", "aria-label": "Samples, the brightest first" });
     order.forEach((i, rank) => {
         const w = 640 / n, height = Math.max(150 * Math.max(light[i], 0) / most, 1);
         const bar = svg("rect", { x: rank * w, y: 160 - height, width: Math.max(w * 0.85, 0.5), height, fill: css(stored.has(i) ? "--accent" : "--line"), opacity: i === tree.sample || !stored.has(i) ? 1 : 0.6 });
@@ -204,7 +242,7 @@ function showBars() {
     const errors = light.map(x => (x - mean) ** 2).sort((a, b) => b - a), all = sum(errors);
     let count = 0;
     for (let part = 0; part < 0.9 * all; count++) part += errors[count];
-    find("error").textContent = all > 0 ? `${count} of ${n} samples make 90 % of the squared error.` : "All samples are equal.";
+    find("error").textContent = all > 0 ? `${count} of ${n} samples make 90 % of the squared error.` : "";
 }
 
 function showAll() {
@@ -215,5 +253,6 @@ find("title").textContent = `Pixel ${data.pixel.join(", ")} of ${data.name}`;
 find("sum").textContent = `${data.channels.join(" ")} = ${list(data.mean)}, the mean of ${data.values.length} samples (seed ${data.seed})`;
 for (const name of ["notes", "light", "noise"])
     for (const text of data[name]) { const p = document.createElement("p"); p.textContent = text; find(name).append(p); }
+find("pass").hidden = !data.n;
 showAll();
 listen();

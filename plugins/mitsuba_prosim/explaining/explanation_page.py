@@ -21,16 +21,15 @@ from .nodes import Node
 BRIGHTEST, MOST_CHARACTERS = 8, 1 << 20
 
 
-def html(facts: Mapping[str, Any], trees: Sequence[tuple[int, Sequence[Node]]], **more: Any) -> str:
-    """Returns the HTML text of the page. ``facts`` are those of an explanation, and ``trees`` are pairs of a sample and
-    its nodes; trees that would make the page too large are left out. ``more`` are further data of the page.
+def html(facts: Mapping[str, Any], trees: Mapping[int, Sequence[Node]], **more: Any) -> str:
+    """Returns the HTML text of the page. ``facts`` are those of an explanation, and ``trees`` maps samples to their
+    nodes; trees that would make the page too large are left out. ``more`` are further data of the page.
     """
-    stored, size = list[Any](), 0
-    for sample, nodes in trees:
-        text = json.dumps({"sample": sample, "nodes": [asdict(node) for node in nodes]})
-        if not stored or size + len(text) < MOST_CHARACTERS:
-            stored, size = [*stored, json.loads(text)], size + len(text)
-    data = {"name": "the image", "image": "", "camera": None, "boxes": [], **facts, "trees": stored, **more}
+    stored = [{"sample": sample, "nodes": [asdict(node) for node in nodes]} for sample, nodes in trees.items()]
+    while len(stored) > 1 and len(json.dumps(stored)) > MOST_CHARACTERS:
+        stored.pop()
+    nothing: dict[str, Any] = {"image": "", "camera": None, "boxes": [], "n": 0, "patterns": [], "lobes": {}}
+    data = {"name": "the image", **nothing, **facts, "trees": stored, **more}
     page, script = (
         files(__package__).joinpath(f"explanation_page.{kind}").read_text("utf-8") for kind in ("html", "js")
     )

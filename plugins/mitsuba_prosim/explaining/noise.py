@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any
 
 import drjit as dr
@@ -71,20 +72,6 @@ class Pair:
         return dr.select(space < CAMERA_SPACES, space, of_node) == self.which
 
 
-@dataclass
-class Pairs:
-    """A plan whose points are a :class:`Pair`."""
-
-    plan: Plan
-    other: Plan
-    which: mi.UInt32
-    spaces: int
-
-    def points(self, *where: Any) -> Any:
-        """Returns the points of samples of pixels, see :meth:`.Plan.points`."""
-        return Pair(self.plan.points(*where), self.other.points(*where), self.which, self.spaces)
-
-
 def shares(estimator: Estimator, plan: Plan, x: int, y: int) -> dict[str, float]:
     """Returns the share of each of the :data:`DIMENSIONS` in the variance of the luminance of the pixel (x, y) of the
     whole film; an empty dictionary if the samples are equal.
@@ -92,9 +79,10 @@ def shares(estimator: Estimator, plan: Plan, x: int, y: int) -> dict[str, float]
     lanes = dr.arange(mi.UInt32, PAIRS * (len(DIMENSIONS) + 1))
     one, other = (replace(plan, uses_sobol=True, shared=0, seed=hash32(plan.seed + number)) for number in (1, 2))
     transport: Any = estimator.transport
-    # The last group of lanes differs in no dimension.
-    pairs: Any = Pairs(one, other, lanes // PAIRS, NODE_SPACES + transport.lights.count)
     where = dr.opaque(mi.Int32, x, len(lanes)), dr.opaque(mi.Int32, y, len(lanes))
+    # The last group of lanes differs in no dimension.
+    which, spaces = lanes // PAIRS, NODE_SPACES + transport.lights.count
+    pairs: Any = SimpleNamespace(points=lambda *at: Pair(one.points(*at), other.points(*at), which, spaces))
     values = np.array(estimator.sample(pairs, *where, lanes % PAIRS)[1], np.float64).reshape(-1, PAIRS)
     variance = float(values[-1].var())
     if not variance > (1e-4 * values[-1].mean()) ** 2:

@@ -37,8 +37,8 @@ class Record(NamedTuple):
 class Recorder:
     """Records the computations of ``transport`` for ``width`` samples (:attr:`.Context.observer`).
 
-    ``channels`` converts the radiance along the camera rays to the values of the film's channels. ``places`` maps ids
-    of shapes and emitters to their names and lines in the scene file.
+    ``channels`` converts the radiance along the camera rays to the values of the film's channels. ``places`` are the
+    names and lines of shapes and emitters in the scene file.
     """
 
     def __init__(
@@ -91,17 +91,8 @@ class Recorder:
             if lobe is not None
         ]
         state = dr.select(scatters, dr.select(visible, mi.UInt32(0), 1), 2)
-        return {
-            "active": vertex.smooth,
-            "lamp": mi.UInt32(lamp),
-            "p": ds.p,
-            "pdf": ds.pdf,
-            "radiance": weight,
-            "state": state,
-            "occluder": blocker.shape,
-            "shares": shares,
-            "value": value,
-        }
+        values = {"active": vertex.smooth, "lamp": mi.UInt32(lamp), "p": ds.p, "pdf": ds.pdf, "radiance": weight}
+        return values | {"state": state, "occluder": blocker.shape, "shares": shares, "value": value}
 
     def _numpy(self, value: Any) -> Any:
         """Converts Dr.Jit arrays in nested lists and dictionaries to NumPy arrays with an entry for each sample."""
@@ -143,12 +134,11 @@ class Recorder:
     ) -> Node:
         met = bool(values["valid"][i])
         shape = self.shapes.get(int(values["shape"][i]), "a shape without a name") if met else None
-        sums = {r.event: at(r.values["contribution"], i) for r in records if r.event in SUMS}
+        sums: dict[str, Any] = {r.event: at(r.values["contribution"], i) for r in records if r.event in SUMS}
         lamps = tuple(self._lamp(i, record.values) for record in records if record.event == "lamp")
         found = [self._emission(i, record.values) for record in records if record.event == "emission"]
         emission = next((one for one in found if any(one.radiance)), None)
         parts = [*sums.values(), *(one.contribution for one in lamps), *([emission.contribution] if emission else [])]
-        lobe, density, probability, survival = self._chosen(i, values, left)
         return Node(
             number=number,
             parent=parent,
@@ -159,10 +149,7 @@ class Recorder:
             direction=at(values["d"], i),
             position=at(values["p"], i) if met else None,
             normal=at(values["normal"], i) if met else None,
-            lobe=lobe,
-            density=density,
-            probability=probability,
-            survival=survival,
+            **self._chosen(i, values, left),
             throughput=at(values["attenuated"], i),
             lamps=lamps,
             emission=emission,
@@ -171,20 +158,21 @@ class Recorder:
         )
 
     @staticmethod
-    def _chosen(i: int, ray: dict[str, Any], left: list[Record]) -> tuple[str, float | None, float | None, float]:
+    def _chosen(i: int, ray: dict[str, Any], left: list[Record]) -> dict[str, Any]:
         """Returns the fields ``lobe``, ``density``, ``probability`` and ``survival`` of a node.
 
         ``left`` are the rays that were sampled at the parent: the reflected and the refracted one of a tree, of which
         both may be followed, or the specular and the diffuse one of a path, of which one is followed.
         """
         if not left:
-            return "camera", None, None, 1.0
+            return {"lobe": "camera", "density": None, "probability": None, "survival": 1.0}
         one = min((r.values for r in left), key=lambda v: float(np.abs(v["d"] - ray["d"])[:, i].sum()))
         flags, pdf = int(one["type"][i]), float(one["pdf"][i])
         ideal = bool(lobes.has_any(flags, *lobes.IDEAL))
         sampled, followed = (at(x, i) for x in (one["throughput"], ray["arriving"]))
         survival = max(sampled) / max(followed) if max(followed) > 0 else 1.0
-        return lobe_names(flags), None if ideal else pdf, pdf if ideal else None, survival
+        chosen = {"density": None, "probability": pdf} if ideal else {"density": pdf, "probability": None}
+        return {"lobe": lobe_names(flags), "survival": survival, **chosen}
 
     def _lamp(self, i: int, values: dict[str, Any]) -> LampSample:
         state = ("visible", "hidden", "dark")[int(values["state"][i])]

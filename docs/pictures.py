@@ -336,7 +336,7 @@ def denoising():
 
 
 def step(name, text):
-    size = (320, 240) if "RESOLUTION" in text else (240, 240)
+    size = (640, 480) if "RESOLUTION" in text else (480, 480)
     return rendered(prosim_scene.load(document_of(text, name), resolution=size))
 
 

@@ -1,6 +1,8 @@
 """What is built holds all that is needed and nothing of this machine, and works with other versions of packages."""
 
 import os
+import re
+import runpy
 import subprocess
 import sys
 import venv
@@ -12,7 +14,10 @@ import pytest
 from mitsuba_prosim import llvm
 
 ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text("utf-8")
 STARTUP = ROOT / "plugins" / "mitsuba_prosim_llvm.pth"
+
+index_readme = runpy.run_path(str(ROOT / "hatch_build.py"))["absolute"]
 
 
 @pytest.mark.slow
@@ -26,6 +31,8 @@ def test_wheel(tmp_path):
     with zipfile.ZipFile(path) as built:
         names = set(built.namelist())
         assert built.read("mitsuba_prosim_llvm.pth") == STARTUP.read_bytes()
+        (metadata,) = (name for name in names if name.endswith(".dist-info/METADATA"))
+        assert index_readme(README, None) in built.read(metadata).decode()
     assert {"mitsuba_prosim/py.typed", "prosim_scene/py.typed", "mitsuba_prosim/stock_command/stand_in.c"} <= names
     folders = {name.split("/")[0] for name in names if ".dist-info" not in name}
     assert folders == {"mitsuba_prosim", "prosim_start", "prosim_scene", "mitsuba_prosim_llvm.pth"}
@@ -36,6 +43,14 @@ def test_wheel(tmp_path):
         if path.suffix in (".py", ".c", ".html", ".css", ".js", ".lark", ".txt")
     }
     assert sources <= names
+
+
+@pytest.mark.parametrize("source", [None, "https://example.org/prosim"])
+def test_readme_of_a_package_index_has_no_relative_links(source):
+    text = index_readme(README, source)
+    links = re.findall(r"(!?)\[[^]]*\]\(([^)]+)\)", text)
+    assert links and all(link.startswith("https://") for _, link in links) and "<img" not in text
+    assert {"!" for picture, _ in links if picture} == ({"!"} if source else set())
 
 
 def test_the_start_up_file_names_the_llvm_that_is_required(tmp_path, monkeypatch):

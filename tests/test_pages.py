@@ -116,12 +116,12 @@ def test_the_steps_lead_to_the_whole_scene():
 
 
 @pytest.mark.parametrize("number", range(len(STEPS)))
-def test_steps_warn_of_what_the_page_says_alone(number):
+def test_steps_cause_no_warning(number):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         document = prosim_scene.document_of(STEPS[number][0], f"{number}.scn")
         prosim_scene.load(document, resolution=(8, 6))
-    assert [(w.message.code, w.message.line) for w in caught] == [("no-lights", 1)] * (number == 0)
+    assert not caught
 
 
 @pytest.mark.slow
@@ -135,7 +135,7 @@ def test_pictures_are_of_the_steps(variant_rgb, number):
     shown = mi.Bitmap(str(ROOT / "docs" / picture)).convert(
         mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False
     )
-    blocks = np.array(shown).reshape(size[1], 10, size[0], 10, 3).mean(axis=(1, 3))
+    blocks = np.array(shown).reshape(size[1], 20, size[0], 20, 3).mean(axis=(1, 3))
     assert np.sqrt(np.mean((image - blocks) ** 2)) < 0.05  # outlines, and grain
 
 

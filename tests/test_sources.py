@@ -8,11 +8,9 @@ from pathlib import Path
 
 import prosim_scene
 import pytest
-from test_pages import PAGES
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "plugins" / "mitsuba_prosim"
-ROOMS = "plugins", "scene_translator", "benchmarks", "docs"
 CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
 
 
@@ -27,20 +25,20 @@ def modules():
     return {path: nodes(path) for path in PACKAGE.rglob("*.py")}
 
 
-def test_rooms():
-    """All rooms are in the list, and imports point downwards there, or to the right: none go in circles."""
+def test_packages_import_only_packages_of_lower_lines():
+    """All packages are in the list of CONTRIBUTING.md, and imports point downwards there, or to the right."""
     (said,) = re.findall(r"^```\n(prosim_start .*?)^```$", CONTRIBUTING, re.MULTILINE | re.DOTALL)
-    listed = [room for line in said.splitlines() for room in line.split("   ")[0].split()]
+    listed = [name for line in said.splitlines() for name in line.split("   ")[0].split()]
     parts = {path.relative_to(PACKAGE).with_suffix("").parts: found for path, found in modules().items()}
-    rooms = {first for first, *_ in parts} - {"__init__"}
-    assert rooms == set(listed[1:])
+    packages = {first for first, *_ in parts} - {"__init__"}
+    assert packages == set(listed[1:])
     upwards = []
     for here, found in parts.items():
         for node in found:
             if here != ("__init__",) and isinstance(node, ast.ImportFrom) and node.level == len(here):
                 names = [node.module] if node.module else [alias.name for alias in node.names]
-                others = {name.partition(".")[0] for name in names} & rooms - {here[0]}
-                upwards += [(here, room) for room in others if listed.index(room) < listed.index(here[0])]
+                others = {name.partition(".")[0] for name in names} & packages - {here[0]}
+                upwards += [(here, name) for name in others if listed.index(name) < listed.index(here[0])]
     assert not upwards
 
 
@@ -55,14 +53,14 @@ def imported(path):
 
 @pytest.mark.parametrize("base", [PACKAGE, Path(prosim_scene.__file__).parent], ids=lambda base: base.name)
 def test_imports_of_modules_go_in_no_circles(base):
-    """Also within a room, and where only types are imported."""
+    """Also within a package, and where only types are imported."""
     graph = {path: set(imported(path)) - {path} for path in base.rglob("*.py") if path.stem != "__init__"}
     TopologicalSorter(graph).prepare()
 
 
 def test_no_two_modules_on_the_path_share_a_name():
     """Among what tests, benchmarks and the documentation import from their folders."""
-    folders = {path.parent for room in ("tests", "benchmarks", "docs") for path in (ROOT / room).rglob("*.py")}
+    folders = {path.parent for name in ("tests", "benchmarks", "docs") for path in (ROOT / name).rglob("*.py")}
     names = [path.stem for folder in {*folders, ROOT / "examples"} for path in folder.glob("*.py")]
     assert {name for name in names if names.count(name) > 1} <= {"conftest"}
 
@@ -90,25 +88,3 @@ def test_arguments_are_left_as_they_are():
                 augmented = [one for one in ast.walk(node) if isinstance(one, ast.AugAssign)]
                 changed += [(path.name, ast.unparse(one)) for one in augmented if getattr(one.target, "id", 0) in given]
     assert not changed
-
-
-def names(path):
-    """The names in a module: its own, and those of functions, classes, arguments, variables, attributes and imports."""
-    fields = [vars(node).get(field) for node in nodes(path) for field in ("name", "arg", "id", "attr")]
-    return {path.stem, *(field for field in fields if isinstance(field, str))}
-
-
-def test_names_that_have_gone_do_not_come_back():
-    """Those in the first column of the table of terms in CONTRIBUTING.md."""
-    (table,) = re.findall(r"^\| gone \| term \|\n\|.*\n((?:\|.*\n)+)", CONTRIBUTING, re.MULTILINE)
-    gone = {word for row in table.splitlines() for word in row.split("|")[1].strip().split(", ")}
-    assert len(gone) > 20
-    found = {name: path for room in ROOMS for path in (ROOT / room).rglob("*.py") for name in names(path)}
-    back = []
-    for name, path in found.items():
-        parts = {part.lower() for part in re.findall("[A-Z]?[a-z]+|[A-Z]+", name)} | {name.lower()}
-        back += [f"{path.relative_to(ROOT)}: {name}" for _ in parts & gone]
-    for page in PAGES:
-        if page.name != "CONTRIBUTING.md":
-            back += [f"{page.name}: {code}" for code in re.findall(r"`(\w+)`", page.read_text("utf-8")) if code in gone]
-    assert not back

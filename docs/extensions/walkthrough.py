@@ -11,7 +11,7 @@ def steps():
     statements = {}
     for block, picture in re.findall(r"```scn\n(.*?)```\n\n!\[.*?\]\((.*?)\)", PAGE.read_text("utf-8"), re.DOTALL):
         for statement in re.split(r"\n(?=\S)", block.rstrip()):
-            name = re.match(r"(?:SURFACE|TRANSFORM) \d+|[\w-]+", statement)[0]
+            name = re.match(r"(?:SURFACE|TRANSFORM|TEXTURE) \S+|[\w-]+", statement)[0]
             statements[name] = statement
         end = statements.pop("END")
         yield "\n".join([*statements.values(), end, ""]), picture

@@ -19,8 +19,7 @@ from .registry import register_plugins
 
 __all__ = ["denoise", "explain", "register_plugins", "render", "show"]
 
-__version__ = "0.1.0"
-
+__version__ = "0.2.0"
 
 #: Functions of this package that are imported when they are first used -> their modules.
 LAZY = {"denoise": "denoising", "explain": "explaining.explanation", "render": "live.result", "show": "live.notebook"}

@@ -1,4 +1,4 @@
-"""The worked examples of CONTRIBUTING.md work."""
+"""The examples of docs/extending.md work."""
 
 import dataclasses
 import re
@@ -20,7 +20,7 @@ from prosim_scene.model import Scene
 from scenes import area, camera, film, ground
 
 ROOT = Path(__file__).parents[1]
-TEXT = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+TEXT = (ROOT / "docs" / "extending.md").read_text("utf-8")
 BLOCKS = re.findall(r"^```python\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
 
 

@@ -66,7 +66,7 @@ def test_api_lists_numbers_only_of_words_that_have_some():
     assert [cell.strip() for cell in row] == ["- ``METODO``", "-", "-"]
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/index.md", "docs/inverse_rendering.md"])
+@pytest.mark.parametrize("page", ["README.md", "docs/five_minutes.md", "docs/inverse_rendering.md"])
 def test_python_examples_run(page, tmp_path, monkeypatch):
     """Two steps of an optimisation instead of its many."""
     (code,) = re.findall(r"^```python\n(.*?)^```$", (DOCS.parent / page).read_text("utf-8"), re.MULTILINE | re.DOTALL)

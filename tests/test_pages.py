@@ -61,10 +61,10 @@ def test_modules_and_files_exist(page):
 
 # ---- The language, and its functions in Python
 
-LANGUAGE, CHEAT_SHEET, PYTHON = (
-    (ROOT / "docs" / f"{name}.md").read_text() for name in ("language", "cheat_sheet", "python")
+LANGUAGE, COMING_FROM, PYTHON = (
+    (ROOT / "docs" / f"{name}.md").read_text() for name in ("language", "coming_from", "python")
 )
-EXAMPLES = re.findall(r"```scn\n(.*?)```", LANGUAGE + CHEAT_SHEET, re.DOTALL)
+EXAMPLES = re.findall(r"```scn\n(.*?)```", LANGUAGE + COMING_FROM, re.DOTALL)
 
 
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")

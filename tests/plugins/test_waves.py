@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from image_statistics import renderings
 from mitsuba_prosim.compat import take_back_interrupts
-from mitsuba_prosim.denoising.verdict import verdict
 from mitsuba_prosim.engine.goal import PolicyGoal
 from mitsuba_prosim.engine.tiny_lamps import sees_tiny_lamp
 from mitsuba_prosim.engine.work import Executor
+from mitsuba_prosim.explaining.verdict import verdict
 from scenes import COPPER, CROP, alone, loaded, penumbra, rgb, sphere_lamp
 
 LUMINANCE = [0.2126, 0.7152, 0.0722]

@@ -21,11 +21,11 @@ from .. import atomic
 from ..denoising import layers
 from ..denoising.final_image import FinalImage, denoised_progressive
 from ..denoising.halves import check
-from ..denoising.verdict import end_cause
 from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint, CheckpointWriter
 from ..engine.error_target import SHARE
 from ..engine.plan import TARGETS
+from ..explaining.verdict import end_cause
 from ..scene import black, images, rendering, scene_file, session
 from . import files, report
 from .interrupts import interruptible
@@ -364,7 +364,7 @@ def finished_image(
     why_black = None if displayed is None else black.reason(task.scene, task.sensor, displayed, exposure=exposure)
     # The EXR has all metadata; the PNG has only the metadata of denoising.
     contents = images.encode(bitmap, header | added | dict(task.facts), exposure, added)
-    return {**contents}, [report.summary(render, final, interrupted)], why_black
+    return {**contents}, [report.summary(render, final, interrupted, task.integrator, task.file)], why_black
 
 
 def check_denoising(film: mi.Film, integrator: mi.Integrator | None = None) -> None:

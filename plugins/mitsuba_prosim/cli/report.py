@@ -11,8 +11,8 @@ import mitsuba as mi
 from .. import __version__
 from ..denoising import oidn
 from ..denoising.final_image import FinalImage
-from ..denoising.verdict import ERRORS, denoised_words, end_cause, verdict
 from ..engine.render import Reached
+from ..explaining.verdict import ERRORS, denoised_words, end_cause, verdict
 from .job import Job
 
 
@@ -42,15 +42,17 @@ def metadata(
     return {f"prosim.{name}": value for name, value in result.items()}
 
 
-def summary(render: Any, final: FinalImage | None, interrupted: bool) -> str | None:
+def summary(
+    render: Any, final: FinalImage | None, interrupted: bool, integrator: Any = None, file: Any = None
+) -> str | None:
     """Returns a line with the verdict, the samples and the seconds of a render; None if the render has no target, and
-    no ``final`` image of a denoiser.
+    no ``final`` image of a denoiser. The arguments are those of :func:`.verdict`.
     """
     reached = render.reached if end_cause(render) else None
     if reached is None:
         return None if final is None else denoised_words(final, interrupted)
     limit = f" of {render.target.seconds:g}" if render.target.seconds else ""
-    words = verdict(render, final, interrupted)
+    words = verdict(render, final, interrupted, integrator, file)
     return f"{words}, {reached.samples:.1f} samples a pixel, {reached.seconds:.1f} s{limit}"
 
 

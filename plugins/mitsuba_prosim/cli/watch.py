@@ -13,7 +13,7 @@ import click
 from prosim_scene import TranslationCache
 
 from .. import atomic
-from ..denoising.verdict import end_cause
+from ..explaining.verdict import end_cause
 from ..scene import images, session
 from .files import SCENE_FILE
 from .interrupts import interruptible

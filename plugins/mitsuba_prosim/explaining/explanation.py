@@ -214,20 +214,22 @@ class Samples:
         if not any(values[sample]) and any(any(node.contribution) for node in nodes):
             notes.append(f"The light of sample {sample} is not finite, so the sample counts as black.")
         seed = int(self.plan.seed[0])
-        middle = int(np.argsort(self.values.sum(axis=1))[count // 2])
-        told = noise.sentences(self.shares, [self.nodes(i) for i in self.outliers()], self.nodes(middle))
+        told = noise.sentences(self.shares, *self.farthest_and_middle())
         light = noise.origins([self.nodes(i) for i in range(min(count, MOST_NAMED))])
         return Explanation(
             self.pixel, seed, self.channels, values, mean, sample, nodes, light, self.shares, told, tuple(notes)
         )
 
-    def outliers(self) -> list[int]:
-        """Returns the samples that make 90 % of the squared error, at most :data:`MOST_OUTLIERS`, the worst first."""
+    def farthest_and_middle(self) -> tuple[list[tuple[Node, ...]], tuple[Node, ...]]:
+        """Returns the nodes of the samples that make 90 % of the squared error, at most :data:`MOST_OUTLIERS` samples,
+        and the nodes of the middle sample.
+        """
         light = self.values.sum(axis=1)
         errors = np.square(light - light.mean())
         order = np.argsort(-errors, kind="stable")
         count = int(np.searchsorted(np.cumsum(errors[order]), 0.9 * errors.sum())) + 1
-        return [int(i) for i in order[: min(count, MOST_OUTLIERS)]]
+        middle = np.argsort(light)[len(light) // 2]
+        return [self.nodes(int(i)) for i in order[: min(count, MOST_OUTLIERS)]], self.nodes(int(middle))
 
 
 def page(file: SceneFile, scene: Any = None, image: Any = None, **arguments: Any) -> str:

@@ -105,14 +105,25 @@ def sentences(found: dict[str, float], outliers: Sequence[Sequence[Node]], usual
     said = [f"What carries the variance: {'; '.join(carried)}."] if carried else []
     if found[order[0]] < 0.5:
         said.append("No single kind of random numbers carries half of it.")
+    light, count = noisiest_light(outliers, usual), len(outliers)
+    which = f"the {count} samples" if count > 1 else "the sample"
+    said.append(f"In {which} farthest from the mean, {light} differs most from that in a middle sample.")
+    return (*said, f"What would help: {remedy(found)}.")
+
+
+def remedy(found: dict[str, float]) -> str:
+    """Returns what would reduce the noise, by its :func:`shares`."""
+    worst = max(found, key=found.__getitem__, default="")
+    return DIMENSIONS[worst][1] if worst and found[worst] >= 0.05 else "more samples"
+
+
+def noisiest_light(outliers: Sequence[Sequence[Node]], usual: Sequence[Node]) -> str:
+    """Returns the name of the light that differs most between the samples ``outliers`` and the middle sample."""
     difference = dict[str, float]()
     for sign, nodes in [*((1.0, nodes) for nodes in outliers), (-float(len(outliers)), usual)]:
         for light, amount in lights(nodes):
             difference[light] = difference.get(light, 0.0) + sign * amount
-    light, count = max(difference, key=lambda name: abs(difference[name])), len(outliers)
-    which = f"the {count} samples" if count > 1 else "the sample"
-    said.append(f"In {which} farthest from the mean, {light} differs most from that in a middle sample.")
-    return (*said, f"What would help: {DIMENSIONS[order[0]][1] if carried else 'more samples'}.")
+    return max(difference, key=lambda name: abs(difference[name]))
 
 
 def lights(nodes: Sequence[Node]) -> Iterator[tuple[str, float]]:

@@ -16,7 +16,7 @@ import mitsuba as mi
 import numpy as np
 from prosim_scene import extras
 
-from ..denoising.verdict import verdict
+from ..explaining.verdict import verdict
 from ..scene import session
 from ..scene.images import compress, png
 from ..scene.scene_file import pick_sensor

@@ -14,10 +14,10 @@ import numpy as np
 from tqdm.auto import tqdm
 
 from .. import atomic
-from ..denoising.verdict import verdict
+from ..explaining.verdict import verdict
 from ..parameters import check_positive
 from ..registry import create
-from ..scene import rendering
+from ..scene import black, rendering
 from ..scene.scene_file import SceneFile, pick_sensor
 from .picture import as_png
 from .progressive_image import ProgressiveImage
@@ -118,13 +118,15 @@ def render(
     if np.isnan(reached.noise):  # not measured during the render, but perhaps by the denoiser
         reached = image.reached
     bound = image.render.noise_bound() if np.isnan(reached.noise) else reached.noise_at_most
+    shown = layers["final"]
     return Result(
         mi.TensorXf(layers["final"]) if denoise else image.render.image(),
         layers["error"],
         layers["samples"],
         reached.noise,
         bound,
-        verdict(image.render, image.final),
+        black.reason(loaded, sensor, shown, "Multiplied by 2^{} it is bright")
+        or verdict(image.render, image.final, integrator=None if limits.get("time") else integrator),
     )
 
 

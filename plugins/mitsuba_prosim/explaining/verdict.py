@@ -1,0 +1,170 @@
+"""Says in words what a render has reached, and why it ended."""
+
+from __future__ import annotations
+
+from math import isnan
+from typing import Any
+
+import numpy as np
+
+from ..denoising.final_error import TOLERANCE
+from ..denoising.final_image import FinalImage, has_wide_filter
+from ..engine.policies import mean_around
+from ..engine.render import Render
+from ..engine.standard_error import in_display_units
+from ..optics.nested import all_shapes
+from ..scene.images import luminance
+from . import noise
+
+#: Errors with a limit (parameters of an integrator, and measured values of a render) -> their names in the verdict.
+ERRORS = {"noise": "error", "noise_99": "error of 99 % of the pixels", "noise_999": "error of 99.9 %"}
+
+
+TINY_LAMP = " or more, as glossy surfaces reflect a lamp smaller than a pixel"
+#: A cause is named if half of the error is in at most this fraction of the pixels.
+FEW_PIXELS = 0.02
+#: Samples that tell the cause: as many times those of the pixel, but not less than this number.
+MORE, FEWEST = 4, 4096
+#: Mitsuba's integrators that ignore media.
+SURFACES = ("PathIntegrator", "DirectIntegrator")
+
+
+def limits(render: Render) -> dict[str, float]:
+    """Returns the limits of errors of a render: name of a parameter in :data:`ERRORS` -> limit."""
+    return {name: limit for name, limit in zip(ERRORS, render.target.limits) if limit}
+
+
+def end_cause(render: Any, interrupted: bool = False) -> str | None:
+    """Returns why a render has ended, as one of the words ``interrupted``, ``noise``, ``time`` and ``samples``.
+
+    The word ``noise`` means that all errors are within their limits. The word ``samples`` means that each pixel has the
+    maximum number of samples. The result is None if the render has neither an error target nor a time limit, even after
+    an interruption.
+    """
+    if not isinstance(render, Render) or not render.state.plan.sampling.has_target:
+        return None
+    if interrupted:
+        return "interrupted"
+    reached, limited = render.reached, limits(render)
+    if limited and all(getattr(reached, name) <= limit for name, limit in limited.items()):
+        return "noise"
+    return "time" if render.target.seconds and reached.samples < most_samples(render) else "samples"
+
+
+def most_samples(render: Render) -> int:
+    """Returns the maximum number of samples of a pixel, in both images of a render with a denoiser."""
+    complete = render.second is not None and render.second.complete
+    return render.state.plan.max_samples * (1 + complete)
+
+
+def verdict(
+    render: Any, final: FinalImage | None = None, interrupted: bool = False, integrator: Any = None, file: Any = None
+) -> str:
+    """Returns the errors of the displayed image (white = 1) that a ``render`` has reached, and what ended it, in words.
+
+    ``final`` is the final image of a render with a denoiser. The bound in brackets after an error holds in about 95 of
+    100 renders. If the error is uncertain, the ``integrator`` of the render takes further samples, which tell the
+    :func:`cause`; None leaves the cause out. ``file`` is the file of the scene, whose names of shapes the cause uses.
+    """
+    ended = end_cause(render, interrupted)
+    parts = _errors(render, ended) if isinstance(render, Render) else []
+    if final is not None:
+        parts.append(denoised_words(final, interrupted))
+    elif not parts:
+        bound = render.noise_bound() if isinstance(render, Render) else float("nan")
+        words = "unknown" if isnan(bound) else f"at most about {bound:.2g}{TINY_LAMP * render.reached.tiny_lamp}"
+        parts = [f"error {words} (only a limit of the noise measures it)"]
+    if ended == "samples":
+        parts.append(f"ended by the maximum number of samples per pixel, {most_samples(render)}")
+    if integrator is not None and isinstance(render, Render):
+        parts.append(ignored_media(render))
+        doubtful = render.reached.uncertain or (not limits(render) and isnan(render.noise_bound()))
+        if doubtful and not (interrupted or render.target.seconds):
+            parts.append(cause(render, integrator, file))
+    return ", ".join(filter(None, parts))
+
+
+def cause(render: Render, integrator: Any, file: Any = None) -> str:
+    """Returns which pixels have half of the error, and which light makes the worst of them noisy, in words; empty if
+    more than the fraction :data:`FEW_PIXELS` of the pixels have half of the error.
+
+    Further samples of the worst pixel tell the light, unless they vary much less than those of the image.
+    """
+    from .explanation import MOST_SAMPLES, Samples, places  # imports the page of an explanation
+
+    error, colours, estimator = np.float64(render.error()), np.array(render.image()), render.state.estimator
+    light = luminance(colours[..., :3]) if colours.shape[2] >= 3 else colours[..., 0]
+    squares = np.square(in_display_units(error, np.minimum(light, mean_around(light, 2))))
+    order = np.argsort(-squares, axis=None)
+    count = int(np.searchsorted(np.cumsum(squares.ravel()[order]), squares.sum() / 2)) + 1
+    if not count <= FEW_PIXELS * squares.size:
+        return ""
+    x, y = int(order[0]) % squares.shape[1], int(order[0]) // squares.shape[1]
+    told = f"the pixel {x},{y} has" if count == 1 else f"{count} pixels, such as {x},{y}, have"
+    told, samples, seed = f"{told} half of the error", int(render.counts()[y, x]), int(render.state.plan.seed[0])
+    if has_media(render) and "Vol" in nested_name(render):
+        return f"{told}, and media scatter light"
+    names = None if file is None else places(file)
+    try:
+        most = min(max(MORE * samples, FEWEST), MOST_SAMPLES)
+        found = Samples.of(estimator.scene, (x, y), most, estimator.sensor, integrator, seed, names)
+    except ValueError:  # the integrator has no samples that can be explained
+        return told
+    values = found.values[:, :3]
+    values = luminance(values) if values.shape[1] == 3 else values[:, 0]
+    deviations = np.square(values - values.mean())
+    variance = samples * error[y, x] ** 2  # of a sample of the image, or of one bright sample among the others
+    if deviations.mean() < variance / 8 and deviations.max() < samples * variance / 16:
+        return told
+    worst = noise.noisiest_light(*found.farthest_and_middle())
+    return f"{told}: {worst}; what would help: {noise.remedy(found.shares)}"
+
+
+def nested_name(render: Render) -> str:
+    """Returns the class of Mitsuba's integrator that finds the light; empty for the integrator prosim."""
+    return str(getattr(render.state.estimator.transport, "integrator", "")).partition("[")[0]
+
+
+def has_media(render: Render) -> bool:
+    """Tells whether the scene has participating media."""
+    scene, sensor = render.state.estimator.scene, render.state.estimator.sensor
+    return sensor.get_medium() is not None or any(shape.is_medium_transition() for shape in all_shapes(scene))
+
+
+def ignored_media(render: Render) -> str:
+    """Returns that Mitsuba's integrator ignores the media of the scene, in words; empty if it does not."""
+    name = nested_name(render)
+    return f"{name} ignores the media of the scene: take volpath" if name in SURFACES and has_media(render) else ""
+
+
+def _errors(render: Render, ended: str | None) -> list[str]:
+    """Returns the measured errors that have a limit, in words."""
+    reached, parts = render.reached, list[str]()
+    # After an interruption or a time limit, the error was measured at an earlier image; the error is now lower.
+    below = "" if ended in ("noise", "samples") else "below "
+    for name, limit in limits(render).items():
+        measured = getattr(reached, name)
+        parts.append(f"{ERRORS[name]} {'not known yet,' if isnan(measured) else f'{below}{measured:.2g}'} of {limit:g}")
+        if name == "noise" and reached.uncertain:
+            parts.append(f"uncertain: it may be {reached.noise_at_most:.2g}")
+            if reached.tiny_lamp:
+                parts[-1] += TINY_LAMP
+        elif name == "noise" and not below:
+            parts[-1] += f" (95 %: below {reached.noise_at_most:.3g})"
+    return [f"reached the time limit at {parts[0]}", *parts[1:]] if parts and ended == "time" else parts
+
+
+def denoised_words(final: FinalImage, interrupted: bool = False) -> str:
+    """Returns the errors of a denoised image, or why the ``final`` image is not denoised, in words."""
+    if interrupted and len(final.images) == 1:
+        return "not denoised: interrupted"
+    if why := final.why_raw:
+        return f"not denoised: {why}"
+    result = final.denoised()
+    limit = final.render.target.limits[0] if isinstance(final.render, Render) else 0.0
+    words = f"denoised: error about {result.noise:.2g}, raw {result.raw_noise:.2g}"
+    if result.at_most > TOLERANCE * max(result.noise, limit):
+        words += f", uncertain: its error may be {result.at_most:.2g}"
+    if has_wide_filter(final.denoiser.sensor):
+        words += " (the film's filter is wider than a pixel; a box filter suits a denoiser better)"
+    return words

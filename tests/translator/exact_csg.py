@@ -326,17 +326,40 @@ def nested(rng):
 
 
 def grazing(rng):
-    """Balls and poles that rest on planes and on one another."""
-    after = turn(rng) if rng.random() < 0.5 else ""
+    """Balls, poles and a cone that rest on planes and on one another, up to three deep, in any order."""
+    stretch = f"SCALE ({numbers(rng.uniform(0.5, 1.6, 3))})" if rng.random() < 0.3 else ""
+    after = f"{stretch} {turn(rng)}" if rng.random() < 0.8 else ""
     r = rng.uniform(0.4, 1)
-    shapes = ["CUBE", "SPHERE", "CYLINDER", "SPHERE"]
-    transforms = [
-        f"SCALE (3 3 .5) TRANSLATE (-1.5 -1.5 -.5) {after}",
-        f"SCALE ({r} {r} {r}) TRANSLATE (0 0 {r}) {after}",
-        f"SCALE ({r} {r} 2) ROTATE-X (90) TRANSLATE (0 1 {-r if rng.random() < 0.5 else r}) {after}",
-        f"SCALE ({r} {r} {r}) TRANSLATE ({2 * r} 0 {rng.choice([r, -0.5 - r, -r])}) {after}",
+    small = r * rng.uniform(0.3, 0.9)
+    tiny = small * rng.uniform(0.3, 0.9)
+
+    def ball(radius, *place):
+        return "SPHERE", sized([radius] * 3, place, after)
+
+    def pole(radius, x, z, shape="CYLINDER", size=2, tilt=90):
+        spin = f"ROTATE-Z ({rng.uniform(0, 360)!r})"
+        return (
+            shape,
+            f"{spin} SCALE ({numbers([radius, radius, size])}) ROTATE-X ({tilt}) TRANSLATE ({x} 1 {z}) {after}",
+        )
+
+    solids = [
+        ("CUBE", sized([3, 3, 0.5], [-1.5, -1.5, -0.5], after)),
+        ball(r, 0, 0, r),
+        pole(r, 0, -r if rng.random() < 0.5 else r),
+        *[
+            [ball(r, 2 * r, 0, rng.choice([r, -0.5 - r, -r]))],
+            [ball(small, 0, 0, small), ball(tiny, 0, 0, rng.choice([tiny, 2 * small - tiny]))],
+            [pole(small, 0, small), pole(r, 2 * r, r)],
+            [pole(2, 0.5, 0, "CONE", tilt=45), ball(r, 0, 0, -0.5 - r)],
+        ][rng.integers(4)],
     ]
-    return text(rng, shapes, transforms, tree(rng, 4))
+    if rng.random() < 0.3:
+        solids.append(("PLANE", f"TRANSLATE (0 0 {rng.choice([0, 2 * r])}) {after}"))
+    shapes, transforms = zip(*[solids[i] for i in rng.permutation(len(solids))])
+    # What a PLANE leaves has an end.
+    nodes = ["*", *tree(rng, len(solids)), len(solids)]
+    return text(rng, [*shapes, "CUBE"], [*transforms, sized([20] * 3, [-10] * 3)], nodes)
 
 
 def round_shape(rng):

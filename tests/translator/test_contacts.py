@@ -138,7 +138,7 @@ def test_marble_in_a_cavity_keeps_its_size(radius, gap, view):
     (block, marble), transforms = cavity(radius, gap)
     text = scene(f"+ {block} {marble}", transforms).replace(VIEW, view)
     meshes, error = meshes_and_error(text)
-    assert np.ptp(meshes[2].vertices, axis=0) == pytest.approx(2, abs=1e-3)
+    assert np.ptp(meshes[2].vertices, axis=0) == pytest.approx(2, abs=4e-3)
     assert error <= 0.1
 
 

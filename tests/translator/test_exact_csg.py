@@ -88,16 +88,6 @@ END
 """
 
 
-@pytest.fixture(autouse=True)
-def known_fault(request):
-    """Balls and poles that rest on planes and on one another: since meshes of outer solids are circumscribed, about one
-    scene in ten has faces with the material of a later leaf.
-    """
-    call = getattr(request.node, "callspec", None)
-    if call is not None and call.id.endswith("many-grazing"):
-        request.applymarker(pytest.mark.xfail(reason="faces of tangent balls and poles may have a wrong material"))
-
-
 @pytest.mark.parametrize("tree", ["CSG-TREE s 9", "CSG-TREE + CUBE 4 s 9", "CSG-TREE - s 9 CUBE 4"])
 def test_turned_union_keeps_its_owners(tree):
     for seed, (x, z) in enumerate(np.random.default_rng(3).uniform(0, 90, (12, 2))):

@@ -3,11 +3,14 @@
 A mesh approximates a curved face by flat facets. The vertices of the mesh lie on the face, so the facets lie inside the
 solid, by the chord error at most: the mesh is inscribed. Where a ball touches a pipe of the same width from inside, the
 facets of the ball would cross the facets of the pipe, and patches of the wrong solid would be visible, many pixels
-wide. Therefore the mesh of the pipe is circumscribed: its facets touch the face, and its vertices lie outside, by the
-chord error at most. The mesh of the ball is inscribed, so it lies inside the mesh of the pipe.
+wide. Therefore the mesh of the ball shrinks by the chord error of the pipe, and both meshes are finer, so that the
+surface of the ball stays within the tolerance. No mesh protrudes from its solid, so solids that touch from outside,
+such as a pipe on a floor, do not cross either.
 
-In a chain of contacts, such as a bubble in a ball in a pipe, the mesh of the ball is circumscribed because of the
-bubble. So the mesh of the pipe also grows by the chord error of the ball, and all meshes of the chain are finer.
+A flat lens that touches a large ball with its flat side would become much narrower, and a marble on the floor of a vast
+cavity much smaller. There the outer mesh is circumscribed instead: its facets touch the face, and its vertices lie
+outside, by the chord error at most. In a chain of contacts, such as a bubble in a ball in a pipe, the mesh of the pipe
+then also grows by the chord error of the ball. All solids that are connected by contacts shrink, or all of them grow.
 """
 
 import math
@@ -16,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .grouping import group_equal, sweep
+from .grouping import connect, group_equal, sweep
 from .primitives import Primitive
 from .solids import Solid, world_box_corners
 
@@ -27,6 +30,7 @@ BATCH = 1 << 16  # the number of pairs of a solid and a tangent plane that are t
 FEW = 16  # about this number of tangent planes of a face are tested first, which excludes most pairs
 STEPS = 16  # the number of steps that improve a tangent plane
 LONGEST = 4  # meshes become finer with the length of a chain of contacts up to this number of contacts
+FINEST = 1 / 4  # solids grow if shrinking would need meshes with less than this part of the chord error
 
 
 class Contacts(NamedTuple):
@@ -35,32 +39,43 @@ class Contacts(NamedTuple):
     ``inner``. Solids whose curved faces lie on one surface have the number of the first of them.
 
     If the curved face of the outer solid is scaled by ``reach`` (k,), it just encloses the inner solid. If the inner
-    solid grows by a part of its size, this factor grows by at most ``gain`` (k,) times this part.
+    solid grows by a part of its size, this factor grows by at most ``gain`` (k,) times this part. If the inner solid
+    shrinks by a part of its size, this factor falls by at least ``loss`` (k,) times this part.
     """
 
     inner: np.ndarray
     outer: np.ndarray
     reach: np.ndarray
     gain: np.ndarray
+    loss: np.ndarray
 
-    def shares(self, allowed: np.ndarray) -> np.ndarray:
-        """Returns, for each of n solids, the share of the tolerance that is the chord error of its mesh: 1 over the
-        number of contacts in the longest chain of contacts to which the solid belongs, or less.
+    def shares(self, allowed: np.ndarray, smallest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns, for each of n solids, the share of the tolerance that is the chord error of its mesh, and whether
+        outer solids grow, so that inner solids need not shrink.
 
-        ``allowed`` (n,) is the tolerance relative to the size of each solid. A solid between two others has a smaller
-        share if the tolerance of the outer one is smaller, because the outer one grows by its error. The share of an
-        outer solid is smaller, because its mesh is scaled, and its chord error with it.
+        ``allowed`` (n,) is the tolerance relative to the size of each solid, and ``smallest`` (n,) is the chord error
+        of the finest mesh. The share is 1 over the number of chord errors that are added in the longest chain of
+        contacts to which the solid belongs, or less: the error of a solid also moves those solids of the chain whose
+        tolerance is smaller. If solids grow, chains count up to LONGEST, and the share of an outer solid is smaller,
+        because its mesh is scaled, and its chord error with it.
         """
-        below, above, limit = np.zeros(len(allowed), int), np.zeros(len(allowed), int), allowed.copy()
-        pairs = list(zip(self.inner.tolist(), self.outer.tolist(), self.gain.tolist()))
-        for inner, outer, _ in pairs:
+        below, above = np.zeros(len(allowed), int), np.zeros(len(allowed), int)
+        growth, shrinkage = allowed.copy(), allowed.copy()  # the largest errors that move no solid too far
+        pairs = list(zip(self.inner.tolist(), self.outer.tolist(), self.gain.tolist(), self.loss.tolist()))
+        for inner, outer, _, loss in pairs:
             below[outer] = max(below[outer], below[inner] + 1)
-        for inner, outer, gain in reversed(pairs):
+            shrinkage[outer] = min(shrinkage[outer], shrinkage[inner] * loss)
+        for inner, outer, gain, _ in reversed(pairs):
             above[inner] = max(above[inner], above[outer] + 1)
             if below[inner]:
-                limit[inner] = min(limit[inner], limit[outer] / gain)
-        widened = np.where(below > 0, 1 + 2 * np.minimum(allowed, 0.1), 1)
-        return np.asarray(limit / allowed / np.clip(below + above, 1, LONGEST) / widened)
+                growth[inner] = min(growth[inner], growth[outer] / gain)
+        length = below + above
+        shrinkage /= 1 + length
+        coarse = (length > LONGEST) | (shrinkage < np.maximum(smallest, FINEST * allowed / (1 + length)))
+        label = connect(np.arange(len(allowed)), self.inner, self.outer)
+        grows = np.isin(label, label[coarse & (length > 0)])
+        growth /= np.clip(length, 1, LONGEST) * np.where(below > 0, 1 + 2 * np.minimum(allowed, 0.1), 1)
+        return np.where(grows, growth, shrinkage) / allowed, grows
 
 
 def first_on_surface(solids: Sequence[Solid]) -> np.ndarray:
@@ -80,17 +95,17 @@ def find_contacts(solids: Sequence[Solid]) -> Contacts:
     """
     first = first_on_surface(solids)
     order = _order(solids)[first]
-    found = [[np.empty(0, int), np.empty(0, int), np.empty(0), np.empty(0)]]
+    found = [[np.empty(0, int), np.empty(0, int), np.empty(0), np.empty(0), np.empty(0)]]
     for inner, outer, relative, normals in _enclosed(solids, order):
         primitive = solids[outer[0]].primitive
-        reach, gain = _reach(primitive, relative, normals)
+        reach, gain, loss = _reach(primitive, relative, normals)
         spread = np.linalg.norm(relative[..., :3], 2, (1, 2)) + np.linalg.norm(relative[..., 3], axis=1)
         for i, j in zip(*(a[spread <= 1].tolist() for a in (inner, outer))) if primitive.axes == 3 else ():
             if len(solids[i].enclosing) < MAX_ENCLOSING:
                 solids[i].enclosing.add(solids[j])
         near = 1 - (LONGEST + 1) * np.array([1 - solids[j].inradius for j in outer])
         touches = (reach > near) & (reach <= 1 + INSIDE)
-        found.append([column[touches] for column in (first[inner], first[outer], reach, gain)])
+        found.append([column[touches] for column in (first[inner], first[outer], reach, gain, loss)])
     contacts = Contacts(*(np.concatenate(column) for column in zip(*found)))
     sorting = np.argsort(order[contacts.outer], kind="stable")
     return Contacts(*(column[sorting] for column in contacts))
@@ -151,8 +166,8 @@ def _highest(primitive: Primitive, relative: np.ndarray, planes: int) -> tuple[n
     return heights, normals[best]
 
 
-def _reach(primitive: Primitive, relative: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the columns ``reach`` and ``gain`` of :class:`Contacts` for the pairs of :func:`_enclosed`.
+def _reach(primitive: Primitive, relative: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Returns the columns ``reach``, ``gain`` and ``loss`` of :class:`Contacts` for the pairs of :func:`_enclosed`.
 
     The height of the inner solid over a tangent plane is a convex function of the normal, so it never falls if the
     point with the largest height defines the next normal.
@@ -164,32 +179,39 @@ def _reach(primitive: Primitive, relative: np.ndarray, normals: np.ndarray) -> t
         points = offset + np.einsum("kij,kj->ki", linear, across)  # the highest points of the inner solids
         radius = np.linalg.norm(points[:, :axes], axis=1)
         normals[:, :axes] = points[:, :axes] / np.maximum(radius, 1e-300)[:, None]
+    middle = np.linalg.norm(offset[:, :axes], axis=1)
     if primitive.name != "cone":
-        return radius, np.linalg.norm(linear[:, :axes], 2, (1, 2))
+        return radius, np.linalg.norm(linear[:, :axes], 2, (1, 2)), radius - middle
     width = np.maximum(points[:, 2], 1e-300)  # the radius of the cone at the height of the contact
-    return radius / width, math.sqrt(2) * np.linalg.norm(linear, 2, (1, 2)) / width
+    reach, height = radius / width, offset[:, 2]
+    top = height + np.linalg.norm(linear[:, 2], axis=1)
+    return reach, math.sqrt(2) * np.linalg.norm(linear, 2, (1, 2)) / width, (reach * height - middle) / top
 
 
-def circumscribe(solids: Sequence[Solid], contacts: Contacts) -> np.ndarray:
-    """Sets ``scale`` and ``facet_map`` of the outer solids of contacts, so that their meshes enclose those of the inner
-    solids. Returns, for each solid, the radius of its mesh relative to the curved face (n,).
+def adapt(solids: Sequence[Solid], contacts: Contacts, grows: np.ndarray) -> np.ndarray:
+    """Sets ``scale`` and ``facet_map`` of solids with contacts, so that the meshes of the outer solids enclose those of
+    the inner solids. Returns, for each solid, the largest distance of its mesh from the curved face, relative to the
+    radius of this face (n,).
 
-    In a chain of more than LONGEST contacts, the tolerance counts more than the order of the meshes.
+    ``grows`` (n,) is that of :meth:`Contacts.shares`. If solids grow in a chain of more than LONGEST contacts, the
+    tolerance counts more than the order of the meshes.
     """
     first = first_on_surface(solids)
-    scale, radius, depth = np.zeros(len(solids)), np.ones(len(solids)), np.zeros(len(solids), int)
-    for i, j, reach, gain in zip(*contacts):
+    inradius = np.array([s.inradius for s in solids])
+    scale, radius, depth = np.ones(len(solids)), np.ones(len(solids)), np.zeros(len(solids), int)
+    for i, j, reach, gain, _ in zip(*contacts):
         if depth[i] < LONGEST:
             reach += (radius[i] - 1) * gain
-        if reach > solids[j].inradius:
+        if grows[j] and reach > inradius[j]:
             depth[j] = max(depth[j], depth[i] + 1)
-            scale[j] = max(scale[j], reach, 1)
-            radius[j] = scale[j] / solids[j].inradius
+            radius[j] = max(radius[j], reach / inradius[j], 1 / inradius[j])
+    for i, j, reach, _, loss in reversed(list(zip(*contacts))):
+        if not grows[j]:
+            scale[i] = min(scale[i], 1 - max(reach - scale[j] * inradius[j], 0) / loss)
     for solid, j in zip(solids, first):
-        if scale[j] > 0:
+        solid.scale = scale[j] * radius[j]
+        # The facets of a ball are circumscribed before a projective map concentrates them.
+        if radius[j] > 1 and solid.primitive.axes == 3:
             widened = 1 / solid.inradius
-            # The facets of a ball are circumscribed before a projective map concentrates them.
-            if solid.primitive.axes == 3:
-                solid.facet_map, widened = solid.facet_map * [widened, widened, widened, 1], 1.0
-            solid.scale = scale[j] * widened
-    return np.asarray(radius[first])
+            solid.facet_map, solid.scale = solid.facet_map * [widened, widened, widened, 1], radius[j] / widened
+    return np.asarray(np.maximum(radius - 1, 1 - scale * inradius)[first])

@@ -20,11 +20,11 @@ import numpy as np
 
 from ..language.document import Document
 from ..view import Camera
-from .contacts import MAX_ENCLOSING, circumscribe, find_contacts
+from .contacts import MAX_ENCLOSING, adapt, find_contacts
 from .csg import Tree, fold, tree_of
 from .grouping import group_equal, sweep
-from .primitives import MAX_SEGMENTS, MIN_SEGMENTS
-from .solids import IDENTITY, Solid, unit_mesh, world_box_corners
+from .primitives import MAX_SEGMENTS, MIN_SEGMENTS, OUTSIDE_TOLERANCE
+from .solids import IDENTITY, Solid, inradius, unit_mesh, world_box_corners
 
 #: A bounding ball of an operand, the number of its first leaf, and the number after its last leaf.
 _Operand = tuple[np.ndarray, int, int]
@@ -158,19 +158,20 @@ def choose_tessellations(
     for primitive, numbers in group_equal(s.primitive for s in solids).items():
         if primitive.curved is not None:
             pixel, visible[numbers] = primitive.pixel(np.array([solids[i].to_world for i in numbers]), camera)
-            allowed[numbers] = tolerance * pixel
+            allowed[numbers] = np.where(visible[numbers], 1, OUTSIDE_TOLERANCE) * tolerance * pixel
     reached = choose_segments(document, solids, zones, camera, tolerance, np.ones(len(solids)))
-    contacts = find_contacts(solids)
+    contacts, grows = find_contacts(solids), np.zeros(len(solids), bool)
     if len(contacts.outer):
-        reached = choose_segments(document, solids, zones, camera, tolerance, contacts.shares(allowed))
+        smallest = np.array([1 - inradius(s.primitive, MAX_SEGMENTS) for s in solids]) * visible
+        shares, grows = contacts.shares(allowed, smallest)
+        reached = choose_segments(document, solids, zones, camera, tolerance, shares)
     if reached > tolerance:
         document.warn(
             f"curved faces are approximated to {reached:.2g} pixels instead of {tolerance:g}: "
             f"the tree's {len(solids):,} primitives would have more than {MAX_TRIANGLES:,} triangles",
             "csg",
         )
-    radius = circumscribe(solids, contacts)
-    doubtful = np.maximum(radius - 1, [1 - s.inradius for s in solids]) > reached / tolerance * ROUNDED * allowed
+    doubtful = adapt(solids, contacts, grows) > reached / tolerance * ROUNDED * allowed
     doubtful &= visible & [s.segments == MAX_SEGMENTS or not s.facet_map[3, :3].any() for s in solids]
     errors = {i: _largest_error(solids[i], zones[i], camera) for i in np.flatnonzero(doubtful).tolist()}
     _warn_of_coarse_faces(document, {i: e for i, e in errors.items() if e > ROUNDED * reached}, of_leaf, tolerance)

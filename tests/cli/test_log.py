@@ -72,6 +72,7 @@ def test_a_log_has_few_lines(capsys, monkeypatch):
         for second in range(3601):
             now = second
             steps.show(second % 1800 / 1800, "reference" if second < 1800 else "rounds")
+            assert ("? left" in str(steps)) == (second % 1800 < 9 and second < 3600)
         said = capsys.readouterr().err.splitlines()
         assert said[:2] == ["reference: 1 %, 00:10 passed, 29:50 left", "reference: 1 %, 00:20 passed, 29:40 left"]
         assert 30 < len(said) < 45 and re.fullmatch(r"rounds: \d\d %, 2\d:\d\d passed, 0\d:\d\d left", said[-1])

@@ -74,6 +74,10 @@ def test_wrong_use(scene, arguments, says):
     refused(says, "render", scene, *arguments.split())
 
 
+def test_unlimited_depth_of_a_tree_is_refused_by_its_option(palito):
+    refused("--max-level -1: a ray tree has 0 to 24 levels", "render", palito, "--max-level", -1)
+
+
 def test_resolution_of_a_scene_that_no_film_can_hold(palito):
     palito.write_text(re.sub(r"RESOLUTION\W*\d+ \d+", "RESOLUTION: 65536 65536", palito.read_text()))
     refused("too many pixels", "render", palito, "--tolerance", 1000)

@@ -12,6 +12,9 @@ from tqdm import tqdm
 #: and at most ``LONGEST`` seconds.
 SHORTEST, LONGEST, SHARE = 10.0, 300.0, 0.25
 
+#: Progress below which the remaining time is unknown, because kernels are compiled first.
+KNOWN = 0.005
+
 tqdm.set_lock(RLock())  # the default lock imports multiprocessing
 
 
@@ -42,6 +45,13 @@ class Progress(tqdm):
             self.phase, self.initial = phase, done
             self.set_description_str(phase, refresh=False)
         self.update(max(self.finished + done - self.n, 0))  # an estimated progress may decrease
+
+    @property
+    def format_dict(self) -> dict[str, Any]:
+        """What the bar shows; without a remaining time at the beginning."""
+        shown: dict[str, Any] = super().format_dict
+        early = shown["n"] - shown["initial"] < KNOWN * shown["total"]
+        return shown | {"initial": shown["n"]} if early else shown
 
     def display(self, msg: str | None = None, pos: int | None = None) -> bool:
         """On a terminal, draws the bar. Without a terminal, prints a line if enough time has passed since the last

@@ -166,6 +166,6 @@ def reporter(progress: bool | Callable[[float], object]) -> Iterator[Callable[[f
     if callable(progress):
         yield progress
         return
-    form = "{l_bar}{bar}| {elapsed}, {remaining} left"
+    form = "{l_bar}{bar}| {elapsed}"
     with tqdm(total=1.0, desc="rendering", disable=not progress, leave=False, bar_format=form) as bar:
         yield lambda done: bar.update(done - bar.n)

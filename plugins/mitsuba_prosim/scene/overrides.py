@@ -9,6 +9,7 @@ import mitsuba as mi
 
 from .. import compat
 from ..engine.plan import SAMPLING, TARGETS
+from ..transport.transport_context import DEEPEST_TREE
 
 #: Parameters of sampling that nest an integrator in ``prosim_adaptive``, if the integrator lacks them. The others, such
 #: as ``samples``, do not: a user may give them by mistake.
@@ -76,6 +77,12 @@ def apply(
         )
     for props in ours:
         _set(props, others.items())
+        level, follows_paths = others.get("max_level", 0), props.get("diffuse_bounces", 0) != 0
+        if not (follows_paths or 0 <= level <= DEEPEST_TREE):
+            raise ValueError(
+                f"--max-level {level}: a ray tree has 0 to {DEEPEST_TREE} levels; more, and -1 for all, "
+                'go with --paths (in Python {"diffuse_bounces": -1})'
+            )
     if not sampling or not integrators:
         return replaced
     props = mi.Properties(integrators[0].props)  # the parser puts an object before the objects nested in it

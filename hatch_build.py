@@ -15,7 +15,7 @@ def absolute(text: str, source: str | None) -> str:
     if source:
         text = re.sub(picture, rf"![\1]({source}/raw/HEAD/\2)", text)
         return re.sub(link, rf"[\1]({source}/blob/HEAD/\2)", text)
-    return re.sub(link, r"\1", re.sub(picture + r"\n+", "", text))
+    return re.sub(link, r"\1", re.sub(picture + r"\n+(\*[^*]+\*\n+)?", "", text))
 
 
 class ReadmeHook(MetadataHookInterface):

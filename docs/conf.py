@@ -13,6 +13,7 @@ html_theme = "furo"
 html_static_path = ["style"]
 html_css_files = ["plugins.css"]
 html_math_renderer = "mathml"
+highlight_language = "none"
 extensions = ["myst_nb", "sphinx_tabs.tabs", "mathml", "notebook_pages", "plugin_pages", "scene_lexer"]
 exclude_patterns = ["_build", "jupyter_execute"]
 nitpicky = True

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..engine.estimator import Estimator
 from ..engine.plan import Plan
+from ..photons.caustics import MAPS
 from ..sampling.hash import hash32
 from ..sampling.spaces import CAMERA_SPACES, DIFFUSE, NODE_SPACES
 from .nodes import Node
@@ -34,7 +35,7 @@ DIMENSIONS = {
     "choice": ("the choices of lobes", "more samples"),
     "roulette": ("Russian roulette", "more samples, or less Russian roulette (rr_depth, in trees rr_throughput)"),
     "lamp": ("the choice of a lamp and of a point on it", "more samples, or smaller lamps"),
-    "photons": ("the paths of the photons", "more samples, or more photons (caustic_photons)"),
+    "photons": ("the paths of the photons", f"many more photons (caustic_photons), or more than {MAPS} samples"),
 }
 PHOTONS = list(DIMENSIONS).index("photons")
 

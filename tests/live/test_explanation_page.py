@@ -42,6 +42,9 @@ def test_page_fits_and_says_what_it_shows(page):
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     assert page.text_content("h1") == "Pixel 20, 26 of little.scn"
     assert "of 16 samples make 90 %" in page.text_content("#error")
+    assert page.get_attribute("#tree [aria-pressed=true]", "data-number") == page.text_content("#node td").split(",")[0]
+    page.focus("#tree [data-number='1']")
+    page.keyboard.press("Enter")
     names = page.evaluate("data.patterns.filter(([number]) => number === 1).map(([, name]) => name)")
     assert page.locator("#patterns figcaption").all_text_contents() == names and "pixel" in names
     assert page.locator("#patterns [fill=none]").count() == len(names)  # the ring of the sample

@@ -29,7 +29,8 @@ function choosable(element, label, action) {
     return element;
 }
 
-let tree = data.trees[0];
+/** The shown tree, and the node whose numbers are shown. */
+let tree = data.trees[0], shown = null;
 
 // ---------------------------------------------------------------- the image
 
@@ -99,7 +100,8 @@ function showTree() {
     }
     for (const node of nodes) {
         const { x, depth } = places.get(node.number);
-        const circle = svg("circle", { cx: X(x), cy: Y(depth), r: 8, fill: css(node.emission ? "--lamp" : "--raised"), stroke: css("--ink"), "stroke-width": 1.5 });
+        const circle = svg("circle", { cx: X(x), cy: Y(depth), r: 8, fill: css(node.emission ? "--lamp" : "--raised"), stroke: css("--ink") });
+        circle.dataset.number = node.number;
         const label = `Node ${node.number}: ${node.lobe}, ${node.shape || "nothing met"}, adds ${number(sum(node.contribution))}`;
         drawing.append(choosable(circle, label, () => showNode(node)));
         drawing.append(svg("text", { x: X(x) + 11, y: Y(depth) - 7 }, String(node.number)));
@@ -111,8 +113,14 @@ function showTree() {
 /** Whether a node is `top` or in one of its branches. */
 const isWithin = (node, top) => node && (node === top || isWithin(tree.nodes.find(one => one.number === node.parent), top));
 
-/** Shows the numbers of a node as a table. */
+/** Shows the numbers of a node as a table, and marks it in the tree. */
 function showNode(node) {
+    shown = node;
+    for (const circle of find("tree").querySelectorAll("[data-number]")) {
+        const own = Number(circle.dataset.number) === node.number;
+        circle.setAttribute("stroke-width", own ? 4 : 1.5);
+        circle.setAttribute("aria-pressed", own);
+    }
     const rows = [
         ["node", `${node.number}, from ${node.parent ? "node " + node.parent : "the camera"}, level ${node.level}`],
         ["meets", node.shape ? node.shape + (node.line ? " – " + node.line : "") : "nothing"],
@@ -123,7 +131,7 @@ function showNode(node) {
     for (const lamp of node.lamps) {
         const state = lamp.state === "hidden" ? `hidden by ${lamp.occluder}` : lamp.state;
         rows.push([`lamp ${lamp.lamp}`, `${state}; adds ${list(lamp.contribution)}; density ${number(lamp.density)} / sr`]);
-        for (const lobe of lamp.lobes) rows.push(["", `${lobe.name}: BSDF × cosine ${list(lobe.bsdf)}, density ${number(lobe.density)} / sr, MIS weight ${number(lobe.weight)}`]);
+        for (const lobe of lamp.lobes) rows.push(["", `${lobe.name}: BSDF × cosine ${list(lobe.bsdf)}${lobe.density ? `, density ${number(lobe.density)} / sr` : ""}, MIS weight ${number(lobe.weight)}`]);
     }
     if (node.emission) rows.push([`meets lamp ${node.emission.lamp}`, `adds ${list(node.emission.contribution)}; lamp's density ${number(node.emission.density)} / sr, MIS weight ${number(node.emission.weight)}`]);
     for (const name of ["ambient", "background", "photons"]) if (node[name].some(Boolean)) rows.push([name, `adds ${list(node[name])}`]);
@@ -246,7 +254,8 @@ function showBars() {
 }
 
 function showAll() {
-    showImage(); showTree(); showNode(tree.nodes[0]); showOutside(); showBars();
+    showImage(); showTree(); showOutside(); showBars();
+    showNode(tree.nodes.reduce((a, b) => sum(b.contribution) > sum(a.contribution) ? b : a)); // the brightest one
 }
 
 find("title").textContent = `Pixel ${data.pixel.join(", ")} of ${data.name}`;

@@ -143,24 +143,22 @@ def lights(nodes: Sequence[Node]) -> Iterator[tuple[str, float]]:
 
 
 def origins(samples: Sequence[Sequence[Node]]) -> tuple[str, ...]:
-    """Returns sentences on the light of the samples with these nodes: where it comes from, and which shapes hide lamps
-    from the first surface.
-    """
+    """Returns sentences on the light of the samples with these nodes: where it comes from, and what hides lamps."""
     amounts = defaultdict[str, float](float)
     # Lamp and surface -> the states of the lamp's points, and the shapes that hide them.
     found = defaultdict[tuple[str, str], tuple[Counter[str], set[str]]](lambda: (Counter(), set()))
     for nodes in samples:
         for light, amount in lights(nodes):
             amounts[light] += amount
-        for lamp in nodes[0].lamps:
-            states, occluders = found[lamp.lamp, str(nodes[0].shape)]
+        for shape, lamp in ((str(node.shape), lamp) for node in nodes for lamp in node.lamps):
+            states, occluders = found[lamp.lamp, shape]
             states[lamp.state] += 1
             occluders.update({lamp.occluder} if lamp.occluder else ())
     total = sum(amounts.values())
     brightest = sorted(amounts, key=lambda light: -amounts[light])[:3]
     most = [f"{light} ({amounts[light] / total:.0%})" for light in brightest if amounts[light] > 0.01 * total]
     said = [f"Where the light comes from: {'; '.join(most)}." if total > 0 else "No light comes from here."]
-    for (name, shape), (states, occluders) in found.items():
+    for (name, shape), (states, occluders) in sorted(found.items(), key=lambda item: -item[1][0]["hidden"])[:3]:
         if hidden := states["hidden"]:
             points = f"{hidden} of {hidden + states['visible']} points of {name}"
             said.append(f"From {shape}, {points} are hidden by {' and '.join(sorted(occluders))}.")

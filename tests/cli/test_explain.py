@@ -34,6 +34,13 @@ def test_page_is_written_beside_the_scene(write_scene):
     assert "PathIntegrator" in data["notes"][0] and data["trees"][0]["nodes"][0]["shape"] is None
 
 
+def test_page_of_parallel_rays_has_the_image_without_rays(write_scene):
+    path = write_scene(XML.replace("perspective", "orthographic"), "s.xml")
+    done("explain", path, "--pixel", "1,1", "-m", "llvm_ad_rgb")
+    data = data_of(path.with_name("s-explain.html"))
+    assert data["camera"] is None and data["image"] and len(data["patterns"]) == 1
+
+
 @pytest.mark.parametrize(
     "arguments, message",
     [

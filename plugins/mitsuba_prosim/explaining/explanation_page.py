@@ -62,6 +62,7 @@ def pinhole(sensor: mi.Sensor, corners: np.ndarray) -> dict[str, Any] | None:
     ``corners`` are the directions of the rays through the film's upper left, upper right, lower left and lower right
     corner, shape (3, 4).
     """
+    corners = np.broadcast_to(corners, (3, 4))  # parallel rays have one direction
     try:
         right, below, first = np.linalg.solve(corners[:, [1, 2, 0]] * (1, 1, -1), corners[:, 3])
     except np.linalg.LinAlgError:

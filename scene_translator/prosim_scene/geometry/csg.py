@@ -258,9 +258,9 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
     owns the face.
 
     A leaf that lies inside another leaf is left out. A union of bodies that share no surface is one operation of
-    manifold3d if few of the bodies touch. If many of the bodies touch, the bodies are sorted along the axis (x, y or z)
-    on which their centres lie farthest apart, because the unions of neighbours have few triangles. Bodies that share
-    surfaces, and many bodies that touch, are divided into halves; if the first body has more leaves than all other
+    manifold3d if few of the bodies touch. If many of the bodies touch, the bodies are sorted by that side of their
+    boxes whose position varies most, because the unions of neighbours have few triangles. Bodies that share surfaces,
+    and many bodies that touch, are divided into halves; if the first body has more leaves than all other
     bodies together, the first body is one part, and the other bodies are the second part.
     """
     solids: dict[Solid | None, Body] = {}
@@ -273,8 +273,8 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
     if len(distinct) == 2 or (not shared and pairs <= CROWDED * len(distinct)):
         return _combined(distinct, OpType.Add, distinct)
     if not shared:
-        axis = np.ptp(boxes.sum(axis=1), axis=0).argmax()
-        distinct = [distinct[i] for i in np.argsort(boxes[:, :, axis].sum(axis=1))]
+        sides = boxes.reshape(-1, 6)
+        distinct = [distinct[i] for i in np.argsort(sides[:, np.ptp(sides, axis=0).argmax()])]
     first, *others = (len(body.boxes) for body in distinct)  # the numbers of leaves
     middle = 1 if first > sum(others) else len(distinct) // 2
     return union([union(distinct[:middle]), union(distinct[middle:])])

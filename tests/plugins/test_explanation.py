@@ -100,6 +100,18 @@ def test_contributions_sum_in_a_crop_window(variant_rgb):
     assert here.values == there.values and here.nodes == there.nodes
 
 
+@pytest.mark.parametrize("kind", ["radiancemeter", "distant"])
+def test_contributions_sum_for_a_meter_whose_rays_are_one(variant_rgb, kind):
+    made = penumbra(GLASS, 1, type="prosim", adaptive="none")
+    meter = {"type": kind, "to_world": made["sensor"]["to_world"], "film": made["sensor"]["film"]}
+    scene = mi.load_dict(made | {"sensor": meter})
+    samples = Samples.of(scene, (0, 0), SPP, seed=SEED)
+    image = np.array(mi.render(scene, spp=SPP, seed=SEED))[0, 0]
+    assert samples.values.mean(axis=0) == pytest.approx(image, rel=1e-5)
+    sums = [np.sum([node.contribution for node in samples.nodes(i)], axis=0) for i in range(SPP)]
+    assert np.array(sums) == pytest.approx(samples.values, rel=1e-5) and image.any()
+
+
 def test_lamp_samples_have_the_factors_of_their_contributions(variant_rgb):
     """Throughput times BSDF value times MIS weight times radiance over density."""
     checked = 0

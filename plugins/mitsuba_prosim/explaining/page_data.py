@@ -72,7 +72,7 @@ def lobe_directions(estimator: Estimator, nodes: Sequence[Node]) -> dict[int, li
         np.repeat([getattr(nodes[i], name) for i in met], DIRECTIONS, axis=0).T
         for name in ("position", "origin", "direction")
     )
-    wavelengths = estimator.sensor.sample_ray(0.0, 0.5, mi.Point2f(0.5), mi.Point2f(0.5))[0].wavelengths
+    wavelengths = estimator.rays(mi.Float(0), mi.Float(0.5), mi.Point2f(0.5), mi.Point2f(0.5))[0].wavelengths
     ray = mi.Ray3f(mi.Point3f(p + 0.01 * (o - p)), mi.Vector3f(d), 0.0, wavelengths)
     si = estimator.scene.ray_intersect(ray)
     i = dr.arange(mi.UInt32, len(met) * DIRECTIONS) % DIRECTIONS

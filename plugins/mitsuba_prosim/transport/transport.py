@@ -111,6 +111,8 @@ class Transport(Context):
             return State(state.L + L, alpha, next_ray, next_active, progress, state.sampler)
 
         first, sampler = self.first(ray), points.sampler if isinstance(points, SamplerPoints) else None
+        if self.observer is not None:  # Dr.Jit 1.5 compiles an evaluated loop wrongly if all lanes have the same ray
+            first.d = first.d + dr.opaque(mi.Float, 0, dr.width(getattr(points, "t", 0)))
         alpha = None if self.shows_sky else mi.Float(1)
         state = State(self.layers.none(), alpha, first, mi.Bool(active), walk.start(self, first), sampler)
         if walk is tree and not (self.reflects or self.refracts):  # no ray follows the camera ray

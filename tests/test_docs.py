@@ -33,7 +33,7 @@ def test_every_plugin_has_a_section_a_table_and_examples(site, variant_rgb):
         assert 'class="highlight-xml' in text and 'class="highlight-python' in text, name
 
 
-def test_links_lead_somewhere_and_nothing_is_fetched_from_elsewhere(site):
+def test_site_has_no_dead_link_and_fetches_nothing(site):
     """Formulas included; links to other sites are for readers."""
     for page in site.rglob("*.html"):
         text = page.read_text("utf-8")
@@ -75,7 +75,7 @@ def test_python_examples_run(page, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"])
-def test_links_of_pages_outside_the_site_lead_somewhere(name):
+def test_pages_outside_the_site_have_no_dead_link(name):
     text = (DOCS.parent / name).read_text("utf-8")
     for link in re.findall(r"\]\(([^)\s]+)\)", text) + re.findall(r'src="([^"]+)"', text):
         assert link.startswith("http") or (DOCS.parent / link.partition("#")[0]).exists(), link

@@ -80,7 +80,7 @@ def test_every_statement_and_parameter_has_an_example():
     assert {normalise(row.canonical) for row in missing} <= {normalise(w) for w in re.findall(r"[\w-]+", LANGUAGE)}
 
 
-def test_the_tables_of_defaults_are_right():
+def test_language_page_has_the_defaults_of_textures():
     for kind, values in textures.DEFAULTS.items():
         (row,) = re.findall(rf"^\| `{kind}` \| (.*) \|$", LANGUAGE, re.MULTILINE)
         for name, value in values.items():
@@ -110,13 +110,13 @@ from walkthrough import steps
 STEPS = list(steps())
 
 
-def test_the_steps_lead_to_the_whole_scene():
+def test_walkthrough_ends_with_the_whole_scene():
     assert len(STEPS) == 10
     assert sorted(STEPS[-1][0].splitlines()) == sorted((ROOT / "docs" / "mug.scn").read_text("utf-8").splitlines())
 
 
 @pytest.mark.parametrize("number", range(len(STEPS)))
-def test_steps_cause_no_warning(number):
+def test_walkthrough_scenes_cause_no_warning(number):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         document = prosim_scene.document_of(STEPS[number][0], f"{number}.scn")
@@ -127,7 +127,7 @@ def test_steps_cause_no_warning(number):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 @pytest.mark.parametrize("number", range(len(STEPS)))
-def test_pictures_are_of_the_steps(variant_rgb, number):
+def test_walkthrough_pictures_show_the_scenes_of_the_steps(variant_rgb, number):
     text, picture = STEPS[number]
     size = (32, 24) if "RESOLUTION" in text else (24, 24)
     scene = prosim_scene.load(prosim_scene.document_of(text, f"{number}.scn"), resolution=size, samples=3)

@@ -65,7 +65,7 @@ def test_no_two_modules_on_the_path_share_a_name():
     assert {name for name in names if names.count(name) > 1} <= {"conftest"}
 
 
-def test_plugins_import_nothing_of_the_translator_but_what_is_public():
+def test_plugins_import_only_public_names_of_the_translator():
     others, public = [], {*prosim_scene.__all__, "extras"}
     for path, found in modules().items():
         for node in found:
@@ -75,7 +75,7 @@ def test_plugins_import_nothing_of_the_translator_but_what_is_public():
     assert not others
 
 
-def test_arguments_are_left_as_they_are():
+def test_functions_do_not_change_their_arguments():
     """``a &= b`` changes an array of Dr.Jit in place, the caller's as well where ``a`` is an argument as it came."""
     changed = []
     for path, found in modules().items():

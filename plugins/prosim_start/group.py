@@ -61,7 +61,7 @@ class Commands(click.Group):
 )
 @click.version_option(None, "-V", "--version", package_name="mitsuba-prosim")
 def prosim() -> None:
-    """Stochastic ray tracing after Besuievsky (1992), in Mitsuba 3.
+    """Renders scenes with Mitsuba 3 until their error is what you ask for.
 
     Exit codes: 0: success. 2: wrong use or wrong input; no file was written. 130: Ctrl-C before the first sample; no
     file was written. 1: any other error, or Ctrl-C later; the unfinished image was written.

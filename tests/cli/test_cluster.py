@@ -236,7 +236,7 @@ def kill_one(client):
 
 
 @pytest.mark.slow
-def test_workers_that_are_killed_and_scenes_that_are_forgotten(client, lamp):
+def test_lost_workers_do_not_change_the_image(client, lamp):
     """Another takes the place of the one that was killed, as Dask's nanny starts it again; and of one whose nanny has
     given up. All are killed when each task has ended, and no value has arrived but the first.
     """
@@ -345,7 +345,7 @@ ANOTHER = (
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_goes_away(lamp, monkeypatch):
+def test_lost_scheduler_keeps_the_image_so_far(lamp, monkeypatch):
     """The image so far is written, and its state, which goes on to the same bytes."""
     folder, keep = lamp.parent, CheckpointWriter.__call__
     aim = ["--noise", 0.01]

@@ -142,7 +142,7 @@ def test_references_converge():
 
 
 @pytest.mark.slow
-def test_page_holds_what_it_must(report):
+def test_comparison_page_has_all_sections_and_rows(report):
     page, facts = report
     same, own = facts["sections"]
     assert (same["transport"], own["transport"]) == ("paths", "scene")

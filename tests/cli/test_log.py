@@ -159,14 +159,14 @@ def test_signal_at_any_moment_leaves_no_temporary_file(write_scene, tmp_path):
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
-def test_standard_output_that_is_full():
+def test_full_standard_output_is_one_message():
     with open("/dev/full", "w") as full:
         done = subprocess.run([*START, "-h"], check=False, stdout=full, stderr=subprocess.PIPE, text=True)
     assert done.returncode == 1
     assert "No space left on device" in done.stderr and "Traceback" not in done.stderr and done.stderr.count("\n") == 1
 
 
-def test_standard_output_that_is_closed():
+def test_closed_standard_output_is_one_message():
     """The next file that is opened must not take its place."""
     code = """if True:
         import os, sys

@@ -132,7 +132,7 @@ def test_scalar_render_ends(tmp_path, mitsuba, integrator, mode, threads):
 
 @pytest.mark.slow
 @compiled
-def test_several_scenes_none_twice(tmp_path, mitsuba):
+def test_mitsuba_command_renders_each_of_several_scenes_once(tmp_path, mitsuba):
     """A stock scene that the native command has rendered before it met ours is not rendered again."""
     stock = write(tmp_path, "stock.xml", "independent", "diffuse")
     ours, other = write(tmp_path, "ours.xml"), write(tmp_path, "other.xml", "multijitter", "diffuse")

@@ -88,7 +88,7 @@ def test_translate_writes_all_or_nothing(palito):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the stand-ins exist for Linux only")
-def test_what_is_missing_for_the_mitsuba_command_is_said_in_a_line(palito, monkeypatch, tmp_path_factory):
+def test_doctor_reports_missing_stand_ins_in_one_line(palito, monkeypatch, tmp_path_factory):
     """As where the package comes from a wheel. Nothing at all is no trouble, some are."""
     folder = tmp_path_factory.mktemp("plugins")
     monkeypatch.setattr(stand_ins, "plugin_folder", lambda: folder)

@@ -39,7 +39,7 @@ def test_the_raw_image_is_never_lost(scene):
     assert b"prosim.denoised" not in png.read_bytes()
 
 
-def test_what_can_not_be_denoised(scene, monkeypatch):
+def test_denoise_option_refuses_missing_package_and_nested_denoiser(scene, monkeypatch):
     """Nothing is begun without the package, nor for an integrator that denoises."""
     with monkeypatch.context() as patch:
         patch.setitem(sys.modules, "mitsuba_oidn", None)

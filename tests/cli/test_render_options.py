@@ -113,7 +113,7 @@ def test_the_number_of_samples_has_one_name(palito, tmp_path, variant_rgb):
 @pytest.mark.parametrize(
     "written, asked", [("", None), ("", True), ("CAUSTICS TRUE\n", None), ("CAUSTICS TRUE\n", False)]
 )
-def test_the_command_goes_before_the_scene_in_caustics(palito, tmp_path, variant_rgb, written, asked):
+def test_caustics_option_overrides_the_scene(palito, tmp_path, variant_rgb, written, asked):
     palito.write_text(written + palito.read_text(encoding="utf-8"), encoding="utf-8")
     loaded = scene_file.SceneFile(palito, tmp_path / "out", integrator=Job(caustics=asked).integrator).load()
     assert loaded.integrator().caustics is (bool(written) if asked is None else asked)
@@ -238,7 +238,7 @@ def test_places_in_xml_have_a_caret(write_scene, old, new, line, under):
     assert ('"spheree" not found! Did you mean sphere?\n' in done.output) == ("spheree" in new)
 
 
-def test_the_plugin_that_is_meant_is_of_the_kind_that_is_named(variant_rgb):
+def test_suggested_plugin_has_the_requested_type(variant_rgb):
     words = 'failed to instantiate {} plugin of type "{}": [PluginManager] Plugin "{}" not found!'
     for kind, name, meant in [
         ("bsdf", "roughconductorr", " Did you mean roughconductor?"),
@@ -266,7 +266,7 @@ def test_no_line_of_another_folder_is_shown_by_a_scenes_own_words(tmp_path):
     assert with_line(words, tmp_path / "named.xml").endswith("\n    <part/>\n     ^")
 
 
-def test_what_can_not_be_shown_is_said_alone(tmp_path, write_scene):
+def test_message_without_a_readable_line_is_unchanged(tmp_path, write_scene):
     """Words without a place, or with one that is not there to be read."""
     gone = f"At {tmp_path}/gone.xml (line 3, col 6): failed"
     for words in ("[Film] too wide", gone, 'Loading "a.ply" (line 1, col 1)'):

@@ -156,7 +156,7 @@ def test_stop_is_called_again_until_the_end(monkeypatch, capfd):
 
 
 @pytest.mark.parametrize("number, handler", [(signal.SIGHUP, signal.SIG_IGN), (signal.SIGUSR1, lambda *_: None)])
-def test_ignored_and_other_signals_stop_nothing(scene, monkeypatch, number, handler):
+def test_ignored_signals_do_not_stop_the_render(scene, monkeypatch, number, handler):
     steps = at_step(monkeypatch, 1, number)
     scene.write_text(BANDS)
     before = signal.signal(number, handler)
@@ -220,7 +220,7 @@ def test_the_report_says_what_ended_it(noisy):
         assert says in done("render", noisy, *options).stdout and metadata(noisy)["ended"] == ended
 
 
-def test_time_alone_says_what_the_noise_is_at_most(noisy, variant_rgb):
+def test_time_limit_reports_an_upper_bound_of_the_error(noisy, variant_rgb):
     """It is about what N-rook samples come to in the end, or some times as much, and never known from one sample."""
     printed = done("render", noisy, "--time", 1000, "--max-samples", 20).stdout
     assert re.search(r"\nerror at most about 0\.0\d+ .*, 20\.0 samples a pixel", printed)

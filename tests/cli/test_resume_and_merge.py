@@ -67,7 +67,7 @@ def test_another_target_and_another_place(lamp, tmp_path):
     assert "maximum number of samples per pixel, 400" in report.stdout
 
 
-def test_what_does_not_belong_together_is_refused(lamp, tmp_path):
+def test_resume_refuses_another_scene(lamp, tmp_path):
     state = tmp_path / "a.state.npz"
     done("render", lamp, "-o", tmp_path / "a", "--checkpoint")
     lamp.write_text(LAMP.replace('value="9"', 'value="8"', 1))

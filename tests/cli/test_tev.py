@@ -56,7 +56,7 @@ def test_waves_are_sent_and_the_last_is_the_image(palito, monkeypatch):
     assert np.array_equal(image, pixels(palito.with_suffix(".exr")))
 
 
-def test_a_tev_that_is_not_there_or_goes_away(scene, monkeypatch):
+def test_lost_tev_does_not_stop_the_render(scene, monkeypatch):
     with socket.create_server(("127.0.0.1", 0)) as unused:
         port = unused.getsockname()[1]
     refused(f"no tev at 127.0.0.1:{port}", "render", scene, "--view", f"tev=127.0.0.1:{port}", code=1)

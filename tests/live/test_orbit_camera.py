@@ -43,7 +43,7 @@ def test_pan_and_dolly_move_what_is_seen_by_what_they_say():
     assert np.allclose(nearer.pivot, home.pivot) and np.allclose(nearer.eye, (home.eye + home.pivot) / 2)
 
 
-def test_it_never_goes_through_what_it_turns_around_nor_out_of_the_world():
+def test_dolly_stays_between_the_target_and_the_limit():
     home = seen(DOCUMENT)
     for factor in (0.01, 300):
         moved = home

@@ -228,7 +228,7 @@ def test_a_narrow_screen_and_contrast(page):
         assert len(ratios) > 10 and min(ratios) >= 4.5
 
 
-def test_when_it_has_ended_nothing_can_be_pressed_in_vain(browser, write_scene):
+def test_buttons_vanish_when_the_render_ends(browser, write_scene):
     with watching(write_scene(LITTLE, "café 1.scn")) as (process, address):
         page = browser.new_page()
         page.goto(address)

@@ -12,7 +12,7 @@ from prosim_start import group
 pytestmark = pytest.mark.slow
 
 
-def test_only_this_machine_and_who_knows_the_token(address):
+def test_server_answers_only_this_machine_with_the_token(address):
     url = urlsplit(address)
     port, token = url.port, url.path.strip("/")
     assert len(token) >= 32
@@ -38,7 +38,7 @@ def test_only_this_machine_and_who_knows_the_token(address):
             socket.create_connection((other, port), timeout=2).close()
 
 
-def test_nothing_but_what_is_its_own(address, scene):
+def test_server_serves_only_its_own_files(address, scene):
     state_when(address, "done")
     (scene.parent / "secret.html").write_text("secret")
     files = "../secret.html secret.html ..%2fsecret.html %2e%2e/%2e%2e/etc/passwd little.scn server.py save/scn save/.."
@@ -66,7 +66,7 @@ def test_nothing_but_what_is_its_own(address, scene):
     assert b"</html>" in content and allowed.startswith("sandbox allow-scripts; default-src 'none';")
 
 
-def test_what_it_ends_by_and_refuses(path):
+def test_watch_ends_by_signals_and_refuses_a_used_port(path):
     with watching(path, "-t", "2") as (process, address):
         state_when(address, "done")
         port = urlsplit(address).port

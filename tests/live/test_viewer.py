@@ -104,7 +104,7 @@ def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, mo
         assert viewer.publisher.state.error is None and viewer.publisher.state.black is None
 
 
-def test_a_file_that_is_missing_is_awaited(variant_rgb, path, tmp_path, monkeypatch):
+def test_watcher_waits_for_a_missing_file(variant_rgb, path, tmp_path, monkeypatch):
     """And one that is not whole yet."""
     path.write_text(LITTLE.replace("64 48", "8 6").replace("10000 NULL", '10000 "pictures/wood.png"'))
     wood, stream = tmp_path / "pictures" / "wood.png", mi.MemoryStream()
@@ -119,7 +119,7 @@ def test_a_file_that_is_missing_is_awaited(variant_rgb, path, tmp_path, monkeypa
         assert {path, wood} <= viewer.watcher.stamps.keys()
 
 
-def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_path, monkeypatch):
+def test_viewer_notices_a_change_while_it_opens_the_scene(variant_rgb, path, tmp_path, monkeypatch):
     """Also where the view is another one; and a mistake takes no view away that was moved."""
     viewers = []
 
@@ -144,7 +144,7 @@ def test_what_is_saved_while_the_scene_is_opened_is_seen(variant_rgb, path, tmp_
         assert viewer.publisher.state.view == view
 
 
-def test_stop_go_on_look_elsewhere_and_compare(variant_rgb, path, tmp_path, monkeypatch):
+def test_viewer_pauses_resumes_moves_the_camera_and_compares(variant_rgb, path, tmp_path, monkeypatch):
     path.write_text(LONG)
     with running(path) as viewer:
         until(lambda: viewer.publisher.state.layers == ("final", "error", "samples"))

@@ -85,7 +85,7 @@ def test_many_spheres_are_merged_into_few_around_all():
     assert np.allclose(sorted(map(tuple, merged(spheres[:5].tolist(), 7))), sorted(map(tuple, spheres[:5])))
 
 
-def test_spheres_are_tight_around_what_is_specular(variant_rgb):
+def test_photon_targets_enclose_specular_objects_tightly(variant_rgb):
     found, dull = Targets([s for s in small().shapes() if is_specular(s, tree=True)]), scene(lamp=lamp())
     assert found.count == 1
     assert np.allclose(np.ravel(np.array(found.centers)), (0, 1.2, 0), atol=1e-6)
@@ -167,7 +167,7 @@ def test_without_specular_surfaces_or_sources_nothing_changes(variant_rgb):
     assert np.array_equal(render(dark), render(dark, caustics=False))
 
 
-def test_an_image_goes_on_as_if_there_had_been_nothing_between(variant_rgb):
+def test_resumed_image_with_photons_has_the_same_bits(variant_rgb):
     world = on_metal(8)
     integrator = mi.load_dict(
         {"type": "prosim", "samples": 2, "max_samples": 30, "adaptive": "graded", "caustics": True}

@@ -58,7 +58,7 @@ def test_a_checkpoint_is_read_as_it_was_written(variant_rgb, tmp_path):
     assert json.dumps(after.attributes) == json.dumps(before.attributes) and after.about == before.about
 
 
-def test_what_is_no_complete_checkpoint_is_refused(variant_rgb, tmp_path):
+def test_truncated_checkpoint_is_refused(variant_rgb, tmp_path):
     path = tmp_path / "a.state.npz"
     checkpoint.save(made(), path)
     content = path.read_bytes()

@@ -42,7 +42,7 @@ def derivatives(scene, change, seed=1, spp=16):
 
 
 @pytest.mark.slow
-def test_the_derivative_of_what_is_linear_is_the_image(variant_rgb, capfd):
+def test_derivative_by_a_linear_parameter_is_the_image(variant_rgb, capfd):
     """By the radiance of the only source that is not black, with adaptive counts and a crop window of several bands in
     a corner of the film, where its filter reaches pixels within the film and beyond it. Dr.Jit says nothing.
 

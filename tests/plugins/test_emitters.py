@@ -228,7 +228,7 @@ def test_sampling_and_evaluation_agree(variant_rgb, name, unattenuated):
 
 
 @pytest.mark.parametrize("cos_angle, exponent", ((0.9, None), (-0.5, None), (0.0, 0.0), (0.0, 7.0), (0.8, 30.0)))
-def test_falloff_is_what_is_sampled(variant_rgb, cos_angle, exponent):
+def test_samples_follow_the_falloff(variant_rgb, cos_angle, exponent):
     limit = 1 - cos_angle
     whole = beam.total(mi.Float(limit), exponent)[0]
     expected = 2 * np.pi * integrate.quad(lambda c: c ** (exponent or 0), cos_angle, 1)[0]
@@ -404,7 +404,7 @@ def test_textures_of_light_are_accepted(variant):
 @pytest.mark.slow
 @pytest.mark.parametrize("normal", [(0, 1, 0), (0.48, 0.64, 0.6), (1, 0, 0)])
 @pytest.mark.parametrize("radius", [1.0, 0.01])
-def test_a_ball_overhead_is_sampled_where_it_is(variant_rgb, normal, radius):
+def test_ball_lamp_overhead_has_the_right_irradiance(variant_rgb, normal, radius):
     """At every angle from the normal: unit directions that meet the ball, and its irradiance pi L (r/d)² cos."""
     for aside in (0, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3):
         check_ball(np.array(normal, dtype=float), aside, radius)

@@ -153,7 +153,7 @@ def test_ambient_background_and_hidden_sources(variant_rgb):
     assert np.allclose(image[1, 1], [0.1, 0.2, 0.3], atol=1e-6)  # background
 
 
-def test_hidden_sources_light_as_they_do_in_sight(variant_rgb):
+def test_hidden_sources_light_like_visible_ones(variant_rgb):
     """Where no source is in view it makes no difference, for paths of any length."""
     paths = {"type": "prosim", "samples": 2, "adaptive": "none", "max_level": -1, "diffuse_bounces": -1}
     seen, hidden = (render(penumbra(size=16, hide_emitters=hide, **paths)) for hide in (False, True))
@@ -226,7 +226,7 @@ def test_at_common_edges_of_triangles_other_rays_do_not_change_a_bit(variant_rgb
     assert np.array_equal(radiance(o[::16], d[::16]), radiance(o, d)[::16])
 
 
-def test_nothing_is_compiled_again(variant_rgb):
+def test_second_render_compiles_no_kernel(variant_rgb):
     """Seeds, bands, passes and thresholds share their kernels."""
 
     def used(seed, **settings):

@@ -153,7 +153,7 @@ def test_a_scene_has_one_image_however_often_it_is_loaded(variant_rgb, xml, inte
     assert len(images) == 1
 
 
-def test_so_has_one_that_mitsuba_s_integrator_renders(variant_rgb, xml, tmp_path):
+def test_scene_of_another_integrator_has_one_image_however_often_it_is_loaded(variant_rgb, xml, tmp_path):
     file = SceneFile(xml, tmp_path, integrator={"adaptive": "none", "samples": 2})
     loaded = [file.load() for _ in range(3)]
     assert len({np.array(mi.render(scene, seed=3)).tobytes() for scene in loaded}) == 1

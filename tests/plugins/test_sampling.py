@@ -166,7 +166,7 @@ def test_samplers_take_these_points_in_any_variant(variant, plugin, n):
     assert np.all(np.sort(np.floor(points * n * n).astype(int), axis=1) == np.arange(n * n)[:, None])
 
 
-def test_a_sampler_and_its_clone_continue_where_a_wavefront_ended(variant_rgb):
+def test_sampler_and_clone_continue_after_a_wavefront(variant_rgb):
 
     def take(per_wavefront):
         sampler = mi.load_dict({"type": "nrook", "sample_count": 16})
@@ -185,7 +185,7 @@ def test_a_sampler_and_its_clone_continue_where_a_wavefront_ended(variant_rgb):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["path", "direct", "prb"])
-def test_sampler_estimates_what_others_do(variant_rgb, integrator):
+def test_sampler_has_the_expectation_of_other_samplers(variant_rgb, integrator):
     scene = mi.cornell_box()
     scene["sensor"]["film"]["width"] = scene["sensor"]["film"]["height"] = 32
     images = []

@@ -57,7 +57,7 @@ def umask():
     return mask
 
 
-def test_check_finds_what_writing_would(tmp_path):
+def test_writability_check_finds_the_errors_of_writing(tmp_path):
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").touch()
     longest = os.pathconf(tmp_path, "PC_NAME_MAX")

@@ -228,7 +228,7 @@ def test_spectrum_files_of_lax_xml_are_known_or_warned_of(variant_rgb, folder):
         file.sources()
 
 
-def test_nothing_takes_the_place_of_mitsubas_own_files(variant_rgb, folder):
+def test_scene_file_does_not_replace_a_file_of_mitsuba(variant_rgb, folder):
     """Neither in a scene of the language. Without a confinement Mitsuba looks for them in the scene's folder first."""
     (folder / "data" / "ior" / "Cu.eta.spd").symlink_to(folder.parent / "secret.spd")
     suffix = next((Path(mi.__file__).parent / "plugins").glob("cube.*")).suffix
@@ -242,7 +242,7 @@ def test_nothing_takes_the_place_of_mitsubas_own_files(variant_rgb, folder):
     assert SceneFile(scene, folder / "made", confined=True).load()
 
 
-def test_a_text_that_is_exchanged_while_it_is_read(variant_rgb, folder, monkeypatch):
+def test_confinement_checks_the_text_that_mitsuba_parsed(variant_rgb, folder, monkeypatch):
     """What Mitsuba has parsed is looked at, not what was in the file before."""
     parse = mi.parser.parse_file
 

@@ -86,7 +86,7 @@ END
 
 @pytest.mark.parametrize("background, texture, line", [("NULL", '"cut file.{}"', 4), ('"cut file.{}"', "NULL", 2)])
 @pytest.mark.parametrize("suffix, says", [("png", "read 162 out of 795 bytes"), ("jpg", "Invalid JPEG file")])
-def test_an_image_that_is_cut_short(variant_rgb, tmp_path, background, texture, line, suffix, says):
+def test_truncated_image_is_refused_at_its_line(variant_rgb, tmp_path, background, texture, line, suffix, says):
     scene, image, out = tmp_path / "scene.scn", tmp_path / f"cut file.{suffix}", tmp_path / "out"
     scene.write_text(SCENE.format(background, texture).replace("{}", suffix), encoding="utf-8")
     noise = np.random.default_rng(1).integers(0, 256, (16, 16, 3), dtype=np.uint8)

@@ -54,7 +54,7 @@ def test_scenes_with_plugins_in_python_are_not_made_in_parallel(
 
 
 @pytest.mark.parametrize("other", ["load", "trace"])
-def test_while_a_scene_is_loaded_other_threads_neither_load_nor_trace(variant_rgb, tmp_path, monkeypatch, other):
+def test_loading_a_scene_blocks_other_threads(variant_rgb, tmp_path, monkeypatch, other):
     """Mitsuba has one search path and one number of threads for all, and kernels know of objects that are half made."""
     path = tmp_path / "scene.xml"
     film = '<film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/></film>'

@@ -45,7 +45,7 @@ def test_every_wrong_statement_is_reported():
     )
 
 
-def test_completion_knows_what_fits():
+def test_completion_offers_words_that_fit():
     assert labels("|")[:2] == ["DEFAULT", "NAME"] and "END" in labels("SUR|")
     assert labels(SCENE.replace("CUBE 0", "CUBE |"))[:2] == ["0", "1"]
     assert labels(SCENE.replace("CUBE 0", "CU|"))[:4] == ["CUBE", "SPHERE", "CYLINDER", "CONE"]
@@ -102,7 +102,7 @@ def test_all_occurrences_of_a_symbol_are_found():
         assert len(symbols.table[here.symbol]) == count
 
 
-def test_a_symbol_is_found_wherever_it_may_stand():
+def test_references_find_every_use_of_a_symbol():
     text = """DEFAULT $a = 1 DEFAULT $ab = 2
 CSG-TREE + CUBE: 07 + ESFERA (the (7) one) 7 - CONE # 7
 7 CYLINDER={$a+$ab} t-7 SURFACE(a)7 kd {$a} 7 TRANSFORM 7 SCALE 7 7 7 TRANSFORM = 77

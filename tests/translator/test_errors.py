@@ -327,7 +327,7 @@ def test_encodings(tmp_path):
     ],
 )
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
-def test_errors_are_told_together_but_not_what_follows_from_them(lines, codes):
+def test_errors_are_reported_together_without_their_consequences(lines, codes):
     text = MINIMAL.splitlines()
     for number, line in lines.items():
         text[number - 1] = line

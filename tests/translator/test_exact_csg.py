@@ -109,7 +109,7 @@ def test_points_on_faces_belong_to_the_first_leaf_of_the_tree(kind, seeds):
 
 @pytest.mark.parametrize("kind", exact_csg.KINDS)
 @pytest.mark.parametrize("seeds", [range(3), pytest.param(range(3, 20), marks=pytest.mark.slow)], ids=["few", "many"])
-def test_what_is_seen_is_what_the_tree_means(variant_rgb, tmp_path, kind, seeds):
+def test_render_agrees_with_exact_evaluation_of_the_tree(variant_rgb, tmp_path, kind, seeds):
     wrong = {}
     for seed in seeds:
         folder = tmp_path / str(seed)

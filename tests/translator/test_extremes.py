@@ -41,7 +41,7 @@ def test_no_number_of_the_language_is_beyond_single_precision():
 
 @pytest.mark.parametrize("target", ["prosim", "stock"])
 @pytest.mark.parametrize("name", BEYOND)
-def test_what_cannot_be_said_is_an_error_at_its_place(name, target, write_scene):
+def test_numbers_beyond_the_limits_are_errors_at_their_line(name, target, write_scene):
     path = write_scene(BEYOND[name])
     with pytest.raises(SceneError) as error:
         prosim_scene.translate(path, target=target, tolerance=1)
@@ -63,7 +63,7 @@ WITHIN = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WITHIN)
 @pytest.mark.parametrize("target", ["prosim", "stock"])
-def test_what_can_be_said_is_loaded_and_finite(name, target, write_scene, variant_rgb):
+def test_numbers_within_the_limits_give_finite_images(name, target, write_scene, variant_rgb):
     text = WITHIN[name] if "VIEW" in WITHIN[name] else "VIEW " + WITHIN[name]
     path = write_scene(text.replace("VIEW", "VIEW RESOLUTION 9 9"))
     scene = mi.load_file(str(prosim_scene.translate(path, target=target, tolerance=1)), parallel=False)

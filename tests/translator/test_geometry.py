@@ -140,14 +140,14 @@ def test_chord_error_is_below_the_tolerance():
         assert 3 * (1 - distance.min()) <= tolerance * camera.footprint(20 - 1) * 1.02
 
 
-def test_what_vanishes_is_reported():
+def test_warning_names_a_primitive_without_visible_faces():
     with pytest.warns(SceneWarning, match=r"nothing is visible of SPHERE 1 \(line 3\)"):
         solids(scene("+ CUBE 0 SPHERE 1", ["", "SCALE (.1 .1 .1) TRANSLATE (.5 .5 .5)"]))
     with pytest.warns(SceneWarning, match="the tree's result is empty"):
         assert solids(scene("* CUBE 0 SPHERE 1", ["", "TRANSLATE (9 9 9)"])) == {}
 
 
-def test_what_fills_a_hollow_has_not_vanished():
+def test_liquid_that_fills_a_hollow_causes_no_warning():
     """Its face is that of what has cut the hollow, and behind it is the wine; not so where the wine is in the glass."""
     glass, wine = "material dieletrico n-refr = 1.5", "material dieletrico n-refr = 1.34"
     sizes = ["SCALE (2 2 2)", "SCALE (1.8 1.8 1.8)", "SCALE (1.8 1.8 1.8)", "SCALE (4 4 4) TRANSLATE (0 -2 0)"]
@@ -191,7 +191,7 @@ def segments(tree, transforms, look="OBS 0 0 20 VRP 0 0 0 WINDOW -5 -5 5 5"):
     return [leaves.solids[i].segments for i in leaves.of_leaf]
 
 
-def test_what_lies_outside_of_the_window_is_not_as_fine_as_what_lies_in_it():
+def test_solids_outside_the_window_have_fewer_segments():
     plain = segments(UNION, BALLS)
     zoomed = segments(UNION, BALLS, "OBS 0 0 20 VRP -2 -2 0 WINDOW -.1 -.1 .1 .1 VPN 0 0 1")
     assert zoomed[0] > 5 * plain[0]  # the ball in the middle of the picture
@@ -248,7 +248,7 @@ def test_a_scene_far_from_the_origin_is_exact_in_itself_and_warned_of(distance, 
         assert len(here[index].positions) == len(there[index].positions)
 
 
-def test_needles_are_not_as_fine_as_they_are_long():
+def test_needles_have_few_segments():
     # With more segments, two of them take manifold3d minutes.
     assert segments("SPHERE 0", ["SCALE (.1 .1 1000) ROTATE-X (90)"])[0] < 256
 
@@ -386,7 +386,7 @@ def test_coincident_faces_of_turned_solids(name):
     ],
     ids=["a ball less itself", "a ball in a pipe of its own width"],
 )
-def test_what_vanishes_however_it_is_turned(tree, transforms, words):
+def test_rotated_primitive_without_faces_causes_a_warning(tree, transforms, words):
     for turn in turns(2, seed=10):
         turn = turn.split("TRANSLATE")[0]
         with pytest.warns(SceneWarning, match=words):

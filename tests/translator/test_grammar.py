@@ -140,7 +140,7 @@ def test_the_tree_shows_its_shape():
     assert tree("cubo 0 t-tijolo") == "cubo 0 t-tijolo"
 
 
-def test_remarks_stand_with_what_follows_them():
+def test_formatter_keeps_comments_before_the_next_word():
     assert tree("- (a)\n CUBE 0 (b)\n(c)\n# d\n + CUBE 1 CUBE 2 # e") == (
         "- (a)\n    CUBE 0 (b)\n    (c)\n    # d\n    +\n        CUBE 1\n        CUBE 2 # e"
     )

@@ -92,7 +92,7 @@ def crowded():
     return f"LIGHTS AREA position 9 9 9 raio 2\nCSG-TREE {'+ ' * 299}{names}\n{tables}\nEND\n"
 
 
-async def test_nothing_waits_for_a_tree(editor):
+async def test_server_answers_while_a_tree_is_evaluated(editor):
     """Errors are published at once, and questions are answered, while it is evaluated."""
     text, begun = crowded(), time.perf_counter()
     assert not await opened(editor, text)

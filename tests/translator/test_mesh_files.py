@@ -212,7 +212,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_what_is_no_solid_is_an_error_at_the_files_name(tmp_path, name):
+def test_mesh_file_that_bounds_no_solid_is_refused_by_name(tmp_path, name):
     content, words = WRONG[name]
     if content is not None:
         (tmp_path / name).write_bytes(content)

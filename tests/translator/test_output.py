@@ -136,7 +136,7 @@ def test_an_image_on_another_drive_is_named_in_full(everything, tmp_path, monkey
     assert f'value="{everything.parent.as_posix()}/' in text
 
 
-def test_check_writes_nothing_and_says_each_approximation_once(everything, recwarn):
+def test_check_reports_each_approximation_once(everything, recwarn):
     before = sorted(everything.parent.rglob("*"))
     assert prosim_scene.check(everything, target="stock", tolerance=1).name == "tudo"
     assert sorted(everything.parent.rglob("*")) == before
@@ -146,7 +146,7 @@ def test_check_writes_nothing_and_says_each_approximation_once(everything, recwa
 
 
 @pytest.mark.parametrize("said, asked", [("", False), ("CAUSTICS FALSE", False), ("CÁUSTICAS: SIM", True)])
-def test_caustics_are_said_where_a_scene_asks_for_them(said, asked, write_scene, recwarn):
+def test_caustics_statement_reaches_the_integrator(said, asked, write_scene, recwarn):
     text = f"{said} LIGHTS POINT position 0 5 5 CSG-TREE SPHERE 0 SURFACE 0 material dieletrico bk7 TRANSFORM 0 END"
     path = write_scene(text)
     assert prosim_scene.parse(text).caustics is prosim_scene.parse(prosim_scene.format(text)).caustics is asked

@@ -187,7 +187,7 @@ BATH = scene("+ CYLINDER 0 CUBE 1", ["SCALE (.5 .5 4)", "SCALE (8 8 2) TRANSLATE
 
 
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
-def test_metal_and_varnish_in_water_reflect_as_they_do_there(write_scene):
+def test_opaque_solids_are_divided_by_the_medium_around_them(write_scene):
     meshes = solids(BATH, 0.02)
     wet, dry = meshes[0, 1], meshes[0]
     disc, around = math.pi / 4, math.pi  # the spoon stands in water from 0 to 1, and has its other end in the air
@@ -236,13 +236,13 @@ def test_a_metal_ball_in_a_ball_of_water_is_as_bright_as_fresnel_says(variant_rg
         ("- + SPHERE 0 CUBE 2 CUBE 1", (GLASS, "", ""), "3:21: CUBE 1 cuts glass"),
     ],
 )
-def test_what_lines_glass_is_told(tree, surfaces, words, recwarn):
+def test_warning_names_an_opaque_surface_that_lines_glass(tree, surfaces, words, recwarn):
     skins(scene(tree, ["", "", "TRANSLATE (5 5 5)"][: 2 + ("2" in tree)], surfaces), 0.2)
     said = [str(w.message) for w in recwarn]
     assert len(said) == bool(words) and all(re.search(words, message) for message in said)
 
 
-def test_a_glass_that_is_cut_away_wholly_is_nothing():
+def test_warning_names_glass_that_is_cut_away_completely():
     text = scene(
         "- + CUBE 0 SPHERE 1 CUBE 2",
         ["TRANSLATE (5 0 0)", "", "SCALE (3 3 3) TRANSLATE (-1.5 -1.5 -1.5)"],
@@ -291,7 +291,7 @@ def test_glass_is_said_by_name_or_abbe_number(glass):
 
 
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
-def test_what_is_left_after_a_thickness(glass):
+def test_medium_transmits_the_given_share_after_the_thickness(glass):
     path = glass("n-refr = 1.5 transmitancia = .25 1 .5 espessura = 2")
     for target in ("prosim", "stock"):
         loaded = prosim_scene.load(path, target=target)

@@ -133,7 +133,7 @@ def test_another_sensor_of_mitsuba_reads_a_centred_view(eye, vpn, write_scene, v
     assert lens.class_name() == "ThinLensCamera"
 
 
-def test_focus_without_aperture_is_said(write_scene):
+def test_warning_names_focus_without_aperture(write_scene):
     with pytest.warns(prosim_scene.SceneWarning, match="FOCUS has no effect without APERTURE; add APERTURE"):
         prosim_scene.check(write_scene(f"VIEW FOCUS 3 LIGHTS POINT position 0 9 9 CSG-TREE {BALL} END"))
 
@@ -154,7 +154,7 @@ def test_stock_views_have_square_pixels_and_say_so(write_scene, variant_rgb):
         ("WINDOW -9 -9 9 9", "", "", ""),
     ],
 )
-def test_a_window_that_does_not_fit_its_resolution_is_said(given, word, shape, others, write_scene, recwarn):
+def test_warning_names_a_distorted_window(given, word, shape, others, write_scene, recwarn):
     """By prosim_scene alone for the scene's own numbers: others are told who asks for them."""
     scene = write_scene(f"LIGHTS POINT position 0 9 9\nVIEW {given}\nCSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 END\n")
     prosim_scene.check(scene, resolution=(300, 400))

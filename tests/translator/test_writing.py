@@ -274,7 +274,7 @@ def test_another_view_needs_no_translation(tmp_path, options):
         prosim_scene.load(document, cache=cache, **options)
 
 
-def test_what_vanishes_is_said_each_time(tmp_path, write_scene):
+def test_cached_translation_repeats_the_warning_of_vanished_primitives(tmp_path, write_scene):
     cache = prosim_scene.TranslationCache()
     vanishing = CACHED.replace("- + CUBE 0 t-tijolo SPHERE 1 CYLINDER 2", "+ CUBE 0 + SPHERE 1 SPHERE 2")
     path = write_scene(vanishing.replace("SCALE (.4 .4 9) TRANSLATE (0 0 -4)", "SCALE (.4 .4 .4)"))

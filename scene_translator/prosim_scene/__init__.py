@@ -75,7 +75,6 @@ MODULES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Imports and returns the public ``name``; raises AttributeError for other names."""
     for module, names in MODULES.items():
         if name in names:
             return getattr(import_module(f"{__name__}.{module}"), name)

@@ -115,10 +115,6 @@ def xml_number(value: float) -> str:
 
 
 def _append(parent: ElementTree.Element, name: str, value: Any, depth: int) -> None:
-    """Adds a parameter, a plugin or a comment to the XML element ``parent``.
-
-    ``depth`` is the indentation level of the parent's children.
-    """
     if isinstance(value, Comment):
         # A comment in XML must not contain "--".
         text = escape(INVALID_IN_XML.sub("?", value), quote=False).replace("--", "- -")

@@ -29,7 +29,6 @@ class Options:
     allow_outside: bool = False
 
     def __post_init__(self) -> None:
-        """Checks the values of the options. Raises SceneError for the first wrong value."""
         samples, pixels = numbers_of("SETTING", "samples"), numbers_of("VIEW_PARAMETER", "resolution")
         self._check("target", self.target in TARGETS, f"one of {', '.join(TARGETS)}")
         self._check("light_units", self.light_units in UNITS, f"one of {', '.join(UNITS)}")
@@ -40,22 +39,15 @@ class Options:
         self._check("resolution", allowed, f"width and height, each {pixels.range_in_words()}, and {PIXELS} in all")
 
     def _check(self, name: str, allowed: bool, expected: str) -> None:
-        """Raises SceneError about the option ``name`` if ``allowed`` is False; the message says which values are
-        ``expected``.
-        """
         if not allowed:
             raise SceneError(f"{name} is {getattr(self, name)!r}; expected {expected}")
 
 
 def _is_positive(value: Any) -> bool:
-    """Whether a value is a finite number above 0."""
     return isinstance(value, Real) and 0 < float(value) < math.inf
 
 
 def _are_allowed(values: Any, allowed: Numbers) -> bool:
-    """Whether ``values`` are as many whole numbers as ``allowed`` describes, each in the allowed range, with a product
-    of at most :data:`PIXELS`.
-    """
     numbers = list(values) if isinstance(values, Iterable) else []
     whole = len(numbers) == allowed.count and all(isinstance(number, Integral) for number in numbers)
     return whole and all(map(allowed.allows, numbers)) and math.prod(numbers) <= PIXELS

@@ -30,9 +30,6 @@ def document(path: AnyPath, define: Mapping[str, object] | None = None) -> Docum
 
 
 def _opened(source: AnyPath | Document, define: Mapping[str, object] | None) -> Document:
-    """Returns the document of the scene file ``source``; if ``source`` is a document, returns it unchanged. Raises
-    SceneError if ``define`` sets values although ``source`` is a document.
-    """
     if not isinstance(source, Document):
         return document(source, define)
     if define:

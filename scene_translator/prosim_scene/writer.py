@@ -146,7 +146,6 @@ class TranslationFiles:
 
 
 def _digest(content: bytes) -> str:
-    """Returns the digest of ``content``, the bytes of a file, as 16 hexadecimal digits."""
     return blake2b(content, digest_size=8).hexdigest()
 
 
@@ -202,7 +201,6 @@ def _locked(folder: Path) -> Iterator[bool]:
 
 
 def _has_content(path: Path, content: bytes) -> bool:
-    """Whether a file with this path and this content exists; a link is no file."""
     return (
         path.is_file()
         and not path.is_symlink()

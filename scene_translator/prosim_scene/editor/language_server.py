@@ -41,7 +41,6 @@ class OpenDocument:
     """
 
     def __init__(self, document: TextDocument) -> None:
-        """Stores the text of a document, and its lines."""
         self.uri, self.version, self.text = document.uri, document.version, document.source
         self.filename, self.codec = to_fs_path(document.uri) or document.uri, document.position_codec
         # The text is changed as in a file that is read, but all offsets stay the same: a lone CR becomes LF, CR LF is

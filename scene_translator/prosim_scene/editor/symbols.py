@@ -76,7 +76,6 @@ class Symbols:
     """The text of a scene, the errors and warnings about this text, and the table of its symbols."""
 
     def __init__(self, text: str, path: Path | str | None = None) -> None:
-        """Analyses the text of a scene; ``path`` is the scene file that the errors and warnings name."""
         self.text = text
         self.reader, self.diagnostics, self.document = analyse(text, str(path or "<string>"))
         #: The ``$names`` that have a value in this text, each with the text of its value.
@@ -111,11 +110,7 @@ class Symbols:
         return result
 
     def _occurrences(self, token: Token, before: str) -> Iterator[Occurrence]:
-        """Yields the occurrences of symbols in a token; ``before`` is the grammar role of the previous token.
-
-        A token that begins with ``$`` or ``{`` has only occurrences of names, even if the value of the token is an
-        index.
-        """
+        """Yields the occurrences of symbols in a token; ``before`` is the grammar role of the previous token."""
         if self.text[token.start] in "${":
             for match in USE.finditer(self.text, token.start, token.end):
                 yield Occurrence(Symbol("name", match[1]), *match.span(), token.role == "VARIABLE")
@@ -169,11 +164,7 @@ class Symbols:
         return (token.start, token.end, text) if text else None
 
     def _symbol_markdown(self, symbol: Symbol) -> str:
-        """Returns the definition of a symbol as Markdown, or a note that the text does not define the symbol.
-
-        The definition of a ``$name`` is its value, and the definition of a texture is its kind. The definition of an
-        index or of a solid is the text of all statements that define it.
-        """
+        """Returns the definition of a symbol as Markdown, or a note that the text does not define the symbol."""
         if symbol.kind == "name":
             return f"**${symbol.key}** = {self.names.get(symbol.key, '? It has no value in this text')}"
         if symbol.kind == "texture":
@@ -224,17 +215,10 @@ class Symbols:
         return result
 
     def _name_completions(self, start: int) -> list[Completion]:
-        """Lists a completion for each ``$name`` that has a value; the editor shows the value beside the name."""
         return [Completion(f"${name}", "Variable", start, value, rank=1) for name, value in self.names.items()]
 
     def _index_completions(self, role: str, start: int) -> list[Completion]:
-        """Lists the completions for an index after a keyword with the grammar role ``role``.
-
-        After SURFACE, the completions are the indices in the text that have no SURFACE statement; after TRANSFORM,
-        those without a TRANSFORM statement. After a primitive or the name of a solid, the completions are the indices
-        that have a SURFACE or a TRANSFORM statement. If no index of the text fits, the only completion is the largest
-        index of the text plus 1, or 0 if the text has no index.
-        """
+        """Lists the completions for an index after a keyword with the grammar role ``role``."""
         spans, indices = self.reader.spans, sorted(int(key) for kind, key in self.table if kind == "index")
         if role in STATEMENTS:
             fitting = [i for i in indices if (words.words_of(role)[0].name, i) not in spans]
@@ -245,11 +229,7 @@ class Symbols:
 
 
 def _keyword_completions(role: str, start: int, spellings: Mapping[str, str]) -> Iterator[Completion]:
-    """Yields a completion for each spelling of the keywords that have the grammar role ``role``.
-
-    In the editor's list, parameters of the current statement come before keywords of new statements, and the
-    ``spellings`` that the text prefers before other spellings.
-    """
+    """Yields a completion for each spelling of the keywords that have the grammar role ``role``."""
     kind, rank = ("Keyword", 2) if role in STATEMENTS else ("Property", 0)
     for word in words.words_of(role):
         preferred = spellings.get(word.canonical, word.canonical)
@@ -259,9 +239,6 @@ def _keyword_completions(role: str, start: int, spellings: Mapping[str, str]) ->
 
 
 def _names_of_numbers(word: Word) -> str:
-    """Returns the names of the numbers that follow a keyword, such as ``x y z``; for a keyword with flags, returns one
-    TRUE for each flag.
-    """
     return " ".join(["TRUE"] * word.numbers.count) if word.numbers.flags else word.numbers.names
 
 
@@ -284,9 +261,6 @@ def description(word: Word) -> str:
 def _name_markdown(kind: str, names: dict[str, str], name: str) -> str:
     """Returns a description of the metal or glass ``name`` as Markdown: its name in Mitsuba or in prosim_dielectric, a
     glass's index of refraction, and all its names in the scene language. For an unknown ``name``, returns a note.
-
-    ``kind`` is "metal" or "glass"; ``names`` is the dictionary from all names of this kind in the scene language to the
-    names in Mitsuba or in prosim_dielectric.
     """
     if name not in names:
         return f"no {kind} has this name"

@@ -50,9 +50,6 @@ def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray, low: np.ndarray, h
     features, inverse = _features(quadrics, matrices), np.linalg.inv(matrices[:, :3, :3])
 
     def equal(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        """Whether the faces ``first[i]`` and ``second[i]`` have equal surfaces, for each i. Two surfaces are compared
-        in the space of the larger primitive.
-        """
         large = np.where(sizes[first] < sizes[second], second, first)
         small = first + second - large
         relative = np.zeros((len(small), 4, 4))  # from the space of the small primitive to that of the large one
@@ -174,7 +171,6 @@ class Planes:
         return self._moved(solid, facets, np.zeros(len(facets.plane)))
 
     def _facets(self, solid: Manifold) -> Facets:
-        """Returns those triangles of a solid that lie on planes that several solids share."""
         mesh = solid.to_mesh64()
         facets = np.asarray(mesh.face_id, dtype=np.int64)
         on = self.of_facet[facets] >= 0
@@ -183,9 +179,6 @@ class Planes:
         return Facets(vertices, corners, self.of_facet[facets], self.side[facets] * signs(mesh)[on])
 
     def _moved(self, solid: Manifold, facets: Facets, heights: np.ndarray) -> Manifold:
-        """Returns the solid; the k triangles ``facets`` of the solid are moved to the distances ``heights`` (k,) from
-        their planes, along the normals of the planes.
-        """
         points = self._points_at(facets.vertices, facets.corners, facets.plane, heights)
         return solid if np.array_equal(points, facets.vertices) else solid.warp_batch(lambda _: points)
 
@@ -250,12 +243,6 @@ def signs(mesh: Mesh64) -> np.ndarray:
 
 
 def _planes(triangles: np.ndarray, facet: np.ndarray) -> np.ndarray:
-    """Returns the planes (k, 4) of facets: each row is the unit outward normal and the offset of a facet, both means
-    over the facet's triangles, weighted by area.
-
-    ``triangles`` (m, 3, 3) are the corners of the triangles. ``facet`` (m,) has the number of the facet to which each
-    triangle belongs.
-    """
     a, b, c = np.moveaxis(triangles, 1, 0)
     cross = np.cross(b - a, c - a)
     weight = np.linalg.norm(cross, axis=1)

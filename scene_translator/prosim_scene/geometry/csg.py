@@ -65,9 +65,6 @@ def count_cut_media(tree: Tree, media_of: Sequence[int]) -> np.ndarray:
     result = np.zeros(len(media_of), int)
 
     def combine(symbol: str, first: _Operand, second: _Operand) -> _Operand:
-        """Returns the media and the range of leaves of an operator's result; for - and *, also updates ``result`` for
-        the leaves of the second operand.
-        """
         (media, begin, _), (other_media, middle, end) = first, second
         if symbol == "+":
             return media | other_media, begin, end
@@ -120,16 +117,10 @@ def evaluate(tree: Tree, groups: Sequence[int], body: Callable[[int], Body | Non
     """
 
     def leaf(number: int) -> dict[int, _Chain]:
-        """Returns a dictionary from the group of a leaf to a chain of this leaf alone; the dictionary is empty if
-        ``body(number)`` is None.
-        """
         value = body(number)
         return {groups[number]: _Chain(value)} if value else {}
 
     def combine(symbol: str, left: dict[int, _Chain], right: dict[int, _Chain]) -> dict[int, _Chain]:
-        """Applies an operator of the CSG tree to two operands, group by group. Each operand is a dictionary from groups
-        to chains of + and -.
-        """
         # If only one operand has a group, + keeps the group, - keeps a group of the left operand, * removes the group.
         small, large = sorted((left, right), key=len)
         common = {group: left[group].combined(symbol, right[group]) for group in small if group in large}
@@ -149,12 +140,7 @@ Operand = tuple[str, Body]
 
 
 class _Chain:
-    """A chain of the operators + and -, such as A + B - C: the operands with their signs. The first operand has the
-    sign +.
-    """
-
     def __init__(self, first: Body) -> None:
-        """Makes a chain that has only one operand, the body ``first`` with the sign +."""
         self.operands = deque([("+", first)])
         self.has_minus = False
 
@@ -188,7 +174,6 @@ class _Chain:
             last = {body.solid: i for i, (_, body) in enumerate(self.operands)}
 
             def enclosed(i: int, body: Body) -> bool:
-                """Whether a later leaf of the chain encloses the chain's operand ``i``, the leaf ``body``."""
                 return body.solid is not None and any(last.get(outer, -1) > i for outer in body.solid.enclosing)
 
             operands = enumerate(self.operands)
@@ -316,7 +301,6 @@ def _combined(bodies: Sequence[Body], operation: OpType | None, boxed: Sequence[
 
 
 def _share_surfaces(bodies: Sequence[Body]) -> bool:
-    """Whether any two of the bodies have faces on a common surface."""
     return sum(len(body.surfaces) for body in bodies) > len(frozenset().union(*(body.surfaces for body in bodies)))
 
 

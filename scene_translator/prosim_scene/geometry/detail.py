@@ -45,11 +45,6 @@ def active_zones(tree: Tree, solids: Sequence[Solid], of_leaf: np.ndarray) -> np
     zones = np.tile([0.0, 0.0, 0.0, math.inf], (len(solids), 1))
 
     def combine(symbol: str, first: _Operand, second: _Operand) -> _Operand:
-        """Returns a bounding ball of an operator's result, and the range of the leaf numbers of both operands; updates
-        ``zones``.
-
-        Each operand is a tuple: a bounding ball, the number of its first leaf, and the number after its last leaf.
-        """
         (a, begin, middle), (b, _, end) = first, second
         if symbol == "+":
             large, small = (a, b) if a[3] > b[3] else (b, a)
@@ -66,7 +61,6 @@ def active_zones(tree: Tree, solids: Sequence[Solid], of_leaf: np.ndarray) -> np
 
 
 def _smaller(balls: np.ndarray, ball: np.ndarray) -> np.ndarray:
-    """Returns a copy of ``balls`` (..., 4) in which ``ball`` replaces each ball with a larger radius."""
     return np.where(balls[..., 3:] <= ball[3], balls, ball)
 
 
@@ -235,7 +229,6 @@ def _largest_error(solid: Solid, zone: np.ndarray, camera: Camera) -> float:
 
 
 def _warn_of_coarse_faces(document: Document, errors: dict[int, float], of_leaf: np.ndarray, tolerance: float) -> None:
-    """Warns of solids whose curved faces are coarser than the ``tolerance``; ``errors`` has their errors in pixels."""
     if not errors:
         return
     worst = sorted(errors, key=lambda i: -errors[i])

@@ -37,7 +37,6 @@ def warn_of_enclosure(document: Document, tree: Tree, table: Leaves, opaque: Seq
 
 
 def _places(document: Document) -> Iterator[tuple[Path, str, np.ndarray]]:
-    """Yields the path, the name and points of the eye and of each light that has a position."""
     yield ("view", "eye"), "the eye", np.array([document.scene.view.eye])
     for i, light in enumerate(document.scene.lights):
         if light.kind != "sky":
@@ -48,13 +47,9 @@ def _places(document: Document) -> Iterator[tuple[Path, str, np.ndarray]]:
 
 
 def _opaque_owner(tree: Tree, inside: np.ndarray, opaque: Sequence[bool]) -> np.ndarray:
-    """Returns, for each point, the leaf whose opaque solid contains the point in the result of the CSG tree, or -1.
-
-    ``inside[i]`` has a flag for each point: whether leaf i contains it. A transparent leaf only cuts opaque solids.
-    """
+    """Returns, for each point, the leaf whose opaque solid contains the point in the result of the CSG tree, or -1."""
 
     def combine(symbol: str, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        """Applies an operator; a column of an operand has the owner of a point, and whether the operand contains it."""
         (owner, contained), (other_owner, other) = first, second
         if symbol == "+":
             return np.stack([np.where(owner >= 0, owner, other_owner), contained | other])

@@ -170,17 +170,13 @@ class Leaves:
 
 
 def _primitive(shape: str, file: str | None, radius: float | None, meshes: Mapping[str, Primitive]) -> Primitive:
-    """Returns the primitive of a leaf, whose :class:`.Leaf` has these values; ``meshes`` has those of mesh files."""
     if file is not None:
         return meshes[file]
     return PRIMITIVES[shape] if radius is None else with_radius(shape, radius)
 
 
 def _bound_planes(solids: Sequence[Solid], points: np.ndarray) -> None:
-    """Makes each PLANE a block that ends EXTENT times as far from the middle of the scene as the scene itself.
-
-    ``points`` (n, 3) are points in world coordinates between which the scene lies.
-    """
+    """Makes each PLANE a block that ends EXTENT times as far from the middle of the scene as the scene itself."""
     low, high = points.min(axis=0), points.max(axis=0)
     half = (high - low).max() / 2
     # The corners of two cubes: around all facets on which other solids may stand, and around the blocks.
@@ -197,9 +193,6 @@ def _bound_planes(solids: Sequence[Solid], points: np.ndarray) -> None:
 def _check_transforms(document: Document, indices: Sequence[int], matrices: np.ndarray, boxes: np.ndarray) -> None:
     """Raises SceneError for the first transform that is nearly singular or whose numbers are too extreme for Mitsuba. A
     transform is nearly singular if it scales one direction by less than 1e-12 of the scale in another direction.
-
-    ``matrices`` (n, 4, 4) are the matrices of the transforms, ``indices`` are the indices of their TRANSFORM
-    statements. ``boxes`` (n, 8, 3) are the corners of the bounding boxes of the solids in world coordinates.
     """
     wrong = ~(np.abs(boxes).max(axis=(1, 2)) <= LARGEST)
     widths = np.linalg.svd(np.where(wrong[:, None, None], 0, matrices[:, :3, :3]), compute_uv=False)

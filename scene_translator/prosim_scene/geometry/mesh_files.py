@@ -105,11 +105,6 @@ def mesh_file(data: bytes) -> MeshFile:
 
 
 def _check_table(table: np.ndarray | None, index: np.ndarray, width: int) -> None:
-    """Raises MeshError if a table of vertex data does not have a row of ``width`` numbers for each index in ``index``,
-    or if the table contains a number that is not finite or whose magnitude is above LARGE.
-
-    A table that is None causes no error.
-    """
     if table is None:
         return
     if table.shape[1:] != (width,) or not 0 <= index.min() <= index.max() < len(table):
@@ -137,7 +132,6 @@ def _check_closed(points: np.ndarray, triangles: np.ndarray) -> None:
 
 
 def _manifold(points: np.ndarray, triangles: np.ndarray) -> Manifold:
-    """Converts a mesh to a ``Manifold``, whose faces have the numbers of the triangles."""
     return Manifold(Mesh64(points, triangles.astype(np.uint64), face_id=np.arange(len(triangles), dtype=np.uint64)))
 
 
@@ -184,9 +178,6 @@ def _overlap(solid: Manifold, parts: Sequence[Manifold]) -> str:
 
 
 def _wrong_places(solid: Manifold, part: Manifold, count: int) -> list[tuple[np.ndarray, int]]:
-    """Returns points on at most ``count`` faces of ``part`` right below which the winding number of ``solid`` is not 1,
-    each with this winding number.
-    """
     mesh, generator = part.to_mesh64(), np.random.default_rng(0)
     chosen = mesh.tri_verts
     if len(chosen) > count:
@@ -213,7 +204,6 @@ def _wrong_places(solid: Manifold, part: Manifold, count: int) -> list[tuple[np.
 
 
 def _winding(solid: Manifold, start: np.ndarray, direction: np.ndarray) -> int:
-    """Returns the winding number of ``solid`` at ``start``: how often a ray leaves it, less how often it enters it."""
     hits = solid.ray_cast(start, start + direction)
     return sum(1 if np.dot(hit.normal, direction) > 0 else -1 for hit in hits)
 

@@ -58,7 +58,6 @@ def parse(data: bytes) -> MeshData:
 
 
 def _ply(data: bytes) -> MeshData:
-    """Parses the content of a PLY file."""
     header = HEADER.match(data)
     if header is None:
         raise MeshError("its header has no end")
@@ -133,7 +132,6 @@ def _rows(body: bytes, position: int, count: int, properties: Properties) -> tup
 
 
 def _obj(text: str) -> MeshData:
-    """Parses the content of an OBJ file: its vertices, texture coordinates, normals and faces."""
     tables: dict[str, list[list[float]]] = {"v": [], "vt": [], "vn": []}
     polygons: list[list[list[int]]] = []
     for line in text.replace("\\\n", " ").split("\n"):
@@ -156,10 +154,7 @@ def _obj(text: str) -> MeshData:
 
 
 def _number(text: str, count: int) -> int:
-    """Converts an index in an OBJ file to an index from 0, or to -1 if the text is empty.
-
-    An index in an OBJ file counts from 1; a negative index counts backwards from the latest of ``count`` items.
-    """
+    """Converts an index in an OBJ file to an index from 0, or to -1 if the text is empty."""
     if not text:
         return -1
     number = int(text)
@@ -169,7 +164,6 @@ def _number(text: str, count: int) -> int:
 
 
 def _stl(text: str) -> MeshData:
-    """Parses the content of a text STL file in lower case; its triangles have no common vertices."""
     corners = re.findall(r"^\s*vertex\s+(\S+)\s+(\S+)\s+(\S+)\s*$", text, re.MULTILINE)
     if len(corners) != 3 * text.count("endfacet") or "endsolid" not in text:
         raise MeshError("its facets are not complete")
@@ -177,7 +171,6 @@ def _stl(text: str) -> MeshData:
 
 
 def _separate(corners: np.ndarray) -> MeshData:
-    """Returns the mesh of triangles whose corners (m, 3, 3) are separate points."""
     if not len(corners):
         raise MeshError("it has no faces")
     index = np.arange(3 * len(corners)).reshape(-1, 3)
@@ -185,7 +178,6 @@ def _separate(corners: np.ndarray) -> MeshData:
 
 
 def _off(text: str) -> MeshData:
-    """Parses the content of an OFF or COFF file; colours are ignored."""
     rows = [row for line in text.split("\n") if (row := line.partition("#")[0].split())]
     counts = rows.pop(0)[1:] or rows.pop(0)
     n = int(counts[0])

@@ -221,14 +221,10 @@ class Cube(Primitive):
         self.quadrics = np.array([plane(*n, -corner @ n) for corner in self.box for n in np.eye(3)])
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
-        """Returns the mesh of the cube: two triangles for each facet. ``segments`` and ``facet_map`` have no effect."""
         triangles = self.squares[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
         return Mesh(self.vertices, triangles, np.repeat(np.arange(len(self.faces)), 2), self.faces)
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
-        """Returns normals and uv; uv are the coordinates of a corner along the two axes that are parallel to the
-        face.
-        """
         normals = np.zeros_like(p)
         axis = face % 3
         normals[np.arange(len(p)), :, axis] = np.where(face < 3, -1, 1)[:, None]
@@ -259,15 +255,12 @@ class Sphere(Primitive):
     segment_factor = 1.64  # the largest triangles lie at the centres of the octahedron's faces
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
-        """Returns a mesh of the unit sphere: a subdivided octahedron, whose vertices are mapped by ``facet_map``."""
         vertices, triangles = _subdivided_octahedron(segments)
         mapped = np.append(vertices, np.ones((len(vertices), 1)), axis=1) @ facet_map.T  # homogeneous coordinates
         return Mesh(mapped[:, :3] / mapped[:, 3:], triangles, np.arange(len(triangles)), np.zeros(len(triangles), int))
 
     def ball(self, to_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the size of the transformed sphere, and a bounding ball; the size is the longest semi-axis, but at
-        most MAX_ASPECT times the second longest semi-axis.
-        """
+        # See MAX_ASPECT.
         longest, second, _ = np.linalg.svd(to_world[:, :3, :3], compute_uv=False).T
         return np.minimum(longest, MAX_ASPECT * second), np.append(to_world[:, :3, 3], longest[:, None], axis=1)
 
@@ -323,9 +316,6 @@ class _OfRevolution(Primitive):
         return Mesh(vertices, triangles, np.concatenate(facets), faces)
 
     def ball(self, to_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the size of the curved face, which is the longest semi-axis of the transformed discs, and a bounding
-        ball.
-        """
         size = np.linalg.norm(to_world[:, :3, :2], 2, axis=(1, 2))  # the longest semi-axis of the discs
         axis = to_world[:, :3, 2]
         radius = np.linalg.norm(axis, axis=1) * (1 - self.low) / 2 + size
@@ -408,7 +398,6 @@ class Torus(Primitive):
         return Mesh(vertices.reshape(-1, 3), triangles, np.tile(a, 2), np.zeros(len(a), int))
 
     def ball(self, to_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the size of the curved face, which is its longest semi-axis or more, and a bounding ball."""
         size = (1 + self.radius) * np.linalg.norm(to_world[:, :3, :3], 2, axis=(1, 2))
         return size, np.append(to_world[:, :3, 3], size[:, None], axis=1)
 

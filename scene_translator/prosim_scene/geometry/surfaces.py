@@ -164,12 +164,7 @@ def tessellate(
 
 
 def _boundary(tree: csg.Tree, table: Leaves, media_of: list[int], fresnel: bool, cutters: np.ndarray) -> Boundary:
-    """Evaluates the CSG tree; returns the boundary of the resulting solids.
-
-    ``media_of[i]`` is the number of the medium of leaf i. ``fresnel`` is True if any opaque leaf reflects by Fresnel's
-    equations. ``cutters[i]`` is True if leaf i is in the second operand of an operator - or *, so that it can cut other
-    leaves.
-    """
+    """Evaluates the CSG tree; returns the boundary of the resulting solids."""
     table.make_meshes()
     ids = OriginalIds(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
     # For each leaf, the box of its mesh, enlarged by the thickness, and the eight corners of its rotated box.
@@ -180,9 +175,6 @@ def _boundary(tree: csg.Tree, table: Leaves, media_of: list[int], fresnel: bool,
     small_neighbours = csg.count_small_neighbours(boxes)
 
     def body(number: int, medium: int) -> csg.Body | None:
-        """Returns the solid of a leaf for the evaluation of the CSG tree for one ``medium``; None if the leaf has no
-        effect on the solids of this medium.
-        """
         if medium != media_of[number] and not cutters[number]:
             return None
         i = int(table.of_leaf[number])
@@ -190,7 +182,6 @@ def _boundary(tree: csg.Tree, table: Leaves, media_of: list[int], fresnel: bool,
 
         @cache
         def mesh() -> Manifold:
-            """Returns the leaf's mesh for manifold3d, refined if many small solids touch the leaf."""
             own = manifold(table.meshes[i], table.first[i], ids.id_of(number, medium))
             return csg.refined(own, small_neighbours[number])
 
@@ -230,9 +221,6 @@ def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
 def _surface_mesh(table: Leaves, boundary: Boundary, count: int) -> SurfaceMesh:
     """Returns the triangles of a boundary, sorted by kind, with their normals and uv; ``count`` is the number of media,
     including air.
-
-    A kind is visible if one of its triangles is higher, over its longest side, than twice the thickness of coincident
-    facets.
     """
     vertices, triangles = boundary
     del boundary  # frees memory
@@ -278,11 +266,6 @@ def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, in
 
 
 def _warn_of_mixed_cut(document: Document, number: int, leaf: Leaf, opaque: bool) -> None:
-    """Warns that an opaque leaf cuts glass (if ``opaque`` is True), or that a glass leaf cuts an opaque solid. ``leaf``
-    is the leaf that cuts, and ``number`` is its position in the CSG tree.
-
-    The faces of a cut belong to the leaf that cuts, so they have the material of this leaf.
-    """
     surface = f"SURFACE {leaf.index}"
     what, problem, expected = "an opaque solid", "is a dielectric, so the solid looks hollow", "another material"
     if opaque:
@@ -296,12 +279,6 @@ def _warn_of_mixed_cut(document: Document, number: int, leaf: Leaf, opaque: bool
 
 
 def _report_vanished(document: Document, vanished: list[tuple[int, Leaf]], empty: bool) -> None:
-    """Warns of leaves of which nothing is visible in the result.
-
-    ``vanished`` lists the leaves that have no visible face, and whose medium is not visible behind a face of another
-    leaf either, each with its position in the CSG tree. ``empty`` is True if nothing is visible of any leaf of the
-    scene; the warning is then about the whole tree.
-    """
     if empty:
         document.warn("the tree's result is empty; check its operators and transforms", "csg")
     elif vanished:

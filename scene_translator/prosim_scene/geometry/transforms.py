@@ -28,11 +28,6 @@ def matrices(transforms: Sequence[model.Transform]) -> np.ndarray:
 
 
 def _matrices(kind: str, values: np.ndarray) -> np.ndarray:
-    """Returns the matrices (n, 4, 4) of n steps of the kind ``kind``, such as "scale".
-
-    ``values`` are vectors (n, 3) for the kinds "scale" and "translate", angles (n, 1) in degrees for rotations, and
-    three rows (n, 12) for "matrix".
-    """
     result = np.tile(np.eye(4), (len(values), 1, 1))
     if kind == "scale":
         result[:, [0, 1, 2], [0, 1, 2]] = values

@@ -109,10 +109,6 @@ def too_large(path: AnyPath) -> SceneError:
 def _with_separate_indices(document: Document) -> Document:
     """Returns an equivalent document in which the primitives of named solids have separate indices; a document without
     named solids is returned unchanged.
-
-    Each combination of a primitive's index with the indices of the named solids around the primitive gets a new index,
-    for which a SURFACE and a TRANSFORM are added to the scene. The new TRANSFORM has the steps of the primitive, and
-    then those of the solids around it, the innermost first.
     """
     scene, spans = document.scene, dict(document.spans)
     surfaces, transforms, csg = dict(scene.surfaces), dict(scene.transforms), list(scene.csg)
@@ -135,7 +131,6 @@ def _with_separate_indices(document: Document) -> Document:
 
 
 def _used_indices(scene: Scene) -> set[int]:
-    """Returns the indices of the primitives in the CSG tree, and of the named solids around these primitives."""
     return {index for _, leaf in scene.leaves for index in (leaf.index, *leaf.within)}
 
 
@@ -152,9 +147,6 @@ def _scene_problems(document: Document) -> Iterator[Problem]:
 
 
 def _settings_problems(document: Document) -> Iterator[Problem]:
-    """Yields an error if the scene saves none of the channels R, G and B, an error if its image has too many pixels,
-    and a warning if it has a FOCUS without an APERTURE.
-    """
     scene = document.scene
     if not any(scene.channels):
         yield document.error("found FALSE for all channels; expected TRUE for one at least", "channels", code="range")
@@ -167,9 +159,6 @@ def _settings_problems(document: Document) -> Iterator[Problem]:
 
 
 def _lights_problems(document: Document) -> Iterator[Problem]:
-    """Yields errors about lights without a position, and warnings about nearly dark colours of lights, AMBIENT or
-    BACKGROUND. A black colour causes no warning, and a SKY light needs no position.
-    """
     scene = document.scene
     intensities: list[tuple[Vector, Path]] = [(scene.ambient, ("ambient",))]
     intensities += [(scene.background.color, ("background",))] * (scene.background.image is None)
@@ -185,10 +174,6 @@ def _lights_problems(document: Document) -> Iterator[Problem]:
 
 
 def _materials_problems(document: Document) -> Iterator[Problem]:
-    """Yields errors about missing or contradictory optical parameters of a material.
-
-    Yields a warning about each thickness that has no effect, because the material has no transmittance.
-    """
     for index, s in document.scene.surfaces.items():
         wrong = ""
         if s.material == "conductor" and (s.eta or s.k if s.metal else not (s.eta and s.k)):
@@ -214,10 +199,6 @@ def _materials_problems(document: Document) -> Iterator[Problem]:
 
 
 def _kinds_problems(document: Document) -> Iterator[Problem]:
-    """Yields errors about textures without a kind, and about parameters that a kind of texture does not have.
-
-    Yields a warning about each parameter of a light or a material that has no effect on this kind of light or material.
-    """
     for key, pattern in document.scene.patterns.items():
         if not pattern.kind:
             reason = f"the texture {quote(key)} has no kind; expected brick, stripes or fractal after its name"
@@ -237,11 +218,7 @@ def _kinds_problems(document: Document) -> Iterator[Problem]:
 
 
 def _indices_problems(document: Document) -> Iterator[SceneError]:
-    """Yields an error for each index of a primitive for which the scene has no SURFACE or no TRANSFORM.
-
-    A primitive of a named solid needs a SURFACE for its own index or for the index of a solid around it, and a
-    TRANSFORM for each of these indices.
-    """
+    """Yields an error for each index of a primitive for which the scene has no SURFACE or no TRANSFORM."""
     statements = [path for path in document.spans if len(path) == 2]  # also of statements with an error
     surfaces, transforms = ({key for field, key in statements if field == name} for name in ("surfaces", "transforms"))
     reported = set()
@@ -260,9 +237,6 @@ def _indices_problems(document: Document) -> Iterator[SceneError]:
 
 
 def _textures_problems(document: Document) -> Iterator[SceneError]:
-    """Yields errors about unknown textures, one for each name, and about images in the second texture slot, which
-    allows only solid textures.
-    """
     names, reported = list(document.scene.patterns), set[str]()
     slots = ((number, *slot) for number, leaf in document.scene.leaves for slot in enumerate(leaf.textures))
     for number, slot, texture in slots:
@@ -278,7 +252,6 @@ def _textures_problems(document: Document) -> Iterator[SceneError]:
 
 
 def _unused_warnings(document: Document) -> Iterator[SceneWarning]:
-    """Yields warnings about statements that have no effect, and about a missing CSG-TREE or LIGHTS."""
     scene, used = document.scene, _used_indices(document.scene)
     for field in "surfaces", "transforms":
         for index in getattr(scene, field):

@@ -174,7 +174,6 @@ def evaluate(source: Source, braces: Span, definitions: Definitions) -> float:
 
 @cache
 def _parser() -> Lark:
-    """Makes the parser of arithmetic expressions."""
     grammar = Path(__file__).with_name("expression.lark").read_text(encoding="utf-8")
     return Lark(grammar, parser="lalr", start="sum", propagate_positions=True)
 
@@ -214,16 +213,10 @@ def _value(source: Source, node: Tree[Token], span: Span, operands: list[float],
 
 
 def _operation(name: str) -> Callable[..., float]:
-    """Returns the function that computes the operator with the name ``name``; for a number or a constant, returns
-    ``float``.
-
-    In the grammar, operators have the names of the functions in Python's module ``operator``.
-    """
     return math.pow if name == "power" else getattr(operator, name, float)
 
 
 def _syntax_error(source: Source, braces: Span, error: UnexpectedInput) -> SceneError:
-    """Returns the error about an arithmetic expression whose syntax is wrong."""
     # The errors of lark about a token and about a character have different attributes.
     expected = set(getattr(error, "accepts", None) or getattr(error, "allowed", None) or ())
     operators = "an operator (+ - * / ^)" + " or ')'" * ("RPAR" in expected)

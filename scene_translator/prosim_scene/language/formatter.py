@@ -50,9 +50,6 @@ class _Line:
     comments: list[str] = field(default_factory=list)
 
     def __str__(self) -> str:
-        """Returns the text of the line: its indentation, at most MAX_DEPTH steps, its words with the mark, and its
-        comments. A line without words and comments is empty.
-        """
         word, values = self.words[:1], self.words[1:]
         if values and self.mark:
             values = ["=", *values] if self.mark == "=" else [f"({' '.join(values)})"]
@@ -63,8 +60,6 @@ class _Line:
 
 
 class _Layout:
-    """The lines of the formatted text, to which tokens and comments are added in the order of the text."""
-
     def __init__(self, source: str) -> None:
         self.source = source
         self.lines: list[_Line] = []

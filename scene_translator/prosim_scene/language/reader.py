@@ -611,9 +611,6 @@ class Reader(Scanner):
 
 
 def _texture(token: Token) -> model.Texture | None:
-    """Returns the texture that a token in a texture slot stands for: a texture by its name, an image file, or None for
-    NULL.
-    """
     if token.role == "TEXTURE_NAME":
         return model.Texture(name=words.texture_name(token.text))
     return model.Texture(image=token.text) if token.role != "NULL" else None

@@ -130,11 +130,7 @@ class Word:
 
 
 def _table() -> dict[str, list[list[str]]]:
-    """Reads ``words.txt``; returns a dictionary from each heading to the rows below this heading.
-
-    In the result, the first cell of a row is the text of the indented lines below the row in the file, or "". The text
-    of the indented lines is the meaning of the word, or the hint of a suggestion.
-    """
+    """Reads ``words.txt``; returns a dictionary from each heading to the rows below this heading."""
     table: dict[str, list[list[str]]] = {}
     for row in re.split(r"\n(?! )", Path(__file__).with_name("words.txt").read_text(encoding="utf-8")):
         if row.startswith("["):
@@ -148,7 +144,6 @@ def _table() -> dict[str, list[list[str]]]:
 def _word(
     heading: str, meaning: str, role: str, spellings: str, name: str = "", numbers: str = "", kinds: str = ""
 ) -> Word:
-    """Returns the :class:`Word` that the cells of one row of ``words.txt`` describe."""
     return Word(heading, role, tuple(_all_spellings(spellings)), name, _numbers(numbers), tuple(kinds.split()), meaning)
 
 
@@ -157,9 +152,6 @@ TRANSLATIONS: list[tuple[list[str], list[str]]] = []
 
 
 def _all_spellings(cell: str) -> list[str]:
-    """Returns the spellings in a cell of ``words.txt``: those before the slash, which are English, and those after it,
-    which are Portuguese.
-    """
     english, portuguese = (part.split() for part in f"{cell}/".split("/")[:2])
     if portuguese:
         TRANSLATIONS.append((english, portuguese))

@@ -96,10 +96,6 @@ def _shapes(
 ) -> Node:
     """Returns the dictionaries of the shapes of a scene, each after a comment. The shapes are in the order in which
     their materials first occur in the CSG tree.
-
-    There is one shape for each :class:`MeshKey` in ``triangles``. ``store(name, content)`` stores the PLY file of a
-    mesh, and returns its file name. A mesh whose triangles are all degenerate in single precision is left out, with a
-    warning.
     """
     document, scene = context.document, context.scene
     groups = group_equal(appearance_key(scene, leaf) for _, leaf in scene.leaves)
@@ -134,7 +130,4 @@ def _shapes(
 
 
 def _comment_with_line(document: Document, text: str, *path: str | int) -> Comment:
-    """Returns the comment ``text``, followed by the number of the line on which the scene's text states the value at
-    ``path``.
-    """
     return Comment(f"{text} (line {document.line(*path)})")

@@ -104,7 +104,6 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> N
     (kd, ks, ka), rough = reflectances(surface), roughness_parameters(surface, method)
 
     def textured(name: str, color: Vector) -> Node:
-        """Returns the reflectance ``color``, which is kd or ka, multiplied by the textures of the primitive."""
         return textures.reflectance(context, number, leaf, effective_textures(leaf, surface), name, color)
 
     if surface.material == "conductor":
@@ -145,10 +144,6 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> N
 def _refraction(context: Context, index: int | None) -> Node:
     """Returns BSDF parameters for the refraction of the medium inside primitives with SURFACE number ``index``; if
     ``index`` is None, of the air.
-
-    The result is the name ("material") of a glass that is given by name; for other media, it is the mean index of
-    refraction ("ior") and, if the scene states it, the Abbe number ("abbe"). The prefix "int_" (inner side of a face)
-    or "ext_" (outer side) makes the name of a BSDF parameter from a key of the result.
     """
     surface = Surface() if index is None else context.scene.surfaces[index]
     if surface.glass:
@@ -172,12 +167,7 @@ def media(context: Context, sides: MediumInterface) -> Node:
 
 
 def _absorbing_medium(surface: Surface) -> Node:
-    """Returns the dictionary of the absorbing medium inside primitives with the SURFACE ``surface``.
-
-    By Beer's law, the transmittance T over the thickness d is exp(-s d), where s is the absorption coefficient.
-    Mitsuba's colours are at most 1, so the absorption coefficients of the three channels are divided by the largest of
-    them, which becomes the medium's parameter ``scale``. A quotient below MIN_ABSORPTION is replaced by MIN_ABSORPTION.
-    """
+    """Returns the dictionary of the absorbing medium inside primitives with the SURFACE ``surface``."""
     assert surface.transmittance is not None
     sigma = [-math.log(t) / surface.thickness for t in surface.transmittance]
     scale = max(sigma)

@@ -40,12 +40,10 @@ def clipping_depths(camera: Camera, meshes: Collection[Triangles], lights: Itera
 
 
 def _depth(camera: Camera, points: np.ndarray) -> np.ndarray:
-    """Returns the distances of points from the eye along the viewing direction."""
     return np.asarray((camera.eye - points) @ camera.n)
 
 
 def _is_near(point: np.ndarray, mesh: Triangles, distance: float) -> bool:
-    """Whether the bounding box of any triangle of ``mesh`` is closer than ``distance`` to a point along each axis."""
     below, above = mesh.vertices < point + distance, mesh.vertices > point - distance
     return bool(np.all(below[mesh.index].any(axis=1) & above[mesh.index].any(axis=1), axis=1).any())
 

@@ -19,9 +19,6 @@ SAMPLER, LENS = "multijitter", "thinlens"
 
 
 def _approximate(context: Context, reason: str, *path: str | int) -> None:
-    """Emits a warning that the target ``stock`` approximates the scene; a second warning with the same ``reason`` is
-    not emitted.
-    """
     context.approximate(f"stock target: {reason}", *path)
 
 
@@ -119,8 +116,6 @@ def _spot_angles(light: Light) -> tuple[float, float]:
     """Returns the angles ``beam_width`` and ``cutoff_angle`` of Mitsuba's emitter ``spot`` in degrees, for a light with
     the distribution CONE or SPOT. The intensity of the emitter is constant below the first angle, 0 above the second
     angle, and linear between them.
-
-    For a CONE, the two angles are nearly equal; for a SPOT, the first angle is 0.
     """
     limit = min(light.angle or 90.0, 90.0 if light.distribution == "spot" else 179.0)
     if light.distribution == "cone":
@@ -132,9 +127,6 @@ def _spot_angles(light: Light) -> tuple[float, float]:
 
 
 def _to_world_along(position: Vector, direction: Vector) -> np.ndarray:
-    """Returns a transform that maps the origin to ``position`` and the z axis to ``direction``; the rotation about this
-    axis is arbitrary.
-    """
     z = np.array(direction) / np.linalg.norm(direction)
     x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
     x /= np.linalg.norm(x)
@@ -175,9 +167,6 @@ def surface(context: Context, number: int, leaf: Leaf, sides: materials.MediumIn
 
 
 def _mean_color(kind: str, parameters: dict[str, Any]) -> np.ndarray:
-    """Returns the mean colour (r, g, b) of a pattern of the kind ``kind``, whose parameters have the values
-    ``parameters``.
-    """
     if kind == "brick":
         width, height, joint = parameters["brick_width"], parameters["brick_height"], parameters["mortar_width"]
         fraction = width / (width + joint) * height / (height + joint)
@@ -193,10 +182,6 @@ def _bsdf(
 ) -> Node:
     """Returns the BSDF of the SURFACE ``surface``, which has the index ``index``; ``sides`` are the media on both sides
     of the face.
-
-    ``diffuse`` is the colour or texture of the surface's diffuse reflection, ``ks`` the colour of its specular
-    reflection. A composite surface whose index of refraction equals that of the medium outside, and a Phong surface
-    with black ``ks``, become diffuse surfaces.
     """
     path = "surfaces", index
     alpha = materials.beckmann_slope(surface)

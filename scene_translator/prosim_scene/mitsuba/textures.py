@@ -76,7 +76,6 @@ def reflectance(
     scene = context.scene
 
     def limited(product: np.ndarray) -> Node:
-        """Returns the dictionary of the colour ``product``, clipped if it is a diffuse reflectance."""
         if (largest := max(product)) <= 1:
             return rgb(product)
         if name == "ka":  # Mitsuba's colours are at most 1
@@ -85,9 +84,6 @@ def reflectance(
         return rgb_clipped(product)
 
     def inner(factor: Sequence[float]) -> Node:
-        """Returns the primitive's reflectance ``color`` multiplied by ``factor`` and by the primitive's solid texture,
-        if there is one.
-        """
         product = np.multiply(color, factor)
         if solid_texture is None:
             return limited(product)

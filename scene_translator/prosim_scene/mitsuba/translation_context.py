@@ -71,21 +71,12 @@ class Context:
         return {"type": plugin, "filename": self._read_file("image", self._image_filename, name, *path)}
 
     def _image_filename(self, path: Path) -> str:
-        """Returns the file name by which the translated scene refers to an image file. Raises ValueError if the file is
-        not an image, or if ``image_path`` does not accept the path of the file.
-        """
         if not is_image(path):
             raise ValueError(f"is not an image; expected one of {FORMATS}")
         return self.image_path(path)
 
     def _read_file(self, kind: str, read: Callable[[Path], T], name: str, *path: str | int) -> T:
-        """Returns the result of ``read(file)``, where ``file`` is the path of the file that the scene calls ``name``.
-
-        ``kind`` is "image" or "mesh", for error messages, and ``path`` is the path of the value ``name`` in the model,
-        such as ("background", "image"). If the option ``allow_outside`` is False, the file, or the target of a symbolic
-        link, must be in the scene's folder or in a folder below it. Raises SceneError if the file is outside this
-        folder or does not exist, if ``name`` cannot be a file name, and if ``read`` raises OSError or ValueError.
-        """
+        """Returns ``read(file)``, where ``file`` is the path of the file that the scene calls ``name``."""
         folder = Path(self.document.source.filename).parent
         try:
             if not name or "\0" in name:
@@ -110,9 +101,6 @@ MESH_LIMIT = 2**27
 
 
 def _mesh(path: Path) -> MeshFile:
-    """Reads a mesh file. Raises ValueError if the file is larger than MESH_LIMIT or does not describe a solid, and
-    OSError if the file cannot be read.
-    """
     if path.stat().st_size > MESH_LIMIT:
         raise ValueError(f"is larger than {MESH_LIMIT >> 20} MiB, the largest size of a mesh file")
     return mesh_file(path.read_bytes())

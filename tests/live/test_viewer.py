@@ -44,10 +44,12 @@ def all_portions_seen(monkeypatch):
 
 
 def test_from_coarse_to_the_image_that_render_makes(variant_rgb, path, tmp_path, monkeypatch, all_portions_seen):
-    """Within a pass each pixel is that of its end, or that of before."""
+    """Within a pass each pixel is that of its end, or that of before. An explanation on the way changes nothing."""
     all_portions_seen(12000)
     path.write_text(RED.replace("64 48", "200 150"))
     with running(path) as viewer:
+        until(lambda: "own" in viewer.publisher.pictures)
+        assert '"pixel": [90, 75]' in viewer.call(lambda viewer: viewer.explanation(90, 75)).result(60)
         until(is_done(viewer))
         image = final(viewer)
         coarse, *shown = seen(viewer).values()

@@ -200,7 +200,7 @@ function showOutside() {
                 if (!(i & bit)) line([0, 1, 2].map(j => i >> j & 1 ? b[j] : a[j]), [0, 1, 2].map(j => (i | bit) >> j & 1 ? b[j] : a[j]), present("--line"), 0.5);
     tree.nodes.forEach((node, index) => {
         const end = node.position || node.origin.map((o, i) => o + node.direction[i] * size / 4);
-        const lobe = (data.lobes[tree.sample] || {})[index] || [];
+        const lobe = tree.lobes[index] || [];
         for (let i = 0; i < lobe.length; i += 3) line(end, end.map((p, k) => p + lobe[i + k] * size / 7), present("--lobe"), 0.7);
         for (const lamp of node.position ? node.lamps : [])
             if (lamp.state !== "dark") line(end, lamp.point, present("--lamp"), 1, lamp.state === "hidden" ? [4, 4] : []);

@@ -23,12 +23,16 @@ BRIGHTEST, MOST_CHARACTERS = 8, 1 << 20
 
 def html(facts: Mapping[str, Any], trees: Mapping[int, Sequence[Node]], **more: Any) -> str:
     """Returns the HTML text of the page. ``facts`` are those of an explanation, and ``trees`` maps samples to their
-    nodes; trees that would make the page too large are left out. ``more`` are further data of the page.
+    nodes; trees that would make the page too large are left out. ``more`` are further data of the page, and ``lobes``.
     """
-    stored = [{"sample": sample, "nodes": [asdict(node) for node in nodes]} for sample, nodes in trees.items()]
+    lobes = more.pop("lobes", {})
+    stored = [
+        {"sample": sample, "nodes": [asdict(node) for node in nodes], "lobes": lobes.get(sample, {})}
+        for sample, nodes in trees.items()
+    ]
     while len(stored) > 1 and len(json.dumps(stored)) > MOST_CHARACTERS:
         stored.pop()
-    nothing: dict[str, Any] = {"image": "", "camera": None, "boxes": [], "n": 0, "patterns": [], "lobes": {}}
+    nothing: dict[str, Any] = {"image": "", "camera": None, "boxes": [], "n": 0, "patterns": []}
     data = {"name": "the image", **nothing, **facts, "trees": stored, **more}
     page, script = (
         files(__package__).joinpath(f"explanation_page.{kind}").read_text("utf-8") for kind in ("html", "js")

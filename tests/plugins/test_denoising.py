@@ -13,6 +13,7 @@ import pytest
 from image_statistics import renderings
 from mitsuba_prosim import denoising
 from mitsuba_prosim.denoising import final_image, halves, layers, oidn
+from mitsuba_prosim.denoising.final_error import FinalError
 from mitsuba_prosim.denoising.mixing import LIGHT, display_value, inputs, mix, with_light
 from mitsuba_prosim.denoising.pyramid import average, blur
 from mitsuba_prosim.live import picture as live_picture
@@ -379,7 +380,7 @@ def test_measured_error_changes_neither_image_nor_target(variant_rgb, denoiser):
     assert render.second.complete and image.estimates == []
     before = dict(vars(image)), dict(vars(target))
     for limit in (0.015, 0.003):
-        answer = final.error(image, render.second, replace(target, limits=(limit, 0, 0)))
+        answer = FinalError(final.denoiser)(image, render.second, replace(target, limits=(limit, 0, 0)))
         assert answer.noise[0] > 0
     assert answer.sample_ratio > 1
     assert (vars(image), vars(target)) == before and image.estimates == []
@@ -393,8 +394,8 @@ def test_the_error_of_the_final_image_ends_the_render(variant_rgb, denoiser):
     scene = mi.load_dict(cornell(96, noise=0.006, band=5000))
     final, render = done(scene)
     image, estimates = final.denoised().final, render.state.estimates
-    assert render.finished and render.reached.noise <= 0.006 and final.networks == "plain"
-    assert {networks for _, networks, *_ in estimates} == {"plain"} and len(estimates) <= 4
+    assert render.finished and render.reached.noise <= 0.006 and not final.why_raw
+    assert {networks for _, networks, *_ in estimates} == {"fast"} and len(estimates) <= 4
     raw = scene.integrator().progressive(scene, seed=3)
     assert any(raw.reached.samples > render.reached.samples / 0.7 for _ in raw)
     ways = [{"executor": Elsewhere(mi.load_dict(cornell(96, noise=0.006, band=5000)), most=100_000)}]
@@ -411,7 +412,7 @@ def test_where_the_denoiser_does_not_pay_the_result_is_the_image_without_it(vari
     scene = mi.load_dict(penumbra(size=96, type="prosim", samples=3, noise=0.006, aovs="samples,error"))
     final, render = done(scene)
     result, alone = final.denoised(), np.array(scene.integrator().render(scene, seed=3))
-    assert final.networks == "none" and not render.state.estimates
+    assert final.why_raw and not render.state.estimates
     assert np.array_equal(result.final, result.raw) and np.array_equal(result.final, alone[..., :3])
     assert result.noise == result.raw_noise == pytest.approx(render.reached.noise) and result.noise <= 0.006
     others = final.other_channels()
@@ -486,7 +487,7 @@ def test_the_final_error_that_is_asked_for_is_reached(variant_rgb, denoiser, mak
     ratios = []
     for seed in range(12):
         final, _ = done(scene, seed)
-        assert (final.networks != "none") == denoised
+        assert (not final.why_raw) == denoised
         off = display_value(final.denoised().final) - display_value(np.float32(reference))
         ratios.append(np.sqrt(max(np.mean(off**2) - own, 0)) / asked)
     assert np.sum((np.array(ratios) >= 0.6) & (np.array(ratios) <= 1.1)) >= 9, np.sort(ratios)

@@ -25,17 +25,12 @@ BOUND = 1.05
 class FinalError:
     """Measures the error of the final image, which ``denoiser`` makes from two images with half of the samples each.
 
-    If a render has an error target but no time limit, a large image gets the same first samples as without a denoiser.
-    If the image without denoising (the raw image) reaches the error target, the render ends, and the raw image is the
-    result. If the raw image still needs many samples to reach the error target, a second image takes the other half of
-    the samples. To measure the error, the denoiser is first called when the error of the raw image is at most ``FAR``
-    times the error target. After the first call of the denoiser, the estimated error of the denoised image decides how
-    many samples the next pass takes. Without a time limit, the number of samples depends neither on measured times nor
-    on the last bits of the denoiser's output, which differ with the number of threads.
-
-    To measure the error, the denoiser first uses its smallest neural networks without albedo and normals ("plain"),
-    which cost little time. If the image needs many samples even with the networks "plain", the denoiser changes to its
-    best networks, unless they are excluded.
+    A large image gets the same first samples as without a denoiser. If the image without denoising (the raw image)
+    reaches the error target, the render ends, and the raw image is the result. If the raw image still needs many
+    samples, a second image takes the other half of the samples, so that the denoiser can be called. The estimated error
+    of the denoised image then decides how many samples the next pass takes, and between two calls it is extrapolated.
+    The number of samples depends neither on measured times nor on the last bits of the denoiser's output, which differ
+    with the number of threads.
     """
 
     #: Maximum ratio of the raw image's error to the target at which the denoiser is first called. A smaller value would
@@ -44,15 +39,8 @@ class FinalError:
     #: Ratio of the error to its limit at which a pass aims before the denoiser is called, because another pass or
     #: another call costs more than some samples.
     CLOSE = 0.93
-    #: Maximum number of calls of the denoiser that estimate the error.
-    CALLS = 5
-    #: Cost of a call of the denoiser with the smallest networks, in rays per pixel.
-    CALL_COST = 48
-    #: In multiples of the cost of a call: the minimum number of samples that the raw image lacks when the second half
-    #: begins; the minimum number of samples before the first call; the minimum number of samples that the denoiser must
-    #: save after a call; and the minimum number of samples of the image for which the best networks are worth their
-    #: time.
-    BEGIN, FIRST, SAVED, BEST = 6, 3, {"plain": 2, "best": 6}, 32
+    #: Maximum number of calls of the denoiser, and cost of a call in rays per pixel. The denoiser must save that many.
+    CALLS, CALL_COST = 5, 140
 
     def __init__(self, denoiser: HalvesDenoiser) -> None:
         self.denoiser = denoiser
@@ -64,60 +52,36 @@ class FinalError:
         raw image.
         """
         raw, samples = second.noise(), mean(image.all_counts())
-        if not target.excess(raw) > 1:  # the excess is NaN without limits
+        excess, cost = target.excess(raw), self.CALL_COST / image.estimator.transport.rays_per_sample
+        if not excess > 1:  # the excess is NaN without limits
             return Measurement(raw)
-        return (self._with_both if second.complete else self._with_part)(image, target, raw, samples)
-
-    def networks(self, estimates: Sequence[Sequence[Any]], samples: float) -> str:
-        """Returns the kind of the networks for an image with ``samples`` samples per pixel: "plain", "fast" or "best".
-
-        If no samples were added since the last of the ``estimates`` of the error, the networks of this estimate are
-        used, because the estimate is valid for these networks only.
-        """
-        if estimates and estimates[-1][0] == samples:
-            return str(estimates[-1][1])
-        return "fast" if self.denoiser.fast else "best"
-
-    def _with_part(self, image: Image, target: ErrorTarget, raw: Noise, samples: float) -> Measurement:
-        """Measures the error with a second image of some pixels, by which the denoiser cannot be called."""
+        if second.complete:
+            return self._with_both(image, target, raw, cost)
         # A complete second half doubles the samples, which is not worth while for an image that needs few samples.
-        factor, least = (
-            (target.excess(raw) / AIM) ** (1 / RATE),
-            2 * samples + self.BEGIN * self.CALL_COST / image.estimator.transport.rays_per_sample,
-        )
+        factor, least = (excess / AIM) ** (1 / RATE), 2 * (samples + cost)
         return Measurement(raw, needs_complete=samples * factor >= least and needed(image, factor) >= least)
 
-    def _with_both(self, image: Image, target: ErrorTarget, raw: Noise, samples: float) -> Measurement:
-        """Measures the error with two complete images."""
-        # ``cost`` is the cost of a call of the denoiser. Below, ``by_raw`` and ``by_final`` are the counts at which the
-        # raw and the final image reach the target. All three are samples per pixel.
-        excess, cost = target.excess(raw), self.CALL_COST / image.estimator.transport.rays_per_sample
-        if not image.estimates and (excess > self.FAR or samples < self.FIRST * cost):
-            by_error = (excess / (self.CLOSE * self.FAR)) ** (1 / RATE)
-            return Measurement(raw, max(by_error, self.FIRST * cost / samples))
-        by_raw = needed(image, (excess / AIM) ** (1 / RATE))
-        called = list[Sequence[Any]]()
-        networks = image.estimates[-1][1] if image.estimates else "plain"
-        # Calls the denoiser at most twice: with the networks so far, and after the first call perhaps with the best.
+    def _with_both(self, image: Image, target: ErrorTarget, raw: Noise, cost: float) -> Measurement:
+        """Measures the error with two complete images; ``cost`` is that of a call, in samples per pixel."""
+        excess, samples, rate = target.excess(raw), mean(image.all_counts()), RATE - RATIO_RATE
+        if not image.estimates and (excess > self.FAR or samples < cost):
+            return Measurement(raw, max((excess / (self.CLOSE * self.FAR)) ** (1 / RATE), cost / samples))
+        by_raw, called = needed(image, (excess / AIM) ** (1 / RATE)), list[Sequence[Any]]()
         while True:
             if estimates := [*image.estimates, *called]:
                 last, _, ratio = estimates[-1]  # the samples and the ratio of the errors at the last call
                 noise = scaled(raw, ratio * (samples / last) ** RATIO_RATE)
                 excess = target.excess(noise)
-                by_final = needed(image, (excess / AIM) ** (1 / (RATE - RATIO_RATE)))
                 if last == samples and excess <= 1:
                     return Measurement(noise, estimates=called)
-                saves = by_raw - by_final >= self.SAVED[networks] * cost
-                if len(estimates) == 1 and min(by_raw, by_final) > self.BEST * cost and not self.denoiser.fast:
-                    networks = "best"
-                elif not saves or len(estimates) >= self.CALLS:  # the denoiser saves too few samples
-                    return Measurement(raw, estimates=called)
-                elif last == samples or excess > 1:  # more samples are needed before the next call
-                    more = (excess / self.CLOSE) ** (1 / (RATE - RATIO_RATE))
-                    return Measurement(noise, more, estimates=called)
-            result = self.denoiser(image.halves, networks, samples)
+                if by_raw - needed(image, (excess / AIM) ** (1 / rate)) < cost or len(estimates) >= self.CALLS:
+                    return Measurement(raw, estimates=called)  # the denoiser saves too few samples
+                if last == samples or excess > 1:  # more samples are needed before the next call
+                    return Measurement(noise, (excess / self.CLOSE) ** (1 / rate), estimates=called)
+            result = self.denoiser(image.halves, samples)
             # Rounded, because the bits of a denoised image depend on the number of threads.
-            called.append((samples, networks, float(f"{result.at_most / BOUND / result.raw_noise:.3g}")))
+            ratio = float(f"{result.at_most / BOUND / result.raw_noise:.3g}")
+            called.append((samples, "fast" if self.denoiser.fast else "best", ratio))
 
 
 def needed(image: Image, ratio: float) -> float:

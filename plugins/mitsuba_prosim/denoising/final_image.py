@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from functools import lru_cache
 from typing import Any
 
 import mitsuba as mi
@@ -60,19 +59,23 @@ def denoised_progressive(
     if isinstance(sensor, int):
         sensor = scene.sensors()[sensor]
     check(sensor.film())
-    hide_emitters = getattr(integrator, "hide_emitters", False)
+    hide_emitters, limit = getattr(integrator, "hide_emitters", False), 0.0
+    if not spp and rendering.is_progressive(integrator):
+        limit, fast = integrator.time, fast or any(integrator.sampling.noises)
     error = FinalError(HalvesDenoiser(scene, sensor, seed, hide_emitters, fast))
     started, why_raw, reserved = time.perf_counter(), "", 0.0
-    if limit := integrator.time if rendering.is_progressive(integrator) and not spp else 0.0:
+    if limit:
         if not any(integrator.sampling.noises) and has_wide_filter(sensor):
             why_raw = "in equal time, samples help more than a denoiser, as the film's filter is wider than a pixel"
         elif (reserved := error.denoiser.choose_networks(limit)) == np.inf:
             why_raw = f"the denoiser would take too much of the {limit:g} s"
     spent, measure = time.perf_counter() - started, None if why_raw else error
     render = rendering.progressive(scene, sensor, integrator, seed, spp, measure=measure, **options)
-    final = FinalImage(render, error, why_raw)
-    if limit and not why_raw:
-        final.prepare(reserved, spent)
+    final = FinalImage(render, error.denoiser, why_raw)
+    if limit and not why_raw:  # renders the features before the first sample, and the names before, which they change
+        assert final.names and error.denoiser.features
+        render.target.reserved = reserved
+        render.target.started -= spent
     return final
 
 
@@ -84,22 +87,12 @@ def has_wide_filter(sensor: mi.Sensor) -> bool:
 class FinalImage:
     """The denoised image of a ``render``, or its image without denoising if that has reached the error target.
 
-    ``error`` is the measure of the render, the denoiser of which denoises the image. ``why_raw`` says why the image
-    must not be denoised; it is empty if the error target decides.
+    ``denoiser`` denoises the image. ``why_raw`` says why the image must not be denoised; it is empty if the error
+    target decides.
     """
 
-    def __init__(self, render: Any, error: FinalError, why_raw: str = "") -> None:
-        self.render, self.error, self.denoiser, self._why_raw = render, error, error.denoiser, why_raw
-        self._latest = lru_cache(maxsize=1)(self._denoised)  # keeps the last result
-
-    def prepare(self, reserved: float, spent: float) -> None:
-        """Renders the features before the first sample, and reserves the last ``reserved`` seconds of the time limit
-        for the denoiser. ``spent`` seconds of the time limit have passed before the render.
-        """
-        names, features = self.names, self.denoiser.features  # the names first: the features change the film
-        assert names and features
-        self.render.target.reserved = reserved
-        self.render.target.started -= spent
+    def __init__(self, render: Any, denoiser: HalvesDenoiser, why_raw: str = "") -> None:
+        self.render, self.denoiser, self._why_raw = render, denoiser, why_raw
 
     @property
     def names(self) -> list[str]:
@@ -131,17 +124,6 @@ class FinalImage:
         return result
 
     @property
-    def networks(self) -> str:
-        """Kind of the denoiser's neural networks for the samples so far, see :meth:`.FinalError.networks`; "none" if
-        the image has reached the error target without denoising.
-        """
-        if not isinstance(self.render, Render):
-            return self.error.networks((), 0)
-        if self.why_raw:
-            return "none"
-        return self.error.networks(self.render.state.estimates, mean(self.render.state.all_counts()))
-
-    @property
     def why_raw(self) -> str | None:
         """Why the image is not denoised, in words; None if it is denoised."""
         render = self.render
@@ -158,13 +140,9 @@ class FinalImage:
         """Returns the denoised image of the samples so far, or the image without denoising if it has reached the error
         target. Raises RuntimeError if an image that needs denoising has no second half.
         """
-        samples = mean(self.render.counts()) if isinstance(self.render, Render) else 0.0
-        return self._latest(self.networks, samples)
-
-    def _denoised(self, networks: str, samples: float) -> Denoised:
-        """Returns the image denoised by ``networks``; the raw image if they are "none"."""
-        if networks != "none":
-            return self.denoiser(self.render.half_images, networks, samples)
+        if self.why_raw is None:
+            samples = mean(self.render.counts()) if isinstance(self.render, Render) else 0.0
+            return self.denoiser(self.render.half_images, samples)
         colours = self.denoiser.colours(self.images)
         # ``error`` shows where the noise is, but is too large: it is the error of independent samples of the first
         # image. ``noise`` [0] is the measured RMS error.

@@ -34,8 +34,7 @@ class HalvesDenoiser:
 
     def __init__(self, scene: mi.Scene, sensor: mi.Sensor, seed: int, hide_emitters: bool, fast: bool) -> None:
         self.scene, self.sensor, self.seed, self.hide_emitters, self.fast = scene, sensor, seed, hide_emitters, fast
-        self._denoisers = dict[str, Denoiser]()
-        self._latest: tuple[tuple[str, float], Denoised] | None = None
+        self._latest: tuple[float, Denoised] | None = None
 
     def choose_networks(self, limit: float) -> float:
         """Sets :attr:`fast` so that denoising takes at most :data:`SHARE` of ``limit`` seconds, and returns its
@@ -60,26 +59,26 @@ class HalvesDenoiser:
         """Albedo and normals of the visible surfaces, see the function :func:`features`."""
         return features(self.scene, self.sensor, self.seed, self.hide_emitters)
 
+    @cached_property
+    def denoiser(self) -> Denoiser:
+        """The denoiser with the features."""
+        return Denoiser(*self.features, self.fast)
+
     def colours(self, images: list[np.ndarray]) -> list[np.ndarray]:
         """Returns the colour channels of the developed ``images``, shape (height, width, 1 or 3)."""
         return [image[..., : 1 if self.names[0] == "Y" else 3] for image in images]
 
-    def __call__(self, halves: Callable[[], list[np.ndarray]], networks: str, samples: float) -> Denoised:
-        """Returns the image denoised by neural networks of the kind ``networks``: "plain" (the smallest networks,
-        without albedo and normals), "fast" or "best".
+    def __call__(self, halves: Callable[[], list[np.ndarray]], samples: float) -> Denoised:
+        """Returns the denoised image.
 
         ``halves`` returns the developed halves, which have ``samples`` samples per pixel together. The latest result is
-        returned again if it has the same networks and samples. Raises RuntimeError if the second half is missing.
+        returned again if it has the same samples. Raises RuntimeError if the second half is missing.
         """
-        if self._latest is None or self._latest[0] != (networks, samples):
+        if self._latest is None or self._latest[0] != samples:
             images = self.colours(halves())
             if len(images) < 2:
                 raise RuntimeError("the render was stopped before its second half; there is nothing to denoise")
-            if networks not in self._denoisers:
-                albedo, normal = (None, None) if networks == "plain" else self.features
-                self._denoisers[networks] = Denoiser(albedo, normal, networks != "best")
-            first, second = images
-            self._latest = (networks, samples), denoise_halves(first, second, self._denoisers[networks])
+            self._latest = samples, denoise_halves(images[0], images[1], self.denoiser)
         return self._latest[1]
 
 

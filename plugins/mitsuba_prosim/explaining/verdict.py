@@ -162,8 +162,10 @@ def denoised_words(final: FinalImage, interrupted: bool = False) -> str:
         return f"not denoised: {why}"
     result = final.denoised()
     limit = final.render.target.limits[0] if isinstance(final.render, Render) else 0.0
-    words = f"denoised: error about {result.noise:.2g}, raw {result.raw_noise:.2g}"
-    if result.at_most > TOLERANCE * max(result.noise, limit):
+    known = result.noise > result.at_most / 4  # an estimate near 0 says little
+    error = f"about {result.noise:.2g}" if known else f"at most {result.at_most:.2g}"
+    words = f"denoised: error {error}, raw {result.raw_noise:.2g}"
+    if known and result.at_most > TOLERANCE * max(result.noise, limit):
         words += f", uncertain: its error may be {result.at_most:.2g}"
     if has_wide_filter(final.denoiser.sensor):
         words += " (the film's filter is wider than a pixel; a box filter suits a denoiser better)"

@@ -249,8 +249,8 @@ def test_halves_are_two_renders(variant_rgb, integrator, spp):
     before, both = str(own), final_image.denoised_progressive(scene, sensor, own, 5, spp)
     told = [step.done for step in both.render]
     assert str(own) == before and told == sorted(told) and told[-1] == 1
-    one, other = both.images
-    assert both.names == ["R", "G", "B", "samples"][: len(both.names)]
+    one, other = both.render.half_images()
+    assert both.denoiser.names == ["R", "G", "B", "samples"][: len(both.denoiser.names)]
     half = mi.load_dict({"type": integrator} | nested | ours | ({"samples": 3} if ours else {}))
     if ours:
         half.threshold = own.threshold * 2**0.5
@@ -277,7 +277,7 @@ def test_a_stop_leaves_the_first_half(variant_rgb):
     final = final_image.denoised_progressive(scene, scene.sensors()[0], scene.integrator())
     next(final.render)
     final.render.close()
-    assert final.names == ["R", "G", "B"] and len(final.images) == 1
+    assert final.denoiser.names == ["R", "G", "B"] and len(final.render.half_images()) == 1
     with pytest.raises(RuntimeError, match="stopped before its second half"):
         final.denoised()
 
@@ -325,7 +325,10 @@ def test_the_integrator_is_the_denoised_image_of_the_nested_one(variant_rgb, den
     live = progressive_image.ProgressiveImage(scene.integrator(), scene, scene.sensors()[0], 0, 3, denoise=True)
     while not live.done:
         live.step()
-    raw = live_picture.layers_of_render(live.render, live.integrator)["final"], final.denoiser.colours(final.images)[0]
+    raw = (
+        live_picture.layers_of_render(live.render, live.integrator)["final"],
+        final.denoiser.colours(final.render.half_images())[0],
+    )
     for shown, colours in (live.layers()["final"], wanted.final), raw:
         assert np.array_equal(shown, colours * np.ones(3, np.float32))
     saved = {field.name for field in layers.bitmap(final).struct_()}

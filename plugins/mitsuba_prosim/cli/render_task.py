@@ -357,7 +357,7 @@ def finished_image(
     header = report.metadata(job, task.integrator, render.reached, ended, seconds)
     if final is not None:
         added = report.denoised_facts(final, interrupted)
-        bitmap = bitmap if interrupted and len(final.images) == 1 else layers.bitmap(final)
+        bitmap = bitmap if interrupted and len(final.render.half_images()) == 1 else layers.bitmap(final)
     exposure = job.exposure or 0.0
     colours = images.colours(bitmap)
     displayed = None if colours is None else colours * 2.0**exposure

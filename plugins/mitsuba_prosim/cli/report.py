@@ -58,7 +58,7 @@ def summary(
 
 def denoised_facts(final: FinalImage, interrupted: bool) -> dict[str, str]:
     """Returns the metadata of the ``final`` image of a denoiser."""
-    if interrupted and len(final.images) == 1:
+    if interrupted and len(final.render.half_images()) == 1:
         return {"prosim.denoised": "no, interrupted"}
     result = final.denoised()
     facts = {

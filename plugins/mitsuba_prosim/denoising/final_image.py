@@ -73,7 +73,7 @@ def denoised_progressive(
     render = rendering.progressive(scene, sensor, integrator, seed, spp, measure=measure, **options)
     final = FinalImage(render, error.denoiser, why_raw)
     if limit and not why_raw:  # renders the features before the first sample, and the names before, which they change
-        assert final.names and error.denoiser.features
+        assert error.denoiser.names and error.denoiser.features
         render.target.reserved = reserved
         render.target.started -= spent
     return final
@@ -94,29 +94,14 @@ class FinalImage:
     def __init__(self, render: Any, denoiser: HalvesDenoiser, why_raw: str = "") -> None:
         self.render, self.denoiser, self._why_raw = render, denoiser, why_raw
 
-    @property
-    def names(self) -> list[str]:
-        """Names of the channels of :attr:`images`."""
-        return self.denoiser.names
-
-    @property
-    def images(self) -> list[np.ndarray]:
-        """One or two developed images, each from half of the samples so far: all channels, shape (height, width,
-        channels).
-
-        The list has only the first image if any pixel has no sample of the second half.
-        """
-        images: list[np.ndarray] = self.render.half_images()
-        return images
-
     def other_channels(self) -> dict[str, np.ndarray]:
-        """Returns all channels except the colours, combined from both images of :attr:`images`: name -> array.
+        """Returns all channels except the colours, combined from both halves of the samples: name -> array.
 
         Each array has the shape (height, width). A channel is the mean of this channel in the two images, with two
-        exceptions: "samples" is the sum, and "error" is the standard error of the mean of two independent images. If
-        :attr:`images` has only the first image, the channels are those of the first image.
+        exceptions: "samples" is the sum, and "error" is the standard error of the mean of two independent images.
+        Without a second half, the channels are those of the first half.
         """
-        images, names, result = self.images, self.names, {}
+        images, names, result = self.render.half_images(), self.denoiser.names, {}
         for k in range(1 if names[0] == "Y" else 3, len(names)):
             planes, name = [image[..., k] for image in images], names[k]
             total = np.hypot.reduce(planes) if name == "error" else np.add.reduce(planes)
@@ -143,7 +128,7 @@ class FinalImage:
         if self.why_raw is None:
             samples = mean(self.render.counts()) if isinstance(self.render, Render) else 0.0
             return self.denoiser(self.render.half_images, samples)
-        colours = self.denoiser.colours(self.images)
+        colours = self.denoiser.colours(self.render.half_images())
         # ``error`` shows where the noise is, but is too large: it is the error of independent samples of the first
         # image. ``noise`` [0] is the measured RMS error.
         second = self.render.second

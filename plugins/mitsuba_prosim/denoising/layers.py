@@ -14,7 +14,7 @@ from .final_image import FinalImage
 
 def bitmap(final: FinalImage) -> mi.Bitmap:
     """Returns a bitmap with the final image and all its layers, see :func:`channels`."""
-    return of_channels(channels(final, final.names[: final.denoised().final.shape[2]]))
+    return of_channels(channels(final, final.denoiser.names[: final.denoised().final.shape[2]]))
 
 
 def channels(final: FinalImage, colours: Sequence[str]) -> dict[str, np.ndarray]:
@@ -39,9 +39,9 @@ def update_film(final: FinalImage, names: Sequence[str]) -> None:
     final image. Raises ValueError if the film stores neither RGB colours nor the luminance.
     """
     film = final.denoiser.sensor.film()
-    if final.names[0] not in ("R", "Y"):
+    if final.denoiser.names[0] not in ("R", "Y"):
         raise ValueError(
-            f"{film.class_name()}: its colours are {', '.join(final.names[:3])}; take pixel_format rgb, rgba, "
+            f"{film.class_name()}: its colours are {', '.join(final.denoiser.names[:3])}; take pixel_format rgb, rgba, "
             "luminance or luminance_alpha to denoise"
         )
     planes = channels(final, "RGB")

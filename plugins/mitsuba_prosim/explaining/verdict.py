@@ -156,7 +156,7 @@ def _errors(render: Render, ended: str | None) -> list[str]:
 
 def denoised_words(final: FinalImage, interrupted: bool = False) -> str:
     """Returns the errors of a denoised image, or why the ``final`` image is not denoised, in words."""
-    if interrupted and len(final.images) == 1:
+    if interrupted and len(final.render.half_images()) == 1:
         return "not denoised: interrupted"
     if why := final.why_raw:
         return f"not denoised: {why}"

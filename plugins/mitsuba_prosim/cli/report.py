@@ -52,8 +52,8 @@ def summary(
     if reached is None:
         return None if final is None else denoised_words(final, interrupted)
     limit = f" of {render.target.seconds:g}" if render.target.seconds else ""
-    words = verdict(render, final, interrupted, integrator, file)
-    return f"{words}, {reached.samples:.1f} samples a pixel, {reached.seconds:.1f} s{limit}"
+    words, stop, causes = verdict(render, final, interrupted, integrator, file).partition(". ")
+    return f"{words}, {reached.samples:.1f} samples a pixel, {reached.seconds:.1f} s{limit}{stop}{causes}"
 
 
 def denoised_facts(final: FinalImage, interrupted: bool) -> dict[str, str]:

@@ -76,12 +76,13 @@ def verdict(
         parts = [f"error {words} (only a limit of the noise measures it)"]
     if ended == "samples":
         parts.append(f"ended by the maximum number of samples per pixel, {most_samples(render)}")
+    sentences = [", ".join(parts)]
     if integrator is not None and isinstance(render, Render):
-        parts.append(ignored_media(render))
+        sentences.append(ignored_media(render))
         doubtful = render.reached.uncertain or (not limits(render) and isnan(render.noise_bound()))
         if doubtful and not (interrupted or render.target.seconds):
-            parts.append(cause(render, integrator, file))
-    return ", ".join(filter(None, parts))
+            sentences.append(cause(render, integrator, file))
+    return ". ".join(filter(None, sentences))
 
 
 def cause(render: Render, integrator: Any, file: Any = None) -> str:

@@ -243,9 +243,6 @@ def page(file: SceneFile, scene: Any = None, image: Any = None, **arguments: Any
     told, estimator, plan = samples.explanation(), samples.estimator, samples.plan
     order = np.argsort(-samples.values.sum(axis=1), kind="stable")
     shown = dict.fromkeys([*order[: explanation_page.BRIGHTEST].tolist(), int(order[len(order) // 2]), int(order[-1])])
-    corners = mi.Point2f([0, 1, 0, 1], [0, 0, 1, 1])
-    with alone():
-        directions = np.array(estimator.rays(mi.Float(0), mi.Float(0.5), corners, mi.Point2f(0.5))[0].d)
     film = estimator.sensor.film()
     if image is None:
         preview = Plan.of(plan.sampling.uniform(PREVIEW), film, plan.seed, PREVIEW)
@@ -253,6 +250,7 @@ def page(file: SceneFile, scene: Any = None, image: Any = None, **arguments: Any
     trees = {sample: samples.nodes(sample) for sample in shown}
     with alone():
         patterns = page_data.patterns(estimator, plan, samples.where, len(told.values), trees.values())
+        camera = explanation_page.pinhole(estimator)
         lobes = {sample: page_data.lobe_directions(estimator, nodes) for sample, nodes in trees.items()}
     return explanation_page.html(
         asdict(told),
@@ -263,7 +261,7 @@ def page(file: SceneFile, scene: Any = None, image: Any = None, **arguments: Any
         name=file.path.name,
         image=explanation_page.picture(image),
         size=list(map(int, film.crop_size())),
-        camera=explanation_page.pinhole(estimator.sensor, directions),
+        camera=camera,
         boxes=[[list(shape.bbox().min), list(shape.bbox().max)] for shape in estimator.scene.shapes()],
     )
 

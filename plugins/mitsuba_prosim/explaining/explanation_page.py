@@ -15,6 +15,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..compat import world_matrix
+from ..engine.estimator import Estimator
 from .nodes import Node
 
 #: Number of the brightest samples whose rays are on the page; and their maximum size in characters.
@@ -26,10 +27,7 @@ def html(facts: Mapping[str, Any], trees: Mapping[int, Sequence[Node]], **more: 
     nodes; trees that would make the page too large are left out. ``more`` are further data of the page, and ``lobes``.
     """
     lobes = more.pop("lobes", {})
-    stored = [
-        {"sample": sample, "nodes": [asdict(node) for node in nodes], "lobes": lobes.get(sample, {})}
-        for sample, nodes in trees.items()
-    ]
+    stored = [{"sample": k, "nodes": [*map(asdict, nodes)], "lobes": lobes.get(k, {})} for k, nodes in trees.items()]
     while len(stored) > 1 and len(json.dumps(stored)) > MOST_CHARACTERS:
         stored.pop()
     nothing: dict[str, Any] = {"image": "", "camera": None, "boxes": [], "n": 0, "patterns": []}
@@ -60,13 +58,11 @@ def picture(image: Any) -> str:
     return "data:image/jpeg;base64," + base64.b64encode(stream.raw_buffer()).decode()
 
 
-def pinhole(sensor: mi.Sensor, corners: np.ndarray) -> dict[str, Any] | None:
-    """Returns the data by which the page projects points to the image; None if the rays do not begin at one point.
-
-    ``corners`` are the directions of the rays through the film's upper left, upper right, lower left and lower right
-    corner, shape (3, 4).
-    """
-    corners = np.broadcast_to(corners, (3, 4))  # parallel rays have one direction
+def pinhole(estimator: Estimator) -> dict[str, Any] | None:
+    """Returns the data by which the page projects points to the image; None if the rays do not begin at one point."""
+    on_film = mi.Point2f([0, 1, 0, 1], [0, 0, 1, 1])  # upper left, upper right, lower left, lower right
+    d = np.array(estimator.rays(mi.Float(0), mi.Float(0.5), on_film, mi.Point2f(0.5))[0].d)
+    corners, sensor = np.broadcast_to(d, (3, 4)), estimator.sensor  # parallel rays have one direction
     try:
         right, below, first = np.linalg.solve(corners[:, [1, 2, 0]] * (1, 1, -1), corners[:, 3])
     except np.linalg.LinAlgError:

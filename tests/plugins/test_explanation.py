@@ -175,6 +175,7 @@ def test_explanation_chooses_the_brightest_sample_and_is_json(variant_rgb):
     assert told.sample == int(np.argmax(np.sum(told.values, axis=1))) and len(told.values) == SPP
     assert told.channels == ("R", "G", "B") and not told.notes
     assert json.loads(told.json()) == json.loads(json.dumps(asdict(told)))
+    assert all(f'"{key}"' in told._repr_html_().replace("&quot;", '"') for key in ("patterns", "lobes", "boxes"))
     assert mitsuba_prosim.explain(scene, (8, 8), sample=3, spp=SPP, seed=SEED).nodes != told.nodes
     assert len(mitsuba_prosim.explain(scene, (8, 8), spp=0).values) == 25
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -60,6 +60,8 @@ class Explanation:
     noise: tuple[str, ...]
     #: Sentences on the differences between this explanation and the image of the scene; usually none.
     notes: tuple[str, ...]
+    #: What the page draws besides: the patterns of random numbers, lobes, and boxes of shapes.
+    drawing: dict[str, Any] = field(default_factory=dict, repr=False)
 
     def json(self) -> str:
         """Returns the explanation as JSON text."""
@@ -67,7 +69,7 @@ class Explanation:
 
     def _repr_html_(self) -> str:
         """Returns the page of this explanation, without the image, within a frame for a notebook."""
-        page = explanation_page.html(asdict(self), {self.sample: self.nodes})
+        page = explanation_page.html(asdict(self), {self.sample: self.nodes}, **self.drawing)
         return f'<iframe srcdoc="{escape(page)}" style="width: 100%; height: 50rem; border: 0"></iframe>'
 
 
@@ -105,7 +107,9 @@ def explain(
     with atomic.scratch() as folder:
         file = None if isinstance(scene, mi.Scene) else SceneFile(scene, folder)
         loaded, names = (scene, None) if file is None else (file.load(), places(file))
-        return Samples.of(loaded, pixel, spp, sensor, integrator, seed, names).explanation(sample)
+        samples = Samples.of(loaded, pixel, spp, sensor, integrator, seed, names)
+        told = samples.explanation(sample)
+        return replace(told, drawing=samples.drawing({told.sample: told.nodes}))
 
 
 @dataclass
@@ -231,6 +235,20 @@ class Samples:
         middle = np.argsort(light)[len(light) // 2]
         return [self.nodes(int(i)) for i in order[: min(count, MOST_OUTLIERS)]], self.nodes(int(middle))
 
+    def drawing(self, trees: Mapping[int, Sequence[Node]]) -> dict[str, Any]:
+        """Returns what the page draws for the nodes of samples, ``trees``; see :attr:`Explanation.drawing`."""
+        estimator, plan = self.estimator, self.plan
+        boxes = [box for box in (shape.bbox() for shape in estimator.scene.shapes()) if box.valid()]
+        with alone():
+            return {
+                "n": 0 if plan.uses_sobol else plan.n,
+                "patterns": page_data.patterns(estimator, plan, self.where, len(self.values), trees.values()),
+                "lobes": {sample: page_data.lobe_directions(estimator, nodes) for sample, nodes in trees.items()},
+                "camera": explanation_page.pinhole(estimator),
+                "size": list(map(int, estimator.sensor.film().crop_size())),
+                "boxes": [[list(box.min), list(box.max)] for box in boxes],
+            }
+
 
 def page(file: SceneFile, scene: Any = None, image: Any = None, **arguments: Any) -> str:
     """Returns an HTML page that explains a pixel of the scene in ``file``.
@@ -243,27 +261,12 @@ def page(file: SceneFile, scene: Any = None, image: Any = None, **arguments: Any
     told, estimator, plan = samples.explanation(), samples.estimator, samples.plan
     order = np.argsort(-samples.values.sum(axis=1), kind="stable")
     shown = dict.fromkeys([*order[: explanation_page.BRIGHTEST].tolist(), int(order[len(order) // 2]), int(order[-1])])
-    film = estimator.sensor.film()
     if image is None:
-        preview = Plan.of(plan.sampling.uniform(PREVIEW), film, plan.seed, PREVIEW)
+        preview = Plan.of(plan.sampling.uniform(PREVIEW), estimator.sensor.film(), plan.seed, PREVIEW)
         image = Render(preview, estimator).run().image()
     trees = {sample: samples.nodes(sample) for sample in shown}
-    with alone():
-        patterns = page_data.patterns(estimator, plan, samples.where, len(told.values), trees.values())
-        camera = explanation_page.pinhole(estimator)
-        lobes = {sample: page_data.lobe_directions(estimator, nodes) for sample, nodes in trees.items()}
-    return explanation_page.html(
-        asdict(told),
-        trees,
-        n=0 if plan.uses_sobol else plan.n,
-        patterns=patterns,
-        lobes=lobes,
-        name=file.path.name,
-        image=explanation_page.picture(image),
-        size=list(map(int, film.crop_size())),
-        camera=camera,
-        boxes=[[list(shape.bbox().min), list(shape.bbox().max)] for shape in estimator.scene.shapes()],
-    )
+    pictured = {"name": file.path.name, "image": explanation_page.picture(image)}
+    return explanation_page.html(asdict(told), trees, **pictured, **samples.drawing(trees))
 
 
 def explained_integrator(integrator: Any, notes: list[str]) -> Any:

@@ -24,14 +24,13 @@ BRIGHTEST, MOST_CHARACTERS = 8, 1 << 20
 
 def html(facts: Mapping[str, Any], trees: Mapping[int, Sequence[Node]], **more: Any) -> str:
     """Returns the HTML text of the page. ``facts`` are those of an explanation, and ``trees`` maps samples to their
-    nodes; trees that would make the page too large are left out. ``more`` are further data of the page, and ``lobes``.
+    nodes; trees that would make the page too large are left out. ``more``: :attr:`.Explanation.drawing`, and the image.
     """
-    lobes = more.pop("lobes", {})
+    lobes = more.pop("lobes")
     stored = [{"sample": k, "nodes": [*map(asdict, nodes)], "lobes": lobes.get(k, {})} for k, nodes in trees.items()]
     while len(stored) > 1 and len(json.dumps(stored)) > MOST_CHARACTERS:
         stored.pop()
-    nothing: dict[str, Any] = {"image": "", "camera": None, "boxes": [], "n": 0, "patterns": []}
-    data = {"name": "the image", **nothing, **facts, "trees": stored, **more}
+    data = {"name": "the image", "image": "", **facts, "drawing": {}, "trees": stored, **more}
     page, script = (
         files(__package__).joinpath(f"explanation_page.{kind}").read_text("utf-8") for kind in ("html", "js")
     )

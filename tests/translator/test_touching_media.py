@@ -154,17 +154,6 @@ def test_faces_say_the_indices_on_both_sides(write_scene, target):
     assert "alpha" not in between and "rough" not in between["type"]
 
 
-def test_a_cut_through_several_media_leaves_no_film():
-    # All are cut in half, and one face of the cutter bounds the water, the other the glass beside it.
-    cut = TUMBLER.replace("+ -", "- + -").replace("CYLINDER 2\n", "CYLINDER 2 CUBE 3\n", 1)
-    text = cut.replace("END", "SURFACE 3 " + GLASS + " TRANSFORM 3 SCALE (9 9 9) TRANSLATE (0 -4.5 -4.5) END")
-    meshes = skins(text, 0.02)
-    outer = [mesh for skin, mesh in meshes.items() if skin.outside is None]
-    assert volume(outer) == pytest.approx(math.pi / 2 * (4 * 4 - 1.7 * 1.8**2), rel=2e-3)
-    flat = [area(mesh, np.abs(mesh.normals[mesh.index, 0]).min(axis=1) > 1 - 1e-6) for mesh in outer]
-    assert sum(flat) == pytest.approx(4 * 4 - 2 * 1.7 * 1.8, rel=1e-3)  # of the cut
-
-
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 def test_a_face_knows_what_absorbs_and_disperses_on_both_sides(variant_rgb, write_scene):
     # Bottle glass by its name, and red water in it.
@@ -240,16 +229,6 @@ def test_warning_names_an_opaque_surface_that_lines_glass(tree, surfaces, words,
     skins(scene(tree, ["", "", "TRANSLATE (5 5 5)"][: 2 + ("2" in tree)], surfaces), 0.2)
     said = [str(w.message) for w in recwarn]
     assert len(said) == bool(words) and all(re.search(words, message) for message in said)
-
-
-def test_warning_names_glass_that_is_cut_away_completely():
-    text = scene(
-        "- + CUBE 0 SPHERE 1 CUBE 2",
-        ["TRANSLATE (5 0 0)", "", "SCALE (3 3 3) TRANSLATE (-1.5 -1.5 -1.5)"],
-        [WATER, GLASS, GLASS],
-    )
-    with pytest.warns(prosim_scene.SceneWarning, match="nothing is visible of SPHERE 1"):
-        assert solids(text.replace("TRANSLATE (5 0 0)", "TRANSLATE (1.2 0 0)"), 0.2).keys() == {0, 1}
 
 
 # ---- Glasses by name, Abbe numbers, and what they absorb

@@ -23,21 +23,8 @@ ROUNDS = 300
 #: Values that JSON can give, wrong for most attributes.
 VALUES = [
     *(None, True, False, 0, 1, -1, 7, 2**31, 2**70, -0.5, 1.5, 1e308, float("inf"), float("nan")),
-    *(
-        "",
-        "x",
-        "none",
-        "é\udcff",
-        "\0",
-        "9" * 5000,
-        [],
-        [1],
-        [0, 0, 0, 0],
-        [[1, "plain", 1]],
-        ["a"] * 300,
-        {},
-        {"a": 1},
-    ),
+    *("", "x", "none", "é\udcff", "\0", "9" * 5000, [], [1], [0, 0, 0, 0], [[1, "plain", 1]], ["a"] * 300, {}),
+    {"a": 1},
 ]
 
 

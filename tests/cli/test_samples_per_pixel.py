@@ -101,18 +101,10 @@ def test_continued_render_keeps_its_samples_until_another_target_is_set(scene, c
     assert "of 0.001" in done("resume", state, "--noise", 0.001).stdout
 
 
-@pytest.mark.parametrize(
-    "option",
-    [
-        "--noise 0.1",
-        "--time 1",
-        "--samples 2",
-        "--max-samples 9",
-        "--adaptive graded",
-        "--threshold 1",
-        "--snapshots 2s",
-    ],
-)
+OTHERS = ["noise 0.1", "time 1", "samples 2", "max-samples 9", "adaptive graded", "threshold 1", "snapshots 2s"]
+
+
+@pytest.mark.parametrize("option", [f"--{other}" for other in OTHERS])
 def test_other_option_for_the_number_is_refused(scene, option):
     name = option.partition(" ")[0]
     refused(name, "render", scene, "--spp", SPP, *option.split())

@@ -80,6 +80,15 @@ def test_verdict_names_the_cause_of_a_planted_fault():
     assert len(missed) <= 4, missed
 
 
+@pytest.mark.parametrize("pixel_format", ["rgba", "luminance"])
+def test_crop_window_of_a_grey_film_has_a_cause(variant_rgb, pixel_format):
+    made = scene(vase=ball(GLASS), **bulb())
+    crop = dict(zip(("crop_offset_x", "crop_offset_y", "crop_width", "crop_height"), (4, 5, 24, 22)))
+    made["sensor"]["film"] |= crop | {"pixel_format": pixel_format}
+    told = mitsuba_prosim.render(mi.load_dict(made), spp=64, progress=False).verdict
+    assert "half of the error: the light of bulb that vase" in told
+
+
 def test_good_image_has_no_cause(variant_rgb):
     made = scene(PATH, **panel(90))
     good = mitsuba_prosim.render(mi.load_dict(made), noise=0.02, progress=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from math import isnan
 from typing import Any
 
@@ -23,8 +24,8 @@ ERRORS = {"noise": "error", "noise_99": "error of 99 % of the pixels", "noise_99
 TINY_LAMP = " or more, as glossy surfaces reflect a lamp smaller than a pixel"
 #: A cause is named if half of the error is in at most this fraction of the pixels.
 FEW_PIXELS = 0.02
-#: Samples that tell the cause: as many times those of the pixel, but not less than this number.
-MORE, FEWEST = 4, 4096
+#: Number of further samples that tell the cause.
+FURTHER = 4096
 #: Mitsuba's integrators that ignore media.
 SURFACES = ("PathIntegrator", "DirectIntegrator")
 
@@ -81,7 +82,8 @@ def verdict(
         sentences.append(ignored_media(render))
         doubtful = render.reached.uncertain or (not limits(render) and isnan(render.noise_bound()))
         if doubtful and not (interrupted or render.target.seconds):
-            sentences.append(cause(render, integrator, file))
+            with suppress(Exception):  # the image is finished, and must not be lost
+                sentences.append(cause(render, integrator, file))
     return ". ".join(filter(None, sentences))
 
 
@@ -91,7 +93,7 @@ def cause(render: Render, integrator: Any, file: Any = None) -> str:
 
     Further samples of the worst pixel tell the light, unless they vary much less than those of the image.
     """
-    from .explanation import MOST_SAMPLES, Samples, places  # imports the page of an explanation
+    from .explanation import Samples, places  # imports the page of an explanation
 
     error, colours, estimator = np.float64(render.error()), np.array(render.image()), render.state.estimator
     light = luminance(colours[..., :3]) if colours.shape[2] >= 3 else colours[..., 0]
@@ -101,14 +103,13 @@ def cause(render: Render, integrator: Any, file: Any = None) -> str:
     if not count <= FEW_PIXELS * squares.size:
         return ""
     x, y = int(order[0]) % squares.shape[1], int(order[0]) // squares.shape[1]
-    told = f"the pixel {x},{y} has" if count == 1 else f"{count} pixels, such as {x},{y}, have"
+    told = f"The pixel {x},{y} has" if count == 1 else f"{count} pixels, such as {x},{y}, have"
     told, samples, seed = f"{told} half of the error", int(render.counts()[y, x]), int(render.state.plan.seed[0])
     if has_media(render) and "Vol" in nested_name(render):
         return f"{told}, and media scatter light"
     names = None if file is None else places(file)
     try:
-        most = min(max(MORE * samples, FEWEST), MOST_SAMPLES)
-        found = Samples.of(estimator.scene, (x, y), most, estimator.sensor, integrator, seed, names)
+        found = Samples.of(estimator.scene, (x, y), FURTHER, estimator.sensor, integrator, seed, names)
     except ValueError:  # the integrator has no samples that can be explained
         return told
     values = found.values[:, :3]

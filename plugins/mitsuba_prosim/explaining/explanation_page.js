@@ -131,7 +131,7 @@ function showNode(node) {
     for (const lamp of node.lamps) {
         const state = lamp.state === "hidden" ? `hidden by ${lamp.occluder}` : lamp.state;
         rows.push([`lamp ${lamp.lamp}`, `${state}; adds ${list(lamp.contribution)}; density ${number(lamp.density)} / sr`]);
-        for (const lobe of lamp.lobes) rows.push(["", `${lobe.name}: BSDF × cosine ${list(lobe.bsdf)}${lobe.density ? `, density ${number(lobe.density)} / sr` : ""}, MIS weight ${number(lobe.weight)}`]);
+        for (const lobe of lamp.lobes) if (lobe.bsdf.some(Boolean)) rows.push(["", `${lobe.name}: BSDF × cosine ${list(lobe.bsdf)}${lobe.density ? `, density ${number(lobe.density)} / sr` : ""}, MIS weight ${number(lobe.weight)}`]);
     }
     if (node.emission) rows.push([`meets lamp ${node.emission.lamp}`, `adds ${list(node.emission.contribution)}; lamp's density ${number(node.emission.density)} / sr, MIS weight ${number(node.emission.weight)}`]);
     for (const name of ["ambient", "background", "photons"]) if (node[name].some(Boolean)) rows.push([name, `adds ${list(node[name])}`]);

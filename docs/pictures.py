@@ -10,11 +10,12 @@ from functools import partial
 from pathlib import Path
 
 import mitsuba as mi
-import mitsuba_prosim  # noqa: F401  (registers the plugins)
+import mitsuba_prosim
 import numpy as np
 import prosim_scene
 from matplotlib.figure import Figure
-from mitsuba_prosim.scene.images import compress
+from mitsuba_prosim.compare.measures import display
+from mitsuba_prosim.scene.images import compress, luminance
 from prosim_scene import document_of
 
 DOCS = Path(__file__).parent
@@ -264,29 +265,64 @@ def samples():
     return compress(np.concatenate([rendered(scene) for scene in scenes], axis=1))
 
 
-def equal_time():
-    """Figure 5.18 with every path: prosim with photons, and path with as many samples as take the same time."""
-    scene = prosim_scene.load(EXAMPLES / "caustica.scn", resolution=(320, 240))
-    settings = scene.pop("integrator")
-    scene["background"] = {"type": "constant", "radiance": settings["background"]}
+def displayed(image):
+    """The displayed luminance whose RMS error ``noise`` limits."""
+    return np.sqrt(np.maximum(luminance(image), 0) + 0.01)
+
+
+def hero():
+    """A scene with all light paths by ``volpath`` and, in equal processor time, by ``prosim`` with an error target."""
+    scene = prosim_scene.load(EXAMPLES / "wine-glass.scn", resolution=(480, 360))
+    settings = scene.pop("integrator") | {"diffuse_bounces": -1, "ambient": 0.0, "max_level": -1}
+    ours = mi.load_dict(scene | {"integrator": settings | {"adaptive": "graded", "noise": 0.02}})
     scene["view"]["sampler"] = {"type": "multijitter"}
-    ours = settings | {"diffuse_bounces": -1, "caustics": True, "samples": 8, "adaptive": "none"}
-    ours |= {"ambient": 0.0, "background": 0.0, "caustic_photons": 1 << 18}
-    theirs = {"type": "path", "max_depth": settings["max_level"] + 2, "hide_emitters": True}
-    scene = mi.load_dict(scene)
+    theirs = mi.load_dict(scene | {"integrator": {"type": "volpath", "max_depth": -1, "hide_emitters": True}})
 
-    def timed(integrator, seed, **spp):
+    def timed(render, scene, **options):
         begun = time.process_time()
-        image = np.array(mi.render(scene, integrator=integrator, seed=seed, **spp))[..., :3]
-        return image, time.process_time() - begun
+        result = render(scene, **options)
+        return result, time.process_time() - begun
 
-    ours, theirs = mi.load_dict(ours), mi.load_dict(theirs)
-    timed(ours, 0), timed(theirs, 0, spp=64)  # compiles the kernels
-    (image, seconds), (_, other) = timed(ours, 1), timed(theirs, 1, spp=64)
-    spp = round(64 * seconds / other)
-    beside, other = timed(theirs, 2, spp=spp)
-    print(f"prosim: {seconds:.1f} s of the processor; path, {spp} samples: {other:.1f} s")
-    return compress(np.concatenate([image, beside], axis=1))
+    def prosim(scene, **options):
+        return mitsuba_prosim.render(scene, progress=False, **options)
+
+    def volpath(scene, **options):
+        return np.array(mi.render(scene, **options))[..., :3]
+
+    prosim(ours, spp=1), volpath(theirs, spp=1)  # compiles the kernels
+    result, seconds = timed(prosim, ours, seed=1)
+    _, other = timed(volpath, theirs, spp=64, seed=1)
+    beside, other = timed(volpath, theirs, spp=round(64 * seconds / other), seed=2)
+    spp = theirs.sensors()[0].sampler().sample_count()
+    images = beside, np.array(result)
+    differences = [
+        [displayed(image) - displayed(np.array(prosim(ours, seed=seed))) for image in images] for seed in (2, 3)
+    ]
+    # The product of the differences from two independent images has no error of theirs.
+    reached = [np.sqrt(np.mean(a * b)) for a, b in zip(*differences)]
+    print(f"prosim: {result.verdict}; {seconds:.0f} s; volpath: {spp} samples, {other:.0f} s; true errors {reached}")
+    return hero_figure(images, [np.abs(a + b) / 2 for a, b in zip(*differences)], result.samples, [
+        f"Mitsuba's volpath: {spp} samples in each pixel, {other:.0f} s",
+        f"prosim --noise 0.02: {result.samples.mean():.0f} samples on average, {seconds:.0f} s",
+        f"true error {reached[0]:.3f}", f"true error {reached[1]:.4f}",
+        f"samples: {result.samples.min():.0f} (dark) to {result.samples.max():.0f}",
+    ])  # fmt: skip
+
+
+def hero_figure(images, errors, samples, captions):
+    """Two images above three maps, each with its caption below."""
+    width, height = 1300, 896
+    figure = Figure(figsize=(width / 100, height / 100))
+    places = [(0, 0, 640, 480), (660, 0, 640, 480), (0, 530, 420, 315), (440, 530, 420, 315), (880, 530, 420, 315)]
+    shown = [{}, {}, {"cmap": "inferno", "vmax": 0.1}, {"cmap": "inferno", "vmax": 0.1}, {"cmap": "viridis"}]
+    images = display(compress(np.concatenate(images)))  # with one tone curve
+    panels = [*np.split(images, 2), *errors, np.log(samples)]
+    for (x, y, w, h), panel, style, caption in zip(places, panels, shown, captions):
+        axes = figure.add_axes((x / width, 1 - (y + h) / height, w / width, h / height))
+        axes.imshow(panel, **style, aspect="auto")
+        axes.axis("off")
+        figure.text((x + w / 2) / width, 1 - (y + h + 26) / height, caption, ha="center", va="baseline", size=13.5)
+    return figure
 
 
 def hard_to_denoise():
@@ -356,7 +392,6 @@ def main(only):
         "shapes": shapes,
         "lens": pawns,
         "samples": samples,
-        "equal-time": equal_time,
         "denoising": denoising,
     }
     for folder in FOLDERS:
@@ -369,9 +404,16 @@ def main(only):
             bitmap = mi.Bitmap(draw().astype(np.float32))
             bitmap = bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, srgb_gamma=True)
             bitmap.write(str(DOCS / "pictures" / f"{name}.jpg"), quality=88)
-    for name, draw in {"nrook.jpg": sampler, "passes.png": passes, "association.png": association}.items():
+    for name, draw in {
+        "hero.jpg": hero,
+        "nrook.jpg": sampler,
+        "passes.png": passes,
+        "association.png": association,
+    }.items():
         if not only or Path(name).stem in only:
-            draw().savefig(DOCS / "pictures" / name, dpi=100)
+            draw().savefig(
+                DOCS / "pictures" / name, dpi=100, pil_kwargs={"quality": 88} if name.endswith(".jpg") else {}
+            )
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from .contacts import MAX_ENCLOSING, adapt, find_contacts
 from .csg import Tree, fold, tree_of
 from .grouping import group_equal, sweep
 from .primitives import MAX_SEGMENTS, MIN_SEGMENTS, OUTSIDE_TOLERANCE
-from .solids import IDENTITY, Solid, inradius, unit_mesh, world_box_corners
+from .solids import IDENTITY, Solid, unit_mesh, world_box_corners
 
 #: A bounding ball of an operand, the number of its first leaf, and the number after its last leaf.
 _Operand = tuple[np.ndarray, int, int]
@@ -156,7 +156,7 @@ def choose_tessellations(
     reached = choose_segments(document, solids, zones, camera, tolerance, np.ones(len(solids)))
     contacts, grows = find_contacts(solids), np.zeros(len(solids), bool)
     if len(contacts.outer):
-        smallest = np.array([1 - inradius(s.primitive, MAX_SEGMENTS) for s in solids]) * visible
+        smallest = (1 - np.cos([s.primitive.segment_factor * math.pi / MAX_SEGMENTS for s in solids])) * visible
         shares, grows = contacts.shares(allowed, smallest)
         reached = choose_segments(document, solids, zones, camera, tolerance, shares)
     if reached > tolerance:

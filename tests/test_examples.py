@@ -1,5 +1,7 @@
 """The figures are drawn, and show what the thesis says of them, in numbers; the notebooks run."""
 
+import importlib
+import re
 from pathlib import Path
 
 import figures
@@ -10,6 +12,7 @@ import pytest
 from drawing import scenes as drawn
 from drawing.patterns import SPACING, jittered, nrook, poisson_disk, regular, uncorrelated_jittered
 from nbclient import NotebookClient
+from PIL import Image
 from scenes import slow
 from scipy import ndimage
 
@@ -33,11 +36,19 @@ def test_figure_is_drawn(variant_rgb, tmp_path, name):
     assert np.all(np.isfinite(image)) and image.std() > 0
 
 
-def test_gallery_shows_every_figure():
-    page = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+def test_page_shows_every_figure():
+    page = (ROOT / "docs" / "figures.md").read_text(encoding="utf-8")
     for name in (*figures.DRAWN, *figures.RENDERED):
         (shown,) = (path for path in (ROOT / "docs" / "gallery").iterdir() if path.stem == name)
         assert f"gallery/{shown.name}" in page
+
+
+def test_pictures_of_the_gallery_are_large():
+    pictures = re.findall(r"\]\((gallery/.*?\.jpg)\)", (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8"))
+    assert len(pictures) == 10
+    for picture in pictures:
+        path = ROOT / "docs" / picture
+        assert Image.open(path).width >= 960 and path.stat().st_size < 250_000
 
 
 def luminance(name, samples, **integrator):
@@ -111,7 +122,7 @@ def test_uncorrelated_jittering_associates_spaces_at_random():
     assert same > 0.95 and abs(mixed) < 0.33  # 3.3 standard deviations of 1/sqrt(99)
 
 
-# Notebooks: each runs from its first cell to its last, at small size, and holds no outputs
+# Notebooks: each runs from its first cell to its last, at small size, and is stored with the outputs of its code
 
 NOTEBOOKS = sorted((ROOT / "examples").glob("*.ipynb"))
 
@@ -126,9 +137,15 @@ def test_notebook_runs(path, monkeypatch):
     assert not [output for output in outputs if output.get("name") == "stderr"]
 
 
-def test_notebooks_are_committed_without_outputs():
-    assert NOTEBOOKS
-    for path in NOTEBOOKS:
-        notebook = nbformat.read(path, as_version=4)
-        nbformat.validate(notebook)
-        assert not any(cell.get("outputs") or cell.get("execution_count") for cell in notebook.cells)
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_has_the_outputs_of_its_code(path, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "docs" / "extensions")
+    code_hash = importlib.import_module("notebook_pages").code_hash
+    notebook = nbformat.read(path, as_version=4)
+    nbformat.validate(notebook)
+    assert notebook.metadata.get("outputs_of") == code_hash(notebook), (
+        f"run python docs/extensions/notebook_pages.py, which stores new outputs in {path.name}"
+    )
+    counts = [cell.execution_count for cell in notebook.cells if cell.cell_type == "code"]
+    assert counts == [*range(1, len(counts) + 1)]
+    assert any(cell.get("outputs") for cell in notebook.cells) and path.stat().st_size < 400_000

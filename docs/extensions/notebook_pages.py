@@ -1,52 +1,75 @@
-"""The notebooks of ``examples`` as pages.
+"""The notebooks of ``examples``, which are stored with their outputs, as pages.
 
-``-D notebooks=run`` runs each from its first cell to its last and keeps the outputs in ``docs/notebooks`` until the
-notebook changes. By default none is run, and pages that have no outputs yet are shown without them.
+``python docs/extensions/notebook_pages.py [NAME...]`` runs the notebooks whose code has changed since their outputs
+were made, and stores them with their new outputs.
 """
 
+import base64
 import hashlib
-import os
+import io
+import sys
 from pathlib import Path
 
 import nbformat
-from nbclient import NotebookClient
+from PIL import Image
 from sphinx import addnodes
-from sphinx.util import logging
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 WIDGET = "application/vnd.jupyter.widget-view+json"
 
-#: How a page was made, from worst to best; small is what the tests run.
-UNRUN, SMALL, FULL = range(3)
+
+def code_hash(notebook):
+    """The hash of the code of all cells, which the metadata of the notebook has beside the outputs of this code."""
+    code = "\0".join(cell.source for cell in notebook.cells if cell.cell_type == "code")
+    return hashlib.sha256(code.encode()).hexdigest()
 
 
-def run(notebook):
-    """Runs the notebook and keeps its outputs, except widgets, which need scripts."""
-    NotebookClient(notebook, timeout=1800, resources={"metadata": {"path": str(EXAMPLES)}}).execute()
-    for cell in notebook.cells:
-        if cell.cell_type == "code":
-            cell.outputs = [output for output in cell.outputs if WIDGET not in output.get("data", {})]
-    notebook.metadata.pop("widgets", None)
+def smaller(output):
+    """The output with its image as JPEG, if this is smaller than PNG."""
+    data = output.get("data", {})
+    if png := data.get("image/png"):
+        jpeg = io.BytesIO()
+        Image.open(io.BytesIO(base64.b64decode(png))).convert("RGB").save(jpeg, "JPEG", quality=88)
+        encoded = base64.b64encode(jpeg.getvalue()).decode()
+        if len(encoded) < len(png):
+            del data["image/png"]
+            data["image/jpeg"] = encoded
+    return output
+
+
+def store_outputs(only):
+    """Runs the notebooks whose code has changed; keeps their outputs, except widgets, which need scripts."""
+    from nbclient import NotebookClient
+
+    for path in sorted(EXAMPLES.glob("*.ipynb")):
+        notebook = nbformat.read(path, as_version=4)
+        if (only and path.stem not in only) or notebook.metadata.get("outputs_of") == code_hash(notebook):
+            continue
+        NotebookClient(notebook, timeout=1800, resources={"metadata": {"path": str(EXAMPLES)}}).execute()
+        for cell in notebook.cells:
+            cell.metadata.pop("execution", None)  # the times
+            if cell.cell_type == "code":
+                shown = [output for output in cell.outputs if WIDGET not in output.get("data", {})]
+                cell.outputs = [smaller(output) for output in shown if output.get("name") != "stderr"]
+        notebook.metadata = {
+            "kernelspec": notebook.metadata["kernelspec"],
+            "language_info": {"name": "python"},
+            "outputs_of": code_hash(notebook),
+        }
+        nbformat.write(notebook, path)
+        print(path)
 
 
 def write_pages(app):
     """Writes the pages of ``docs/notebooks`` that have changed."""
     folder = Path(app.srcdir, "notebooks")
     folder.mkdir(exist_ok=True)
-    wanted = UNRUN if app.config.notebooks == "unrun" else SMALL if "PROSIM_SMALL" in os.environ else FULL
     for path in sorted(EXAMPLES.glob("*.ipynb")):
-        page, source = folder / path.name, hashlib.sha256(path.read_bytes()).hexdigest()
-        if page.exists():
-            made = nbformat.read(page, as_version=4).metadata.get("made", {})
-            if made.get("of") == source and made.get("how", UNRUN) >= wanted:
-                continue
-        notebook = nbformat.read(path, as_version=4)
-        if wanted > UNRUN:
-            logging.getLogger(__name__).info("running %s", path.name)
-            run(notebook)
-        notebook.metadata["made"] = {"of": source, "how": wanted}
+        page, notebook = folder / path.name, nbformat.read(path, as_version=4)
         notebook.cells[0].source += f"\n\n{{download}}`This notebook <../../examples/{path.name}>`"
-        nbformat.write(notebook, page)
+        text = nbformat.writes(notebook)
+        if not page.exists() or page.read_text(encoding="utf-8") != text:
+            page.write_text(text, encoding="utf-8")
 
 
 def link_pages(app, doctree):
@@ -58,7 +81,10 @@ def link_pages(app, doctree):
 
 
 def setup(app):
-    app.add_config_value("notebooks", "unrun", "env", str)
     app.connect("builder-inited", write_pages)
     app.connect("doctree-read", link_pages)
     return {"parallel_read_safe": True}
+
+
+if __name__ == "__main__":
+    store_outputs(sys.argv[1:])

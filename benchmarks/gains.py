@@ -30,9 +30,8 @@ from unittest import mock
 import numpy as np
 from measure import MEASURES, Run, arguments, begin, gain, reference, render_in_turn, shown
 from mitsuba_prosim.light import table as lights
-from subjects import Subject
+from subjects import DEPTH, Subject
 
-DEPTH = 8
 #: The paths of this integrator are as long as those of ``path`` with DEPTH edges: the vertices between camera and lamp
 #: are the levels 0 to DEPTH - 2. Both integrators use the same Russian roulette.
 PATHS = {"type": "prosim", "diffuse_bounces": -1, "max_level": DEPTH - 2}

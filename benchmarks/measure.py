@@ -132,18 +132,25 @@ def shown(value: np.ndarray) -> str:
     return f"{value[0]:.2f} ({value[1]:.2f}–{value[2]:.2f})"
 
 
-def reference(subject: Subject, integrator: dict[str, Any], spp: int, seconds: float, cache: Path) -> np.ndarray:
+def reference(
+    subject: Subject,
+    integrator: dict[str, Any],
+    spp: int,
+    seconds: float,
+    cache: Path,
+    first_seed: int = REFERENCE_SEEDS,
+) -> np.ndarray:
     """Returns the mean of many images of ``spp`` samples (0: the integrator's own number), and stores it in ``cache``.
 
-    Rendering the images takes ``seconds`` of processor time.
+    Rendering the images takes ``seconds`` of processor time. They have the seeds from ``first_seed``.
     """
-    key = f"{subject} {integrator} {spp} {seconds} {mi.variant()} {mi.__version__}"
+    key = f"{subject} {integrator} {spp} {seconds} {first_seed} {mi.variant()} {mi.__version__}"
     path = cache / f"{hashlib.sha256(key.encode()).hexdigest()[:20]}.npy"
     if path.exists():
         return np.load(path)
     run, total, count, begun = Run("", subject.load(), integrator, spp), 0.0, 0, time.process_time()
     while count < 2 or time.process_time() - begun < seconds:
-        total = total + run.render(REFERENCE_SEEDS + count)[0]
+        total = total + run.render(first_seed + count)[0]
         count += 1
     cache.mkdir(parents=True, exist_ok=True)
     buffer = io.BytesIO()
@@ -155,7 +162,7 @@ def reference(subject: Subject, integrator: dict[str, Any], spp: int, seconds: f
 def arguments(description: str | None, rounds: int = 10) -> argparse.ArgumentParser:
     """Returns a parser of the options that all benchmarks have."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scene", nargs="+", default=NAMES, metavar="NAME")
+    parser.add_argument("--scene", nargs="+", metavar="NAME")
     parser.add_argument("--folder", type=Path, help="folder of the scenes by other authors")
     parser.add_argument("--size", type=int, default=256, help="width in pixels")
     parser.add_argument("--rounds", type=int, default=rounds, help="number of measured images, each with another seed")
@@ -166,7 +173,10 @@ def arguments(description: str | None, rounds: int = 10) -> argparse.ArgumentPar
 
 
 def begin(options: argparse.Namespace) -> None:
-    """Sets Mitsuba's variant and log level, and registers the plugins."""
+    """Chooses the scenes, sets Mitsuba's variant and log level, and registers the plugins."""
+    if options.scene is None:
+        folder = options.folder
+        options.scene = NAMES if folder is None else sorted(path.parent.name for path in folder.glob("*/scene.xml"))
     mi.set_variant(options.variant)
     import mitsuba_prosim  # noqa: F401  (registers the plugins)
 

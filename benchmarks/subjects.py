@@ -1,8 +1,8 @@
 """The scenes of the benchmarks: the project's examples, scenes built here, and scenes by other authors.
 
 A :class:`Subject` is a scene without an integrator, and the parameters of the thesis's integrator for this scene.
-Scenes by other authors are not shipped: the user names a folder that contains them as ``FOLDER/NAME/scene.xml``.
-``EXTERNAL`` lists their sources.
+Scenes by other authors are not shipped: the user names a folder that contains them as ``FOLDER/NAME/scene.xml``. The
+page docs/calibration.md names the sources of the scenes that were measured.
 """
 
 from __future__ import annotations
@@ -19,11 +19,8 @@ import prosim_scene
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 OURS = ("palito", "aranha", "chao-rugoso", "penumbra", "fontes", "esfera-metalica", "poste", "chimarrao", "caustica")
-#: Well-known scenes in Mitsuba 3's format. staircase2, living-room-2 and veach-mis are by Benedikt Bitterli
-#: (https://benedikt-bitterli.me/resources/). The repository github.com/takkasila/practical_path_guiding_lab contains
-#: torus and veach-mis. The repository github.com/niklassanden/ReSTIR_GI_DR contains staircase2 and living-room-2
-#: (without one mesh).
-EXTERNAL = ("staircase2", "living-room-2", "veach-mis", "torus")
+#: Maximum number of edges of a light path.
+DEPTH = 8
 
 
 def rgb(*values: float) -> dict[str, Any]:
@@ -142,26 +139,34 @@ class Subject:
         return scene, scene.pop("integrator")
 
     @property
+    def external(self) -> Path | None:
+        """The file of a scene by other authors; None for the project's own scenes."""
+        return None if self.folder is None or self.name in NAMES else self.folder / self.name / "scene.xml"
+
+    @property
     def tree(self) -> dict[str, Any] | None:
         """The thesis's integrator for the scene; None if only a path tracer follows all light."""
-        return None if self.name in EXTERNAL else self.described[1]
+        return None if self.external else self.described[1]
+
+    @property
+    def adaptive(self) -> dict[str, Any]:
+        """Mitsuba's path tracer for the scene, nested in ``prosim_adaptive``."""
+        media = self.external and "<medium" in self.external.read_text(encoding="utf-8")
+        return {"type": "prosim_adaptive", "nested": {"type": "volpath" if media else "path", "max_depth": DEPTH}}
 
     def load(self, sampler: str = "independent") -> mi.Scene:
         """Loads the scene; its sensor has this ``sampler``."""
-        if self.name in EXTERNAL:
-            return self._external(sampler)
-        scene = dict(self.described[0])
+        if self.external:
+            return self._external(self.external, sampler)
+        scene = self.described[0] | {"integrator": self.tree or self.adaptive["nested"]}
         for name, value in scene.items():
             if isinstance(value, dict) and "film" in value:
                 scene[name] = value | {"sampler": {"type": sampler}}
         return mi.load_dict({"type": "scene"} | scene)
 
-    def _external(self, sampler: str) -> mi.Scene:
+    def _external(self, path: Path, sampler: str) -> mi.Scene:
         """Loads a scene by other authors, with a box filter, the requested width and the requested sampler."""
-        if self.folder is None:
-            raise SystemExit(f"{self.name} is a scene by others: name the folder that has it with --folder.")
         config = mi.parser.ParserConfig(mi.variant())
-        path = self.folder / self.name / "scene.xml"
         mi.file_resolver().prepend(str(path.parent.resolve()))
         state = mi.parser.parse_file(config, str(path))
         for node in state.nodes:
@@ -170,7 +175,9 @@ class Subject:
                 height = round(self.size * props["height"] / props["width"])
                 props["width"], props["height"] = self.size, height
             elif node.type == mi.ObjectType.Integrator:
-                node.props = mi.Properties("path")  # the integrator that the file names may not be installed
+                # The integrator that the file names may not be installed.
+                node.props = mi.Properties(self.adaptive["nested"]["type"])
+                node.props["max_depth"] = DEPTH
             elif node.type == mi.ObjectType.Sampler:
                 props.set_plugin_name(sampler)
             elif node.type == mi.ObjectType.ReconstructionFilter:

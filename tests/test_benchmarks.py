@@ -17,7 +17,7 @@ SMALL = ["--size", "24", "--rounds", "2", "--reference-seconds", "1"]
         (["gains", "policies", "--scene", "penumbra", *SMALL], 2),
         (["gains", "denoised", "--scene", "Cornell box", *SMALL], 1),
         (["negative_results", "allocation", "frozen", "gradients", "--scene", "penumbra", *SMALL], 6),
-        (["promises", "--scene", "penumbra", *SMALL], 2),
+        (["promises", "--scene", "penumbra", *SMALL], 4),
         (["materials", "--only", "phong", *SMALL], 1),
         (["convergence", "--scene", "24 lamps", *SMALL], 5),
         (["translator", "trees", "20", "--tree", "comb"], 1),

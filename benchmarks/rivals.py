@@ -28,7 +28,7 @@ import numpy as np
 
 LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
 WHITE, RED, GREEN = (0.73, 0.73, 0.73), (0.6, 0.06, 0.05), (0.14, 0.45, 0.09)
-DEPTH, MOST = 8, 256
+DEPTH, MOST = 8, 1024
 #: A scene has the position of the eye, the point that it sees, the field of view in degrees, the radiance of the sky,
 #: rectangles (corner, two edges, reflectance, emitted radiance) and balls (centre, radius, reflectance, roughness of
 #: the metal; 0: diffuse).
@@ -160,8 +160,8 @@ def luxcore(scene: dict[str, Any], size: int) -> Callable[..., np.ndarray]:
     if scene["sky"]:
         everything |= {"scene.lights.sky.type": "constantinfinite", "scene.lights.sky.color": [scene["sky"]] * 3}
     for n, (points, faces, colour, rough, radiance) in enumerate(meshes(scene)):
-        normals = (points - points.mean(0)).tolist() if len(faces) > 2 else None
-        loaded.DefineMesh(f"mesh{n}", points.tolist(), faces.tolist(), normals, None, None, None)
+        corners = [tuple(row) for row in points.tolist()]
+        loaded.DefineMesh(f"mesh{n}", corners, [tuple(row) for row in faces.tolist()], None, None, None, None)
         name = f"scene.materials.material{n}"
         if rough:
             everything |= {
@@ -203,7 +203,8 @@ def luxcore(scene: dict[str, Any], size: int) -> Callable[..., np.ndarray]:
         }
         config |= {f"film.imagepipelines.0.{k}.type": kind for k, kind in enumerate(pipeline)}
         if threshold:
-            config |= {f"batch.haltnoisethreshold{x}": v for x, v in {"": threshold, ".warmup": 32, ".step": 32}.items()}
+            halt = {"": threshold, ".warmup": 32, ".step": 32}
+            config |= {f"batch.haltnoisethreshold{name}": value for name, value in halt.items()}
         session = pyluxcore.RenderSession(pyluxcore.RenderConfig(properties(pyluxcore, config), loaded))
         session.Start()
         while not session.HasDone():
@@ -271,7 +272,8 @@ def described(scene: dict[str, Any], size: int) -> dict[str, Any]:
     for n, (center, radius, colour, rough) in enumerate(scene["balls"]):
         metal = {"type": "roughconductor", "alpha": rough, "specular_reflectance": rgb(*colour)}
         found[f"ball{n}"] = sphere(list(center), radius, bsdf=metal if rough else diffuse(*colour))
-    return with_film(found | {"sensor": {"type": "perspective", "fov": fov, "to_world": look}}, dict.fromkeys(("width", "height"), size))
+    sensor = {"type": "perspective", "fov": fov, "to_world": look}
+    return with_film(found | {"sensor": sensor}, {"width": size, "height": size})
 
 
 def ours(options: argparse.Namespace) -> None:
@@ -299,11 +301,9 @@ def ours(options: argparse.Namespace) -> None:
                 warm.add((name, denoise))
                 found.append(row[5] / (time.process_time() - begun))
             times.append(np.median(found))
-        print(
-            f"| {renderer} | {'denoised' if denoise else 'raw'} | {min(ratios):.3f}–{max(ratios):.3f} | "
-            f"{max(ratios) / min(ratios):.1f} | {min(every):.3f}–{max(every):.3f} | {min(times):.1f}–{max(times):.1f} |",
-            flush=True,
-        )
+        kind, wide = "denoised" if denoise else "raw", max(ratios) / min(ratios)
+        cells = [f"{min(ratios):.3f}–{max(ratios):.3f}", f"{wide:.1f}", f"{min(every):.3f}–{max(every):.3f}"]
+        print("|", " | ".join([renderer, kind, *cells, f"{min(times):.1f}–{max(times):.1f}"]), "|", flush=True)
 
 
 def main() -> None:

@@ -141,7 +141,11 @@ class Subject:
     @property
     def external(self) -> Path | None:
         """The file of a scene by other authors; None for the project's own scenes."""
-        return None if self.folder is None or self.name in NAMES else self.folder / self.name / "scene.xml"
+        if self.name in NAMES:
+            return None
+        if self.folder is None:
+            raise SystemExit(f"{self.name} is a scene by others: name the folder that has it with --folder.")
+        return self.folder / self.name / "scene.xml"
 
     @property
     def tree(self) -> dict[str, Any] | None:

@@ -5,6 +5,8 @@ The plugins are those of the installed Mitsuba, so new ones take part by themsel
 of more than four times the variance, NaN, and refusals that are not in the tables below are failures.
 """
 
+import gc
+
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -53,6 +55,12 @@ OURS = {
 }
 #: Pixels of a side of a card, and samples of a pixel.
 SIDE, SAMPLES = 12, 64
+
+
+@pytest.fixture(autouse=True)
+def without_shapes_of_other_tests():
+    """Mitsuba's ``path`` asks all shapes of the process, also those that no lamp can have."""
+    gc.collect()
 
 
 def all_plugins(kind, base):

@@ -11,8 +11,13 @@ QUICK = [("bsdf", "pdf_too_large"), ("emitter", "point_ray_too_bright"), ("textu
 STOCK = (
     "diffuse dielectric roughconductor plastic roughplastic principled null point spot constant directional area "
     "checkerboard hg rayleigh isotropic prosim_lambertian prosim_phong prosim_conductor prosim_dielectric "
-    "prosim_composite prosim_area prosim_point prosim_stripes"
+    "prosim_composite prosim_area prosim_point prosim_stripes srgb"
 )
+#: Colours of both lobes: polarised variants once had those of one wavelength.
+COLOURS = {
+    "diffuse_reflectance": {"type": "rgb", "value": [0.15, 0.062, 0.379]},
+    "specular_reflectance": {"type": "rgb", "value": [0.283, 0.304, 0.125]},
+}
 
 
 @pytest.fixture(autouse=True)
@@ -41,6 +46,14 @@ def test_check_accepts_unchanged_wrapper(kind, name):
 @pytest.mark.parametrize("plugin", STOCK.split())
 def test_check_accepts_plugin(plugin):
     check.check(plugin).raise_if_wrong()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "plugin", [{"type": "prosim_phong", "exponent": 73.3}, {"type": "prosim_composite", "int_ior": 1.9, "alpha": 0.45}]
+)
+def test_coloured_lobes_keep_their_colours_in_all_variants(plugin):
+    check.check(plugin | COLOURS).raise_if_wrong()
 
 
 @pytest.mark.parametrize(

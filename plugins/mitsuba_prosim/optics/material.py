@@ -22,6 +22,13 @@ LEAST_WEIGHT = 2**-24
 Evaluated: TypeAlias = "tuple[mi.UnpolarizedSpectrum, mi.Float]"
 
 
+def depolarized(value: Any) -> mi.Spectrum:
+    """Returns ``value`` as unpolarised light. ``dr.select`` returns spectra as other arrays, of which Mitsuba's
+    ``depolarizer`` has only the first channel.
+    """
+    return mi.depolarizer(mi.UnpolarizedSpectrum(value))
+
+
 class Material(mi.BSDF):
     """A one-sided BSDF, whose back is black.
 
@@ -122,7 +129,7 @@ class Material(mi.BSDF):
         bs.sampled_type = dr.select(component == 0, mi.UInt32(+self.types[0]), mi.UInt32(+self.types[-1]))
         active = active & (pdf > 0)
         bs.pdf = dr.select(active, pdf, 0)
-        return bs, mi.depolarizer(weight) & active
+        return bs, depolarized(weight) & active
 
     def eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
@@ -138,7 +145,7 @@ class Material(mi.BSDF):
         if active is False or not smooth or not any(self.enabled(ctx)):
             return mi.Spectrum(0), mi.Float(0)
         value, pdf = self.evaluate(ctx, si, wo, active)
-        return mi.depolarizer(value) & active, dr.select(active, pdf, 0)
+        return depolarized(value) & active, dr.select(active, pdf, 0)
 
     def eval(self, *args: Any, **kwargs: Any) -> mi.Spectrum:
         """Returns the value of the BSDF times the cosine of ``wo``; the arguments are those of :meth:`eval_pdf`."""
@@ -162,7 +169,7 @@ class Material(mi.BSDF):
 
     def eval_diffuse_reflectance(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
         """Returns the colour of the surface, in [0, 1], also for a material without a diffuse component."""
-        return mi.depolarizer(dr.clip(self.directional_albedo(si, active), 0, 1))
+        return depolarized(dr.clip(self.directional_albedo(si, active), 0, 1))
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
         expose(callback, **self.parameters())

@@ -34,6 +34,12 @@ KINDS = {
     "rfilter": "ReconstructionFilter",
 }
 
+#: What plugins cannot be loaded without, if only numbers and texts are given; volpath is the reference of images.
+DEFAULTS: dict[str, dict[str, Any]] = {
+    "srgb": {"color": {"type": "rgb", "value": [0.2, 0.5, 0.3]}},
+    "prosim_adaptive": {"nested": {"type": "volpath"}},
+}
+
 
 class Subject:
     """A plugin that can be loaded again.
@@ -74,11 +80,13 @@ class Subject:
     def _parse(self, config: Any) -> Any:
         source = self.source
         if isinstance(source, Mapping):
-            state = mi.parser.parse_dict(config, _copied(source))
+            plain = all(isinstance(value, (str, int, float)) for value in source.values())
+            defaults = DEFAULTS.get(source.get("type", ""), {}) if plain else {}
+            state = mi.parser.parse_dict(config, _copied({**defaults, **source}))
         elif isinstance(source, str) and source.lstrip().startswith("<"):
             state = mi.parser.parse_string(config, source)
         elif isinstance(source, str) and not Path(source).suffix:
-            state = mi.parser.parse_dict(config, {"type": source})
+            state = mi.parser.parse_dict(config, {"type": source, **DEFAULTS.get(source, {})})
         else:
             self._folder = tempfile.TemporaryDirectory()
             return scene_file.SceneFile(source, Path(self._folder.name)).state

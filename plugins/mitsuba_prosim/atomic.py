@@ -8,11 +8,10 @@ import secrets
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from subprocess import DEVNULL, PIPE, Popen
 
-from prosim_scene import refuse_special, replace
+from prosim_scene import guard, refuse_special, replace
 
 #: Prefixes of the names of temporary folders, of folders for unfinished files, and of folders for files that could not
 #: be written to their own place.
@@ -100,18 +99,3 @@ def temporary(path: Path) -> Iterator[None]:
         yield
     finally:
         shutil.rmtree(path, ignore_errors=True)
-
-
-@contextmanager
-def guard(folders: Iterable[Path]) -> Iterator[None]:
-    """Starts a process that deletes ``folders`` if this process ends inside the ``with`` block, by any signal.
-
-    The process is not started on Windows, or if the limit of processes is reached.
-    """
-    # The standard input of the process ends when this process ends. The new session has no Ctrl-C.
-    command = ["/bin/sh", "-c", 'read line || rm -rf -- "$@"', "sh", *map(str, folders)]
-    with ExitStack() as stack:
-        with suppress(OSError):
-            process = Popen(command, stdin=PIPE, stdout=DEVNULL, stderr=DEVNULL, cwd="/", start_new_session=True)
-            stack.callback(process.communicate, b"\n")
-        yield

@@ -13,7 +13,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .atomic_files import refuse_special, replace
+    from .atomic_files import TemporaryFolder, guard, refuse_special, replace
     from .language.analysis import document_of, parse
     from .language.diagnostics import SceneError, SceneWarning, Source, Span
     from .language.document import Document
@@ -37,6 +37,7 @@ __all__ = [
     "SceneWarning",
     "Source",
     "Span",
+    "TemporaryFolder",
     "TranslationCache",
     "View",
     "check",
@@ -44,6 +45,7 @@ __all__ = [
     "document",
     "document_of",
     "format",
+    "guard",
     "images",
     "load",
     "located",
@@ -59,7 +61,7 @@ __all__ = [
 #: Module -> its public names. A module is imported when one of its names is first used, because the import of all
 #: modules takes longer than a small image, and rendering an XML scene needs only the replacement of files.
 MODULES = {
-    "atomic_files": ("refuse_special", "replace"),
+    "atomic_files": ("TemporaryFolder", "guard", "refuse_special", "replace"),
     "language.analysis": ("document_of", "parse"),
     "language.diagnostics": ("SceneError", "SceneWarning", "Source", "Span"),
     "language.document": ("Document",),

@@ -1,12 +1,16 @@
-"""Replaces files atomically."""
+"""Replaces files atomically; creates temporary folders that no end of the process leaves behind."""
 
 import errno
 import os
 import secrets
+import shutil
 import stat
-from collections.abc import Callable
-from contextlib import suppress
+import tempfile
+import weakref
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from subprocess import DEVNULL, PIPE, Popen
 
 #: The prefix of the name of an unfinished file. It is short, so that the whole name is never too long.
 PART = ".prosim-part-"
@@ -43,3 +47,32 @@ def refuse_special(path: Path) -> None:
     """Raises OSError if ``path`` is a device or a pipe, because a replacement by a file would remove it."""
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise FileExistsError(errno.EEXIST, "this is a device or a pipe, not a file", str(path))
+
+
+class TemporaryFolder:
+    """A temporary folder for this user only. It is removed when no reference to this object exists, and when the
+    process ends, also by a signal.
+    """
+
+    def __init__(self) -> None:
+        self.path = Path(tempfile.gettempdir(), f"prosim-scene-{secrets.token_hex(8)}")
+        with ExitStack() as stack:
+            stack.enter_context(guard([self.path]))
+            self.path.mkdir(mode=0o700)
+            stack.callback(shutil.rmtree, self.path, ignore_errors=True)
+            weakref.finalize(self, stack.pop_all().close)
+
+
+@contextmanager
+def guard(folders: Iterable[Path]) -> Iterator[None]:
+    """Starts a process that deletes ``folders`` if this process ends inside the ``with`` block, by any signal.
+
+    The process is not started on Windows, or if the limit of processes is reached.
+    """
+    # The standard input of the process ends when this process ends. The new session has no Ctrl-C.
+    command = ["/bin/sh", "-c", 'read line || rm -rf -- "$@"', "sh", *map(str, folders)]
+    with ExitStack() as stack:
+        with suppress(OSError):
+            process = Popen(command, stdin=PIPE, stdout=DEVNULL, stderr=DEVNULL, cwd="/", start_new_session=True)
+            stack.callback(process.communicate, b"\n")
+        yield

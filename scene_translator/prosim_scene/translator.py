@@ -1,13 +1,12 @@
 """Translates a scene file to a Mitsuba scene, either as XML and mesh files on disk or as a dictionary."""
 
-import shutil
 import sys
 import tempfile
-import weakref
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from .atomic_files import TemporaryFolder
 from .language import document_of
 from .language.diagnostics import AnyPath, SceneError
 from .language.document import Document
@@ -105,7 +104,7 @@ def load(
     """
     checked, opened = Options(**options), _opened(source, define)
     try:
-        tree = assemble(opened, checked, _TemporaryFolder().store, cache=cache)
+        tree = assemble(opened, checked, _MeshFolder().store, cache=cache)
     except OSError as error:
         raise SceneError(error.strerror or str(error), error.filename or tempfile.gettempdir()) from None
     mitsuba = sys.modules.get("mitsuba")
@@ -115,14 +114,8 @@ def load(
     return result
 
 
-class _TemporaryFolder:
-    """A temporary folder. The temporary folder is removed when no reference to this object or to a :class:`_FileName`
-    in the folder exists.
-    """
-
-    def __init__(self) -> None:
-        self.path = Path(tempfile.mkdtemp(prefix="prosim-scene-"))
-        weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)  # also at the end of the process
+class _MeshFolder(TemporaryFolder):
+    """A temporary folder of meshes, which exists as long as a reference to it or to a :class:`_FileName` in it."""
 
     def store(self, name: str, content: bytes) -> str:
         """Writes the PLY file of a mesh to the temporary folder; returns the file name."""
@@ -137,7 +130,7 @@ class _FileName(str):
     exists.
     """
 
-    folder: _TemporaryFolder
+    folder: _MeshFolder
 
     def __deepcopy__(self, _: Any) -> "_FileName":
         return self

@@ -93,17 +93,22 @@ def test_rescue_finds_the_first_place_with_room(tmp_path, monkeypatch):
         assert exr.parent.parent == tmp_path / place and exr.read_bytes() == b"image" and png.read_bytes() == b"shown"
 
 
+EXAMPLE = Path(__file__).parents[2] / "examples" / "penumbra.scn"
 SCRATCH = "with atomic.scratch() as folder: wait(folder / 'a')"
 WRITE = "atomic.write({Path(os.environ['TMPDIR'], 'a'): wait})"
+LOAD = "scene = prosim_scene.load(EXAMPLE); wait(Path(scene['surface_0']['filename']))"
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, None])
-@pytest.mark.parametrize("work", [SCRATCH, WRITE])
+@pytest.mark.parametrize("work", [SCRATCH, WRITE, LOAD])
 def test_temporary_folder_is_deleted_when_the_process_ends(tmp_path, work, number):
     code = f"""if True:
         import os, sys
         from pathlib import Path
+        import prosim_scene
         from mitsuba_prosim import atomic
+
+        EXAMPLE = {str(EXAMPLE)!r}
 
         def wait(path):
             path.write_bytes(b"content")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import sys
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from prosim_scene import TemporaryFolder
 
 from ..compat import children
 from ..registry import PLUGINS
@@ -88,8 +88,8 @@ class Subject:
         elif isinstance(source, str) and not Path(source).suffix:
             state = mi.parser.parse_dict(config, {"type": source, **DEFAULTS.get(source, {})})
         else:
-            self._folder = tempfile.TemporaryDirectory()
-            return scene_file.SceneFile(source, Path(self._folder.name)).state
+            self._folder = TemporaryFolder()
+            return scene_file.SceneFile(source, self._folder.path).state
         mi.parser.transform_resolve_references(config, state)
         return state
 

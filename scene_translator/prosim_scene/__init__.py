@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .atomic_files import TemporaryFolder, guard, refuse_special, replace
+    from .geometry import TranslationCache
     from .language.analysis import document_of, parse
     from .language.diagnostics import SceneError, SceneWarning, Source, Span
     from .language.document import Document
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from .text_files import read, rewrite
     from .translator import check, document, load, translate
     from .view import distortion_message
-    from .writer import TranslationCache
 
 __all__ = [
     "FPS",
@@ -62,6 +62,7 @@ __all__ = [
 #: modules takes longer than a small image, and rendering an XML scene needs only the replacement of files.
 MODULES = {
     "atomic_files": ("TemporaryFolder", "guard", "refuse_special", "replace"),
+    "geometry": ("TranslationCache",),
     "language.analysis": ("document_of", "parse"),
     "language.diagnostics": ("SceneError", "SceneWarning", "Source", "Span"),
     "language.document": ("Document",),
@@ -72,7 +73,6 @@ MODULES = {
     "text_files": ("read", "rewrite"),
     "translator": ("check", "document", "load", "translate"),
     "view": ("distortion_message",),
-    "writer": ("TranslationCache",),
 }
 
 

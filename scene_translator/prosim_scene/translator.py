@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from .atomic_files import TemporaryFolder
+from .geometry import TranslationCache
 from .language import document_of
 from .language.diagnostics import AnyPath, SceneError
 from .language.document import Document
@@ -15,7 +16,7 @@ from .model import Scene
 from .nodes import Comment, Node, is_valid_in_xml, plain, xml
 from .text_files import read
 from .translation_options import Options
-from .writer import MARK, TranslationCache, TranslationFiles
+from .writer import MARK, TranslationFiles
 
 
 def document(path: AnyPath, define: Mapping[str, object] | None = None) -> Document:

@@ -12,7 +12,7 @@ import os
 import re
 import sys
 import time
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from hashlib import blake2b
 from pathlib import Path
@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from .atomic_files import PART, refuse_special, replace
-from .geometry import SurfaceMesh, Triangles
+from .geometry import Triangles
 from .nodes import is_valid_in_xml
 
 
@@ -47,29 +47,6 @@ def ply_bytes(triangles: Triangles, with_uv: bool) -> bytes | None:
     header += [f"property float {name}" for name in names]
     header += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", ""]
     return "\n".join(header).encode() + vertices.tobytes() + faces.tobytes()
-
-
-class TranslationCache:
-    """A cache for repeated translations, which stores the surface of the CSG tree that was evaluated last, and the
-    cache key of this surface.
-
-    The cache key of a surface does not depend on colours and textures. The cache needs as much memory as the evaluation
-    of the CSG tree. ``evaluations`` counts the CSG trees that were evaluated because the cache did not contain their
-    surface.
-    """
-
-    def __init__(self) -> None:
-        self.key: Hashable = None
-        self.surface: SurfaceMesh | None = None
-        self.evaluations = 0
-
-    def surface_for(self, key: Hashable, evaluate: Callable[[], SurfaceMesh]) -> SurfaceMesh:
-        """Returns the cached surface if its key equals ``key``; otherwise caches and returns ``evaluate()``."""
-        if self.surface is None or key != self.key:
-            self.surface = None  # frees memory before the evaluation
-            self.key, self.surface = key, evaluate()
-            self.evaluations += 1
-        return self.surface
 
 
 #: Each XML file that a translation writes contains this comment.

@@ -1,7 +1,7 @@
 """Scenes as text, their meshes, and what is measured on them."""
 
 import numpy as np
-from prosim_scene.geometry import tessellate
+from prosim_scene.geometry import TranslationCache, tessellate
 from prosim_scene.language import document_of
 from prosim_scene.mitsuba import assemble
 from prosim_scene.view import camera_of
@@ -21,15 +21,7 @@ def scene(tree, transforms, surfaces=()):
 def skins(text, tolerance=0.05):
     """{MeshKey: Triangles} of a scene."""
     document = document_of(text, "test.scn")
-    scene = document.scene
-    return tessellate(
-        document,
-        camera_of(document),
-        tolerance,
-        lambda leaf: assemble.medium_key(scene, leaf),
-        lambda leaf: assemble.appearance_key(scene, leaf),
-        lambda leaf: assemble.has_fresnel_reflection(scene, leaf),
-    )
+    return tessellate(document, camera_of(document), tolerance, assemble.looks(document.scene), {}, TranslationCache())
 
 
 def solids(text, tolerance=0.05):

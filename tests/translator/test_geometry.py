@@ -13,7 +13,7 @@ import pytest
 from meshes import area, assert_closed, scene, solids, volume
 from prosim_scene import SceneError, SceneWarning
 from prosim_scene.geometry import detail
-from prosim_scene.geometry.leaves import Leaves
+from prosim_scene.geometry.leaves import leaves_of
 from prosim_scene.geometry.transforms import matrices
 from prosim_scene.language import document_of
 from prosim_scene.view import camera_of
@@ -170,7 +170,7 @@ UNION = "+ " * 19 + " ".join(f"SPHERE {i}" for i in range(20))
 def segments(tree, transforms, look="OBS 0 0 20 VRP 0 0 0 WINDOW -5 -5 5 5"):
     """Around a circle, of the leaves of a scene under a view."""
     document = document_of(scene(tree, transforms).replace("OBS 0 0 20 VRP 0 0 0 WINDOW -5 -5 5 5", look), "test.scn")
-    leaves = Leaves(document, camera_of(document), 0.1, np.zeros(len(transforms), bool), {})
+    leaves = leaves_of(document, camera_of(document), 0.1, np.zeros(len(transforms), bool), {})
     return [leaves.solids[i].segments for i in leaves.of_leaf]
 
 

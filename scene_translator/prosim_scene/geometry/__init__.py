@@ -3,6 +3,6 @@ and computes the resulting surfaces.
 """
 
 from .detail import TOLERANCE
-from .surfaces import MeshKey, SurfaceMesh, Triangles, tessellate
+from .surfaces import Look, MeshKey, TranslationCache, Triangles, tessellate
 
-__all__ = ["TOLERANCE", "MeshKey", "SurfaceMesh", "Triangles", "tessellate"]
+__all__ = ["TOLERANCE", "Look", "MeshKey", "TranslationCache", "Triangles", "tessellate"]

@@ -15,6 +15,7 @@ then also grows by the chord error of the ball. All solids that are connected by
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,8 +25,6 @@ from .primitives import Primitive
 from .solids import Solid, world_box_corners
 
 INSIDE = 1e-6  # how far a face that touches another face from inside may be outside, relative to the outer face
-#: Maximum number of enclosing solids that are stored for a solid: one is enough to leave it out, and more take memory.
-MAX_ENCLOSING = 64
 BATCH = 1 << 16  # the number of pairs of a solid and a tangent plane that are tested at a time
 FEW = 16  # about this number of tangent planes of a face are tested first, which excludes most pairs
 STEPS = 16  # the number of steps that improve a tangent plane
@@ -87,8 +86,7 @@ def first_on_surface(solids: Sequence[Solid]) -> np.ndarray:
 
 
 def find_contacts(solids: Sequence[Solid]) -> Contacts:
-    """Returns the contacts of curved faces, and adds to the set ``enclosing`` of each ball other balls that enclose it.
-    The attribute ``segments`` of all solids must be set before.
+    """Returns the contacts of curved faces of solids that have their numbers of segments.
 
     A ball may touch any curved face from inside, and a cylinder may touch a parallel cylinder. Other contacts are rims,
     where a gap would look like a wall.
@@ -99,10 +97,6 @@ def find_contacts(solids: Sequence[Solid]) -> Contacts:
     for inner, outer, relative, normals in _enclosed(solids, order):
         primitive = solids[outer[0]].primitive
         reach, gain, loss = _reach(primitive, relative, normals)
-        spread = np.linalg.norm(relative[..., :3], 2, (1, 2)) + np.linalg.norm(relative[..., 3], axis=1)
-        for i, j in zip(*(a[spread <= 1].tolist() for a in (inner, outer))) if primitive.axes == 3 else ():
-            if len(solids[i].enclosing) < MAX_ENCLOSING:
-                solids[i].enclosing.add(solids[j])
         near = 1 - (LONGEST + 1) * np.array([1 - solids[j].inradius for j in outer])
         touches = (reach > near) & (reach <= 1 + INSIDE)
         found.append([column[touches] for column in (first[inner], first[outer], reach, gain, loss)])
@@ -188,10 +182,10 @@ def _reach(primitive: Primitive, relative: np.ndarray, normals: np.ndarray) -> t
     return reach, math.sqrt(2) * np.linalg.norm(linear, 2, (1, 2)) / width, (reach * height - middle) / top
 
 
-def adapt(solids: Sequence[Solid], contacts: Contacts, grows: np.ndarray) -> np.ndarray:
-    """Sets ``scale`` and ``facet_map`` of solids with contacts, so that the meshes of the outer solids enclose those of
-    the inner solids. Returns, for each solid, the largest distance of its mesh from the curved face, relative to the
-    radius of this face (n,).
+def adapt(solids: Sequence[Solid], contacts: Contacts, grows: np.ndarray) -> tuple[list[Solid], np.ndarray]:
+    """Returns the solids with ``scale`` and ``facet_map`` changed so that the meshes of outer solids enclose those of
+    inner solids; and, for each solid, the largest distance of its mesh from the curved face, relative to the radius of
+    this face (n,).
 
     ``grows`` (n,) is that of :meth:`Contacts.shares`. If solids grow in a chain of more than LONGEST contacts, the
     tolerance counts more than the order of the meshes.
@@ -208,10 +202,12 @@ def adapt(solids: Sequence[Solid], contacts: Contacts, grows: np.ndarray) -> np.
     for i, j, reach, _, loss in reversed(list(zip(*contacts))):
         if not grows[j]:
             scale[i] = min(scale[i], 1 - max(reach - scale[j] * inradius[j], 0) / loss)
+    adapted = []
     for solid, j in zip(solids, first):
-        solid.scale = scale[j] * radius[j]
+        facet_map, factor = solid.facet_map, scale[j] * radius[j]
         # The facets of a ball are circumscribed before a projective map concentrates them.
         if radius[j] > 1 and solid.primitive.axes == 3:
             widened = 1 / solid.inradius
-            solid.facet_map, solid.scale = solid.facet_map * [widened, widened, widened, 1], radius[j] / widened
-    return np.asarray(np.maximum(radius - 1, 1 - scale * inradius)[first])
+            facet_map, factor = facet_map * [widened, widened, widened, 1], radius[j] / widened
+        adapted.append(replace(solid, facet_map=facet_map, scale=factor))
+    return adapted, np.maximum(radius - 1, 1 - scale * inradius)[first]

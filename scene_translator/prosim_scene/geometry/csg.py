@@ -6,13 +6,10 @@ medium (opaque, or a kind of dielectric). The solid of a medium consists of the 
 media can only cut this solid. If two operands share surfaces, their facets on the shared surfaces are moved apart
 before the Boolean operation (see :mod:`.coincidence`).
 
-Operators + and - that follow each other in the CSG tree form a chain, such as A + B - C + D. A leaf of a chain that
-lies inside another leaf of the chain has no effect, and is left out; if the chain has a -, the other leaf must come
-later. If few bodies of a chain touch, each added body is cut by the subtracted bodies that come later in the chain, and
-the result of the chain is the union of the cut bodies. If many bodies of a chain touch, the chain is divided into
-halves: its result is X - S + P, where X is the result of the first half, S are the subtracted bodies of the second
-half, and P is the result of the second half alone. If X - S + P would have faces with wrong owners, the bodies of the
-second half are added to X and subtracted from X one after the other.
+Operators + and - that follow each other in the CSG tree form a chain, such as A + B - C + D. If few bodies of a chain
+touch, each added body is cut by the subtracted bodies that come later in the chain, and the result of the chain is the
+union of the cut bodies. Otherwise the runs of bodies with the same operator are added and subtracted one after the
+other.
 """
 
 from __future__ import annotations
@@ -22,6 +19,8 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import groupby
+from operator import itemgetter
 from typing import TypeVar
 
 import numpy as np
@@ -163,62 +162,38 @@ class _Chain:
         return self
 
     def value(self) -> Body:
-        """Evaluates the chain, and returns the resulting body.
-
-        If the chain has a -, a leaf is left out if a later leaf of the chain encloses it, unless the leaf is the first
-        operand of the chain.
-        """
-        if not self.has_minus:
-            result = union(body for _, body in self.operands)
-        else:
-            last = {body.solid: i for i, (_, body) in enumerate(self.operands)}
-
-            def enclosed(i: int, body: Body) -> bool:
-                return body.solid is not None and any(last.get(outer, -1) > i for outer in body.solid.enclosing)
-
-            operands = enumerate(self.operands)
-            result, _ = evaluate_chain(
-                [(sign, body) for i, (sign, body) in operands if i == 0 or not enclosed(i, body)]
-            )
+        """Evaluates the chain, and returns the resulting body."""
+        result = evaluate_chain(self.operands) if self.has_minus else union(body for _, body in self.operands)
         assert result
         return result
 
 
-def evaluate_chain(operands: list[Operand]) -> tuple[Body | None, list[Body]]:
-    """Evaluates a part of a chain of + and -. Returns the resulting body, and a list of bodies whose union is the union
-    of all subtracted bodies of the part.
+def evaluate_chain(operands: Sequence[Operand]) -> Body | None:
+    """Evaluates a chain of + and -, whose first operand has the sign +.
 
-    ``operands`` are applied one after the other to the empty solid; the resulting body is None if no operand has the
-    sign +. If few operands touch, each added body is cut by the later subtracted bodies that touch the added body. If
-    many operands touch, the operands are divided into halves.
+    If few operands touch, each added body is cut by the later subtracted bodies that touch the added body.
     """
     subtracted = [body for sign, body in operands if sign == "-"]
-    boxes = np.array([body.box for body in subtracted]).reshape(-1, 2, 3)
+    boxes = np.array([body.box for body in subtracted])
     passed = np.cumsum([sign == "-" for sign, _ in operands])  # the number of subtracted bodies before each added body
     cuts = [(body, n + touching(boxes[n:], body.box)) for (sign, body), n in zip(operands, passed) if sign == "+"]
-    if sum(len(cutters) for _, cutters in cuts) <= len(operands) and _divisible(operands, True):
-        return union(difference(body, [subtracted[i] for i in cutters]) for body, cutters in cuts), subtracted
-    changes = [i for i in range(2, len(operands)) if operands[i - 1][0] == "+" and operands[i][0] == "-"]
-    middle = changes[len(changes) // 2]
-    (first, cut_first), later = evaluate_chain(operands[:middle]), operands[middle:]
-    if first and not _divisible([("+", first), *later]):
-        result, cut = evaluate_chain([("+", first), *later])
-        return result, [*cut_first, *cut]
-    added, cut = evaluate_chain(later)
-    cut = [body for body in [union(cut)] if body]  # one body, which the caller uses again
-    rest = first and difference(first, cut)
-    return union([rest, added]), [*cut_first, *cut]
+    if sum(len(cutters) for _, cutters in cuts) <= len(operands) and _divisible(operands):
+        return union(difference(body, [subtracted[i] for i in cutters]) for body, cutters in cuts)
+    result: Body | None = None
+    for sign, run in groupby(operands, itemgetter(0)):
+        bodies = [body for _, body in run]
+        result = difference(result, bodies) if result and sign == "-" else union([result, union(bodies)])
+    return result
 
 
-def _divisible(operands: list[Operand], all_faces: bool = False) -> bool:
+def _divisible(operands: Iterable[Operand]) -> bool:
     """Whether each face of a chain's result gets the right owner if each added body of the chain is cut separately. The
     owner of a face is the leaf whose material the face gets.
 
     An example of a wrong owner: A + B - C, where B covers a face of A, and C has a face on the same surface and
     uncovers the covered face of A. If A + B - C is evaluated from left to right, C owns the uncovered face. If A is cut
     by C separately, the face of A was never covered, and A owns the face. A wrong owner is impossible if all bodies
-    that touch C are on one side of the surface. Not only a face of the first body can be covered and uncovered, but
-    also a face of a subtracted body; and if ``all_faces``, the face of any added body.
+    that touch C are on one side of the surface.
     """
     (_, first), *later = operands
     boxes = np.concatenate([first.boxes, *(body.boxes for sign, body in later if sign == "+")])
@@ -230,8 +205,7 @@ def _divisible(operands: list[Operand], all_faces: bool = False) -> bool:
                 return False
         if sign == "+":
             end += len(body.boxes)
-        if sign == "-" or all_faces:
-            surfaces |= body.surfaces
+        surfaces |= body.surfaces
     return True
 
 
@@ -242,15 +216,12 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
     """Returns the union of bodies, or None if all are None. If bodies have a common face, the first of these bodies
     owns the face.
 
-    A leaf that lies inside another leaf is left out. A union of bodies that share no surface is one operation of
-    manifold3d if few of the bodies touch. If many of the bodies touch, the bodies are sorted by that side of their
-    boxes whose position varies most, because the unions of neighbours have few triangles. Bodies that share surfaces,
-    and many bodies that touch, are divided into halves; if the first body has more leaves than all other
-    bodies together, the first body is one part, and the other bodies are the second part.
+    A union of bodies that share no surface is one operation of manifold3d if few of the bodies touch. Other unions are
+    divided into halves. If many bodies touch, they are first sorted by that side of their boxes whose position varies
+    most, because the unions of neighbours have few triangles.
     """
     solids: dict[Solid | None, Body] = {}
     distinct = [body for body in bodies if body and (body.solid is None or solids.setdefault(body.solid, body) is body)]
-    distinct = [body for body in distinct if not body.solid or body.solid.enclosing.isdisjoint(solids)]
     if len(distinct) < 2:
         return distinct[0] if distinct else None
     shared, boxes = _share_surfaces(distinct), np.array([body.box for body in distinct])
@@ -260,8 +231,7 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
     if not shared:
         sides = boxes.reshape(-1, 6)
         distinct = [distinct[i] for i in np.argsort(sides[:, np.ptp(sides, axis=0).argmax()])]
-    first, *others = (len(body.boxes) for body in distinct)  # the numbers of leaves
-    middle = 1 if first > sum(others) else len(distinct) // 2
+    middle = len(distinct) // 2
     return union([union(distinct[:middle]), union(distinct[middle:])])
 
 

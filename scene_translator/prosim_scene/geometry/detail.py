@@ -15,16 +15,17 @@ concentrated.
 import math
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ..language.document import Document
 from ..view import Camera
-from .contacts import MAX_ENCLOSING, adapt, find_contacts
+from .contacts import adapt, find_contacts
 from .csg import Tree, fold, tree_of
-from .grouping import group_equal, sweep
+from .grouping import group_equal
 from .primitives import MAX_SEGMENTS, MIN_SEGMENTS, OUTSIDE_TOLERANCE
-from .solids import IDENTITY, Solid, unit_mesh, world_box_corners
+from .solids import IDENTITY, Solid, unit_mesh
 
 #: A bounding ball of an operand, the number of its first leaf, and the number after its last leaf.
 _Operand = tuple[np.ndarray, int, int]
@@ -74,7 +75,7 @@ def refined_cap(solid: Solid, zone: np.ndarray, camera: Camera, tolerance: float
     ``tolerance`` pixels, also at the rim of the cap, if the limits of :meth:`.Primitive.segments` allow it.
     """
     axis = np.linalg.solve(solid.to_world, [*zone[:3], 1])[:3]
-    distance, radius = float(np.linalg.norm(axis)), float(zone[3]) / solid.narrowest
+    distance, radius = float(np.linalg.norm(axis)), float(zone[3] / np.linalg.norm(solid.to_world[:3, :3], -2))
     # The cosine of the cap's angular radius.
     cosine = ((distance - radius) * (distance + radius) + 1) / (2 * distance) if distance > 0 else 1.0
     # The refinement of a larger cap would be below 2. A ball with the fewest segments is too small for a visible cap.
@@ -106,41 +107,15 @@ def _lorentz(axis: np.ndarray, refinement: float) -> np.ndarray:
     return np.eye(4) + (refinement - 1) / 2 * np.outer(near, near) + (1 / refinement - 1) / 2 * np.outer(far, far)
 
 
-def find_enclosing(solids: Sequence[Solid]) -> None:
-    """Adds other solids to the set ``enclosing`` of each solid: those that contain the bounding box of the primitive.
-
-    Two solids that share a surface are excluded, because faces of the two solids may coincide. Solids of mesh files are
-    excluded, because the solid of a mesh file need not be convex.
-    At most :data:`MAX_ENCLOSING` enclosing solids of a solid are stored.
-    """
-    solids = [s for s in solids if len(s.primitive.quadrics)]
-    boxes = world_box_corners(solids)
-    to_local = np.linalg.inv(np.array([s.to_world for s in solids]).reshape(-1, 4, 4))
-    low, high = boxes.min(axis=1), boxes.max(axis=1)
-    for pairs in sweep(low, high):
-        inner, outer = np.concatenate([pairs, pairs[::-1]], axis=1)
-        within = ((low[outer] <= low[inner]) & (high[inner] <= high[outer])).all(axis=1)
-        for primitive, numbers in group_equal(s.primitive for s in solids).items():
-            a, b = (pair[within & np.isin(outer, numbers)] for pair in (inner, outer))
-            corners = boxes[a] @ to_local[b, :3, :3].transpose(0, 2, 1) + to_local[b, None, :3, 3]
-            inside = ((corners >= primitive.box[0]) & (corners <= primitive.box[1])).all(axis=(1, 2))
-            if primitive.curved is not None:
-                quadric = np.diag(primitive.quadrics[primitive.curved])
-                inside &= (corners**2 @ quadric[:3] + quadric[3] <= 0).all(axis=1)
-            for i, j in zip(a[inside].tolist(), b[inside].tolist()):
-                if len(solids[i].enclosing) < MAX_ENCLOSING and {*solids[i].surfaces} & {*solids[j].surfaces} <= {-1}:
-                    solids[i].enclosing.add(solids[j])
-
-
 ROUNDED = 1.02  # the error may exceed the tolerance by this factor: bounds of it are not exact
 TOLERANCE = 0.1  # the default of the largest chord error, in pixels
 MAX_TRIANGLES = 2_000_000  # the limit for all primitives together; their union takes about 2 GB of memory
 
 
-def choose_tessellations(
-    document: Document, solids: list[Solid], of_leaf: np.ndarray, camera: Camera, tolerance: float
-) -> None:
-    """Sets ``segments`` of all solids, and ``facet_map`` and ``scale`` of some, so that the meshes are less than
+def with_segments(
+    document: Document, solids: Sequence[Solid], of_leaf: np.ndarray, camera: Camera, tolerance: float
+) -> list[Solid]:
+    """Returns the solids with ``segments``, and some with ``facet_map`` and ``scale``, so that the meshes are less than
     ``tolerance`` pixels away from the curved faces, and meshes of faces that touch from inside do not cross.
 
     ``of_leaf`` has, for each leaf, the number of its solid. If the solids would have more than MAX_TRIANGLES triangles,
@@ -153,52 +128,56 @@ def choose_tessellations(
         if primitive.curved is not None:
             pixel, visible[numbers] = primitive.pixel(np.array([solids[i].to_world for i in numbers]), camera)
             allowed[numbers] = np.where(visible[numbers], 1, OUTSIDE_TOLERANCE) * tolerance * pixel
-    reached = choose_segments(document, solids, zones, camera, tolerance, np.ones(len(solids)))
-    contacts, grows = find_contacts(solids), np.zeros(len(solids), bool)
+    chosen, reached = choose_segments(document, solids, zones, camera, tolerance, np.ones(len(solids)))
+    contacts, grows = find_contacts(chosen), np.zeros(len(solids), bool)
     if len(contacts.outer):
         smallest = (1 - np.cos([s.primitive.segment_factor * math.pi / MAX_SEGMENTS for s in solids])) * visible
         shares, grows = contacts.shares(allowed, smallest)
-        reached = choose_segments(document, solids, zones, camera, tolerance, shares)
+        chosen, reached = choose_segments(document, solids, zones, camera, tolerance, shares)
     if reached > tolerance:
         document.warn(
             f"curved faces are approximated to {reached:.2g} pixels instead of {tolerance:g}: "
             f"the tree's {len(solids):,} primitives would have more than {MAX_TRIANGLES:,} triangles",
             "csg",
         )
-    doubtful = adapt(solids, contacts, grows) > reached / tolerance * ROUNDED * allowed
-    doubtful &= visible & [s.segments == MAX_SEGMENTS or not s.facet_map[3, :3].any() for s in solids]
-    errors = {i: _largest_error(solids[i], zones[i], camera) for i in np.flatnonzero(doubtful).tolist()}
-    _warn_of_coarse_faces(document, {i: e for i, e in errors.items() if e > ROUNDED * reached}, of_leaf, tolerance)
+    chosen, distances = adapt(chosen, contacts, grows)
+    doubtful = visible & (distances > reached / tolerance * ROUNDED * allowed)
+    doubtful &= [s.segments == MAX_SEGMENTS or not s.facet_map[3, :3].any() for s in chosen]
+    errors = {i: _largest_error(chosen[i], zones[i], camera) for i in np.flatnonzero(doubtful).tolist()}
+    if coarse := {i: error for i, error in errors.items() if error > ROUNDED * reached}:
+        _warn_of_coarse_faces(document, coarse, of_leaf, tolerance)
+    return chosen
 
 
 def choose_segments(
-    document: Document, solids: list[Solid], zones: np.ndarray, camera: Camera, tolerance: float, shares: np.ndarray
-) -> float:
-    """Sets ``segments`` of all solids so that the chord error stays below ``tolerance`` pixels times ``shares`` (n,).
-    Returns the tolerance that allows at most MAX_TRIANGLES triangles.
+    document: Document, solids: Sequence[Solid], zones: np.ndarray, camera: Camera, tolerance: float, shares: np.ndarray
+) -> tuple[list[Solid], float]:
+    """Returns the solids with ``segments`` such that the chord error stays below ``tolerance`` pixels times ``shares``
+    (n,), and the tolerance that allows at most MAX_TRIANGLES triangles.
 
     ``zones`` (n, 4) are the balls that :func:`active_zones` returns. If only a cap of a ball has an effect on the CSG
-    tree's result, this function also sets the ball's ``facet_map``. Solids that share a curved face get the same number
+    tree's result, the ball also gets a ``facet_map``. Solids that share a curved face get the same number
     of segments. Raises :class:`SceneError` if even the coarsest meshes have too many triangles.
     """
+    surface = np.array([s.curved_surface for s in solids])
     while True:
+        counts = np.empty(len(solids), int)
         for primitive, numbers in group_equal(s.primitive for s in solids).items():
             matrices = np.array([solids[i].to_world for i in numbers])
-            for i, segments in zip(numbers, primitive.segments(matrices, camera, tolerance * shares[numbers]).tolist()):
-                solids[i].segments = segments
-        segments_of_surface: dict[int, int] = {}
-        for s, zone, share in zip(solids, zones, shares.tolist()):
-            if (surface := s.curved_surface) >= 0:
-                segments_of_surface[surface] = max(segments_of_surface.get(surface, 0), s.segments)
-            elif s.primitive.axes == 3 and zone[3] < math.inf:
-                s.segments, s.facet_map = refined_cap(s, zone, camera, tolerance * share)
-        for s in solids:
-            s.segments = segments_of_surface.get(s.curved_surface, s.segments)
-        uses = Counter((s.primitive, s.segments) for s in solids)
+            counts[numbers] = primitive.segments(matrices, camera, tolerance * shares[numbers])
+        largest = np.zeros(surface.max() + 2, int)  # of each surface, and of no surface, which has the number -1
+        np.maximum.at(largest, surface, counts)
+        counts = np.where(surface >= 0, largest[surface], counts)
+        chosen = [replace(s, segments=count) for s, count in zip(solids, counts.tolist())]
+        for i in np.flatnonzero((surface < 0) & (zones[:, 3] < math.inf)):
+            if chosen[i].primitive.axes == 3:
+                segments, facet_map = refined_cap(chosen[i], zones[i], camera, tolerance * shares[i])
+                chosen[i] = replace(chosen[i], segments=segments, facet_map=facet_map)
+        uses = Counter((s.primitive, s.segments) for s in chosen)
         total = sum(count * len(unit_mesh(*key).triangles) for key, count in uses.items())
         if total <= MAX_TRIANGLES:
-            return tolerance
-        if max(s.segments for s in solids) <= MIN_SEGMENTS:
+            return chosen, tolerance
+        if max(s.segments for s in chosen) <= MIN_SEGMENTS:
             raise document.error(
                 f"the tree's {len(solids):,} different primitives have at least {total:,} triangles; "
                 f"expected {MAX_TRIANGLES:,} at most, to limit memory; use fewer primitives",
@@ -229,18 +208,15 @@ def _largest_error(solid: Solid, zone: np.ndarray, camera: Camera) -> float:
 
 
 def _warn_of_coarse_faces(document: Document, errors: dict[int, float], of_leaf: np.ndarray, tolerance: float) -> None:
-    if not errors:
-        return
     worst = sorted(errors, key=lambda i: -errors[i])
-    places = [document.scene.leaves[int(np.flatnonzero(of_leaf == i)[0])] for i in worst]
-    names = [f"{leaf.shape.upper()} {leaf.index} (line {document.line('csg', n)})" for n, leaf in places[:10]]
-    more = f" and {len(places) - 10} more" if len(places) > 10 else ""
+    leaves = [int(np.flatnonzero(of_leaf == i)[0]) for i in worst]
     document.warn(
-        f"curved faces are up to {errors[worst[0]]:.2g} pixels off instead of {tolerance:g}: {', '.join(names)}{more}; "
+        f"curved faces are up to {errors[worst[0]]:.2g} pixels off instead of {tolerance:g}: "
+        f"{document.names_of(leaves)}; "
         f"{MAX_SEGMENTS} segments in a circle are too few so near to the eye; use a smaller primitive, "
         "or keep only the visible part of a SPHERE (* with a CUBE)",
         "csg",
-        places[0][0],
+        document.scene.leaves[leaves[0]][0],
     )
 
 

@@ -2,16 +2,17 @@
 
 import math
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from ..language.document import Document
 from ..view import Camera
 from .coincidence import THICKNESS, Planes, same_surfaces
-from .detail import choose_tessellations, find_enclosing
+from .detail import with_segments
 from .grouping import group_equal
-from .primitives import PRIMITIVES, CornerAttributes, Cube, Primitive, box_corners, with_radius
+from .primitives import PRIMITIVES, CornerAttributes, Cube, Mesh, Primitive, box_corners, with_radius
 from .solids import Solid, world_box_corners
 from .transforms import matrices
 
@@ -22,97 +23,29 @@ LARGEST = 1e19
 FAR = 16  # a scene whose distance from the origin is more than this number of scene sizes is first moved to the origin
 
 
+@dataclass(frozen=True, eq=False)
 class Leaves:
-    """Tables of the leaves of a scene's CSG tree.
+    """The leaves of a scene's CSG tree: ``solids`` is the list of the distinct solids, and ``of_leaf`` has, for each
+    leaf, the number of its solid.
 
-    ``solids`` is the list of the distinct solids; ``of_leaf`` has, for each leaf, the number of its solid. All
-    positions are relative to ``origin`` (3,), a point in world coordinates. The distance between coincident facets of
-    different solids is at most ``thickness``, in scene units.
-
-    After :meth:`make_meshes`, ``meshes`` has the meshes of the solids, and ``boxes`` (n, 2, 3) has the minimum and the
-    maximum corner of each mesh. The facets of all solids have consecutive numbers; the numbers of solid i's facets
-    start at ``first[i]``. ``faces`` has, for each facet, the number of the primitive's face on which the facet lies;
-    ``planes`` has the planes that facets of several solids share.
+    All positions are relative to ``origin`` (3,), a point in world coordinates. The distance between coincident facets
+    of different solids is at most ``thickness``, in scene units.
     """
 
-    def __init__(
-        self,
-        document: Document,
-        camera: Camera,
-        tolerance: float,
-        cuts_several_media: np.ndarray,
-        meshes: Mapping[str, Primitive],
-    ) -> None:
-        """Computes the solids with their transforms, shared surfaces and numbers of segments; :meth:`make_meshes` makes
-        their meshes later.
+    solids: list[Solid]
+    of_leaf: np.ndarray
+    origin: np.ndarray
+    thickness: float
 
-        ``tolerance`` is the largest chord error of curved faces in pixels. ``meshes`` is a dictionary from the names of
-        mesh files to their solids. ``cuts_several_media`` (n,) is True for each leaf that cuts several media. A face of
-        a leaf that cuts several media becomes a face of the solids of all these media, and these faces coincide. Raises
-        :class:`SceneError` for a transform that is nearly singular or too extreme for Mitsuba, and for too many
-        triangles.
-        """
-        keys = [(leaf.shape, leaf.file, leaf.radius, leaf.index) for _, leaf in document.scene.leaves]
-        numbers_of_keys = {key: i for i, key in enumerate(dict.fromkeys(keys))}
-        self.of_leaf = np.array([numbers_of_keys[key] for key in keys])
-        indices = [index for *_, index in numbers_of_keys]
-        primitives = [_primitive(shape, file, radius, meshes) for shape, file, radius, _ in numbers_of_keys]
-        with np.errstate(all="ignore"):
-            to_world_matrices = matrices([document.scene.transforms[index] for index in indices])
-            self.solids = [
-                Solid(primitive, to_world @ primitive.placement)
-                for primitive, to_world in zip(primitives, to_world_matrices)
-            ]
-            boxes = world_box_corners(self.solids)
-        _check_transforms(document, indices, to_world_matrices, boxes)
-        bounded = np.array([primitive.name != "plane" for primitive in primitives])
-        boxes = boxes[bounded | ~bounded.any()]
-        low, high = boxes.min(axis=(0, 1)), boxes.max(axis=(0, 1))
-        middle = (low + high) / 2
-        self.origin = middle if np.abs(middle).max() > FAR * (high - low).max() else np.zeros(3)
-        size = float(np.abs(np.stack([low, high]) - self.origin).max())
-        self.thickness = THICKNESS * 2.0 ** (math.frexp(size)[1] - 1)
-        seen = np.stack([camera.eye, camera.eye - camera.depth * camera.n])
-        _bound_planes(self.solids, np.append(boxes.reshape(-1, 3), seen, axis=0))
-        self._find_shared_surfaces(cuts_several_media)
-        choose_tessellations(document, self.solids, self.of_leaf, camera, tolerance)
-        find_enclosing(self.solids)
-        offset = np.pad(self.origin[:, None], ((0, 1), (3, 0)))
-        for s in self.solids:
-            s.to_world = s.to_world - offset
-        self.to_local = np.linalg.inv([s.to_world for s in self.solids])[:, :3]
-        self.of_primitive = group_equal(s.primitive for s in self.solids)
+    @cached_property
+    def to_local(self) -> np.ndarray:
+        """The maps (n, 3, 4) from world coordinates to those of the solids' primitives."""
+        return np.linalg.inv([s.to_world for s in self.solids])[:, :3]
 
-    def _find_shared_surfaces(self, cuts_several_media: np.ndarray) -> None:
-        """Sets ``surfaces`` and ``facet_map`` of each :class:`.Solid` that shares surfaces with other solids, and
-        merges equal solids.
-
-        A solid of several leaves, or of a leaf that cuts several media, has shared surfaces even if no other solid has
-        them.
-        """
-        # A leaf that cuts several media counts twice, because its faces become faces of several solids.
-        uses = np.bincount(self.of_leaf) + np.bincount(self.of_leaf, cuts_several_media)
-        counts = [len(s.primitive.quadrics) for s in self.solids]
-        if not any(counts):
-            return
-        solid = np.repeat(np.arange(len(self.solids)), counts)
-        to_world_matrices = np.array([s.to_world for s in self.solids])[solid]
-        boxes = world_box_corners(self.solids)[solid]
-        low, high = boxes.min(axis=1) - self.thickness, boxes.max(axis=1) + self.thickness
-        quadrics = np.concatenate([s.primitive.quadrics for s in self.solids])
-        surface = same_surfaces(quadrics, to_world_matrices, low, high)
-        users = np.bincount(surface, uses[solid])
-        shared = np.where(users[surface] > 1, surface, -1)
-        for s, surfaces in zip(self.solids, np.split(shared, np.cumsum(counts)[:-1])):
-            s.surfaces = surfaces if len(surfaces) else s.surfaces
-            if s.curved_surface >= 0 and (owner := self.solids[solid[s.curved_surface]]) is not s:
-                s.facet_map = np.linalg.solve(s.to_world, owner.to_world)
-        # Solids of a primitive are equal if all their faces lie on the same shared surfaces.
-        keys = [(s.primitive, *sorted(s.surfaces)) if min(s.surfaces) >= 0 else i for i, s in enumerate(self.solids)]
-        numbers = {key: i for i, key in enumerate(dict.fromkeys(keys))}
-        renumbered = np.array([numbers[key] for key in keys])
-        self.solids = [self.solids[i] for i in np.unique(renumbered, return_index=True)[1]]
-        self.of_leaf = renumbered[self.of_leaf]
+    @cached_property
+    def of_primitive(self) -> dict[Primitive, list[int]]:
+        """A dictionary from each primitive to the numbers of its solids."""
+        return group_equal(s.primitive for s in self.solids)
 
     def cache_key(self) -> Hashable:
         """Returns a hashable key of this object; two :class:`Leaves` objects with equal keys have equal tables."""
@@ -122,29 +55,6 @@ class Leaves:
             for arrays in [(s.primitive.box, s.to_world, s.facet_map, s.surfaces)]
         )
         return solids, self.of_leaf.tobytes(), self.origin.tobytes()
-
-    def make_meshes(self) -> None:
-        """Makes the meshes of all solids, and moves the vertices of the meshes onto the planes that facets of several
-        solids share.
-        """
-        meshes = [s.mesh() for s in self.solids]
-        self.first = np.cumsum([0, *(len(m.faces) for m in meshes)])
-        self.faces = np.concatenate([m.faces for m in meshes])
-        ends = np.cumsum([0, *(len(m.vertices) for m in meshes)])
-        vertices = np.concatenate([m.vertices for m in meshes])
-        # The surface of each facet; a mesh file has more faces than surfaces.
-        surface = np.concatenate([s.surfaces.take(m.faces, mode="clip") for s, m in zip(self.solids, meshes)])
-        triangles = np.concatenate([m.triangles + end for m, end in zip(meshes, ends)])
-        facets = np.concatenate([m.facets + first for m, first in zip(meshes, self.first)])
-        on = surface[facets] >= 0
-        sizes = np.linalg.norm([s.to_world[:3, :3] for s in self.solids], axis=(1, 2))
-        # Facets of several solids share the plane of the largest solid, which has the lowest rank.
-        rank = np.argsort(np.argsort(-sizes, kind="stable"))
-        owner = np.repeat(rank, np.diff(self.first)) * (self.faces.max() + 1) + self.faces
-        self.planes = Planes(vertices[triangles[on]], facets[on], surface, owner, self.thickness)
-        vertices = self.planes.snap_vertices(vertices, triangles[on], facets[on])
-        self.meshes = [replace(m, vertices=own) for m, own in zip(meshes, np.split(vertices, ends[1:-1]))]
-        self.boxes = np.stack([f.reduceat(vertices, ends[:-1]) for f in (np.minimum, np.maximum)], axis=1)
 
     def corner_attributes(self, positions: np.ndarray, leaf: np.ndarray, face: np.ndarray) -> CornerAttributes:
         """Returns the normals and uv at the corners of n triangles; the normals are outward unit vectors in world
@@ -169,25 +79,156 @@ class Leaves:
         return replace(result, normals=normals * (1 / np.where(length > 0, length, 1)))
 
 
-def _primitive(shape: str, file: str | None, radius: float | None, meshes: Mapping[str, Primitive]) -> Primitive:
-    if file is not None:
-        return meshes[file]
-    return PRIMITIVES[shape] if radius is None else with_radius(shape, radius)
+def leaves_of(
+    document: Document,
+    camera: Camera,
+    tolerance: float,
+    cuts_several_media: np.ndarray,
+    meshes: Mapping[str, Primitive],
+) -> Leaves:
+    """Returns the leaves of a scene, whose solids have their transforms, shared surfaces and numbers of segments.
+
+    ``tolerance`` is the largest chord error of curved faces in pixels. ``meshes`` is a dictionary from the names of
+    mesh files to their solids. ``cuts_several_media`` (n,) is True for each leaf that cuts several media. Raises
+    :class:`SceneError` for a transform that is nearly singular or too extreme for Mitsuba, and for too many triangles.
+    """
+    leaves = _distinct(document, meshes)
+    leaves = _bounded(leaves, camera)
+    leaves = _with_shared_surfaces(leaves, cuts_several_media)
+    solids = with_segments(document, leaves.solids, leaves.of_leaf, camera, tolerance)
+    offset = np.pad(leaves.origin[:, None], ((0, 1), (3, 0)))
+    return replace(leaves, solids=[replace(s, to_world=s.to_world - offset) for s in solids])
 
 
-def _bound_planes(solids: Sequence[Solid], points: np.ndarray) -> None:
+def _distinct(document: Document, meshes: Mapping[str, Primitive]) -> Leaves:
+    """Returns the leaves with their transforms; the positions are still those of the scene."""
+    keys = [(leaf.shape, leaf.file, leaf.radius, leaf.index) for _, leaf in document.scene.leaves]
+    numbers = {key: i for i, key in enumerate(dict.fromkeys(keys))}
+    indices = [index for *_, index in numbers]
+    primitives = [_primitive(shape, file, radius, meshes) for shape, file, radius, _ in numbers]
+    with np.errstate(all="ignore"):
+        to_world_matrices = matrices([document.scene.transforms[index] for index in indices])
+        solids = [
+            Solid(primitive, to_world @ primitive.placement)
+            for primitive, to_world in zip(primitives, to_world_matrices)
+        ]
+        boxes = world_box_corners(solids)
+    _check_transforms(document, indices, to_world_matrices, boxes)
+    corners = _bounded_corners(solids)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    middle = (low + high) / 2
+    origin = middle if np.abs(middle).max() > FAR * (high - low).max() else np.zeros(3)
+    size = float(np.abs(np.stack([low, high]) - origin).max())
+    of_leaf = np.array([numbers[key] for key in keys])
+    return Leaves(solids, of_leaf, origin, THICKNESS * 2.0 ** (math.frexp(size)[1] - 1))
+
+
+def _bounded_corners(solids: Sequence[Solid]) -> np.ndarray:
+    """Returns the corners (n, 3) of the boxes of all solids except PLANEs; of the PLANEs if there is nothing else."""
+    bounded = np.array([s.primitive.name != "plane" for s in solids])
+    return world_box_corners(solids)[bounded | ~bounded.any()].reshape(-1, 3)
+
+
+def _bounded(leaves: Leaves, camera: Camera) -> Leaves:
     """Makes each PLANE a block that ends EXTENT times as far from the middle of the scene as the scene itself."""
+    points = np.stack([camera.eye, camera.eye - camera.depth * camera.n])
+    points = np.append(_bounded_corners(leaves.solids), points, axis=0)
     low, high = points.min(axis=0), points.max(axis=0)
     half = (high - low).max() / 2
     # The corners of two cubes: around all facets on which other solids may stand, and around the blocks.
     boxes = [box_corners((low + high) / 2 + np.outer([-size, size], half * np.ones(3))) for size in (2, EXTENT)]
-    for s in solids:
-        if s.primitive.name == "plane":
-            to_local = np.linalg.inv(s.to_world)
-            inner, outer = (corners @ to_local[:3, :3].T + to_local[:3, 3] for corners in boxes)
-            (*xy, z), high = outer.min(axis=0), outer.max(axis=0)
-            box = [*xy, min(z, z - high[2])], [*high[:2], 0]
-            s.primitive = Cube("plane", box, [inner.min(axis=0)[:2], inner.max(axis=0)[:2]])
+    return replace(leaves, solids=[_block(s, *boxes) if s.primitive.name == "plane" else s for s in leaves.solids])
+
+
+def _block(plane: Solid, *boxes: np.ndarray) -> Solid:
+    to_local = np.linalg.inv(plane.to_world)
+    inner, outer = (corners @ to_local[:3, :3].T + to_local[:3, 3] for corners in boxes)
+    (*xy, z), high = outer.min(axis=0), outer.max(axis=0)
+    box = [*xy, min(z, z - high[2])], [*high[:2], 0]
+    return replace(plane, primitive=Cube("plane", box, [inner.min(axis=0)[:2], inner.max(axis=0)[:2]]))
+
+
+def _with_shared_surfaces(leaves: Leaves, cuts_several_media: np.ndarray) -> Leaves:
+    """Returns the leaves with ``surfaces`` and ``facet_map`` of each :class:`.Solid` that shares surfaces with other
+    solids; equal solids are merged.
+
+    A solid of several leaves, or of a leaf that cuts several media, has shared surfaces even if no other solid has
+    them.
+    """
+    solids, of_leaf, thickness = leaves.solids, leaves.of_leaf, leaves.thickness
+    # A leaf that cuts several media counts twice, because its faces become faces of several solids.
+    uses = np.bincount(of_leaf) + np.bincount(of_leaf, cuts_several_media)
+    counts = [len(s.primitive.quadrics) for s in solids]
+    if not any(counts):
+        return leaves
+    solid = np.repeat(np.arange(len(solids)), counts)
+    boxes = world_box_corners(solids)[solid]
+    low, high = boxes.min(axis=1) - thickness, boxes.max(axis=1) + thickness
+    quadrics = np.concatenate([s.primitive.quadrics for s in solids])
+    surface = same_surfaces(quadrics, np.array([s.to_world for s in solids])[solid], low, high)
+    users = np.bincount(surface, uses[solid])
+    shared = np.where(users[surface] > 1, surface, -1)
+    result = []
+    for s, surfaces in zip(solids, np.split(shared, np.cumsum(counts)[:-1])):
+        sharing = replace(s, surfaces=surfaces) if len(surfaces) else s
+        if sharing.curved_surface >= 0 and (owner := solids[solid[sharing.curved_surface]]) is not s:
+            sharing = replace(sharing, facet_map=np.linalg.solve(s.to_world, owner.to_world))
+        result.append(sharing)
+    # Solids of a primitive are equal if all their faces lie on the same shared surfaces.
+    keys = [(s.primitive, *sorted(s.surfaces)) if min(s.surfaces) >= 0 else i for i, s in enumerate(result)]
+    distinct = dict(zip(reversed(keys), reversed(result)))
+    numbers = {key: i for i, key in enumerate(dict.fromkeys(keys))}
+    merged = np.array([numbers[key] for key in keys])
+    return replace(leaves, solids=[distinct[key] for key in numbers], of_leaf=merged[of_leaf])
+
+
+@dataclass(frozen=True, eq=False)
+class Tessellation:
+    """The ``meshes`` of the solids of a scene, and ``boxes`` (n, 2, 3), the minimum and the maximum corner of each
+    mesh.
+
+    The facets of all solids have consecutive numbers; the numbers of solid i's facets start at ``first[i]``. ``faces``
+    has, for each facet, the number of the primitive's face on which the facet lies; ``planes`` has the planes that
+    facets of several solids share.
+    """
+
+    meshes: list[Mesh]
+    boxes: np.ndarray
+    first: np.ndarray
+    faces: np.ndarray
+    planes: Planes
+
+
+def tessellation_of(leaves: Leaves) -> Tessellation:
+    """Makes the meshes of all solids, and moves the vertices of the meshes onto the planes that facets of several
+    solids share.
+    """
+    solids = leaves.solids
+    meshes = [s.mesh() for s in solids]
+    first = np.cumsum([0, *(len(m.faces) for m in meshes)])
+    faces = np.concatenate([m.faces for m in meshes])
+    ends = np.cumsum([0, *(len(m.vertices) for m in meshes)])
+    vertices = np.concatenate([m.vertices for m in meshes])
+    # The surface of each facet; a mesh file has more faces than surfaces.
+    surface = np.concatenate([s.surfaces.take(m.faces, mode="clip") for s, m in zip(solids, meshes)])
+    triangles = np.concatenate([m.triangles + end for m, end in zip(meshes, ends)])
+    facets = np.concatenate([m.facets + start for m, start in zip(meshes, first)])
+    on = surface[facets] >= 0
+    sizes = np.linalg.norm([s.to_world[:3, :3] for s in solids], axis=(1, 2))
+    # Facets of several solids share the plane of the largest solid, which has the lowest rank.
+    rank = np.argsort(np.argsort(-sizes, kind="stable"))
+    owner = np.repeat(rank, np.diff(first)) * (faces.max() + 1) + faces
+    planes = Planes(vertices[triangles[on]], facets[on], surface, owner, leaves.thickness)
+    vertices = planes.snap_vertices(vertices, triangles[on], facets[on])
+    meshes = [replace(m, vertices=own) for m, own in zip(meshes, np.split(vertices, ends[1:-1]))]
+    boxes = np.stack([f.reduceat(vertices, ends[:-1]) for f in (np.minimum, np.maximum)], axis=1)
+    return Tessellation(meshes, boxes, first, faces, planes)
+
+
+def _primitive(shape: str, file: str | None, radius: float | None, meshes: Mapping[str, Primitive]) -> Primitive:
+    if file is not None:
+        return meshes[file]
+    return PRIMITIVES[shape] if radius is None else with_radius(shape, radius)
 
 
 def _check_transforms(document: Document, indices: Sequence[int], matrices: np.ndarray, boxes: np.ndarray) -> None:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -13,7 +13,7 @@ IDENTITY = np.eye(4)
 IDENTITY.flags.writeable = False
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Solid:
     """A primitive with its transform; leaves of the CSG tree with the same primitive and transform share one solid.
 
@@ -24,7 +24,7 @@ class Solid:
     largest of these solids. The 4x4 matrix ``facet_map`` moves the facets of the curved face: it maps the space of the
     owner of a shared surface to the space of this solid, or concentrates the facets of a ball near a visible cap. The
     mesh of the curved face is multiplied by ``scale``, which is above 1 only if another solid touches the face from
-    inside. ``enclosing`` is a set of solids of the scene that contain the solid (64 at most).
+    inside.
     """
 
     primitive: Primitive
@@ -33,12 +33,6 @@ class Solid:
     surfaces: np.ndarray = field(default_factory=lambda: np.array([-1]))
     facet_map: np.ndarray = field(default_factory=lambda: IDENTITY)
     scale: float = 1.0
-    enclosing: set["Solid"] = field(default_factory=set)
-
-    @cached_property
-    def narrowest(self) -> float:
-        """The length of the shortest semi-axis of the curved face in world coordinates."""
-        return float(np.linalg.norm(self.to_world[:3, : self.primitive.axes], -2))
 
     @property
     def inradius(self) -> float:

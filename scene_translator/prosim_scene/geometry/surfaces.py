@@ -2,7 +2,7 @@
 with the media on both sides of a face.
 """
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from typing import NamedTuple
@@ -12,16 +12,26 @@ from manifold3d import Manifold, Mesh64
 
 from ..language.analysis import garbage_collection_paused
 from ..language.document import Document
-from ..model import Leaf
 from ..view import Camera
 from . import csg
 from .boundaries import AIR, OPAQUE, Boundary, OriginalIds, boundaries, concatenated, heights, primitive_boundary
 from .detail import warn_of_rounding
 from .enclosure import warn_of_enclosure
 from .grouping import components
-from .leaves import Leaves
+from .leaves import Leaves, Tessellation, leaves_of, tessellation_of
 from .primitives import CornerAttributes, Mesh, Primitive
 from .solids import world_box_corners
+
+
+class Look(NamedTuple):
+    """What a primitive looks like: a key of its ``material``, a key of the ``medium`` inside it, which is None for an
+    opaque primitive, and whether an opaque primitive reflects by Fresnel's equations, which depend on the medium
+    outside.
+    """
+
+    material: Hashable
+    medium: Hashable
+    fresnel: bool
 
 
 class MeshKey(NamedTuple):
@@ -95,6 +105,29 @@ class SurfaceMesh:
         return Triangles(mesh.vertices[vertices], mesh.normals[vertices], mesh.uv[vertices], index.reshape(-1, 3))
 
 
+class TranslationCache:
+    """A cache for repeated translations, which stores the surface of the CSG tree that was evaluated last, and the
+    cache key of this surface.
+
+    The cache key of a surface does not depend on colours and textures. The cache needs as much memory as the evaluation
+    of the CSG tree. ``evaluations`` counts the CSG trees that were evaluated because the cache did not contain their
+    surface.
+    """
+
+    def __init__(self) -> None:
+        self.key: Hashable = None
+        self.surface: SurfaceMesh | None = None
+        self.evaluations = 0
+
+    def surface_for(self, key: Hashable, evaluate: Callable[[], SurfaceMesh]) -> SurfaceMesh:
+        """Returns the cached surface if its key equals ``key``; otherwise caches and returns ``evaluate()``."""
+        if self.surface is None or key != self.key:
+            self.surface = None  # frees memory before the evaluation
+            self.key, self.surface = key, evaluate()
+            self.evaluations += 1
+        return self.surface
+
+
 BATCH = 1 << 16  # the number of triangles that are processed at a time
 
 
@@ -103,72 +136,54 @@ def tessellate(
     document: Document,
     camera: Camera,
     tolerance: float,
-    medium: Callable[[Leaf], Hashable],
-    material: Callable[[Leaf], Hashable],
-    fresnel: Callable[[Leaf], bool],
-    cached: Callable[[Hashable, Callable[[], SurfaceMesh]], SurfaceMesh] = lambda _, make: make(),
-    meshes: Mapping[str, Primitive] | None = None,
+    looks: Sequence[Look],
+    meshes: Mapping[str, Primitive],
+    cache: TranslationCache,
 ) -> dict[MeshKey, Triangles]:
     """Evaluates the CSG tree of a document's scene, and returns a dictionary of the resulting triangles; the keys are
     the material and the media of the triangles. Keys of which no triangle is visible are left out, and a scene without
     primitives has no keys.
 
-    ``tolerance`` is the largest chord error of curved faces in pixels. ``medium(leaf)`` returns a hashable key of the
-    medium inside a dielectric leaf, or None for an opaque leaf. ``material(leaf)`` returns a hashable key of the leaf's
-    material; faces with equal keys between the same media share a mesh. ``fresnel(leaf)`` returns whether an opaque
-    leaf reflects by Fresnel's equations, which depend on the medium outside. ``cached(key, make)`` returns ``make()``,
-    or the result of an earlier call with an equal key. ``meshes`` is a dictionary from the names of mesh files to their
-    solids.
+    ``tolerance`` is the largest chord error of curved faces in pixels. ``looks`` has the look of each leaf of the tree;
+    faces of equal materials between the same media share a mesh. ``meshes`` is a dictionary from the names of mesh
+    files to their solids.
 
     Raises :class:`SceneError` for a singular transform, and for too many triangles. Warns of leaves of which nothing is
     visible, of cuts between glass and opaque solids, of an eye or lights inside opaque solids, and of large rounding
     errors in single precision.
     """
-    numbered_leaves = document.scene.leaves
-    leaves = [leaf for _, leaf in numbered_leaves]
+    leaves = document.scene.leaves
     if not leaves:
         return {}
     tree = csg.tree_of(document.scene.csg)
-    names = [None, *map(medium, leaves)]  # None comes first, so the opaque medium gets the number OPAQUE = 0
-    numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
-    media_of = [numbers[name] for name in names[1:]]
+    # None comes first, so the opaque medium gets the number OPAQUE = 0.
+    numbers = {name: number for number, name in enumerate(dict.fromkeys([None, *(look.medium for look in looks)]))}
+    media_of = [numbers[look.medium] for look in looks]
     cut_media = csg.count_cut_media(tree, media_of)
-    table = Leaves(document, camera, tolerance, cut_media > 1, meshes or {})
-    reflects = tuple(number == OPAQUE and fresnel(leaf) for number, leaf in zip(media_of, leaves))
-    faces = cached(
+    table = leaves_of(document, camera, tolerance, cut_media > 1, meshes)
+    reflects = tuple(number == OPAQUE and look.fresnel for number, look in zip(media_of, looks))
+    faces = cache.surface_for(
         (tuple(tree), tuple(media_of), reflects, table.cache_key()),
-        lambda: _surface_mesh(table, _boundary(tree, table, media_of, any(reflects), cut_media > 0), max(media_of) + 2),
+        lambda: _surface_mesh(table, tree, media_of, any(reflects), cut_media > 0),
     )
     warn_of_rounding(document, camera, faces.triangles.vertices)
     warn_of_enclosure(document, tree, table, [medium == OPAQUE for medium in media_of])
-    visible: set[int] = set()  # leaves that own a visible face
-    filling: set[int] = set()  # media that are visible behind faces of other media
-    mixed_cuts: set[int] = set()  # opaque leaves that cut glass, and leaves of glass that cut opaque solids
-    kinds_of_key: dict[MeshKey, list[int]] = {}
+    _warn_of_owners(document, faces, media_of)
     of_number = {AIR: None} | {number: name for name, number in numbers.items()}
+    kinds_of_key: dict[MeshKey, list[int]] = {}
     for kind, (leaf, inside, outside) in enumerate(faces.kinds):
-        own = media_of[leaf]
-        if faces.visible[kind]:
-            visible.add(leaf)
-            filling |= {inside, outside} - {own, OPAQUE, AIR}
-            mixed_cuts |= {leaf} if (inside == OPAQUE) != (own == OPAQUE) else set()
-        sides = [of_number[side] for side in _sides(own, inside, outside, reflects[leaf])]
-        kinds_of_key.setdefault(MeshKey(material(leaves[leaf]), *sides), []).append(kind)
-    # A medium that fills a hollow is visible, although its face belongs to the leaf that cut the hollow.
-    shown = [leaf in visible or media_of[leaf] in filling for leaf in range(len(leaves))]
-    _report_vanished(document, [place for place, one in zip(numbered_leaves, shown) if not one], not any(shown))
-    first_uses = {(leaves[i].shape, leaves[i].index): i for i in sorted(mixed_cuts, reverse=True)}
-    for i in sorted(first_uses.values()):
-        _warn_of_mixed_cut(document, *numbered_leaves[i], media_of[i] == OPAQUE)
+        sides = [of_number[side] for side in _sides(media_of[leaf], inside, outside, reflects[leaf])]
+        kinds_of_key.setdefault(MeshKey(looks[leaf].material, *sides), []).append(kind)
     return {key: faces.of_kinds(kinds) for key, kinds in kinds_of_key.items() if faces.visible[kinds].any()}
 
 
-def _boundary(tree: csg.Tree, table: Leaves, media_of: list[int], fresnel: bool, cutters: np.ndarray) -> Boundary:
+def _boundary(
+    tree: csg.Tree, table: Leaves, meshes: Tessellation, media_of: list[int], fresnel: bool, cutters: np.ndarray
+) -> Boundary:
     """Evaluates the CSG tree; returns the boundary of the resulting solids."""
-    table.make_meshes()
     ids = OriginalIds(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
     # For each leaf, the box of its mesh, enlarged by the thickness, and the eight corners of its rotated box.
-    boxes = table.boxes + table.thickness * np.array([[-1.0], [1.0]])
+    boxes = meshes.boxes + table.thickness * np.array([[-1.0], [1.0]])
     boxes = np.append(boxes, world_box_corners(table.solids), axis=1)[table.of_leaf]
     groups = components(boxes[:, 0], boxes[:, 1])
     alone = np.bincount(groups, minlength=len(groups)) == 1
@@ -182,10 +197,10 @@ def _boundary(tree: csg.Tree, table: Leaves, media_of: list[int], fresnel: bool,
 
         @cache
         def mesh() -> Manifold:
-            own = manifold(table.meshes[i], table.first[i], ids.id_of(number, medium))
+            own = manifold(meshes.meshes[i], meshes.first[i], ids.id_of(number, medium))
             return csg.refined(own, small_neighbours[number])
 
-        return csg.Body(mesh, boxes[number : number + 1], surfaces, table.planes, table.solids[i])
+        return csg.Body(mesh, boxes[number : number + 1], surfaces, meshes.planes, table.solids[i])
 
     bodies: dict[int, dict[int, csg.Body]] = {}
     for m in sorted(set(media_of)):
@@ -196,7 +211,7 @@ def _boundary(tree: csg.Tree, table: Leaves, media_of: list[int], fresnel: bool,
         of_group = bodies.pop(group)  # frees memory
         if alone[group]:  # a group of a single leaf has the number of this leaf
             i = int(table.of_leaf[group])
-            parts.append(primitive_boundary(table.meshes[i], group, table.first[i], media_of[group]))
+            parts.append(primitive_boundary(meshes.meshes[i], group, meshes.first[i], media_of[group]))
         else:
             parts += boundaries(of_group, ids, fresnel)
     return concatenated(parts)
@@ -218,12 +233,14 @@ def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
     return csg.checked(Manifold(mesh64))
 
 
-def _surface_mesh(table: Leaves, boundary: Boundary, count: int) -> SurfaceMesh:
-    """Returns the triangles of a boundary, sorted by kind, with their normals and uv; ``count`` is the number of media,
-    including air.
-    """
-    vertices, triangles = boundary
-    del boundary  # frees memory
+def _surface_mesh(
+    table: Leaves, tree: csg.Tree, media_of: list[int], fresnel: bool, cutters: np.ndarray
+) -> SurfaceMesh:
+    """Evaluates the CSG tree; returns the triangles of the result, sorted by kind, with their normals and uv."""
+    meshes = tessellation_of(table)
+    vertices, triangles = _boundary(tree, table, meshes, media_of, fresnel, cutters)
+    faces, count = meshes.faces, max(media_of) + 2  # the number of media, including air
+    del meshes  # frees memory
     # The code of a kind is made of the leaf and of the two media; 1 is added to the media, because AIR is -1.
     codes = (triangles["leaf"].astype(int) * count + triangles["inside"] + 1) * count + triangles["outside"] + 1
     triangles = triangles[np.argsort(codes, kind="stable")]
@@ -236,7 +253,7 @@ def _surface_mesh(table: Leaves, boundary: Boundary, count: int) -> SurfaceMesh:
         batch = slice(start, start + BATCH)
         rows = triangles[batch]
         positions = vertices[rows["index"]]
-        face = table.faces[rows["facet"]]
+        face = faces[rows["facet"]]
         corners = table.corner_attributes(positions, rows["leaf"], face)
         keys[batch] = corner_keys(rows["index"].astype(int) * len(codes) + kind[batch, None], face, corners, unshared)
         unshared += int(corners.unshared.sum())
@@ -265,24 +282,31 @@ def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, in
     return own if inside == OPAQUE else inside, outside
 
 
-def _warn_of_mixed_cut(document: Document, number: int, leaf: Leaf, opaque: bool) -> None:
-    surface = f"SURFACE {leaf.index}"
-    what, problem, expected = "an opaque solid", "is a dielectric, so the solid looks hollow", "another material"
-    if opaque:
-        what, problem, expected = "glass", "is opaque, so the cut looks opaque", "material dielectric"
-    document.warn(
-        f"{leaf.shape.upper()} {leaf.index} cuts {what} and owns the faces of the cut: {surface} {problem}; "
-        f"expected {expected} in {surface}",
-        "csg",
-        number,
-    )
-
-
-def _report_vanished(document: Document, vanished: list[tuple[int, Leaf]], empty: bool) -> None:
-    if empty:
+def _warn_of_owners(document: Document, faces: SurfaceMesh, media_of: Sequence[int]) -> None:
+    """Warns of primitives of which nothing is visible, and of cuts between glass and opaque solids."""
+    leaves = document.scene.leaves
+    visible: set[int] = set()  # leaves that own a visible face
+    filling: set[int] = set()  # media that are visible behind faces of other media
+    mixed_cuts: dict[tuple[str, int], int] = {}  # the first opaque leaf of a SURFACE that cuts glass, or of glass
+    for owner, inside, outside in (faces.kinds[kind] for kind in np.flatnonzero(faces.visible)):
+        own, (_, leaf) = media_of[owner], leaves[owner]
+        visible.add(owner)
+        filling |= {inside, outside} - {own, OPAQUE, AIR}
+        if (inside == OPAQUE) != (own == OPAQUE):
+            mixed_cuts.setdefault((leaf.shape, leaf.index), owner)
+    # A medium that fills a hollow is visible, although its face belongs to the leaf that cut the hollow.
+    vanished = [i for i in range(len(leaves)) if i not in visible and media_of[i] not in filling]
+    if len(vanished) == len(leaves):
         document.warn("the tree's result is empty; check its operators and transforms", "csg")
     elif vanished:
-        names = [f"{leaf.shape.upper()} {leaf.index} (line {document.line('csg', n)})" for n, leaf in vanished[:10]]
-        more = f" and {len(vanished) - 10} more" if len(vanished) > 10 else ""
-        reason = f"nothing is visible of {', '.join(names)}{more}: the result contains no face of this primitive"
-        document.warn(reason + document.operands_note(vanished[0][0]), "csg", vanished[0][0])
+        reason = f"nothing is visible of {document.names_of(vanished)}: the result contains no face of this primitive"
+        number, _ = leaves[vanished[0]]
+        document.warn(reason + document.operands_note(number), "csg", number)
+    for owner in mixed_cuts.values():
+        number, leaf = leaves[owner]
+        surface = f"SURFACE {leaf.index}"
+        what, problem, expected = "an opaque solid", "is a dielectric, so the solid looks hollow", "another material"
+        if media_of[owner] == OPAQUE:
+            what, problem, expected = "glass", "is opaque, so the cut looks opaque", "material dielectric"
+        reason = f"{leaf.shape.upper()} {leaf.index} cuts {what} and owns the faces of the cut: {surface} {problem}"
+        document.warn(f"{reason}; expected {expected} in {surface}", "csg", number)

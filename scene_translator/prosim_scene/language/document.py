@@ -59,6 +59,14 @@ class Document:
         """Emits a :class:`SceneWarning` about a value."""
         self.warning(reason, *path).emit()
 
+    def names_of(self, leaves: Sequence[int]) -> str:
+        """Returns the names and the lines of the leaves of the CSG tree that have the numbers ``leaves``; of more than
+        ten leaves, only the first ten.
+        """
+        places = [self.scene.leaves[i] for i in leaves[:10]]
+        names = [f"{leaf.shape.upper()} {leaf.index} (line {self.line('csg', number)})" for number, leaf in places]
+        return ", ".join(names) + (f" and {len(leaves) - 10} more" if len(leaves) > 10 else "")
+
     def operands_note(self, number: int) -> str:
         """Returns a note on the operands of the nearest operator - or * above node ``number`` of the CSG tree, or "" if
         there is no such operator.

@@ -5,14 +5,14 @@ tree.
 from collections.abc import Callable, Hashable
 from pathlib import Path
 
-from ..geometry import TOLERANCE, MeshKey, Triangles, tessellate
+from ..geometry import TOLERANCE, Look, MeshKey, TranslationCache, Triangles, tessellate
 from ..geometry.grouping import group_equal
 from ..language.document import Document
 from ..model import Leaf, Scene
 from ..nodes import Comment, Node
 from ..translation_options import Options
 from ..view import camera_of, warn_of_distortion
-from ..writer import TranslationCache, ply_bytes
+from ..writer import ply_bytes
 from . import lights, materials, prosim_target, stock_target
 from .materials import MediumInterface
 from .sensor import sensor
@@ -30,13 +30,6 @@ def medium_key(scene: Scene, leaf: Leaf) -> Hashable:
     return surface.eta, surface.glass, surface.abbe, surface.transmittance, surface.thickness
 
 
-def has_fresnel_reflection(scene: Scene, leaf: Leaf) -> bool:
-    """Whether a primitive is opaque and reflects by Fresnel's equations; then its reflection depends on the medium
-    outside.
-    """
-    return scene.surfaces[leaf.index].material in ("conductor", "composite")
-
-
 def appearance_key(scene: Scene, leaf: Leaf) -> Hashable:
     """Returns a key of the material and the textures of a primitive; primitives with equal keys may share a mesh.
 
@@ -46,6 +39,13 @@ def appearance_key(scene: Scene, leaf: Leaf) -> Hashable:
     surface = scene.surfaces[leaf.index]
     textures = materials.effective_textures(leaf, surface)
     return surface, textures, leaf.index if textures[1] else None
+
+
+def looks(scene: Scene) -> list[Look]:
+    """Returns the look of each primitive of a scene's CSG tree."""
+    leaves = [leaf for _, leaf in scene.leaves]
+    fresnel = [scene.surfaces[leaf.index].material in ("conductor", "composite") for leaf in leaves]
+    return [Look(appearance_key(scene, leaf), medium_key(scene, leaf), own) for leaf, own in zip(leaves, fresnel)]
 
 
 def assemble(
@@ -71,11 +71,9 @@ def assemble(
         document,
         camera,
         options.tolerance or TOLERANCE,
-        lambda leaf: medium_key(scene, leaf),
-        lambda leaf: appearance_key(scene, leaf),
-        lambda leaf: has_fresnel_reflection(scene, leaf),
-        (cache or TranslationCache()).surface_for,
+        looks(scene),
         {name: context.read_mesh(name, *place) for name, place in meshes(document).items()},
+        cache or TranslationCache(),
     )
 
     result: Node = {"type": "scene"} | check_single_precision(document, target.settings(context))

@@ -1,13 +1,19 @@
 """Draws docs/pictures: one for each plugin, with the parameters of the example in its documentation; one for each step
-of docs/walkthrough.md, called ``walkthrough-1`` and so on; and those of the functions below.
+of docs/walkthrough.md, called ``walkthrough-1`` and so on; and those of the functions below. Also draws the pictures of
+docs/gallery.md, called ``chess`` and so on, by the commands of this page.
 
-``python docs/pictures.py [NAME...]``; needs matplotlib.
+``python docs/pictures.py [NAME...]``; needs matplotlib and the extra ``denoise``.
 """
 
+import os
+import re
+import shlex
+import subprocess
 import sys
 import time
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import mitsuba as mi
 import mitsuba_prosim
@@ -110,12 +116,12 @@ def texture(entry):
 
 
 def source(entry):
-    """Above a floor before a wall, and seen itself; a ball beside its beam's axis."""
+    """Above a floor before a wall, and hidden, because the camera would see its dark side; a ball beside the axis."""
     return {
         "type": "scene",
         "sensor": camera([0, 4, 15], [0, 2.7, 0], 28),
         "source": entry,
-        "integrator": {"type": "prosim", "samples": 7, "threshold": 0.003, "ambient": 0.04},
+        "integrator": {"type": "prosim", "samples": 7, "threshold": 0.003, "ambient": 0.04, "hide_emitters": True},
         "floor": floor(lambertian(0.6)),
         "wall": wall(lambertian(0.5), -2.2),
         "ball": {"type": "sphere", "center": [0.9, 0.8, 0.4], "radius": 0.8, "bsdf": lambertian(rgb(0.6, 0.3, 0.15))},
@@ -381,6 +387,19 @@ def plugin(folder, entry):
     return image * (1.4 if folder in ("bsdfs", "textures", "sensors") else 1 / np.quantile(image, 0.99))
 
 
+def gallery(name, command):
+    """A JPEG of the PNG that the command writes; prints the processor time."""
+    with TemporaryDirectory() as folder:
+        program, *arguments = shlex.split(command)
+        before = os.times()
+        subprocess.run(
+            [Path(sys.executable).with_name(program), *arguments, "-t", "1", "-o", folder], cwd=DOCS.parent, check=True
+        )
+        print(f"{name}: {sum(os.times()[2:4]) - sum(before[2:4]):.0f} s")
+        (png,) = Path(folder).glob("*.png")
+        mi.Bitmap(str(png)).write(str(DOCS / "gallery" / f"{name}.jpg"), quality=90)
+
+
 def main(only):
     mi.set_variant("llvm_ad_rgb")
     images = {
@@ -414,6 +433,10 @@ def main(only):
             draw().savefig(
                 DOCS / "pictures" / name, dpi=100, pil_kwargs={"quality": 88} if name.endswith(".jpg") else {}
             )
+    page = (DOCS / "gallery.md").read_text("utf-8")
+    for name, command in re.findall(r"\(gallery/([\w-]+)\.jpg\).*?`(prosim render .*?)`", page, re.DOTALL):
+        if not only or name in only:
+            gallery(name, command)
 
 
 if __name__ == "__main__":

@@ -150,7 +150,8 @@ class Composite(Pigmented):
         width = self.roughness.eval_1(si, active)
         ks, reflected = self.specular_factor(si, active), self.reflected(si, active)
         if self.multiple_scattering:
-            return grooves.reflect((si.wi, wo), self.distribution, width, reflected, ks)
+            value, pdf = grooves.reflect((si.wi, wo), self.distribution, width, reflected, active)
+            return ks * value, pdf
         i_m, value, pdf = facets.torrance_sparrow(si.wi, wo, self.distribution, width)
         return ks * reflected(i_m) * value, pdf
 

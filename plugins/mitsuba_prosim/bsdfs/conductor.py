@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import drjit as dr
@@ -117,16 +118,16 @@ class Conductor(Material):
         self.multiple_scattering = flag(props, "multiple_scattering")
         self.set_components({self.specular_type(): mi.BSDFFlags.FrontSide})
 
-    def reflected(self, si: mi.SurfaceInteraction3f, cos: mi.Float, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        """Returns Fresnel's reflectance, times the texture ``specular_reflectance`` if the plugin has this parameter.
-        ``cos`` is the cosine between the incident light and the normal of the reflecting facet.
+    def reflected(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Callable[[mi.Float], mi.UnpolarizedSpectrum]:
+        """Returns a function: Fresnel's reflectance, times the texture ``specular_reflectance`` if the plugin has this
+        parameter, for light at a given cosine to a facet.
         """
-        scale = 1 / self.ext_ior
-        f = FRESNEL[self.fresnel](cos, self.eta.eval(si, active) * scale, self.k.eval(si, active) * scale)
-        return f if self.specular_reflectance is None else f * self.specular_reflectance.eval(si, active)
+        eta, k = (texture.eval(si, active) * (1 / self.ext_ior) for texture in (self.eta, self.k))
+        factor = 1 if self.specular_reflectance is None else self.specular_reflectance.eval(si, active)
+        return lambda cos: FRESNEL[self.fresnel](cos, eta, k) * factor
 
     def directional_albedo(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        return self.reflected(si, mi.Float(1), active)
+        return self.reflected(si, active)(mi.Float(1))
 
     def sample_direction(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
@@ -138,7 +139,7 @@ class Conductor(Material):
         is sampled, which reflects. ``pdf`` is 0 if the facet reflects below the surface.
         """
         if self.roughness is None:
-            return mi.reflect(si.wi), mi.UInt32(0), mi.Float(1), self.reflected(si, si.wi.z, active)
+            return mi.reflect(si.wi), mi.UInt32(0), mi.Float(1), self.reflected(si, active)(si.wi.z)
         width = self.roughness.eval_1(si, active)
         m = facets.sample_visible(si.wi, sample2, self.distribution, width)
         if self.multiple_scattering:
@@ -155,14 +156,14 @@ class Conductor(Material):
             return wo, mi.UInt32(0), pdf, mi.UnpolarizedSpectrum(0)
         # The value F D G / (4 cos), divided by the density D G1 / (4 cos).
         weight = facets.g(si.wi.z, wo.z, m.z, i_m) / dr.select(active, g1, 1)
-        return wo, mi.UInt32(0), pdf, self.reflected(si, i_m, active) * weight
+        return wo, mi.UInt32(0), pdf, self.reflected(si, active)(i_m) * weight
 
     def evaluate(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
         width = self.roughness.eval_1(si, active)
         if self.multiple_scattering:
-            return grooves.reflect((si.wi, wo), self.distribution, width, lambda cos: self.reflected(si, cos, active))
+            return grooves.reflect((si.wi, wo), self.distribution, width, self.reflected(si, active), active)
         i_m, value, pdf = facets.torrance_sparrow(si.wi, wo, self.distribution, width)
-        return self.reflected(si, i_m, active) * value, pdf
+        return self.reflected(si, active)(i_m) * value, pdf
 
 
 def metals() -> list[str]:

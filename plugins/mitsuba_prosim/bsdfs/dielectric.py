@@ -299,9 +299,20 @@ class Dielectric(Material):
             values.append(dr.select(facing, lit, 0))
             if self.multiple_scattering:
                 density = dr.select(reflected, lit, density)
-                paths = self.eval_paths(ctx, si, wo, width, eta)
-                further.append(dr.select(active & reflected, paths[0], 0))
-                pdf += dr.select(active & reflected, paths[1], 0) / len(etas)
+
+                def reflectance(cos: mi.Float, eta: mi.Float = eta) -> mi.Float:
+                    return fresnel.interface(dr.mulsign(cos, si.wi.z), eta).f
+
+                again, p = grooves.reflect_again(
+                    (dr.mulsign(si.wi, si.wi.z), dr.mulsign(wo, si.wi.z)),
+                    self.distribution,
+                    width,
+                    reflectance,
+                    active & reflected,
+                    lambda f: self.probability(ctx, mi.Mask(True), f),
+                )
+                further.append(again)
+                pdf += p / len(etas)
             pdf += dr.select(facing, density * self.probability(ctx, reflected, faces[-1].f), 0) / len(etas)
         spectra = Interface(*map(dispersion.spectrum, zip(*faces)))
         value = self.fraction(ctx, si, reflected, spectra, active) * dispersion.spectrum(values)
@@ -309,21 +320,6 @@ class Dielectric(Material):
             r = 1 if self.specular_reflectance is None else self.specular_reflectance.eval(si, active)
             value += dispersion.spectrum(further) * r
         return mi.depolarizer(value) & active, pdf
-
-    def eval_paths(
-        self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, width: mi.Float, eta: mi.Float
-    ) -> tuple[mi.Float, mi.Float]:
-        """Returns ``(value, pdf)`` of the light that is reflected more than once between facets, for one wavelength."""
-
-        def reflectance(cos: mi.Float) -> mi.Float:
-            return fresnel.interface(dr.mulsign(cos, si.wi.z), eta).f
-
-        def contributions(path: grooves.Path) -> tuple[mi.Float, mi.Float]:
-            p = self.probability(ctx, mi.Mask(True), reflectance(path.first))
-            return path.remaining(reflectance) * path.density, p * path.density
-
-        directions = dr.mulsign(si.wi, si.wi.z), dr.mulsign(wo, si.wi.z)
-        return grooves.add_paths((mi.Float(0), mi.Float(0)), directions, self.distribution, width, contributions)
 
     def parameters(self) -> dict[str, Any]:
         return {**self.indices.parameters(), **super().parameters()}

@@ -17,33 +17,23 @@ formulas are symmetric in i and e, so the reflection is reciprocal; for k = 1 th
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
-from .facets import SHORTEST, Distribution, torrance_sparrow
+from .facets import SHORTEST, Distribution, facet_between, torrance_sparrow
 
 #: Share of the facets that are so steep that light reflected between them is neglected: there is no limit to the number
 #: of reflections.
 STEEP = 5e-4
 
 
-class Plane(NamedTuple):
-    """The plane across the edge of a groove."""
-
-    across: mi.Vector3f  #: Horizontal unit vector across the edge.
-    cos: mi.Float  #: Length in this plane of unit vectors to the viewer and to the light.
-    i: mi.Float  #: Angle of the viewer.
-
-
-def plane_across(wi: mi.Vector3f, x: mi.Float, y: mi.Float) -> Plane:
-    """Returns the vertical :class:`Plane` through the horizontal vector (``x``, ``y``) of any length."""
+def across_edge(x: mi.Float, y: mi.Float) -> mi.Vector3f:
+    """Returns the unit vector along the horizontal vector (``x``, ``y``) of any length."""
     square = x * x + y * y
     inverse = dr.rsqrt(dr.maximum(square, SHORTEST))
-    across = mi.Vector3f(dr.select(square > SHORTEST, x * inverse, 1), y * inverse, 0)
-    horizontal = dr.dot(wi, across)
-    return Plane(across, dr.sqrt(dr.square(horizontal) + dr.square(wi.z)), dr.atan2(horizontal, wi.z))
+    return mi.Vector3f(dr.select(square > SHORTEST, x * inverse, 1), y * inverse, 0)
 
 
 def least_angle(distribution: Distribution, roughness: mi.Float) -> mi.Float:
@@ -59,84 +49,92 @@ def leave(wi: mi.Vector3f, m: mi.Normal3f, u: mi.Float, distribution: Distributi
     ``m`` is a normal of :func:`.sample_visible`. ``u`` in [0, 1) chooses a point of the part of the facet that is
     visible from ``wi``. The vector points down if the facet is too steep (``STEEP``).
     """
-    plane = plane_across(wi, m.x, m.y)
-    i, psi = plane.i, dr.atan2(m.z, dr.sqrt(m.x * m.x + m.y * m.y))
-    distance = dr.lerp(dr.sin(dr.maximum(i - psi, 0)), dr.sin(i + psi), u)  # of the straight ray from the edge
-    k = dr.floor(0.5 * (dr.pi - i - dr.safe_asin(distance)) / psi + 0.5)
+    across = across_edge(m.x, m.y)
+    x, cos_psi = dr.dot(wi, across), dr.dot(m, across)
+    length = dr.sqrt(x * x + wi.z * wi.z)  # of wi in the plane across the edge
+    i, psi = dr.atan2(x, wi.z), dr.atan2(m.z, cos_psi)
+    # The distance of the straight ray from the edge, times this length.
+    distance = dr.lerp(dr.maximum(x * cos_psi - wi.z * m.z, 0), x * cos_psi + wi.z * m.z, u)
+    k = dr.floor(0.5 * (dr.pi - i - dr.safe_asin(distance / length)) / psi + 0.5)
     sin, cos = dr.sincos(2 * k * psi + i)
     odd = k - 2 * dr.floor(0.5 * k) > 0.5
-    along = mi.Vector3f(wi.x, wi.y, 0) - plane.across * dr.dot(wi, plane.across)
-    wo = plane.across * (dr.select(odd, sin, -sin) * plane.cos) - along
-    wo.z = -cos * plane.cos
+    wo = across * (dr.select(odd, sin, -sin) * length + x) - wi
+    wo.z = -cos * length
     kept = (k < 1.5) | (psi > least_angle(distribution, roughness))
     return dr.select(kept, dr.normalize(wo), mi.Vector3f(0, 0, -1))
 
 
-class Path(NamedTuple):
-    """A path of light through a groove, with two or more reflections."""
-
-    #: The BRDF times the cosine of wo if the facets reflect all light, which is also the density of :func:`leave`.
-    density: mi.Float
-    reflections: mi.Float  #: Number of reflections.
-    first: mi.Float  #: Cosine between the ray and the facet at the first reflection as seen from wi.
-    middle: mi.Float  #: The same in the middle of the path.
-    last: mi.Float  #: The same at the last reflection.
-
-    def remaining(self, reflectance: Callable[[mi.Float], Any]) -> Any:
-        """Returns the product of the reflectances, where ``reflectance`` is a function of the cosine.
-
-        The reflections between the first and the last count as if all were in the middle, which is exact for up to
-        three reflections.
-        """
-        between = dr.power(dr.maximum(reflectance(self.middle), 1e-10), self.reflections - 2)
-        return reflectance(self.first) * between * reflectance(self.last)
-
-
-def add_paths(
-    sums: tuple[Any, ...],
+def reflect_again(
     directions: tuple[mi.Vector3f, mi.Vector3f],
     distribution: Distribution,
     roughness: mi.Float,
-    contributions: Callable[[Path], tuple[Any, ...]],
-) -> tuple[Any, ...]:
-    """Returns ``sums`` plus the ``contributions`` of all paths between the ``directions`` (wi, wo), unit vectors above
-    the surface.
+    reflectance: Callable[[mi.Float], Any],
+    active: mi.Bool,
+    probability: Callable[[Any], Any] = lambda f: 1,
+) -> tuple[Any, mi.Float]:
+    """Returns ``(value, pdf)`` of the light that is reflected more than once between ``directions`` (wi, wo): the BRDF
+    times the cosine of wo, and the density of :func:`leave`.
 
-    Paths with one reflection are those of :func:`.torrance_sparrow`. For wo = (-wi.x, -wi.y, wi.z), to which grooves of
-    all azimuths send light, the density is infinite; here it is large.
+    ``reflectance`` is a function of the cosine between the ray and a facet. ``pdf`` has the factor ``probability``, a
+    function of the first reflectance. The reflections between the first and the last count as if all were in the
+    middle, which is exact for up to three reflections. For wo = (-wi.x, -wi.y, wi.z), to which grooves of all azimuths
+    send light, the density is infinite; here it is large.
     """
     wi, wo = directions
     x, y = wi.x + wo.x, wi.y + wo.y
-    plane = plane_across(wi, x, y)
-    i, o = plane.i, dr.atan2(dr.dot(wo, plane.across), wo.z)
-    scale = plane.cos / (2 * wi.z * dr.maximum(dr.sqrt(x * x + y * y), 1e-6))
-    least = least_angle(distribution, roughness)
+    across = across_edge(x, y)
+    x_i, x_o = dr.dot(wi, across), dr.dot(wo, across)
+    i, o = dr.atan2(x_i, wi.z), dr.atan2(x_o, wo.z)
+    scale = dr.rcp(2 * wi.z * dr.maximum(dr.sqrt(x * x + y * y), 1e-6))
+    # The cosine in the middle of a path, where the angle to the normal of the facet is (i - o) / 2 or (i + o) / 2.
+    odd = facet_between(wi, wo, mi.Float(1)).i_m
+    even = 0.5 * (wi.z + wo.z) * dr.sqrt(x_i * x_i + wi.z * wi.z) / odd
+    f_odd, f_even = reflectance(odd), reflectance(even)
     # Either facet may be the first, and k is even or odd. For each of the four, all k up to a largest one contribute.
-    kinds = []
-    total = mi.Float(0)
-    for a, e, lowest in ((i, -o, 2), (-i, o, 2), (i, o, 3), (-i, -o, 3)):
+    least = least_angle(distribution, roughness)
+    kinds, total = [], mi.Float(0)
+    for sign_i, sign_o, lowest in ((1, -1, 2), (-1, 1, 2), (1, 1, 3), (-1, -1, 3)):
+        a, e = sign_i * i, sign_o * o
         narrowest = dr.maximum(dr.maximum(0.5 * dr.abs(a - e), -dr.minimum(a, e)), least)
-        largest = (dr.pi - a - e) / (2 * narrowest)
-        kinds.append((total, a, e, lowest))
-        total = total + dr.maximum(dr.floor(0.5 * (largest - lowest)) + 1, 0)
+        kinds.append((total, mi.Float(sign_i), mi.Float(sign_o)))
+        total = total + dr.maximum(dr.floor(0.5 * ((dr.pi - a - e) / (2 * narrowest) - lowest)) + 1, 0)
+    total = dr.select(active, total, 0)
 
-    def add(number: mi.Float, *sums: Any) -> tuple[Any, ...]:
-        a, e, k = mi.Float(0), mi.Float(0), mi.Float(2)
-        for before, *angles, lowest in kinds:
+    def add(number: mi.Float, value: Any, pdf: mi.Float) -> tuple[Any, ...]:
+        pairs, sign_i, sign_o = number, *kinds[0][1:]
+        for before, *signs in kinds[1:]:
             here = number >= before
-            a, e = dr.select(here, angles[0], a), dr.select(here, angles[1], e)
-            k = dr.select(here, lowest + 2 * (number - before), k)
-        psi = 0.5 * (dr.pi - a - e) / k
+            pairs = dr.select(here, number - before, pairs)
+            sign_i, sign_o = dr.select(here, signs[0], sign_i), dr.select(here, signs[1], sign_o)
+        is_odd = sign_i == sign_o
+        k = 2 * pairs + dr.select(is_odd, mi.Float(3), 2)
+        psi = 0.5 * (dr.pi - sign_i * i - sign_o * o) / k
         sin, cos = dr.sincos(psi)
-        beam = dr.sin(psi + dr.minimum(a, e)) - dr.sin(dr.maximum(dr.maximum(a, e) - psi, 0))
+        across_i, across_o, up_i, up_o = sign_i * x_i * cos, sign_o * x_o * cos, wi.z * sin, wo.z * sin
+        first, last = across_i + up_i, across_o + up_o  # cosines between the ray and the facets
+        beam = dr.minimum(first, last) - dr.maximum(dr.maximum(across_i - up_i, across_o - up_o), 0)
         density = distribution.D(mi.Vector3f(cos, 0, sin), roughness) * cos * dr.maximum(beam, 0) * scale / k
-        cosines = [plane.cos * dr.sin(angle) for angle in (a + psi, a + k * psi, e + psi)]
-        return number + 1, *(s + c for s, c in zip(sums, contributions(Path(density, k, *cosines))))
+        f = reflectance(first)
+        value += f * reflectance(last) * between(f_odd, f_even, is_odd, pairs) * density
+        return number + 1, value, pdf + probability(f) * density
 
     # A loop that only sums up from zero has derivatives without a limit to its iterations.
-    start = mi.Float(0), *(dr.zeros(type(s)) for s in sums)
-    _, *further = dr.while_loop(start, lambda number, *_: number < total, add, max_iterations=-1)
-    return tuple(s + more for s, more in zip(sums, further))
+    start = mi.Float(0), dr.zeros(type(f_odd)), mi.Float(0)
+    _, value, pdf = dr.while_loop(start, lambda number, *_: number < total, add, max_iterations=-1)
+    return value, pdf
+
+
+def between(f_odd: Any, f_even: Any, is_odd: mi.Bool, pairs: mi.Float) -> Any:
+    """Returns the reflectance of twice as many reflections as ``pairs``, and of one more where ``is_odd`` is true.
+
+    ``f_odd`` and ``f_even`` are the reflectances for odd and even numbers. More than 15 pairs count as 15.
+    """
+    result, power = dr.select(is_odd, f_odd, 1), dr.square(dr.select(is_odd, f_odd, f_even))
+    count = mi.UInt32(dr.minimum(pairs, 15))
+    for bit in (1, 2, 4, 8):
+        result *= dr.select((count & bit) != 0, power, 1)
+        power = dr.square(power)
+    return result
 
 
 def reflect(
@@ -144,18 +142,9 @@ def reflect(
     distribution: Distribution,
     roughness: mi.Float,
     reflectance: Callable[[mi.Float], Any],
-    factor: Any = 1,
+    active: mi.Bool,
 ) -> tuple[Any, mi.Float]:
-    """Returns ``(value, pdf)`` of all reflections between ``directions`` (wi, wo): the BRDF times the cosine of wo, and
-    the density of :func:`leave`.
-
-    ``reflectance`` is a function of the cosine between the ray and a facet; ``factor`` is a factor on all light.
-    """
+    """Returns ``(value, pdf)`` of all reflections; the arguments are those of :func:`reflect_again`."""
     i_m, lit, _ = torrance_sparrow(*directions, distribution, roughness)
-    return add_paths(
-        (factor * reflectance(i_m) * lit, lit),
-        directions,
-        distribution,
-        roughness,
-        lambda path: (factor * path.remaining(reflectance) * path.density, path.density),
-    )
+    value, pdf = reflect_again(directions, distribution, roughness, reflectance, active)
+    return reflectance(i_m) * lit + value, lit + pdf

@@ -115,8 +115,8 @@ def reflect_again(
         beam = dr.minimum(first, last) - dr.maximum(dr.maximum(across_i - up_i, across_o - up_o), 0)
         density = distribution.D(mi.Vector3f(cos, 0, sin), roughness) * cos * dr.maximum(beam, 0) * scale / k
         f = reflectance(first)
-        value += f * reflectance(last) * between(f_odd, f_even, is_odd, pairs) * density
-        return number + 1, value, pdf + probability(f) * density
+        remaining = f * reflectance(last) * between(f_odd, f_even, is_odd, pairs)
+        return number + 1, value + remaining * density, pdf + probability(f) * density
 
     # A loop that only sums up from zero has derivatives without a limit to its iterations.
     start = mi.Float(0), dr.zeros(type(f_odd)), mi.Float(0)

@@ -8,7 +8,7 @@ import mitsuba as mi
 import mitsuba_prosim
 import numpy as np
 import pytest
-from mitsuba_prosim.explaining import page_data
+from mitsuba_prosim.explaining import explanation_page, page_data
 from mitsuba_prosim.explaining.explanation import Samples
 from scenes import COPPER, T, area, bitmap, diffuse, penumbra, rectangle, rgb, without
 
@@ -178,6 +178,29 @@ def test_explanation_chooses_the_brightest_sample_and_is_json(variant_rgb):
     assert all(f'"{key}"' in told._repr_html_().replace("&quot;", '"') for key in ("patterns", "lobes", "boxes"))
     assert mitsuba_prosim.explain(scene, (8, 8), sample=3, spp=SPP, seed=SEED).nodes != told.nodes
     assert len(mitsuba_prosim.explain(scene, (8, 8), spp=0).values) == 25
+
+
+def with_lamps(count):
+    made = penumbra(COPPER, SIZE, type="prosim", max_level=1)
+    places = np.random.default_rng(2).uniform([-3, 3, -3], [3, 4, 3], (count, 3)).tolist()
+    lamps = [{"type": "point", "position": place, "intensity": rgb(0.2, 0.3, 0.4)} for place in places]
+    return mi.load_dict(made | {f"lamp_{k}": lamp for k, lamp in enumerate(lamps)})
+
+
+def test_kernels_do_not_depend_on_the_number_of_lamps(variant_rgb):
+    """Nor does the page grow with it: it sums up the dimmest lamps."""
+    launches = []
+    for count in (6, 300):
+        scene = with_lamps(count)
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+            samples = Samples.of(scene, (8, 8), SPP)
+            launches.append(len([one for one in dr.kernel_history() if one["type"] == dr.KernelType.JIT]))
+    assert launches[0] == launches[1]
+    node = samples.explanation().nodes[0]
+    shown = explanation_page.shown(node)
+    assert len(node.lamps) == 301 and shown["left"] == 301 - explanation_page.MOST_LAMPS == 301 - len(shown["lamps"])
+    kept = np.sum([lamp["contribution"] for lamp in shown["lamps"]], axis=0)
+    assert kept + shown["others"] == pytest.approx(np.sum([lamp.contribution for lamp in node.lamps], axis=0))
 
 
 def test_lines_are_those_of_the_scene_file(variant_rgb, write_scene):
@@ -356,8 +379,8 @@ def test_patterns_are_the_random_numbers_that_the_samples_use(variant_rgb, name,
         assert np.ravel(ray.d) == pytest.approx(nodes[0].direction, abs=1e-4)
     asked, points, transport = set(), type(samples.plan).points, samples.estimator.transport
     monkeypatch.setattr(type(samples.plan), "points", lambda *where: Asked(points(*where), asked))
-    transport.observer = lambda *_, **__: None  # evaluates the loops
-    samples.estimator.sample(samples.plan, *(mi.Int32(value) for value in (x, y)), dr.arange(mi.UInt32, n * n))
+    with dr.scoped_set_flag(dr.JitFlag.SymbolicLoops, False):
+        samples.estimator.sample(samples.plan, *(mi.Int32(value) for value in (x, y)), dr.arange(mi.UInt32, n * n))
     shown = {transport.space(k, space) for nodes in trees for k, space, _ in page_data.node_spaces(transport, nodes)}
     assert shown <= asked and len(shown) == len(found) - 1 > 0
 
@@ -365,7 +388,7 @@ def test_patterns_are_the_random_numbers_that_the_samples_use(variant_rgb, name,
 def test_lobe_of_a_diffuse_surface_is_its_cosine(variant_rgb):
     samples = Samples.of(mi.load_dict(penumbra(None, SIZE, type="prosim")), (5, 14), 1)
     (node,) = samples.nodes(0)
-    (vectors,) = page_data.lobe_directions(samples.estimator, [node]).values()
+    ((vectors,),) = (lobes.values() for lobes in page_data.lobe_directions(samples.estimator, {0: [node]}).values())
     vectors = np.reshape(vectors, (-1, 3))
     lengths = np.linalg.norm(vectors, axis=1)
     cosines = vectors @ node.normal / lengths

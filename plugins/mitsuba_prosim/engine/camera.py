@@ -7,7 +7,8 @@ windows.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Sequence
 
 import drjit as dr
 import mitsuba as mi
@@ -77,15 +78,43 @@ def without_crop_window(sensor: mi.Sensor) -> Iterator[None]:
     another render may use the film.
     """
     film = sensor.film()
-    offset, size = mi.ScalarPoint2u(film.crop_offset()), mi.ScalarVector2u(film.crop_size())
-    if all(offset == 0) and all(size == film.size()):
+    with _film_window(sensor, film.size(), (0, 0), film.size()):
+        yield
+
+
+@contextlib.contextmanager
+def coarse_film(sensor: mi.Sensor, pixels: int) -> Iterator[None]:
+    """Inside the ``with`` block, the crop window of the film has about ``pixels`` pixels or fewer; the image shows the
+    same part of the scene.
+
+    The change of the film's size causes no compilation, because Dr.Jit's kernels do not depend on this size.
+    """
+    film = sensor.film()
+    divisor = max(1, math.ceil(math.sqrt(math.prod(film.crop_size()) / pixels)))
+    size, crop = ([max(1, side // divisor) for side in sides] for sides in (film.size(), film.crop_size()))
+    offset = [min(first // divisor, most - part) for first, most, part in zip(film.crop_offset(), size, crop)]
+    with _film_window(sensor, size, offset, crop):
+        yield
+
+
+@contextlib.contextmanager
+def _film_window(sensor: mi.Sensor, *window: Sequence[int]) -> Iterator[None]:
+    """Inside the ``with`` block, the film has the ``window``: its size, and the offset and the size of the crop."""
+    film = sensor.film()
+    before = [tuple(map(int, sides)) for sides in (film.size(), film.crop_offset(), film.crop_size())]
+    if before == [tuple(sides) for sides in window]:
         yield
         return
     params = mi.traverse(sensor)
-    try:
-        params["film.crop_offset"], params["film.crop_size"] = mi.ScalarPoint2u(0), mi.ScalarVector2u(film.size())
+
+    def change(window: Sequence[Sequence[int]]) -> None:
+        size, offset, crop = window
+        params["film.size"], params["film.crop_size"] = mi.ScalarVector2u(size), mi.ScalarVector2u(crop)
+        params["film.crop_offset"] = mi.ScalarPoint2u(offset)
         params.update()
+
+    try:
+        change(window)
         yield
     finally:
-        params["film.crop_offset"], params["film.crop_size"] = offset, size
-        params.update()
+        change(before)

@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ import numpy as np
 from .. import atomic
 from ..alone import alone
 from ..compat import PLACE, denormals_rounded
-from ..engine.camera import is_perspective, without_crop_window
+from ..engine.camera import coarse_film, is_perspective, without_crop_window
 from ..engine.estimator import Estimator
 from ..engine.plan import Plan
 from ..engine.render import Render
@@ -30,10 +31,10 @@ from .recorder import Places, Recorder
 
 #: Maximum number of samples of an explanation.
 MOST_SAMPLES = 1 << 14
-#: Maximum numbers of samples that the sentences on the noise and on the light are about.
-MOST_OUTLIERS, MOST_NAMED = 8, 64
-#: Number of samples of each pixel of the image on the page.
-PREVIEW = 4
+#: Maximum number of samples that the sentences on the noise are about.
+MOST_OUTLIERS = 8
+#: Maximum number of pixels of the image on the page, and number of samples of each pixel.
+PREVIEW_PIXELS, PREVIEW = 1 << 16, 4
 #: An unlimited depth in Mitsuba's integrators.
 UNLIMITED = (1 << 32) - 1
 
@@ -116,7 +117,7 @@ def explain(
 class Samples:
     """The samples of one pixel, with the records of all their rays."""
 
-    recorders: Sequence[tuple[int, Recorder]]
+    recorder: Recorder
     estimator: Estimator
     plan: Plan
     pixel: tuple[int, int]
@@ -165,7 +166,16 @@ class Samples:
             sampling = integrator.sampling.uniform(spp) if spp else integrator.sampling
             plan = Plan.of(sampling, film, seed, spp)
             left, top = map(int, film.crop_offset())
-            samples = cls([], estimator, plan, (x, y), (x + left, y + top), (), np.empty((0,)), notes)
+            samples = cls(
+                Recorder(estimator.transport, {}),
+                estimator,
+                plan,
+                (x, y),
+                (x + left, y + top),
+                (),
+                np.empty((0,)),
+                notes,
+            )
             with window:  # a render takes its samples without it, too
                 samples._take(spp or min(plan.noisy_samples, MOST_SAMPLES), names or {})
                 samples.shares = noise.shares(estimator, plan, *samples.where)
@@ -173,10 +183,9 @@ class Samples:
 
     def _take(self, count: int, names: Places) -> None:
         estimator, plan = self.estimator, self.plan
-        parts, values = list[tuple[int, Recorder]](), list[np.ndarray]()
         kept = [name for name in estimator.channels.names[: estimator.channels.names.index("W")] if name != "A"]
         transport: Any = estimator.transport
-        caustics = transport.caustics
+        caustics, recorder, values = transport.caustics, Recorder(transport, names), list[np.ndarray]()
         size = count if caustics is None else caustics.maps(plan.n)
         for first in range(0, count, size):
             if caustics is not None:
@@ -192,18 +201,14 @@ class Samples:
             def channels(L: mi.Spectrum, ray: Any = ray, weight: Any = weight) -> Sequence[mi.Float]:
                 return estimator.channels.values(L * weight, ray.wavelengths, mi.Float(0))[: len(kept)]
 
-            transport.observer = recorder = Recorder(transport, width, channels, names)
-            taken = estimator.sample(plan, x, y, t)[0][: len(kept)]
-            recorder.finish()
-            transport.observer = None
+            recorder.t, recorder.channels = t, channels
+            taken = recorder.record(partial(estimator.sample, plan, x, y, t))[0][: len(kept)]
             values.append(np.array([np.broadcast_to(np.array(value), width) for value in taken], np.float64).T)
-            parts.append((first, recorder))
-        self.recorders, self.channels, self.values = parts, tuple(kept), np.concatenate(values)
+        self.recorder, self.channels, self.values = recorder, tuple(kept), np.concatenate(values)
 
     def nodes(self, sample: int) -> tuple[Node, ...]:
         """Returns the nodes of the sample with this index."""
-        first, recorder = next(part for part in reversed(self.recorders) if part[0] <= sample)
-        return recorder.nodes(sample - first)
+        return self.recorder.nodes(sample)
 
     def explanation(self, sample: int | None = None) -> Explanation:
         """Returns the explanation of the pixel with the nodes of one sample; the default is the brightest sample."""
@@ -218,22 +223,25 @@ class Samples:
         if not any(values[sample]) and any(any(node.contribution) for node in nodes):
             notes.append(f"The light of sample {sample} is not finite, so the sample counts as black.")
         seed = int(self.plan.seed[0])
-        told = noise.sentences(self.shares, *self.farthest_and_middle())
-        light = noise.origins([self.nodes(i) for i in range(min(count, MOST_NAMED))])
+        told = noise.sentences(self.shares, self.recorder, *self.deviations())
+        light = noise.origins(self.recorder, count)
         return Explanation(
             self.pixel, seed, self.channels, values, mean, sample, nodes, light, self.shares, told, tuple(notes)
         )
 
-    def farthest_and_middle(self) -> tuple[list[tuple[Node, ...]], tuple[Node, ...]]:
-        """Returns the nodes of the samples that make 90 % of the squared error, at most :data:`MOST_OUTLIERS` samples,
-        and the nodes of the middle sample.
+    def deviations(self) -> tuple[np.ndarray, int]:
+        """Returns weights of the samples, and a number of samples: those that are farthest from the mean and make 90 %
+        of the squared error, at most :data:`MOST_OUTLIERS`. Each of them has the weight 1, and the middle sample minus
+        their number, so that the weighted sum of a light is its difference.
         """
         light = self.values.sum(axis=1)
         errors = np.square(light - light.mean())
         order = np.argsort(-errors, kind="stable")
-        count = int(np.searchsorted(np.cumsum(errors[order]), 0.9 * errors.sum())) + 1
-        middle = np.argsort(light)[len(light) // 2]
-        return [self.nodes(int(i)) for i in order[: min(count, MOST_OUTLIERS)]], self.nodes(int(middle))
+        count = min(int(np.searchsorted(np.cumsum(errors[order]), 0.9 * errors.sum())) + 1, MOST_OUTLIERS)
+        weights = np.zeros(len(light))
+        weights[order[:count]] += 1
+        weights[np.argsort(light)[len(light) // 2]] -= count
+        return weights, count
 
     def drawing(self, trees: Mapping[int, Sequence[Node]]) -> dict[str, Any]:
         """Returns what the page draws for the nodes of samples, ``trees``; see :attr:`Explanation.drawing`."""
@@ -243,7 +251,7 @@ class Samples:
             return {
                 "n": 0 if plan.uses_sobol else plan.n,
                 "patterns": page_data.patterns(estimator, plan, self.where, len(self.values), trees.values()),
-                "lobes": {sample: page_data.lobe_directions(estimator, nodes) for sample, nodes in trees.items()},
+                "lobes": page_data.lobe_directions(estimator, trees),
                 "camera": explanation_page.pinhole(estimator),
                 "size": list(map(int, estimator.sensor.film().crop_size())),
                 "boxes": [[list(box.min), list(box.max)] for box in boxes],
@@ -262,11 +270,19 @@ def page(file: SceneFile, scene: Any = None, image: Any = None, **arguments: Any
     order = np.argsort(-samples.values.sum(axis=1), kind="stable")
     shown = dict.fromkeys([*order[: explanation_page.BRIGHTEST].tolist(), int(order[len(order) // 2]), int(order[-1])])
     if image is None:
-        preview = Plan.of(plan.sampling.uniform(PREVIEW), estimator.sensor.film(), plan.seed, PREVIEW)
-        image = Render(preview, estimator).run().image()
+        image = preview(estimator, plan)
     trees = {sample: samples.nodes(sample) for sample in shown}
     pictured = {"name": file.path.name, "image": explanation_page.picture(image)}
     return explanation_page.html(asdict(told), trees, **pictured, **samples.drawing(trees))
+
+
+def preview(estimator: Estimator, plan: Plan) -> Any:
+    """Returns a coarse image of the scene, rendered with the photons of the samples."""
+    sensor = estimator.sensor
+    with alone(), coarse_film(sensor, PREVIEW_PIXELS):
+        coarse = Estimator(estimator.scene, sensor, estimator.transport, estimator.channels)
+        few = Plan.of(plan.sampling.uniform(PREVIEW), sensor.film(), plan.seed, PREVIEW)
+        return Render(replace(few, n=plan.n), coarse).run().image()
 
 
 def explained_integrator(integrator: Any, notes: list[str]) -> Any:

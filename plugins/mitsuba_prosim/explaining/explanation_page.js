@@ -133,6 +133,7 @@ function showNode(node) {
         rows.push([`lamp ${lamp.lamp}`, `${state}; adds ${list(lamp.contribution)}; density ${number(lamp.density)} / sr`]);
         for (const lobe of lamp.lobes) if (lobe.bsdf.some(Boolean)) rows.push(["", `${lobe.name}: BSDF × cosine ${list(lobe.bsdf)}${lobe.density ? `, density ${number(lobe.density)} / sr` : ""}, MIS weight ${number(lobe.weight)}`]);
     }
+    if (node.left) rows.push([`${node.left} other lamps`, `add ${list(node.others)}`]);
     if (node.emission) rows.push([`meets lamp ${node.emission.lamp}`, `adds ${list(node.emission.contribution)}; lamp's density ${number(node.emission.density)} / sr, MIS weight ${number(node.emission.weight)}`]);
     for (const name of ["ambient", "background", "photons"]) if (node[name].some(Boolean)) rows.push([name, `adds ${list(node[name])}`]);
     rows.push(["adds in all", list(node.contribution)], ["with its branches", list(tree.nodes.filter(other => isWithin(other, node)).map(one => one.contribution).reduce((a, b) => a.map((x, k) => x + b[k])))]);

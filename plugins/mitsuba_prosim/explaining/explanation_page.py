@@ -7,7 +7,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.resources import files
 from typing import Any
 
@@ -18,8 +18,9 @@ from ..compat import world_matrix
 from ..engine.estimator import Estimator
 from .nodes import Node
 
-#: Number of the brightest samples whose rays are on the page; and their maximum size in characters.
-BRIGHTEST, MOST_CHARACTERS = 8, 1 << 20
+#: Number of the brightest samples whose rays are on the page, and their maximum size in characters; maximum number of
+#: lamps of a node.
+BRIGHTEST, MOST_CHARACTERS, MOST_LAMPS = 8, 1 << 20, 16
 
 
 def html(facts: Mapping[str, Any], trees: Mapping[int, Sequence[Node]], **more: Any) -> str:
@@ -27,14 +28,27 @@ def html(facts: Mapping[str, Any], trees: Mapping[int, Sequence[Node]], **more: 
     nodes; trees that would make the page too large are left out. ``more``: :attr:`.Explanation.drawing`, and the image.
     """
     lobes = more.pop("lobes")
-    stored = [{"sample": k, "nodes": [*map(asdict, nodes)], "lobes": lobes.get(k, {})} for k, nodes in trees.items()]
+    stored = [{"sample": k, "nodes": [*map(shown, nodes)], "lobes": lobes.get(k, {})} for k, nodes in trees.items()]
     while len(stored) > 1 and len(json.dumps(stored)) > MOST_CHARACTERS:
         stored.pop()
-    data = {"name": "the image", "image": "", **facts, "drawing": {}, "trees": stored, **more}
+    data = {"name": "the image", "image": "", **facts, "nodes": [], "drawing": {}, "trees": stored, **more}
     page, script = (
         files(__package__).joinpath(f"explanation_page.{kind}").read_text("utf-8") for kind in ("html", "js")
     )
     return page.replace("SCRIPT", script).replace("DATA", json.dumps(data).replace("<", "\\u003c"))
+
+
+def shown(node: Node) -> dict[str, Any]:
+    """Returns what the page shows of a node: at most :data:`MOST_LAMPS` lamps, those that would be brightest if nothing
+    hid them, and the sum of the contributions of the others.
+    """
+    light = [
+        sum(lamp.weighted_radiance) * sum(sum(lobe.bsdf) * lobe.weight for lobe in lamp.lobes) for lamp in node.lamps
+    ]
+    order = sorted(range(len(light)), key=lambda k: -light[k])
+    kept, left = sorted(order[:MOST_LAMPS]), order[MOST_LAMPS:]
+    others = [*map(sum, zip(*(node.lamps[k].contribution for k in left)))]
+    return asdict(replace(node, lamps=tuple(node.lamps[k] for k in kept))) | {"others": others, "left": len(left)}
 
 
 def policy(page: str) -> str:

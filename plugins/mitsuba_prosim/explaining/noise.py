@@ -8,7 +8,6 @@ The shares sum to more than 1 if the effect of one dimension depends on another.
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
@@ -22,7 +21,7 @@ from ..engine.plan import Plan
 from ..photons.caustics import MAPS
 from ..sampling.hash import hash32
 from ..sampling.spaces import CAMERA_SPACES, DIFFUSE, NODE_SPACES
-from .nodes import Node
+from .recorder import STATES, Recorder
 
 #: Number of pairs of samples by which a share is estimated.
 PAIRS = 1024
@@ -38,6 +37,15 @@ DIMENSIONS = {
     "photons": ("the paths of the photons", f"many more photons (caustic_photons), or more than {MAPS} samples"),
 }
 PHOTONS = list(DIMENSIONS).index("photons")
+
+#: Light that the recorder knows -> its name.
+LIGHTS = {
+    "photons": "the light of photons on {shape}",
+    "ambient": "the ambient term of {shape}",
+    "lamp": "the light of {lamp} that {shape} scatters",
+    "background": "the background {way}",
+    "emission": "the light of {lamp} {way}",
+}
 
 
 @dataclass
@@ -92,12 +100,11 @@ def shares(estimator: Estimator, plan: Plan, x: int, y: int) -> dict[str, float]
     return dict(zip(DIMENSIONS, effects.tolist()))
 
 
-def sentences(found: dict[str, float], outliers: Sequence[Sequence[Node]], usual: Sequence[Node]) -> tuple[str, ...]:
+def sentences(found: dict[str, float], recorder: Recorder, weights: np.ndarray, count: int) -> tuple[str, ...]:
     """Returns sentences on the noise of a pixel: which dimensions carry it, where the outliers come from, and what
     would help.
 
-    ``found`` are the :func:`shares`, ``outliers`` the nodes of the samples that are farthest from the mean, and
-    ``usual`` the nodes of the middle sample.
+    ``found`` are the :func:`shares`; ``weights`` and ``count`` are those of :meth:`.Samples.deviations`.
     """
     if not found:
         return ("All samples are equal, so the pixel has no noise.",)
@@ -106,8 +113,8 @@ def sentences(found: dict[str, float], outliers: Sequence[Sequence[Node]], usual
     said = [f"What carries the variance: {'; '.join(carried)}."] if carried else []
     if found[order[0]] < 0.5:
         said.append("No single kind of random numbers carries half of it.")
-    light, count = noisiest_light(outliers, usual), len(outliers)
     which = f"the {count} samples" if count > 1 else "the sample"
+    light = noisiest_light(recorder, weights)
     said.append(f"In {which} farthest from the mean, {light} differs most from that in a middle sample.")
     return (*said, f"What would help: {remedy(found)}.")
 
@@ -118,48 +125,40 @@ def remedy(found: dict[str, float]) -> str:
     return DIMENSIONS[worst][1] if worst and found[worst] >= 0.05 else "more samples"
 
 
-def noisiest_light(outliers: Sequence[Sequence[Node]], usual: Sequence[Node]) -> str:
-    """Returns the name of the light that differs most between the samples ``outliers`` and the middle sample."""
-    difference = dict[str, float]()
-    for sign, nodes in [*((1.0, nodes) for nodes in outliers), (-float(len(outliers)), usual)]:
-        for light, amount in lights(nodes):
-            difference[light] = difference.get(light, 0.0) + sign * amount
-    return max(difference, key=lambda name: abs(difference[name]))
+def noisiest_light(recorder: Recorder, weights: np.ndarray) -> str:
+    """Returns the name of the light whose weighted sum differs most from 0 (:meth:`.Samples.deviations`)."""
+    return max(amounts := lights(recorder, weights), key=lambda name: abs(amounts[name]))
 
 
-def lights(nodes: Sequence[Node]) -> Iterator[tuple[str, float]]:
-    """Yields a name of each light of a sample, with the surface that scatters it, and the sum of its contribution."""
-    surfaces = {node.number: node.shape for node in nodes}
-    for node in nodes:
-        yield f"the light of photons on {node.shape}", sum(node.photons)
-        yield f"the ambient term of {node.shape}", sum(node.ambient)
-        for lamp in node.lamps:
-            yield f"the light of {lamp.lamp} that {node.shape} scatters", sum(lamp.contribution)
-        # The surface where the ray begins scatters the light that the ray finds.
-        way = f"that {surfaces[node.parent]} scatters" if node.parent else "that the camera sees"
-        yield f"the background {way}", sum(node.background)
-        if node.emission:
-            yield f"the light of {node.emission.lamp} {way}", sum(node.emission.contribution)
-
-
-def origins(samples: Sequence[Sequence[Node]]) -> tuple[str, ...]:
-    """Returns sentences on the light of the samples with these nodes: where it comes from, and what hides lamps."""
+def lights(recorder: Recorder, weights: np.ndarray) -> dict[str, float]:
+    """Returns the contributions of each light, with the surface that scatters it, times the weights of the samples."""
     amounts = defaultdict[str, float](float)
-    # Lamp and surface -> the states of the lamp's points, and the shapes that hide them.
-    found = defaultdict[tuple[str, str], tuple[Counter[str], set[str]]](lambda: (Counter(), set()))
-    for nodes in samples:
-        for light, amount in lights(nodes):
-            amounts[light] += amount
-        for shape, lamp in ((str(node.shape), lamp) for node in nodes for lamp in node.lamps):
-            states, occluders = found[lamp.lamp, shape]
-            states[lamp.state] += 1
-            occluders.update({lamp.occluder} if lamp.occluder else ())
+    for event, name in LIGHTS.items():
+        keys = ("shape", "lamp") if event in ("lamp", "emission") else ("shape",)
+        for (number, *lamp), amount in recorder.sums(event, keys, weights).items():
+            shape = recorder.shapes.get(number, "a shape without a name")
+            way = f"that {shape} scatters" if number else "that the camera sees"
+            lamp_name = recorder.lamps[min(lamp[0], len(recorder.lamps) - 1)] if lamp else ""
+            amounts[name.format(shape=shape, lamp=lamp_name, way=way)] += amount
+    return amounts
+
+
+def origins(recorder: Recorder, count: int) -> tuple[str, ...]:
+    """Returns sentences on the light of all ``count`` samples: where it comes from, and what hides lamps."""
+    amounts = lights(recorder, np.ones(count))
     total = sum(amounts.values())
     brightest = sorted(amounts, key=lambda light: -amounts[light])[:3]
     most = [f"{light} ({amounts[light] / total:.0%})" for light in brightest if amounts[light] > 0.01 * total]
     said = [f"Where the light comes from: {'; '.join(most)}." if total > 0 else "No light comes from here."]
-    for (name, shape), (states, occluders) in sorted(found.items(), key=lambda item: -item[1][0]["hidden"])[:3]:
+    # Lamp and surface -> the states of the lamp's points, and the shapes that hide them.
+    found = defaultdict[tuple[int, int], tuple[Counter[str], set[str]]](lambda: (Counter(), set()))
+    for (lamp, shape, state, occluder), rows in recorder.sums("lamp", ("lamp", "shape", "state", "occluder")).items():
+        states, occluders = found[lamp, shape]
+        states[STATES[state]] += rows
+        occluders.update({recorder.shapes.get(occluder, "a shape without a name")} if occluder else ())
+    for (lamp, shape), (states, occluders) in sorted(found.items(), key=lambda item: -item[1][0]["hidden"])[:3]:
         if hidden := states["hidden"]:
-            points = f"{hidden} of {hidden + states['visible']} points of {name}"
-            said.append(f"From {shape}, {points} are hidden by {' and '.join(sorted(occluders))}.")
+            points = f"{hidden} of {hidden + states['visible']} points of {recorder.lamps[lamp]}"
+            surface = recorder.shapes.get(shape, "a shape without a name")
+            said.append(f"From {surface}, {points} are hidden by {' and '.join(sorted(occluders))}.")
     return tuple(said)

@@ -5,7 +5,7 @@ The squares of random numbers are the patterns of the thesis (figures 4.7, 5.10 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import drjit as dr
@@ -20,7 +20,7 @@ from ..transport import lobes
 from .nodes import Node
 
 #: Maximum numbers of samples in a pattern, of patterns, and of nodes with lobes; number of directions of a lobe.
-MOST_POINTS, MOST_PATTERNS, MOST_LOBES, DIRECTIONS = 256, 128, 512, 32
+MOST_POINTS, MOST_PATTERNS, MOST_LOBES, DIRECTIONS = 256, 128, 1024, 32
 
 
 def patterns(
@@ -59,17 +59,18 @@ def node_spaces(transport: Any, nodes: Sequence[Node]) -> Iterator[tuple[int, in
                 yield node.number, NODE_SPACES + (k if tree else k * lamps), lamp.lamp if tree else "lamp"
 
 
-def lobe_directions(estimator: Estimator, nodes: Sequence[Node]) -> dict[int, list[float]]:
-    """Returns sampled directions of the BSDF where the rays of ``nodes`` end: index in ``nodes`` -> x, y, z of vectors.
+def lobe_directions(estimator: Estimator, trees: Mapping[int, Sequence[Node]]) -> dict[int, dict[int, list[float]]]:
+    """Returns sampled directions of the BSDFs where the rays of ``trees`` end: sample -> index of a node -> vectors.
 
     The length of a vector is the BSDF value times the cosine, relative to the greatest. Lobes with a single direction
     have no vectors.
     """
-    met = [i for i, node in enumerate(nodes) if node.position][:MOST_LOBES]
+    found: dict[int, dict[int, list[float]]] = {sample: {} for sample in trees}
+    met = [(sample, i) for sample, nodes in trees.items() for i, node in enumerate(nodes) if node.position][:MOST_LOBES]
     if not met:
-        return {}
+        return found
     p, o, d = (
-        np.repeat([getattr(nodes[i], name) for i in met], DIRECTIONS, axis=0).T
+        np.repeat([getattr(trees[sample][i], name) for sample, i in met], DIRECTIONS, axis=0).T
         for name in ("position", "origin", "direction")
     )
     wavelengths = estimator.rays(mi.Float(0), mi.Float(0.5), mi.Point2f(0.5), mi.Point2f(0.5))[0].wavelengths
@@ -82,4 +83,7 @@ def lobe_directions(estimator: Estimator, nodes: Sequence[Node]) -> dict[int, li
     length = dr.select(lobes.has_any(bs.sampled_type, *lobes.IDEAL), 0, dr.max(weight) * bs.pdf)
     vectors = np.nan_to_num(np.array(si.to_world(bs.wo) * length)).T.reshape(len(met), DIRECTIONS, 3)
     longest = np.linalg.norm(vectors, axis=2).max(axis=1)
-    return {i: np.round(v.ravel() / most, 3).tolist() for i, v, most in zip(met, vectors, longest) if most > 0}
+    for (sample, i), v, most in zip(met, vectors, longest):
+        if most > 0:
+            found[sample][i] = np.round(v.ravel() / most, 3).tolist()
+    return found

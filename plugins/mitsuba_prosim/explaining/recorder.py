@@ -1,13 +1,16 @@
 """Records the rays of all samples of a pixel, and the light that each ray adds.
 
-The recorder observes the light transport that renders the image, so the recorded samples are those of the image. Each
-lane of an array is one sample.
+The recorder observes the light transport that renders the image, so the recorded samples are those of the image. The
+kernel of the samples itself writes the values as rows of tables, in any order, so the number of kernels does not depend
+on the numbers of rays and lamps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from collections import Counter, defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -25,118 +28,191 @@ from .nodes import Emission, LampSample, LobeShare, Node, Numbers
 Places: TypeAlias = "Mapping[str, tuple[str, str]]"
 #: The parts of a node's light that are known only as sums.
 SUMS = ("ambient", "background", "photons")
+#: The light that a ray finds, not the surface where it ends.
+FOUND_BY_RAYS = ("emission", "background")
+#: The states of a lamp's point, by number.
+STATES = ("visible", "hidden", "dark")
+#: Number of rows for which a table first has room.
+CAPACITY = 1 << 15
 
 
-class Record(NamedTuple):
-    """The values of one computation; the last axis of each array is that of the samples."""
+@dataclass
+class Table:
+    """The values of one computation at all rays of all samples: a row for each ray, a column for each value."""
 
     event: str
-    values: dict[str, Any]
+    #: Names of the groups of lobes in the column ``shares``.
+    lobes: tuple[str, ...]
+    #: Number of rows, and columns of Dr.Jit.
+    count: mi.UInt32
+    columns: Any
+    #: The columns as NumPy arrays, whose last axis is that of the rows. The rows of a sample follow each other in the
+    #: order of their computation.
+    rows: Any = None
+
+    def convert(self) -> None:
+        """Sets :attr:`rows`."""
+        count = int(self.count[0])
+        order = np.argsort(np.array(self.columns["sample"])[:count], kind="stable")
+
+        def converted(value: Any) -> Any:
+            if isinstance(value, dict):
+                return {name: converted(one) for name, one in value.items()}
+            if isinstance(value, list):
+                return [converted(one) for one in value]
+            array = np.array(value)[..., :count][..., order]
+            return np.nan_to_num(array) if array.dtype.kind == "f" else array
+
+        self.rows, self.columns = converted(self.columns), None
 
 
 class Recorder:
-    """Records the computations of ``transport`` for ``width`` samples (:attr:`.Context.observer`).
+    """Records the computations of ``transport`` for the samples of a pixel (:attr:`.Context.observer`).
 
-    ``channels`` converts the radiance along the camera rays to the values of the film's channels. ``places`` are the
-    names and lines of shapes and emitters in the scene file.
+    ``places`` are the names and lines of shapes and emitters in the scene file.
     """
 
-    def __init__(
-        self, transport: Transport, width: int, channels: Callable[[mi.Spectrum], Sequence[mi.Float]], places: Places
-    ) -> None:
-        self.transport, self.width, self.channels, self.lines = transport, width, channels, dict(places.values())
-        self.records: list[Record] = []
+    def __init__(self, transport: Transport, places: Places) -> None:
+        self.transport, self.lines = transport, dict(places.values())
+        self.tables: list[Table] = []
+        #: Indices of the samples that are taken; the function that converts the radiance along their camera rays to the
+        #: values of the film's channels; maximum number of rows of a table.
+        self.t, self.capacity = mi.UInt32(0), CAPACITY
+        self.channels: Callable[[mi.Spectrum], Sequence[mi.Float]] = list
         shapes, words = all_shapes(transport.scene), {key: name for key, (name, _) in places.items()}
         names = [name_of(shape, number, words) for number, shape in enumerate(shapes)]
         #: Number of a shape in Dr.Jit -> its name; and the names of the lamps, in the order of their numbers.
         self.shapes = {shape_number(mi.ShapePtr(shape)): name for shape, name in zip(shapes, names)}
         self.lamps = [lamp_name(lamp, k, self.shapes, words) for k, lamp in enumerate(transport.lights.emitters)]
-        self.black = (0.0,) * len(channels(mi.Spectrum(0)))
 
-    def __call__(self, event: str, ray: Ray, **values: Any) -> None:
-        """Stores the values of one computation, see :meth:`.Context.observe`."""
+    def record(self, take: Callable[[], Any]) -> Any:
+        """Returns ``take()``, which takes samples, and adds their tables."""
+        while True:
+            self.transport.observer, begin = self, len(self.tables)
+            try:
+                taken = take()
+            finally:
+                self.transport.observer = None
+            dr.eval(taken, [(table.count, table.columns) for table in self.tables[begin:]])
+            self.tables[begin:] = [table for table in self.tables[begin:] if int(table.count[0])]
+            most = max(int(table.count[0]) for table in self.tables[begin:])
+            if most <= self.capacity:
+                break
+            del self.tables[begin:]
+            self.capacity = most
+        for table in self.tables[begin:]:
+            table.convert()
+        return taken
+
+    def __call__(self, event: str, ray: Ray, active: mi.Bool | bool = True, **values: Any) -> None:
+        """Adds a table with the values of one computation, see :meth:`.Context.observe`."""
+        lobes_of_shares: tuple[str, ...] = ()
         if event == "lamp":
-            values = self._lamp_values(**values)
+            active, lobes_of_shares, values = self._lamp_values(**values)
         if "value" in values:
-            values["contribution"] = self.channels(ray.throughput * values.pop("value"))
+            values["contribution"] = [*self.channels(ray.throughput * values.pop("value"))]
         if event == "scatter":
             after, bs = values.pop("after"), values.pop("bs")
             values |= {"d": after.d, "throughput": after.throughput, "pdf": bs.pdf, "type": bs.sampled_type}
         if event == "ray":
             si = values.pop("si")
             normal = si.sh_frame.n * dr.select(si.wi.z < 0, mi.Float(-1), 1)
-            values |= {"d": ray.d, "arriving": ray.throughput, "p": si.p, "shape": si.shape, "normal": normal}
-            values |= {"o": ray.o, "level": ray.level, "valid": si.is_valid()}
-        values["number"] = ray.node
-        dr.schedule(values)  # the loop evaluates these values together with its state, in one kernel
-        self.records.append(Record(event, values))
-
-    def finish(self) -> None:
-        """Converts all values to NumPy arrays."""
-        dr.eval()
-        self.records = [Record(event, self._numpy(values)) for event, values in self.records]
+            values |= {"d": ray.d, "arriving": ray.throughput, "p": si.p, "shape": number_of(si.shape)}
+            values |= {"normal": normal, "o": ray.o, "level": ray.level, "valid": si.is_valid()}
+        values |= {"number": ray.node, "sample": self.t}
+        table = Table(event, lobes_of_shares, dr.opaque(mi.UInt32, 0), self._empty(values))
+        active = dr.full(mi.Bool, True, dr.width(self.t)) & active
+        row = dr.scatter_inc(table.count, dr.zeros(mi.UInt32, dr.width(self.t)), active)
+        dr.scatter(table.columns, values, row, active & (row < dr.opaque(mi.UInt32, self.capacity)))
+        self.tables.append(table)
 
     def _lamp_values(
         self, vertex: Vertex, sample: Any, terms: Any, f: mi.Spectrum, visible: mi.Bool, lamp: Any, value: Any
-    ) -> dict[str, Any]:
-        """Returns the values of a lamp's sample, and traces which shape hides it."""
+    ) -> tuple[mi.Bool, tuple[str, ...], dict[str, Any]]:
+        """Returns the mask, the names of the lobes and the values of a lamp's sample; traces which shape hides it."""
         ds, weight = sample
         scatters = vertex.smooth & (ds.pdf > 0) & (dr.max(dr.abs(f * weight)) > 0)
         hidden = but_not(scatters, visible)
         shadow_ray = vertex.si.spawn_ray_to(ds.p)
         blocker = self.transport.scene.ray_intersect(shadow_ray, mi.RayFlags.Minimal, coherent=False, active=hidden)
         shares = [
-            (lobe_names(lobe.type_mask), bsdf, pdf, dr.select(vertex.inseparable & (number > 0), mi.Float(0), part))
+            (lobe.type_mask, bsdf, pdf, dr.select(vertex.inseparable & (number > 0), mi.Float(0), part))
             for number, (lobe, bsdf, pdf, part) in enumerate(terms)
             if lobe is not None
         ]
         state = dr.select(scatters, dr.select(visible, mi.UInt32(0), 1), 2)
-        values = {"active": vertex.smooth, "lamp": mi.UInt32(lamp), "p": ds.p, "pdf": ds.pdf, "radiance": weight}
-        return values | {"state": state, "occluder": blocker.shape, "shares": shares, "value": value}
+        values = {"lamp": mi.UInt32(lamp), "p": ds.p, "pdf": ds.pdf, "radiance": weight, "state": state, "value": value}
+        values |= {"occluder": number_of(blocker.shape), "shares": [list(share[1:]) for share in shares]}
+        return vertex.smooth, tuple(lobe_names(mask) for mask, *_ in shares), values
 
-    def _numpy(self, value: Any) -> Any:
-        """Converts Dr.Jit arrays in nested lists and dictionaries to NumPy arrays with an entry for each sample."""
+    def _empty(self, value: Any) -> Any:
+        """Returns empty columns for a value, or for the values in lists and dictionaries."""
         if isinstance(value, dict):
-            return {name: self._numpy(one) for name, one in value.items()}
-        if isinstance(value, (list, tuple)):
-            return [self._numpy(one) for one in value]
-        if isinstance(value, str):
-            return value
-        array = np.array(dr.reinterpret_array(mi.UInt32, value) if isinstance(value, mi.ShapePtr) else value)
-        return np.broadcast_to(array, (*array.shape[:-1], self.width))
+            return {name: self._empty(one) for name, one in value.items()}
+        return [*map(self._empty, value)] if isinstance(value, list) else dr.empty(type(value), self.capacity)
+
+    # ---------------------------------------------------------------- sums over samples
+
+    def sums(self, event: str, keys: Sequence[str], weights: np.ndarray | None = None) -> Counter[tuple[int, ...]]:
+        """Returns the sums over all rows of an event: the values of the columns ``keys`` -> the number of their rows;
+        or, with ``weights`` of the samples, the sum of their contributions times the weights.
+
+        The column "shape" is the number of the shape at which the ray ends; if the ray itself finds the light, as in
+        emission and background, the shape at which it begins. It is 0 where there is no shape.
+        """
+        found = Counter[tuple[int, ...]]()
+        for rows in (table.rows for table in self.tables if table.event == event):
+            number = self._parent(rows["number"]) if event in FOUND_BY_RAYS else rows["number"]
+            columns = rows | {"shape": self._shape_at(rows["sample"], number)}
+            chosen = [columns[key].astype(np.int64) for key in keys]
+            sizes = [int(column.max()) + 1 for column in chosen]
+            codes, where = np.unique(np.ravel_multi_index(tuple(chosen), sizes), return_inverse=True)
+            amounts = (
+                None
+                if weights is None
+                else np.sum(rows["contribution"], axis=0, dtype=np.float64) * weights[rows["sample"]]
+            )
+            totals = np.bincount(where, amounts).tolist()
+            found.update(dict(zip(zip(*(key.tolist() for key in np.unravel_index(codes, sizes))), totals)))
+        return found
+
+    def _parent(self, number: Any) -> Any:
+        return number // 2 if self.transport.settings.follows_tree else number - 1
+
+    def _shape_at(self, sample: np.ndarray, number: np.ndarray) -> np.ndarray:
+        """Returns the numbers of the shapes where rays end; 0 where a ray does not exist."""
+        rays = [table.rows for table in self.tables if table.event == "ray"]
+        key, shape = (
+            np.concatenate(parts) for parts in zip(*((ray_key(r["sample"], r["number"]), r["shape"]) for r in rays))
+        )
+        order, wanted = np.argsort(key), ray_key(sample, number)
+        at = order[np.minimum(np.searchsorted(key, wanted, sorter=order), len(key) - 1)]
+        return np.where(key[at] == wanted, shape[at], 0)
 
     # ---------------------------------------------------------------- the nodes of a sample
 
-    def nodes(self, i: int) -> tuple[Node, ...]:
-        """Returns the nodes of the sample in lane ``i``, in the order in which the rays were followed."""
-        rays: list[tuple[Record, list[Record]]] = []
-        follows = False
-        for record in self.records:
-            if record.event == "ray":
-                follows = bool(record.values["active"][i])
-                rays += [(record, [])] if follows else []
-            elif follows and ("active" not in record.values or record.values["active"][i]):
-                rays[-1][1].append(record)
-        return tuple(self._nodes(i, rays))
+    def nodes(self, sample: int) -> tuple[Node, ...]:
+        """Returns the nodes of a sample, in the order in which the rays were followed."""
+        rays, others = list[tuple[Table, int]](), defaultdict[tuple[str, int], list[tuple[Table, int]]](list)
+        for table in self.tables:
+            for i in range(*np.searchsorted(table.rows["sample"], [sample, sample + 1]).tolist()):
+                if table.event == "ray":
+                    rays.append((table, i))
+                else:
+                    others[table.event, int(table.rows["number"][i])].append((table, i))
+        return tuple(self._node(ray.rows, i, others) for ray, i in rays)
 
-    def _nodes(self, i: int, rays: Sequence[tuple[Record, list[Record]]]) -> Iterator[Node]:
-        """Yields the nodes of the sample ``i``; ``rays`` are its rays, each with the other records of the node."""
-        leaving, last = dict[int, list[Record]](), 0
-        for ray, records in rays:
-            number = int(ray.values["number"][i])
-            parent = number // 2 if self.transport.settings.follows_tree else last
-            leaving[number] = [record for record in records if record.event == "scatter"]
-            yield self._node(i, ray.values, records, number, parent, leaving.get(parent, []))
-            last = number
-
-    def _node(
-        self, i: int, values: dict[str, Any], records: list[Record], number: int, parent: int, left: list[Record]
-    ) -> Node:
-        met = bool(values["valid"][i])
+    def _node(self, values: Any, i: int, others: Mapping[tuple[str, int], list[tuple[Table, int]]]) -> Node:
+        number, met = int(values["number"][i]), bool(values["valid"][i])
+        parent = int(self._parent(number))
         shape = self.shapes.get(int(values["shape"][i]), "a shape without a name") if met else None
-        sums: dict[str, Any] = {r.event: at(r.values["contribution"], i) for r in records if r.event in SUMS}
-        lamps = tuple(self._lamp(i, record.values) for record in records if record.event == "lamp")
-        found = [self._emission(i, record.values) for record in records if record.event == "emission"]
+        black = (0.0,) * len(self.channels(mi.Spectrum(0)))
+        sums: dict[str, Any] = dict.fromkeys(SUMS, black)
+        sums |= {
+            name: at(table.rows["contribution"], k) for name in SUMS for table, k in others.get((name, number), ())
+        }
+        lamps = tuple(self._lamp(table, k) for table, k in others.get(("lamp", number), ()))
+        found = [self._emission(table.rows, k) for table, k in others.get(("emission", number), ())]
         emission = next((one for one in found if any(one.radiance)), None)
         parts = [*sums.values(), *(one.contribution for one in lamps), *([emission.contribution] if emission else [])]
         return Node(
@@ -149,16 +225,16 @@ class Recorder:
             direction=at(values["d"], i),
             position=at(values["p"], i) if met else None,
             normal=at(values["normal"], i) if met else None,
-            **self._chosen(i, values, left),
+            **self._chosen(values, i, others.get(("scatter", parent), [])),
             throughput=at(values["attenuated"], i),
             lamps=lamps,
             emission=emission,
-            **{name: sums.get(name, self.black) for name in SUMS},
-            contribution=tuple(map(sum, zip(self.black, *parts))),
+            **sums,
+            contribution=tuple(map(sum, zip(black, *parts))),
         )
 
     @staticmethod
-    def _chosen(i: int, ray: dict[str, Any], left: list[Record]) -> dict[str, Any]:
+    def _chosen(ray: Any, i: int, left: Sequence[tuple[Table, int]]) -> dict[str, Any]:
         """Returns the fields ``lobe``, ``density``, ``probability`` and ``survival`` of a node.
 
         ``left`` are the rays that were sampled at the parent: the reflected and the refracted one of a tree, of which
@@ -166,16 +242,17 @@ class Recorder:
         """
         if not left:
             return {"lobe": "camera", "density": None, "probability": None, "survival": 1.0}
-        one = min((r.values for r in left), key=lambda v: float(np.abs(v["d"] - ray["d"])[:, i].sum()))
-        flags, pdf = int(one["type"][i]), float(one["pdf"][i])
+        d = ray["d"][:, i]
+        one, k = min(((t.rows, k) for t, k in left), key=lambda it: float(np.abs(it[0]["d"][:, it[1]] - d).sum()))
+        flags, pdf = int(one["type"][k]), float(one["pdf"][k])
         ideal = bool(lobes.has_any(flags, *lobes.IDEAL))
-        sampled, followed = (at(x, i) for x in (one["throughput"], ray["arriving"]))
-        survival = max(sampled) / max(followed) if max(followed) > 0 else 1.0
+        sampled, followed = max(at(one["throughput"], k)), max(at(ray["arriving"], i))
         chosen = {"density": None, "probability": pdf} if ideal else {"density": pdf, "probability": None}
-        return {"lobe": lobe_names(flags), "survival": survival, **chosen}
+        return {"lobe": lobe_names(flags), "survival": sampled / followed if followed > 0 else 1.0, **chosen}
 
-    def _lamp(self, i: int, values: dict[str, Any]) -> LampSample:
-        state = ("visible", "hidden", "dark")[int(values["state"][i])]
+    def _lamp(self, table: Table, i: int) -> LampSample:
+        values, state = table.rows, STATES[table.rows["state"][i]]
+        shares = zip(table.lobes, values["shares"])
         return LampSample(
             self.lamps[int(values["lamp"][i])],
             at(values["p"], i),
@@ -183,19 +260,29 @@ class Recorder:
             self.shapes.get(int(values["occluder"][i]), "a shape without a name") if state == "hidden" else None,
             float(values["pdf"][i]),
             at(values["radiance"], i),
-            tuple(LobeShare(name, at(f, i), float(pdf[i]), float(w[i])) for name, f, pdf, w in values["shares"]),
+            tuple(LobeShare(name, at(f, i), float(pdf[i]), float(w[i])) for name, (f, pdf, w) in shares),
             at(values["contribution"], i),
         )
 
-    def _emission(self, i: int, values: dict[str, Any]) -> Emission:
+    def _emission(self, values: Any, i: int) -> Emission:
         number = min(int(values["lamp"][i]), len(self.lamps) - 1)
         weight, density = float(values["weight"][i]), float(values["pdf"][i])
         return Emission(self.lamps[number], at(values["radiance"], i), density, weight, at(values["contribution"], i))
 
 
-def at(value: Any, i: int) -> Numbers:
-    """Returns the components of ``value`` in lane ``i`` as finite Python numbers."""
-    return tuple(float(np.nan_to_num(one[i])) for one in value)
+def at(column: Any, i: int) -> Numbers:
+    """Returns the components of a column in row ``i`` as Python numbers."""
+    return tuple(float(one[i]) for one in column) if isinstance(column, list) else tuple(column[..., i].tolist())
+
+
+def number_of(shape: mi.ShapePtr) -> mi.UInt32:
+    """Returns the numbers of shapes in Dr.Jit."""
+    return dr.reinterpret_array(mi.UInt32, shape)
+
+
+def ray_key(sample: np.ndarray, number: np.ndarray) -> np.ndarray:
+    """Returns numbers that identify the rays."""
+    return sample.astype(np.uint64) << 32 | number.astype(np.uint32)
 
 
 def lobe_names(flags: int) -> str:

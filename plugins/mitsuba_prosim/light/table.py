@@ -181,7 +181,7 @@ class Lights:
         no lamp.
 
         ``evaluated`` tells whether Dr.Jit runs the loop over the lamps in evaluated mode. A symbolic loop would lose
-        derivatives of ``total``, and the values that ``body`` passes to an observer.
+        derivatives of ``total``.
         """
         unrolled, mode = self.lamps <= self.UNROLLED, "evaluated" if evaluated else None
         for strategy, first, end in self.groups:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from math import ceil, radians, sqrt, tan
+from math import radians, tan
 from typing import Any
 
 import mitsuba as mi
@@ -14,9 +12,6 @@ from prosim_scene import Leaf
 from .. import compat, registry
 from ..scene.scene_file import SceneFile, pick_sensor
 from .orbit_camera import Camera, as_view, as_xml, nearest_axis
-
-#: Maximum number of pixels of the coarse image, which is shown first.
-COARSE = 1 << 14
 
 
 class LoadedScene:
@@ -31,8 +26,6 @@ class LoadedScene:
         self.sensor = pick_sensor(self.scene, sensor)
         film = self.sensor.film()
         self.size = (int(film.crop_size()[0]), int(film.crop_size()[1]))
-        #: Whether the film has no crop window.
-        self.whole = list(film.crop_offset()) == [0, 0] and list(film.crop_size()) == list(film.size())
         self._params = mi.traverse(self.sensor)
         #: The camera that the scene file describes; None if the sensor cannot be moved.
         self.home = self._home()
@@ -104,25 +97,6 @@ class LoadedScene:
         if document is None:
             return as_xml(camera)
         return as_view(document.scene.view, self.home, camera, document.source.spellings)
-
-    @contextmanager
-    def coarse(self) -> Iterator[None]:
-        """Inside the ``with`` block, the film has about :data:`COARSE` pixels or fewer. The film must have no crop
-        window (:attr:`whole`).
-
-        The change of the film's size causes no compilation, because Dr.Jit's kernels do not depend on this size.
-        """
-        try:
-            divisor = max(1, ceil(sqrt(self.size[0] * self.size[1] / COARSE)))
-            self._resize([max(1, side // divisor) for side in self.size])
-            yield
-        finally:
-            self._resize(self.size)
-
-    def _resize(self, size: Sequence[int]) -> None:
-        """Sets the size of the film and of the crop window to ``size``, (width, height) in pixels."""
-        self._params["film.size"] = self._params["film.crop_size"] = mi.ScalarVector2u(size)
-        self._params.update()
 
     # ---------------------------------------------------------------- the surface of a pixel
 

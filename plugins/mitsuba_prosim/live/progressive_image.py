@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..denoising.final_image import FinalImage, denoised_progressive
+from ..engine.camera import coarse_film
 from ..engine.render import Reached
 from ..engine.work import Executor, Step
 from ..registry import create
@@ -22,6 +23,8 @@ from .picture import Picture, colours, fill_unknown, layers_of_render
 
 #: Approximate duration of a work item in seconds. The viewer handles new requests between work items.
 SECONDS = 0.4
+#: Maximum number of pixels of the coarse image, which is shown first.
+COARSE = 1 << 14
 
 
 class ProgressiveImage:
@@ -122,14 +125,14 @@ class ProgressiveImage:
         """Renders the coarse image (an image with few pixels), which :meth:`layers` shows where the image has no sample
         yet.
 
-        The caller must reduce the size of the film during this call, see :meth:`.LoadedScene.coarse`. Each pixel of the
-        coarse image has one sample. In a scene with dispersion, the coarse image is the first pass of a render with n²
-        samples per pixel, where n is the number of wavelengths of a spectrum.
+        Each pixel of the coarse image has one sample. In a scene with dispersion, the coarse image is the first pass of
+        a render with n² samples per pixel, where n is the number of wavelengths of a spectrum.
         """
         each = dr.size_v(mi.Spectrum) if disperses(self.scene) else 1
-        render = self.integrator.progressive(self.scene, self.sensor, self.seed, each**2)
-        next(step for step in render if step.complete)
-        self._coarse = without_maps(layers_of_render(render, self.integrator))
+        with coarse_film(self.sensor, COARSE):
+            render = self.integrator.progressive(self.scene, self.sensor, self.seed, each**2)
+            next(step for step in render if step.complete)
+            self._coarse = without_maps(layers_of_render(render, self.integrator))
 
 
 def without_maps(layers: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -226,9 +226,9 @@ class Viewer:
     def _begin(self, scene: LoadedScene) -> None:
         """Begins a new render, without earlier samples, of the view of ``scene`` that the page requests.
 
-        If the film has no crop window, this method first renders and publishes a coarse image (an image with few
-        pixels). If the page also shows an image by Mitsuba's integrator ``path``, that image is deleted, and
-        :meth:`_pause_or_compare` begins a new one in the next step.
+        This method first renders and publishes a coarse image (an image with few pixels). If the page also shows an
+        image by Mitsuba's integrator ``path``, that image is deleted, and :meth:`_pause_or_compare` begins a new one in
+        the next step.
         """
         self._shown = replace(self._request, compared=False, paused=False)
         self._reached, self._seconds = None, 0.0
@@ -242,11 +242,9 @@ class Viewer:
             integrator=integrator_name(self._integrator),
             not_compared=not_compared(self._integrator),
         )
-        if scene.whole:
-            with scene.coarse():
-                image.begin_coarse()
-            self._draw(image)
-            self._publish()
+        image.begin_coarse()
+        self._draw(image)
+        self._publish()
 
     def _pause_or_compare(self) -> None:
         """Handles a new request that differs from the request which is now shown only in ``compared`` or ``paused``.

@@ -42,7 +42,7 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
         return L + lamp_light(context, vertex, points, lamp.k, sample, context.mis_lobes)
 
     if lights.sampler is None:
-        L = lights.for_each(add, context.layers.none(), active, context.attached or context.observer is not None)
+        L = lights.for_each(add, context.layers.none(), active, context.attached)
     else:
         point = points(space, active)
         k, probability, rest = lights.sampler.choose(vertex.receiver, point.x, active)

@@ -111,8 +111,6 @@ class Transport(Context):
             return State(state.L + L, alpha, next_ray, next_active, progress, state.sampler)
 
         first, sampler = self.first(ray), points.sampler if isinstance(points, SamplerPoints) else None
-        if self.observer is not None:  # Dr.Jit 1.5 compiles an evaluated loop wrongly if all lanes have the same ray
-            first.d = first.d + dr.opaque(mi.Float, 0, dr.width(getattr(points, "t", 0)))
         alpha = None if self.shows_sky else mi.Float(1)
         state = State(self.layers.none(), alpha, first, mi.Bool(active), walk.start(self, first), sampler)
         if walk is tree and not (self.reflects or self.refracts):  # no ray follows the camera ray
@@ -120,9 +118,7 @@ class Transport(Context):
         elif self.attached:
             state = differentiable_loop(state, step)
         else:
-            # The observer needs the values of each iteration.
-            mode = None if self.observer is None else "evaluated"
-            (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (step(state),), mode=mode)
+            (state,) = dr.while_loop((state,), lambda state: state.active, lambda state: (step(state),))
         return state.L.total, mi.Float(1) if state.alpha is None else state.alpha, state.L.layers
 
 

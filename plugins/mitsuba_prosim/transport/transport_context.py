@@ -95,8 +95,8 @@ class Context:
     def observe(self, event: str, ray: Ray, **values: Any) -> None:
         """Passes intermediate values of the transport to the :attr:`observer`, if there is one.
 
-        ``event`` is the name of a computation at the end of ``ray``, and ``values`` are its values. With an observer,
-        Dr.Jit evaluates each iteration of the loops over rays and lamps.
+        ``event`` is the name of a computation at the end of ``ray``, and ``values`` are its values. Within a loop, the
+        observer gets variables of the kernel, not their values.
         """
         if self.observer is not None:
             self.observer(event, ray, **values)

@@ -98,10 +98,9 @@ def load(
 ) -> Node:
     """Translates a scene file to a dictionary for ``mi.load_dict``; :func:`translate` describes the options.
 
-    The PLY files of the meshes are written to a temporary folder. The temporary folder of the meshes exists until the
-    returned dictionary and its copies are deleted, or the process ends. The function ``transform`` converts a 4x4 array
-    to Mitsuba's type for a transform. The default of ``transform`` is ``mitsuba.ScalarTransform4f`` of the active
-    variant if Mitsuba is imported; otherwise arrays are not converted.
+    The meshes are in a temporary folder, which exists until the returned dictionary and its copies are deleted, or the
+    process ends. ``transform`` converts a 4x4 array to Mitsuba's type for a transform; by default it is
+    ``mitsuba.ScalarTransform4f`` of the active variant, or converts nothing if Mitsuba is not imported.
     """
     checked, opened = Options(**options), _opened(source, define)
     try:

@@ -223,9 +223,9 @@ class Render(Steps):
 
         The bound is estimated from the samples within each pixel (:meth:`.Accumulators.error`), as if these samples, or
         the passes, were independent. The samples are better distributed than independent samples, so the actual error
-        is smaller than the bound; only a second image can measure the actual error. The bound is NaN if a pixel has
-        fewer than two samples or all together fewer than :data:`FEW` per pixel, which may all have missed rare light,
-        or if so few pixels have most of the error that other pixels may have missed as much.
+        is smaller than the bound; only a second image can measure the actual error. The bound is NaN
+        where it would be a guess: if a pixel has fewer than two samples, if there are fewer than :data:`FEW` per pixel,
+        or if few pixels have most of the error, because then other pixels may have missed as much light.
         """
         state, sums = self.state, self.state.accumulators
         total, _, count = sums.statistics()

@@ -53,14 +53,13 @@ def show(
     ``exposure``
         Exposure of the shown image, in stops.
 
-    In a notebook this function returns at once, and the image is rendered while the notebook is idle. With the returned
-    ``view``, the statement ``await view`` waits for the end of the render. ``view.wait()`` also waits for the end of
-    the render, but blocks the notebook. The render stops if the user interrupts the notebook's kernel or runs the cell
-    again. Outside a notebook this function returns at the end of the render.
+    In a notebook, this function returns a ``view`` at once, and the image is rendered while the notebook is idle.
+    ``await view`` waits for the end of the render; ``view.wait()`` does so, too, but blocks the notebook. The render
+    stops if you interrupt the kernel or run the cell again. Outside a notebook, this function returns at the end of the
+    render.
 
-    At the end of the render, a still image or an error message replaces the widgets, and is stored in the notebook
-    file. ``view.image`` is the rendered image in linear colours. The dictionary ``view.layers`` contains the rendered
-    image and maps of its error and of its sample counts.
+    At the end, a still image or an error message replaces the widgets, and is stored in the notebook file.
+    ``view.image`` is the image in linear colours, and the dictionary ``view.layers`` has also the maps.
 
     Raises ImportError if ipywidgets is not installed, RuntimeError if the variant is scalar or not set, and the errors
     of loading the scene.

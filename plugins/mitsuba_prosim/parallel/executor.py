@@ -175,11 +175,10 @@ def render(
 ) -> mi.TensorXf:
     """Renders a scene file on the workers of a Dask cluster; returns the image, shape (height, width, channels).
 
-    ``scene`` is a file in the thesis's scene language or in XML. ``client`` is a client of the cluster; None stands for
-    Dask's current client. ``spp`` is the number of samples per pixel; 0 stands for the number in the scene file.
-    ``changes`` are further arguments of :class:`.SceneFile`, such as ``resolution=(640, 480)`` or
-    ``integrator={"noise": 0.01}``. If all machines have the same kind of processor, the image has the same bits as an
-    image that is rendered without workers.
+    ``scene`` is a file in the thesis's scene language or in XML. ``client`` is a client of the cluster (None: Dask's
+    current client), ``spp`` the number of samples per pixel (0: as in the scene file). ``changes`` are further
+    arguments of :class:`.SceneFile`, such as ``resolution=(640, 480)`` or ``integrator={"noise": 0.01}``. If all
+    machines have the same kind of processor, the image has the same bits as without workers.
 
     Raises :class:`ClusterError` if the cluster cannot render the image, and ValueError if the scene cannot be sent to
     workers or its integrator cannot render progressively.

@@ -12,10 +12,10 @@ from .language import document_of
 from .language.diagnostics import AnyPath, SceneError
 from .language.document import Document
 from .mitsuba.assemble import assemble
+from .mitsuba.translation_context import Options
 from .model import Scene
 from .nodes import Comment, Node, is_valid_in_xml, plain, xml
 from .text_files import read
-from .translation_options import Options
 from .writer import MARK, TranslationFiles
 
 

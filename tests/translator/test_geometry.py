@@ -14,7 +14,7 @@ from meshes import area, assert_closed, scene, solids, volume
 from prosim_scene import SceneError, SceneWarning
 from prosim_scene.geometry import detail
 from prosim_scene.geometry.leaves import leaves_of
-from prosim_scene.geometry.transforms import matrices
+from prosim_scene.geometry.solids import matrices
 from prosim_scene.language import document_of
 from prosim_scene.view import camera_of
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import prosim_scene
 import pytest
 from prosim_scene import SceneError, model
-from prosim_scene.geometry.transforms import matrices
+from prosim_scene.geometry.solids import matrices
 from prosim_scene.language.reader import Reader
 from prosim_scene.language.words import ROLES, TRANSLATIONS, WORDS, WORDS_BY_SPELLING, find_word, normalise
 

@@ -13,8 +13,7 @@ from .coincidence import THICKNESS, Planes, same_surfaces
 from .detail import with_segments
 from .grouping import group_equal
 from .primitives import PRIMITIVES, CornerAttributes, Cube, Mesh, Primitive, box_corners, with_radius
-from .solids import Solid, world_box_corners
-from .transforms import matrices
+from .solids import Solid, matrices, world_box_corners
 
 #: How far a PLANE extends, relative to the size of the scene.
 EXTENT = 100

@@ -4,20 +4,44 @@ tree.
 
 from collections.abc import Callable, Hashable
 from pathlib import Path
+from typing import Protocol
 
 from ..geometry import TOLERANCE, Look, MeshKey, TranslationCache, Triangles, tessellate
 from ..geometry.grouping import group_equal
 from ..language.document import Document
-from ..model import Leaf, Scene
+from ..model import Leaf, Light, Scene
 from ..nodes import Comment, Node
-from ..translation_options import Options
-from ..view import camera_of, warn_of_distortion
+from ..view import Camera, camera_of, warn_of_distortion
 from ..writer import ply_bytes
 from . import lights, materials, prosim_target, stock_target
 from .materials import MediumInterface
 from .sensor import sensor
-from .target import Target
-from .translation_context import Context, check_single_precision, meshes
+from .translation_context import Context, Options, check_single_precision, meshes
+
+
+class Target(Protocol):
+    """Translates parts of a scene to Mitsuba dictionaries; a module for the plugins of this project or of Mitsuba."""
+
+    #: Plugin name of the sampler; its sample count is N^2, where N is NSAMPLES of the scene.
+    SAMPLER: str
+    #: Plugin name of the sensor of a camera with an aperture.
+    LENS: str
+
+    def settings(self, context: Context) -> Node:
+        """Returns the scene's settings, such as the integrator, as entries of the scene's dictionary."""
+
+    def camera(self, context: Context, camera: Camera) -> Camera:
+        """Returns the given camera, or the most similar camera that the target supports."""
+
+    def light(self, context: Context, number: int, light: Light) -> Node:
+        """Returns the dictionary of an emitter, or of a shape with an emitter, for the AREA or POINT light with this
+        number.
+        """
+
+    def surface(self, context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> Node:
+        """Returns the entries of a shape's dictionary for the SURFACE of the primitive ``leaf``, which is node
+        ``number`` of the CSG tree, between the media of its sides.
+        """
 
 
 def medium_key(scene: Scene, leaf: Leaf) -> Hashable:
@@ -78,7 +102,8 @@ def assemble(
 
     result: Node = {"type": "scene"} | check_single_precision(document, target.settings(context))
     result["view_comment"] = _comment_with_line(document, "VIEW", "view")
-    view_sensor = sensor(context, target, camera, triangles.values())
+    seen = target.camera(context, camera)
+    view_sensor = sensor(context, seen, target.LENS, target.SAMPLER, triangles.values())
     result["view"] = check_single_precision(document, view_sensor, "view")
     lights.warn_of_hidden_lights(context, [mesh.positions for mesh in triangles.values()])
     for i, light in enumerate(scene.lights):

@@ -12,7 +12,6 @@ from ..geometry import Triangles
 from ..model import Light
 from ..nodes import Default, Node
 from ..view import Camera
-from .target import Target
 from .translation_context import Context
 
 #: The default depths of the clipping planes, in units of the view plane's distance from the eye.
@@ -48,14 +47,11 @@ def _is_near(point: np.ndarray, mesh: Triangles, distance: float) -> bool:
     return bool(np.all(below[mesh.index].any(axis=1) & above[mesh.index].any(axis=1), axis=1).any())
 
 
-def sensor(context: Context, target: Target, camera: Camera, meshes: Collection[Triangles]) -> Node:
+def sensor(context: Context, camera: Camera, lens: str, sampler: str, meshes: Collection[Triangles]) -> Node:
     """Returns the dictionary of a camera's sensor, which is Mitsuba's ``perspective`` for a pinhole with square pixels,
-    and ``prosim_window`` for other cameras; for the target ``stock``, a camera with an aperture is a ``thinlens``.
-
-    ``target`` is the module of the target; the target ``stock`` first replaces a camera whose pixels are not square.
-    The clipping planes of the sensor clip no triangle of ``meshes``.
+    and ``prosim_window`` for other cameras. The plugin ``lens`` is used for a camera with an aperture. The clipping
+    planes of the sensor clip no triangle of ``meshes``.
     """
-    camera = target.camera(context, camera)
     near, far = clipping_depths(camera, meshes, context.scene.lights)
     width, height = camera.size
     to_world = np.eye(4)
@@ -73,9 +69,9 @@ def sensor(context: Context, target: Target, camera: Camera, meshes: Collection[
             "component_format": "float32",
             "filter": {"type": "box"},
         },
-        "sampler": {"type": target.SAMPLER, "sample_count": context.samples**2},
+        "sampler": {"type": sampler, "sample_count": context.samples**2},
     }
-    kind = target.LENS if camera.aperture else "perspective" if camera.square_pixels else "prosim_window"
+    kind = lens if camera.aperture else "perspective" if camera.square_pixels else "prosim_window"
     if camera.aperture:
         common |= {"aperture_radius": camera.aperture, "focus_distance": camera.focus}
     if kind == "prosim_window":

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..geometry.transforms import matrices
+from ..geometry.solids import matrices
 from ..model import Leaf, Scene, Texture
 from ..nodes import Node, rgb, rgb_clipped
 from .translation_context import Context

@@ -5,10 +5,11 @@
 
 The tree ``field`` is a union of random primitives. ``carved`` is a block; half of the primitives are subtracted from
 it, and the others are added and subtracted in alternation. The primitives of ``grid`` do not touch. ``plate`` has a
-hole at each point of a grid, and ``pegs`` has a peg at each point. In ``comb`` each box overlaps the next box, and in
-``point`` all boxes overlap. Times are processor seconds, and each measurement runs in a new process. ``changed`` is the
-time of a translation after a change of one SURFACE, with the cache of the first translation. ``keystrokes`` measures
-the elapsed milliseconds from a change of the text to its diagnostics, for a client of the language server.
+hole at each point of a grid, and ``pegs`` has a peg at each point. In ``comb`` each box overlaps the next box, and the
+boxes are added and subtracted in alternation; ``point`` is a union of boxes that all overlap. Times are processor
+seconds, and each measurement runs in a new process. ``changed`` is the time of a translation after a change of one
+SURFACE, with the cache of the first translation. ``keystrokes`` measures the elapsed milliseconds from a change of the
+text to its diagnostics, for a client of the language server.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ def operators(kind: str, count: int) -> list[str]:
     if kind == "carved":
         half = (count - 1) // 2
         return alternating[: count - 1 - half] + ["-"] * half
-    if kind in ("comb", "point"):
+    if kind == "comb":
         return alternating
     return ["-" if kind == "plate" else "+"] * (count - 1)
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+import weakref
 from pathlib import Path
 
 from prosim_scene.editor.symbols import Symbol, Symbols, description
@@ -35,6 +36,15 @@ def labels(text):
     found = Symbols(text.replace("|", "", 1)).completions(at)
     assert len({one.start for one in found}) <= 1
     return [one.label for one in sorted(found, key=lambda one: one.rank)]
+
+
+def test_text_with_an_error_is_freed_at_once():
+    """A later garbage collection, after several keystrokes, would be a pause."""
+    symbols = Symbols("SURFACE 0 kd x SURFACE 1 kd {1 +} END")
+    reader = weakref.ref(symbols.reader)
+    assert symbols.diagnostics
+    del symbols
+    assert reader() is None
 
 
 def test_every_wrong_statement_is_reported():

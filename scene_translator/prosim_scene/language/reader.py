@@ -113,7 +113,8 @@ class Reader(Scanner):
                     return
                 self.read_statement()
             except SceneError as error:
-                self.errors[error_count:] = [error]  # replaces the other errors of this statement
+                # Replaces the other errors of this statement. The traceback would keep this reader in memory.
+                self.errors[error_count:] = [error.with_traceback(None)]
                 if not self.skip_statement(error):
                     return
         self.skipped = min(self.skipped, self.position)

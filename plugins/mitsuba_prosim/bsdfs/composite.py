@@ -158,12 +158,9 @@ class Composite(Pigmented):
 
 def known_to_conserve(props: mi.Properties) -> bool:
     """Tells whether the diffuse and specular reflectances are known to add up to at most 1 at every point and
-    wavelength.
+    wavelength (thesis, section 3.1.1: s + d = 1): numbers, and, except in spectral variants, colours.
 
-    In the thesis, the diffuse and the specular reflectance add up to 1 (section 3.1.1, s + d = 1). The sum of the
-    reflectances is known in advance for numbers, and, except in spectral variants, for colours. The sum of textures or
-    of spectra is known only after their evaluation at a point. The result is True if the specular reflectance is
-    absent, because the default is 1 minus the diffuse reflectance. An absent diffuse reflectance counts as 0.5. Raises
+    It is true if the specular reflectance is absent, because the default is 1 minus the diffuse reflectance. Raises
     ValueError if constant reflectances add up to more than 1.
     """
     names = "diffuse_reflectance", "specular_reflectance"

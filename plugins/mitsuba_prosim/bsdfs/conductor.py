@@ -132,11 +132,8 @@ class Conductor(Material):
     def sample_direction(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.Vector3f, mi.UInt32, mi.Float, mi.UnpolarizedSpectrum]:
-        """Samples the reflected direction, and returns ``(wo, component, pdf, weight)``
-        (:meth:`.Material.sample_direction`).
-
-        An ideally smooth surface reflects in the mirror direction, with ``pdf`` 1. On a rough surface, a visible facet
-        is sampled, which reflects. ``pdf`` is 0 if the facet reflects below the surface.
+        """Samples the reflected direction (:meth:`.Material.sample_direction`): in the mirror direction, with ``pdf``
+        1, if the surface is smooth, else from a visible facet. ``pdf`` is 0 if the facet reflects below the surface.
         """
         if self.roughness is None:
             return mi.reflect(si.wi), mi.UInt32(0), mi.Float(1), self.reflected(si, active)(si.wi.z)
@@ -167,20 +164,18 @@ class Conductor(Material):
 
 
 def metals() -> list[str]:
-    """Returns the names of the metals whose indices of refraction Mitsuba has in files. The list is empty if the folder
-    of Mitsuba's files of metals is not found.
+    """Returns the names of the metals whose indices of refraction Mitsuba has in files; none if the folder is not
+    found.
     """
     folder = Path(str(mi.file_resolver().resolve("data/ior/Cu.k.spd"))).parent
     return sorted(p.name.removesuffix(".k.spd") for p in folder.glob("*.k.spd"))
 
 
 def metal(props: mi.Properties) -> tuple[mi.Texture, mi.Texture]:
-    """Returns ``(eta, k)``, two textures: the complex index of refraction of the metal that the plugin's parameters
-    describe.
+    """Returns ``(eta, k)``, two textures: the complex index of refraction of the metal, from Mitsuba's files for the
+    parameter ``material``, else from ``eta`` and ``k``, by default 0 and 1, a perfect mirror.
 
-    The parameter ``material`` selects a measured metal, whose textures are read from Mitsuba's files. If the parameter
-    ``material`` is absent or "none", the parameters ``eta`` and ``k`` describe the metal; their defaults 0 and 1 make a
-    perfect mirror. Raises ValueError for wrong parameters, and RuntimeError if the files of a metal cannot be read.
+    Raises ValueError for wrong parameters, and RuntimeError if the files of a metal cannot be read.
     """
     material = props.get("material", "none")
     for name in ("eta", "k"):

@@ -139,10 +139,7 @@ class Dielectric(Material):
 
     def probability(self, ctx: mi.BSDFContext, reflected: mi.Bool, f: mi.Float) -> mi.Float:
         """Returns the probability of sampling the reflection where ``reflected`` is true, else that of the
-        transmission.
-
-        ``f`` is Fresnel's reflectance. The probability is 1 if ``ctx`` enables only the reflection or only the
-        transmission.
+        transmission; ``f`` is Fresnel's reflectance.
         """
         return dr.select(reflected, f, 1 - f) if all(self.enabled(ctx)) else mi.Float(1)
 
@@ -153,9 +150,8 @@ class Dielectric(Material):
         (elsewhere), as a spectrum.
 
         ``face`` has the facet's reflectance and relative index of refraction, for one wavelength or for each channel.
-        The fraction includes the texture ``specular_reflectance`` or ``specular_transmittance``, if the plugin has this
-        parameter. Transmitted radiance is divided by the square of the relative index ``face.eta_it``, because
-        refraction changes the solid angle of the light; transmitted importance is not divided.
+        Transmitted radiance is divided by the square of the relative index, because refraction changes the solid angle
+        of the light; transmitted importance is not.
         """
         r, t = (
             1 if texture is None else texture.eval(si, active)
@@ -186,14 +182,12 @@ class Dielectric(Material):
         """Samples a direction; returns ``(bs, weight)``. ``weight`` is the value of the BSDF times the cosine of the
         direction, divided by the density ``bs.pdf``; both are 0 if no direction was sampled.
 
-        If ``ctx`` enables reflection and transmission, a facet reflects with the probability of Fresnel's reflectance.
-        Smooth dispersive glass reflects all wavelengths of a ray, but refracts only one wavelength, which is chosen
-        with the probabilities ``weights``. An integrator that knows the ray's throughput passes ``weights``
-        proportional to the throughput. If ``weights`` is None, all wavelengths are equally probable; equal
-        probabilities are unbiased, but noisier. Rough dispersive glass ignores ``weights``: an equally probable
-        wavelength determines the direction, and the weight counts all wavelengths. If ``undispersed`` is true, all
-        wavelengths are refracted in the direction of the middle wavelength, which is biased, but avoids colour noise in
-        an albedo image.
+        Smooth dispersive glass reflects all wavelengths of a ray, but refracts only one, which is chosen with the
+        probabilities ``weights``: an integrator that knows the ray's throughput passes ``weights`` proportional to it,
+        which is less noisy than equal probabilities (None). Rough dispersive glass ignores ``weights``: an equally
+        probable wavelength determines the direction, and the weight counts all wavelengths. If ``undispersed`` is true,
+        all wavelengths are refracted in the direction of the middle wavelength, which is biased, but avoids colour
+        noise in an albedo image.
         """
         bs = dr.zeros(mi.BSDFSample3f)
         reflection, transmission = self.enabled(ctx)
@@ -252,16 +246,13 @@ class Dielectric(Material):
         self, wi: mi.Vector3f, wo: mi.Vector3f, facet: Facet, reflected: mi.Bool, width: mi.Float, eta: mi.Float
     ) -> tuple[mi.Float, mi.Float]:
         """Returns ``(value, pdf)`` of the microfacets with the normal of ``facet``, which scatter light from ``wo`` to
-        ``wi``.
+        ``wi``, without Fresnel's factors.
 
-        ``width`` is the roughness; ``reflected`` tells whether the facets reflect or refract. ``value`` does not
-        include Fresnel's reflectance or transmittance, and ``pdf`` does not include the probability of sampling a
-        reflection or a refraction. ``value`` and ``pdf`` have the common factor D(m) <wi, m> / cos_i times dm / dwo,
-        the ratio of the solid angles of m and wo (Walter and others 2007, equations 14 and 17). ``value`` has the
-        further factor G (masking and shadowing); ``pdf`` has the further factor G1(wi) (masking). The ratio eta_it is
-        the index of refraction on the side of wo divided by the index on the side of wi; ``eta`` is the index inside
-        divided by the index outside. By Snell's law, i_m - eta_it o_m is (1 - eta_it²) / (i_m + eta_it o_m), which
-        loses no digits for indices near 1; i_m and o_m are the cosines of wi and wo to m.
+        ``value`` and ``pdf`` have the common factor D(m) <wi, m> / cos_i times dm / dwo, the ratio of the solid angles
+        of m and wo (Walter and others 2007, equations 14 and 17). ``value`` has the further factor G (masking and
+        shadowing), ``pdf`` G1(wi) (masking). ``width`` is the roughness; ``eta`` is the index inside divided by the
+        index outside, eta_it that on the side of wo divided by that on the side of wi. By Snell's law, i_m - eta_it o_m
+        is (1 - eta_it²) / (i_m + eta_it o_m), which loses no digits for indices near 1.
         """
         cos_i, cos_o, m = dr.abs(wi.z), dr.abs(wo.z), facet.m
         a, b = dr.abs(facet.i_m), dr.maximum(dr.abs(facet.o_m), 1e-30)
@@ -277,10 +268,7 @@ class Dielectric(Material):
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
     ) -> tuple[mi.Spectrum, mi.Float]:
         """Returns the value of the BSDF times the cosine of ``wo``, and the density with which :meth:`sample` samples
-        ``wo``.
-
-        The value and the density are 0 for smooth glass, and where ``ctx`` does not enable the reflection or
-        transmission that leads to ``wo``.
+        ``wo``; 0 for smooth glass, and where ``ctx`` does not enable the component that leads to ``wo``.
         """
         # Each wavelength has its own facet and its own value. The density is the mean of their densities.
         reflected = (si.wi.z > 0) == (wo.z > 0)

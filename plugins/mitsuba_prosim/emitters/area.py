@@ -157,10 +157,9 @@ class Area(Source):
         self, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
         """Samples a point of the light source, as seen from the point ``it``; returns ``(ds, weight)``. ``weight`` is
-        the radiance of the sampled point towards ``it``, divided by the density ``ds.pdf`` per solid angle.
+        its radiance towards ``it``, divided by the density ``ds.pdf`` per solid angle.
 
-        The emission texture or the shape samples the point (:attr:`sampler`). The density and the weight are 0
-        if the source faces away from ``it`` at the sampled point, and if nothing can sample the points.
+        Both are 0 if the source faces away from ``it`` at the sampled point, and if nothing can sample the points.
         """
         # Dr.Jit traces every emitter that exists, also an emitter without a shape.
         if not self.sampler:
@@ -182,9 +181,6 @@ class Area(Source):
         return ds, self.eval_direction(it, ds, active) / dr.select(active, ds.pdf, 1)
 
     def pdf_direction(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool = True) -> mi.Float:
-        """Returns the density per solid angle with which :meth:`sample_direction` samples the point ``ds``. The density
-        is 0 if the source faces away at this point, and if nothing can sample the points.
-        """
         if not self.sampler:
             return mi.Float(0)
         cos = -dr.dot(ds.d, ds.n)
@@ -201,8 +197,8 @@ class Area(Source):
         is the density that Mitsuba computes.
 
         Mitsuba's density for a sphere of radius r at the distance d has an error of 1 % at r/d = 0.001, because 1 - cos
-        of the half-angle loses digits. To keep all digits, this method computes 1 - cos as sin² / (1 + cos). The method
-        returns ``pdf`` for other shapes, for spheres that emit inwards, and where sin² = (r/d)² is 0.9 or more.
+        of the half-angle loses digits; here it is sin² / (1 + cos), where sin² = (r/d)² is below 0.9. Spheres that emit
+        inwards and other shapes keep ``pdf``.
         """
         shape = self.get_shape()
         if shape.class_name() != SPHERE or shape.has_flipped_normals():
@@ -215,10 +211,8 @@ class Area(Source):
     def sample_position(
         self, time: mi.Float, sample: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.PositionSample3f, mi.Float]:
-        """Samples a point of the light source; returns the point, and the reciprocal of the density per area.
-
-        The emission texture or the shape samples the point (:attr:`sampler`). The reciprocal is 0 in inactive
-        lanes, and if nothing can sample the points.
+        """Samples a point of the light source; returns the point, and the reciprocal of the density per area, which is
+        0 in inactive lanes, and if nothing can sample the points.
         """
         if not self.sampler:
             return no_sample(mi.PositionSample3f), mi.Float(0)
@@ -227,9 +221,7 @@ class Area(Source):
         return ps, dr.select(active & (ps.pdf > 0), 1 / dr.maximum(ps.pdf, 1e-30), mi.Float(0))
 
     def sample_texture(self, time: mi.Float, sample: mi.Point2f, active: mi.Bool) -> mi.PositionSample3f:
-        """Samples a point of the light source by the method of the emission texture; the returned density is per
-        surface area.
-        """
+        """Samples a point of the light source by the emission texture; the returned density is per surface area."""
         uv, pdf = self.emission.sample_position(sample, active)
         si, density = self.at_texture(uv, pdf, active & (pdf > 0))
         ps = mi.PositionSample3f(si)
@@ -237,11 +229,8 @@ class Area(Source):
         return ps
 
     def at_texture(self, uv: mi.Point2f, pdf: mi.Float, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Float]:
-        """Returns the point of the shape with the texture coordinates ``uv``, and the density of the point per surface
-        area.
-
-        ``pdf`` is the density of ``uv`` in the unit square. The density per surface area is 0 if the shape has no point
-        with these coordinates.
+        """Returns the point of the shape with the texture coordinates ``uv``, and its density per surface area: 0 if
+        there is none. ``pdf`` is the density of ``uv`` in the unit square.
         """
         si = self.get_shape().eval_parameterization(uv, mi.RayFlags.All, active)
         stretch = dr.norm(dr.cross(si.dp_du, si.dp_dv))
@@ -250,11 +239,9 @@ class Area(Source):
     def sample_ray(
         self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
-        """Samples a ray that the light source emits; returns ``(ray, weight)``.
-
-        ``weight`` is the emitted radiance times the cosine at the source, divided by the densities of the point, the
-        direction and the wavelengths. Raises RuntimeError if the source is ``unattenuated``, and if nothing can sample
-        its points.
+        """Samples a ray that the light source emits; returns ``(ray, weight)``: the radiance times the cosine at the
+        source, divided by the densities of the point, the direction and the wavelengths. Raises RuntimeError if the
+        source is ``unattenuated``, and if nothing can sample its points.
         """
         self._require_rays()
         ps, weight = self.sample_position(time, sample2, active)

@@ -173,7 +173,6 @@ class Point(Source):
     def sample_position(
         self, time: mi.Float, sample: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.PositionSample3f, mi.Float]:
-        """Returns the position of the point source as a ``mi.PositionSample3f``, and the weight 1."""
         ps = mi.PositionSample3f()
         ps.p, ps.n, ps.uv = self.position, mi.Normal3f(0), mi.Point2f(0)
         ps.time = time
@@ -184,9 +183,6 @@ class Point(Source):
     def sample_wavelengths(
         self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool = True
     ) -> tuple[mi.Color0f, mi.Spectrum]:
-        """Samples wavelengths; returns the wavelengths, and the intensity on the axis divided by the density of the
-        wavelengths.
-        """
         wavelengths, weight = self.sample_spectrum(si, sample, active)
         return wavelengths, weight * self.scale
 

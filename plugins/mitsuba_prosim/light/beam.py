@@ -15,10 +15,8 @@ from ..optics import cosine
 
 
 def falloff(versine: mi.Float, limit: mi.Float, exponent: mi.Float | None = None) -> mi.Float:
-    """Returns the intensity of a beam, divided by the intensity on the axis: a number in [0, 1].
-
-    ``versine`` is 1 - cos of the angle from the axis, and ``limit`` is 1 - cos of the angle at which the beam ends.
-    ``exponent`` is the exponent of a spot light, or None for a cone light.
+    """Returns the intensity of a beam, divided by the intensity on the axis: a number in [0, 1]. ``versine`` and
+    ``limit`` are those of the direction and of the angle at which the beam ends.
     """
     inside = dr.minimum(versine, 2) <= limit  # rounding may give a versine above 2
     return dr.select(inside, mi.Float(1) if exponent is None else cosine.power(versine, exponent), mi.Float(0))

@@ -55,8 +55,8 @@ def has_area(shape: mi.Shape) -> bool:
 
 
 def _has_unique_uv(shape: mi.Shape) -> bool:
-    """Tells whether each point of ``shape`` has its own texture coordinates, in the unit square. The result is False
-    for a mesh of more than :data:`MAX_TRIANGLES` triangles, which is not examined.
+    """Tells whether each point of ``shape`` has its own texture coordinates, in the unit square. Meshes of more than
+    :data:`MAX_TRIANGLES` triangles are not examined.
     """
     if shape.class_name() in UNIQUE_UV:
         return True
@@ -200,8 +200,8 @@ class EmitterMethods:
     def pdf_position(
         self, emitter: Emitter, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool
     ) -> mi.Float:
-        """Returns the density per area with which :meth:`sample_position` samples the point ``ds``, seen from ``it``;
-        0 for an emitter without a shape.
+        """Returns the density per area with which :meth:`sample_position` samples the point ``ds``, seen from ``it``; 0
+        for an emitter without a shape.
         """
 
         def density(

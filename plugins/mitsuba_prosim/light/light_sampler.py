@@ -38,9 +38,9 @@ FAR = 1e3
 class LightSampler:
     """Chooses one of the lamps ``emitters`` of ``scene``; the first lamp has the number 0.
 
-    Each lamp is modelled by a sphere. The modelled intensity of a lamp is the sum of a uniform part, which is the same
-    in all directions, and of a lobe cos^n around an axis. For at most ``UNROLLED`` lamps, the kernel contains separate
-    code for each lamp; for more lamps, the kernel contains a loop over the lamps.
+    Each lamp is modelled by a sphere. Its modelled intensity is a uniform part, the same in all directions, plus a lobe
+    cos^n around an axis. For at most ``UNROLLED`` lamps, the kernel contains separate code for each lamp; for more
+    lamps, a loop.
     """
 
     UNROLLED = 16
@@ -59,9 +59,7 @@ class LightSampler:
             dr.make_opaque(self.table)
 
     def total(self, receiver: Receiver, active: mi.Bool) -> mi.Float:
-        """Returns the sum of the importances of all lamps at ``receiver``, or ``receiver.importance`` if that sum is
-        already known.
-        """
+        """Returns the sum of the importances of all lamps at ``receiver`` (``receiver.importance`` if it is known)."""
         if receiver.importance is not None:
             return receiver.importance
 
@@ -76,20 +74,17 @@ class LightSampler:
         return self.importance(k, receiver, active) / dr.select(total > 0, total, 1)
 
     def choose(self, receiver: Receiver, sample: mi.Float, active: mi.Bool) -> tuple[mi.UInt32, mi.Float, mi.Float]:
-        """Chooses a lamp by ``sample``, a number in [0, 1), and returns ``(k, probability, rest)``.
+        """Chooses a lamp by ``sample``, a number in [0, 1); returns its number, its probability, and a new number in
+        [0, 1).
 
-        ``k`` is the number of the chosen lamp; ``probability`` is the probability of choosing the lamp ``k``. The
-        interval [0, 1) is divided into one interval for each lamp, whose length is the probability of the lamp.
-        ``rest`` is a new number in [0, 1): the relative position of ``sample`` within the interval of the chosen lamp.
+        [0, 1) is divided into one interval for each lamp, whose length is the probability of the lamp. The new number
+        is the relative position of ``sample`` within the interval of the chosen lamp.
         """
         total = self.total(receiver, active)
         sample = sample * total
         State = tuple[mi.UInt32, mi.Float, mi.Float, mi.Float]
 
         def visit(k: Index, state: State) -> State:
-            """Replaces the chosen lamp by the lamp ``k`` if ``sample`` is not below the beginning of the interval of
-            ``k``.
-            """
             chosen, importance, begin, end = state
             own_importance = self.importance(k, receiver, active)
             # Takes the last lamp whose interval begins at or below the number, because the sums are rounded.
@@ -106,9 +101,9 @@ class LightSampler:
         """Returns an estimate of the light that the lamp ``k`` sends to ``receiver``, without shadows, in a unit that
         is the same for all lamps.
 
-        The estimate is the intensity of the lamp towards ``receiver``, times the cosine at the receiver, divided by the
-        squared distance. The cosine at the receiver is an upper bound over the whole lamp, but at least
-        :data:`LEAST_COSINE`. The distance is at least the radius of the lamp's sphere. So the importance is positive.
+        It is the intensity of the lamp towards ``receiver``, times the cosine at the receiver (an upper bound over the
+        whole lamp, but at least :data:`LEAST_COSINE`), divided by the squared distance (at least the radius of the
+        lamp's sphere). So it is positive.
         """
         # The choice of a lamp has no derivatives.
         p, n, both_sides = dr.detach(receiver.si.p), dr.detach(receiver.n), receiver.both_sides
@@ -129,11 +124,9 @@ class LightSampler:
         return intensity * cos_receiver * dr.square(inverse)
 
     def _lamp(self, k: Index, active: mi.Bool) -> tuple[Any, ...]:
-        """Returns the model of the lamp ``k``.
-
-        The model of a lamp is a tuple: the center of the lamp's sphere, the radius of the sphere, the intensity of the
-        uniform part, the intensity of the lobe, the exponent of the lobe, and the axis of the lobe. In vectorised
-        variants, the axis is None if no lamp has a lobe.
+        """Returns the model of the lamp ``k``: the center and the radius of its sphere, the intensity of the uniform
+        part, and the intensity, the exponent and the axis of the lobe. In vectorised variants, the axis is None if no
+        lamp has a lobe.
         """
         if dr.is_jit_v(mi.Float):
             k = mi.UInt32(k)  # a row of the table has twelve numbers: three vectors of four
@@ -149,11 +142,11 @@ class LightSampler:
 def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
     """Returns the models of all lamps as an array of the shape (number of lamps, 10).
 
-    A row of the array holds the center of a lamp's sphere (3 numbers), the radius of the sphere, the intensity of the
-    uniform part, the intensity of the lobe, the exponent of the lobe, and the axis of the lobe (3 numbers). The model
-    of a lamp whose light decreases with the distance is computed from rays that the lamp emits. Any other lamp, and a
-    lamp that cannot emit rays, has the same intensity in all directions, and a sphere around the scene with the radius
-    :data:`FAR` times that of the scene. Each lamp gets a further uniform part, so that no importance is 0.
+    A row holds the center of a lamp's sphere (3 numbers), the radius of the sphere, the intensity of the uniform part,
+    and the intensity, the exponent and the axis (3 numbers) of the lobe. The model of a lamp whose light decreases with
+    the distance is computed from rays that the lamp emits. Any other lamp, and a lamp that cannot emit rays, is
+    uniform, with a sphere of :data:`FAR` times the scene's radius. Each lamp gets a further uniform part, so that no
+    importance is 0.
     """
     sphere = scene.bbox().bounding_sphere()
     size = max(float(sphere.radius), 1e-3)
@@ -175,11 +168,9 @@ def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
 
 
 def falls_with_distance(emitter: mi.Emitter) -> bool:
-    """Tells whether the light of ``emitter`` decreases with the square of the distance.
-
-    The result is True for surfaces and points that emit light, unless they have a true attribute ``unattenuated``
-    (light sources of this package). The function returns True also for ``directionalarea``, whose parallel light does
-    not decrease, because this light starts from a bounded surface.
+    """Tells whether the light of ``emitter`` decreases with the square of the distance: that of surfaces and points,
+    unless they have a true attribute ``unattenuated``. ``directionalarea``, whose light is parallel, counts too,
+    because it starts from a bounded surface.
     """
     flags, kinds = emitter.flags(), mi.EmitterFlags
     bounded = mi.has_flag(flags, kinds.Surface) or mi.has_flag(flags, kinds.DeltaPosition)
@@ -187,10 +178,10 @@ def falls_with_distance(emitter: mi.Emitter) -> bool:
 
 
 def nearby_lamp_model(power: np.ndarray, origins: np.ndarray, directions: np.ndarray, size: float) -> np.ndarray:
-    """Returns the model of a lamp whose light decreases with the distance, computed from rays that the lamp emits.
+    """Returns the model (a row of :func:`lamp_models`) of a lamp whose light decreases with the distance.
 
-    The model is a row of :func:`lamp_models`. ``power`` is the power of each ray, shape (rays,). ``origins`` and
-    ``directions`` are those of the rays, shape (rays, 3). ``size`` is the scene's radius.
+    ``power``, ``origins`` and ``directions`` are those of rays that the lamp emits, shapes (rays,), (rays, 3) and
+    (rays, 3). ``size`` is the scene's radius.
     """
     low, high = origins.min(0), origins.max(0)
     center = (low + high) / 2
@@ -211,9 +202,8 @@ def sample_lamps(scene: mi.Scene, emitters: Sequence[mi.Emitter], sample: Callab
     """Returns the power, the origin and the direction of :data:`RAYS` random samples of each emitter, with a fixed
     seed.
 
-    ``sample`` is the function that draws one sample: :func:`emitted_ray` or :func:`light_in_scene`. The powers have the
-    shape (emitters, samples); origins and directions have the shape (emitters, samples, 3). Negative and non-finite
-    powers are replaced by 0.
+    ``sample`` draws one sample: :func:`emitted_ray` or :func:`light_in_scene`. The powers have the shape (emitters,
+    samples); origins and directions (emitters, samples, 3). Negative and non-finite powers are replaced by 0.
     """
     count = len(emitters) * RAYS
     if not emitters:
@@ -233,14 +223,11 @@ def sample_lamps(scene: mi.Scene, emitters: Sequence[mi.Emitter], sample: Callab
 
 
 def emitted_ray(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
-    """Returns the power, the origin and the direction of a random ray that ``emitter`` emits.
-
-    The power is the mean of the channels of the ray's weight. If ``emitter`` cannot emit rays, the power is 0 and the
-    origin is NaN. ``key`` is a hash key.
+    """Returns the power (the mean over the channels), the origin and the direction of a random ray that ``emitter``
+    emits; 0 and NaN if it cannot emit rays. ``key`` is a hash key.
     """
 
     def sample(one: mi.Emitter, *u: mi.Float) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
-        """Returns the power, the origin and the direction of a random ray that the emitter ``one`` emits."""
         try:
             ray, weight = one.sample_ray(mi.Float(0), u[0], mi.Point2f(*u[1:3]), mi.Point2f(*u[3:5]))
         except RuntimeError:  # Dr.Jit calls all emitters of the process, also those of other scenes
@@ -254,8 +241,8 @@ def light_in_scene(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, m
     """Returns an estimate of the irradiance by ``emitter`` at a random point of the scene's bounding box, the point,
     and the direction to the emitter.
 
-    The estimate is one sample without shadows, for a surface that faces the emitter. The estimate is the mean of the
-    colour channels, or in spectral variants the integral over the wavelengths, like the power of :func:`emitted_ray`.
+    It is one sample without shadows, for a surface that faces the emitter: the mean of the colour channels, or in
+    spectral variants the integral over the wavelengths, like the power of :func:`emitted_ray`.
     """
     u = [to_unit(combine(key, j)) for j in range(6)]
     box = scene.bbox()

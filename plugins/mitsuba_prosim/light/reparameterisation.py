@@ -23,10 +23,8 @@ from .table import Lamp, Lights
 def reparameterised_ray(
     lights: Lights, receiver: Receiver, d: mi.Vector3f, active: mi.Bool
 ) -> tuple[mi.Vector3f, mi.Float]:
-    """Returns ``(d, jacobian)``, both with derivatives, for the direction ``d`` of a ray from ``receiver``.
-
-    The derivatives of the direction follow the lamp that the ray hits. Where the ray hits no lamp, the function returns
-    ``d`` unchanged and the Jacobian 1. A constant sky is no lamp.
+    """Returns ``(d, jacobian)``, both with derivatives, for the direction ``d`` of a ray from ``receiver``; they follow
+    the lamp that the ray hits. Where it hits none, the Jacobian is 1.
     """
     if lights.all_delta or not lights.lamps:
         return d, mi.Float(1)
@@ -43,9 +41,8 @@ def reparameterised_sample(
 ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
     """Returns the sample ``(ds, weight)`` of ``lamp``, with derivatives of the direction, the density and the weight.
 
-    The function adds derivatives to the sample only if the lamp is a surface (an area light), if the density is not 0,
-    and, for a lamp whose derivatives follow its shape, if the sampled point is found on the lamp. Otherwise, the sample
-    is returned unchanged.
+    It is unchanged if the lamp is no surface, if the density is 0, and, for a lamp whose derivatives follow its shape,
+    if the sampled point is not found on the lamp.
     """
     emitter, si = mi.EmitterPtr(lamp.emitter), receiver.si
     active = active & (ds.pdf > 0) & mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface)
@@ -65,10 +62,7 @@ def reparameterised_sample(
 
 
 def meet(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> mi.SurfaceInteraction3f:
-    """Returns the surface point that ``ray`` hits.
-
-    The derivatives of the returned point follow the surface; derivatives of ``ray`` are dropped.
-    """
+    """Returns the surface point that ``ray`` hits. Its derivatives follow the surface; those of ``ray`` are dropped."""
     return scene.ray_intersect(dr.detach(ray), int(mi.RayFlags.All) | int(mi.RayFlags.FollowShape), False, active)
 
 

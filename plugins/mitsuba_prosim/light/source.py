@@ -27,10 +27,9 @@ class Source(mi.Emitter):
     position: Any = None
 
     def __init__(self, props: mi.Properties, quantity: str, place: str) -> None:
-        """Reads the parameters. ``quantity`` is the name of the parameter with the emitted spectrum, such as
-        "radiance". Raises ValueError for wrong values, and for parameters that the distribution does not have. The
-        parameter ``to_world`` is an error; ``place`` is the phrase of the error message that tells how to place the
-        light source instead.
+        """Reads the parameters. ``quantity`` is the name of the parameter with the emitted spectrum; ``place`` is the
+        phrase of the error message for ``to_world`` that tells how to place the light source instead. Raises ValueError
+        for wrong values, and for parameters that the distribution does not have.
         """
         super().__init__(props)
         if "to_world" in props:
@@ -75,7 +74,7 @@ class Source(mi.Emitter):
         """Samples a direction in which the source emits light, with a density proportional to the intensity.
 
         Returns ``(d, total)``: the direction in world coordinates, and the integral of the relative intensity in
-        steradians (:func:`.beam.total`). A uniform source emits over the whole sphere of directions.
+        steradians.
         """
         if self.uniform:
             return mi.warp.square_to_uniform_sphere(sample2), mi.Float(4 * dr.pi)
@@ -96,10 +95,8 @@ class Source(mi.Emitter):
     def sample_spectrum(
         self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool
     ) -> tuple[mi.Color0f, mi.UnpolarizedSpectrum]:
-        """Samples wavelengths of the emitted spectrum; returns ``(wavelengths, weight)``.
-
-        ``weight`` is the emitted spectrum divided by the density of the wavelengths, which are stratified. In RGB and
-        monochromatic variants there are no wavelengths, and ``weight`` is the emitted colour or number.
+        """Samples wavelengths of the emitted spectrum; returns ``(wavelengths, weight)``, where ``weight`` is the
+        emitted spectrum divided by the density of the wavelengths, which are stratified.
         """
         wavelengths = dr.zeros(type(si.wavelengths))
         if len(wavelengths):
@@ -126,13 +123,13 @@ def shown(emission: Any) -> Any:
 
 
 def read_emission(props: mi.Properties, name: str, default: float | None = None) -> Any:
-    """Returns the emitted spectrum of a light source, read from the parameter ``name``, as a texture.
+    """Returns the emitted spectrum of a light source, read from the parameter ``name``, as a texture; None if the
+    parameter is absent and ``default`` is None.
 
-    ``default`` is the emitted spectrum if the parameter is absent; the function returns None if ``default`` is None
-    too. Raises ValueError unless all numbers of the emitted spectrum are finite and not negative, including the texels
-    of an image. In spectral variants, Mitsuba converts the texels of an image to coefficients of spectra, which may be
-    negative, so that only NaN is an error for texels. There, a black number or colour is a factor 0 of the illuminant
-    D65, and a black spectrum is uniform; :func:`shown` gives the factor, which can be changed later.
+    Raises ValueError unless all its numbers are finite and not negative, including the texels of an image. In spectral
+    variants, Mitsuba converts texels to coefficients of spectra, which may be negative, so that only NaN is an error.
+    There, a black number or colour is a factor 0 of the illuminant D65, and a black spectrum is uniform; :func:`shown`
+    gives the factor, which can be changed later.
     """
     allowed = "finite numbers >= 0"
     values = constant_values(props, name)

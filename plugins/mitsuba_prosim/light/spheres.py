@@ -36,8 +36,8 @@ class SphereLights(OtherLights):
 
     @staticmethod
     def can_sample(emitter: Emitter) -> bool:
-        """Tells whether ``emitter`` is a sphere that emits outwards in all directions, and whose radiance does not vary
-        over the sphere. The radiance may vary with the direction.
+        """Tells whether ``emitter`` is a sphere that emits outwards, with a radiance that does not vary over the
+        sphere.
         """
         shape = emitter.get_shape()
         if shape is None or shape.class_name() != SPHERE or shape.has_flipped_normals():
@@ -53,14 +53,12 @@ class SphereLights(OtherLights):
     def sample(
         self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
     ) -> LightSample:
-        """Returns ``(ds, weight)``: a sample of the part of the spherical light source above the horizon of
-        ``receiver``.
-        """
+        """Returns ``(ds, weight)``: a sample of the part of the sphere above the horizon of ``receiver``."""
         return weighted(emitter, receiver, direction_to_sphere(receiver, *self.sphere(number), sample), active)
 
     def pdf(self, number: Index, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
         """Returns the density per solid angle with which :meth:`sample` samples the direction ``ds``, which meets the
-        sphere. The density is 0 below the horizon, and for a receiver inside the sphere.
+        sphere; 0 below the horizon, and for a receiver inside the sphere.
         """
         center, radius = self.sphere(number, active)
         to_center = center - receiver.si.p
@@ -74,16 +72,13 @@ class SphereLights(OtherLights):
         self, number: Index, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f | None, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Float]:
         """Returns ``(ds, jacobian)``, both with derivatives, for the direction ``d``, which moves with the sphere
-        ``number``.
+        ``number``; ``met`` is not used.
 
-        The point ``met`` is not used. The outline of the spherical light source, seen from the receiver, bounds a disk.
-        A direction to the light source corresponds to a point of the disk within the outline, which is projected onto
-        the unit sphere around the receiver. If the whole light source is above the horizon, the point of the disk is
-        projected along the surface normal, as in :mod:`.spherical_cap`. With the projection along the normal, equal
-        areas of the disk give equal irradiance at the receiver. If a part of the light source is below the horizon, the
-        point of the disk is projected along the axis from the receiver to the centre of the source. A map from
-        directions to points of the sphere itself would be correct too, but the Jacobian of such a map is unbounded near
-        the outline of the sphere.
+        The outline of the sphere, seen from the receiver, bounds a disk. A direction to the sphere corresponds to a
+        point of the disk, which is projected onto the unit sphere around the receiver: along the surface normal if the
+        whole sphere is above the horizon, as in :mod:`.spherical_cap`, because equal areas of the disk then give equal
+        irradiance; else along the axis to the centre of the sphere. A map to points of the sphere itself would have an
+        unbounded Jacobian near its outline.
         """
         center, radius = self.sphere(number, active)
         to_center = center - receiver.si.p
@@ -116,11 +111,9 @@ def sphere_of(emitter: Emitter) -> tuple[mi.Point3f, mi.Float]:
 def direction_to_sphere(
     receiver: Receiver, center: mi.Point3f, radius: mi.Float, sample: mi.Point2f
 ) -> mi.DirectionSample3f:
-    """Returns a ``mi.DirectionSample3f`` from ``receiver`` to a sphere with the ``center`` and the ``radius``.
-
-    The direction is above the receiver's horizon, and is sampled by projected solid angle. The point and the normal are
-    those where the direction meets the sphere. The density is 0 if the receiver is inside the sphere, or if the sphere
-    is below the horizon.
+    """Returns a ``mi.DirectionSample3f`` from ``receiver`` to a sphere, above the horizon, sampled by projected solid
+    angle, with the point and the normal where it meets the sphere. The density is 0 if the receiver is inside the
+    sphere, or if the sphere is below the horizon.
     """
     n = receiver.n
     to_center = center - receiver.si.p

@@ -52,17 +52,14 @@ def pdf_projected_cap(cos_n: mi.Float, sin2_theta_max: mi.Float, y: mi.Float, z:
 def sample_projected_cap(
     cos_n: mi.Float, sin_n: mi.Float, sin2_theta_max: mi.Float, sample2: mi.Point2f
 ) -> tuple[mi.Vector3f, mi.Float]:
-    """Samples a direction towards a sphere, above the horizon, and returns ``(local direction, pdf)``.
+    """Samples a direction towards a sphere, above the horizon, and returns ``(local direction, pdf)``, both detached.
 
     The local frame has the z axis along the surface normal, and the sphere's centre in the half x >= 0 of the xz plane.
-    ``cos_n`` and ``sin_n`` are the cosine and the sine of the angle between the normal and the direction to the
-    sphere's centre: if this angle is small, the cosine alone does not define the angle precisely. ``sin2_theta_max`` is
-    (radius / distance)². The density is per solid angle; the density is 0 if the sphere is below the horizon, or if
-    ``sin2_theta_max`` is 1 or more. The directions to the sphere above the horizon project to a region of the xy plane,
-    which is composed of an ellipse and a crescent (:class:`_Region`). A point of this region selects the direction. The
-    map from the unit square to directions is continuous within the ellipse and within the crescent, so that stratified
-    samples stay stratified. The direction and the density are detached: derivatives pass through the radiance that
-    arrives from the direction, not through the choice of the direction.
+    ``cos_n`` and ``sin_n`` are the cosine and the sine of the angle between the normal and the direction to the centre:
+    if this angle is small, the cosine alone does not define it precisely. ``sin2_theta_max`` is (radius / distance)².
+    The density is per solid angle; it is 0 if the sphere is below the horizon, or if ``sin2_theta_max`` is 1 or more.
+    The map from the unit square to directions is continuous within the ellipse and within the crescent
+    (:class:`_Region`), so that stratified samples stay stratified.
     """
     cos_n, sin_n, sin2_theta_max, sample2 = dr.detach((cos_n, sin_n, sin2_theta_max, sample2))
     region = _Region(cos_n, sin2_theta_max)

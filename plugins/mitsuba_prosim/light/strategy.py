@@ -37,11 +37,8 @@ class Receiver:
 
 
 def weighted(emitter: Emitter, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> LightSample:
-    """Returns ``(ds, weight)`` for a sample ``ds`` of ``emitter``; ``weight`` is the emitted radiance divided by the
-    density.
-
-    The sample ``ds`` was drawn with the density ``ds.pdf`` per solid angle. The returned ``ds.pdf`` and ``weight`` are
-    0 in inactive lanes, and where the density is 0.
+    """Returns ``(ds, weight)`` for a sample ``ds`` of ``emitter`` with the density ``ds.pdf`` per solid angle;
+    ``weight`` is the emitted radiance divided by it. Both are 0 in inactive lanes.
     """
     visible = active & (ds.pdf > 0)
     ds.emitter = mi.EmitterPtr(emitter) if dr.is_jit_v(mi.Float) else emitter
@@ -51,10 +48,7 @@ def weighted(emitter: Emitter, receiver: Receiver, ds: mi.DirectionSample3f, act
 
 
 def direction_sample(receiver: Receiver, d: mi.Vector3f) -> mi.DirectionSample3f:
-    """Returns a ``mi.DirectionSample3f`` with the direction ``d`` and the time of ``receiver``.
-
-    The caller sets the point, the normal, the distance and the density of the sample, if needed.
-    """
+    """Returns a ``mi.DirectionSample3f`` with the direction ``d`` and the time of ``receiver``, and nothing else."""
     ds = no_sample(mi.DirectionSample3f)
     ds.d, ds.time, ds.delta = d, receiver.si.time, mi.Bool(False)
     return ds
@@ -63,8 +57,7 @@ def direction_sample(receiver: Receiver, d: mi.Vector3f) -> mi.DirectionSample3f
 class OtherLights:
     """Samples emitters by their own method ``sample_direction``. Base class of the other strategies.
 
-    This strategy samples all emitters of a scene that no other strategy can sample. ``emitters`` are the emitters that
-    the strategy samples; the first emitter has the number 0.
+    ``emitters`` are the emitters that the strategy samples; the first emitter has the number 0.
     """
 
     #: Whether the strategy samples the whole source, including the part below the horizon.
@@ -88,8 +81,8 @@ class OtherLights:
         """Returns ``(ds, weight)``: a sample of ``emitter``, number ``number`` of this strategy, for the point
         ``receiver``.
 
-        ``ds`` is a point of the light source, with the density ``ds.pdf`` per solid angle. ``weight`` is the radiance
-        of the point ``ds`` divided by ``ds.pdf``. ``sample`` is a point in [0, 1)².
+        ``ds`` is a point of the light source, with the density ``ds.pdf`` per solid angle. ``weight`` is its radiance
+        divided by ``ds.pdf``. ``sample`` is a point in [0, 1)².
         """
         ds, weight = self.methods.sample_direction(emitter, receiver.si, sample, active)
         ds.delta = mi.Bool(ds.delta)
@@ -105,9 +98,8 @@ class OtherLights:
         """Returns ``(ds, jacobian)``, both with derivatives: a direction that moves with the light source ``number``.
 
         The value of ``ds.d`` is the direction ``d``, which leads to the point ``met`` of the source. The derivatives of
-        ``met`` follow the shape of the source (``mi.RayFlags.FollowShape``). ``jacobian`` is proportional to the solid
-        angle of a small part of the source around ``met``, seen from ``receiver``. The module
-        :mod:`.reparameterisation` explains the method.
+        ``met`` follow its shape (``mi.RayFlags.FollowShape``). ``jacobian`` is proportional to the solid angle of a
+        small part of the source around ``met``, seen from ``receiver`` (:mod:`.reparameterisation`).
         """
         assert met is not None
         to_point = met.p - receiver.si.p

@@ -34,8 +34,8 @@ Evaluate: TypeAlias = "Callable[[OtherLights, Index, mi.Bool], Any]"
 class Lamp:
     """The light source ``emitter``, which has the number ``k`` in :class:`Lights`.
 
-    A group contains the lamps of one sampling strategy. ``groups`` are the groups to which the lamp may belong: several
-    groups are possible if ``k`` is a Dr.Jit array.
+    ``groups`` are the groups (the lamps of one sampling strategy) to which the lamp may belong: several if ``k`` is a
+    Dr.Jit array.
     """
 
     k: Index
@@ -70,13 +70,10 @@ class Lamp:
         return self._by_strategy(active, lambda strategy, k, mine: strategy.reparameterised(k, receiver, d, met, mine))
 
     def _by_side(self, receiver: Receiver, active: mi.Bool, evaluate: Evaluate) -> Any:
-        """Calls ``evaluate`` with the sampling strategy for the sides of ``receiver`` that receive light, one side or
-        both.
+        """Calls ``evaluate`` with the sampling strategy for the sides of ``receiver`` that receive light.
 
-        The strategy is :attr:`two_sided` where ``receiver`` receives light from both sides; elsewhere, the
-        strategy is the lamp's own strategy. If all strategies that the lamp may have sample the whole source, including
-        the part below the horizon, the lamp's own strategy is used everywhere. The arguments of ``evaluate`` are the
-        strategy, the number of the lamp, and a mask.
+        The strategy is :attr:`two_sided` where both sides do; elsewhere, and if all strategies that the lamp may have
+        sample the whole source, including the part below the horizon, the lamp's own strategy.
         """
         both_sides = receiver.both_sides
         below_horizon = all(strategy.samples_below_horizon for strategy, *_ in self.groups)
@@ -87,10 +84,8 @@ class Lamp:
         return two_sided if idle(above) else dr.select(both_sides, two_sided, self._by_strategy(above, evaluate))
 
     def _by_strategy(self, active: mi.Bool, evaluate: Evaluate) -> Any:
-        """Calls ``evaluate`` with the strategy of the lamp, the lamp's number within the strategy, and a mask.
-
-        If the lamps of different lanes may belong to several groups, ``evaluate`` is called once for each group, and
-        the result of a lane is that of the lamp's own group.
+        """Calls ``evaluate`` with the strategy of the lamp, the lamp's number within the strategy, and a mask; once for
+        each group if the lamps of different lanes may belong to several groups.
         """
         if len(self.groups) == 1:
             strategy, first, _ = self.groups[0]
@@ -105,22 +100,18 @@ class Lamp:
 
 
 class Lights:
-    """All emitters of ``scene``, grouped by sampling strategy. The order of the emitters is the same in every process.
+    """All emitters of ``scene``, grouped by sampling strategy, in an order that is the same in every process.
 
-    A constant sky does not count as a lamp, and follows the lamps in the order of the emitters. A surface samples the
-    constant sky only for BSDF lobes whose direct light comes from light sampling alone. For other BSDF lobes, the rays
-    that are sampled from the lobe find the sky at least as well as light sampling. ``choose`` tells whether a surface
-    point samples only one lamp, which the ``sampler`` chooses, instead of every lamp. For at most ``UNROLLED`` lamps,
-    the kernel contains separate code for each lamp. For more lamps, the kernel contains loops over the lamps, and does
-    not depend on the number of lamps.
+    A constant sky does not count as a lamp, and follows the lamps. A surface samples it only for BSDF lobes whose
+    direct light comes from light sampling alone: for other lobes, their own rays find the sky at least as well.
+    ``choose`` tells whether a surface point samples only one lamp, which the ``sampler`` chooses, instead of every
+    lamp. For at most ``UNROLLED`` lamps, the kernel contains separate code for each lamp. For more lamps, it contains
+    loops over the lamps, and does not depend on their number.
     """
 
     UNROLLED = 4
 
     def __init__(self, scene: mi.Scene, choose: bool = False) -> None:
-        """Groups the emitters of ``scene`` by sampling strategy. ``choose`` tells whether a surface point samples only
-        one lamp, which the ``sampler`` chooses, instead of every lamp.
-        """
         self.scene = scene
         strategies = {
             e: next(s for s in (ConstantSky, *STRATEGIES) if s.can_sample(e)) for e in emitters_in_order(scene)
@@ -158,10 +149,8 @@ class Lights:
         self.sampler = LightSampler(scene, self.emitters[: self.lamps]) if choose and self.lamps > 1 else None
 
     def number_of(self, emitter: Emitter, active: mi.Bool) -> Index:
-        """Returns the number of the lamp ``emitter``.
-
-        The first lamp has the number 0. If ``emitter`` is the sky or None, the function returns the count of all lamps,
-        which is no lamp's number. The result has no meaning in inactive lanes.
+        """Returns the number of the lamp ``emitter``; the count of all lamps if it is the sky or None. The result has
+        no meaning in inactive lanes.
         """
         if not self.jit:
             return self.emitters.index(emitter) if active and emitter is not None else self.lamps
@@ -177,11 +166,10 @@ class Lights:
         return Lamp(k, dr.gather(mi.EmitterPtr, self.pointers, k), groups or self.groups, self.two_sided)
 
     def for_each(self, body: Callable[[Lamp, Any], Any], total: Any, active: mi.Bool, evaluated: bool = False) -> Any:
-        """Computes ``total = body(lamp, total)`` for each lamp in turn, and returns the last total. A constant sky is
-        no lamp.
+        """Computes ``total = body(lamp, total)`` for each lamp in turn, and returns the last total.
 
-        ``evaluated`` tells whether Dr.Jit runs the loop over the lamps in evaluated mode. A symbolic loop would lose
-        derivatives of ``total``.
+        ``evaluated`` tells whether Dr.Jit runs the loop in evaluated mode. A symbolic loop would lose derivatives of
+        ``total``.
         """
         unrolled, mode = self.lamps <= self.UNROLLED, "evaluated" if evaluated else None
         for strategy, first, end in self.groups:
@@ -194,10 +182,8 @@ class Lights:
         return total
 
     def pdf(self, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
-        """Returns the density per solid angle with which light sampling at ``receiver`` samples the direction ``ds``.
-
-        The density includes the probability that the ``sampler`` chooses the lamp of this direction. The density is 0
-        for the sky.
+        """Returns the density per solid angle with which light sampling at ``receiver`` samples the direction ``ds``,
+        including the probability that the ``sampler`` chooses this lamp; 0 for the sky.
         """
         k = self.number_of(ds.emitter, active)
         active = active & (k < self.lamps)

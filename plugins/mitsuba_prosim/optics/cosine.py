@@ -11,10 +11,8 @@ import mitsuba as mi
 
 
 def log1p(x: mi.Float) -> mi.Float:
-    """Returns ln(1 + x) for x > -1, with full precision also for x near 0.
-
-    For x below -1 + 1e-8, the function returns a finite number instead of ln(1 + x). The rounding error of 1 + x is
-    corrected to first order, so that the derivative of the result is precise too.
+    """Returns ln(1 + x), with full precision also for x near 0, and finite for x at -1. The rounding error of 1 + x is
+    corrected to first order, so that the derivative is precise too.
     """
     u = dr.maximum(1 + x, 1e-8)
     return dr.log(u) + (x - (u - 1)) / u

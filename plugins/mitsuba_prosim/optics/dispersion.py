@@ -52,11 +52,11 @@ MATERIALS: dict[str, tuple[tuple[float, float], ...]] = {
 
 @dataclass(frozen=True)
 class Dispersion:
-    """The index of refraction of a material as a function of the wavelength, by Cauchy's or Sellmeier's formula.
+    """The index of refraction of a material as a function of the wavelength λ in µm: n = A + B/λ² (+ C/λ⁴) by Cauchy,
+    or n² = 1 + Σ B λ²/(λ² - C) by Sellmeier.
 
-    Cauchy's formula is n = A + B/λ² (+ C/λ⁴), and Sellmeier's formula is n² = 1 + Σ B λ²/(λ² - C), where λ is the
-    wavelength in µm. ``coefficients`` maps the name of each coefficient to its value (``mi.Float``). The names of the
-    coefficients are A, B, C for Cauchy's formula, and B1, C1, B2, C2 and so on for Sellmeier's formula, in this order.
+    ``coefficients`` maps the names of the coefficients, A, B, C or B1, C1, B2, C2 and so on, to their values
+    (``mi.Float``).
     """
 
     cauchy: bool
@@ -64,17 +64,15 @@ class Dispersion:
 
     @classmethod
     def of(cls, cauchy: bool, values: Sequence[float]) -> Dispersion:
-        """Returns the :class:`Dispersion` with the coefficients ``values``: A, B (and C) of Cauchy's formula if
-        ``cauchy`` is true, else B1, C1, B2, C2 and so on of Sellmeier's formula.
-        """
+        """Returns the :class:`Dispersion` with the coefficients ``values``, in the order of their names."""
         names = "ABC" if cauchy else [f"{x}{i + 1}" for i in range(len(values) // 2) for x in "BC"]
         coefficients = {name: mi.Float(value) for name, value in zip(names, values, strict=False)}
         dr.make_opaque(coefficients)
         return cls(cauchy, coefficients)
 
     def index(self, wavelength: mi.Float | float) -> mi.Float:
-        """Returns the index of refraction at a ``wavelength`` in nm. A wavelength below 300 nm counts as 300 nm, and a
-        wavelength above 1000 nm counts as 1000 nm.
+        """Returns the index of refraction at a ``wavelength`` in nm, which counts as the nearer end of 300 to 1000 nm
+        if it is outside.
         """
         square = dr.square(dr.clip(mi.Float(wavelength), SHORTEST, LONGEST) * 1e-3)
         values = list(self.coefficients.values())
@@ -91,9 +89,7 @@ class Dispersion:
 
 @dataclass(frozen=True)
 class Indices:
-    """The indices of refraction inside and outside of an interface; each index is a number or depends on the
-    wavelength.
-    """
+    """The indices of refraction inside and outside of an interface; each is a number or depends on the wavelength."""
 
     inside: float | Dispersion
     outside: float | Dispersion
@@ -102,11 +98,8 @@ class Indices:
 
     @classmethod
     def read(cls, props: mi.Properties) -> Indices:
-        """Reads the indices of refraction inside and outside of an interface from the parameters of a plugin
-        (:func:`read_index`).
-
-        If the plugin has no parameter of a side, the index is that of bk7 glass inside, or of air outside, at all
-        wavelengths. Raises ValueError for wrong values.
+        """Reads the indices from the parameters of a plugin (:func:`read_index`): by default bk7 glass inside, air
+        outside.
         """
         inside, outside = read_index(props, "int", "bk7"), read_index(props, "ext", "air")
         if isinstance(inside, Dispersion) or isinstance(outside, Dispersion):
@@ -116,10 +109,8 @@ class Indices:
         return cls(inside, outside, eta)
 
     def etas(self, si: mi.SurfaceInteraction3f) -> list[mi.Float]:
-        """Returns a list of relative indices of refraction: the index inside divided by the index outside.
-
-        If an index depends on the wavelength, the list has one number for each channel of a spectrum at ``si`` (each
-        wavelength; or r, g and b). If no index depends on the wavelength, the list has only one number.
+        """Returns a list of relative indices of refraction, inside divided by outside: one number for each channel of a
+        spectrum at ``si`` if an index depends on the wavelength, else one number.
         """
         if self.eta is not None:
             return [self.eta]
@@ -128,9 +119,8 @@ class Indices:
     def parameters(self) -> dict[str, Any]:
         """Returns a dictionary of the parameters that ``to_string`` and ``mi.traverse`` show: name -> value.
 
-        ``eta`` is the index inside divided by the index outside, or None if an index depends on the wavelength. An
-        index that is a number has the name ``int_ior`` or ``ext_ior``, and only ``to_string`` shows such a number. An
-        index that depends on the wavelength has one name for each coefficient, such as ``int_B1``.
+        ``eta`` is None if an index depends on the wavelength. An index that is a number has the name ``int_ior`` or
+        ``ext_ior``, and only ``to_string`` shows it. Another has a name for each coefficient, such as ``int_B1``.
         """
         parameters: dict[str, Any] = {"eta": self.eta}
         for side, ior in (("int", self.inside), ("ext", self.outside)):
@@ -140,18 +130,12 @@ class Indices:
 
 
 def _at(ior: float | Dispersion, wavelength: mi.Float | float) -> mi.Float | float:
-    """Returns the index of refraction ``ior`` at a wavelength in nm; a number ``ior`` does not depend on the
-    wavelength.
-    """
     return ior.index(wavelength) if isinstance(ior, Dispersion) else ior
 
 
 def index(props: mi.Properties, name: str, default: float | str) -> float:
-    """Reads an index of refraction from the parameter ``name`` of a plugin: a finite number > 0, or the name of a
-    material in Mitsuba's table, such as "water".
-
-    ``default`` is the value if the parameter is missing. Returns the index as a number. Raises ValueError for other
-    values.
+    """Returns the index of refraction in the parameter ``name`` (or ``default``): a finite number > 0, or the name of a
+    material in Mitsuba's table, such as "water". Raises ValueError for other values.
     """
     value = props.get(name, default)
     try:
@@ -167,9 +151,8 @@ def index(props: mi.Properties, name: str, default: float | str) -> float:
 
 
 def optical_constant(props: mi.Properties, name: str, default: float, open_below: bool = False) -> mi.Texture:
-    """Returns the parameter ``name``, an index of refraction or an extinction coefficient, as a texture; ``default`` is
-    its value if it is missing. Raises ValueError if a constant value is below 0 or not finite, or, with ``open_below``,
-    if it is 0.
+    """Returns the parameter ``name`` (or ``default``), an index of refraction or an extinction coefficient, as a
+    texture. Raises ValueError if a constant value is below 0 or not finite, or, with ``open_below``, if it is 0.
 
     In spectral variants, Mitsuba makes a reflectance of a colour, which is at most 1. So a colour with a channel above
     1 is interpolated linearly between the wavelengths :data:`RGB`.
@@ -185,15 +168,12 @@ def optical_constant(props: mi.Properties, name: str, default: float, open_below
 
 
 def read_index(props: mi.Properties, side: str, default: str) -> float | Dispersion:
-    """Reads the index of refraction on one ``side`` of an interface from the parameters of a plugin: inside ("int") or
-    outside ("ext").
+    """Reads the index of refraction on one ``side`` of an interface, "int" or "ext", from the parameters of a plugin.
 
-    An index that is the same at all wavelengths is returned as a number: the parameter ``<side>_ior`` alone, or the
-    index of the material ``default`` if the plugin has no parameter of this side. An index that depends on the
-    wavelength is returned as a :class:`Dispersion`. Such an index is defined by ``<side>_ior`` with the Abbe number
-    ``<side>_abbe``, or by one of ``<side>_material``, ``<side>_cauchy`` and ``<side>_sellmeier``. Raises ValueError for
-    wrong values, for other combinations of these parameters, and for coefficients whose index is not positive and
-    finite from 360 to 830 nm.
+    It is a number if it is the same at all wavelengths: the parameter ``<side>_ior`` alone, or the material
+    ``default``. It is a :class:`Dispersion` by ``<side>_ior`` with the Abbe number ``<side>_abbe``, or by one of
+    ``<side>_material``, ``<side>_cauchy`` and ``<side>_sellmeier``. Raises ValueError for wrong values, for other
+    combinations, and for coefficients whose index is not positive and finite from 360 to 830 nm.
     """
     ior, abbe = side + "_ior", side + "_abbe"
     names = [name for way in ("material", "cauchy", "sellmeier", "abbe") if (name := f"{side}_{way}") in props]
@@ -229,19 +209,16 @@ def read_index(props: mi.Properties, side: str, default: str) -> float | Dispers
 
 
 def cauchy(n_d: float, abbe: float) -> tuple[float, float]:
-    """Returns the coefficients A and B of Cauchy's formula n = A + B/λ² for λ in µm, from the index of refraction
-    ``n_d`` at Fraunhofer's line d (587.6 nm) and the Abbe number.
+    """Returns Cauchy's coefficients A and B, for λ in µm, from the index ``n_d`` at Fraunhofer's line d and the Abbe
+    number.
     """
     b = (n_d - 1) / abbe / (1e6 / F**2 - 1e6 / C**2)
     return n_d - b * 1e6 / D**2, b
 
 
 def wavelengths(si: mi.SurfaceInteraction3f) -> list[mi.Float | float]:
-    """Returns a list with the wavelength in nm of each channel of a spectrum at the surface point ``si``.
-
-    In spectral variants, these are the wavelengths of ``si``. In RGB variants, these are the constants :data:`RGB`,
-    which represent r, g and b. In monochromatic variants, the only wavelength is that of Fraunhofer's line d (587.6
-    nm).
+    """Returns the wavelength in nm of each channel of a spectrum at ``si``: its wavelengths in spectral variants, the
+    constants :data:`RGB` in RGB variants, Fraunhofer's line d in monochromatic variants.
     """
     if mi.is_spectral:
         return list(si.wavelengths)
@@ -249,11 +226,10 @@ def wavelengths(si: mi.SurfaceInteraction3f) -> list[mi.Float | float]:
 
 
 def choose(p: Sequence[mi.Float | float], sample: mi.Float) -> tuple[mi.UInt32, mi.Float]:
-    """Chooses a list index k with the probability ``p[k]``, by the random number ``sample`` in [0, 1).
+    """Chooses a list index k with the probability ``p[k]``, by ``sample`` in [0, 1); the probabilities sum up to 1.
 
-    Returns ``(k, rest)``. The interval [0, 1] is divided into one interval of length ``p[k]`` for each k. ``rest`` is a
-    new random number in [0, 1]: the relative position of ``sample`` within the interval of the chosen k. The
-    probabilities sum up to 1.
+    Returns ``(k, rest)``: ``rest`` is a new random number in [0, 1], the relative position of ``sample`` within the
+    interval of length ``p[k]`` that stands for k.
     """
     k, below, width, total = mi.UInt32(0), mi.Float(0), mi.Float(p[0]), mi.Float(p[0])
     for j in range(1, len(p)):

@@ -20,13 +20,12 @@ from . import cosine
 
 
 class Distribution(NamedTuple):
-    """A distribution of facet normals, and the plugin parameters that select this distribution.
+    """A distribution of facet normals, and the plugin parameters that select it.
 
-    ``D(m, roughness)`` is the density, per solid angle, of facets with the normal ``m`` (local frame, m.z > 0). The
-    density D is normalised so that the integral of D(m) m.z over the hemisphere is 1. The density D of the thesis lacks
-    the factor 1 / pi, which the thesis puts into equation 3.1. ``polar(u, roughness)`` samples the polar angle of a
-    facet normal m with the density D(m) m.z, by ``u`` in [0, 1), and returns the sine and the cosine of the polar
-    angle. The polar angle increases with ``u``, so stratified numbers ``u`` give stratified polar angles.
+    ``D(m, roughness)`` is the density, per solid angle, of facets with the normal ``m`` (local frame, m.z > 0): the
+    integral of D(m) m.z over the hemisphere is 1. (The thesis puts the factor 1 / pi of D into equation 3.1.)
+    ``polar(u, roughness)`` samples the polar angle of m with the density D(m) m.z, by ``u`` in [0, 1), and returns its
+    sine and cosine. The polar angle increases with ``u``, so stratified numbers ``u`` give stratified angles.
     """
 
     name: str  #: value of the parameter ``distribution``
@@ -37,9 +36,7 @@ class Distribution(NamedTuple):
 
 
 def sin2(m: mi.Vector3f) -> mi.Float:
-    """Returns the squared sine of the polar angle of the unit vector ``m``. The formula x² + y² loses no digits near
-    the pole, unlike 1 - m.z².
-    """
+    """Returns the squared sine of the polar angle of the unit vector ``m``, precise near the pole, unlike 1 - m.z²."""
     return m.x * m.x + m.y * m.y
 
 
@@ -53,8 +50,8 @@ def beckmann(m: mi.Vector3f, alpha: mi.Float) -> mi.Float:
 
 
 def beckmann_polar(u: mi.Float, alpha: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """Samples the polar angle of a facet normal for Beckmann's density, by tan² = -alpha² ln(1 - u); returns ``(sin,
-    cos)`` of the polar angle. ``u`` is in [0, 1). An ``alpha`` below 1e-4 counts as 1e-4.
+    """Samples the polar angle of a facet normal for :func:`beckmann`, by tan² = -alpha² ln(1 - u); returns ``(sin,
+    cos)``.
     """
     tan2 = -dr.maximum(alpha * alpha, 1e-8) * dr.log(1 - u)
     cos = dr.rsqrt(1 + tan2)
@@ -70,8 +67,8 @@ def phong(m: mi.Vector3f, exponent: mi.Float) -> mi.Float:
 
 
 def phong_polar(u: mi.Float, exponent: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """Samples the polar angle of a facet normal for Phong's density, by cos = (1 - u)^(1 / (n + 2)), where n is the
-    ``exponent`` and ``u`` is in [0, 1); returns ``(sin, cos)`` of the polar angle.
+    """Samples the polar angle of a facet normal for :func:`phong`, by cos = (1 - u)^(1 / (n + 2)); returns ``(sin,
+    cos)``.
     """
     return cosine.sample(u, exponent + 1)
 
@@ -83,9 +80,8 @@ SINE = [(-4.0) ** k * factorial(k) / factorial(2 * k + 1) for k in range(9)]
 def gaussian_tail(s: mi.Float, alpha2: mi.Float) -> mi.Float:
     """Returns the integral of exp(-t) sin(2a) / (2a) over t from s to infinity, where t = (a / alpha)².
 
-    ``alpha2`` is alpha². The function computes the integral from the power series of sin(2a) / (2a) in t, up to t^8.
-    The integral of t^k exp(-t) over t from s to infinity is k! exp(-s) times the sum of s^j / j! over j from 0 to k. An
-    ``s`` above 40 counts as 40, where the integral is negligible.
+    The power series of sin(2a) / (2a) in t, up to t^8, gives the integral: that of t^k exp(-t) from s is k! exp(-s)
+    times the sum of s^j / j! over j from 0 to k. An ``s`` above 40, where the integral is negligible, counts as 40.
     """
     s = dr.minimum(s, 40)  # exp(-40) is negligible relative to 1, and s^8 does not overflow
     # SINE[k] includes k!; power is alpha^(2k); term is s^k / k!; partial is the sum of the terms from 0 to k.
@@ -99,11 +95,8 @@ def gaussian_tail(s: mi.Float, alpha2: mi.Float) -> mi.Float:
 
 
 def gaussian_limits(alpha: mi.Float) -> tuple[mi.Float, mi.Float, mi.Float]:
-    """Returns ``(alpha², tail, integral)``: the square of ``alpha``, and two integrals for the Gaussian density.
-
-    An ``alpha`` outside [1e-4, 2] counts as the nearer end of this range. Both integrals have the integrand and the
-    variable t of `gaussian_tail`. ``tail`` is the integral over angles a above 90 degrees; ``integral`` is the integral
-    over angles a from 0 to 90 degrees.
+    """Returns ``(alpha², tail, integral)`` for the Gaussian density: the integrals of :func:`gaussian_tail` over angles
+    a above 90 degrees, and from 0 to 90 degrees. An ``alpha`` outside [1e-4, 2] counts as the nearer end of this range.
     """
     alpha2 = dr.square(dr.clip(alpha, 1e-4, 2))  # above 2, cancellation becomes visible in single precision
     tail = gaussian_tail(dr.square(0.5 * dr.pi) / alpha2, alpha2)
@@ -114,9 +107,9 @@ def gaussian(m: mi.Vector3f, alpha: mi.Float) -> mi.Float:
     """Returns Torrance and Sparrow's density of facet normals, C exp(-(a / alpha)²), where a is the polar angle of
     ``m``.
 
-    The constant 1 / C is pi times the integral of exp(-(a / alpha)²) sin(2a) over a in [0, pi/2]; this integral is a
-    Dawson function of a complex argument. A series computes the constant C to single precision for alpha <= 2. An
-    ``alpha`` outside [1e-4, 2] counts as the nearer end of this range.
+    1 / C is pi times the integral of exp(-(a / alpha)²) sin(2a) over a in [0, pi/2], a Dawson function of a complex
+    argument. A series computes it to single precision for alpha <= 2. An ``alpha`` outside [1e-4, 2] counts as the
+    nearer end of this range.
     """
     alpha2, _, total = gaussian_limits(alpha)
     a = dr.atan2(dr.sqrt(dr.maximum(sin2(m), 1e-14)), m.z)
@@ -124,15 +117,13 @@ def gaussian(m: mi.Vector3f, alpha: mi.Float) -> mi.Float:
 
 
 def gaussian_polar(u: mi.Float, alpha: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """Samples the polar angle of a facet normal for the density :func:`gaussian`; returns ``(sin, cos)`` of the polar
-    angle.
+    """Samples the polar angle of a facet normal for :func:`gaussian`; returns ``(sin, cos)``.
 
-    ``u`` is a number in [0, 1). An ``alpha`` outside [1e-4, 2] counts as the nearer end of this range. Two steps of
-    Halley's method invert the distribution function of y = sin²a, where a is the polar angle; the density of y is
-    proportional to exp(-(a / alpha)²). The first step starts from the smaller of two approximate solutions for y: that
-    of the density exp(-y / alpha²) is good for wide distributions, and that of the density exp(-s (1 + 2/3 alpha²)) of
-    s = (a / alpha)² is good for narrow distributions. The error of the sampled distribution is below 5e-7 for alpha <=
-    1, and below 5e-6 for alpha <= 2.
+    Two steps of Halley's method invert the distribution function of y = sin²a, where a is the polar angle; the density
+    of y is proportional to exp(-(a / alpha)²). The first step starts from the smaller of two approximate solutions:
+    that of the density exp(-y / alpha²) is good for wide distributions, and that of the density exp(-s (1 + 2/3
+    alpha²)) of s = (a / alpha)² is good for narrow ones. The error of the sampled distribution is below 5e-7 for alpha
+    <= 1, and below 5e-6 for alpha <= 2.
     """
     alpha2, low, total = gaussian_limits(alpha)
     rate = 1 + (2 / 3) * alpha2
@@ -180,13 +171,12 @@ class Facet(NamedTuple):
 
 
 def facet_between(wi: mi.Vector3f, wo: mi.Vector3f, eta: mi.Float) -> Facet:
-    """Returns the microfacet that reflects or refracts light between ``wi`` and ``wo``; the facet's normal has m.z >=
-    0.
+    """Returns the microfacet, with m.z >= 0, that reflects or refracts light between the unit vectors ``wi`` and
+    ``wo``.
 
-    ``wi`` and ``wo`` are unit vectors in the local frame. The facet reflects if ``wi`` and ``wo`` are on the same side
-    of the surface, and refracts otherwise. ``eta`` is the index of refraction inside (z < 0) divided by the index
-    outside. The cosines of a reflecting facet to ``wi`` and ``wo`` are equal, and negative if both directions are
-    inside. If ``eta`` is 1 and ``wo`` is -``wi``, no facet is defined, and the normal and the cosines are 0.
+    It reflects if both are on the same side of the surface; then the cosines are equal, and negative if both are
+    inside. ``eta`` is the index of refraction inside (z < 0) divided by the index outside. If ``eta`` is 1 and ``wo``
+    is -``wi``, no facet is defined, and the normal and the cosines are 0.
     """
     outside = wi.z > 0
     reflected = outside == (wo.z > 0)
@@ -205,19 +195,15 @@ def facet_between(wi: mi.Vector3f, wo: mi.Vector3f, eta: mi.Float) -> Facet:
 
 
 def g1(cos_w: mi.Float, cos_m: mi.Float, w_m: mi.Float) -> mi.Float:
-    """Returns the fraction of a facet that is visible from a direction w with w·m > 0: min(1, 2 (N·m) (N·w) / (w·m)).
-    The normal of the facet is m, and the normal of the macroscopic surface is N. ``cos_w`` is N·w, ``cos_m`` is N·m,
-    and ``w_m`` is w·m.
+    """Returns the fraction of a facet that is visible from a direction w with w·m > 0: min(1, 2 (N·m) (N·w) / (w·m)),
+    where m is the facet's normal, N that of the surface, ``cos_w`` is N·w, ``cos_m`` is N·m, and ``w_m`` is w·m.
     """
     return dr.minimum(1, 2 * cos_m * cos_w / w_m)
 
 
 def g(cos_i: mi.Float, cos_o: mi.Float, cos_m: mi.Float, i_m: mi.Float) -> mi.Float:
-    """Returns the fraction of a reflecting facet that is both lit and visible.
-
-    ``cos_i``, ``cos_o`` and ``cos_m`` are the cosines of the angles from the surface's normal to wi, wo and the facet's
-    normal. ``i_m`` is the cosine between wi and the facet's normal, which is equal to the cosine between wo and the
-    facet's normal.
+    """Returns the fraction of a reflecting facet that is both lit and visible. ``cos_i``, ``cos_o`` and ``cos_m`` are
+    the cosines of wi, wo and the facet's normal; ``i_m`` is the cosine between wi (or wo) and the facet's normal.
     """
     return g1(dr.minimum(cos_i, cos_o), cos_m, i_m)
 
@@ -228,9 +214,9 @@ def torrance_sparrow(
     """Evaluates the microfacet BRDF of Torrance and Sparrow, and returns ``(i_m, value, pdf)``.
 
     ``wi`` and ``wo`` are unit directions above the surface; the cosine of ``wi`` is greater than `GRAZING`. ``i_m`` is
-    the cosine between ``wi`` and the facet's normal, which Fresnel's equations need. ``value`` is the BRDF without
-    Fresnel's reflectance, times the cosine of ``wo``, which is D G / (4 cos_i). ``pdf`` is the density per solid angle
-    of the direction ``wo`` if a facet of :func:`sample_visible` reflects ``wi``.
+    the cosine between ``wi`` and the facet's normal. ``value`` is the BRDF without Fresnel's reflectance, times the
+    cosine of ``wo``: D G / (4 cos_i). ``pdf`` is the density per solid angle of ``wo`` if a facet of
+    :func:`sample_visible` reflects ``wi``.
     """
     m, i_m, _ = facet_between(wi, wo, mi.Float(1))
     density = distribution.D(m, roughness) / (4 * wi.z)
@@ -243,13 +229,13 @@ def torrance_sparrow(
 def azimuth(u: mi.Float, t: mi.Float) -> mi.Float:
     """Samples the azimuth phi of a visible facet, with the density max(0, min(2, 1 + t cos phi)) / (2 pi) in [-pi, pi].
 
-    ``u`` is a number in [0, 1); ``t`` >= 0 is the product of the tangents of the polar angles of the viewer's direction
-    and of the facet's normal. The azimuth 0 is the azimuth of the viewer. Where the opposite facet of the V-shaped
-    cavity faces away from the viewer (t cos phi > 1), the density is constant. Where the opposite facet is visible too,
-    the inversion of the distribution function leads to Kepler's equation, phi + t sin phi = y. Two steps of Halley's
-    method solve Kepler's equation; the first step starts between the roots for a constant and for a linear density. The
-    error of the sampled distribution is below 1e-4 at t = 1, and about 1e-7 if t is not close to 1. Unlike a random
-    choice between the two facets of a cavity, this method is continuous in ``u`` and needs no further random number.
+    ``u`` is in [0, 1); ``t`` >= 0 is the product of the tangents of the polar angles of the viewer, whose azimuth is 0,
+    and of the facet's normal. Where the opposite facet of the V-shaped cavity faces away from the viewer (t cos phi >
+    1), the density is constant. Where it is visible too, the inversion of the distribution function leads to Kepler's
+    equation, phi + t sin phi = y, which two steps of Halley's method solve, starting between the roots for a constant
+    and for a linear density. The error of the sampled distribution is below 1e-4 at t = 1, and about 1e-7 if t is not
+    close to 1. Unlike a random choice between the two facets, this is continuous in ``u`` and needs no further random
+    number.
     """
     t = dr.minimum(t, 1e6)
     s = 2 * u - 1
@@ -269,15 +255,11 @@ def azimuth(u: mi.Float, t: mi.Float) -> mi.Float:
 
 
 def sample_visible(wi: mi.Vector3f, u: mi.Point2f, distribution: Distribution, roughness: mi.Float) -> mi.Normal3f:
-    """Samples a facet that is visible from ``wi``, and returns the normal of the facet, a unit vector in the upper
-    hemisphere.
+    """Samples a facet that is visible from ``wi``, wi.z > 0, by ``u`` in the unit square, and returns its normal.
 
-    ``wi`` is in the local frame, wi.z > 0. ``u`` is a point in the unit square. The normals m of the facets that are
-    visible from w = ``wi`` have the density D(m) G1(w, m) max(0, <w, m>) / cos w. G1 is the masking function of
-    V-shaped cavities (Torrance and Sparrow 1967). The normals of the two facets of a cavity have the same polar angle,
-    so the polar angle of a visible normal m has the density D(m) cos m for any direction w. Only the azimuth phi of the
-    normal depends on w: the density of phi is proportional to max(0, min(2, 1 + t cos phi)), where t is the product of
-    the tangents of the polar angles of w and m.
+    The normals m of the facets that are visible from w = ``wi`` have the density D(m) G1(w, m) max(0, <w, m>) / cos w.
+    The normals of the two facets of a cavity have the same polar angle, so the polar angle of a visible normal has the
+    density D(m) cos m for any w. Only the azimuth depends on w (:func:`azimuth`).
     """
     sin_m, cos_m = distribution.polar(u.x, roughness)
     sin2_w = wi.x * wi.x + wi.y * wi.y

@@ -20,10 +20,8 @@ class Interface(NamedTuple):
 
 
 def eta2_minus_1(cos_i: mi.Float, eta: mi.Float) -> mi.Float:
-    """Returns eta_it² - 1, with full precision also for eta near 1.
-
-    The ratio eta_it is the index of refraction beyond the interface divided by the index on the incident side. The
-    ratio is ``eta`` if light arrives from outside (``cos_i`` >= 0), and 1 / ``eta`` if light arrives from inside.
+    """Returns eta_it² - 1, with full precision also for eta near 1. eta_it is ``eta`` if light arrives from outside
+    (``cos_i`` >= 0), else 1 / ``eta``.
     """
     difference = (eta - 1) * (eta + 1)
     return dr.select(cos_i >= 0, difference, -difference * dr.square(dr.rcp(eta)))
@@ -34,9 +32,8 @@ def interface(cos_i: mi.Float, eta: mi.Float) -> Interface:
 
     ``cos_i`` is the cosine of the incident direction, > 0 if light arrives from outside, else < 0; ``eta`` is the index
     of refraction inside divided by the index outside. The reflectance is that of unpolarised light (thesis, equation
-    2.2), and is 1 at total reflection. Mitsuba's formula for Fresnel's reflectance loses precision if ``eta`` is near
-    1. This function computes each difference in Fresnel's equations, such as cos_i - eta cos_t, as a multiple of eta² -
-    1, which keeps the precision.
+    2.2), and is 1 at total reflection. Each difference in Fresnel's equations, such as cos_i - eta cos_t, is computed
+    as a multiple of eta² - 1, because Mitsuba's formula loses precision if ``eta`` is near 1.
     """
     _, cos_t, eta_it, eta_ti = mi.fresnel(cos_i, eta)
     c, t = dr.abs(cos_i), dr.abs(cos_t)
@@ -49,21 +46,16 @@ def interface(cos_i: mi.Float, eta: mi.Float) -> Interface:
 
 
 def conductor(cos_i: mi.Float, eta: mi.UnpolarizedSpectrum, k: mi.UnpolarizedSpectrum) -> mi.UnpolarizedSpectrum:
-    """Returns the exact reflectance of a metal for unpolarised light, as a spectrum.
-
-    ``cos_i`` is the cosine of the incident direction. The metal has the relative index of refraction eta - i k, where
-    eta and k are spectra.
+    """Returns the exact reflectance of a metal for unpolarised light, as a spectrum. Its relative index of refraction
+    is eta - i k; ``cos_i`` is the cosine of the incident direction.
     """
     channels = (mi.fresnel_conductor(cos_i, mi.Complex2f(n, x)) for n, x in zip(eta, k, strict=True))
     return mi.UnpolarizedSpectrum(*channels)
 
 
 def conductor_thesis(cos_i: mi.Float, eta: mi.UnpolarizedSpectrum, k: mi.UnpolarizedSpectrum) -> mi.UnpolarizedSpectrum:
-    """Returns an approximate reflectance of a metal, as a spectrum; the approximation is good if eta² + k² >> 1.
-
-    The thesis uses this approximation of Fresnel's equations (section 2.2.3, after Cook and Torrance 1982). ``cos_i``
-    is the cosine of the incident direction. The relative index of refraction of the metal is eta - i k; eta and k are
-    spectra.
+    """Returns the approximate reflectance of a metal for unpolarised light, good if eta² + k² >> 1 (thesis, section
+    2.2.3, after Cook and Torrance 1982). The arguments are those of :func:`conductor`.
     """
     e = eta * eta + k * k
     twice = 2 * eta * cos_i

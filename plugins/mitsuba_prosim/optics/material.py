@@ -33,9 +33,8 @@ class Material(mi.BSDF):
     """A one-sided BSDF, whose back is black.
 
     A subclass defines :meth:`sample_direction` and :meth:`evaluate`, and lists the names of its parameters in
-    ``PARAMETERS``. A subclass that scatters light on both sides of a surface defines :meth:`sample` and
-    :meth:`eval_pdf` instead of :meth:`sample_direction` and :meth:`evaluate`. The class is not an abstract class of
-    Python's module ``abc``, because Mitsuba's classes have another metaclass.
+    ``PARAMETERS``. A subclass that scatters light on both sides defines :meth:`sample` and :meth:`eval_pdf` instead.
+    (abc cannot say so: Mitsuba's classes have another metaclass.)
     """
 
     #: Names of the attributes that ``to_string`` shows; ``mi.traverse`` shows the attributes that are textures or
@@ -51,34 +50,26 @@ class Material(mi.BSDF):
     multiple_scattering = False
 
     def __init__(self, props: mi.Properties) -> None:
-        """Reads the parameter ``ambient``, the reflectance for ambient light; ``self.ambient`` is None if the parameter
-        is absent.
-        """
         super().__init__(props)
         self.ambient = reflectance(props, "ambient")
 
     def set_components(self, components: dict[mi.BSDFFlags, int]) -> None:
-        """Declares the components of the BSDF; ``components`` maps the type of each component to the other flags of the
-        component.
-        """
+        """Declares the components of the BSDF; ``components`` maps the type of each to its other flags."""
         self.types = tuple(components)
         self.m_components = [kind | further for kind, further in components.items()]
         self.m_flags = functools.reduce(operator.or_, self.m_components)
 
     def specular_type(self) -> mi.BSDFFlags:
-        """Returns the BSDF flag of the specular reflection, which is ``DeltaReflection`` for an ideally smooth surface
-        and ``GlossyReflection`` otherwise.
-        """
+        """Returns ``DeltaReflection`` for an ideally smooth surface, else ``GlossyReflection``."""
         return mi.BSDFFlags.DeltaReflection if self.roughness is None else mi.BSDFFlags.GlossyReflection
 
     def enabled(self, ctx: mi.BSDFContext) -> list[bool]:
-        """Returns one boolean for each component of the BSDF: whether ``ctx`` asks for this component."""
+        """Returns for each component of the BSDF whether ``ctx`` asks for it."""
         return [ctx.is_enabled(kind, i) for i, kind in enumerate(self.types)]
 
     def parameters(self) -> dict[str, Any]:
         """Returns a dictionary of the parameters that ``to_string`` and ``mi.traverse`` show: name -> value, or None
-        for an absent parameter. A material with microfacets also has the name of their distribution, and the roughness
-        under the name ``alpha`` or ``exponent``.
+        for an absent parameter.
         """
         own = {name: getattr(self, name) for name in (*self.PARAMETERS, "ambient")}
         if self.distribution is None:
@@ -93,14 +84,14 @@ class Material(mi.BSDF):
 
         Returns ``(wo, component, pdf, weight)``. ``wo`` is a unit vector in the local frame. ``component`` is the
         number of the sampled component, 0 or 1. ``pdf`` is the density of ``wo`` per solid angle, or the probability of
-        a Dirac peak; ``pdf`` is 0 if no direction was sampled. ``weight`` is the value of the BSDF times the cosine of
-        ``wo``, divided by ``pdf``.
+        a Dirac peak; 0 if no direction was sampled. ``weight`` is the value of the BSDF times the cosine of ``wo``,
+        divided by ``pdf``.
         """
         raise NotImplementedError
 
     def evaluate(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
         """Returns the value and the density (:data:`Evaluated`) of the components that ``ctx`` enables, without Dirac
-        peaks. The directions ``si.wi`` (to the viewer) and ``wo`` are on the front side of the surface.
+        peaks, for directions ``si.wi`` and ``wo`` on the front side.
         """
         raise NotImplementedError
 
@@ -113,10 +104,8 @@ class Material(mi.BSDF):
         active: mi.Bool = True,
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
         """Samples a direction; returns ``(bs, weight)``. ``weight`` is the value of the BSDF times the cosine of the
-        direction, divided by the density ``bs.pdf``.
-
-        The density and the weight are 0 if the viewer (``si.wi``) is not in front of the surface, if ``ctx`` enables no
-        component, or if no direction was sampled.
+        direction, divided by the density ``bs.pdf``; both are 0 if the viewer is not in front of the surface, if
+        ``ctx`` enables no component, or if no direction was sampled.
         """
         bs = dr.zeros(mi.BSDFSample3f)
         active = active & (si.wi.z > GRAZING)
@@ -135,10 +124,7 @@ class Material(mi.BSDF):
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
     ) -> tuple[mi.Spectrum, mi.Float]:
         """Returns the value of the BSDF times the cosine of ``wo``, and the density with which :meth:`sample` samples
-        ``wo``.
-
-        The value and the density do not include Dirac peaks. The value and the density are 0 unless the viewer
-        (``si.wi``) and ``wo`` are both in front of the surface.
+        ``wo``, without Dirac peaks; 0 unless the viewer and ``wo`` are both in front of the surface.
         """
         active = active & (si.wi.z > GRAZING) & (wo.z > 0)
         smooth = mi.has_flag(self.m_flags, mi.BSDFFlags.Smooth)
@@ -158,8 +144,8 @@ class Material(mi.BSDF):
     def directional_albedo(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         """Returns the colour of the surface, for denoisers: the same from all directions.
 
-        The default is that of Mitsuba, pi times the BRDF, for light and a viewer along the normal. It is exact for an
-        ideally diffuse surface, and 0 for a mirror.
+        The default is that of Mitsuba, pi times the BRDF, for light and a viewer along the normal: exact for an ideally
+        diffuse surface, and 0 for a mirror.
         """
         normal = mi.Vector3f(0, 0, 1)
         along_normal = mi.SurfaceInteraction3f(si)
@@ -181,9 +167,8 @@ class Material(mi.BSDF):
 class Pigmented(Material):
     """A one-sided BSDF with two components: component 0 is specular, component 1 is diffuse.
 
-    A subclass defines :meth:`specular_weight`, :meth:`specular_sample` and :meth:`specular_eval_pdf`. The methods
-    :meth:`specular_sample` and :meth:`specular_eval_pdf` are called only if the specular lobe is no Dirac peak. The
-    class is not an abstract class of Python's module ``abc``, because Mitsuba's classes have another metaclass.
+    A subclass defines :meth:`specular_weight`, and :meth:`specular_sample` and :meth:`specular_eval_pdf`, which are
+    called only if the specular lobe is no Dirac peak.
     """
 
     #: The texture ks, or None.
@@ -192,9 +177,6 @@ class Pigmented(Material):
     is_limited = False
 
     def __init__(self, props: mi.Properties, distributions: tuple[str, ...] = tuple(DISTRIBUTIONS)) -> None:
-        """Reads the parameters of the diffuse reflectance and of the roughness; ``distributions`` are the names of the
-        allowed microfacet distributions.
-        """
         super().__init__(props)
         self.diffuse_reflectance = reflectance(props, "diffuse_reflectance", 0.5)
         self.distribution, self.roughness = roughness(props, distributions)
@@ -220,25 +202,21 @@ class Pigmented(Material):
     # A subclass defines the next three methods. (abc cannot say so: Mitsuba's classes have another metaclass.)
 
     def specular_weight(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        """Returns the fraction of the light that the specular component reflects. The fraction is exact for a mirror,
-        and an estimate for a rough surface.
+        """Returns the fraction of the light that the specular component reflects: exact for a mirror, an estimate for a
+        rough surface.
         """
         raise NotImplementedError
 
     def specular_sample(
         self, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
     ) -> mi.Vector3f:
-        """Returns a direction, in the local frame, that is sampled from the specular lobe by ``sample1`` and
-        ``sample2`` in [0, 1).
-        """
+        """Returns a direction, in the local frame, that is sampled from the specular lobe."""
         raise NotImplementedError
 
     def specular_eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
     ) -> Evaluated:
-        """Returns the value of the specular lobe times the cosine of ``wo``, and the density of the lobe's samples at
-        ``wo``.
-        """
+        """Returns the value of the specular lobe times the cosine of ``wo``, and the density of its samples."""
         raise NotImplementedError
 
     def specular_probability(
@@ -246,9 +224,8 @@ class Pigmented(Material):
     ) -> mi.Float:
         """Returns the probability of sampling the specular component; ``kd`` is the diffuse reflectance at ``si``.
 
-        If ``ctx`` enables both components, the probability is ks / (ks + kd), where ks and kd are the means of the
-        specular weight and of the diffuse reflectance over the channels, or 1/2 if both are black. The probability is 1
-        if only the specular component is enabled, and 0 if only the diffuse component is enabled.
+        If ``ctx`` enables both components, it is ks / (ks + kd), where ks and kd are the means of the specular weight
+        and of the diffuse reflectance over the channels, or 1/2 if both are black.
         """
         specular, diffuse = self.enabled(ctx)
         if specular != diffuse:
@@ -260,12 +237,10 @@ class Pigmented(Material):
     def sample_direction(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.Vector3f, mi.UInt32, mi.Float, mi.UnpolarizedSpectrum]:
-        """Samples a direction from the specular or the diffuse component, and returns ``(wo, component, pdf, weight)``
-        (see :meth:`Material.sample_direction`).
+        """Samples a direction from the specular or the diffuse component (:meth:`Material.sample_direction`).
 
         ``pdf`` and ``weight`` are those of all enabled components together, without the Dirac peak of a mirror. If the
         mirror is sampled, ``pdf`` is the probability of the specular component, and ``weight`` counts only the mirror.
-        ``pdf`` is 0 if ``wo`` is below the surface.
         """
         specular, diffuse = self.enabled(ctx)
         p_specular = self.specular_probability(ctx, si, self.diffuse_factor(si, active), active)
@@ -283,9 +258,6 @@ class Pigmented(Material):
         return wo, dr.select(is_specular, mi.UInt32(0), 1), pdf, value / dr.select(pdf > 0, pdf, 1)
 
     def evaluate(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
-        """Returns ``(value, pdf)`` of the components that ``ctx`` enables, without the Dirac peak of a mirror: the
-        value times the cosine of ``wo``, and the density with which :meth:`sample` samples ``wo``.
-        """
         specular, diffuse = self.enabled(ctx)
         value, pdf = mi.UnpolarizedSpectrum(0), mi.Float(0)
         kd = self.diffuse_factor(si, active)
@@ -313,8 +285,7 @@ class Pigmented(Material):
 
 
 def reflectance(props: mi.Properties, name: str, default: float | None = None) -> Any:
-    """Returns the reflectance ``name`` as a texture. If the parameter is absent, the reflectance is ``default``; the
-    function returns None if ``default`` is None too.
+    """Returns the reflectance ``name`` as a texture; ``default`` (a number, or None) if the parameter is absent.
 
     Raises ValueError if a constant reflectance (a number, a colour or a spectrum) is outside [0, 1]; the values of a
     texture, such as an image, are not checked.
@@ -330,11 +301,10 @@ def reflectance(props: mi.Properties, name: str, default: float | None = None) -
 def roughness(props: mi.Properties, allowed: tuple[str, ...] = tuple(DISTRIBUTIONS)) -> tuple[Distribution, Any]:
     """Reads the microfacet ``distribution`` and its roughness; returns ``(distribution, texture of the roughness)``.
 
-    ``allowed`` are the names of the allowed distributions. The default distribution is Phong's if the parameter
-    ``exponent`` is present, and the first name in ``allowed`` otherwise. The roughness parameter is ``exponent`` for
-    Phong's distribution, and ``alpha`` for other distributions. The texture is None for an ideally smooth surface: if
-    the roughness parameter is absent, or if ``alpha`` is the number 0. Raises ValueError for a distribution that is not
-    allowed, for the roughness parameter of another distribution, and for a constant roughness out of range.
+    ``allowed`` are the names of the allowed distributions. The default is Phong's if the parameter ``exponent`` is
+    present, else the first name. The roughness is ``exponent`` for Phong's distribution, else ``alpha``. The texture is
+    None for an ideally smooth surface: if the roughness is absent, or if ``alpha`` is the number 0. Raises ValueError
+    for a distribution that is not allowed, for the roughness of another distribution, and for a constant out of range.
     """
     name = choice(props, "distribution", allowed, "phong" if "exponent" in props else None)
     distribution = DISTRIBUTIONS[name]

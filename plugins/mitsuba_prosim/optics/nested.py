@@ -18,15 +18,11 @@ AMBIENT = "ambient"
 
 @functools.cache
 def _callback(variant: str) -> type:
-    """Returns a class of traversal callbacks, which collect the parameters and the child objects of a Mitsuba object.
-
-    ``variant`` is the active variant of Mitsuba. All calls for the same ``variant`` return the same class. A new class
-    for each call would stay in memory, in a reference cycle, until Python's next garbage collection.
+    """Returns the class of traversal callbacks for ``variant``, always the same one: a new class for each call would
+    stay in memory, in a reference cycle, until Python's next garbage collection.
     """
 
     class Parts(mi.TraversalCallback):
-        """Traversal callback that stores the parameters and the child objects of a Mitsuba object by name."""
-
         def __init__(self) -> None:
             super().__init__()
             self.found: dict[str, Any] = {}
@@ -38,8 +34,8 @@ def _callback(variant: str) -> type:
 
 
 def parts(thing: mi.Object) -> dict[str, Any]:
-    """Returns a dictionary of the parts of the Mitsuba object ``thing``: name of the part in ``mi.traverse`` -> part,
-    which is an object (a BSDF, texture or shape) or a number. The dictionary does not contain the parts of these parts.
+    """Returns the parameters and the child objects of the Mitsuba object ``thing``, by their names in ``mi.traverse``,
+    without their own parts.
     """
     callback = _callback(mi.variant())()
     thing.traverse(callback)
@@ -88,11 +84,10 @@ class Leaf(NamedTuple):
 def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[Leaf]:
     """Returns the BSDFs that ``bsdf`` mixes at the surface point ``si``, with weights that sum up to 1.
 
-    The BSDFs in Mitsuba's ``blendbsdf``, ``mask`` and ``twosided`` are mixed, at any depth; any other ``bsdf`` is
-    returned as the only leaf. The hole of a ``mask`` is a leaf whose BSDF is None. In a ``twosided``, the BSDF of the
-    viewer's side has the weight 1, and the BSDF of the other side has the weight 0. Mitsuba divides [0, 1] into an
-    interval for each BSDF, and a random number chooses the BSDF; the returned BSDFs are in the order of their
-    intervals.
+    The BSDFs in Mitsuba's ``blendbsdf``, ``mask`` and ``twosided`` are mixed, at any depth; any other ``bsdf`` is the
+    only leaf. The hole of a ``mask`` is a leaf whose BSDF is None. In a ``twosided``, the BSDF of the viewer's side has
+    the weight 1, and the other 0. Mitsuba divides [0, 1] into an interval for each BSDF; the leaves are in the order of
+    their intervals.
     """
     kind, inner = bsdf.class_name(), parts(bsdf)
     if kind == BLEND:
@@ -119,11 +114,11 @@ def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[
 
 
 def ambient_reflectance(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.UnpolarizedSpectrum:
-    """Returns the fraction of the ambient light that ``bsdf`` reflects towards ``si.wi``.
+    """Returns the fraction of the ambient light that ``bsdf`` reflects towards ``si.wi``; 0 for a BSDF without the
+    attribute ``ambient``, and on the back of a one-sided BSDF.
 
-    For an array of BSDFs, call this function by ``dr.dispatch``. The fraction is 0 for a BSDF without the attribute
-    ``ambient``, and on the back of a one-sided BSDF. Mitsuba's ``mask``, ``blendbsdf``, ``bumpmap`` and ``normalmap``
-    hide the attributes of their nested BSDFs, so this function evaluates the nested BSDFs directly.
+    For an array of BSDFs, call this function by ``dr.dispatch``. Mitsuba's mixtures and maps hide the attributes of
+    their nested BSDFs, so this function evaluates the nested BSDFs.
     """
     total = mi.UnpolarizedSpectrum(0)
     for leaf in leaves(bsdf, si, active):
@@ -133,11 +128,7 @@ def ambient_reflectance(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.B
 
 
 def _ambient_of(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-    """Returns the ambient reflectance of ``bsdf``, which is no ``mask``, ``blendbsdf`` or ``twosided``.
-
-    The reflectance of a ``bumpmap`` or ``normalmap`` is that of the nested BSDF. The reflectance is 0 for a BSDF
-    without the attribute ``ambient``, and on the back of a one-sided BSDF.
-    """
+    """Returns the ambient reflectance of ``bsdf``, which is no ``mask``, ``blendbsdf`` or ``twosided``."""
     if bsdf.class_name() in MAPS:
         return ambient_reflectance(parts(bsdf)["nested_bsdf"], si, active)
     if not dr.all(bsdf.has_attribute(AMBIENT)):  # evaluating a missing attribute is an error in scalar variants

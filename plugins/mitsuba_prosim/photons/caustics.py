@@ -32,17 +32,17 @@ AROUND = (TWO_SIDED, MASK, BLEND)
 
 
 class Caustics:
-    """The photons that the light ``sources`` in ``scene`` emit for the image of ``sensor``, about ``count`` photons in
-    each photon pass.
+    """The photons that the light ``sources`` in ``scene`` emit for the image of ``sensor``, about ``count`` in each
+    photon pass.
 
-    A photon pass has several photon maps (:meth:`maps`). Each sample of a pixel gathers photons from one photon map:
-    the ``t``-th sample uses the map ``t % maps`` of the pass ``t // maps``. Call :meth:`use_pass` to select a photon
-    pass before samples gather its photons. ``deepest`` is the maximum number of specular surfaces that scatter a
-    photon. ``tree`` tells whether the integrator follows a ray tree instead of paths (:class:`.PhotonTracer`).
+    A photon pass has several photon maps (:meth:`maps`). The ``t``-th sample of a pixel gathers photons from the map
+    ``t % maps`` of the pass ``t // maps``, which :meth:`use_pass` selects before. ``deepest`` is the maximum number of
+    specular surfaces that scatter a photon. ``tree`` tells whether the integrator follows a ray tree
+    (:class:`.PhotonTracer`).
 
-    In spectral variants, the photons of a photon map have the same wavelengths as the samples that gather these
-    photons. The attribute ``key`` is the hash key that determines the wavelengths of all pixels and photons, and the
-    random numbers of the photons. Every ``n`` samples of a pixel together cover the spectrum.
+    In spectral variants, the photons of a map have the same wavelengths as the samples that gather them. The attribute
+    ``key`` is the hash key of the wavelengths of all pixels and photons, and of the photons' random numbers. Every
+    ``n`` samples of a pixel together cover the spectrum.
     """
 
     def __init__(
@@ -65,10 +65,7 @@ class Caustics:
     @classmethod
     def of(cls, scene: mi.Scene, sensor: mi.Sensor, count: int, deepest: int, tree: bool) -> Caustics | None:
         """Returns the :class:`Caustics` of ``scene``, or None if no surface is specular or no light source can emit
-        photons.
-
-        At most ``deepest`` specular surfaces reflect or refract a photon. ``tree`` tells whether the integrator follows
-        a ray tree instead of paths (:class:`.PhotonTracer`).
+        photons. The arguments are those of the class.
         """
         shapes = [shape for shape in shapes_in_order(scene) if is_specular(shape, tree)]
         sources = Sources(scene, Targets(shapes)) if shapes else None
@@ -80,19 +77,16 @@ class Caustics:
 
     @staticmethod
     def maps(n: int) -> int:
-        """Returns the number of photon maps in a photon pass, which is ``n``² but at most :data:`MAPS`.
-
-        A sampling pattern has ``n``² samples; each sample has its own photon map if ``n``² is at most :data:`MAPS`.
+        """Returns the number of photon maps in a photon pass for sampling patterns of ``n``² samples: one for each
+        sample, but at most :data:`MAPS`.
         """
         return min(n * n, MAPS)
 
     def use_pass(self, seed: int, number: int, n: int) -> None:
-        """Selects the photon pass number ``number`` of the random ``seed``; samples then gather photons from this pass.
+        """Selects the photon pass number ``number`` of the random ``seed``; samples then gather its photons.
 
-        The photons of the pass are emitted and traced, unless the cache already holds these photons. If the cache is
-        full, the oldest photon pass in the cache is deleted. ``n`` determines the number of photon maps (:meth:`maps`),
-        the number of photons in each map (:meth:`per_pair`), and the wavelengths: a sampling pattern has ``n``²
-        samples, and every ``n`` samples of a pixel together cover the spectrum.
+        The photons are emitted and traced unless the cache holds them. A full cache loses its oldest pass. ``n`` is the
+        argument of :meth:`maps`.
         """
         which = seed, number, n
         self.key, self.n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, n)
@@ -104,12 +98,12 @@ class Caustics:
         self._current = self._passes[which]
 
     def add_to(self, L: mi.Spectrum, vertex: Vertex, t: mi.UInt32) -> mi.Spectrum:
-        """Returns the radiance ``L`` plus the radiance that ``vertex`` scatters from photons.
+        """Returns the radiance ``L`` plus the radiance that ``vertex`` scatters from the photons for the ``t``-th
+        sample of each pixel.
 
-        The photons come from the photon map that the ``t``-th sample of each pixel uses. Diffuse lobes gather the
-        photons that landed on diffuse surfaces; a BSDF that can only evaluate all its lobes together gathers these
-        photons by all its lobes. Glossy lobes gather the photons that landed on glossy surfaces, with MIS weights,
-        except where an earlier vertex has already found this light (:attr:`.Ray.light_found`).
+        Diffuse lobes gather the photons that landed on diffuse surfaces, and so do all lobes of a BSDF that can only
+        evaluate them together. Glossy lobes gather the photons that landed on glossy surfaces, with MIS weights, except
+        where an earlier vertex has already found this light (:attr:`.Ray.light_found`).
         """
         assert self._current is not None, "no photons have been emitted"
         diffuse, glossy = self._current
@@ -118,19 +112,14 @@ class Caustics:
         return L if self.mis is None or glossy is None else L + self.mis.radiance(glossy, number, vertex)
 
     def per_pair(self, n: int) -> int:
-        """Returns the number of photons that each pair of a light source and a target emits for one photon map, at
-        least 1.
-
-        A sampling pattern has ``n``² samples.
+        """Returns the number of photons, at least 1, that each pair of a light source and a target emits for one photon
+        map; ``n`` is the argument of :meth:`maps`.
         """
         return max(self.count // (self.maps(n) * self.sources.pairs), 1)
 
     def _emit(self, number: int, n: int) -> tuple[Photons, Photons | None]:
-        """Emits and traces the photons of the photon pass number ``number``, and sorts the photons into photon maps.
-
-        A sampling pattern has ``n``² samples; ``n`` determines the number of photon maps (:meth:`maps`) and the number
-        of photons in each map (:meth:`per_pair`). Returns a pair: the photons that land on diffuse surfaces, and the
-        photons that land on glossy surfaces, or None if glossy surfaces gather no photons.
+        """Emits and traces the photons of the pass ``number``, and sorts them into photon maps. Returns those on
+        diffuse surfaces, and those on glossy surfaces (None if these gather no photons).
         """
         maps, per_pair = self.maps(n), dr.opaque(mi.UInt32, self.per_pair(n))
         # Photon i belongs to one map and to one pair of a light source and a target.
@@ -149,10 +138,8 @@ class Caustics:
         return on_diffuse, None if glossy is None else Photons(glossy, map_of, maps, self.footprint)
 
     def _wavelengths(self, t: mi.UInt32) -> mi.Color0f:
-        """Returns the wavelengths in nm that the sensor samples for the ``t``-th sample of every pixel.
-
-        Each group of ``self.n`` samples of a pixel covers the spectrum evenly (:func:`.wavelength_number`). The
-        returned array is empty except in spectral variants.
+        """Returns the wavelengths in nm that the sensor samples for the ``t``-th sample of every pixel; empty except in
+        spectral variants. Each group of ``self.n`` samples covers the spectrum evenly (:func:`.wavelength_number`).
         """
         sample, middle = wavelengths.wavelength_number(self.key, t, self.n), mi.Point2f(0.5)
         return self.sensor.sample_ray_differential(self.sensor.shutter_open(), sample, middle, middle)[0].wavelengths
@@ -167,19 +154,15 @@ class Gathering:
         self.lambertian = not self.scattering.any_inseparable and all(map(is_lambertian, all_bsdfs(scene)))
 
     def __call__(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
-        """Returns the radiance that the diffuse lobes at ``vertex`` reflect from the photons of the photon map number
-        ``number``.
-
-        If a BSDF can only evaluate all its lobes together, all lobes of this BSDF reflect light from the photons.
+        """Returns the radiance that the diffuse lobes at ``vertex`` reflect from the photons of the map ``number``; all
+        lobes do so of a BSDF that can only evaluate them together.
         """
         si, bsdf, inseparable = vertex.si, vertex.bsdf, vertex.inseparable
         active = vertex.active & (lobes.has_any(bsdf.flags(), *lobes.DIFFUSE) | inseparable)
 
         def value(i: mi.UInt32, d: mi.Vector3f, in_reach: mi.Bool) -> mi.Spectrum:
-            """Returns the BSDF value of the diffuse lobes, without the cosine, for a photon from the direction ``d``.
-
-            If all diffuse lobes of the scene are Lambertian, the returned value is 1 for a photon from the viewer's
-            side, else 0, because the sum over all photons is later multiplied by the constant BSDF.
+            """Returns the BSDF value of the diffuse lobes, without the cosine, for a photon from the direction ``d``;
+            if all are Lambertian, 1 for a photon from the viewer's side, else 0.
             """
             if self.lambertian:
                 return dr.select(dr.dot(si.sh_frame.n, d) * si.wi.z > 0, mi.Float(1), 0)
@@ -195,9 +178,8 @@ class Gathering:
 
 
 def is_lambertian(bsdf: mi.BSDF) -> bool:
-    """Tells whether all diffuse lobes of ``bsdf`` are known to reflect equally in every direction.
-
-    The result is False if a BSDF with a diffuse lobe is of a class that is not in :data:`LAMBERTIAN` or :data:`AROUND`.
+    """Tells whether all diffuse lobes of ``bsdf`` are known to reflect equally in every direction (:data:`LAMBERTIAN`,
+    :data:`AROUND`).
     """
     return all(
         one.class_name() in AROUND

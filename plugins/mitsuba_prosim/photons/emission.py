@@ -58,7 +58,7 @@ class EmissionSample:
     wavelengths: mi.Color0f
 
     def receiver(self, p: mi.Point3f) -> mi.SurfaceInteraction3f:
-        """Returns the point ``p`` as a ``mi.SurfaceInteraction3f`` that receives light of the photons' wavelengths."""
+        """Returns the point ``p`` as a receiver of light of the photons' wavelengths."""
         result = dr.zeros(mi.SurfaceInteraction3f)
         result.p, result.wavelengths = p, self.wavelengths
         return result
@@ -80,11 +80,11 @@ def photon_emitters(emitters: Sequence[mi.Emitter]) -> list[mi.Emitter]:
 
 
 def can_be_aimed(emitter: mi.Emitter) -> bool:
-    """Tells whether photons of ``emitter`` can be aimed at a target.
+    """Tells whether photons of ``emitter`` can be aimed at a target: the emitter is a point, is infinitely far away, or
+    is a surface that emits in many directions.
 
-    Photons can be aimed if the emitter is a point, is infinitely far away, or is a surface that emits in many
-    directions. Photons of a ``directionalarea``, a surface with the flag DeltaDirection, cannot be aimed, because this
-    emitter emits only along its normals; nor photons of a surface whose points cannot be sampled.
+    A ``directionalarea``, with the flag DeltaDirection, emits only along its normals. The points of a surface must be
+    known (:func:`.point_sampler`).
     """
     flags, names = emitter.flags(), mi.EmitterFlags
     emits_from_points = mi.has_flag(flags, names.Surface) and not mi.has_flag(flags, names.DeltaDirection)
@@ -113,8 +113,7 @@ class Sources:
         self.per_pair = mi.Float(0)
 
     def start(self, pair: mi.UInt32, on_source: mi.Point2f, on_target: mi.Point2f, wavelengths: mi.Color0f) -> Start:
-        """Emits one photon for each entry of ``pair``, the number of a pair of a light source and a target sphere, and
-        returns the ray, the flux and the density of each photon.
+        """Emits one photon for each entry of ``pair``, the number of a pair of a light source and a target sphere.
 
         The other arguments are the attributes of the same names in :class:`EmissionSample`. A photon whose flux is not
         finite gets the flux 0.
@@ -134,10 +133,7 @@ class Sources:
         return start
 
     def _point(self, emitter: mi.EmitterPtr, sample: EmissionSample, active: mi.Bool) -> Start:
-        """Emits photons from point lights towards the targets.
-
-        The flux of a photon is 0 if its ray hits nothing in the scene.
-        """
+        """Emits photons from point lights towards the targets; without flux if the ray hits nothing in the scene."""
         # Mitsuba tells the light that arrives at a surface, so the intensity is computed at the first surface. The
         # power of an ``unattenuated`` source depends on the distance of this surface.
         center, radius = self.targets.at(sample.target)
@@ -150,10 +146,8 @@ class Sources:
         return Start(ray, flux, mi.Float(DELTA_DENSITY))
 
     def _surface(self, emitter: mi.EmitterPtr, sample: EmissionSample, active: mi.Bool) -> Start:
-        """Emits photons from points on emitting surfaces towards the targets.
-
-        The flux of a photon is 0 if its direction points behind the emitting surface, or if its ray hits nothing in the
-        scene.
+        """Emits photons from points on emitting surfaces towards the targets; without flux if they would start behind
+        the surface, or hit nothing in the scene.
         """
         center, radius = self.targets.at(sample.target)
         ps = self.methods.sample_position(emitter, sample.on_source, active)
@@ -174,7 +168,7 @@ class Sources:
         """Emits photons from distant light sources, such as the sky or the sun, towards the targets.
 
         The photons start outside the scene, on lines through random points of a disk: the outline of the target, seen
-        from the light source. For light of a single direction, the density of photons is :data:`DELTA_DENSITY`.
+        from the light source.
         """
         center, radius = self.targets.at(sample.target)
         ds, weight = self.methods.sample_direction(emitter, sample.receiver(center), sample.on_source, active)
@@ -191,8 +185,7 @@ class Sources:
         """Returns the density of photons (:attr:`Start.density`) along the ray from a light source to the point ``it``;
         ``ds`` is the direction sample from ``it`` to the light source.
 
-        The density is 0 for point lights, for light of a single direction, and where no photon can start along this
-        ray.
+        The density is 0 for point lights, for light of a single direction, and where no photon can start.
         """
         d, flags, result = -ds.d, ds.emitter.flags(), mi.Float(0)
         if mi.has_flag(self.flags, mi.EmitterFlags.Surface):
@@ -209,11 +202,8 @@ class Sources:
     def _first_hit(
         self, sample: EmissionSample, ray: mi.Ray3f, active: mi.Bool
     ) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
-        """Returns the first surface point that ``ray`` meets, as a receiver of light, and whether ``ray`` meets a
-        surface.
-
-        The flux of a photon may depend on the distance to the first surface: an unattenuated light source lights
-        surfaces at any distance equally.
+        """Returns the first surface point that ``ray`` meets, as a receiver of light, and whether there is one. The
+        flux of an unattenuated light source depends on its distance.
         """
         pi = self.scene.ray_intersect_preliminary(ray, active=active)
         lit = active & pi.is_valid()
@@ -224,9 +214,8 @@ class Sources:
 def start_points(key: mi.UInt32, i: mi.UInt32) -> tuple[mi.Point2f, mi.Point2f]:
     """Returns the random points ``on_source`` and ``on_target`` of :class:`EmissionSample` for photon number ``i``.
 
-    The two points belong to two independent Owen-scrambled Sobol' sequences; ``key`` is the hash key of the sequences.
-    In each sequence, 2^k successive photons, beginning at a multiple of 2^k, have one point in each cell of any 2^a ×
-    2^b grid with a + b = k.
+    They belong to two independent Owen-scrambled Sobol' sequences, with the hash ``key``. In each, 2^k successive
+    photons, beginning at a multiple of 2^k, have one point in each cell of any 2^a × 2^b grid with a + b = k.
     """
     i = sobol.reverse(i)  # :func:`.sobol.point` takes the index with its bits in reverse order
     return sobol.point(combine(key, 0), i), sobol.point(combine(key, 1), i)

@@ -66,10 +66,10 @@ class Footprint:
 
     @classmethod
     def of(cls, scene: mi.Scene, sensor: mi.Sensor) -> Footprint:
-        """Returns the :class:`Footprint` of the pixel at the centre of the film of ``sensor``.
+        """Returns the :class:`Footprint` of the pixel at the centre of the film of ``sensor``, without its crop window.
 
-        The crop window of ``sensor`` is ignored. The minimum width of a pixel is :data:`MIN_PIXEL_WIDTH` times the
-        radius of the scene. A pixel has the minimum width everywhere if the rays of ``sensor`` have no differentials.
+        The minimum width of a pixel is :data:`MIN_PIXEL_WIDTH` times the radius of the scene; this is the width
+        everywhere if the rays of ``sensor`` have no differentials.
         """
         with without_crop_window(sensor):
             ray, _ = sensor.sample_ray_differential(sensor.shutter_open(), 0.5, mi.Point2f(0.5), mi.Point2f(0.5))
@@ -92,10 +92,8 @@ class Footprint:
         return self.size + self.spread * dr.norm(p - self.eye)
 
     def area(self, p: mi.Point3f) -> mi.Float:
-        """Returns the effective area of the kernel of a photon at the point ``p``, in square scene units.
-
-        The kernel gives photons near its centre more weight. Photons with equal weights on the effective area cause the
-        same noise as photons with the weights of the kernel.
+        """Returns the effective area of the kernel of a photon at the point ``p``, in square scene units: photons with
+        equal weights on this area cause the same noise as photons with the weights of the kernel.
         """
         return UNIFORM_AREA * dr.pi * dr.square(self.width(p))
 
@@ -129,12 +127,11 @@ class Landed:
 
 
 class Photons:
-    """The photons ``landed``, sorted into independent photon maps, ``maps`` in number, so that every sum over photons
-    has a fixed order.
+    """The photons ``landed``, sorted into ``maps`` independent photon maps, so that every sum over photons has a fixed
+    order.
 
-    ``map_of`` tells the number of the photon map of each photon. Photons are sorted by photon map, then by bucket of
-    grid cells (:func:`bucket_of`), then by their index. ``footprint`` is the footprint of the pixels that gather the
-    photons.
+    ``map_of`` tells the map of each photon. Photons are sorted by map, then by bucket of grid cells
+    (:func:`bucket_of`), then by their index. ``footprint`` is the footprint of the pixels that gather the photons.
     """
 
     def __init__(self, landed: Landed, map_of: mi.UInt32, maps: int, footprint: Footprint) -> None:
@@ -164,9 +161,7 @@ class Photons:
         self.landed.p = mi.Point3f(0)
 
     def map_range(self, number: mi.UInt32, active: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
-        """Returns the index of the first photon of the photon map number ``number``, and the count of photons in the
-        map.
-        """
+        """Returns the index of the first photon of the map ``number``, and the count of photons in the map."""
         first, end = (dr.gather(mi.UInt32, self.begins, (number + k) * (self.mask + 1), active) for k in range(2))
         return first, end - first
 
@@ -174,11 +169,10 @@ class Photons:
         self, number: mi.UInt32, row: mi.UInt32, low: mi.Int32, high: mi.Int32, size: mi.UInt32, active: mi.Bool
     ) -> tuple[mi.UInt32, mi.UInt32]:
         """Returns ``(begin, end)``: the range of the indices of the photons in the cells ``low`` to ``high`` of a row
-        of cells.
+        of cells of the map ``number``.
 
-        The photons belong to the photon map number ``number``. The range may also contain photons of other rows of
-        cells, because cells of different rows may share a bucket. The photons of a map, ``size`` in number, form a
-        ring: an index beyond the last photon continues at the first photon.
+        The range may also contain photons of other rows, because cells of different rows may share a bucket. The
+        ``size`` photons of a map form a ring: an index beyond the last photon continues at the first photon.
         """
         first, last = (bucket_of(number, row, x, self.mask) for x in (low, high))
         begin, end = (dr.gather(mi.UInt32, self.begins, at, active) for at in (first, last + 1))
@@ -186,15 +180,13 @@ class Photons:
 
 
 def kernel_radii(p: mi.Point3f, footprint: Footprint) -> mi.Float:
-    """Returns the kernel radius, in scene units, of each of the photons at the points ``p``.
-
-    The kernel radius is the width of a pixel at the photon times one of ``footprint.radii``: the smallest of these
-    factors with which at least about :data:`MIN_NEIGHBOURS` photons are within the radius, or the greatest factor.
+    """Returns the kernel radius, in scene units, of each of the photons at the points ``p``: the width of a pixel at
+    the photon times the smallest of ``footprint.radii`` with which at least about :data:`MIN_NEIGHBOURS` photons are
+    within the radius, or the greatest.
 
     The kernel radius is greater where photons are sparse, because a single photon with a small radius would make an
-    isolated bright pixel (Silverman 1986, chapter 5). The neighbours of a photon are counted in all photon maps
-    together, so that the radius hardly depends on the photons of one map. A greater kernel radius does not change the
-    power of a photon.
+    isolated bright pixel (Silverman 1986, chapter 5). The neighbours are counted in all photon maps together, so that
+    the radius hardly depends on the photons of one map.
     """
     width = footprint.width(p)
     result = mi.Float(width)
@@ -220,9 +212,8 @@ def counts_below(key: mi.UInt32, count: int) -> mi.UInt32:
 
 
 def grid_of(radius: mi.Float) -> mi.Int32:
-    """Returns the number of the grid that holds the photons whose kernel radius is ``radius``.
-
-    The cells of this grid are so large that a sphere with the kernel radius touches at most two cells along each axis.
+    """Returns the number of the grid for photons of the kernel radius ``radius``. Its cells are so large that a sphere
+    with this radius touches at most two cells along each axis.
     """
     return mi.Int32(dr.floor(SIZES * dr.log2(radius)))
 
@@ -241,20 +232,18 @@ def cell(p: mi.Point3f, grid: mi.Int32) -> tuple[mi.Int32, mi.Int32, mi.Int32]:
 
 
 def row_hash(grid: mi.Int32, y: mi.Int32, z: mi.Int32) -> mi.UInt32:
-    """Returns a hash that identifies a row of grid cells along the x axis.
-
-    The row is in the grid number ``grid`` (:func:`grid_of`); ``y`` and ``z`` are the integer coordinates of the cells
-    of the row (:func:`cell`). Two neighbouring rows have the same hash with a probability of 10⁻⁸.
+    """Returns a hash of the row of cells with the coordinates ``y`` and ``z`` in the grid number ``grid``. Two
+    neighbouring rows have the same hash with a probability of 10⁻⁸.
     """
     return combine(combine(mi.UInt32(grid), mi.UInt32(y)), mi.UInt32(z))
 
 
 def bucket_of(number: mi.UInt32, row: mi.UInt32, x: mi.Int32, mask: mi.UInt32) -> mi.UInt32:
-    """Returns the number of the bucket that holds the photons of one grid cell, in the photon map number ``number``.
+    """Returns the number of the bucket that holds the photons of one cell of the map ``number``: the cell ``x`` of the
+    row with the hash ``row``.
 
-    ``row`` is the hash of the row of cells (:func:`row_hash`), and ``x`` is the x coordinate of the cell
-    (:func:`cell`). Each photon map has ``mask`` + 1 buckets, which form a ring. The photons of the next cell of a row
-    are in the next bucket of the ring. Cells of different rows may share a bucket.
+    Each map has ``mask`` + 1 buckets, which form a ring. The photons of the next cell of a row are in the next bucket.
+    Cells of different rows may share a bucket.
     """
     return number * (mask + 1) + ((row + mi.UInt32(x)) & mask)
 
@@ -262,14 +251,12 @@ def bucket_of(number: mi.UInt32, row: mi.UInt32, x: mi.Int32, mask: mi.UInt32) -
 def gather(
     photons: Photons, number: mi.UInt32, si: mi.SurfaceInteraction3f, value: ValueOf, active: mi.Bool
 ) -> mi.Spectrum:
-    """Returns the radiance that the surface at ``si`` scatters from nearby photons of the photon map number ``number``.
+    """Returns the radiance that the surface at ``si`` scatters from nearby photons of the map ``number``.
 
-    The radiance is a sum over the photons near ``si``: the BSDF ``value`` for a photon, times the flux and the kernel
-    of the photon. The function ``value(i, d, active)`` returns the BSDF value, without the cosine, for the photon
-    number ``i``, which comes from the direction ``d``. A photon with the kernel radius r, at the distance d from
-    ``si``, has Epanechnikov's kernel, 2 (1 - d² / r²) / (π r²); r is computed for the width of a pixel at ``si``.
-    Photons that are farther from ``si`` than r, or farther from the plane of the surface than r times
-    :data:`MAX_PLANE_DISTANCE`, add nothing.
+    The radiance is a sum over the photons near ``si``: the BSDF ``value`` for a photon (:data:`ValueOf`), times its
+    flux and kernel. A photon with the kernel radius r, at the distance d from ``si``, has Epanechnikov's kernel, 2 (1 -
+    d² / r²) / (π r²); r is computed for the width of a pixel at ``si``. Photons that are farther from ``si`` than r, or
+    farther from the plane of the surface than r times :data:`MAX_PLANE_DISTANCE`, add nothing.
     """
     footprint = photons.footprint
     width, n2 = footprint.width(si.p), dr.square(si.n)
@@ -279,7 +266,6 @@ def gather(
     first_of_map, size = photons.map_range(number, active)
 
     def add_radius(k: mi.UInt32, L: mi.Spectrum) -> mi.Spectrum:
-        """Returns ``L`` plus the radiance from photons whose kernel radius is the ``k``-th radius of the footprint."""
         pixels = mi.Float(1 << (OCTAVES * k))
         radius = pixels * width
         # A pixel is about equally wide at all photons within the radius. So these photons are mostly in one grid,
@@ -297,10 +283,8 @@ def gather(
         rows = dr.select(active, mi.UInt32(last - first + 1) << (bits_y + bits_z), 0)
 
         def add_photon(i: mi.UInt32, end: mi.UInt32, row: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
-            """Adds the radiance that the photon ``i`` causes at ``si`` to ``L``, and returns ``(i + 1, L)``.
-
-            The photon adds radiance only if ``i`` is below ``end``, the photon is within the kernel radius of ``si``
-            and near the plane of the surface, and the hash of the photon's row of cells is ``row``.
+            """Adds the radiance that the photon ``i`` causes at ``si`` to ``L``, if ``i`` is below ``end`` and the
+            photon is in the row of cells with the hash ``row``; returns ``(i + 1, L)``.
             """
             in_range = i < end
             index = dr.select(i < first_of_map + size, i, i - size)
@@ -316,9 +300,6 @@ def gather(
             return i + 1, L + light * (2 * dr.inv_pi * inv_radius2 * (1 - d2))
 
         def add_row(k: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
-            """Adds the radiance from the photons in row number ``k`` of cells near ``si`` to ``L``, and returns ``(k +
-            1, L)``.
-            """
             # The bits of k, lowest first: one for y and one for z if there are two cells along that axis; the others
             # are the grid.
             grid = first + mi.Int32(k >> (bits_y + bits_z))

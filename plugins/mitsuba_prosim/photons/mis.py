@@ -84,12 +84,10 @@ class Hit(Surface):
 class PhotonMIS:
     """Gathers photons on glossy surfaces of ``scene``, with the MIS weights of photons and rays.
 
-    A photon is gathered only if at least one surface has scattered the photon, and if all surfaces that scattered the
-    photon are ideally specular or near-specular. The MIS weight of a photon takes account of the rays that find the
-    same light. ``deepest`` is the maximum number of specular surfaces of a light path; surfaces that the camera ray
-    meets count too. ``tree`` tells whether camera rays form a ray tree, which follows both the reflected and the
-    refracted ray, or a path, which follows one ray. The MIS weights assume that the kernel radius of each photon is the
-    width of a pixel (``footprint``), although the kernel radius of sparse photons is greater.
+    A photon is gathered only if surfaces have scattered it, all of them ideally specular or near-specular. ``deepest``
+    is the maximum number of specular surfaces of a light path, those of the camera ray included. ``tree`` tells whether
+    camera rays form a ray tree, which follows both the reflected and the refracted ray. The weights assume that the
+    kernel radius of each photon is the width of a pixel (``footprint``), although that of sparse photons is greater.
     """
 
     def __init__(self, scene: mi.Scene, sources: Sources, footprint: Footprint, deepest: mi.UInt32, tree: bool) -> None:
@@ -112,15 +110,13 @@ class PhotonMIS:
     # ------------------------------------------------------------ camera rays
 
     def next(self, vertex: Vertex, following: Ray, bs: mi.BSDFSample3f, weight: mi.Spectrum) -> Ray:
-        """Returns the ray ``following``, which leaves ``vertex``, after setting its ``last_etendue`` and
-        ``earlier_etendue``.
+        """Returns the ray ``following``, which leaves ``vertex`` by the BSDF sample ``bs`` and ``weight``, after
+        setting its ``last_etendue`` and ``earlier_etendue``.
 
-        ``bs`` and ``weight`` are the BSDF sample at ``vertex`` from which the ray ``following`` was made.
-        ``last_etendue`` is the étendue of the ray at ``vertex``: the area of a photon's kernel, projected at right
-        angles to the ray, divided by the density of the ray. ``last_etendue`` is 0 if no smooth lobe was sampled.
-        ``earlier_etendue`` is the étendue of the arriving ray, times the fraction of light that the sampled lobe keeps,
-        or 0 if the lobe is neither ideal nor near-specular, or is the ideal lobe of a BSDF that also has a glossy lobe.
-        Both étendues are 0 if the BSDF can only evaluate all its lobes together.
+        ``last_etendue`` is the étendue of the ray at ``vertex``; it is 0 if no smooth lobe was sampled.
+        ``earlier_etendue`` is the étendue of the arriving ray, times the fraction of light that the sampled lobe keeps;
+        it is 0 if the lobe is neither ideal nor near-specular, or is the ideal lobe of a BSDF that also has a glossy
+        lobe. Both are 0 if the BSDF can only evaluate all its lobes together.
         """
         si, bsdf = vertex.si, vertex.bsdf
         smooth = but_not(following.pdf > 0, vertex.inseparable)
@@ -133,11 +129,11 @@ class PhotonMIS:
     def emission_weight(
         self, ray: Ray, origin: mi.Interaction3f, ds: mi.DirectionSample3f, pdf: mi.Float, active: mi.Bool
     ) -> mi.Float:
-        """Returns the factor by which photons reduce the MIS weight of ``ray`` where the ray meets a light source.
+        """Returns the factor by which photons reduce the MIS weight of ``ray`` where the ray meets a light source; 1
+        where no photon could have found its light.
 
-        The factor is 1 where no photon could have found the light that ``ray`` finds, and in lanes that are not
-        ``active``. ``ds`` is the direction sample from ``origin`` to the light source. Light sampling would take the
-        sample ``ds`` with the density ``pdf``, which is 0 if an ideal lobe sampled the direction of ``ray``.
+        ``ds`` is the direction sample from ``origin`` to the light source. Light sampling would take this sample with
+        the density ``pdf``, which is 0 if an ideal lobe sampled the direction of ``ray``.
         """
         assert ray.earlier_etendue is not None
         density = self.sources.density(origin, ds, active & (ray.earlier_etendue > 0))
@@ -146,23 +142,22 @@ class PhotonMIS:
     def light_weight(
         self, vertex: Vertex, ds: mi.DirectionSample3f, f: mi.Spectrum, pdf: mi.Float, active: mi.Bool
     ) -> mi.Float:
-        """Returns the factor by which photons reduce the MIS weight of light sampling at ``vertex``.
+        """Returns the factor by which photons reduce the MIS weight of light sampling at ``vertex``; 1 where no photon
+        could have found the same light, and where the surface is not near-specular.
 
-        The factor is 1 where no photon could have found the same light, and where the surface at ``vertex`` is not
-        near-specular. ``f`` and ``pdf`` are the value and the density of the lobe for the direction of the light sample
-        ``ds``.
+        ``f`` and ``pdf`` are the value and the density of the lobe for the direction of the light sample ``ds``.
         """
         active = active & (pdf > 0) & self.near_specular(vertex.bsdf, active)
         expected = etendue_of(vertex.ray) * kept_fraction(f, pdf) * self.sources.density(vertex.si, ds, active)
         return ray_weight(effective_photons(expected, quotient(ds.pdf, dr.select(active, pdf, 0))))
 
     def radiance(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
-        """Returns the radiance that the glossy lobes at ``vertex`` scatter from photons, with MIS weights.
+        """Returns the radiance that the glossy lobes at ``vertex`` scatter from the photon map ``number``, with MIS
+        weights.
 
-        ``number`` is the number of the photon map from which photons are gathered. The radiance is 0 where the BSDF can
-        only evaluate all its lobes together, and where an earlier vertex has already found this light
-        (:attr:`.Ray.light_found`). The surfaces that the camera ray and a photon met, and the surface at ``vertex``,
-        are together at most ``deepest`` surfaces; other photons are not gathered.
+        It is 0 where the BSDF can only evaluate all its lobes together, and where an earlier vertex has already found
+        this light (:attr:`.Ray.light_found`). Photons are gathered only if the surfaces that they and the camera ray
+        met, and the surface at ``vertex``, are together at most ``deepest``.
         """
         ray, si, bsdf = vertex.ray, vertex.si, vertex.bsdf
         active = vertex.active & lobes.has_any(bsdf.flags(), *lobes.GLOSSY) & (ray.level < self.deepest)
@@ -170,9 +165,6 @@ class PhotonMIS:
         area, etendue = self.footprint.area(si.p), dr.select(self.near_specular(bsdf, active), etendue_of(ray), 0)
 
         def value(i: mi.UInt32, d: mi.Vector3f, in_reach: mi.Bool) -> mi.Spectrum:
-            """Returns the BSDF value of the glossy lobes, without the cosine, for the photon ``i``, which comes from
-            the direction ``d``, times the MIS weight of the photon.
-            """
             # The glossy surface itself counts as a specular surface too.
             in_reach = in_reach & (ray.level + dr.gather(mi.UInt32, photons.landed.level, i, in_reach) < self.deepest)
             wo = si.to_local(d)
@@ -193,19 +185,16 @@ class PhotonMIS:
         self, landed: Landed, hit: Hit, bs: mi.BSDFSample3f, weight: mi.Spectrum, land_weight: mi.Float, active: mi.Bool
     ) -> tuple[mi.Float, Landed]:
         """Returns ``(density, landed)`` after the surface ``hit``: the density of the photons, and the photons that
-        have landed on glossy surfaces.
+        have landed on glossy surfaces, in addition to those of the argument ``landed``.
 
-        The argument ``landed`` has the photons that landed on glossy surfaces before the surface ``hit``. ``bs`` and
-        ``weight`` are the BSDF sample that scatters the photons in the ``active`` lanes. Photons in lanes that are not
-        ``active`` end at the surface ``hit``. On a near-specular surface, only photons in lanes that are not ``active``
-        land. On a glossy surface that is not near-specular, photons land in all lanes, and photons in ``active`` lanes
-        also continue. Only photons that :class:`PhotonMIS` gathers land: at least one surface has scattered them, and
-        ``hit.density`` is not 0. No photon lands here on a surface without glossy lobes, or on a surface whose BSDF can
-        only evaluate all its lobes together.
+        ``bs`` and ``weight`` are the BSDF sample that scatters the photons in the ``active`` lanes; other photons end
+        here. On a near-specular surface, a photon either lands or continues; on another glossy surface it may do both.
+        Photons land only after a surface has scattered them, if ``hit.density`` is not 0, on BSDFs with glossy lobes
+        that can be evaluated separately. ``land_weight`` is 1 divided by the probability that a photon lands on a
+        near-specular surface.
 
-        ``land_weight`` is 1 divided by the probability that a photon lands on a near-specular surface. The returned
-        density is 0 where the sampled lobe is neither ideal nor near-specular, or is the ideal lobe of a BSDF that also
-        has a glossy lobe, and where the BSDF can only evaluate all its lobes together.
+        The returned density is 0 where the sampled lobe is neither ideal nor near-specular, or is the ideal lobe of a
+        BSDF that also has a glossy lobe, and where the BSDF can only evaluate all its lobes together.
         """
         flags, density = hit.bsdf.flags(), hit.density
         lands = but_not(hit.active & (hit.level > 0) & (density > 0) & (hit.cos > 0), hit.inseparable)
@@ -221,9 +210,9 @@ class PhotonMIS:
     def density_after(self, hit: Hit, wo: mi.Vector3f, active: mi.Bool) -> mi.Float:
         """Returns the density of photons in the local direction ``wo`` after the near-specular surface ``hit``.
 
-        The light that the lobe loses, and the MIS weights of further strategies at the surface ``hit``, reduce the
-        density. The density becomes 0 where the light comes directly from a point or directional light, which only
-        light sampling finds, or from a constant sky, which only rays find.
+        The light that the lobe loses, and the MIS weights of further strategies at this surface, reduce the density. It
+        becomes 0 where the light comes directly from a point or directional light, which only light sampling finds, or
+        from a constant sky, which only rays find.
         """
         assert self.lights is not None
         # A camera ray of the same light path arrives from the direction in which the photon leaves.
@@ -251,9 +240,8 @@ class PhotonMIS:
 
 
 def etendue_of(ray: Ray) -> mi.Float:
-    """Returns the étendue of ``ray``: the square root of ``last_etendue``² + ``earlier_etendue``².
-
-    The squares of both étendues are added because the power heuristic adds squares of densities.
+    """Returns the étendue of ``ray``: the root of ``last_etendue``² + ``earlier_etendue``², because the power heuristic
+    adds squares of densities.
     """
     assert ray.earlier_etendue is not None
     # Without an earlier étendue the result is exactly ``last_etendue``: the square root of a square may differ by
@@ -263,41 +251,37 @@ def etendue_of(ray: Ray) -> mi.Float:
 
 
 def effective_photons(photons: mi.Float, others: mi.Float) -> mi.Float:
-    """Returns P / √(1 + O²), where P is ``photons``, the expected number of photons per ray, and O is ``others``, the
-    expected number of samples of a third strategy per ray.
+    """Returns P / √(1 + O²), where P is ``photons``, the expected number (or the density) of photons per ray, and O is
+    ``others``, the expected number of samples of a third strategy per ray.
 
-    The third strategy, such as light sampling, finds the same light as the ray and the photons. For the result of this
-    function, :func:`ray_weight` returns (1 + O²) / (1 + O² + P²): the sum of the MIS weights of the ray and the third
-    strategy. If ``photons`` is a density of photons, the result is a density of photons too.
+    For this result, :func:`ray_weight` returns (1 + O²) / (1 + O² + P²): the sum of the MIS weights of the ray and of
+    the third strategy, such as light sampling.
     """
     return photons * dr.rsqrt(1 + dr.square(others))
 
 
 def ray_weight(photons: mi.Float) -> mi.Float:
-    """Returns the MIS weight of a ray by the power heuristic: 1 / (1 + P²), where P is ``photons``, the expected number
-    of photons per ray.
-
-    The MIS weight of all photons that find the same light is 1 minus the weight of the ray.
+    """Returns the MIS weight of a ray by the power heuristic, 1 / (1 + P²), where P is ``photons``, the expected number
+    of photons per ray. All photons that find the same light have the rest of the weight.
     """
     return dr.rcp(1 + dr.square(photons))
 
 
 def ideal_throughput(bs: mi.BSDFSample3f, weight: mi.Spectrum, flags: mi.UInt32) -> mi.Float:
-    """Returns the fraction of a beam's light that the sampled ideal lobe keeps: the reflectance or transmittance of the
-    lobe.
+    """Returns the fraction of a beam's light that the sampled ideal lobe keeps: the weight of the sample ``(bs,
+    weight)``, in the channel with the greatest weight, times the probability of the sample.
 
-    The fraction is the weight of the sample ``(bs, weight)``, in the colour channel with the greatest weight, times the
-    probability of the sample. The fraction is 0 where the sampled lobe is not ideal, and where the BSDF has a glossy
-    lobe too, as its ``flags`` tell. The fraction is the same in both directions along the beam, except for refraction:
-    for camera rays, but not for photons, the fraction also contains the squared ratio of the indices of refraction.
+    It is 0 where the sampled lobe is not ideal, and where the BSDF has a glossy lobe too, as its ``flags`` tell. It is
+    the same in both directions along the beam, except that for camera rays it contains the squared ratio of the indices
+    of refraction.
     """
     ideal = but_not(lobes.has_any(bs.sampled_type, *lobes.IDEAL), lobes.has_any(flags, *lobes.GLOSSY))
     return dr.select(ideal, dr.max(mi.unpolarized_spectrum(weight)) * bs.pdf, 0)
 
 
 def kept_fraction(f: mi.Spectrum, pdf: mi.Float) -> mi.Float:
-    """Returns the fraction of a beam's light that a near-specular lobe keeps: its value ``f``, in the colour channel
-    with the greatest value, divided by its density ``pdf``; 0 where ``pdf`` is 0.
+    """Returns the fraction of a beam's light that a near-specular lobe keeps: its value ``f``, in the channel with the
+    greatest value, divided by its density ``pdf``.
     """
     return quotient(dr.max(mi.unpolarized_spectrum(f)), pdf)
 
@@ -311,9 +295,8 @@ def near_specular_bsdfs(scene: mi.Scene) -> frozenset[mi.BSDF]:
     """Returns the near-specular BSDFs of ``scene``, including the BSDFs within instances.
 
     A glossy BSDF is near-specular if the density of its sampled rays (:func:`density_of_rays`) is above
-    :data:`MIN_DENSITY`, and above :data:`MIN_DENSITY_RATIO` times the density for the roughest glossy BSDF of the
-    scene. A BSDF that can only evaluate all its lobes together is never near-specular, and does not count as the
-    roughest BSDF. A dispersive BSDF is never near-specular, but may be the roughest BSDF.
+    :data:`MIN_DENSITY`, and above :data:`MIN_DENSITY_RATIO` times the density for the roughest glossy BSDF. BSDFs that
+    can only evaluate all their lobes together are neither; a dispersive BSDF may only be the roughest.
     """
     glossy = [b for b in all_bsdfs(scene) if lobes.has_any(int(b.flags()), *lobes.GLOSSY) and not is_inseparable(b)]
     if len(glossy) < 2:

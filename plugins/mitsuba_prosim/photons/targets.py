@@ -23,9 +23,7 @@ MARGIN = 1 + 1e-4
 
 
 class Targets:
-    """Bounding spheres around the specular ``shapes``, of which there is at least one; photons are aimed at the
-    spheres.
-    """
+    """Bounding spheres around the specular ``shapes``, of which there is at least one; photons are aimed at them."""
 
     def __init__(self, shapes: Sequence[mi.Shape]) -> None:
         spheres = merged([bounding_sphere(shape) for shape in shapes])
@@ -43,16 +41,15 @@ class Targets:
     def density(
         self, x: mi.Point3f, d: mi.Vector3f, far: bool, active: mi.Bool, own: mi.UInt32 | None = None
     ) -> mi.Float:
-        """Returns the density of photons along the ray from ``x`` in the direction ``d``, if one photon is aimed at
-        each sphere.
+        """Returns the density of photons per solid angle along the ray from ``x`` in the direction ``d``, if one photon
+        is aimed at each sphere.
 
-        The density is per solid angle at ``x``. If ``far`` is true, photons fly along parallel rays, and the density is
-        per area at right angles to the rays. ``own`` is the number of the sphere at which the ray was aimed: even if
-        the ray misses this sphere by a rounding error, the function assumes that the ray meets the sphere.
+        If ``far`` is true, photons fly along parallel rays, and the density is per area at right angles to the rays.
+        ``own`` is the number of the sphere at which the ray was aimed, which it meets even if a rounding error denies
+        this.
         """
 
         def add(k: mi.UInt32, total: mi.Float) -> mi.Float:
-            """Returns ``total`` plus the density of the photon that is aimed at the sphere number ``k``."""
             center, radius = self.at(k)
             to_center, r2 = center - x, dr.square(radius)
             met = dr.squared_norm(dr.cross(to_center, d)) <= r2
@@ -68,11 +65,10 @@ class Targets:
 
 
 def is_specular(shape: mi.Shape, tree: bool) -> bool:
-    """Tells whether ``shape`` may scatter photons by a non-diffuse lobe: glossy, ideal or null. The result is true for
-    an instance.
+    """Tells whether ``shape`` may scatter photons by a glossy, ideal or null lobe; true for an instance.
 
-    ``tree`` tells whether the integrator follows a ray tree instead of paths. If the integrator follows paths, BSDFs
-    without separable lobes scatter photons only by ideal or null lobes. A shape without a BSDF scatters no photons.
+    ``tree`` tells whether the integrator follows a ray tree. On paths, BSDFs without separable lobes scatter photons
+    only by ideal or null lobes.
     """
     if shape.class_name() == INSTANCE:
         return True  # an instance does not expose its BSDFs
@@ -84,10 +80,7 @@ def is_specular(shape: mi.Shape, tree: bool) -> bool:
 
 
 def warn_of_light_missed_by_trees(shapes: Sequence[mi.Shape]) -> None:
-    """Logs a warning if a ray tree may omit light, because a BSDF without separable lobes may refract light onto
-    another such BSDF.
-
-    The function only checks that at least two of the ``shapes`` have BSDFs without separable lobes, and that one of
+    """Warns if a ray tree may omit light: at least two of the ``shapes`` have BSDFs without separable lobes, and one of
     these BSDFs has a glossy transmission.
     """
     inseparable = [shape for shape in shapes if shape.bsdf() is not None and is_inseparable(shape.bsdf())]
@@ -144,9 +137,8 @@ def sphere_around(spheres: np.ndarray) -> tuple[float, ...]:
 
 
 def versine(x: mi.Point3f, center: mi.Point3f, radius: mi.Float) -> mi.Float:
-    """Returns 1 - cos of half the angle that a sphere subtends, seen from the point ``x``.
-
-    If ``x`` lies inside the sphere, the result is 2, because the sphere then covers all directions.
+    """Returns 1 - cos of half the angle that a sphere subtends, seen from the point ``x``; 2, all directions, if ``x``
+    lies inside.
     """
     sin2 = dr.square(radius) / dr.maximum(dr.squared_norm(center - x), 1e-30)
     return dr.select(sin2 < 1, sin2 / (1 + dr.safe_sqrt(1 - sin2)), 2)

@@ -56,10 +56,9 @@ class State:
 class PhotonTracer:
     """Traces photons in ``scene``; at most ``deepest`` specular surfaces reflect or refract each photon.
 
-    ``tree`` tells whether the integrator follows a ray tree instead of paths. If the integrator follows a ray tree,
-    BSDFs without separable lobes scatter photons by all specular lobes. If the integrator follows paths, BSDFs without
-    separable lobes scatter photons only by ideal lobes, and all other photons land on surfaces with these BSDFs.
-    ``mis`` is the :class:`.PhotonMIS` if photons land on glossy surfaces, else None.
+    ``tree`` tells whether the integrator follows a ray tree: then BSDFs without separable lobes scatter photons by all
+    specular lobes. On paths, they scatter photons only by ideal lobes, and all other photons land on them. ``mis`` is
+    the :class:`.PhotonMIS` if photons land on glossy surfaces, else None.
     """
 
     def __init__(self, scene: mi.Scene, deepest: mi.UInt32, tree: bool, mis: PhotonMIS | None) -> None:
@@ -68,10 +67,8 @@ class PhotonTracer:
         self.scattering = Scattering(scene)
 
     def __call__(self, start: Start, key: mi.UInt32) -> tuple[Landed, Landed | None]:
-        """Traces the photons ``start``, and returns a pair: the photons that landed on diffuse surfaces, and the
-        photons that landed on glossy surfaces (None without MIS).
-
-        ``key`` is the hash key of each photon's random numbers.
+        """Traces the photons ``start``; returns those that landed on diffuse surfaces, and those that landed on glossy
+        surfaces (None without MIS). ``key`` is the hash key of each photon's random numbers.
         """
         active, medium = dr.max(start.flux) > 0, mi.MediumPtr(None)
         density, glossy = (None, None) if self.mis is None else (start.density, Landed.nowhere())
@@ -83,9 +80,8 @@ class PhotonTracer:
         """Moves each photon to the next surface, where the photon lands, continues, or ends.
 
         Russian roulette lets a photon continue with the probability ``p_continue``. A photon that does not continue
-        lands on the surface if the surface gathers photons; else the photon ends. On a glossy surface that is not
-        near-specular, a photon may both land and continue (:meth:`.PhotonMIS.scatter`). No photon lands on the first
-        surface that it meets. ``key`` is the hash key of each photon's random numbers.
+        lands if the surface gathers photons. On a glossy surface that is not near-specular, a photon may both land and
+        continue (:meth:`.PhotonMIS.scatter`). No photon lands on the first surface that it meets.
         """
         hit, medium = self._intersect(state)
         flags = hit.bsdf.flags()
@@ -120,9 +116,8 @@ class PhotonTracer:
         return State(ray, flux, scatters, medium, from_inseparable, density, glossy, level, landed)
 
     def _intersect(self, state: State) -> tuple[Hit, mi.MediumPtr]:
-        """Returns the surface points that the photons meet, and the medium in which the photons arrive.
-
-        The flux of the photons at these surface points is reduced by the absorption in the medium.
+        """Returns the surface points that the photons meet, with the flux that absorption leaves, and the medium in
+        which the photons arrive.
         """
         si, d = self.scene.ray_intersect(state.ray, state.active), state.ray.d
         surface = state.active & si.is_valid()
@@ -141,11 +136,11 @@ class PhotonTracer:
     def _scatter(
         self, hit: Hit, u: LobePoint, active: mi.Bool
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Bool, mi.Bool]:
-        """Samples the specular lobes of the surface ``hit``, and returns ``(bs, weight, active, by_all_lobes)``.
+        """Samples the specular lobes of the surface ``hit`` by the random numbers ``u``, and returns ``(bs, weight,
+        active, by_all_lobes)``.
 
-        ``u`` are the random numbers that draw the BSDF sample. The returned ``active`` tells in which lanes the surface
-        scatters a photon. ``by_all_lobes`` tells whether a BSDF without separable lobes made the sample by a lobe that
-        is not ideal. If the integrator follows paths, such a sample scatters no photon.
+        The returned ``active`` tells where the surface scatters a photon. ``by_all_lobes`` tells whether a lobe that is
+        not ideal of a BSDF without separable lobes made the sample; on paths, such a sample scatters no photon.
         """
         si = hit.si
         bs, weight, belongs = self.scattering.sample(self.specular, hit, u, active, hit.flux)
@@ -159,11 +154,10 @@ class PhotonTracer:
 
 def adjoint_correction(si: mi.SurfaceInteraction3f, wo: mi.Vector3f, d: mi.Vector3f) -> mi.Float:
     """Returns the factor that corrects the flux of a photon if shading normal and geometric normal differ (Veach 1997,
-    5.3).
+    5.3): |wi·ns| |wo·n| / (|wi·n| |wo·ns|), but at most :data:`MAX_COSINE_RATIO`.
 
-    The factor is |wi·ns| |wo·n| / (|wi·n| |wo·ns|), but at most :data:`MAX_COSINE_RATIO`; ns is the shading normal and
-    n the geometric normal, and the photon arrives from wi and leaves in the direction wo. The direction ``wo`` is in
-    local coordinates; ``d`` is the same direction in world coordinates.
+    ``ns`` is the shading normal, ``n`` the geometric normal. The direction ``wo`` is in local coordinates, ``d`` is the
+    same in world coordinates.
     """
     cos_i, cos_o = dr.abs(mi.Frame3f.cos_theta(si.wi)), dr.abs(mi.Frame3f.cos_theta(wo))
     true_i, true_o = dr.abs(dr.dot(si.n, si.to_world(si.wi))), dr.abs(dr.dot(si.n, d))

@@ -50,11 +50,10 @@ class Mixture(mi.Texture):
 
     def lookup(self, si: mi.SurfaceInteraction3f) -> tuple[mi.Point3f, mi.Vector3f]:
         """Returns the point of the pattern that belongs to ``si``, and the widths of the box over which the pattern is
-        averaged.
+        averaged, both in the space of the pattern: (u, v), or the position if ``solid``, transformed by ``to_local``.
 
-        The returned point and widths are in the space of the pattern. The matrix ``to_local`` transforms (u, v), or the
-        position if ``solid``, to the space of the pattern. The box contains the pixel's footprint, enlarged by
-        ``smoothing`` along each axis. Without ray differentials, the footprint is a point.
+        The box contains the pixel's footprint, enlarged by ``smoothing`` along each axis. Without ray differentials,
+        the footprint is a point.
         """
         if self.solid:
             p = si.p
@@ -75,10 +74,7 @@ class Mixture(mi.Texture):
         return dr.lerp(self.base.eval_3(si, active), self.top.eval_3(si, active), self.value(si))
 
     def eval_1_grad(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Vector2f:
-        """Returns the derivatives of the texture with respect to u and v, for bump maps.
-
-        The derivatives are central differences, because the nested textures may be of any kind.
-        """
+        """Returns the derivatives of the texture by u and v, for bump maps, as central differences."""
         gradient = []
         for du, dv in ((self.STEP, 0), (0, self.STEP)):
             sides = []
@@ -100,9 +96,7 @@ class Mixture(mi.Texture):
         return True
 
     def parameters(self, *names: str) -> dict[str, Any]:
-        """Returns a dictionary of the attributes ``names`` and of the parameters that every `Mixture` has: name ->
-        value.
-        """
+        """Returns the attributes ``names`` and those that every `Mixture` has: name -> value."""
         own = {name: getattr(self, name) for name in (*names, "to_local", "smoothing")}
         return {self.BASE[0]: self.base, self.TOP[0]: self.top, **own}
 

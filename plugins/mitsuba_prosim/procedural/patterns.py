@@ -14,10 +14,8 @@ SHARPEST = 1e-3
 
 
 def square_wave(x: mi.Float, duty: mi.Float, width: mi.Float) -> mi.Float:
-    """Returns a square wave of period 1, averaged over a box of ``width`` around x.
-
-    In the period |x| <= 1/2, the wave is 1 for |x| <= ``duty`` / 2, and 0 elsewhere. A ``width`` below :data:`SHARPEST`
-    counts as :data:`SHARPEST`.
+    """Returns a square wave of period 1, averaged over a box of ``width`` (at least :data:`SHARPEST`) around x. In the
+    period |x| <= 1/2, the wave is 1 for |x| <= ``duty`` / 2, and 0 elsewhere.
     """
     width = dr.maximum(width, SHARPEST)
     x = x + 0.5  # from here on, the band with the value 1 is in the middle of the period [0, 1)
@@ -25,7 +23,7 @@ def square_wave(x: mi.Float, duty: mi.Float, width: mi.Float) -> mi.Float:
     low = 0.5 - duty / 2
 
     def integral(x: mi.Float) -> mi.Float:
-        """Returns the integral from 0 to ``x`` of the wave, which is 1 from ``low`` to ``low`` + ``duty`` in [0, 1]."""
+        """Returns the integral from 0 to ``x`` of the wave."""
         whole = dr.floor(x)
         return whole * duty + dr.clip(x - whole - low, 0, duty)
 
@@ -37,10 +35,10 @@ def square_wave(x: mi.Float, duty: mi.Float, width: mi.Float) -> mi.Float:
 
 
 def gradient_noise(coordinates: Sequence[mi.Float], key: mi.UInt32) -> mi.Float:
-    """Returns gradient noise (Perlin noise) on the integer lattice; the noise is 0 at the points of the lattice.
+    """Returns gradient noise (Perlin noise) on the integer lattice, at whose points it is 0.
 
-    The lattice has one dimension for each of the ``coordinates``, at most three. ``key``, a 32-bit unsigned integer, is
-    the seed of the hash. The components of the random gradients are uniform over [-1, 1].
+    The lattice has one dimension for each of the ``coordinates``, at most three. ``key`` is the seed of the hash. The
+    components of the random gradients are uniform over [-1, 1].
     """
     corners: list[tuple] = [(key, mi.Float(1), ())]  # hash, interpolation weight, and offset from the corner
     for x in coordinates:

@@ -9,12 +9,10 @@ GOLDEN = 0x9E3779B9
 
 
 def hash32(x: Any) -> Any:
-    """Returns a hash of the 32-bit unsigned integer ``x``, by the output permutation of PCG-RXS-M-XS-32.
+    """Returns a hash of the 32-bit unsigned integer ``x`` (of Python, NumPy or Dr.Jit), by the output permutation of
+    PCG-RXS-M-XS-32 (O'Neill 2014; Jarzynski and Olano 2020). It has the type of ``x``, and is uniform.
 
-    O'Neill (2014) and Jarzynski and Olano (2020) describe this hash function. ``x`` is a Python integer, a NumPy array
-    or a Dr.Jit array of 32-bit unsigned integers. The hash has the same type as ``x``, and is uniform over the 32-bit
-    unsigned integers. The masks with 0xFFFFFFFF are needed for Python's unbounded integers; Dr.Jit removes these masks
-    from its kernels.
+    The masks with 0xFFFFFFFF are needed for Python's unbounded integers; Dr.Jit removes them.
     """
     x = (x * 747796405 + 2891336453) & 0xFFFFFFFF
     x = (((x >> ((x >> 28) + 4)) ^ x) * 277803737) & 0xFFFFFFFF

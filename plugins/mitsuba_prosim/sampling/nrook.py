@@ -32,19 +32,17 @@ UInt: TypeAlias = "int | mi.UInt32"
 def pixel_key(seed: UInt, pixel: UInt) -> UInt:
     """Returns the hash key of a pixel; ``seed`` and ``pixel`` are 32-bit unsigned integers (Python or Dr.Jit).
 
-    The hash of the pixel is combined with the hash of the seed, and hashed again, so that the keys of one seed are not
-    the keys of another seed, shifted to other pixels. For the same seed, different pixels have different keys.
+    Both are hashed, so that the keys of one seed are not those of another seed, shifted to other pixels.
     """
     return combine(hash32(pixel), hash32(seed))
 
 
 class Permutations:
-    """Random permutations of the numbers from 0 to n - 1, stored in a table.
+    """Random permutations of the numbers from 0 to n - 1, n >= 1, stored in a table.
 
-    For n <= 6 the table holds all n! permutations. For greater n the table holds 1024 permutations, and each
-    permutation is rotated by a random number of positions, so that every element is equally likely at every position.
-    Mitsuba's ``mi.permute_kensler`` is five times slower; for few elements, it does not choose all permutations equally
-    often. ``n`` is the number of elements of each permutation, at least 1.
+    For n <= 6 the table holds all n! permutations. For greater n it holds 1024 permutations, each of which is rotated
+    by a random number of positions, so that every element is equally likely at every position. Mitsuba's
+    ``mi.permute_kensler`` is five times slower, and for few elements it does not choose all permutations equally often.
     """
 
     ALL_UP_TO = 6
@@ -60,7 +58,6 @@ class Permutations:
     @classmethod
     @functools.cache
     def _rows(cls, n: int) -> np.ndarray:
-        """Returns the table of the stored permutations, shape (number of permutations, n)."""
         import numpy as np  # slow to import, and only a render needs NumPy
 
         if n <= cls.ALL_UP_TO:
@@ -69,9 +66,7 @@ class Permutations:
         return np.argsort(keys, axis=1, kind="stable").astype(np.uint32)
 
     def __call__(self, h: UInt, i: UInt) -> UInt:
-        """Returns element number ``i`` of the permutation that the 32-bit hash ``h`` selects; 0 <= ``i`` < n. For n >
-        6, the hash also selects the number of positions by which the stored permutation is rotated.
-        """
+        """Returns element number ``i`` of the permutation, and of its rotation, that the 32-bit hash ``h`` selects."""
         row = scale(h, self.count) * self.n
         if self.rotated:
             # The row depends on the upper bits of the hash. The upper bits of this product depend on all its bits.
@@ -94,15 +89,12 @@ class NRook:
     """The N-rook sample number ``t`` of a pixel; each call returns one pair of random numbers of this sample.
 
     ``permutations`` are the :class:`Permutations` of N elements; ``key`` is the :func:`pixel_key`; ``t`` is an integer
-    or a Dr.Jit array from 0 to N² - 1. ``jitter`` is ``"uniform"`` or ``"multi"``. With the jitter ``"uniform"``, the
-    sample lies anywhere in its cell, as in the thesis. With the jitter ``"multi"``, the N² samples of all passes also
-    fill all N² strata of each axis (multi-jittered sampling by Chiu, Shirley and Wang 1994; Kensler 2013).
+    or a Dr.Jit array from 0 to N² - 1. With the ``jitter`` ``"uniform"``, the sample lies anywhere in its cell, as in
+    the thesis. With ``"multi"``, the N² samples of all passes also fill all N² strata of each axis (multi-jittered
+    sampling by Chiu, Shirley and Wang 1994; Kensler 2013).
     """
 
     def __init__(self, permutations: Permutations, key: UInt, t: UInt, jitter: str = "multi") -> None:
-        """Prepares the sample number ``t`` of a pixel; ``key`` is the :func:`pixel_key` of the pixel. A pass has
-        ``permutations.n`` samples.
-        """
         self.permutations, self.key, self.t, self.jitter = permutations, key, t, jitter
         #: Number of the pass, and the index in the pass.
         self.r = t // permutations.n
@@ -112,10 +104,8 @@ class NRook:
         self.division = t, permutations.n
 
     def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:
-        """Returns the point of this sample, in [0, 1)², in the space number ``space``; ``active`` is ignored.
-
-        A space is one of the pairs of random numbers of the sample, such as ``PIXEL`` or ``LENS``; the spaces are
-        numbered in ``transport_context.py``.
+        """Returns the point of this sample, in [0, 1)², in the space number ``space`` (:mod:`.spaces`); ``active`` is
+        ignored.
         """
         permute, n = self.permutations, self.permutations.n
         h_space = combine(self.key, space)

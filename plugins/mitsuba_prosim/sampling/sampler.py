@@ -38,9 +38,7 @@ class PureSampler(mi.Sampler):
         self.samples_per_wavefront = samples_per_wavefront
 
     def fork(self) -> PureSampler:
-        """Returns a new sampler of the same class, with the same seed offset, and the same numbers of samples per pixel
-        and per wavefront. The new sampler must be seeded before use.
-        """
+        """Returns a new sampler with the same parameters, which must be seeded before use."""
         copy = type(self)(mi.Properties())
         copy.base_seed, copy.samples_per_wavefront = self.base_seed, self.samples_per_wavefront
         mi.Sampler.set_sample_count(copy, self.sample_count())
@@ -53,10 +51,10 @@ class PureSampler(mi.Sampler):
         return copy
 
     def seed(self, seed: int | mi.UInt32, wavefront_size: int = 0xFFFFFFFF) -> None:
-        """Seeds the sampler, and starts the first samples of each pixel.
+        """Seeds the sampler, and starts the first samples of each pixel; the parameter ``seed`` of the plugin is added.
 
-        ``samples_per_wavefront`` adjacent lanes belong to one pixel, and take consecutive samples of this pixel. A
-        scalar variant has only one lane. The parameter ``seed`` of the plugin is added to the argument ``seed``.
+        ``samples_per_wavefront`` adjacent lanes belong to one pixel, and take consecutive samples of it. A scalar
+        variant has only one lane.
         """
         super().seed(seed, wavefront_size)
         key = mi.UInt32(seed) + self.base_seed
@@ -74,8 +72,8 @@ class PureSampler(mi.Sampler):
         self.dimension = dr.opaque(mi.UInt32, 0)
 
     def advance(self) -> None:
-        """Starts the next sample in each lane, with its first dimension. The index of the sample grows by the number of
-        lanes of a pixel, because the other lanes of the pixel take the samples between.
+        """Starts the next sample in each lane, with its first dimension. Its index grows by the number of lanes of a
+        pixel, because the other lanes take the samples between.
         """
         # The method of the base class would only advance its own counters, and call this method first.
         self.index += self.samples_per_wavefront

@@ -31,10 +31,8 @@ class Sobol:
         self.reversed = reverse(t)
 
     def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:
-        """Returns the point of this sample, in [0, 1)², in the space number ``space``; ``active`` is ignored.
-
-        A space is one of the pairs of random numbers of the sample, such as ``PIXEL`` (number 0, the position in the
-        pixel) or ``LENS``; the spaces are numbered in ``spaces.py``.
+        """Returns the point of this sample, in [0, 1)², in the space number ``space`` (:mod:`.spaces`); ``active`` is
+        ignored.
         """
         return point(combine(self.key, space), self.reversed)
 
@@ -53,11 +51,8 @@ def point(key: UInt, reversed_index: UInt) -> mi.Point2f:
 
 
 def pascal(i: Any) -> Any:
-    """Returns the second coordinate of a Sobol' point, computed from the first coordinate ``i``.
-
-    In ``i`` and in the result, the 32 binary digits of a coordinate in [0, 1) are in reverse order: the lowest bit is
-    the first digit after the point. The function multiplies the vector of the bits of ``i`` by
-    Pascal's matrix modulo 2, in five steps with shifts by powers of two.
+    """Returns the second coordinate of a Sobol' point, computed from the first coordinate ``i``, both with their 32
+    binary digits in reverse order: multiplies by Pascal's matrix modulo 2, in five steps with shifts by powers of two.
     """
     for shift, mask in ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F), (8, 0x00FF00FF), (16, 0x0000FFFF)):
         i = i ^ ((i >> shift) & mask)
@@ -65,10 +60,9 @@ def pascal(i: Any) -> Any:
 
 
 def z_curve(x: Any, y: Any) -> Any:
-    """Returns the Morton code of the pixel (x, y): the bits of x and y alternate, from the lowest bit of x on.
-
-    Pixels in the order of their Morton codes lie on a Z-order curve through the image. ``x`` and ``y`` are arrays of
-    32-bit unsigned integers, of Dr.Jit or NumPy; only their lowest 14 bits count.
+    """Returns the Morton code of the pixel (x, y), which orders pixels on a Z-order curve: the bits of x and y
+    alternate, from the lowest bit of x on. ``x`` and ``y`` are arrays of 32-bit unsigned integers, of Dr.Jit or NumPy;
+    only their lowest 14 bits count.
     """
     spread = [x & 0x3FFF, y & 0x3FFF]
     # Each step moves half of the bits apart, until there is a gap after each bit.
@@ -81,8 +75,7 @@ def scrambled(x: Any, key: Any) -> Any:
     """Returns the Owen-scrambled form of ``x``, a 32-bit number whose bits are in reverse order.
 
     Whether a bit is flipped depends on ``key`` and on all lower bits of ``x`` (Laine and Karras 2011; constants by
-    Vegdahl 2021). The masks with 0xFFFFFFFF are needed for Python's unbounded integers; Dr.Jit removes these masks from
-    its kernels.
+    Vegdahl 2021). The masks are needed for Python's unbounded integers; Dr.Jit removes them.
     """
     x = x ^ (x * 0x3D20ADEA & 0xFFFFFFFF)
     x = (x + key) & 0xFFFFFFFF

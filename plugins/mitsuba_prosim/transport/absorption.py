@@ -50,12 +50,10 @@ def only_absorbs(medium: mi.Medium) -> bool:
 def transmittance(
     medium: mi.MediumPtr | mi.Medium | None, wavelengths: mi.Color0f, t: mi.Float, active: mi.Bool
 ) -> mi.UnpolarizedSpectrum | float:
-    """Returns the transmittance of ``medium`` over the distance ``t`` in scene units: the fraction of light that is not
-    absorbed.
+    """Returns the fraction of light that ``medium`` does not absorb over the distance ``t`` in scene units.
 
-    The transmittance is 1 where there is no medium, where the medium scatters light or is not homogeneous, and in lanes
-    that are not ``active``. ``wavelengths`` are the wavelengths of the ray in nm; the array is empty except in spectral
-    variants.
+    It is 1 where there is no medium, where the medium scatters light or is not homogeneous, and in lanes that are not
+    ``active``. ``wavelengths`` are those of the ray in nm; the array is empty except in spectral variants.
     """
     if medium is None:
         return 1.0
@@ -71,9 +69,9 @@ def medium_beyond(
 ) -> mi.MediumPtr | mi.Medium | None:
     """Returns the medium around a ray that leaves the surface point ``si`` in the direction ``d``.
 
-    ``medium`` is the medium around the ray that arrived at ``si``. The result is ``medium`` if the surface has neither
-    an interior nor an exterior medium, and in lanes that are not ``active``. In vectorised variants, the result is None
-    if ``medium`` is None, which means that no medium of the scene absorbs light.
+    ``medium`` is the medium around the ray that arrived at ``si``, and the result if the surface has neither an
+    interior nor an exterior medium, and in lanes that are not ``active``. In vectorised variants, None means that no
+    medium of the scene absorbs light.
     """
     if idle(active) or (medium is None and dr.is_jit_v(mi.Float)):
         return medium
@@ -86,10 +84,8 @@ def medium_before(
     """Returns the medium around a camera ray, or around a photon from a light source, that arrives at ``si`` in the
     direction ``d``.
 
-    ``medium`` is the medium of the sensor, if it has one; no medium is known at the start of a photon. In ``active``
-    lanes without a ``medium``, the result is the medium that the surface at ``si`` has on the side from which the ray
-    arrives. In all other lanes, the result is ``medium``. In vectorised variants, the result is None if ``medium`` is
-    None, which means that no medium of the scene absorbs light.
+    In ``active`` lanes without a ``medium`` (that of the sensor), it is the medium on the side of the surface from
+    which the ray arrives.
     """
     return medium_beyond(si, medium, -d, active & (medium == pointer(None)))
 

@@ -19,9 +19,9 @@ def differentiable_loop(state: Any, step: Callable[[Any], Any]) -> Any:
     """Applies the function ``step`` to ``state`` until no lane of ``state.active`` is true, and returns the last state,
     with derivatives.
 
-    ``state`` is a dataclass with a mask ``active``; its fields may be arrays, and nested dataclasses and lists. When a
-    lane of ``state.active`` has become false, the state of this lane does not change any more. All iterations run the
-    same compiled kernel, and a second kernel computes the derivatives of all iterations.
+    ``state`` is a dataclass with a mask ``active``; its fields may be arrays, and nested dataclasses and lists. The
+    state of a finished lane does not change any more. All iterations run the same compiled kernel, and a second kernel
+    computes all their derivatives.
     """
     dr.make_opaque(state)
     while dr.any(active := state.active):
@@ -36,11 +36,8 @@ def differentiable_loop(state: Any, step: Callable[[Any], Any]) -> Any:
 
 
 def differentiable(state: Any) -> list[tuple[Any, str]]:
-    """Finds all arrays with derivatives that are fields of dataclasses in ``state``, which consists of nested
-    dataclasses and lists. An array that is directly in a list is not found.
-
-    Returns one pair for each array with derivatives: the dataclass that holds the array, and the name of the array's
-    field.
+    """Returns the dataclass and the name of the field for each array with derivatives in ``state``, which consists of
+    nested dataclasses and lists. An array that is directly in a list is not found.
     """
     if isinstance(state, list):
         return [place for part in state for place in differentiable(part)]

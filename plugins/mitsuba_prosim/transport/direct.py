@@ -25,19 +25,16 @@ from .transport_context import Context
 def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
     """Returns the direct light that the surface at ``vertex`` scatters back along the ray that arrived there.
 
-    At a vertex of a ray tree, every light source gets one sample and one shadow ray (thesis, section 4.1). At a vertex
-    of a path, one lamp that is chosen at random gets a sample and a shadow ray; a lamp is any light source except a
-    constant sky. At both kinds of vertices, a constant sky is sampled only for the lobes ``context.light_lobes``, whose
-    rays do not find the sky; if there are no such lobes, the sky is not sampled. Usually all lobes of the surface
-    scatter direct light. If photons that an earlier vertex of the path gathered carry the direct light of the other
-    lobes (:attr:`.Ray.light_found`), only diffuse lobes scatter direct light, and all lobes of a BSDF that cannot
-    evaluate its lobes separately.
+    At a vertex of a ray tree, every lamp gets one sample and one shadow ray (thesis, section 4.1); at a vertex of a
+    path, one lamp that is chosen at random. A constant sky is no lamp: it is sampled only for the lobes
+    ``context.light_lobes``, whose rays do not find the sky. If photons that an earlier vertex gathered carry the direct
+    light of the other lobes (:attr:`.Ray.light_found`), only diffuse lobes scatter it, and all lobes of a BSDF that
+    cannot evaluate them separately.
     """
     lights, ray, active = context.lights, vertex.ray, vertex.smooth
     space = context.space(ray.node, NODE_SPACES)  # random numbers of the first light source; the others follow
 
     def add(lamp: Lamp, L: Radiance) -> Radiance:
-        """Returns ``L`` plus the radiance that the vertex scatters from the light source ``lamp``."""
         sample = sample_lamp(context, vertex, lamp, points(space + lamp.k, active))
         return L + lamp_light(context, vertex, points, lamp.k, sample, context.mis_lobes)
 
@@ -58,11 +55,9 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
 def sample_lamp(
     context: Context, vertex: Vertex, lamp: Lamp, point: mi.Point2f, probability: mi.Float | None = None
 ) -> LightSample:
-    """Returns ``(ds, weight)``: a direction sample of ``lamp``, drawn with the random ``point`` in [0, 1)², and the
-    radiance of ``lamp`` divided by the density of the sample.
-
-    ``ds`` and ``weight`` have derivatives if ``context.attached`` is true. ``probability`` is the probability with
-    which ``lamp`` was chosen from all lamps, and is a factor of the density; None if every lamp is sampled.
+    """Returns ``(ds, weight)``: a direction sample of ``lamp`` by the random ``point`` in [0, 1)², and the radiance of
+    ``lamp`` divided by the density of the sample, with derivatives if ``context.attached`` is true. ``probability`` is
+    that of choosing ``lamp``, and a factor of the density; None if every lamp is sampled.
     """
     ds, weight = lamp.sample(vertex.receiver, point, vertex.smooth)
     if probability is not None:
@@ -81,14 +76,13 @@ def lamp_light(
     mis_lobes: tuple[mi.BSDFContext, ...],
 ) -> Radiance:
     """Returns the radiance that ``vertex`` scatters from one ``sample`` of light source number ``k``, split into image
-    layers.
+    layers; 0 if a shadow ray finds the sampled point hidden.
 
-    A shadow ray tests whether the sampled point is visible; the radiance is 0 if the point is hidden. The lobes
-    ``mis_lobes`` get MIS weights, because rays that are sampled from these lobes, and perhaps photons, find the light
-    of the same source; the weight is 1 for a point light or a single direction. The lobes ``context.light_lobes`` get
-    no MIS weights. A BSDF that cannot evaluate its lobes separately contributes by all its lobes, without MIS weights.
-    If photons that an earlier vertex gathered carry the light of the other lobes (:attr:`.Ray.light_found`), only
-    diffuse lobes contribute. ``points`` are the random numbers of the vertex.
+    The lobes ``mis_lobes`` get MIS weights, because rays that are sampled from these lobes, and perhaps photons, find
+    the light of the same source; the weight is 1 for a point light or a single direction. The lobes
+    ``context.light_lobes`` get none, nor does a BSDF that cannot evaluate its lobes separately. If photons carry the
+    light of the other lobes (:attr:`.Ray.light_found`), only diffuse lobes contribute. ``points`` are the random
+    numbers of the vertex.
     """
     (ds, weight), layers = sample, context.layers
     si, ray, scattering = vertex.si, vertex.ray, context.scattering
@@ -124,13 +118,11 @@ def eval_lobe(
     context: Context, lobe: mi.BSDFContext, vertex: Vertex, wo: mi.Vector3f, points: Points, active: mi.Bool
 ) -> tuple[mi.Spectrum, mi.Float]:
     """Returns the BSDF value of ``lobe`` times the cosine for the direction ``wo``, and the density with which ``lobe``
-    samples ``wo``.
+    samples ``wo``; both are 0 in lanes that are not ``active``.
 
-    The value and the density are 0 in lanes that are not ``active``. If ``context.samples_with_light`` is true, one
-    call of the BSDF both evaluates ``lobe`` and samples the next ray of ``lobe``, so that textures are evaluated only
-    once. The sample of the next ray is stored in ``vertex.drawn``, under the type mask of ``lobe``. If ``points`` is a
-    :class:`.SamplerPoints`, this function never samples the next ray, because a Mitsuba sampler must draw its numbers
-    in a fixed order.
+    If ``context.samples_with_light`` is true, one call of the BSDF also samples the next ray of ``lobe``, so that
+    textures are evaluated only once. This sample is stored in ``vertex.drawn``, under the type mask of ``lobe``. A
+    :class:`.SamplerPoints` must draw its numbers in a fixed order, so it is excepted.
     """
     if not context.samples_with_light or isinstance(points, SamplerPoints):
         return context.scattering.eval_pdf(lobe, vertex, wo, active)
@@ -141,13 +133,12 @@ def eval_lobe(
 
 
 def sample_sky(context: Context, vertex: Vertex, points: Points, space: mi.UInt32) -> LightSample:
-    """Returns ``(ds, weight)``: a direction sample of the constant sky, for the lobes whose direct light comes from
-    light sampling alone.
+    """Returns ``(ds, weight)``: a direction sample of the constant sky by the random numbers of ``space``, for the
+    lobes whose direct light comes from light sampling alone: the diffuse lobes, and all lobes of a BSDF that cannot
+    evaluate them separately.
 
-    The lobes whose direct light comes from light sampling alone are the diffuse lobes, and all lobes of a BSDF that
-    cannot evaluate its lobes separately. ``ds.pdf`` is 0 where the BSDF at ``vertex`` has no lobe of these kinds. The
-    sky below the horizon is sampled only where such a lobe transmits light. ``space`` is the number of a space, a pair
-    of random numbers, of the sampling pattern.
+    ``ds.pdf`` is 0 where the BSDF at ``vertex`` has no such lobe. The sky below the horizon is sampled only where such
+    a lobe transmits light.
     """
     assert context.lights.sky is not None
     flags, receiver = vertex.bsdf.flags(), vertex.receiver
@@ -161,11 +152,10 @@ def visibility(
     context: Context, vertex: Vertex, p: mi.Point3f, radiance: mi.Spectrum, active: mi.Bool
 ) -> tuple[mi.Bool, mi.UnpolarizedSpectrum | float]:
     """Returns ``(active, transmitted)``: the active lanes in which the point ``p`` is visible from ``vertex``, and the
-    transmittance between ``vertex`` and ``p``.
+    transmittance in between.
 
-    If the integrator's parameter ``shadows`` is false, every point ``p`` counts as visible. Else, a shadow ray tests
-    whether ``p`` is visible, except where ``radiance``, the radiance that ``vertex`` scatters from the point ``p``, is
-    0: in these lanes, no shadow ray is traced, and the returned ``active`` is false.
+    If the integrator's parameter ``shadows`` is false, every point ``p`` counts as visible. Else a shadow ray is
+    traced, and only where ``radiance``, which ``vertex`` would scatter from ``p``, is not 0.
     """
     si = vertex.si
     if context.settings.shadows:

@@ -56,10 +56,10 @@ def features(
     """Returns ``(albedo, normal, hit)`` for the camera ray ``ray``; ``hit`` tells whether the ray meets a surface.
 
     The albedo is in [0, 1]; an albedo that is not finite is replaced by 0. The normal is the shading normal of the
-    first surface that ``ray`` meets, turned towards the viewer. The normal is 0 where ``ray`` meets no surface.
+    first surface, turned towards the viewer, or 0 if there is none.
 
-    The albedo is the sum of two terms: a random sample of the albedo of the diffuse lobes, and the albedo of the next
-    surface that a specular lobe shows, times a random sample of the reflectance or transmittance of this lobe. At most
+    The albedo is a random sample of the albedo of the diffuse lobes, plus the albedo of the next surface that a
+    specular lobe shows, times a random sample of the reflectance or transmittance of this lobe. At most
     :data:`MAX_LEVEL` reflections and refractions are followed. Absorption in media reduces the albedo. The albedo of
     light sources and of the sky is their radiance, clipped to 1. If ``hide_emitters`` is true, the camera ray passes
     through light sources, and does not see the sky. ``camera_medium`` is the medium around the camera, or None.
@@ -68,9 +68,6 @@ def features(
     diffuse, specular = lobes.only(lobes.DIFFUSE), lobes.only(lobes.SPECULAR)
 
     def step(state: State) -> State:
-        """Adds the albedo of the surface, the light source or the sky that the ray of ``state`` meets, and continues
-        the ray through a specular lobe of the surface.
-        """
         ray, active, medium, first = state.ray, state.active, state.medium, state.level == 0
         si = scene.ray_intersect(ray, active)
         if hide_emitters:
@@ -109,12 +106,12 @@ def features(
 def sample_albedo(
     si: mi.SurfaceInteraction3f, lobe: mi.BSDFContext, sampler: mi.Sampler, active: mi.Bool, scattering: Scattering
 ) -> tuple[Any, mi.Vector3f, mi.Bool]:
-    """Returns ``(weight, direction, is_null)`` of one sample of ``lobe`` at ``si``; the weight is 0 if the BSDF does
-    not have this lobe. The direction is in world coordinates. ``is_null`` tells whether it passes straight through.
+    """Returns ``(weight, direction, is_null)`` of one sample of ``lobe`` at ``si``, the direction in world coordinates.
+    ``is_null`` tells whether it passes straight through.
 
-    Some BSDFs return samples of other lobes than requested. A sample of a lobe that was not requested gets the weight
-    0, because that lobe is sampled by another call. For the albedo, dispersive glass refracts all wavelengths in the
-    same direction: random wavelengths would make the mean albedo wrong, because each sample of the albedo is clipped.
+    The weight is 0 if the BSDF sampled another lobe than requested, because that lobe is sampled by another call.
+    Dispersive glass refracts all wavelengths in the same direction: random wavelengths would make the mean albedo
+    wrong, because each sample is clipped.
     """
     surface = Surface(si, si.bsdf(), active, mi.Bool(False))
     u = sampler.next_1d(active), sampler.next_2d(active)

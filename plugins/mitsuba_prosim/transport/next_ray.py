@@ -23,10 +23,10 @@ def next_ray(
 ) -> tuple[Ray, mi.Bool, mi.Float]:
     """Samples the ray that leaves ``vertex`` through ``lobe``, and returns ``(ray, active, eta)``.
 
-    The returned ``active`` is true where the argument ``active`` is true, the sample belongs to ``lobe``, and the
-    throughput of the ray is above the integrator's parameter ``cutoff`` in at least one colour channel. ``eta`` is the
-    relative index of refraction of the surface in the direction of the ray, or 1 for a reflection. In scalar variants,
-    the arriving ray and the ``eta`` 1 are returned if ``active`` is false.
+    The returned ``active`` is true where the argument is, the sample belongs to ``lobe``, and the throughput is above
+    the integrator's parameter ``cutoff`` in at least one channel. ``eta`` is the relative index of refraction of the
+    surface in the direction of the ray, or 1 for a reflection. In scalar variants, the arriving ray is returned if
+    ``active`` is false.
     """
     ray, si, space = vertex.ray, vertex.si, direction_space(lobe)
     if idle(active):
@@ -59,14 +59,13 @@ def next_ray(
 def sample_direction(
     context: Context, lobe: mi.BSDFContext, vertex: Vertex, points: Points, active: mi.Bool
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Vector3f, mi.Bool]:
-    """Samples ``lobe`` at ``vertex``, and returns ``(bs, weight, d, belongs)``.
+    """Samples ``lobe`` at ``vertex``, and returns ``(bs, weight, d, belongs)``: the sample that light sampling has
+    already drawn (``vertex.drawn``), if there is one, or a new one, its direction in world coordinates, and whether it
+    is a sample of ``lobe``.
 
-    ``bs`` and ``weight`` are a BSDF sample, as ``mi.BSDF.sample`` returns it. If light sampling has already drawn a
-    sample of ``lobe`` (``vertex.drawn``), this function returns that sample. ``d`` is the sampled direction in world
-    coordinates. ``belongs`` tells whether ``bs`` is a sample of ``lobe``, not of another lobe of the BSDF. If
-    derivatives are wanted, the direction ``d`` of a smooth lobe follows the motion of the light source that the ray
-    meets; ``d`` is constant if the ray meets no light source. The derivatives of the density and the weight of the
-    sample include this motion of ``d``. The direction of an ideal lobe has the derivatives that the BSDF computes.
+    If derivatives are wanted, the direction of a smooth lobe follows the motion of the light source that the ray meets;
+    it is constant if the ray meets none. The derivatives of the density and the weight include this motion. The
+    direction of an ideal lobe has the derivatives that the BSDF computes.
     """
     si, scattering, throughput = vertex.si, context.scattering, vertex.ray.throughput
     if lobe.type_mask in vertex.drawn:
@@ -95,10 +94,8 @@ def sample_direction(
 def roulette(ray: Ray, active: mi.Bool, survival: mi.Float, sample: mi.Float) -> tuple[Ray, mi.Bool]:
     """Returns ``(ray, active)`` after Russian roulette (Arvo and Kirk 1990).
 
-    The ray survives with the probability ``survival``, or always if ``survival`` is 1 or greater. The throughput of a
-    surviving ray is divided by the probability of survival, and the throughput of any other ray becomes 0. The ray
-    survives if the random number ``sample`` in [0, 1) is less than ``survival``. The returned ``active`` is true where
-    the argument ``active`` is true and the ray survives.
+    The ray survives with the probability ``survival``: if ``sample`` in [0, 1) is less. Its throughput is divided by
+    the probability; that of any other ray becomes 0.
     """
     survival = dr.detach(survival)
     survives = sample < survival
@@ -107,9 +104,9 @@ def roulette(ray: Ray, active: mi.Bool, survival: mi.Float, sample: mi.Float) ->
 
 
 def lobe_point(context: Context, lobe: mi.BSDFContext, vertex: Vertex, points: Points, active: mi.Bool) -> LobePoint:
-    """Returns ``(choice, point)``: the random number in [0, 1) that chooses one of the lobes in ``lobe``, and the
-    random point in [0, 1)² that samples the direction of the ray from ``vertex``. At dispersive glass, ``choice`` also
-    chooses a wavelength.
+    """Returns ``(choice, point)``: the random number in [0, 1) that chooses one of the lobes in ``lobe``, and a
+    wavelength at dispersive glass; and the random point in [0, 1)² that samples the direction of the ray from
+    ``vertex``.
     """
     space = context.space(vertex.ray.node, CHOICE)
     # A stratified choice reduces the variance only with dispersion, or where all lobes are sampled together.

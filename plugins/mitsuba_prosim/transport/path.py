@@ -31,10 +31,8 @@ class Counters:
 
 
 def start(context: Context, ray: Ray) -> Counters:
-    """Returns the :class:`Counters` at the start of a path. The number of diffuse reflections is None if
-    ``diffuse_bounces`` is negative, which stands for no limit.
-
-    The argument ``ray`` is unused; it gives this function the same signature as :func:`.tree.start`.
+    """Returns the :class:`Counters` at the start of a path. ``ray`` is unused; :func:`.tree.start` has the same
+    signature.
     """
     return Counters(mi.UInt32(0) if context.settings.diffuse_bounces >= 0 else None, mi.Float(1))
 
@@ -42,14 +40,13 @@ def start(context: Context, ray: Ray) -> Counters:
 def proceed(
     context: Context, vertex: Vertex, points: Points, active: mi.Bool, counters: Counters
 ) -> tuple[Ray, mi.Bool, Counters]:
-    """Samples the ray that continues the path after ``vertex``, and returns ``(ray, active, counters)``.
+    """Samples the ray that continues the path after ``vertex``, and returns ``(ray, active, counters)``, where
+    ``counters`` include this ray.
 
     If the number of diffuse reflections is unlimited (``counters.bounces`` is None), the ray is sampled from all lobes
-    together; else the ray leaves through a specular or a diffuse lobe (:func:`specular_or_diffuse`). The returned
-    ``active`` is true in the lanes whose path continues after Russian roulette, which begins at level ``rr_depth``. The
-    probability of survival is the greatest component of the throughput, times eta², but at most 0.95. The returned
-    ``counters`` include the returned ray. The argument ``active`` is unused; it gives this function the same signature
-    as :func:`.tree.proceed`.
+    together; else it leaves through a specular or a diffuse lobe. Russian roulette begins at level ``rr_depth``: the
+    probability of survival is the greatest component of the throughput, times eta², but at most 0.95. The argument
+    ``active`` is unused; :func:`.tree.proceed` has the same signature.
     """
     bounces, node = counters.bounces, vertex.ray.node
     if bounces is None:
@@ -70,13 +67,11 @@ def specular_or_diffuse(
 ) -> tuple[Ray, mi.Bool, mi.Float, mi.UInt32]:
     """Returns ``(ray, active, eta, bounces)`` for one ray that leaves ``vertex`` through a specular or a diffuse lobe.
 
-    The function samples a specular ray and a diffuse ray, and chooses one of the two with a probability proportional to
-    the greatest component of its throughput. The throughput of the chosen ray is divided by the probability of the
-    choice. ``active`` tells in which lanes the chosen ray exists; a ray that does not exist is never chosen instead of
-    a ray that exists. After ``diffuse_bounces`` diffuse reflections on a path, all further rays of the path are
-    specular. ``bounces`` is the number of diffuse reflections of the path; the returned number includes the chosen ray.
-    ``eta`` is the relative index of refraction of the surface in the direction of the ray, or 1 for a reflection and
-    for a diffuse lobe.
+    The function samples one ray of each, and chooses in proportion to the greatest component of its throughput, which
+    is then divided by the probability of the choice. ``active`` tells in which lanes the chosen ray exists. After
+    ``diffuse_bounces`` diffuse reflections, all further rays of a path are specular; ``bounces`` is the number of
+    diffuse reflections, the returned number includes the chosen ray. ``eta`` is the relative index of refraction of the
+    surface in the direction of the ray, or 1 for a reflection and a diffuse lobe.
     """
     specular, reflects, eta = next_ray(context, lobes.only(lobes.SPECULAR), vertex, points, vertex.active)
     may_scatter = vertex.active & (bounces < context.settings.diffuse_bounces)

@@ -56,9 +56,8 @@ class Radiance:
         return Radiance(factor * self.total, [factor * L for L in self.layers])
 
     def plus(self, value: mi.Spectrum, layer: Layer, total: mi.Spectrum | None = None) -> Radiance:
-        """Returns this radiance after adding ``value`` to the layer number ``layer``, if the image has layers.
-
-        The total radiance of the result is ``total``, or the old total plus ``value`` if ``total`` is None.
+        """Returns this radiance after adding ``value`` to the layer number ``layer``, if the image has layers. The
+        total radiance becomes ``total``, or grows by ``value`` if this is None.
         """
         layers = [L + dr.select(layer == i, value, 0) for i, L in enumerate(self.layers)]
         return Radiance(self.total + value if total is None else total, layers)
@@ -78,19 +77,16 @@ class Layers:
         return Radiance(mi.Spectrum(0), [mi.Spectrum(0) for _ in self.names])
 
     def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:
-        """Returns the number of the image layer to which the part ``term`` of the light at the end of ``ray`` belongs.
-
-        ``term`` is "emitted", "background", "ambient", "diffuse", "glossy" or "caustics". ``source`` is the number of
-        the light source from which the light comes. For an image without layers, the result 0 has no meaning.
+        """Returns the number of the image layer to which the part ``term`` of the light at the end of ``ray`` belongs:
+        "emitted", "background", "ambient", "diffuse", "glossy" or "caustics". ``source`` is the number of the light
+        source.
         """
         return 0
 
     def branch(self, ray: Ray, diffuse: bool, through: mi.Bool) -> mi.UInt32:
-        """Returns the attribute :attr:`.Ray.branch` of the next ray: the number of the layer of the light that arrives
-        through the lobe by which the path left its first vertex, or 0 if the layers do not depend on this lobe.
-
-        The next ray leaves the vertex at the end of ``ray``: through a diffuse lobe if ``diffuse`` is true, else
-        through a specular lobe. ``through`` tells whether the next ray passes through the surface.
+        """Returns the attribute :attr:`.Ray.branch` of the next ray, which leaves the end of ``ray`` through a diffuse
+        or a specular lobe; ``through`` tells whether it passes through the surface. The result is 0 if the layers do
+        not depend on this lobe.
         """
         return mi.UInt32(0)
 
@@ -121,10 +117,8 @@ class ByTerm(Layers):
         return mi.UInt32(self.names.index(term))
 
     def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:
-        """Returns the number of the layer ``term`` if ``ray`` is a camera ray; else the number ``ray.branch``, which
-        stands for the lobe by which the path left its first vertex.
-
-        Emission that a ray from a glossy lobe of the first vertex meets belongs to the layer "glossy".
+        """Returns the number of the layer ``term`` for a camera ray, else ``ray.branch``. Emission that a ray from a
+        glossy lobe of the first vertex meets belongs to the layer "glossy".
         """
         beyond = ray.branch
         if term == "emitted":
@@ -133,7 +127,7 @@ class ByTerm(Layers):
 
     def branch(self, ray: Ray, diffuse: bool, through: mi.Bool) -> mi.UInt32:
         """Returns the number of the layer "indirect", "refracted" or "reflected" if the next ray leaves the first
-        vertex, where the camera ray ``ray`` ends; else ``ray.branch``. See :meth:`Layers.branch`.
+        vertex, else ``ray.branch``.
         """
         if diffuse:
             lobe = self.number("indirect")
@@ -143,10 +137,9 @@ class ByTerm(Layers):
 
 
 def layers_conflict(kind: str, settings: Settings, caustics: bool) -> str | None:
-    """Returns advice for the user if the value ``kind`` of the parameter ``layers`` conflicts with another parameter.
-
-    The advice names the allowed changes of parameters, as the function :func:`.parameters.reject` needs them for its
-    message. ``caustics`` tells whether the render uses photons. Returns None if there is no conflict.
+    """Returns advice for the user (the argument ``allowed`` of :func:`.parameters.reject`) if the value ``kind`` of the
+    parameter ``layers`` conflicts with another parameter, else None. ``caustics`` tells whether the render uses
+    photons.
     """
     if kind == "lights" and caustics:
         return "another value with caustics, as photons do not know their source"
@@ -158,12 +151,8 @@ def layers_conflict(kind: str, settings: Settings, caustics: bool) -> str | None
 
 
 def layers_of(kind: str, settings: Settings, lights: Lights, caustics: bool) -> Layers:
-    """Returns the :class:`Layers` for ``kind``, the value of the integrator's parameter ``layers``.
-
-    If ``kind`` is "none", the result is an object of the base class, without layers. ``caustics`` tells whether the
-    render uses photons.
-
-    Raises ValueError if ``kind`` is "lights" and the image would have more than 32 layers.
+    """Returns the :class:`Layers` for ``kind``, the value of the integrator's parameter ``layers``. ``caustics`` tells
+    whether the render uses photons. Raises ValueError for more than 32 light sources.
     """
     constant = ["background"] * (settings.background is not None) + ["ambient"] * (settings.ambient is not None)
     if kind == "levels":
@@ -182,12 +171,11 @@ def layers_of(kind: str, settings: Settings, lights: Lights, caustics: bool) -> 
 
 
 def light_names(emitters: Sequence[mi.Emitter]) -> list[str]:
-    """Returns the names of the image layers of the ``emitters``: one unique name for each emitter.
+    """Returns a unique name for the image layer of each of the ``emitters``: the id of its shape, or of the emitter.
 
-    The name of an emitter's layer is the id of its shape, or the id of the emitter if the emitter has no shape. In the
-    id, characters other than letters, digits and "_" are replaced by "_", and "_" at the beginning is removed. If
-    nothing remains, the layer is named by the emitter's number, such as ``lamp1``. A name that already exists gets "_"
-    at the end; the names "background" and "ambient" always exist.
+    Characters other than letters, digits and "_" become "_", and "_" at the beginning is removed. If nothing remains,
+    the name has the emitter's number, such as ``lamp1``. A name that already exists gets "_" at the end; "background"
+    and "ambient" always exist.
     """
     names = ["background", "ambient"]
     for number, emitter in enumerate(emitters, 1):

@@ -59,11 +59,9 @@ class Scattering:
         whether the sample belongs to ``lobe``.
 
         ``throughput`` is the throughput of the arriving ray, or the flux of the arriving photon. Dispersive, ideally
-        smooth glass refracts only one of the wavelengths of the ray or photon; the probability of choosing a wavelength
-        is proportional to the ``throughput`` at this wavelength. If ``throughput`` is None, dispersive glass refracts
-        all wavelengths in the same direction. In the lanes where ``at.inseparable`` is true, the BSDF samples all lobes
-        together, and :func:`.belongs_to` decides whether the sample belongs to ``lobe``. In all other lanes, the sample
-        belongs to ``lobe`` if the type mask of ``lobe`` contains the sampled type.
+        smooth glass refracts only one of its wavelengths, chosen in proportion to the ``throughput``; all wavelengths
+        in the same direction if it is None. Where ``at.inseparable`` is true, the BSDF samples all lobes together, and
+        :func:`.belongs_to` decides; elsewhere the type mask of ``lobe`` does.
         """
         weights = None
         if self.disperses and throughput is not None:
@@ -74,7 +72,6 @@ class Scattering:
         def sample(
             one: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, weights: list[mi.Float] | None, active: mi.Bool
         ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-            """Samples ``lobe`` of ``one``, the BSDF of all lanes in this call, and returns ``(bs, weight)``."""
             if getattr(one, "disperses", False):
                 return one.sample(lobe, si, *u, active, weights, undispersed=weights is None)
             return workarounds.sample(lobe, one, si, u, active)
@@ -112,12 +109,11 @@ class Scattering:
         return at.bsdf.eval(lobe, at.si, wo, active)
 
     def lobe_choice(self, points: Points, space: mi.UInt32, choice: mi.Float) -> mi.Float:
-        """Returns the random number in [0, 1) by which a BSDF chooses a lobe or a wavelength.
+        """Returns the random number in [0, 1) by which a BSDF chooses a lobe or a wavelength: ``choice``, which comes
+        from the number ``space`` of the sampling pattern.
 
-        If the scene has dispersive BSDFs and the variant is spectral, the number ``choice`` is modified so that the
-        samples of a pixel together cover the spectrum evenly. Otherwise, and if ``points`` are the numbers of a Mitsuba
-        sampler, the result is ``choice``. ``space`` is the number of the space of the sampling pattern from which
-        ``choice`` comes.
+        In spectral variants with dispersive BSDFs, it is modified so that the samples of a pixel together cover the
+        spectrum evenly, except for a Mitsuba sampler.
         """
         if not self.disperses or not mi.is_spectral or isinstance(points, SamplerPoints):
             return choice

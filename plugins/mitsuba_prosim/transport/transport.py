@@ -89,18 +89,13 @@ class Transport(Context):
         each image layer (:mod:`.radiance`), an empty list for an image without layers.
 
         The opacity is 1, less the throughput with which the ray leaves the scene, straight through holes of surfaces,
-        where it sees neither the sky nor the background.
-
-        The function ``points(space, active)`` returns a ``mi.Point2f`` in [0, 1)²: the pair of random numbers with the
-        number ``space`` in the sampling pattern. The function ``points.choice(space)`` returns one random number in [0,
-        1). The light is summed over the rays of a ray tree, or of a path if ``settings.follows_tree`` is false; the
-        directions of the rays are random.
+        where it sees neither the sky nor the background. ``points`` are the random numbers of the sample. The light is
+        summed over the rays of a ray tree, or of a path if ``settings.follows_tree`` is false.
         """
         # The module whose functions ``start`` and ``proceed`` choose the rays to follow.
         walk: Any = tree if self.settings.follows_tree else path
 
         def step(state: State) -> State:
-            """Follows one ray: adds the light at the end of the ray to the radiance, and samples the next ray."""
             L, vertex = shade(self, state.ray, ray, points, state.active)
             alpha = state.alpha
             if alpha is not None:
@@ -142,9 +137,8 @@ class InnerIntegrator:
         """Returns ``(L, alpha, aovs)`` for the camera ray ``ray``: the radiance, 1 where the integrator counts the ray
         as a hit and else 0, and the values of the integrator's AOVs.
 
-        The integrator draws its random numbers from the sampling pattern ``points``, but not from those spaces (pairs
-        of random numbers) of the pattern that the camera uses. If ``points`` is a :class:`.SamplerPoints`, the
-        integrator draws the next numbers of its Mitsuba sampler.
+        The integrator draws its random numbers from the sampling pattern ``points``, but not from the spaces that the
+        camera uses; or from the Mitsuba sampler of a :class:`.SamplerPoints`.
         """
         sampler = points.sampler if isinstance(points, SamplerPoints) else sampler_of(points)
         ray = mi.RayDifferential3f(ray)
@@ -158,10 +152,8 @@ class InnerIntegrator:
 
 
 def sampler_of(points: NRook | Sobol) -> Any:
-    """Returns a ``mi.Sampler`` that draws its random numbers from the sampling pattern ``points``.
-
-    Each call of ``next_1d`` or ``next_2d`` uses the next space, a pair of random numbers, of the sampling pattern. The
-    first space is the one after the spaces that the camera uses.
+    """Returns a ``mi.Sampler`` that draws its random numbers from the sampling pattern ``points``: each call uses the
+    next space, the first one after those of the camera.
     """
     # The sampler calls its method ``points`` for each draw. Here this method returns the pattern of the caller.
     sampler = create("owen")

@@ -30,11 +30,10 @@ UNLIMITED_BOUNCES = (1 << 31) - 1
 class Context:
     """The data that all ray trees or paths of one render share: the ``settings`` and properties of ``scene``.
 
-    ``attached`` tells whether derivatives are wanted. For derivatives, the direction of a ray from a smooth lobe is
-    constant, or moves with the light source that the ray meets (:mod:`..light.reparameterisation`). For derivatives,
-    the weight of a ray from a smooth lobe is evaluated a second time. ``camera_medium`` is the medium around the
-    camera, or None. ``caustics`` (``photons.caustics.Caustics``) holds the photons that find caustics: light that
-    reaches a surface through specular surfaces. ``caustics`` is None if the render uses no photons.
+    ``attached`` tells whether derivatives are wanted. Then the direction of a ray from a smooth lobe is constant, or
+    moves with the light source that the ray meets (:mod:`..light.reparameterisation`), and its weight is evaluated a
+    second time. ``camera_medium`` is the medium around the camera, or None. ``caustics``
+    (``photons.caustics.Caustics``) holds the photons that find light behind specular surfaces; None without photons.
     """
 
     def __init__(
@@ -93,19 +92,15 @@ class Context:
         )
 
     def observe(self, event: str, ray: Ray, **values: Any) -> None:
-        """Passes intermediate values of the transport to the :attr:`observer`, if there is one.
-
-        ``event`` is the name of a computation at the end of ``ray``, and ``values`` are its values. Within a loop, the
-        observer gets variables of the kernel, not their values.
+        """Passes the ``values`` of the computation ``event`` at the end of ``ray`` to the :attr:`observer`, if there is
+        one. Within a loop, these are variables of the kernel.
         """
         if self.observer is not None:
             self.observer(event, ray, **values)
 
     def first(self, camera: mi.Ray3f) -> Ray:
-        """Returns the camera ray ``camera`` as the first :class:`.Ray` of a ray tree or path.
-
-        Fields of the returned ray that the render does not need are None. The normal ``n`` of the returned ray has no
-        meaning, because a camera ray leaves no surface.
+        """Returns the camera ray ``camera`` as the first :class:`.Ray` of a ray tree or path. Fields that the render
+        does not need are None. Its normal ``n`` has no meaning.
         """
         node, level, pdf, n = mi.UInt32(1), mi.UInt32(0), mi.Float(0), mi.Normal3f(camera.d)
         # Opaque values: Dr.Jit would trace a loop twice to find that a literal value stays the same.
@@ -125,10 +120,8 @@ class Context:
 
 
 def direction_space(lobe: mi.BSDFContext) -> int:
-    """Returns REFLECTED, REFRACTED or DIFFUSE: the space of the sampling pattern whose random numbers sample the
-    direction of a node's ray through ``lobe``.
-
-    The space is DIFFUSE if ``lobe`` contains a diffuse lobe, else REFLECTED if ``lobe`` contains a reflected lobe.
+    """Returns the space of the sampling pattern that samples the direction of a node's ray through ``lobe``: DIFFUSE if
+    ``lobe`` contains a diffuse lobe, else REFLECTED if it contains a reflected lobe, else REFRACTED.
     """
     if lobe.type_mask & lobes.mask(*lobes.DIFFUSE):
         return DIFFUSE

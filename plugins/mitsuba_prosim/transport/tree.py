@@ -33,13 +33,11 @@ class Stack:
     def next(
         self, reflected: Ray, reflects: mi.Bool, refracted: Ray, refracts: mi.Bool, active: mi.Bool
     ) -> tuple[Ray, mi.Bool, Stack]:
-        """Returns ``(ray, active, stack)``: the next ray to follow, the lanes that have a next ray, and the new stack.
+        """Returns ``(ray, active, stack)``: the next ray to follow, the lanes that have one, and the new stack.
 
-        The masks ``reflects`` and ``refracts`` tell in which lanes the rays ``reflected`` and ``refracted`` exist. The
-        mask ``active`` tells which lanes had not finished their ray tree before this surface. If the surface has both a
-        reflected and a refracted ray, the reflected ray is next, and the refracted ray is pushed onto the stack. If the
-        surface has only a reflected or only a refracted ray, that ray is next. If the surface has neither a reflected
-        nor a refracted ray, the last ray of the stack is next; if the stack is empty too, the ray tree is finished.
+        The masks ``reflects`` and ``refracts`` tell in which lanes the rays ``reflected`` and ``refracted`` exist;
+        ``active`` tells which lanes had not finished their ray tree. If both rays exist, the reflected ray is next, and
+        the refracted ray is pushed onto the stack. If neither exists, the last ray of the stack is next.
         """
         next_ray, continues = dr.select(reflects, reflected, refracted), reflects | refracts
         both = reflects & refracts
@@ -53,9 +51,8 @@ class Stack:
 
 
 def start(context: Context, ray: Ray) -> Stack:
-    """Returns the empty stack at the start of a ray tree. ``ray`` only fills the unused slots of the stack: any ray
-    would do. The stack has no slots if no surface of the scene reflects, or if none refracts: then no vertex has two
-    rays.
+    """Returns the empty stack at the start of a ray tree; ``ray`` only fills its slots. There are no slots if no vertex
+    can have two rays.
     """
     rays = [ray] * (context.settings.max_level + 1) if context.reflects and context.refracts else []
     return Stack(rays, dr.opaque(mi.UInt32, 0))  # opaque, as in Context.first
@@ -64,19 +61,14 @@ def start(context: Context, ray: Ray) -> Stack:
 def proceed(
     context: Context, vertex: Vertex, points: Points, active: mi.Bool, stack: Stack
 ) -> tuple[Ray, mi.Bool, Stack]:
-    """Samples the reflected and the refracted ray at ``vertex``, and returns ``(ray, active, stack)``.
-
-    ``ray`` is the next ray to follow: the reflected ray, the refracted ray, or a ray from the stack. The returned
-    ``active`` tells which lanes have a next ray. The argument ``active`` tells which lanes had not finished their ray
-    tree before ``vertex``.
+    """Samples the reflected and the refracted ray at ``vertex``, and returns ``(ray, active, stack)``: the next ray to
+    follow, and the lanes that have one. The argument ``active`` tells which lanes had not finished their ray tree.
     """
 
     def branch(follows: bool, names: Sequence[str]) -> tuple[Ray, mi.Bool]:
-        """Returns the ray that leaves the vertex through the lobes ``names``, and the lanes in which this ray exists
-        and survives Russian roulette.
-
-        Only rays whose throughput is below ``rr_throughput`` take part in Russian roulette. If ``follows`` is false, no
-        ray is sampled, and the returned mask is false.
+        """Returns the ray that leaves the vertex through the lobes ``names``, and the lanes in which it exists and
+        survives Russian roulette, which begins at a throughput below ``rr_throughput``. Without ``follows`` there is no
+        ray.
         """
         if not follows:
             return vertex.ray, mi.Bool(False)

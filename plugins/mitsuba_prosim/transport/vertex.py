@@ -22,13 +22,13 @@ from .workarounds import first_hit, past_emitters
 
 
 def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: mi.Bool) -> tuple[Radiance, Vertex]:
-    """Returns ``(L, vertex)``: the radiance that the end point of ``ray`` adds to the camera ray, and the
-    :class:`.Vertex` at this end point.
+    """Returns ``(L, vertex)``: the radiance that the end point of ``ray`` adds to the camera ray, and its
+    :class:`.Vertex`.
 
-    The radiance ``L`` is the sum of emission, background, ambient light, direct light and caustics, times the
-    throughput of ``ray``. Beyond the maximum level, ``L`` has only emission. Where ``ray`` meets no surface, and beyond
-    the maximum level, the vertex is not active. ``camera`` is the camera ray, whose time and wavelengths all rays of
-    the tree or path share. If ``hide_emitters`` is true, the camera ray passes through light sources.
+    ``L`` is the sum of emission, background, ambient light, direct light and caustics, times the throughput of ``ray``;
+    only emission beyond the maximum level. There, and where ``ray`` meets no surface, the vertex is not active.
+    ``camera`` is the camera ray, whose time and wavelengths all rays share. If ``hide_emitters`` is true, it passes
+    through light sources.
     """
     settings, lights = context.settings, context.lights
     ray3, si = intersect(context, ray, camera, active)
@@ -112,13 +112,12 @@ def attenuated_at(ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active:
 
 def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Bool) -> tuple[mi.Spectrum, Layer]:
     """Returns ``(radiance, layer)``: the radiance of the light source that ``ray`` meets at ``si``, or 0, and the
-    number of the image layer for this radiance.
+    number of its image layer.
 
-    The radiance is multiplied by the MIS weight of the ray against light sampling at the ray's origin and, if glossy
-    surfaces gather photons, against photons. The MIS weight is 1 for camera rays and for light that no other strategy
-    finds, such as light that a glossy lobe receives from a constant sky. The radiance is 0 where light sampling or
-    photons have already found the light (:attr:`.Ray.light_found`), and where ``hide_emitters`` hides the light source
-    from the camera.
+    It is multiplied by the MIS weight of the ray against light sampling at the ray's origin and, if glossy surfaces
+    gather photons, against photons. The weight is 1 for camera rays and for light that no other strategy finds, such as
+    light that a glossy lobe receives from a constant sky. The radiance is 0 where light sampling or photons have
+    already found the light (:attr:`.Ray.light_found`), and where ``hide_emitters`` hides the source from the camera.
     """
     lights = context.lights
     emitter = si.emitter(context.scene)
@@ -156,11 +155,12 @@ def ambient_term(radiance: mi.Texture, vertex: Vertex) -> mi.UnpolarizedSpectrum
 def background_radiance(
     background: mi.Texture, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool
 ) -> mi.UnpolarizedSpectrum:
-    """Returns the radiance of the texture ``background`` in the direction of ``ray``, which meets no surface.
+    """Returns the radiance of the texture ``background`` in the direction of ``ray``, which meets no surface; ``si`` is
+    its invalid surface interaction.
 
-    ``si`` is the surface interaction of ``ray``, which is invalid because ``ray`` meets no surface. The texture is
-    looked up by latitude and longitude as in Mitsuba's ``envmap``: the y axis points up, the texture coordinate u is 0
-    in the direction -z, and 0.5 in the direction +z; v is 0 in the direction +y, and 1 in the direction -y.
+    The texture is looked up by latitude and longitude as in Mitsuba's ``envmap``: the y axis points up, the texture
+    coordinate u is 0 in the direction -z, and 0.5 in the direction +z; v is 0 in the direction +y, and 1 in the
+    direction -y.
     """
     si = mi.SurfaceInteraction3f(si)  # the caller still needs its own uv
     u = dr.atan2(ray.d.x, -ray.d.z) * dr.inv_two_pi

@@ -67,14 +67,12 @@ def warn_of_lost_light(scene: mi.Scene) -> None:
 
 
 def _within(bsdf: mi.BSDF, name: str) -> Iterator[mi.BSDF]:
-    """Returns the BSDFs whose class name is ``name``, among ``bsdf`` and the BSDFs nested in ``bsdf``."""
     return (one for one in all_within(bsdf) if one.class_name() == name)
 
 
 def _mixes_ideal_and_smooth(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
-    """Tells whether ``bsdf`` is or contains a ``blendbsdf`` that mixes ideal with smooth lobes.
-
-    The function considers only the lobes that the BSDF context ``lobe`` selects.
+    """Tells whether ``bsdf`` is or contains a ``blendbsdf`` that mixes ideal with smooth lobes of the BSDF context
+    ``lobe``.
     """
     flags = (int(one.flags()) & lobe.type_mask for one in _within(bsdf, BLEND))
     return any(lobes.has_any(each, *lobes.IDEAL) and lobes.has_any(each, *lobes.SMOOTH) for each in flags)
@@ -83,10 +81,9 @@ def _mixes_ideal_and_smooth(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
 def sample(
     lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """Returns ``(bs, weight)``: a sample of ``lobe`` of ``bsdf``, in the form of ``mi.BSDF.sample``.
-
-    The function applies the workarounds of this module for ``mask`` and ``blendbsdf``, if ``bsdf`` contains one. ``u``
-    are the random numbers that draw the sample. ``bs.pdf`` is 0 if the BSDF sampled a lobe that was not requested.
+    """Returns ``(bs, weight)``: a sample of ``lobe`` of ``bsdf`` by the random numbers ``u``, in the form of
+    ``mi.BSDF.sample``, with the workarounds for ``mask`` and ``blendbsdf``. ``bs.pdf`` is 0 if the BSDF sampled a lobe
+    that was not requested.
     """
     lobe = requested_lobes(lobe, bsdf)
     if _mixes_ideal_and_smooth(lobe, bsdf):
@@ -100,10 +97,8 @@ def sample(
 def _sample_mixture(
     lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """The same as :func:`sample`, for a mixture of BSDFs that has ideal and smooth lobes.
-
-    The function samples one of the :func:`.leaves`. A sample of a smooth lobe has the density and the value of all
-    leaves together.
+    """The same as :func:`sample`, for a mixture of BSDFs that has ideal and smooth lobes: samples one of the
+    :func:`.leaves`. A sample of a smooth lobe has the density and the value of all leaves together.
     """
     (choice, point), share = u, mi.Float(1)
     bs, weight = dr.zeros(mi.BSDFSample3f), mi.Spectrum(0)
@@ -200,10 +195,9 @@ def requested_lobes(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> mi.BSDFContext:
 
 
 def is_inseparable(bsdf: mi.BSDF) -> bool:
-    """Tells whether ``bsdf``, or a BSDF nested in ``bsdf``, can only evaluate all its lobes together.
-
-    BSDFs that can only evaluate all their lobes together are the classes :data:`.EVALUATED_TOGETHER` of Mitsuba, and
-    BSDFs with several kinds of lobes (reflected, refracted, diffuse) in one component.
+    """Tells whether ``bsdf``, or a BSDF nested in it, can only evaluate all its lobes together: the classes
+    :data:`.EVALUATED_TOGETHER` of Mitsuba, and BSDFs with several kinds of lobes (reflected, refracted, diffuse) in one
+    component.
     """
     return any(
         one.class_name() in EVALUATED_TOGETHER or any(_lobes_of(one.flags(i)) > 1 for i in range(one.component_count()))
@@ -212,15 +206,13 @@ def is_inseparable(bsdf: mi.BSDF) -> bool:
 
 
 def _lobes_of(flags: int) -> int:
-    """Returns how many of the three kinds of lobes (reflected, refracted, diffuse) the BSDF ``flags`` contain."""
+    """Returns how many of the three kinds of lobes the BSDF ``flags`` contain."""
     return sum(bool(lobes.has_any(int(flags), *names)) for names in (lobes.REFLECTED, lobes.REFRACTED, lobes.DIFFUSE))
 
 
 def belongs_to(lobe: mi.BSDFContext, wi: mi.Vector3f, bs: mi.BSDFSample3f) -> mi.Bool:
-    """Tells whether ``bs``, a sample of a BSDF without separable lobes, belongs to ``lobe``.
-
-    Each sample belongs to exactly one of three lobes: reflected, refracted or diffuse. A specular sample belongs to the
-    refracted lobe if its direction passes through the surface, else to the reflected lobe.
+    """Tells whether ``bs``, a sample of a BSDF without separable lobes, belongs to ``lobe``: to the diffuse, the
+    refracted (specular, and through the surface) or the reflected lobe.
     """
     specular = lobes.has_any(bs.sampled_type, *lobes.SPECULAR)
     diffuse = but_not(lobes.has_any(bs.sampled_type, *lobes.DIFFUSE), specular)
@@ -230,11 +222,11 @@ def belongs_to(lobe: mi.BSDFContext, wi: mi.Vector3f, bs: mi.BSDFSample3f) -> mi
 
 
 def first_hit(scene: mi.Scene, ray: mi.Ray3f, coherent: mi.Bool, active: mi.Bool) -> mi.PreliminaryIntersection3f:
-    """Returns the first intersection of ``ray`` with ``scene``. The intersection does not depend on other rays that are
-    traced at the same time.
+    """Returns the first intersection of ``ray`` with ``scene``, independent of other rays that are traced at the same
+    time.
 
-    ``coherent`` tells which rays are similar to the rays in the neighbouring lanes; these rays are traced faster. A
-    coherent ray that hits a triangle near an edge of the triangle is traced again as a ray that is not coherent.
+    ``coherent`` tells which rays are similar to those in the neighbouring lanes; they are traced faster. If such a ray
+    hits a triangle near an edge, it is traced again as a ray that is not coherent.
     """
     hit = scene.ray_intersect_preliminary(ray, coherent, active=active)
     u, v = hit.prim_uv
@@ -243,7 +235,6 @@ def first_hit(scene: mi.Scene, ray: mi.Ray3f, coherent: mi.Bool, active: mi.Bool
     near_edge = active & coherent & hit.is_valid() & (distance < EDGE) & ((u != 0) | (v != 0))
 
     def again(_: mi.PreliminaryIntersection3f, near_edge: mi.Bool) -> mi.PreliminaryIntersection3f:
-        """Returns the intersection of the rays, traced as rays that are not coherent."""
         return scene.ray_intersect_preliminary(ray, False, active=near_edge)
 
     return dr.if_stmt((hit, near_edge), near_edge, again, lambda hit, _: hit)
@@ -254,25 +245,22 @@ def past_emitters(
 ) -> mi.SurfaceInteraction3f:
     """Returns the first surface interaction of the camera ray ``ray`` that is not on a light source.
 
-    ``si`` is the first surface interaction of the ray, which may be on a light source. The result is ``si`` where
-    ``si`` is not on a light source, and in lanes that are not ``active``. The result is invalid if the ray meets only
-    light sources. The distance ``t`` of the result begins at the last light source that the ray passed. ``attached``
-    tells whether derivatives are wanted.
+    ``si`` is the first surface interaction of the ray, which is the result where it is not on a light source, and in
+    lanes that are not ``active``. The result is invalid if the ray meets only light sources. Its distance ``t`` begins
+    at the last light source that the ray passed. ``attached`` tells whether derivatives are wanted.
     """
 
     def on_emitter(si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
-        """Returns the active lanes in which ``si`` is on a light source."""
         met = active & si.is_valid()
         return met if idle(met) else met & si.shape.is_emitter()
 
     def beyond(o: mi.Point3f) -> mi.Ray3f:
-        """Returns the part of the camera ray from the point ``o`` to the end of the camera ray."""
+        """Returns the part of the camera ray from the point ``o`` on."""
         rest = mi.Ray3f(ray)
         rest.o, rest.maxt = o, ray.maxt - dr.dot(o - ray.o, ray.d)
         return rest
 
     def step(o: mi.Point3f, blocked: mi.Bool) -> tuple[mi.Point3f, mi.Bool]:
-        """Moves the point ``o`` on the camera ray behind the next surface if this surface is a light source."""
         front = scene.ray_intersect(beyond(o), int(mi.RayFlags.Minimal), False, blocked)
         blocked = on_emitter(front, blocked)
         return dr.select(blocked, front.spawn_ray(ray.d).o, o), blocked

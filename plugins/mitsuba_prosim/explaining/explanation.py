@@ -34,7 +34,7 @@ MOST_SAMPLES = 1 << 14
 #: Maximum number of samples that the sentences on the noise are about.
 MOST_OUTLIERS = 8
 #: Maximum number of pixels of the image on the page, and number of samples of each pixel.
-PREVIEW_PIXELS, PREVIEW = 1 << 16, 4
+PREVIEW_PIXELS, PREVIEW = 1 << 17, 4
 #: An unlimited depth in Mitsuba's integrators.
 UNLIMITED = (1 << 32) - 1
 

@@ -46,6 +46,7 @@ function showImage() {
     if (!data.image) { frame.parentElement.hidden = true; return; }
     const image = new Image();
     image.src = data.image;
+    image.onload = () => { image.style.imageRendering = image.naturalWidth < w ? "auto" : "pixelated"; }; // smooth if coarse
     image.alt = `The rendered image; the pixel is ${data.pixel}`;
     const drawing = svg("svg", { viewBox: `0 0 ${w} ${h}`, "aria-hidden": "true" });
     for (const node of data.camera ? tree.nodes : []) {
@@ -87,7 +88,7 @@ function showTree() {
     };
     place(nodes[0], 0);
     const dx = 34, dy = 64, width = Math.max(column * dx + 40, 200), X = x => 30 + x * dx, Y = depth => 24 + depth * dy;
-    const drawing = svg("svg", { width, height: Y(deepest + 1) + 12, role: "group", "aria-label": "Tree of the rays" });
+    const drawing = svg("svg", { width, height: Y(deepest) + 44, role: "group", "aria-label": "Tree of the rays" });
     const most = Math.max(...below.values());
     for (const node of nodes) {
         const { x, depth, own } = places.get(node.number), parent = places.get(node.parent);
@@ -209,10 +210,15 @@ function showOutside() {
         if (node.normal) line(end, end.map((p, i) => p + node.normal[i] * size / 12), present("--ink"));
     });
     g.fillStyle = present("--ink");
-    const labels = new Map([["camera", tree.nodes[0].origin]]);
+    const inside = ([x, y]) => x > 4 && x < w - 60 && y > 14 && y < h - 4;
+    const labels = new Map([["camera", at(tree.nodes[0].origin)]]);
     for (const node of tree.nodes)
-        for (const lamp of node.lamps) if (lamp.state !== "dark") labels.set(lamp.lamp, lamp.point);
-    for (const [name, p] of labels) g.fillText(name, at(p)[0] + 4, at(p)[1] - 4);
+        for (const lamp of node.position ? node.lamps : []) // a lamp outside the view: where its ray leaves the view
+            for (let t = 1; t > 0 && lamp.state !== "dark" && !labels.has(lamp.lamp); t -= 0.02) {
+                const place = at(node.position.map((x, k) => x + t * (lamp.point[k] - x)));
+                if (inside(place)) labels.set(lamp.lamp, place);
+            }
+    for (const [name, [x, y]] of labels) g.fillText(name, x + 4, y - 4);
 }
 
 function turn(yaw, pitch, zoom = 1) {
@@ -229,7 +235,7 @@ function listen() {
     canvas.addEventListener("wheel", event => { event.preventDefault(); turn(0, 0, Math.exp(-event.deltaY / 500)); }, { passive: false });
     const keys = { ArrowLeft: [0.1, 0], ArrowRight: [-0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1], "+": [0, 0, 1.2], "-": [0, 0, 1 / 1.2] };
     canvas.addEventListener("keydown", event => { if (keys[event.key]) { event.preventDefault(); turn(...keys[event.key]); } });
-    addEventListener("resize", showOutside);
+    addEventListener("resize", () => { showOutside(); showBars(); });
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", showOutside);
 }
 
@@ -238,20 +244,21 @@ function listen() {
 function showBars() {
     const light = data.values.map(sum), order = light.map((_, i) => i).sort((a, b) => light[b] - light[a]);
     const n = order.length, mean = sum(light) / n, most = Math.max(...light, 1e-30), stored = new Map(data.trees.map(one => [one.sample, one]));
-    const drawing = svg("svg", { viewBox: "0 -10 640 180", width: "100%", role: "group", "aria-label": "Samples, the brightest first" });
+    const wide = find("bars").clientWidth || 640;
+    const drawing = svg("svg", { viewBox: `0 -10 ${wide} 180`, width: "100%", role: "group", "aria-label": "Samples, the brightest first" });
     order.forEach((i, rank) => {
-        const w = 640 / n, height = Math.max(150 * Math.max(light[i], 0) / most, 1);
+        const w = wide / n, height = Math.max(150 * Math.max(light[i], 0) / most, 1);
         const bar = svg("rect", { x: rank * w, y: 160 - height, width: Math.max(w * 0.85, 0.5), height, fill: css(stored.has(i) ? "--accent" : "--line"), opacity: i === tree.sample || !stored.has(i) ? 1 : 0.6 });
         const label = `Sample ${i}: ${list(data.values[i])}`;
         drawing.append(stored.has(i) ? choosable(bar, label, () => { tree = stored.get(i); showAll(); }) : bar);
     });
-    drawing.append(svg("line", { x1: 0, x2: 640, y1: 160 - 150 * mean / most, y2: 160 - 150 * mean / most, stroke: css("--ink"), "stroke-dasharray": "4 3" }));
-    drawing.append(svg("text", { x: 638, y: 156 - 150 * mean / most, "text-anchor": "end" }, "mean"));
+    drawing.append(svg("line", { x1: 0, x2: wide, y1: 160 - 150 * mean / most, y2: 160 - 150 * mean / most, stroke: css("--ink"), "stroke-dasharray": "4 3" }));
+    drawing.append(svg("text", { x: wide - 2, y: 156 - 150 * mean / most, "text-anchor": "end" }, "mean"));
     find("bars").replaceChildren(drawing);
     const errors = light.map(x => (x - mean) ** 2).sort((a, b) => b - a), all = sum(errors);
     let count = 0;
     for (let part = 0; part < 0.9 * all; count++) part += errors[count];
-    find("error").textContent = all > 0 ? `${count} of ${n} samples make 90 % of the squared error.` : "";
+    find("error").textContent = Object.keys(data.shares).length ? `${count} of ${n} samples make 90 % of the squared error.` : "";
 }
 
 function showAll() {

@@ -66,7 +66,7 @@ def check_sums(scene, count):
         samples = Samples.of(scene, (x, y), SPP, seed=SEED)
         assert samples.values.mean(axis=0) == pytest.approx(image[y, x], rel=1e-5, abs=1e-7)
         for i, value in enumerate(samples.values):
-            nodes = samples.nodes(i)
+            nodes = samples.recorder.nodes(i)
             assert np.sum([node.contribution for node in nodes], axis=0) == pytest.approx(value, rel=1e-5, abs=1e-6)
             for node in nodes:
                 assert np.sum(parts(node), axis=0) == pytest.approx(node.contribution, rel=1e-6, abs=1e-9)
@@ -108,7 +108,7 @@ def test_contributions_sum_for_a_meter_whose_rays_are_one(variant_rgb, kind):
     samples = Samples.of(scene, (0, 0), SPP, seed=SEED)
     image = np.array(mi.render(scene, spp=SPP, seed=SEED))[0, 0]
     assert samples.values.mean(axis=0) == pytest.approx(image, rel=1e-5)
-    sums = [np.sum([node.contribution for node in samples.nodes(i)], axis=0) for i in range(SPP)]
+    sums = [np.sum([node.contribution for node in samples.recorder.nodes(i)], axis=0) for i in range(SPP)]
     assert np.array(sums) == pytest.approx(samples.values, rel=1e-5) and image.any()
 
 
@@ -366,7 +366,7 @@ def test_patterns_are_the_random_numbers_that_the_samples_use(variant_rgb, name,
     """Each pass of an N-rook pattern has one sample in each row and column, and all passes one in each cell."""
     n, (x, y), scene = 4, (9, 8), scene_of(name, samples=4)
     samples = Samples.of(scene, (x, y), 0)
-    trees = [samples.nodes(i) for i in range(n * n)]
+    trees = [samples.recorder.nodes(i) for i in range(n * n)]
     found = page_data.patterns(samples.estimator, samples.plan, samples.where, n * n, trees)
     for _, _, numbers in found:
         cells = np.reshape(numbers, (n, n, 2)) * n // 1000
@@ -387,7 +387,7 @@ def test_patterns_are_the_random_numbers_that_the_samples_use(variant_rgb, name,
 
 def test_lobe_of_a_diffuse_surface_is_its_cosine(variant_rgb):
     samples = Samples.of(mi.load_dict(penumbra(None, SIZE, type="prosim")), (5, 14), 1)
-    (node,) = samples.nodes(0)
+    (node,) = samples.recorder.nodes(0)
     ((vectors,),) = (lobes.values() for lobes in page_data.lobe_directions(samples.estimator, {0: [node]}).values())
     vectors = np.reshape(vectors, (-1, 3))
     lengths = np.linalg.norm(vectors, axis=1)

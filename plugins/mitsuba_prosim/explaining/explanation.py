@@ -166,26 +166,17 @@ class Samples:
             sampling = integrator.sampling.uniform(spp) if spp else integrator.sampling
             plan = Plan.of(sampling, film, seed, spp)
             left, top = map(int, film.crop_offset())
-            samples = cls(
-                Recorder(estimator.transport, {}),
-                estimator,
-                plan,
-                (x, y),
-                (x + left, y + top),
-                (),
-                np.empty((0,)),
-                notes,
-            )
+            recorder, where = Recorder(estimator.transport, names or {}), (x + left, y + top)
+            kept = [name for name in estimator.channels.names[: estimator.channels.names.index("W")] if name != "A"]
+            samples = cls(recorder, estimator, plan, pixel, where, tuple(kept), np.empty((0,)), notes)
             with window:  # a render takes its samples without it, too
-                samples._take(spp or min(plan.noisy_samples, MOST_SAMPLES), names or {})
-                samples.shares = noise.shares(estimator, plan, *samples.where)
+                samples._take(spp or min(plan.noisy_samples, MOST_SAMPLES))
+                samples.shares = noise.shares(estimator, plan, *where)
         return samples
 
-    def _take(self, count: int, names: Places) -> None:
-        estimator, plan = self.estimator, self.plan
-        kept = [name for name in estimator.channels.names[: estimator.channels.names.index("W")] if name != "A"]
-        transport: Any = estimator.transport
-        caustics, recorder, values = transport.caustics, Recorder(transport, names), list[np.ndarray]()
+    def _take(self, count: int) -> None:
+        estimator, plan, recorder, values = self.estimator, self.plan, self.recorder, list[np.ndarray]()
+        caustics, channels_kept = estimator.transport.caustics, slice(len(self.channels))
         size = count if caustics is None else caustics.maps(plan.n)
         for first in range(0, count, size):
             if caustics is not None:
@@ -199,16 +190,12 @@ class Samples:
             ray, weight, _ = estimator.camera_ray(x, y, points)
 
             def channels(L: mi.Spectrum, ray: Any = ray, weight: Any = weight) -> Sequence[mi.Float]:
-                return estimator.channels.values(L * weight, ray.wavelengths, mi.Float(0))[: len(kept)]
+                return estimator.channels.values(L * weight, ray.wavelengths, mi.Float(0))[channels_kept]
 
             recorder.t, recorder.channels = t, channels
-            taken = recorder.record(partial(estimator.sample, plan, x, y, t))[0][: len(kept)]
+            taken = recorder.record(partial(estimator.sample, plan, x, y, t))[0][channels_kept]
             values.append(np.array([np.broadcast_to(np.array(value), width) for value in taken], np.float64).T)
-        self.recorder, self.channels, self.values = recorder, tuple(kept), np.concatenate(values)
-
-    def nodes(self, sample: int) -> tuple[Node, ...]:
-        """Returns the nodes of the sample with this index."""
-        return self.recorder.nodes(sample)
+        self.values = np.concatenate(values)
 
     def explanation(self, sample: int | None = None) -> Explanation:
         """Returns the explanation of the pixel with the nodes of one sample; the default is the brightest sample."""
@@ -219,7 +206,7 @@ class Samples:
             raise ValueError(f"the sample {sample} does not exist; the pixel has the samples 0 to {count - 1}")
         values = tuple(tuple(map(float, value)) for value in self.values)
         mean = tuple(map(float, self.values.mean(axis=0)))
-        nodes, notes = self.nodes(sample), list(self.notes)
+        nodes, notes = self.recorder.nodes(sample), list(self.notes)
         if not any(values[sample]) and any(any(node.contribution) for node in nodes):
             notes.append(f"The light of sample {sample} is not finite, so the sample counts as black.")
         seed = int(self.plan.seed[0])
@@ -271,7 +258,7 @@ def page(file: SceneFile, scene: Any = None, image: Any = None, **arguments: Any
     shown = dict.fromkeys([*order[: explanation_page.BRIGHTEST].tolist(), int(order[len(order) // 2]), int(order[-1])])
     if image is None:
         image = preview(estimator, plan)
-    trees = {sample: samples.nodes(sample) for sample in shown}
+    trees = {sample: samples.recorder.nodes(sample) for sample in shown}
     pictured = {"name": file.path.name, "image": explanation_page.picture(image)}
     return explanation_page.html(asdict(told), trees, **pictured, **samples.drawing(trees))
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 import drjit as dr
@@ -41,29 +41,23 @@ class Table:
     """The values of one computation at all rays of all samples: a row for each ray, a column for each value."""
 
     event: str
-    #: Names of the groups of lobes in the column ``shares``.
-    lobes: tuple[str, ...]
     #: Number of rows, and columns of Dr.Jit.
     count: mi.UInt32
-    columns: Any
+    columns: dict[str, Any]
     #: The columns as NumPy arrays, whose last axis is that of the rows. The rows of a sample follow each other in the
     #: order of their computation.
-    rows: Any = None
+    rows: dict[str, Any] = field(default_factory=dict)
 
     def convert(self) -> None:
         """Sets :attr:`rows`."""
         count = int(self.count[0])
         order = np.argsort(np.array(self.columns["sample"])[:count], kind="stable")
 
-        def converted(value: Any) -> Any:
-            if isinstance(value, dict):
-                return {name: converted(one) for name, one in value.items()}
-            if isinstance(value, list):
-                return [converted(one) for one in value]
+        def rows(value: Any) -> np.ndarray:
             array = np.array(value)[..., :count][..., order]
             return np.nan_to_num(array) if array.dtype.kind == "f" else array
 
-        self.rows, self.columns = converted(self.columns), None
+        self.rows, self.columns = each(rows, self.columns), {}
 
 
 class Recorder:
@@ -87,28 +81,28 @@ class Recorder:
 
     def record(self, take: Callable[[], Any]) -> Any:
         """Returns ``take()``, which takes samples, and adds their tables."""
+        begin = len(self.tables)
         while True:
-            self.transport.observer, begin = self, len(self.tables)
+            del self.tables[begin:]
+            self.transport.observer = self
             try:
                 taken = take()
             finally:
                 self.transport.observer = None
             dr.eval(taken, [(table.count, table.columns) for table in self.tables[begin:]])
-            self.tables[begin:] = [table for table in self.tables[begin:] if int(table.count[0])]
             most = max(int(table.count[0]) for table in self.tables[begin:])
             if most <= self.capacity:
                 break
-            del self.tables[begin:]
             self.capacity = most
+        self.tables[begin:] = [table for table in self.tables[begin:] if int(table.count[0])]
         for table in self.tables[begin:]:
             table.convert()
         return taken
 
     def __call__(self, event: str, ray: Ray, active: mi.Bool | bool = True, **values: Any) -> None:
         """Adds a table with the values of one computation, see :meth:`.Context.observe`."""
-        lobes_of_shares: tuple[str, ...] = ()
         if event == "lamp":
-            active, lobes_of_shares, values = self._lamp_values(**values)
+            active, values = values["vertex"].smooth, self._lamp_values(**values)
         if "value" in values:
             values["contribution"] = [*self.channels(ray.throughput * values.pop("value"))]
         if event == "scatter":
@@ -120,7 +114,8 @@ class Recorder:
             values |= {"d": ray.d, "arriving": ray.throughput, "p": si.p, "shape": number_of(si.shape)}
             values |= {"normal": normal, "o": ray.o, "level": ray.level, "valid": si.is_valid()}
         values |= {"number": ray.node, "sample": self.t}
-        table = Table(event, lobes_of_shares, dr.opaque(mi.UInt32, 0), self._empty(values))
+        columns = each(lambda value: dr.empty(type(value), self.capacity), values)
+        table = Table(event, dr.opaque(mi.UInt32, 0), columns)
         active = dr.full(mi.Bool, True, dr.width(self.t)) & active
         row = dr.scatter_inc(table.count, dr.zeros(mi.UInt32, dr.width(self.t)), active)
         dr.scatter(table.columns, values, row, active & (row < dr.opaque(mi.UInt32, self.capacity)))
@@ -128,28 +123,21 @@ class Recorder:
 
     def _lamp_values(
         self, vertex: Vertex, sample: Any, terms: Any, f: mi.Spectrum, visible: mi.Bool, lamp: Any, value: Any
-    ) -> tuple[mi.Bool, tuple[str, ...], dict[str, Any]]:
-        """Returns the mask, the names of the lobes and the values of a lamp's sample; traces which shape hides it."""
+    ) -> dict[str, Any]:
+        """Returns the values of a lamp's sample, and traces which shape hides it."""
         ds, weight = sample
         scatters = vertex.smooth & (ds.pdf > 0) & (dr.max(dr.abs(f * weight)) > 0)
         hidden = but_not(scatters, visible)
         shadow_ray = vertex.si.spawn_ray_to(ds.p)
         blocker = self.transport.scene.ray_intersect(shadow_ray, mi.RayFlags.Minimal, coherent=False, active=hidden)
-        shares = [
-            (lobe.type_mask, bsdf, pdf, dr.select(vertex.inseparable & (number > 0), mi.Float(0), part))
+        shares = {
+            lobe.type_mask: [bsdf, pdf, dr.select(vertex.inseparable & (number > 0), mi.Float(0), part)]
             for number, (lobe, bsdf, pdf, part) in enumerate(terms)
             if lobe is not None
-        ]
+        }
         state = dr.select(scatters, dr.select(visible, mi.UInt32(0), 1), 2)
         values = {"lamp": mi.UInt32(lamp), "p": ds.p, "pdf": ds.pdf, "radiance": weight, "state": state, "value": value}
-        values |= {"occluder": number_of(blocker.shape), "shares": [list(share[1:]) for share in shares]}
-        return vertex.smooth, tuple(lobe_names(mask) for mask, *_ in shares), values
-
-    def _empty(self, value: Any) -> Any:
-        """Returns empty columns for a value, or for the values in lists and dictionaries."""
-        if isinstance(value, dict):
-            return {name: self._empty(one) for name, one in value.items()}
-        return [*map(self._empty, value)] if isinstance(value, list) else dr.empty(type(value), self.capacity)
+        return values | {"occluder": number_of(blocker.shape), "shares": shares}
 
     # ---------------------------------------------------------------- sums over samples
 
@@ -167,11 +155,7 @@ class Recorder:
             chosen = [columns[key].astype(np.int64) for key in keys]
             sizes = [int(column.max()) + 1 for column in chosen]
             codes, where = np.unique(np.ravel_multi_index(tuple(chosen), sizes), return_inverse=True)
-            amounts = (
-                None
-                if weights is None
-                else np.sum(rows["contribution"], axis=0, dtype=np.float64) * weights[rows["sample"]]
-            )
+            amounts = None if weights is None else sum(map(np.float64, rows["contribution"])) * weights[rows["sample"]]
             totals = np.bincount(where, amounts).tolist()
             found.update(dict(zip(zip(*(key.tolist() for key in np.unravel_index(codes, sizes))), totals)))
         return found
@@ -208,10 +192,10 @@ class Recorder:
         shape = self.shapes.get(int(values["shape"][i]), "a shape without a name") if met else None
         black = (0.0,) * len(self.channels(mi.Spectrum(0)))
         sums: dict[str, Any] = dict.fromkeys(SUMS, black)
-        sums |= {
-            name: at(table.rows["contribution"], k) for name in SUMS for table, k in others.get((name, number), ())
-        }
-        lamps = tuple(self._lamp(table, k) for table, k in others.get(("lamp", number), ()))
+        for name in SUMS:
+            for table, k in others.get((name, number), ()):
+                sums[name] = at(table.rows["contribution"], k)
+        lamps = tuple(self._lamp(table.rows, k) for table, k in others.get(("lamp", number), ()))
         found = [self._emission(table.rows, k) for table, k in others.get(("emission", number), ())]
         emission = next((one for one in found if any(one.radiance)), None)
         parts = [*sums.values(), *(one.contribution for one in lamps), *([emission.contribution] if emission else [])]
@@ -250,9 +234,8 @@ class Recorder:
         chosen = {"density": None, "probability": pdf} if ideal else {"density": pdf, "probability": None}
         return {"lobe": lobe_names(flags), "survival": sampled / followed if followed > 0 else 1.0, **chosen}
 
-    def _lamp(self, table: Table, i: int) -> LampSample:
-        values, state = table.rows, STATES[table.rows["state"][i]]
-        shares = zip(table.lobes, values["shares"])
+    def _lamp(self, values: Any, i: int) -> LampSample:
+        state, shares = STATES[values["state"][i]], values["shares"].items()
         return LampSample(
             self.lamps[int(values["lamp"][i])],
             at(values["p"], i),
@@ -260,7 +243,7 @@ class Recorder:
             self.shapes.get(int(values["occluder"][i]), "a shape without a name") if state == "hidden" else None,
             float(values["pdf"][i]),
             at(values["radiance"], i),
-            tuple(LobeShare(name, at(f, i), float(pdf[i]), float(w[i])) for name, (f, pdf, w) in shares),
+            tuple(LobeShare(lobe_names(k), at(f, i), float(pdf[i]), float(w[i])) for k, (f, pdf, w) in shares),
             at(values["contribution"], i),
         )
 
@@ -273,6 +256,13 @@ class Recorder:
 def at(column: Any, i: int) -> Numbers:
     """Returns the components of a column in row ``i`` as Python numbers."""
     return tuple(float(one[i]) for one in column) if isinstance(column, list) else tuple(column[..., i].tolist())
+
+
+def each(function: Callable[[Any], Any], value: Any) -> Any:
+    """Applies a function to the arrays in lists and dictionaries."""
+    if isinstance(value, dict):
+        return {name: each(function, one) for name, one in value.items()}
+    return [each(function, one) for one in value] if isinstance(value, list) else function(value)
 
 
 def number_of(shape: mi.ShapePtr) -> mi.UInt32:

@@ -2,7 +2,8 @@
 of docs/walkthrough.md, called ``walkthrough-1`` and so on; and those of the functions below. Also draws the pictures of
 docs/gallery.md, called ``chess`` and so on, by the commands of this page.
 
-``python docs/pictures.py [NAME...]``; needs matplotlib and the extra ``denoise``.
+``python docs/pictures.py [NAME...]``; needs matplotlib, playwright with a browser, and the extras ``denoise`` and
+``watch``.
 """
 
 import os
@@ -26,7 +27,7 @@ from prosim_scene import document_of
 
 DOCS = Path(__file__).parent
 EXAMPLES = DOCS.parent / "examples"
-sys.path[:0] = [str(DOCS / "extensions"), str(EXAMPLES)]
+sys.path[:0] = [str(DOCS / "extensions"), str(DOCS.parent / "tests" / "live"), str(EXAMPLES)]
 from plugin_pages import example, plugins
 from walkthrough import steps
 
@@ -387,14 +388,52 @@ def plugin(folder, entry):
     return image * (1.4 if folder in ("bsdfs", "textures", "sensors") else 1 / np.quantile(image, 0.99))
 
 
+def run(command, *more):
+    program, *arguments = shlex.split(command)
+    subprocess.run([Path(sys.executable).with_name(program), *arguments, *more], cwd=DOCS.parent, check=True)
+
+
+def watch(browser):
+    """The live page of a scene from a moved camera."""
+    from little import watching
+
+    page = browser.new_page(viewport={"width": 1100, "height": 700})
+    with watching(EXAMPLES / "palito.scn") as (_, address):
+        page.goto(address)
+        page.locator("#camera:enabled").check(force=True)
+        page.mouse.move(300, 300)
+        page.mouse.down()
+        page.mouse.move(312, 300)
+        page.mouse.up()
+        page.locator("#exposure").fill("-0.75")
+        page.locator("#state", has_text="done").wait_for(timeout=300_000)
+        page.mouse.move(420, 200)
+        page.locator("#pixel", has_text="line").wait_for()
+        page.screenshot(path=DOCS / "pictures" / "watch.jpg", quality=85)
+
+
+def explain(browser):
+    """The page about a pixel where a straw enters the water."""
+    page = browser.new_page(viewport={"width": 1200, "height": 900})
+    with TemporaryDirectory() as folder:
+        run("prosim explain examples/copo.scn --pixel 150,200", "-o", f"{folder}/page.html")
+        page.goto(f"file://{folder}/page.html")
+        page.screenshot(path=DOCS / "pictures" / "explain.jpg", quality=80, full_page=True)
+
+
+def in_browser(draw):
+    from little import BROWSER
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        draw(playwright.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"]))
+
+
 def gallery(name, command):
     """A JPEG of the PNG that the command writes; prints the processor time."""
     with TemporaryDirectory() as folder:
-        program, *arguments = shlex.split(command)
         before = os.times()
-        subprocess.run(
-            [Path(sys.executable).with_name(program), *arguments, "-t", "1", "-o", folder], cwd=DOCS.parent, check=True
-        )
+        run(command, "-t", "1", "-o", folder)
         print(f"{name}: {sum(os.times()[2:4]) - sum(before[2:4]):.0f} s")
         (png,) = Path(folder).glob("*.png")
         mi.Bitmap(str(png)).write(str(DOCS / "gallery" / f"{name}.jpg"), quality=90)
@@ -433,6 +472,9 @@ def main(only):
             draw().savefig(
                 DOCS / "pictures" / name, dpi=100, pil_kwargs={"quality": 88} if name.endswith(".jpg") else {}
             )
+    for draw in (watch, explain):
+        if not only or draw.__name__ in only:
+            in_browser(draw)
     page = (DOCS / "gallery.md").read_text("utf-8")
     for name, command in re.findall(r"\(gallery/([\w-]+)\.jpg\).*?`(prosim render .*?)`", page, re.DOTALL):
         if not only or name in only:

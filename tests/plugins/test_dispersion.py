@@ -43,7 +43,7 @@ def sellmeier(name, nm):
 def test_formulas_give_what_catalogues_state(variant_rgb):
     assert set(MATERIALS) == set(CATALOGUE)
     for name, (n_d, abbe) in CATALOGUE.items():
-        n = [Dispersion.of(False, sum(MATERIALS[name], ())).index(w)[0] for w in (D, F, C)]
+        n = [Dispersion(False, sum(MATERIALS[name], ())).index(w)[0] for w in (D, F, C)]
         assert n == pytest.approx([sellmeier(name, w) for w in (D, F, C)], abs=1e-6)
         exact = [sellmeier(name, w) for w in (D, F, C)]
         assert exact[0] == pytest.approx(n_d, abs=1.1e-5)

@@ -122,7 +122,7 @@ class Dielectric(Material):
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        self.indices = dispersion.Indices.read(props)
+        self.indices = dispersion.Indices(props)
         #: Whether an index of refraction depends on the wavelength.
         self.disperses = self.indices.eta is None
         self.specular_reflectance = reflectance(props, "specular_reflectance")

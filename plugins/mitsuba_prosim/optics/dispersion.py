@@ -7,7 +7,6 @@ catalogues of glass makers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import inf
 from typing import Any
 
@@ -50,25 +49,19 @@ MATERIALS: dict[str, tuple[tuple[float, float], ...]] = {
 }
 
 
-@dataclass(frozen=True)
 class Dispersion:
     """The index of refraction of a material as a function of the wavelength λ in µm: n = A + B/λ² (+ C/λ⁴) by Cauchy,
     or n² = 1 + Σ B λ²/(λ² - C) by Sellmeier.
 
-    ``coefficients`` maps the names of the coefficients, A, B, C or B1, C1, B2, C2 and so on, to their values
-    (``mi.Float``).
+    ``values`` are the coefficients, of Cauchy's formula if ``cauchy`` is true. ``coefficients`` maps their names, A, B,
+    C or B1, C1, B2, C2 and so on, to their values (``mi.Float``).
     """
 
-    cauchy: bool
-    coefficients: dict[str, mi.Float]
-
-    @classmethod
-    def of(cls, cauchy: bool, values: Sequence[float]) -> Dispersion:
-        """Returns the :class:`Dispersion` with the coefficients ``values``, in the order of their names."""
+    def __init__(self, cauchy: bool, values: Sequence[float]) -> None:
+        self.cauchy = cauchy
         names = "ABC" if cauchy else [f"{x}{i + 1}" for i in range(len(values) // 2) for x in "BC"]
-        coefficients = {name: mi.Float(value) for name, value in zip(names, values, strict=False)}
-        dr.make_opaque(coefficients)
-        return cls(cauchy, coefficients)
+        self.coefficients = {name: mi.Float(value) for name, value in zip(names, values, strict=False)}
+        dr.make_opaque(self.coefficients)
 
     def index(self, wavelength: mi.Float | float) -> mi.Float:
         """Returns the index of refraction at a ``wavelength`` in nm, which counts as the nearer end of 300 to 1000 nm
@@ -87,26 +80,18 @@ class Dispersion:
         return dr.sqrt(n2)
 
 
-@dataclass(frozen=True)
 class Indices:
-    """The indices of refraction inside and outside of an interface; each is a number or depends on the wavelength."""
+    """The indices of refraction inside and outside of an interface, each a number or a :class:`Dispersion`, read from
+    the parameters of a plugin (:func:`read_index`): by default bk7 glass inside, air outside.
+    """
 
-    inside: float | Dispersion
-    outside: float | Dispersion
-    #: The index inside divided by the index outside; None if an index depends on the wavelength.
-    eta: mi.Float | None
-
-    @classmethod
-    def read(cls, props: mi.Properties) -> Indices:
-        """Reads the indices from the parameters of a plugin (:func:`read_index`): by default bk7 glass inside, air
-        outside.
-        """
-        inside, outside = read_index(props, "int", "bk7"), read_index(props, "ext", "air")
-        if isinstance(inside, Dispersion) or isinstance(outside, Dispersion):
-            return cls(inside, outside, None)
-        eta = mi.Float(inside / outside)
-        dr.make_opaque(eta)
-        return cls(inside, outside, eta)
+    def __init__(self, props: mi.Properties) -> None:
+        self.inside, self.outside = read_index(props, "int", "bk7"), read_index(props, "ext", "air")
+        #: The index inside divided by the index outside; None if an index depends on the wavelength.
+        self.eta: mi.Float | None = None
+        if not isinstance(self.inside, Dispersion) and not isinstance(self.outside, Dispersion):
+            self.eta = mi.Float(self.inside / self.outside)
+            dr.make_opaque(self.eta)
 
     def etas(self, si: mi.SurfaceInteraction3f) -> list[mi.Float]:
         """Returns a list of relative indices of refraction, inside divided by outside: one number for each channel of a
@@ -187,11 +172,11 @@ def read_index(props: mi.Properties, side: str, default: str) -> float | Dispers
     if name == abbe:
         if ior not in props:
             raise reject(props, name, value, f'"{ior}", the index at 587.6 nm, together with "{name}"')
-        dispersion = Dispersion.of(True, cauchy(index(props, ior, default), number(props, name, None, 1, 1000)))
+        dispersion = Dispersion(True, cauchy(index(props, ior, default), number(props, name, None, 1, 1000)))
     elif name.endswith("material"):
         if (chosen := str(value).lower()) not in MATERIALS:
             raise reject(props, name, value, ", ".join(MATERIALS))
-        return Dispersion.of(False, sum(MATERIALS[chosen], ()))
+        return Dispersion(False, sum(MATERIALS[chosen], ()))
     else:
         try:
             values = [float(word) for word in str(value).strip("[]").replace(",", " ").split()]
@@ -201,7 +186,7 @@ def read_index(props: mi.Properties, side: str, default: str) -> float | Dispers
         if len(values) not in ((2, 3) if of_cauchy else range(2, 21, 2)):
             form = "A, B or A, B, C of Cauchy's formula" if of_cauchy else "B1, C1, B2, C2, ... of Sellmeier's formula"
             raise reject(props, name, value, f"the numbers {form}, wavelengths in micrometres")
-        dispersion = Dispersion.of(of_cauchy, values)
+        dispersion = Dispersion(of_cauchy, values)
     indices = [float(dr.slice(dispersion.index(w))) for w in range(360, 831, 10)]
     if not all(0 < n < inf for n in indices):
         raise reject(props, name, value, "coefficients of an index > 0 from 360 to 830 nm")

@@ -81,7 +81,7 @@ class Leaf(NamedTuple):
     si: mi.SurfaceInteraction3f
 
 
-def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[Leaf]:
+def leaves(bsdf: mi.BSDF | None, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[Leaf]:
     """Returns the BSDFs that ``bsdf`` mixes at the surface point ``si``, with weights that sum up to 1.
 
     The BSDFs in Mitsuba's ``blendbsdf``, ``mask`` and ``twosided`` are mixed, at any depth; any other ``bsdf`` is the
@@ -89,28 +89,22 @@ def leaves(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[
     the weight 1, and the other 0. Mitsuba divides [0, 1] into an interval for each BSDF; the leaves are in the order of
     their intervals.
     """
+    if bsdf is None:
+        return [Leaf(mi.Float(1), None, si)]
     kind, inner = bsdf.class_name(), parts(bsdf)
     if kind == BLEND:
         weight = dr.clip(inner["weight"].eval_1(si, active), 0, 1)
-        return [
-            leaf._replace(share=part * leaf.share)
-            for part, half in ((weight, inner["bsdf_1"]), (1 - weight, inner["bsdf_0"]))
-            for leaf in leaves(half, si, active)
-        ]
-    if kind == MASK:
+        halves = (weight, inner["bsdf_1"]), (1 - weight, inner["bsdf_0"])
+    elif kind == MASK:
         opacity = dr.clip(inner["opacity"].eval_1(si, active), 0, 1)
-        nested = leaves(inner["nested_bsdf"], si, active)
-        hole = Leaf(1 - opacity, None, si)
-        return [*(leaf._replace(share=opacity * leaf.share) for leaf in nested), hole]
-    if kind == TWO_SIDED:
+        halves = (opacity, inner["nested_bsdf"]), (1 - opacity, None)
+    elif kind == TWO_SIDED:
         front, si = dr.select(mi.Frame3f.cos_theta(si.wi) > 0, mi.Float(1), 0), mi.SurfaceInteraction3f(si)
         si.wi.z = dr.abs(si.wi.z)
-        return [
-            leaf._replace(share=part * leaf.share)
-            for part, side in ((front, inner["brdf_0"]), (1 - front, inner["brdf_1"]))
-            for leaf in leaves(side, si, active)
-        ]
-    return [Leaf(mi.Float(1), bsdf, si)]
+        halves = (front, inner["brdf_0"]), (1 - front, inner["brdf_1"])
+    else:
+        return [Leaf(mi.Float(1), bsdf, si)]
+    return [leaf._replace(share=share * leaf.share) for share, half in halves for leaf in leaves(half, si, active)]
 
 
 def ambient_reflectance(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.UnpolarizedSpectrum:

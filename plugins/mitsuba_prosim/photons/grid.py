@@ -160,11 +160,6 @@ class Photons:
         dr.eval(self.places, self.landed, self.begins)
         self.landed.p = mi.Point3f(0)
 
-    def map_range(self, number: mi.UInt32, active: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
-        """Returns the index of the first photon of the map ``number``, and the count of photons in the map."""
-        first, end = (dr.gather(mi.UInt32, self.begins, (number + k) * (self.mask + 1), active) for k in range(2))
-        return first, end - first
-
     def row_range(
         self, number: mi.UInt32, row: mi.UInt32, low: mi.Int32, high: mi.Int32, size: mi.UInt32, active: mi.Bool
     ) -> tuple[mi.UInt32, mi.UInt32]:
@@ -263,7 +258,8 @@ def gather(
     # Half the extent of the searched space along each axis, in search radii, with a margin for rounding. The space lies
     # between two planes parallel to the surface. So it mostly lies in one cell along the normal, not in two.
     off_axis = dr.minimum(dr.safe_sqrt(1 - n2) + MAX_PLANE_DISTANCE * dr.sqrt(n2), 1) * (1 + 1e-3)
-    first_of_map, size = photons.map_range(number, active)
+    ends = [dr.gather(mi.UInt32, photons.begins, (number + k) * (photons.mask + 1), active) for k in range(2)]
+    first_of_map, size = ends[0], ends[1] - ends[0]
 
     def add_radius(k: mi.UInt32, L: mi.Spectrum) -> mi.Spectrum:
         pixels = mi.Float(1 << (OCTAVES * k))

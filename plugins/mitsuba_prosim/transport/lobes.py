@@ -53,11 +53,6 @@ def glossy(flags: int, tree: bool) -> tuple[mi.BSDFContext, ...]:
     return tuple(lobe for name, lobe in zip(GLOSSY, (only(REFLECTED), only(REFRACTED))) if has_any(flags, name))
 
 
-def with_null_lobes(context: mi.BSDFContext) -> mi.BSDFContext:
-    """Returns the BSDF context ``context`` with null lobes added."""
-    return mi.BSDFContext(context.mode, context.type_mask | mask("Null"), context.component)
-
-
 @functools.cache
 def mask(*names: str) -> int:
     """Combines the named ``mi.BSDFFlags`` into one integer."""

@@ -6,9 +6,8 @@ integrator of Mitsuba.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -44,27 +43,6 @@ class State:
     progress: tree.Stack | path.Counters
     #: The ``mi.Sampler`` that draws the sampling points; None where the points have no state.
     sampler: mi.Sampler | None
-
-
-class RadianceEstimator(Protocol):
-    """Estimates the radiance of camera rays; one object is used for all camera rays of a render."""
-
-    #: The photon maps; None without caustics.
-    caustics: Any
-    #: Names of the channels that a call returns after the radiance and the hit; whether they are layers of the image.
-    aov_names: Sequence[str]
-    has_layers: bool
-
-    @property
-    def rays_per_sample(self) -> int:
-        """About how many rays a sample traces.
-
-        The number is estimated from the scene, not from measured times, because decisions of a render must be
-        reproducible.
-        """
-
-    def __call__(self, ray: mi.Ray3f, points: Points, active: mi.Bool) -> tuple[mi.Spectrum, mi.Bool, list[Any]]:
-        """Returns the radiance along ``ray``, whether it hits a surface, and the values of the further channels."""
 
 
 class Transport(Context):
@@ -149,6 +127,10 @@ class InnerIntegrator:
         rest = {"depth": mi.UInt32(0), "δL": None, "δaovs": None, "state_in": None, "active": mi.Bool(active)}
         L, hit, aovs, _ = self.integrator.sample(dr.ADMode.Primal, self.scene, sampler, ray, **rest)
         return L, dr.select(hit, mi.Float(1), 0), list(aovs)
+
+
+#: Estimates the radiance of camera rays.
+RadianceEstimator: TypeAlias = Transport | InnerIntegrator
 
 
 def sampler_of(points: NRook | Sobol) -> Any:

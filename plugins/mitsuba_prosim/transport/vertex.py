@@ -52,7 +52,8 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
         return L.scaled(ray.throughput), Vertex(si, None, surface, surface, surface, ray, Receiver(si, ray.n))
     vertex = vertex_at(context, ray, si, surface)
     if settings.ambient is not None and context.flags:  # else Dr.Jit has no BSDF to dispatch to
-        radiance = ambient_term(settings.ambient, vertex)
+        ka = dispatch(vertex.bsdf, ambient_reflectance, si, surface)
+        radiance = ka * settings.ambient.eval(si, surface)
         L = L.plus(radiance, context.layers.of(ray, "ambient"))
         context.observe("ambient", ray, value=radiance)
     L += direct_light(context, vertex, points)
@@ -144,12 +145,6 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
     value, number = dr.select(active, L * weight, 0), lights.number_of(emitter, active)
     context.observe("emission", ray, value=value, lamp=number, radiance=L, pdf=pdf, weight=weight, active=active)
     return value, context.layers.of(ray, "emitted", number)
-
-
-def ambient_term(radiance: mi.Texture, vertex: Vertex) -> mi.UnpolarizedSpectrum:
-    """Returns the ambient term ka I_a: the BSDF's ambient reflectance ka times the ambient ``radiance`` I_a."""
-    ka = dispatch(vertex.bsdf, ambient_reflectance, vertex.si, vertex.active)
-    return ka * radiance.eval(vertex.si, vertex.active)
 
 
 def background_radiance(

@@ -176,7 +176,8 @@ def _chosen_leaves(
 
 def _with_null_of_mask(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> mi.BSDFContext:
     """Returns the BSDF context ``lobe``, with null lobes added if ``bsdf`` is or contains a ``mask``."""
-    return lobes.with_null_lobes(lobe) if any(_within(bsdf, MASK)) else lobe
+    null = lobes.mask("Null") if any(_within(bsdf, MASK)) else 0
+    return mi.BSDFContext(lobe.mode, lobe.type_mask | null, lobe.component)
 
 
 def eval_pdf(
@@ -199,15 +200,12 @@ def is_inseparable(bsdf: mi.BSDF) -> bool:
     :data:`.EVALUATED_TOGETHER` of Mitsuba, and BSDFs with several kinds of lobes (reflected, refracted, diffuse) in one
     component.
     """
+    kinds = lobes.REFLECTED, lobes.REFRACTED, lobes.DIFFUSE
+    components = ((one, int(one.flags(i))) for one in all_within(bsdf) for i in range(one.component_count()))
     return any(
-        one.class_name() in EVALUATED_TOGETHER or any(_lobes_of(one.flags(i)) > 1 for i in range(one.component_count()))
-        for one in all_within(bsdf)
+        one.class_name() in EVALUATED_TOGETHER or sum(bool(lobes.has_any(flags, *names)) for names in kinds) > 1
+        for one, flags in components
     )
-
-
-def _lobes_of(flags: int) -> int:
-    """Returns how many of the three kinds of lobes the BSDF ``flags`` contain."""
-    return sum(bool(lobes.has_any(int(flags), *names)) for names in (lobes.REFLECTED, lobes.REFRACTED, lobes.DIFFUSE))
 
 
 def belongs_to(lobe: mi.BSDFContext, wi: mi.Vector3f, bs: mi.BSDFSample3f) -> mi.Bool:

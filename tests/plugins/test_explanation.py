@@ -344,7 +344,7 @@ def test_sentences_tell_where_light_comes_from_and_what_hides_it(variant_rgb):
     told = mitsuba_prosim.explain(mi.load_dict(penumbra(None, 512, type="prosim")), ALONE["lamp"][1], spp=16)
     first, second = told.light
     assert first == "Where the light comes from: the light of light that wall scatters (100%)."
-    assert "points of light are hidden by ball" in second and 0 < int(second.split()[2]) < 16
+    assert "points of light are hidden by ball" in second and 0 < int(second.split()[3]) < 16
 
 
 class Asked:

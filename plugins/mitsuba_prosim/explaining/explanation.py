@@ -49,11 +49,11 @@ class Explanation:
     #: Names of the film's channels, in the order of the values.
     channels: tuple[str, ...]
     #: The value of each sample of the pixel, and their mean.
-    values: tuple[Numbers, ...]
+    values: tuple[Numbers, ...] = field(repr=False)
     mean: Numbers
     #: Index of the explained sample, and the nodes of its tree or path, whose contributions sum to its value.
     sample: int
-    nodes: tuple[Node, ...]
+    nodes: tuple[Node, ...] = field(repr=False)
     #: Sentences on the light: where it comes from, and which shapes hide lamps.
     light: tuple[str, ...]
     #: Dimension of the random numbers -> its share in the variance (:mod:`.noise`); and sentences on the noise.

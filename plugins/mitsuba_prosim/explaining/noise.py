@@ -97,7 +97,7 @@ def shares(estimator: Estimator, plan: Plan, x: int, y: int) -> dict[str, float]
     if not variance > (1e-4 * values[-1].mean()) ** 2:
         return {}
     effects = np.mean((values[:-1] - values[-1]) ** 2, axis=1) / (2 * variance)
-    return dict(zip(DIMENSIONS, effects.tolist()))
+    return dict(zip(DIMENSIONS, np.minimum(effects, 1).tolist()))  # an estimate may be greater, a share may not
 
 
 def sentences(found: dict[str, float], recorder: Recorder, weights: np.ndarray, count: int) -> tuple[str, ...]:
@@ -160,5 +160,5 @@ def origins(recorder: Recorder, count: int) -> tuple[str, ...]:
         if hidden := states["hidden"]:
             points = f"{hidden} of {hidden + states['visible']} points of {recorder.lamps[lamp]}"
             surface = recorder.shapes.get(shape, "a shape without a name")
-            said.append(f"From {surface}, {points} are hidden by {' and '.join(sorted(occluders))}.")
+            said.append(f"Seen from {surface}, {points} are hidden by {' and '.join(sorted(occluders))}.")
     return tuple(said)

@@ -25,7 +25,6 @@ are small and visible differences are large.
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -121,22 +120,19 @@ class Facets(NamedTuple):
 class Planes:
     """The planes that facets of several solids share.
 
-    Each row of ``planes`` (n, 4) is the unit normal n and the offset d of a plane n.p + d = 0. ``surface`` (n,) has the
-    number of the surface to which each plane belongs. Facet f lies on the plane with the number ``of_facet[f]``, which
-    is -1 if facet f lies on no shared plane. The outward normal of facet f is ``side[f]`` (1 or -1) times the normal of
-    the plane ``of_facet[f]``. ``thickness`` is THICKNESS in the unit of the scene.
+    Each row of ``planes`` (n, 4) is the unit normal n and the offset d of a plane n.p + d = 0. Facet f lies on the
+    plane with the number ``of_facet[f]``, which is -1 if facet f lies on no shared plane. The outward normal of facet f
+    is ``side[f]`` (1 or -1) times the normal of the plane ``of_facet[f]``.
     """
 
-    def __init__(
-        self, triangles: np.ndarray, facets: np.ndarray, surface: np.ndarray, rank: np.ndarray, thickness: float
-    ) -> None:
+    def __init__(self, triangles: np.ndarray, facets: np.ndarray, surface: np.ndarray, rank: np.ndarray) -> None:
         """Computes the planes on which ``triangles`` (m, 3, 3) lie. ``facets`` (m,) has the number of the facet to
         which each triangle belongs.
 
         ``surface`` (n,) has, for each facet, the number of the surface on which the facet lies. ``rank`` (n,) has, for
         each facet, the rank of the facet's face. All faces on one surface have the same number of facets. The i-th
         facets of all faces on one surface get the same plane: the plane of the i-th facet of the face with the lowest
-        rank. ``thickness`` is THICKNESS in the unit of the scene.
+        rank.
         """
         shared = np.unique(facets)
         shared = shared[np.argsort(rank[shared], kind="stable")]
@@ -147,8 +143,7 @@ class Planes:
         position = np.empty(len(surface), int)
         position[shared] = np.arange(len(shared))
         own = _planes(triangles, position[facets])
-        self.planes, self.surface = own[first], surface[shared[first]]
-        self.thickness = thickness
+        self.planes = own[first]
         self.of_facet, self.side = np.full(len(surface), -1), np.ones(len(surface))
         self.of_facet[shared] = plane
         self.side[shared] = np.sign(np.einsum("ij,ij->i", own[:, :3], own[first[plane], :3]))
@@ -190,16 +185,6 @@ class Planes:
         facet to which each triangle belongs.
         """
         return self._points_at(vertices, triangles, self.of_facet[facets], np.zeros(len(facets)))
-
-    def one_sided(self, surfaces: Collection[int], boxes: np.ndarray) -> bool:
-        """Whether each of the ``surfaces`` is a plane and has all ``boxes`` certainly on one of its sides. The boxes
-        are those of :class:`.Body`.
-        """
-        planes = self.planes[np.isin(self.surface, list(surfaces))]
-        if len(planes) > len(surfaces):  # a surface with several planes is curved
-            return False
-        height = boxes[:, 2:].reshape(-1, 3) @ planes[:, :3].T + planes[:, 3]
-        return bool(((height <= 8 * self.thickness).all(axis=0) | (height >= -8 * self.thickness).all(axis=0)).all())
 
     def _points_at(self, points: np.ndarray, corners: np.ndarray, plane: np.ndarray, heights: np.ndarray) -> np.ndarray:
         """Returns the ``points`` (n, 3); those points that are corners of k triangles are moved to given distances from

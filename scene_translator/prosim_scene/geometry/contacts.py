@@ -26,7 +26,6 @@ from .solids import Solid, world_box_corners
 
 INSIDE = 1e-6  # how far a face that touches another face from inside may be outside, relative to the outer face
 BATCH = 1 << 16  # the number of pairs of a solid and a tangent plane that are tested at a time
-FEW = 16  # about this number of tangent planes of a face are tested first, which excludes most pairs
 STEPS = 16  # the number of steps that improve a tangent plane
 LONGEST = 4  # meshes become finer with the length of a chain of contacts up to this number of contacts
 FINEST = 1 / 4  # solids grow if shrinking would need meshes with less than this part of the chord error
@@ -135,22 +134,21 @@ def _enclosed(solids: Sequence[Solid], order: np.ndarray) -> Iterator[tuple[np.n
             i, j = inner[chosen], outer[chosen]
             relative = (to_local[j] @ to_world[i])[:, :3]
             within = is_ball[i] | (np.abs(relative[:, :2, 2]).max(axis=1) < INSIDE)  # parallel cylinders
-            for planes in (FEW, len(primitive.surface_lines)):  # the few planes exclude most pairs
-                i, j, relative = i[within], j[within], relative[within]
-                heights, normals = _highest(primitive, relative, planes)
-                within = heights <= INSIDE
+            i, j, relative = i[within], j[within], relative[within]
+            heights, normals = _highest(primitive, relative)
+            within = heights <= INSIDE
             if within.any():
                 yield i[within], j[within], relative[within], normals[within]
 
 
-def _highest(primitive: Primitive, relative: np.ndarray, planes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Returns, for each of k inner solids, the largest height of the solid over about this number of tangent ``planes``
-    of the outer solid's curved face, and the normal of the plane with this height.
+def _highest(primitive: Primitive, relative: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns, for each of k inner solids, the largest height of the solid over tangent planes of the outer solid's
+    curved face, and the normal of the plane with this height.
 
     A solid lies inside a convex face if it lies on the inner side of each tangent plane of the face.
     """
     quadric = np.diag(primitive.quadrics[primitive.curved])
-    normals = primitive.surface_lines[:: math.ceil(len(primitive.surface_lines) / planes), 1] * quadric[:3]
+    normals = primitive.surface_lines[:, 1] * quadric[:3]
     found = [(np.empty(0), np.empty(0, int))]
     for part in np.array_split(relative, len(relative) * len(normals) // BATCH + 1):
         products = part.transpose(0, 2, 1) @ normals.T

@@ -192,19 +192,16 @@ def _divisible(operands: Iterable[Operand]) -> bool:
 
     An example of a wrong owner: A + B - C, where B covers a face of A, and C has a face on the same surface and
     uncovers the covered face of A. If A + B - C is evaluated from left to right, C owns the uncovered face. If A is cut
-    by C separately, the face of A was never covered, and A owns the face. A wrong owner is impossible if all bodies
-    that touch C are on one side of the surface.
+    by C separately, the face of A was never covered, and A owns the face.
     """
     (_, first), *later = operands
-    boxes = np.concatenate([first.boxes, *(body.boxes for sign, body in later if sign == "+")])
-    surfaces, end = set(first.surfaces), len(first.boxes)  # of faces, and of boxes, in earlier operations
+    added = np.concatenate([first.boxes[:0], *(body.boxes for sign, body in later if sign == "+")])
+    surfaces, end = set(first.surfaces), 0  # the surfaces of earlier operands, and the number of boxes added earlier
     for sign, body in later:
-        if sign == "-" and (common := surfaces & body.surfaces):
-            near = touching(boxes[:end], body.box)
-            if (near >= len(first.boxes)).any() and not first.planes.one_sided(common, boxes[near]):
-                return False
         if sign == "+":
             end += len(body.boxes)
+        elif surfaces & body.surfaces and len(touching(added[:end], body.box)):
+            return False
         surfaces |= body.surfaces
     return True
 

@@ -217,7 +217,7 @@ def tessellation_of(leaves: Leaves) -> Tessellation:
     # Facets of several solids share the plane of the largest solid, which has the lowest rank.
     rank = np.argsort(np.argsort(-sizes, kind="stable"))
     owner = np.repeat(rank, np.diff(first)) * (faces.max() + 1) + faces
-    planes = Planes(vertices[triangles[on]], facets[on], surface, owner, leaves.thickness)
+    planes = Planes(vertices[triangles[on]], facets[on], surface, owner)
     vertices = planes.snap_vertices(vertices, triangles[on], facets[on])
     meshes = [replace(m, vertices=own) for m, own in zip(meshes, np.split(vertices, ends[1:-1]))]
     boxes = np.stack([f.reduceat(vertices, ends[:-1]) for f in (np.minimum, np.maximum)], axis=1)

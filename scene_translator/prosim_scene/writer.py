@@ -187,17 +187,13 @@ def _has_content(path: Path, content: bytes) -> bool:
 
 
 def _remove_old_meshes(mesh_folder: Path, meshes: dict[str, bytes]) -> None:
-    """Removes the unfinished files of killed translations, and the meshes of earlier translations. Meshes whose file
-    names are keys of ``meshes`` are not removed.
-    """
+    """Removes unfinished files, and the meshes of earlier translations that are not in ``meshes``."""
     for path in mesh_folder.iterdir():
         if path.name not in meshes and path.is_file() and _is_from_translation(path):
             path.unlink(missing_ok=True)
 
 
 def _is_from_translation(path: Path) -> bool:
-    """Whether a translation wrote the file ``path``: the file name is that of an unfinished file, or contains the
-    digest of the file's content.
-    """
+    """Whether the name is that of an unfinished file, or contains the digest of the file's content."""
     match = MESH.fullmatch(path.name)
     return bool(path.name.startswith(PART) or (match and _digest(path.read_bytes()) == match[1]))

@@ -100,7 +100,7 @@ class SceneServer(LanguageServer):
         return self.documents[uri]
 
     def close(self, uri: str) -> None:
-        """Removes the document ``uri``, and cancels the task or timer that is pending for this document."""
+        """Removes a document, and cancels its pending task or timer."""
         document = self.documents.pop(uri, None)
         if document and document.pending:
             document.pending.cancel()
@@ -116,9 +116,7 @@ class SceneServer(LanguageServer):
             self.publish(document, problems)
 
     def publish(self, document: OpenDocument, problems: list[Problem]) -> None:
-        """Sends the errors and warnings about a document to the editor, where they replace all earlier ones about this
-        document.
-        """
+        """Sends the errors and warnings about a document to the editor, where they replace earlier ones."""
         diagnostics = [document.diagnostic(problem) for problem in problems]
         params = lsp.PublishDiagnosticsParams(document.uri, diagnostics, document.version)
         self.text_document_publish_diagnostics(params)
@@ -197,9 +195,7 @@ def complete(document: OpenDocument, params: lsp.CompletionParams) -> list[lsp.C
 
 
 def _completion_item(item: Completion, replaced: lsp.Range) -> lsp.CompletionItem:
-    """Converts a completion to an LSP completion item. The editor lists completions of lower rank first; within a rank,
-    indices are in numerical order and other words in alphabetical order.
-    """
+    """Converts a completion to an LSP item. Within a rank, the editor sorts indices by number, and words by letter."""
     return lsp.CompletionItem(
         label=item.label,
         kind=lsp.CompletionItemKind[item.kind],

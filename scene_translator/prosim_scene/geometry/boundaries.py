@@ -36,9 +36,7 @@ class Boundary(NamedTuple):
 
     @classmethod
     def from_columns(cls, vertices: np.ndarray, **columns: np.ndarray | int) -> Boundary:
-        """Returns a boundary with the given ``vertices``; the fields of its structured array of triangles have the
-        values of ``columns``.
-        """
+        """Returns a boundary whose triangles have the fields ``columns``."""
         triangles = np.empty(len(np.asarray(columns["index"])), TRIANGLE)
         for name, values in columns.items():
             triangles[name] = values
@@ -46,10 +44,8 @@ class Boundary(NamedTuple):
 
 
 def primitive_boundary(mesh: Mesh, leaf: int, first: int, medium: int) -> Boundary:
-    """Returns the boundary between air and a primitive that touches no other primitive.
-
-    ``mesh`` is the mesh of the primitive in the world. ``first`` is the number of the primitive's first facet. ``leaf``
-    is the number of the primitive's leaf in the CSG tree, and ``medium`` is the number of the primitive's medium.
+    """Returns the boundary between air and the ``mesh`` of a leaf that touches no other leaf; ``first`` is the number
+    of its first facet.
     """
     columns = {"index": mesh.triangles, "facet": first + mesh.facets}
     return Boundary.from_columns(mesh.vertices, leaf=leaf, sign=1, inside=medium, outside=AIR, **columns)
@@ -74,17 +70,12 @@ class OriginalIds:
         self.base, self.leaves = base, leaves
 
     def id_of(self, leaf: int, medium: int) -> int:
-        """Returns manifold3d's original id for the faces that the leaf ``leaf`` has in the solid of the medium
-        ``medium``.
-        """
+        """Returns the original id of the faces that a leaf has in the solid of a medium."""
         return self.base + medium * self.leaves + leaf
 
     def boundary(self, body: Body) -> Boundary:
-        """Returns the boundary of a body. Facets of the body on planes that several solids share are moved exactly onto
-        these planes.
-
-        The leaf and the inner medium of each triangle are computed from the triangle's original id. The outer medium of
-        all triangles is air.
+        """Returns the boundary between a body and air. Facets of the body on planes that several solids share are moved
+        exactly onto these planes.
         """
         mesh = checked(body.planes.snap(checked(body.manifold()))).to_mesh64()
         ids = per_triangle(mesh, np.asarray(mesh.run_original_id, dtype=np.int64))

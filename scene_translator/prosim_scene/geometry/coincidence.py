@@ -161,7 +161,7 @@ class Planes:
         return [self._moved(first, a, heights), self._moved(second, b, np.zeros(len(b.plane)))]
 
     def snap(self, solid: Manifold) -> Manifold:
-        """Returns the solid; all facets of the solid on shared planes are moved exactly onto these planes."""
+        """Returns the solid with its facets on shared planes moved exactly onto these planes."""
         facets = self._facets(solid)
         return self._moved(solid, facets, np.zeros(len(facets.plane)))
 
@@ -178,11 +178,8 @@ class Planes:
         return solid if np.array_equal(points, facets.vertices) else solid.warp_batch(lambda _: points)
 
     def snap_vertices(self, vertices: np.ndarray, triangles: np.ndarray, facets: np.ndarray) -> np.ndarray:
-        """Returns the vertices (n, 3) of facets; each vertex is moved onto the planes of all facets that have the
-        vertex as a corner.
-
-        ``triangles`` (m, 3) has the numbers of the vertices of each triangle. ``facets`` (m,) has the number of the
-        facet to which each triangle belongs.
+        """Returns the ``vertices`` (n, 3) moved onto the planes of all ``facets`` (m,) to which the ``triangles`` (m,
+        3) belong.
         """
         return self._points_at(vertices, triangles, self.of_facet[facets], np.zeros(len(facets)))
 
@@ -213,8 +210,8 @@ class Planes:
 
 
 def per_triangle(mesh: Mesh64, values: np.ndarray) -> np.ndarray:
-    """Returns a value for each triangle of a mesh. ``values`` has one value for each run of triangles, which all
-    triangles of the run get. A run is a sequence of triangles that come from the same original mesh.
+    """Returns a value for each triangle of a mesh, from the ``values`` of the runs of triangles that come from the same
+    original mesh.
     """
     ends = np.asarray(mesh.run_index, dtype=np.int64) // 3
     return np.repeat(values, ends[1:] - ends[:-1])

@@ -45,8 +45,8 @@ def tree_of(nodes: Sequence[Operator | Leaf]) -> Tree:
 
 
 def fold(tree: Tree, leaf: Callable[[int], T], combine: Callable[[str, T, T], T]) -> T:
-    """Returns the value of a CSG tree, computed from the leaves upwards: the value of a leaf is ``leaf(number)``, and
-    the value of an operator is ``combine(symbol, first, second)``, with the values of its two operands.
+    """Returns the value of a CSG tree, computed from the leaves upwards; ``combine(symbol, first, second)`` gets the
+    values of an operator's operands.
     """
     stack: list[T] = []
     for node in reversed(tree):
@@ -98,9 +98,7 @@ class Body:
 
 
 def checked(manifold: Manifold) -> Manifold:
-    """Makes manifold3d compute the mesh of ``manifold``, and returns ``manifold``. Raises ArithmeticError if manifold3d
-    reports an error.
-    """
+    """Makes manifold3d compute the mesh, and returns it. Raises ArithmeticError if manifold3d reports an error."""
     status = manifold.status()
     if status != Error.NoError:
         raise ArithmeticError(f"manifold3d: {status}")
@@ -144,11 +142,8 @@ class _Chain:
         self.has_minus = False
 
     def combined(self, symbol: str, other: _Chain) -> _Chain:
-        """Returns the chain that results from the operator ``symbol`` with the chains ``self`` and ``other`` as
-        operands.
-
-        A + (B + C) becomes the chain A + B + C, and A - (B + C) becomes the chain A - B - C. The chains ``self`` and
-        ``other`` are changed, so the caller cannot use them again.
+        """Returns the chain of the two operands: A + (B + C) becomes the chain A + B + C, and A - (B + C) becomes the
+        chain A - B - C. The operands are changed, so the caller cannot use them again.
         """
         if symbol == "*":
             first = self.value()

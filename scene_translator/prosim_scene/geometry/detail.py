@@ -97,11 +97,8 @@ def refined_cap(solid: Solid, zone: np.ndarray, camera: Camera, tolerance: float
 
 
 def _lorentz(axis: np.ndarray, refinement: float) -> np.ndarray:
-    """Returns the projective map (4, 4) of the unit sphere to itself that concentrates points around ``axis``.
-
-    The map is a Lorentz transformation, which makes the facets of a ball smaller near a visible cap. The unit vector
-    ``axis`` is a fixed point of the map. Near the point ``axis``, the map divides distances by ``refinement``; near the
-    opposite point -``axis``, the map multiplies distances by ``refinement``.
+    """Returns the projective map (4, 4) of the unit sphere to itself that divides distances by ``refinement`` near the
+    unit vector ``axis``, and multiplies distances by ``refinement`` near the opposite point.
     """
     near, far = np.append(axis, 1), np.append(axis, -1)  # eigenvectors; each has the squared length 2
     return np.eye(4) + (refinement - 1) / 2 * np.outer(near, near) + (1 / refinement - 1) / 2 * np.outer(far, far)

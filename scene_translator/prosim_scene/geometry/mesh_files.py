@@ -75,7 +75,7 @@ class MeshFile(Primitive):
         self.uv = None if uv is None else uv[index[..., 1]]
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
-        """Returns the mesh of the file; ``segments`` and ``facet_map`` have no effect."""
+        """Returns the mesh of the file."""
         return self._mesh
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
@@ -94,14 +94,8 @@ class MeshFile(Primitive):
         return CornerAttributes(np.where(outwards, normals, flat), uv, np.ones(p.shape[:2], bool))
 
 
-@lru_cache(maxsize=16)
-def mesh_file(data: bytes) -> MeshFile:
-    """Returns the solid of a mesh file with the content ``data``. Raises ValueError if the file does not describe a
-    solid.
-
-    The result is cached, because all frames of an animation use the same file.
-    """
-    return MeshFile(data)
+#: A cached :class:`MeshFile`, because all frames of an animation use the same files.
+mesh_file = lru_cache(maxsize=16)(MeshFile)
 
 
 def _check_table(table: np.ndarray | None, index: np.ndarray, width: int) -> None:

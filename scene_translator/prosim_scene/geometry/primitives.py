@@ -157,7 +157,7 @@ class Primitive(ABC):
 
 
 def box_corners(box: np.ndarray) -> np.ndarray:
-    """Returns the corners (8, 3) of a box, whose minimum and maximum corners are ``box`` (2, 3)."""
+    """Returns the corners (8, 3) of a box (2, 3)."""
     return np.array([[box[i][0], box[j][1], box[k][2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)
 
 
@@ -169,7 +169,7 @@ def distance_to_segments(a: np.ndarray, b: np.ndarray, point: np.ndarray) -> flo
 
 
 def plane(*nd: float) -> np.ndarray:
-    """Returns the quadric (4, 4) of the plane n.p + d = 0; the numbers ``nd`` are the normal n and the offset d."""
+    """Returns the quadric (4, 4) of the plane n.p + d = 0, from the numbers n and d."""
     return np.outer(nd, nd).astype(float)
 
 
@@ -234,9 +234,8 @@ class Cube(Primitive):
 
 
 def _subdivided_octahedron(segments: int) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the vertices and the triangles of a mesh of the unit sphere: an octahedron whose faces are divided into
-    equal triangles, and whose vertices are then moved onto the sphere. ``segments``, a multiple of 4, is the number of
-    edges around the equator.
+    """Returns the vertices and the triangles of an octahedron whose faces are divided into equal triangles, and whose
+    vertices are then moved onto the unit sphere.
     """
     mesh = Manifold.sphere(1.0, segments).to_mesh64()
     vertices = np.array(mesh.vert_properties)[:, :3]
@@ -324,9 +323,7 @@ class _OfRevolution(Primitive):
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
         """Returns normals and uv: uv is (azimuth, z of the scene) on the side, and (x, y) mapped to the unit square on
-        a disc. :func:`azimuth` computes the azimuth, also of a corner on the axis.
-
-        At an apex, each triangle has the side's normal at the midpoint of the other two corners.
+        a disc. At an apex, each triangle has the side's normal at the midpoint of the other two corners.
         """
         u, on_axis = azimuth(p)
         v = (p[..., 2] - self.low) / (1 - self.low)

@@ -69,9 +69,7 @@ class Solid:
 
 @lru_cache(maxsize=64)
 def unit_mesh(primitive: Primitive, segments: int) -> Mesh:
-    """Returns the mesh of a primitive in the primitive's coordinates; the result is cached for later calls with equal
-    arguments.
-    """
+    """Returns the mesh of a primitive in its coordinates; the result is cached."""
     return primitive.mesh(segments, IDENTITY)
 
 
@@ -97,12 +95,7 @@ AXES = {"rotate-x": (1, 2), "rotate-y": (2, 0), "rotate-z": (0, 1)}  # turns the
 
 
 def matrices(transforms: Sequence[model.Transform]) -> np.ndarray:
-    """Returns the matrices (n, 4, 4) of n TRANSFORMs; each matrix applies the steps of its TRANSFORM in the written
-    order.
-
-    The matrices of all TRANSFORMs with the same sequence of step kinds, such as scale and translate, are computed in
-    one batch.
-    """
+    """Returns the matrices (n, 4, 4) of n TRANSFORMs; those with equal sequences of steps are computed in one batch."""
     result = np.tile(np.eye(4), (len(transforms), 1, 1))
     for kinds, numbers in group_equal(tuple(step.kind for step in transform.steps) for transform in transforms).items():
         batch = result[numbers]

@@ -69,9 +69,8 @@ class Triangles:
 def corner_keys(vertex: np.ndarray, face: np.ndarray, corners: CornerAttributes, first: int) -> np.ndarray:
     """Returns keys (n, 3) of triangle corners; corners with equal keys become one vertex.
 
-    Two corners have equal keys if they have the same vertex number in ``vertex`` (n, 3) and the same face number in
-    ``face`` (n,), and lie on the same side of the seam of uv. Each corner that is ``unshared`` gets a unique negative
-    key; ``first`` is the number of unshared corners that already have keys.
+    Two corners have equal keys if they have the same vertex and face, and lie on the same side of the seam of uv. Each
+    corner that is ``unshared`` gets a unique negative key; ``first`` such corners already have keys.
     """
     wrapped = (np.floor(corners.uv[..., 0]) > 0).astype(int)
     # Face numbers are below 8, except in mesh files, whose corners are all unshared.
@@ -96,9 +95,7 @@ class SurfaceMesh:
     visible: np.ndarray
 
     def of_kinds(self, kinds: list[int]) -> Triangles:
-        """Returns the triangles of those kinds whose positions in the attribute ``kinds`` are the numbers in the
-        argument ``kinds``.
-        """
+        """Returns the triangles of the kinds that have these numbers."""
         mesh = self.triangles
         chosen = np.concatenate([mesh.index[self.starts[kind] : self.starts[kind + 1]] for kind in kinds])
         vertices, index = np.unique(chosen, return_inverse=True)
@@ -218,11 +215,7 @@ def _boundary(
 
 
 def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
-    """Converts the mesh of a primitive to manifold3d's type ``Manifold``; manifold3d stores the number ``original_id``
-    of the mesh with its triangles.
-
-    The mesh's first facet gets the number ``first``, and the following facets get the numbers after it.
-    """
+    """Converts the mesh of a primitive to manifold3d's type; its facets get the numbers from ``first`` on."""
     mesh64 = Mesh64(
         mesh.vertices.astype(np.float64, copy=False),
         mesh.triangles.astype(np.uint64),

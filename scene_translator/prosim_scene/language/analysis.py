@@ -29,11 +29,10 @@ KIND_OF = {"lights": "distribution", "surfaces": "material", "patterns": "kind"}
 
 @contextmanager
 def garbage_collection_paused() -> Iterator[None]:
-    """Pauses Python's garbage collection during a ``with`` statement or a decorated function. If garbage collection was
-    disabled before, it stays disabled afterwards.
+    """Pauses Python's garbage collection during a ``with`` statement or a decorated function.
 
-    Without the pause, garbage collection takes a third of the time in which a scene is read. While a scene is read, a
-    garbage collection would free nothing, because the new objects have no reference cycles.
+    Garbage collection would take a third of the time in which a scene is read, and free nothing, because the new
+    objects have no reference cycles.
     """
     enabled = gc.isenabled()
     gc.disable()
@@ -45,9 +44,8 @@ def garbage_collection_paused() -> Iterator[None]:
 
 
 def document_of(text: str, filename: AnyPath = "<string>", define: Mapping[str, object] | None = None) -> Document:
-    """Returns the scene that ``text`` describes, with the position of each value in the text.
-
-    Raises SceneError and emits SceneWarning as :func:`parse` does.
+    """Returns the scene that ``text`` describes, with the position of each value in the text; otherwise as
+    :func:`parse`.
     """
     reader, problems, document = analyse(text, filename, define)
     for problem in problems:

@@ -153,7 +153,7 @@ class Source:
 
 
 def quote(text: object) -> str:
-    """Puts a text in quotes; a text of more than MAX_QUOTE characters is shortened."""
+    """Puts a text of at most MAX_QUOTE characters in quotes; a longer text is shortened."""
     text = str(text)
     return repr(text if len(text) <= MAX_QUOTE else text[: MAX_QUOTE - 3] + "...")
 

@@ -30,10 +30,8 @@ class Document:
         return path in self.spans
 
     def span(self, *path: str | int) -> Span:
-        """Returns the span of a value in the text.
-
-        If the text does not state the value, the result is the span of the enclosing value, or else the beginning of
-        the text.
+        """Returns the span of a value in the text; if the text does not state it, the span of the enclosing value, or
+        the beginning of the text.
         """
         while path and path not in self.spans:
             path = path[:-1]
@@ -44,7 +42,7 @@ class Document:
         return self.source.text[slice(*self.span(*path))]
 
     def line(self, *path: str | int) -> int:
-        """Returns the number, from 1, of the line on which the text states a value."""
+        """Returns the number of the line on which the text states a value."""
         return self.source.line_column(self.span(*path).start)[0]
 
     def error(self, reason: str, *path: str | int, code: str = "") -> SceneError:
@@ -68,11 +66,10 @@ class Document:
         return ", ".join(names) + (f" and {len(leaves) - 10} more" if len(leaves) > 10 else "")
 
     def operands_note(self, number: int) -> str:
-        """Returns a note on the operands of the nearest operator - or * above node ``number`` of the CSG tree, or "" if
-        there is no such operator.
+        """Returns a note on the operands of the nearest operator - or * above node ``number`` of the CSG tree, or "".
 
-        Warnings about solids that vanish in the result end with this note, because users often write an operator
-        between its operands by mistake.
+        Warnings about solids that vanish end with this note, because users often write an operator between its
+        operands by mistake.
         """
         ends = subtree_ends(self.scene.csg)
         above = [i for i in range(number) if ends[i] > number and self.text_of("csg", i) in ("-", "*")]
@@ -84,10 +81,8 @@ class Document:
 
 
 def subtree_ends(csg: Sequence[Operator | Leaf]) -> list[int]:
-    """Returns, for each node of a CSG tree in prefix order, the position after the last node of the subtree that begins
-    at this node.
-
-    If operands are missing at the end of ``csg``, the position after the subtree is beyond the end of ``csg``.
+    """Returns, for each node of a CSG tree in prefix order, the position after its subtree; this is beyond the end of
+    ``csg`` if operands are missing.
     """
     ends = list(range(1, 2 * len(csg) + 2))  # each position, also beyond the end of csg, counts as a leaf at first
     for i in reversed(range(len(csg))):

@@ -29,10 +29,7 @@ MAX_LENGTH = 10_000
 
 
 def _in_degrees(function: Callable[[float], float], exact: tuple[float, ...]) -> Callable[[float], float]:
-    """Converts a ``function`` of an angle in radians into a function of an angle in degrees.
-
-    ``exact`` has the values of the function at 0, 90, 180 and 270 degrees, without rounding errors.
-    """
+    """Converts a ``function`` of radians into one of degrees, with ``exact`` values at 0, 90, 180 and 270 degrees."""
     return lambda x: exact[int(x // 90) % 4] if x % 90 == 0 else function(math.radians(math.fmod(x, 360)))
 
 
@@ -147,13 +144,10 @@ def _caller_value_text(source: Source, name: str, value: object) -> str:
 
 
 def evaluate(source: Source, braces: Span, definitions: Definitions) -> float:
-    """Computes an expression in braces; returns NaN if a name in the expression has no value.
+    """Computes the expression at the span ``braces``; returns NaN if a name in the expression has no value.
 
-    ``braces`` is the span of the expression with its braces.
-
-    Raises SceneError for wrong syntax, a missing closing brace, an unknown word, a wrong number of arguments, and more
-    than MAX_LENGTH characters. Raises SceneError also if the result, an intermediate result or the value of a name is
-    not a finite number.
+    Raises SceneError for wrong syntax, an unknown word, a wrong number of arguments, more than MAX_LENGTH characters,
+    and a value, also of a name or an operand, that is not finite.
     """
     first, inside = braces.start + 1, source.text[braces.start + 1 : braces.end - 1]
     if len(inside) > MAX_LENGTH:
@@ -180,10 +174,7 @@ def _parser() -> Lark:
 
 def _value(source: Source, node: Tree[Token], span: Span, operands: list[float], definitions: Definitions) -> float:
     """Computes one node of an expression's syntax tree from the values of its operands; NaN if an operand is NaN, or if
-    the node is a name without a value. ``span`` is the span of the node in the text.
-
-    Raises SceneError for an unknown word, a wrong number of arguments, a division by 0, and a result that is not
-    finite.
+    the node is a name without a value.
     """
     word = str(node.children[0]) if isinstance(node.children[0], Token) else ""
     if node.data == "name":

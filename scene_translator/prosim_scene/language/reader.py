@@ -135,7 +135,7 @@ class Reader(Scanner):
                 self.warnings.append(self.source.diagnostic(SceneWarning, Span(start, end), reason, "after-end"))
 
     def read_statement(self) -> None:
-        """Reads a statement, and stores its value in ``fields``; the value of a DEFAULT is stored in ``definitions``.
+        """Reads a statement, and stores its value in ``fields``, or in ``definitions``.
 
         The value of a duplicate statement, or of a statement with a wrong index, is discarded: its path begins with
         "duplicate" or "unknown" instead of the name of a field.
@@ -196,14 +196,12 @@ class Reader(Scanner):
         self.store_span(token.span)
 
     def store_span(self, span: Span, *path: str | int) -> None:
-        """Stores the span of the current statement's value, or of that part of the value to which ``path`` leads."""
+        """Stores the span of the current statement's value, or of the part with the ``path``."""
         self.spans[self.path + path] = span
 
     def store_span_once(self, token: Token, what: str, *path: str | int) -> None:
-        """Stores the span of a part of the current statement's value; reports an error if the statement has already set
-        this part.
-
-        ``what`` is the name of this part of the value in the error message.
+        """Stores the span of a part of the current statement's value; reports an error about ``what`` if the statement
+        has already set this part.
         """
         if first := self.spans.get(self.path + path):
             line, _ = self.source.line_column(first.start)
@@ -213,7 +211,7 @@ class Reader(Scanner):
             self.store_span(token.span, *path)
 
     def span_from(self, keyword: Token) -> Span:
-        """Returns the span from the start of a keyword to the end of the token before the current token."""
+        """Returns the span from a keyword to the token before the current token."""
         return Span(keyword.start, self.previous_end)
 
     # ---- Values
@@ -269,10 +267,8 @@ class Reader(Scanner):
 
     def read_parameters(self, follow: frozenset[str], *owner: str | int) -> dict[str, Any]:
         """Reads the parameters that begin at the current token; returns a dictionary from their names in the model to
-        their values. A parameter with wrong numbers has the value None.
-
-        For the parameters of a light, ``owner`` is the number of this light in the LIGHTS statement. ``follow`` are the
-        grammar roles that the token after a parameter may have.
+        their values, which are None if they are wrong. ``owner`` is the number of the light that has the parameters;
+        ``follow`` are the grammar roles that the token after a parameter may have.
         """
         parameters: dict[str, Any] = {}
         while (keyword := self.token).role in follow and keyword.role not in LIGHTS:
@@ -323,9 +319,7 @@ class Reader(Scanner):
         return token.text
 
     def read_background(self) -> model.Background:
-        """Reads a BACKGROUND statement: a colour, and after it possibly the file name of an image, or NULL for no
-        image.
-        """
+        """Reads a BACKGROUND statement: a colour, and possibly the file name of an image, or NULL."""
         color, image = self.read_numbers(self.keyword, IMAGE), None
         if self.token.role in FILE:
             image = self.token.text

@@ -25,9 +25,7 @@ ARITHMETIC = re.compile(r"[*/^$]|^[-+]$|(?<=[\d.])[-+]")
 
 
 def word_hint(word: str) -> str:
-    """Returns ``; `` and the equivalent, in the scene language, of a word of another language; returns an empty string
-    if no equivalent is known.
-    """
+    """Returns ``; `` and the equivalent of a word of another language, or "" if none is known."""
     text = SUGGESTIONS.get(normalise(word))
     return f"; {text}" if text else ""
 
@@ -78,9 +76,7 @@ def unknown_name(role: str, word: str) -> str:
 
 
 def mark_hint(text: str, start: int) -> str:
-    """Returns ``; `` and the equivalent, in the scene language, of a punctuation mark of another language, such as
-    ``//``, at the text offset ``start``; returns "" if no such mark begins at this offset.
-    """
+    """Returns ``; `` and the equivalent of a mark of another language, such as ``//``, at offset ``start``, or ""."""
     for pattern, instead in MARK_HINTS.items():
         if re.compile(pattern, re.IGNORECASE | re.MULTILINE).match(text, start):
             return f"; {instead}"

@@ -108,9 +108,7 @@ class Scanner(ABC):
 
     @abstractmethod
     def with_expected_role(self, token: Token) -> Token:
-        """Returns a copy of the token with a role that the grammar expects here; raises SceneError if no expected role
-        fits the token.
-        """
+        """Returns the token with a role that the grammar expects here; raises SceneError if none fits."""
 
     @cached_property
     def closings(self) -> dict[int, int]:
@@ -125,10 +123,8 @@ class Scanner(ABC):
         return closings
 
     def read_comment(self, kind: str, start: int) -> None:
-        """Reads the comment that begins at ``start``. Raises SceneError if a parenthesis of the comment is not closed.
-
-        ``kind`` is "comment" for a comment that begins with ``#``, and "mark" for a comment in parentheses; parentheses
-        may be nested.
+        """Reads the comment that begins at ``start``: with ``#``, or, if ``kind`` is "mark", with a parenthesis. Raises
+        SceneError if a parenthesis is not closed.
         """
         if kind == "mark":
             if start not in self.closings:
@@ -138,12 +134,10 @@ class Scanner(ABC):
         self.tokens.append(Token("COMMENT", self.source.text[start : self.position], start, self.position))
 
     def rare_token(self, kind: str, piece: str, span: Span) -> Token:
-        """Returns the token of a less frequent kind; ``kind`` is the name of the group that matched in the regular
-        expression :data:`PIECE`.
+        """Returns the token of a less frequent kind, which is the name of a group in :data:`PIECE`.
 
         An expression becomes a token with the expression's value, or with 1 if a name in it has no value. Raises
-        SceneError for a ``)`` without its ``(``, for a quote that is not closed, and for a wrong expression or
-        ``$name``.
+        SceneError as :meth:`read_token` does.
         """
         if kind == "mark":
             raise self.source.error(span, "found ')' without its '('; expected it after a '('", "unclosed")

@@ -21,9 +21,7 @@ PIXELS = 2**28
 
 @dataclass(frozen=True)
 class Numbers:
-    """Describes the numbers that must follow a word of the language: their count, their names in messages, and their
-    range.
-    """
+    """Describes the numbers that must follow a word of the language."""
 
     count: int = 1
     names: str = ""  #: their names in messages, such as "x y z"
@@ -247,9 +245,7 @@ def spellings_of(*roles: str) -> list[str]:
 
 
 def numbers_of(role: str, name: str) -> Numbers:
-    """Returns the description of the numbers after the word that has the grammar role ``role`` and sets the field
-    ``name`` of the model.
-    """
+    """Describes the numbers after the word that has this role and sets the field ``name`` of the model."""
     return next(word.numbers for word in words_of(role) if word.name == name)
 
 
@@ -264,9 +260,7 @@ def role_in_words(role: str) -> list[str]:
 
 
 def texture_name(word: str) -> str:
-    """Returns the name that the model has for the texture that the scene's text calls ``word``: the main name of a
-    predefined texture, or else the normalised word.
-    """
+    """Returns the model's name of a texture: the main name of a predefined one, or else the normalised word."""
     name = normalise(word)
     return ALIASES.get(name, name)
 

@@ -78,9 +78,7 @@ def facing_irradiance(light: Light, distance: float) -> float:
 
 
 def warn_of_radius(context: Context, number: int, light: Light) -> None:
-    """Warns if the scene states the radius of a point light and the light units are not "radiance", so the radius has
-    no effect.
-    """
+    """Warns if the scene states the radius of a point light that has no effect with these light units."""
     path = "lights", number, "radius"
     if light.kind == "point" and context.options.light_units != "radiance" and context.document.is_given(*path):
         word = context.document.text_of(*path)
@@ -162,11 +160,10 @@ def sky_emitter(context: Context, number: int, light: Light) -> Node:
 
 
 def emitter(prefix: str, light: Light, color: Node, parameters: Node) -> Node:
-    """Returns the emitter of a POINT light, or the sphere of an AREA light; the sphere emits light and reflects no
-    light.
+    """Returns the emitter of a POINT light, or the black sphere of an AREA light.
 
-    The name of the emitter's plugin is ``prefix`` followed by the kind of the light. ``color`` is the radiance of an
-    AREA light or the intensity of a POINT light, and ``parameters`` are the other parameters of the emitter's plugin.
+    The name of the emitter's plugin is ``prefix`` followed by the kind of the light. ``color`` is the radiance or the
+    intensity, and ``parameters`` are the other parameters of the plugin.
     """
     plugin = prefix + light.kind
     if light.kind == "point":

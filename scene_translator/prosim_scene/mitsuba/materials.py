@@ -49,9 +49,7 @@ def roughness_parameters(surface: Surface, method: Method) -> Node:
 
 
 def reflectances(surface: Surface) -> tuple[Vector, Vector, Vector]:
-    """Returns the diffuse, specular and ambient reflectances kd, ks and ka of a surface; values that the scene does not
-    state are defaults of the material.
-    """
+    """Returns kd, ks and ka of a surface; values that the scene does not state are defaults of the material."""
     kd = surface.kd or GREY
     ks = surface.ks or ((1 - kd[0], 1 - kd[1], 1 - kd[2]) if surface.material == "composite" else BLACK)
     ka = surface.ka
@@ -86,9 +84,7 @@ def mean_index(context: Context, index: int | None) -> float:
 
 
 def mean_indices(context: Context, sides: MediumInterface) -> Node:
-    """Returns the BSDF parameters ``int_ior`` and ``ext_ior``: the mean indices of refraction on the inner and the
-    outer side of a face.
-    """
+    """Returns the BSDF parameters ``int_ior`` and ``ext_ior``, which are mean indices of refraction."""
     return {"int_ior": mean_index(context, sides.inside), "ext_ior": mean_index(context, sides.outside)}
 
 
@@ -142,9 +138,7 @@ def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> N
 
 
 def _refraction(context: Context, index: int | None) -> Node:
-    """Returns BSDF parameters for the refraction of the medium inside primitives with SURFACE number ``index``; if
-    ``index`` is None, of the air.
-    """
+    """Returns BSDF parameters for the refraction of the medium of SURFACE ``index``, or of the air."""
     surface = Surface() if index is None else context.scene.surfaces[index]
     if surface.glass:
         return {"material": surface.glass}

@@ -10,11 +10,8 @@ SAMPLER, LENS = "nrook", "prosim_window"
 
 
 def settings(context: Context) -> Node:
-    """Returns the integrator ``prosim`` with the settings of a scene, and a comment that lists the statements of these
-    settings.
-
-    The colours of AMBIENT and BACKGROUND are divided by 65535, the scene language's value for 1.0; the colours of a
-    background image are not divided.
+    """Returns the integrator ``prosim`` with the settings of a scene, and a comment that lists their statements. The
+    colours of a background image are not divided by 65535.
     """
     scene = context.scene
     background = rgb(lights.from_full_scale(scene.background.color))
@@ -43,7 +40,7 @@ def settings(context: Context) -> Node:
 
 
 def camera(context: Context, camera: Camera) -> Camera:
-    """Returns ``camera`` unchanged, because the target ``prosim`` supports every camera."""
+    """Returns the camera, because this target supports every camera."""
     return camera
 
 

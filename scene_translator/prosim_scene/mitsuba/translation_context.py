@@ -82,17 +82,13 @@ class Context:
         self.reported = set[str]()
 
     def approximate(self, reason: str, *path: str | int) -> None:
-        """Emits a warning that the translation approximates the scene; a second warning with the same ``reason`` is not
-        emitted.
-        """
+        """Warns that the translation approximates the scene, once for each ``reason``."""
         if reason not in self.reported:
             self.reported.add(reason)
             self.document.warn(reason, *path)
 
     def warn_once(self, reason: str, *path: str | int) -> None:
-        """Emits a warning about the line of the value at ``path``; a second warning with the same ``reason`` about the
-        same line is not emitted.
-        """
+        """Warns of the value at ``path``, once for each line and ``reason``."""
         if (key := f"{self.document.line(*path)}: {reason}") not in self.reported:
             self.reported.add(key)
             self.document.warn(reason, *path)

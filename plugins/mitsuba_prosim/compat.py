@@ -223,13 +223,6 @@ def children(props: mi.Properties) -> list[tuple[str, Any]]:
 # registry (1.5).
 
 
-def met_shape(scene: mi.Scene, si: mi.SurfaceInteraction3f) -> mi.Shape | None:
-    """Returns the shape of ``scene`` that a single ray has hit; None if the ray has hit nothing, or an instance."""
-    numbers = [shape_number(mi.ShapePtr(shape)) for shape in scene.shapes()]
-    met = shape_number(si.shape)
-    return scene.shapes()[numbers.index(met)] if met in numbers else None
-
-
 def shape_number(pointer: mi.ShapePtr) -> int:
     """Returns the number by which Dr.Jit's registry identifies the shape that ``pointer`` points to."""
     return int(dr.reinterpret_array(mi.UInt32, pointer)[0])

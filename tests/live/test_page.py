@@ -80,7 +80,7 @@ def test_a_picture_as_the_png_has_it(page, address):
 
 def test_values_layers_and_keys(page):
     page.mouse.move(500, 400)
-    until(lambda: "SPHERE 0, SURFACE 0 (line 14)" in page.inner_text("#pixel"))
+    until(lambda: "little.scn, line 14 (SURFACE 0 of SPHERE 0)" in page.inner_text("#pixel"))
     assert re.search(
         r"\(\d+, \d+\) · RGB [\d.]+ [\d.]+ [\d.]+ · error [\d.e-]+ · \d samples", page.inner_text("#pixel")
     )

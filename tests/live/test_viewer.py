@@ -154,7 +154,7 @@ def test_viewer_pauses_resumes_moves_the_camera_and_compares(variant_rgb, path, 
         until(lambda: viewer.publisher.state.status == "paused")
         number = viewer.publisher.pictures["own"].number
         words = surface_at(viewer, 30, 20), surface_at(viewer, 1, 1)
-        assert words == ("SPHERE 0, SURFACE 0 (line 14)", "background")
+        assert words == ("little.scn, line 14 (SURFACE 0 of SPHERE 0)", "background")
         assert viewer.publisher.pictures["own"].number == number and viewer.publisher.state.status == "paused"
         change(viewer, paused=False)
         until(lambda: viewer.publisher.state.status == "rendering")
@@ -176,7 +176,7 @@ def test_viewer_pauses_resumes_moves_the_camera_and_compares(variant_rgb, path, 
         until(lambda: "path" in viewer.publisher.pictures and is_done(viewer)())
         path_image = final(viewer, "path")
         words = surface_at(viewer, 30, 20)
-        assert words == "SPHERE 0, SURFACE 0 (line 14)" and np.array_equal(final(viewer), home)
+        assert words == "little.scn, line 14 (SURFACE 0 of SPHERE 0)" and np.array_equal(final(viewer), home)
         assert path_image.shape == home.shape and 0.5 < path_image.mean() / home.mean() < 2
         # The sky, no source to prosim, lights the image of path, and is seen in it.
         assert np.allclose(path_image[1, 1], home[1, 1], rtol=1e-3)
@@ -213,7 +213,7 @@ def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):
             assert state.not_compared and state.integrator == "path" and state.size == (8, 6) and state.samples == 9
             assert {path, wood} <= viewer.watcher.stamps.keys()
             before = final(viewer)
-            assert surface_at(viewer, 7, 5).startswith("Sphere ball, ")
+            assert surface_at(viewer, 7, 5) == "ball, scene.xml, line 5"
             move(viewer, lambda camera: camera.panned(0.3, 0))
             until(lambda viewer=viewer: viewer.publisher.state.view is not None and is_done(viewer)())
             assert "<matrix" in viewer.publisher.state.view

@@ -73,10 +73,9 @@ class Recorder:
         #: values of the film's channels; maximum number of rows of a table.
         self.t, self.capacity = mi.UInt32(0), CAPACITY
         self.channels: Callable[[mi.Spectrum], Sequence[mi.Float]] = list
-        shapes, words = all_shapes(transport.scene), {key: name for key, (name, _) in places.items()}
-        names = [name_of(shape, number, words) for number, shape in enumerate(shapes)]
+        words = {key: name for key, (name, _) in places.items()}
         #: Number of a shape in Dr.Jit -> its name; and the names of the lamps, in the order of their numbers.
-        self.shapes = {shape_number(mi.ShapePtr(shape)): name for shape, name in zip(shapes, names)}
+        self.shapes = shape_names(transport.scene, words)
         self.lamps = [lamp_name(lamp, k, self.shapes, words) for k, lamp in enumerate(transport.lights.emitters)]
 
     def record(self, take: Callable[[], Any]) -> Any:
@@ -288,6 +287,11 @@ def lobe_names(flags: int) -> str:
 
 #: Beginnings of the names of ``mi.BSDFFlags``.
 WAYS = ("Diffuse", "Glossy", "Delta")
+
+
+def shape_names(scene: mi.Scene, words: Mapping[str, str]) -> dict[int, str]:
+    """Returns the names of all shapes (:func:`name_of`), also of those within instances: number in Dr.Jit -> name."""
+    return {shape_number(mi.ShapePtr(s)): name_of(s, number, words) for number, s in enumerate(all_shapes(scene))}
 
 
 def name_of(thing: mi.Object, number: int, words: Mapping[str, str]) -> str:

@@ -7,9 +7,10 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-from prosim_scene import Leaf
 
 from .. import compat, registry
+from ..explaining.explanation import places
+from ..explaining.recorder import shape_names
 from ..scene.scene_file import SceneFile, pick_sensor
 from .orbit_camera import Camera, as_view, as_xml, nearest_axis
 
@@ -101,33 +102,14 @@ class LoadedScene:
     # ---------------------------------------------------------------- the surface of a pixel
 
     def surface_at(self, x: int, y: int) -> str:
-        """Returns the name of the surface that the camera sees at the centre of pixel (x, y). The result is
-        "background" if the camera sees no surface there. For a shape nested in another shape, such as an instance, the
-        result only says that the shape is nested.
+        """Returns the name and the line of the surface that the camera sees at the centre of pixel (x, y); "background"
+        if the camera sees no surface there.
         """
         position = mi.Point2f((x + 0.5) / self.size[0], (y + 0.5) / self.size[1])
         ray, _ = self.sensor.sample_ray(0.0, 0.5, position, mi.Point2f(0.5))
         si = self.scene.ray_intersect(ray)
         if not bool(si.is_valid()[0]):
             return "background"
-        shape = compat.met_shape(self.scene, si)
-        return self._name(shape) if shape is not None else "a shape nested in another one"
-
-    def _name(self, shape: mi.Shape) -> str:
-        """Returns the name under which the user knows ``shape``. For a light source, the name contains the id of the
-        shape.
-
-        For a scene in the scene language, the name contains the kinds of the CSG primitives (such as SPHERE), and the
-        number and the line of their SURFACE statement. For an XML scene, the name contains the classes and the ids of
-        the shape and of its BSDF.
-        """
-        name = shape.id()
-        if shape.is_emitter():
-            return f"source {name}"
-        if self.file.document is None:
-            bsdf = shape.bsdf()
-            return f"{shape.class_name()} {name}, {bsdf.class_name()} {bsdf.id()}".strip()
-        index = int(name.split("_")[1]) if name.startswith("surface_") else -1
-        leaves = [leaf for leaf in self.file.document.scene.csg if isinstance(leaf, Leaf) and leaf.index == index]
-        kinds = " or ".join(dict.fromkeys(leaf.shape.upper() for leaf in leaves))
-        return f"{kinds} {index}, SURFACE {index} (line {self.file.document.line('surfaces', index)})"
+        # The line of a scene in the scene language has the name, too.
+        words = {key: line if name in line else f"{name}, {line}" for key, (name, line) in places(self.file).items()}
+        return shape_names(self.scene, words).get(compat.shape_number(si.shape), "a shape without a name")

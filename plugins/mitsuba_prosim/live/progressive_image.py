@@ -53,10 +53,9 @@ class ProgressiveImage:
         self.render: Any = None
         self._steps = self._run()
         self._coarse: dict[str, np.ndarray] = {}
-        self._denoised: dict[str, np.ndarray] = {}
-        self._final_noise: tuple[float, float] | None = None
-        #: The denoised image; None without denoising.
+        #: The denoiser and its render, None without denoising; and its result after the end of the render.
         self.final: FinalImage | None = None
+        self._result: Any = None
 
     def step(self) -> bool:
         """Renders one work item; returns whether the caller should now draw a new picture of the image.
@@ -82,15 +81,7 @@ class ProgressiveImage:
             # Denoising counts as the last 4 % of the progress.
             yield Step(0.96 * step.done, step.complete) if self.denoise else step
         if final is not None:
-            result = final.denoised()
-            self._denoised = {
-                "final": colours(result.final),
-                "error": result.final_error,
-                "samples": self.render.counts().astype(np.float32),
-                "raw": colours(result.raw),
-                "denoised": colours(result.denoised),
-            }
-            self._final_noise, self.new = (result.noise, result.at_most), True
+            self._result, self.new = final.denoised(), True
             yield Step(1.0, True)
 
     @property
@@ -99,10 +90,9 @@ class ProgressiveImage:
         99 % and 99.9 % of its pixels are not known.
         """
         reached: Reached = self.render.reached
-        if self._final_noise is None:
+        if (result := self._result) is None:
             return reached
-        noise, most = self._final_noise
-        return reached._replace(noise=noise, noise_99=np.nan, noise_999=np.nan, noise_at_most=most)
+        return reached._replace(noise=result.noise, noise_99=np.nan, noise_999=np.nan, noise_at_most=result.at_most)
 
     def layers(self) -> Mapping[str, np.ndarray]:
         """Returns the layers of the image so far, from which the caller makes a :class:`.Picture`; sets :attr:`new` to
@@ -115,7 +105,10 @@ class ProgressiveImage:
         """
         if self.render is None:
             return self._coarse
-        latest, self.new = self._denoised or layers_of_render(self.render, self.integrator), False
+        latest, self.new = layers_of_render(self.render, self.integrator), False
+        if (result := self._result) is not None:
+            shown = {name: colours(getattr(result, name)) for name in ("final", "raw", "denoised")}
+            return {"final": shown["final"], "error": result.final_error, "samples": latest["samples"], **shown}
         known = latest["samples"] > 0
         if known.all():
             return latest

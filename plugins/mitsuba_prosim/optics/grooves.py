@@ -127,12 +127,13 @@ def reflect_again(
 def between(f_odd: Any, f_even: Any, is_odd: mi.Bool, pairs: mi.Float) -> Any:
     """Returns the reflectance of twice as many reflections as ``pairs``, and of one more where ``is_odd`` is true.
 
-    ``f_odd`` and ``f_even`` are the reflectances for odd and even numbers. More than 15 pairs count as 15.
+    ``f_odd`` and ``f_even`` are the reflectances for odd and even numbers. More than 63 pairs, which need an alpha
+    above 30, count as 63.
     """
     result, power = dr.select(is_odd, f_odd, 1), dr.square(dr.select(is_odd, f_odd, f_even))
-    count = mi.UInt32(dr.minimum(pairs, 15))
-    for bit in (1, 2, 4, 8):
-        result *= dr.select((count & bit) != 0, power, 1)
+    count = mi.UInt32(dr.minimum(pairs, 63))
+    for bit in range(6):
+        result *= dr.select((count >> bit) & 1 != 0, power, 1)
         power = dr.square(power)
     return result
 

@@ -1,9 +1,8 @@
 """Angular distributions of the intensity of a light source (thesis, section 5.2, figure 5.6): uniform, cone, spot.
 
-A cone light with the half-opening angle alpha has the constant relative intensity 1 at angles up to alpha from the
-axis. A spot light has the relative intensity cos^n(beta) at the angle beta <= alpha from the axis; the cut-off angle
-alpha is 90 degrees by default. The functions take the versine, 1 - cos, of each angle, because versines stay precise in
-narrow beams. The functions also take the exponent n of a spot light, which is None for a cone light.
+A cone light has the constant relative intensity 1 up to the cut-off angle from the axis; a spot light has cos^n of the
+angle up to the cut-off angle, 90 degrees by default. The functions take the versine, 1 - cos, of each angle, because
+versines stay precise in narrow beams; and the exponent n of a spot light, which is None for a cone light.
 """
 
 from __future__ import annotations

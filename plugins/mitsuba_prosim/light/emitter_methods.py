@@ -1,8 +1,8 @@
 """Methods that sample the emitters of a scene, without errors of Mitsuba 3.9.
 
 A method of an array of emitters is compiled for all emitters of the process. So one emitter that raises an error, such
-as an ``area`` on a curve, would end the call for all others, and so would a shape in a method of an array of shapes.
-:class:`EmitterMethods` calls the methods of the emitters of one scene only.
+as an ``area`` on a curve, would end the call for all others. :class:`EmitterMethods` calls the methods of the emitters
+of one scene only.
 
 An ``area`` with a texture samples texture coordinates, and looks for the point of the shape with these coordinates. So
 it loses light where coordinates are outside the unit square or belong to several points. Then :class:`EmitterMethods`

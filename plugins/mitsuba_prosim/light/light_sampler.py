@@ -1,9 +1,8 @@
 """The choice of the lamp that a path vertex samples, as by the light samplers of pbrt (Estevez and Kulla 2018).
 
-A lamp is chosen with a probability proportional to the importance of the lamp: an estimate of the light that the lamp
-sends to the path vertex, without shadows. Every importance is positive, so that every lamp can be chosen. Multiple
-importance sampling needs the probability of choosing a lamp that a ray has hit; the method `probability` returns this
-probability.
+The probability of a lamp is proportional to its importance: an estimate, always positive, of the light that it sends to
+the path vertex, without shadows. Multiple importance sampling needs the probability of a lamp that a ray has hit; the
+method `probability` returns it.
 """
 
 from __future__ import annotations

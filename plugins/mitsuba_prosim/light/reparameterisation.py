@@ -1,11 +1,11 @@
-"""Reparameterisation: derivatives of a direction towards a light source when the source or the receiver moves.
+"""Reparameterisation: derivatives of a direction towards a light source when the source or the receiver moves (Loubet,
+Holzschuch and Jakob 2019).
 
-Reparameterisation was introduced by Loubet, Holzschuch and Jakob (2019). If sampled directions were constants in the
-derivatives, the derivatives would miss the light that enters and leaves at the edge of a moving light source. With
-reparameterisation, the derivatives of a sampled direction follow a point of the moving light source, and the Jacobian
-of the map from directions to points of the source scales the solid angle of the sample. Any map from directions to
-points of the source gives correct derivatives if the Jacobian of the map is known. All samples of a source use the same
-map, whether light sampling or BSDF sampling drew the sample, so that MIS weights can be differentiated along the map.
+If sampled directions were constants, the derivatives would miss the light that enters and leaves at the edge of a
+moving light source. Therefore the derivatives of a sampled direction follow a point of the source, and the Jacobian of
+the map from directions to points of the source scales the solid angle of the sample. Any map with a known Jacobian is
+correct. All samples of a source use the same map, whether light sampling or BSDF sampling drew the sample, so that MIS
+weights can be differentiated along the map.
 """
 
 from __future__ import annotations

@@ -1,31 +1,28 @@
 """Sampling of the part of a spherical light source above a surface's horizon, nearly by projected solid angle.
 
 Directions with the density cos(theta) / (projected solid angle) leave no variance in the direct light of a diffuse
-surface that sees the whole of a uniform sphere. Section 4.2.2.1 of the thesis samples by solid angle, not by projected
-solid angle. Sampling by projected solid angle is due to Ureña and Georgiev (2018) and to Peters and Dachsbacher (2019).
-By Nusselt's analogy, directions that are uniform in projected solid angle project to points of a plane region that are
-uniform in area. The spherical light source covers a cap of the unit sphere of directions. The plane region is the
-projection of the cap's part above the horizon onto the tangent plane of the surface.
+surface that sees the whole of a uniform sphere (Ureña and Georgiev 2018; Peters and Dachsbacher 2019). Section 4.2.2.1
+of the thesis samples by solid angle. By Nusselt's analogy, such directions project to points that are uniform in area,
+in a region of the tangent plane: the projection of the cap that the sphere covers on the unit sphere of directions,
+above the horizon.
 
-The plane region is composed of two pieces, each sampled without rejection:
-
-- the ellipse whose border is the projection of the cap's boundary circle, if the centre is above the horizon;
-- the crescent between the ellipse and the unit circle, where the horizon cuts the cap. The ellipse lies inside the unit
-  circle, and touches the circle at the two ends of the crescent. The region of a sphere whose centre is below the
-  horizon, at height -c, is only the crescent. This crescent is equal to the crescent of a sphere with its centre at
-  height c, because mirrored caps have equal projections.
+The region is composed of two pieces, each sampled without rejection: the ellipse whose border is the projection of the
+cap's boundary circle, if the centre is above the horizon; and the crescent between the ellipse and the unit circle,
+where the horizon cuts the cap. The ellipse lies inside the unit circle, and touches it at the two ends of the crescent.
+The region of a sphere whose centre is below the horizon, at height -c, is only the crescent; it is equal to that of a
+sphere with its centre at height c, because mirrored caps have equal projections.
 
 The ellipse is sampled uniformly. The crescent is sampled with a triangular density of the ordinate, which approximates
-the crescent's width at the ordinate. The variance due to the approximate width is at most 0.05 of the squared mean for
-spheres whose radius subtends up to 37 degrees. An estimate of the crescent's area, without an integral, suffices to
-compute the exact density of the samples.
+its width there. The variance due to the approximation is at most 0.05 of the squared mean for spheres whose radius
+subtends up to 37 degrees. An estimate of the crescent's area, without an integral, suffices to compute the exact
+density of the samples.
 
 Lengths in the plane are divided by s, the sine of the angle that the sphere's radius subtends, so that the results for
-tiny light sources are precise in single precision arithmetic. No step of the computation subtracts nearly equal
-numbers, unless the sphere is almost completely below the horizon.
+tiny light sources are precise in single precision. No step subtracts nearly equal numbers, unless the sphere is almost
+completely below the horizon.
 
-All functions of this module take Dr.Jit arrays, or Python floats in scalar variants. A receiver inside the sphere or on
-the sphere (``sin2_theta_max >= 1``) sees no cap: all densities are 0 for such a receiver.
+All functions take Dr.Jit arrays, or Python floats in scalar variants. For a receiver inside or on the sphere
+(``sin2_theta_max >= 1``), all densities are 0.
 """
 
 from __future__ import annotations

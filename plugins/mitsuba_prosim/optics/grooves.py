@@ -3,12 +3,9 @@
 The two facets of a groove have the normals m and m', mirror images of each other about the normal N of the surface.
 Their edge is horizontal, so reflections change only the part of a direction across the edge. In this plane, angles are
 measured from N towards m. If the groove is mirrored at a facet instead of the ray, the ray goes straight on, through a
-fan of equal triangles around the edge, and meets a facet wherever it crosses a side of a triangle. So the number of
-reflections, the direction in which the light leaves and the width of the beam have closed forms. Light from the angle
-i that meets the facet with the normal m first, and leaves at the angle o after k reflections, needs facets at the angle
-psi to N,
-
-    2 k psi = pi - i - e,    where e = o if k is odd, and e = -o if k is even.
+fan of equal triangles around the edge, and meets a facet wherever it crosses a side of a triangle. So light from the
+angle i that meets the facet with the normal m first, and leaves at the angle o after k reflections, needs facets at the
+angle psi to N, where 2 k psi = pi - i - e, with e = o if k is odd, and e = -o if k is even.
 
 Its beam has the width sin(psi + min(i, e)) - sin(max(0, max(i, e) - psi)), where the facets have the length 1. Both
 formulas are symmetric in i and e, so the reflection is reciprocal; for k = 1 they are the G of Torrance and Sparrow.

@@ -1,10 +1,9 @@
 """Photon emission: photons start at the light sources and are aimed at specular surfaces (Jensen 1996).
 
-A photon belongs to a pair of a light source and a target, a sphere around specular surfaces: the photon starts at a
-point of the light source and flies towards a point of the target. If one target is behind another target, several pairs
-can emit photons along the same ray. The flux of a photon is the emitted radiance divided by the total density of all
-pairs that can emit photons along its ray (the balance heuristic of Veach 1997). With the balance heuristic, no light is
-counted twice, and the flux of a photon is at most the radiance divided by the highest density of a single pair.
+A photon belongs to a pair of a light source and a target, a sphere around specular surfaces: it starts at a point of
+the light source and flies towards a point of the target. If targets are behind each other, several pairs can emit
+photons along the same ray. The flux of a photon is the emitted radiance divided by the total density of all these pairs
+(the balance heuristic of Veach 1997), so that no light is counted twice.
 """
 
 from __future__ import annotations

@@ -1,29 +1,26 @@
 """Multiple importance sampling of photon maps and camera rays at glossy surfaces.
 
-The idea of this module is from vertex connection and merging (Georgiev, Křivánek, Davidovič and Slusallek 2012) and
-unified path sampling (Hachisuka, Pantaleoni and Jensen 2012); this module connects no vertices.
+The idea is from vertex connection and merging (Georgiev, Křivánek, Davidovič and Slusallek 2012) and unified path
+sampling (Hachisuka, Pantaleoni and Jensen 2012); this module connects no vertices.
 
 If the light of a lamp reaches a glossy surface G via a mirror, G shows a highlight. Rays that are sampled from the lobe
-of G find the highlight only if they hit the lamp by chance: the smaller the lamp, the rarer and brighter these hits
-are. Photons that land on the glossy surface G find the same light as the rays. Each light path that both a ray and a
-photon could have found is weighted by the power heuristic (Veach 1997). The power heuristic needs R, the expected
-number of photons that land within one pixel of the glossy surface for each sampled ray.
+of G find it only if they hit the lamp by chance: the smaller the lamp, the rarer and brighter these hits are. Photons
+that land on G find the same light. Each light path that both could have found is weighted by the power heuristic (Veach
+1997), which needs R, the expected number of photons that land within one pixel of G for each sampled ray.
 
-R, the expected number of photons for each sampled ray, is the density of photons times the étendue of the ray. The
-density of photons is the number of photons per area at right angles to the ray and per solid angle. The density of
-photons is known where the photons leave the light source. At each specular surface, the choice of a lobe and Russian
-roulette reduce the density of photons in proportion to the reflectance or transmittance of the lobe. The density of
-photons also scales with the square of the index of refraction n, as radiance does: a mirror or a lens does not change
-the product of n², the area and the solid angle of a beam. The étendue of a camera ray (:func:`etendue_of`) is the area
-of a photon's kernel on the glossy surface, projected at right angles to the ray, divided by the density with which the
-lobe samples the ray.
+R is the density of photons, their number per area at right angles to the ray and per solid angle, times the étendue of
+the ray. The density is known where the photons leave the light source. At each specular surface, the choice of a lobe
+and Russian roulette reduce it in proportion to the reflectance or transmittance of the lobe. It also scales with the
+square of the index of refraction, as radiance does, but a mirror or a lens does not change it otherwise. The étendue of
+a camera ray (:func:`etendue_of`) is the area of a photon's kernel on G, projected at right angles to the ray, divided
+by the density with which the lobe samples the ray.
 
-A near-specular surface is a glossy surface whose lobe is much narrower than the lobe of the roughest glossy surface of
-the scene. A chain of specular surfaces may also contain near-specular surfaces. At a near-specular surface, the density
-of photons and the étendue are both multiplied by the value of the lobe divided by the density with which the lobe
-samples the camera ray. Light sampling at a near-specular surface, and photons at several glossy surfaces, are further
-strategies that find the same light; the MIS weights of all strategies add up to 1. The MIS weights ignore that only a
-fraction of the photons that reach a near-specular surface lands there.
+A near-specular surface is a glossy surface whose lobe is much narrower than that of the roughest glossy surface of the
+scene. It may be part of a chain of specular surfaces: there, the density of photons and the étendue are both multiplied
+by the value of the lobe divided by the density with which the lobe samples the camera ray. Light sampling at a
+near-specular surface, and photons at several glossy surfaces, are further strategies that find the same light; the MIS
+weights of all strategies add up to 1. They ignore that only a fraction of the photons that reach a near-specular
+surface lands there.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The base class of textures that mix two other textures by a pattern.
 
-A pattern is a function of a point, with values in [0, 1]. The point of a pattern is given by the surface parameters (u,
-v), or is a point in space. To avoid aliasing, the pattern is averaged over a box. The width of the box along each axis
-of the pattern is the width of the pixel's footprint, if ray differentials exist, plus the parameter ``smoothing``.
+A pattern is a function, with values in [0, 1], of the surface parameters (u, v) or of a point in space. To avoid
+aliasing, it is averaged over a box, whose width along each axis is that of the pixel's footprint, if ray differentials
+exist, plus the parameter ``smoothing``.
 
 Like the modules of plugins, this module is executed again after each change of Mitsuba's variant (see ``registry``).
 """

@@ -1,11 +1,10 @@
 """N-rook samples with rotations (thesis, sections 4.2.1.2 and 5.3.2).
 
-A "space" is one of the pairs of random numbers that a sample needs, such as the position in the pixel. Each axis of a
-space (the unit square of a pair of random numbers) is divided into N strata. Pass number r, from 0 to N - 1, takes N
-samples of a pixel: one sample in each row and in each column of strata. From pass to pass, the columns of the samples
-are rotated by one column, so that N passes sample each of the N² cells exactly once. A sample is a pure function of
-seed, pixel, space (pair of random numbers), pass and index, so it does not depend on tiling, on the order of evaluation
-or on the number of workers.
+A "space" is one of the pairs of random numbers that a sample needs, such as the position in the pixel. Each axis of
+this unit square is divided into N strata. Pass number r, from 0 to N - 1, takes N samples of a pixel: one in each row
+and in each column of strata. From pass to pass, the columns of the samples are rotated by one column, so that N passes
+sample each of the N² cells exactly once. A sample is a pure function of seed, pixel, space, pass and index, so it does
+not depend on tiling, on the order of evaluation or on the number of workers.
 """
 
 from __future__ import annotations

@@ -1,11 +1,10 @@
 """Owen-scrambled Sobol' points: an unlimited sequence for each space (pair of random numbers of a sample).
 
-The method is by Sobol' (1967), Owen (1995) and Burley (2020, Practical hash-based Owen scrambling). A "space" is one of
-the pairs of random numbers that a sample needs, such as the position in the pixel. Every space, or pair of random
-numbers, uses the first two dimensions of Sobol's sequence, shuffled and scrambled by its own hash key. If the unit
-square is divided into 2^k equal dyadic rectangles of any proportions, every block of 2^k samples that begins at a
-multiple of 2^k has one sample in each rectangle. The points of different spaces (pairs of random numbers) are
-unrelated. A sample is a pure function of seed, pixel, space (pair of random numbers) and index.
+The method is by Sobol' (1967), Owen (1995) and Burley (2020, Practical hash-based Owen scrambling). Every space uses
+the first two dimensions of Sobol's sequence, shuffled and scrambled by its own hash key, so that the points of
+different spaces are unrelated. If the unit square is divided into 2^k equal dyadic rectangles of any proportions, every
+block of 2^k samples that begins at a multiple of 2^k has one sample in each rectangle. A sample is a pure function of
+seed, pixel, space and index.
 """
 
 from __future__ import annotations

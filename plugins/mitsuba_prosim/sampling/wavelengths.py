@@ -1,10 +1,9 @@
 """Wavelengths that divide the spectrum evenly among the samples of a pixel; the choice of a wavelength at dispersive
 glass.
 
-Mitsuba samples four wavelengths that are a quarter of the spectrum apart, so one number determines all four
-wavelengths: the position within a quarter. Behind dispersive glass a ray keeps only one of the four wavelengths. Behind
-dispersive glass, the samples of a pixel cover the whole spectrum evenly if each of the four wavelengths is kept equally
-often for each position within a quarter.
+Mitsuba samples four wavelengths that are a quarter of the spectrum apart, so one number determines all four: the
+position within a quarter. Behind dispersive glass a ray keeps only one of them. The samples of a pixel still cover the
+whole spectrum evenly if each of the four is kept equally often for each position within a quarter.
 """
 
 from __future__ import annotations

@@ -1,18 +1,14 @@
-"""Image layers: additional images, each with a part of the light of the rendered image. The sum of all layers is the
-rendered image.
+"""Image layers: additional images, each with a part of the light of the rendered image, which is their sum.
 
-``layers=lights``
-    writes one layer for each light source, one for the background, and one for the ambient term.
-``layers=levels``
-    writes one layer for each level of the ray tree or path. The layer of level 0 has the light that the first visible
-    surface emits, and the ambient light, direct light and caustics that this surface scatters.
-``layers=terms``
-    writes one layer for each term of the thesis's equation for reflected light (section 4.1) at the first visible
-    surface, such as diffuse, glossy and refracted light.
+``layers=lights`` writes one layer for each light source, one for the background, and one for the ambient term.
+``layers=levels`` writes one for each level of the ray tree or path: level 0 has the light that the first visible
+surface emits, and the ambient light, direct light and caustics that it scatters. ``layers=terms`` writes one for each
+term of the thesis's equation for reflected light (section 4.1) at the first visible surface, such as diffuse, glossy
+and refracted light.
 
-Light sampling at a vertex, and rays from the glossy lobes of this vertex, find the light of the same sources; MIS
-combines the two estimates. Therefore, if a ray from a glossy lobe meets a light source, the light of the source belongs
-to the layer of the vertex where the ray begins.
+Light sampling at a vertex, and rays from its glossy lobes, find the light of the same sources; MIS combines the two
+estimates. Therefore, if a ray from a glossy lobe meets a light source, this light belongs to the layer of the vertex
+where the ray begins.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ import mitsuba as mi
 import mitsuba_prosim
 import numpy as np
 import pytest
-from mitsuba_prosim.explaining import explanation_page, page_data
+from mitsuba_prosim.explaining import explanation_page, page_data, recorder
 from mitsuba_prosim.explaining.explanation import Samples
 from scenes import COPPER, T, area, bitmap, diffuse, penumbra, rectangle, rgb, without
 
@@ -203,6 +203,13 @@ def test_kernels_do_not_depend_on_the_number_of_lamps(variant_rgb):
     assert kept + shown["others"] == pytest.approx(np.sum([lamp.contribution for lamp in node.lamps], axis=0))
 
 
+def test_tables_grow_for_many_rays(variant_rgb, monkeypatch):
+    scene = scene_of("tree")
+    expected = mitsuba_prosim.explain(scene, (9, 8), spp=SPP)
+    monkeypatch.setattr(recorder, "CAPACITY", 3)
+    assert mitsuba_prosim.explain(scene, (9, 8), spp=SPP).nodes == expected.nodes and len(expected.nodes) > 3
+
+
 def test_lines_are_those_of_the_scene_file(variant_rgb, write_scene):
     path = write_scene(
         "LIGHTS AREA position 0 5 5 intensity 65535 65535 65535 radius 1\n"
@@ -327,8 +334,9 @@ def test_dimension_that_carries_the_noise_alone_has_a_share_of_1(variant_rgb, na
     assert sum(shares.values()) - shares[name] < 0.3 and f"{shares[name]:.0%}" in said
 
 
-def test_equal_samples_have_no_noise(variant_rgb):
-    made = without(penumbra(None, SIZE, type="prosim", background=1.0), "light", "wall", "floor", "ball", "pole")
+@pytest.mark.parametrize("background", [{"background": 1.0}, {}], ids=["background", "nothing"])
+def test_equal_samples_have_no_noise(variant_rgb, background):
+    made = without(penumbra(None, SIZE, type="prosim", **background), "light", "wall", "floor", "ball", "pole")
     assert shares_at(made, (1, 1)) == ({}, "All samples are equal, so the pixel has no noise.")
 
 

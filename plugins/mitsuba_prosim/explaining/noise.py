@@ -92,7 +92,8 @@ def shares(estimator: Estimator, plan: Plan, x: int, y: int) -> dict[str, float]
     # The last group of lanes differs in no dimension.
     which, spaces = lanes // PAIRS, NODE_SPACES + transport.lights.count
     pairs: Any = SimpleNamespace(points=lambda *at: Pair(one.points(*at), other.points(*at), which, spaces))
-    values = np.array(estimator.sample(pairs, *where, lanes % PAIRS)[1], np.float64).reshape(-1, PAIRS)
+    luminances = np.array(estimator.sample(pairs, *where, lanes % PAIRS)[1], np.float64)
+    values = np.broadcast_to(luminances, len(lanes)).reshape(-1, PAIRS)  # one value if the scene is empty
     variance = float(values[-1].var())
     if not variance > (1e-4 * values[-1].mean()) ** 2:
         return {}

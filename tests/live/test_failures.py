@@ -16,7 +16,7 @@ def is_(viewer, doing, opened=1):
     until(lambda: viewer.publisher.state.status == doing and viewer.publisher.state.opened == opened)
 
 
-def test_an_image_that_fails(variant_rgb, write_scene, monkeypatch):
+def test_viewer_survives_an_image_that_fails(variant_rgb, write_scene, monkeypatch):
     """By an integrator that takes no samples from the sensor, and by what nobody has foreseen; whatever is asked for
     then, until there is something that can be rendered.
     """
@@ -44,7 +44,7 @@ def test_an_image_that_fails(variant_rgb, write_scene, monkeypatch):
         assert viewer.publisher.state.integrator == "path" and viewer.publisher.state.error is None
 
 
-def test_a_background_that_path_cannot_be_lit_by(variant_rgb, write_scene):
+def test_viewer_does_not_compare_a_background_that_path_cannot_use(variant_rgb, write_scene):
     squares = '<integrator type="prosim"><texture type="checkerboard" name="background"/></integrator>'
     path = write_scene(XML.replace("INTEGRATOR", squares), "scene.xml")
     with running(path) as viewer:
@@ -58,8 +58,8 @@ def test_a_background_that_path_cannot_be_lit_by(variant_rgb, write_scene):
             with_background_emitter(scene, scene.integrator().background)  # as prosim compare has it
 
 
-def test_the_path_of_another_scene_is_not_compared(variant_rgb, write_scene):
-    """Where there is a crop window, and so no picture before the first wave; and channels that path's has not."""
+def test_comparison_forgets_the_previous_scene(variant_rgb, write_scene):
+    """With a crop window, and with channels that path does not have."""
     window = '<integer name="crop_width" value="4"/><integer name="crop_height" value="3"/></film>'
     maps = '<integrator type="prosim"><string name="aovs" value="samples,sn:sh_normal"/></integrator>'
     path = write_scene(XML.replace("INTEGRATOR", maps).replace("</film>", window), "scene.xml")

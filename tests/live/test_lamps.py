@@ -52,7 +52,7 @@ def test_lamps_are_mixed_as_by_the_command(lamps, variant_rgb, tmp_path):
     assert mi.Bitmap(str(tmp_path / "saved.exr")).metadata()["prosim.mix"] == f"{lamp} x 0.5, ambient x 2.0 0.0 1.0"
 
 
-def test_wrong_factors(lamps):
+def test_server_refuses_wrong_factors(lamps):
     values = "", "x", "nan", "1,2", "-1", "1e17"
     for text in ("lights.lamp7=1", "final=1", *(f"lights.ambient={value}" for value in values)):
         for path in ("layer/own/final", "save/exr"):
@@ -65,7 +65,7 @@ def page_factors(page):
 
 @pytest.mark.browser
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome in PATH")
-def test_sliders(lamps, browser):
+def test_sliders_mix_the_lamps(lamps, browser):
     address, lights = lamps
     lamp = next(name for name in lights if name.startswith("lights.l"))
     with opened(browser, address) as page:

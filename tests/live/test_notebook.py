@@ -18,13 +18,13 @@ from mitsuba_prosim.live.progressive_image import ProgressiveImage
 from nbclient import NotebookClient
 
 
-def test_without_a_variant_it_says_what_to_do(path, monkeypatch):
+def test_show_without_a_variant_says_what_to_do(path, monkeypatch):
     monkeypatch.setattr(mi, "variant", lambda: None)
     with pytest.raises(RuntimeError, match=r"^show: no variant is set"):
         mitsuba_prosim.show(path)
 
 
-def test_an_interrupt_lets_the_work_item_come_to_its_end(monkeypatch):
+def test_interrupt_stops_the_render_after_the_work_item(monkeypatch):
     """And stops the image then."""
     stopped = []
     # Mitsuba's scalar integrators, in other tests of this process, leave a handler that ends it.
@@ -36,7 +36,7 @@ def test_an_interrupt_lets_the_work_item_come_to_its_end(monkeypatch):
         signal.raise_signal(signal.SIGINT)
 
 
-def test_a_cell_that_is_run_again_stops_what_it_has_made(monkeypatch):
+def test_cell_that_runs_again_stops_its_view(monkeypatch):
     def made(cell, run):
         request = {"header": {"msg_id": run}, "metadata": {"cellId": cell}}
         monkeypatch.setattr("IPython.get_ipython", lambda: SimpleNamespace(get_parent=lambda: request))
@@ -53,7 +53,7 @@ def test_a_cell_that_is_run_again_stops_what_it_has_made(monkeypatch):
 
 
 @pytest.mark.slow
-def test_it_converges_while_other_things_are_done(variant_rgb, path, monkeypatch):
+def test_view_converges_while_the_notebook_runs_other_code(variant_rgb, path, monkeypatch):
     scene = mi.load_dict(prosim_scene.load(path))
     before = dict(vars(scene.integrator()))
 
@@ -96,7 +96,7 @@ def test_it_converges_while_other_things_are_done(variant_rgb, path, monkeypatch
 
 
 @pytest.mark.notebook
-def test_a_still_picture_stays_in_the_notebook(path):
+def test_notebook_stores_a_still_image(path):
     cells = [
         "import mitsuba as mi, mitsuba_prosim; mi.set_variant('llvm_ad_rgb')",
         f"view = mitsuba_prosim.show({str(path)!r})\nview",

@@ -63,7 +63,7 @@ def save(page, scene, text, doing="done"):
     until(lambda: page.evaluate("document.getElementById('own').width") == 64)
 
 
-def test_a_picture_as_the_png_has_it(page, address):
+def test_page_shows_the_saved_image(page, address):
     for stops in ("0", "-1"):
         page.fill("#exposure", stops)
         png = page.request.get(f"{address}save/png?exposure={stops}").body()
@@ -78,7 +78,7 @@ def test_a_picture_as_the_png_has_it(page, address):
     assert exr.metadata()["prosim.scene"].endswith("little.scn")
 
 
-def test_values_layers_and_keys(page):
+def test_page_shows_values_and_keys_change_layers_and_zoom(page):
     page.mouse.move(500, 400)
     until(lambda: "little.scn, line 14 (SURFACE 0 of SPHERE 0)" in page.inner_text("#pixel"))
     assert re.search(
@@ -119,7 +119,7 @@ def test_values_layers_and_keys(page):
     assert box(page)["x"] == pytest.approx(x + 30)
 
 
-def test_saves_errors_and_a_second_page(page, browser, address, scene):
+def test_all_pages_show_the_saved_scene_and_its_errors(page, browser, address, scene):
     other = browser.new_page()
     other.goto(address)
     is_(other, "done")
@@ -155,7 +155,7 @@ def test_saves_errors_and_a_second_page(page, browser, address, scene):
     until(lambda: np.array_equal(shown(page), red))
 
 
-def test_stop_and_go_on(page, scene):
+def test_button_pauses_and_resumes_the_render(page, scene):
     save(page, scene, LONG, "rendering")
     # What is marked stays so, and what changes ten times a second is not read out.
     page.evaluate("getSelection().selectAllChildren(document.getElementById('scene'))")
@@ -172,7 +172,7 @@ def test_stop_and_go_on(page, scene):
     save(page, scene, LITTLE)
 
 
-def test_a_finger_that_touches_a_pixel(browser, address):
+def test_touch_shows_the_pixel(browser, address):
     with opened(browser, address, viewport={"width": 390, "height": 844}, has_touch=True) as phone:
         is_(phone, "done")
         picture = box(phone)
@@ -181,7 +181,7 @@ def test_a_finger_that_touches_a_pixel(browser, address):
         assert box(phone) == picture
 
 
-def test_camera_and_comparison(page):
+def test_camera_moves_and_slider_compares_images(page):
     home = shown(page)
     press(page, "Space", "#camera")
     drag(page, (500, 400), (560, 430))
@@ -209,7 +209,7 @@ def test_camera_and_comparison(page):
     until(lambda: page.is_hidden("#path"))
 
 
-def test_a_narrow_screen_and_contrast(page):
+def test_page_fits_narrow_screens_and_has_contrast(page):
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)
         for size in ((390, 844), (1400, 900)):

@@ -7,14 +7,14 @@ from mitsuba_prosim.scene import throttle
 
 
 @pytest.mark.parametrize("value, white", [(0, 0), (0.5, 0.5), (3e7, 3e7), (np.nan, 1)])
-def test_layers_and_their_white(value, white):
+def test_packed_layer_has_its_white(value, white):
     image = np.full((2, 4, 3), value, np.float32)
     content, facts = Picture(1, {"final": image}).packed("final")
     assert np.array_equal(np.frombuffer(content, "<f4").reshape(image.shape), np.nan_to_num(image))
     assert float(facts["X-White"]) == pytest.approx(white) and (facts["X-Width"], facts["X-Height"]) == ("4", "2")
 
 
-def test_pictures_are_drawn_as_often_as_they_are_cheap(monkeypatch):
+def test_throttle_draws_cheap_pictures_often(monkeypatch):
     time = 0.0
     monkeypatch.setattr(throttle, "clock", lambda: time)
     another, drawn = throttle.Throttle(), []

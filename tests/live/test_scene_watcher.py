@@ -19,7 +19,7 @@ def scene(tmp_path):
     return path
 
 
-def test_each_file_in_its_folder_and_no_other(scene):
+def test_watcher_notices_changes_of_the_scenes_files_only(scene):
     picture = scene.parent / "pictures" / "wood.png"
     files = SceneWatcher(scene)
     files.opened([scene.parent / ("é" * 200) / "wood.png"])  # the name of that folder is too long
@@ -49,7 +49,7 @@ def test_each_file_in_its_folder_and_no_other(scene):
     assert noticed(lambda: picture.write_bytes(b"beech"))
 
 
-def test_a_file_that_is_being_written_is_told_of_once_it_is_whole(scene, monkeypatch):
+def test_watcher_waits_until_a_file_is_written(scene, monkeypatch):
     """Between two looks nothing has changed."""
     stamps = iter([(1,), (2,), (3,), (3,), (4,)])
     monkeypatch.setattr("mitsuba_prosim.live.scene_watcher.stamp", lambda path: next(stamps, (4,)))
@@ -65,7 +65,7 @@ def test_a_file_that_is_being_written_is_told_of_once_it_is_whole(scene, monkeyp
 
 
 @pytest.mark.parametrize("options", [[], ["--allow-outside"]])
-def test_a_scene_in_xml_names_files_of_its_folder_alone(variant_rgb, tmp_path, monkeypatch, options):
+def test_watched_scene_uses_files_of_its_folder_only(variant_rgb, tmp_path, monkeypatch, options):
     """Unless it is said that it may name others; the command's scene is opened as the page's is."""
     scene = tmp_path / "scene" / "scene.xml"
     scene.parent.mkdir()

@@ -43,7 +43,9 @@ def all_portions_seen(monkeypatch):
     return lambda samples: monkeypatch.setattr(Executor, "limit", lambda *_: samples)
 
 
-def test_from_coarse_to_the_image_that_render_makes(variant_rgb, path, tmp_path, monkeypatch, all_portions_seen):
+def test_viewer_shows_a_coarse_image_first_and_the_rendered_image_last(
+    variant_rgb, path, tmp_path, monkeypatch, all_portions_seen
+):
     """Within a pass each pixel is that of its end, or that of before. An explanation on the way changes nothing."""
     all_portions_seen(12000)
     path.write_text(RED.replace("64 48", "200 150"))
@@ -67,7 +69,7 @@ def test_from_coarse_to_the_image_that_render_makes(variant_rgb, path, tmp_path,
     assert np.array_equal(np.array(mi.render(scene)), image)
 
 
-def test_the_coarse_picture_has_the_colours_of_glass_that_disperses(variant_rgb, path, tmp_path):
+def test_coarse_image_has_the_colours_of_dispersion(variant_rgb, path, tmp_path):
     """And not one of them in each pixel."""
     path.write_text(RED.replace("kd = 0.6 0.2 0.1 ks = .3 .3 .3 n = 20", "material dieletrico bk7"))
     scene = SceneFile(path, tmp_path / "again").load()
@@ -77,7 +79,7 @@ def test_the_coarse_picture_has_the_colours_of_glass_that_disperses(variant_rgb,
     assert np.mean(coarse.min(axis=2) < 0.2 * coarse.max(axis=2)) < 0.1  # by one sample of each pixel 0.2
 
 
-def test_errors_saves_and_files_that_come_and_go(variant_rgb, path, tmp_path, monkeypatch):
+def test_viewer_survives_errors_and_missing_files(variant_rgb, path, tmp_path, monkeypatch):
     with running(path) as viewer:
         until(is_done(viewer))
         red = final(viewer)
@@ -182,7 +184,7 @@ def test_viewer_pauses_resumes_moves_the_camera_and_compares(variant_rgb, path, 
         assert np.allclose(path_image[1, 1], home[1, 1], rtol=1e-3)
 
 
-def test_calls_that_nobody_waits_for_any_more(path):
+def test_cancelled_call_does_not_stop_the_viewer(path):
     """As of a page that has asked for a pixel while a large scene was opened; they are no end of the viewer."""
     viewer, done = Viewer(path, lambda: None), []
     assert viewer.call(done.append).cancel()
@@ -191,7 +193,7 @@ def test_calls_that_nobody_waits_for_any_more(path):
     assert not done and last.result(0) is None and isinstance(failed.exception(0), ZeroDivisionError)
 
 
-def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):
+def test_viewer_renders_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):
     """XML: ``path`` is put within ``prosim_adaptive``, all of its samples are taken; a crop window, a window sensor."""
     xml = """<scene version="3.0.0"><integrator type="path"/>
         <sensor type="SENSOR"><film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="12"/>
@@ -225,7 +227,7 @@ def test_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):
         assert quoted[caret.index("^") :].startswith('sensor type="SENSOR"')
 
 
-def test_denoised_in_the_end(variant_rgb, path, tmp_path, monkeypatch, all_portions_seen):
+def test_viewer_denoises_the_final_image(variant_rgb, path, tmp_path, monkeypatch, all_portions_seen):
     """As ``prosim render --denoise`` does it, to the bit; and on the way there is a whole image, of more and more."""
     all_portions_seen(1500)
     pytest.importorskip("mitsuba_oidn", reason="mitsuba-oidn is not installed")

@@ -74,7 +74,7 @@ def verdict(
     elif not parts:
         bound = render.noise_bound() if isinstance(render, Render) else float("nan")
         words = "unknown" if isnan(bound) else f"at most about {bound:.2g}{TINY_LAMP * render.reached.tiny_lamp}"
-        parts = [f"error {words} (only a limit of the noise measures it)"]
+        parts = [f"error {words} (an estimate; a noise target would measure it)"]
     if ended == "samples":
         parts.append(f"ended by the maximum number of samples per pixel, {most_samples(render)}")
     sentences = [", ".join(parts)]
@@ -146,7 +146,8 @@ def _errors(render: Render, ended: str | None) -> list[str]:
     below = "" if ended in ("noise", "samples") else "below "
     for name, limit in limits(render).items():
         measured = getattr(reached, name)
-        parts.append(f"{ERRORS[name]} {'not known yet,' if isnan(measured) else f'{below}{measured:.2g}'} of {limit:g}")
+        known = f"not measured yet (limit: {limit:g})" if isnan(measured) else f"{below}{measured:.2g} of {limit:g}"
+        parts.append(f"{ERRORS[name]} {known}")
         if name == "noise" and reached.uncertain:
             parts.append(f"uncertain: it may be {reached.noise_at_most:.2g}")
             if reached.tiny_lamp:

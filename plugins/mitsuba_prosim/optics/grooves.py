@@ -73,9 +73,10 @@ def reflect_again(
     times the cosine of wo, and the density of :func:`leave`.
 
     ``reflectance`` is a function of the cosine between the ray and a facet. ``pdf`` has the factor ``probability``, a
-    function of the first reflectance. The reflections between the first and the last count as if all were in the
-    middle, which is exact for up to three reflections. For wo = (-wi.x, -wi.y, wi.z), to which grooves of all azimuths
-    send light, the density is infinite; here it is large.
+    function of the first reflectance. The reflections between the first and the last count like the single reflection
+    between wi and wo, which is exact for up to three reflections and an error of about 1e-4 of all light for alpha =
+    1.5. For wo = (-wi.x, -wi.y, wi.z), to which grooves of all azimuths send light, the density is infinite; here it is
+    large.
     """
     wi, wo = directions
     x, y = wi.x + wo.x, wi.y + wo.y
@@ -83,10 +84,7 @@ def reflect_again(
     x_i, x_o = dr.dot(wi, across), dr.dot(wo, across)
     i, o = dr.atan2(x_i, wi.z), dr.atan2(x_o, wo.z)
     scale = dr.rcp(2 * wi.z * dr.maximum(dr.sqrt(x * x + y * y), 1e-6))
-    # The cosine in the middle of a path, where the angle to the normal of the facet is (i - o) / 2 or (i + o) / 2.
-    odd = facet_between(wi, wo, mi.Float(1)).i_m
-    even = 0.5 * (wi.z + wo.z) * dr.sqrt(x_i * x_i + wi.z * wi.z) / odd
-    f_odd, f_even = reflectance(odd), reflectance(even)
+    middle = reflectance(facet_between(wi, wo, mi.Float(1)).i_m)
     # Either facet may be the first, and k is even or odd. For each of the four, all k up to a largest one contribute.
     least = least_angle(distribution, roughness)
     kinds, total = [], mi.Float(0)
@@ -103,8 +101,7 @@ def reflect_again(
             here = number >= before
             pairs = dr.select(here, number - before, pairs)
             sign_i, sign_o = dr.select(here, signs[0], sign_i), dr.select(here, signs[1], sign_o)
-        is_odd = sign_i == sign_o
-        k = 2 * pairs + dr.select(is_odd, mi.Float(3), 2)
+        k = 2 * pairs + dr.select(sign_i == sign_o, mi.Float(3), 2)
         psi = 0.5 * (dr.pi - sign_i * i - sign_o * o) / k
         sin, cos = dr.sincos(psi)
         across_i, across_o, up_i, up_o = sign_i * x_i * cos, sign_o * x_o * cos, wi.z * sin, wo.z * sin
@@ -112,26 +109,23 @@ def reflect_again(
         beam = dr.minimum(first, last) - dr.maximum(dr.maximum(across_i - up_i, across_o - up_o), 0)
         density = distribution.D(mi.Vector3f(cos, 0, sin), roughness) * cos * dr.maximum(beam, 0) * scale / k
         f = reflectance(first)
-        remaining = f * reflectance(last) * between(f_odd, f_even, is_odd, pairs)
+        remaining = f * reflectance(last) * power(middle, k - 2)
         return number + 1, value + remaining * density, pdf + probability(f) * density
 
     # A loop that only sums up from zero has derivatives without a limit to its iterations.
-    start = mi.Float(0), dr.zeros(type(f_odd)), mi.Float(0)
+    start = mi.Float(0), dr.zeros(type(middle)), mi.Float(0)
     _, value, pdf = dr.while_loop(start, lambda number, *_: number < total, add, max_iterations=-1)
     return value, pdf
 
 
-def between(f_odd: Any, f_even: Any, is_odd: mi.Bool, pairs: mi.Float) -> Any:
-    """Returns the reflectance of twice as many reflections as ``pairs``, and of one more where ``is_odd`` is true.
-
-    ``f_odd`` and ``f_even`` are the reflectances for odd and even numbers. More than 63 pairs, which need an alpha
-    above 30, count as 63.
+def power(base: Any, exponent: mi.Float) -> Any:
+    """Returns the power of ``base`` with a whole ``exponent`` >= 0, which counts as 127 above 127 (for an alpha above
+    30).
     """
-    result, power = dr.select(is_odd, f_odd, 1), dr.square(dr.select(is_odd, f_odd, f_even))
-    count = mi.UInt32(dr.minimum(pairs, 63))
-    for bit in range(6):
-        result *= dr.select((count >> bit) & 1 != 0, power, 1)
-        power = dr.square(power)
+    result, bits = type(base)(1), mi.UInt32(dr.minimum(exponent, 127))
+    for bit in range(7):
+        result *= dr.select((bits >> bit) & 1 != 0, base, 1)
+        base = dr.square(base)
     return result
 
 

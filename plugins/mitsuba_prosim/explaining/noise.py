@@ -7,7 +7,7 @@ The shares sum to more than 1 if the effect of one dimension depends on another.
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
@@ -21,7 +21,7 @@ from ..engine.plan import Plan
 from ..photons.caustics import MAPS
 from ..sampling.hash import hash32
 from ..sampling.spaces import CAMERA_SPACES, DIFFUSE, NODE_SPACES
-from .recorder import STATES, Recorder
+from .recorder import HIDDEN, VISIBLE, Recorder
 
 #: Number of pairs of samples by which a share is estimated.
 PAIRS = 1024
@@ -137,7 +137,7 @@ def lights(recorder: Recorder, weights: np.ndarray) -> dict[str, float]:
     for event, name in LIGHTS.items():
         keys = ("shape", "lamp") if event in ("lamp", "emission") else ("shape",)
         for (number, *lamp), amount in recorder.sums(event, keys, weights).items():
-            shape = recorder.shapes.get(number, "a shape without a name")
+            shape = recorder.shape(number)
             way = f"that {shape} scatters" if number else "that the camera sees"
             lamp_name = recorder.lamps[min(lamp[0], len(recorder.lamps) - 1)] if lamp else ""
             amounts[name.format(shape=shape, lamp=lamp_name, way=way)] += amount
@@ -151,15 +151,12 @@ def origins(recorder: Recorder, count: int) -> tuple[str, ...]:
     brightest = sorted(amounts, key=lambda light: -amounts[light])[:3]
     most = [f"{light} ({amounts[light] / total:.0%})" for light in brightest if amounts[light] > 0.01 * total]
     said = [f"Where the light comes from: {'; '.join(most)}." if total > 0 else "No light comes from here."]
-    # Lamp and surface -> the states of the lamp's points, and the shapes that hide them.
-    found = defaultdict[tuple[int, int], tuple[Counter[str], set[str]]](lambda: (Counter(), set()))
-    for (lamp, shape, state, occluder), rows in recorder.sums("lamp", ("lamp", "shape", "state", "occluder")).items():
-        states, occluders = found[lamp, shape]
-        states[STATES[state]] += rows
-        occluders.update({recorder.shapes.get(occluder, "a shape without a name")} if occluder else ())
-    for (lamp, shape), (states, occluders) in sorted(found.items(), key=lambda item: -item[1][0]["hidden"])[:3]:
-        if hidden := states["hidden"]:
-            points = f"{hidden} of {hidden + states['visible']} points of {recorder.lamps[lamp]}"
-            surface = recorder.shapes.get(shape, "a shape without a name")
-            said.append(f"Seen from {surface}, {points} are hidden by {' and '.join(sorted(occluders))}.")
+    states = recorder.sums("lamp", ("lamp", "shape", "state"))
+    occluders = recorder.sums("lamp", ("lamp", "shape", "occluder"))
+    hidden = [(lamp, shape) for (lamp, shape, state), _ in states.most_common() if state == HIDDEN]
+    for lamp, shape in hidden[:3]:
+        count, seen = states[lamp, shape, HIDDEN], states[lamp, shape, VISIBLE]
+        by = sorted({recorder.shape(other) for *pair, other in occluders if pair == [lamp, shape] and other})
+        points = f"{count} of {count + seen} points of {recorder.lamps[lamp]}"
+        said.append(f"Seen from {recorder.shape(shape)}, {points} are hidden by {' and '.join(by)}.")
     return tuple(said)

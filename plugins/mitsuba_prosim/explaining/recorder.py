@@ -32,6 +32,7 @@ SUMS = ("ambient", "background", "photons")
 FOUND_BY_RAYS = ("emission", "background")
 #: The states of a lamp's point, by number.
 STATES = ("visible", "hidden", "dark")
+VISIBLE, HIDDEN, DARK = range(3)
 #: Number of rows for which a table first has room.
 CAPACITY = 1 << 15
 
@@ -134,9 +135,13 @@ class Recorder:
             for number, (lobe, bsdf, pdf, part) in enumerate(terms)
             if lobe is not None
         }
-        state = dr.select(scatters, dr.select(visible, mi.UInt32(0), 1), 2)
+        state = dr.select(scatters, dr.select(visible, mi.UInt32(VISIBLE), HIDDEN), DARK)
         values = {"lamp": mi.UInt32(lamp), "p": ds.p, "pdf": ds.pdf, "radiance": weight, "state": state, "value": value}
         return values | {"occluder": number_of(blocker.shape), "shares": shares}
+
+    def shape(self, number: Any) -> str:
+        """Returns the name of the shape with this number in Dr.Jit."""
+        return self.shapes.get(int(number), "a shape without a name")
 
     # ---------------------------------------------------------------- sums over samples
 
@@ -188,7 +193,7 @@ class Recorder:
     def _node(self, values: Any, i: int, others: Mapping[tuple[str, int], list[tuple[Table, int]]]) -> Node:
         number, met = int(values["number"][i]), bool(values["valid"][i])
         parent = int(self._parent(number))
-        shape = self.shapes.get(int(values["shape"][i]), "a shape without a name") if met else None
+        shape = self.shape(values["shape"][i]) if met else None
         black = (0.0,) * len(self.channels(mi.Spectrum(0)))
         sums: dict[str, Any] = dict.fromkeys(SUMS, black)
         for name in SUMS:
@@ -239,7 +244,7 @@ class Recorder:
             self.lamps[int(values["lamp"][i])],
             at(values["p"], i),
             state,
-            self.shapes.get(int(values["occluder"][i]), "a shape without a name") if state == "hidden" else None,
+            self.shape(values["occluder"][i]) if state == "hidden" else None,
             float(values["pdf"][i]),
             at(values["radiance"], i),
             tuple(LobeShare(lobe_names(k), at(f, i), float(pdf[i]), float(w[i])) for k, (f, pdf, w) in shares),

@@ -144,7 +144,7 @@ def test_liquid_that_fills_a_hollow_causes_no_warning():
 
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 def test_depth_of_nesting_needs_no_recursion():
-    assert volume(solids(scene("+ CUBE 0 " * 1100 + "CUBE 0", [""])).values()) == pytest.approx(1)
+    assert volume(solids(scene("+ CUBE 0 " * 20_000 + "CUBE 0", [""])).values()) == pytest.approx(1)
 
 
 def test_a_solid_that_vanishes_by_an_operator_between_its_operands_is_told_of_the_order(write_scene):

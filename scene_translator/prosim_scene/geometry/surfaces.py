@@ -179,12 +179,15 @@ def _boundary(
 ) -> Boundary:
     """Evaluates the CSG tree; returns the boundary of the resulting solids."""
     ids = OriginalIds(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
-    # For each leaf, the box of its mesh, enlarged by the thickness, and the eight corners of its rotated box.
+    # For each solid, the box of its mesh, enlarged by the thickness, and the eight corners of its rotated box.
     boxes = meshes.boxes + table.thickness * np.array([[-1.0], [1.0]])
-    boxes = np.append(boxes, world_box_corners(table.solids), axis=1)[table.of_leaf]
-    groups = components(boxes[:, 0], boxes[:, 1])
-    alone = np.bincount(groups, minlength=len(groups)) == 1
+    boxes = np.append(boxes, world_box_corners(table.solids), axis=1)
     small_neighbours = csg.count_small_neighbours(boxes)
+    # The number of a group is that of its first leaf.
+    labels = components(boxes[:, 0], boxes[:, 1])[table.of_leaf]
+    _, first, number_of_group = np.unique(labels, return_index=True, return_inverse=True)
+    groups = first[number_of_group]
+    alone = np.bincount(groups, minlength=len(groups)) == 1
 
     def body(number: int, medium: int) -> csg.Body | None:
         if medium != media_of[number] and not cutters[number]:
@@ -195,9 +198,9 @@ def _boundary(
         @cache
         def mesh() -> Manifold:
             own = manifold(meshes.meshes[i], meshes.first[i], ids.id_of(number, medium))
-            return csg.refined(own, small_neighbours[number])
+            return csg.refined(own, small_neighbours[i])
 
-        return csg.Body(mesh, boxes[number : number + 1], surfaces, meshes.planes, table.solids[i])
+        return csg.Body(mesh, boxes[i : i + 1], surfaces, meshes.planes, table.solids[i])
 
     bodies: dict[int, dict[int, csg.Body]] = {}
     for m in sorted(set(media_of)):

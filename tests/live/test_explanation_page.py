@@ -2,7 +2,7 @@
 
 import mitsuba as mi
 import pytest
-from little import BROWSER, LITTLE
+from little import BROWSER, LITTLE, opened
 from mitsuba_prosim.explaining import explanation
 from mitsuba_prosim.scene.scene_file import SceneFile
 
@@ -26,16 +26,8 @@ def file(request, tmp_path_factory):
 @pytest.fixture(params=[(1200, "light"), (390, "dark")])
 def page(request, browser, file):
     width, scheme = request.param
-    page = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
-    page.errors = []
-    page.on("pageerror", lambda error: page.errors.append(str(error)))
-    page.on(
-        "request", lambda asked: None if asked.url.startswith(("file:", "data:")) else page.errors.append(asked.url)
-    )
-    page.goto(f"file://{file}")
-    yield page
-    assert not page.errors
-    page.close()
+    with opened(browser, f"file://{file}", viewport={"width": width, "height": 800}, color_scheme=scheme) as page:
+        yield page
 
 
 def test_page_fits_and_says_what_it_shows(page):

@@ -393,6 +393,15 @@ def test_work_items_do_not_shrink_to_single_samples(variant_rgb):
     assert samples > 1000
 
 
+def test_time_limit_keeps_first_work_items_of_slow_scene_small(variant_rgb):
+    executor, sizes = Executor(), []
+    for first in (1.0, 0.0, 0.0):  # seconds in which the first work item compiles kernels
+        sizes.append(executor.limit(10**7, 0.02))
+        executor.update_speed(sizes[-1], first + sizes[-1] / 10**4)
+    assert sizes == [Executor.SMALLEST] * 3
+    assert Executor().limit(10**7) > 100 * Executor.SMALLEST  # without a time limit, work items are large
+
+
 def test_the_shortest_time_gives_every_pixel_one_sample(variant_rgb):
     image = render(COPPER, time=1e-6, aovs="samples,error")
     assert np.all(image[..., -2] == 1)

@@ -121,8 +121,8 @@ class Executor:
         #: Samples per second; at first, the speed in a usual scene.
         cpu = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
         self.speed: float = 2**20 * dr.thread_count() if cpu else 2**24
-        #: Whether a work item has been measured.
-        self.measured = False
+        #: Number of measured work items.
+        self.measured = 0
 
     def limit(self, left: int, seconds: float = np.inf) -> int:
         """Returns the maximum number of samples of the next work item.
@@ -130,9 +130,11 @@ class Executor:
         ``left`` is the number of samples that still have to be divided into work items. The computation of the work
         item should not take longer than ``seconds``, nor than the attribute ``seconds``. If ``left`` is less than
         :attr:`LAST` times the number of samples for this time, the result is ``left``; else it is at least
-        :attr:`SMALLEST`, even if this takes longer.
+        :attr:`SMALLEST`, even if this takes longer. With limited ``seconds``, the work items are small until the speed
+        is measured.
         """
-        size = self.speed * min(self.seconds, seconds)
+        is_known = self.measured > 1 or seconds >= self.seconds
+        size = self.speed * min(self.seconds, seconds) if is_known else self.SMALLEST
         return left if left < self.LAST * size else max(int(size), self.SMALLEST)
 
     def update_speed(self, samples: int, seconds: float) -> None:
@@ -144,7 +146,7 @@ class Executor:
         speed = min(samples / max(seconds, 1e-6), self.SPEED_GROWTH * self.speed)
         if self.measured or speed > self.speed:  # the first work item also compiles, so it must not lower the speed
             self.speed = speed
-        self.measured = True
+        self.measured += 1
 
     def __call__(self, items: Iterator[WorkItem]) -> Results:
         """Computes the work items ``items`` one by one, and yields each work item with the new sums of its pixels."""

@@ -18,9 +18,6 @@ import click
 import mitsuba as mi
 
 from .. import atomic
-from ..denoising import layers
-from ..denoising.final_image import FinalImage, denoised_progressive
-from ..denoising.halves import check
 from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint, CheckpointWriter
 from ..engine.error_target import SHARE
@@ -36,6 +33,7 @@ from .progress import Progress
 from .tev import TevClient
 
 if TYPE_CHECKING:
+    from ..denoising.final_image import FinalImage
     from ..parallel.executor import DaskExecutor
 
 #: Suffixes of the files of an image, and of its checkpoint.
@@ -250,7 +248,11 @@ def run_steps(
     if task.begin is not None and not job.spp:  # N of the passes so far, if a target has replaced --spp
         task.integrator.samples = task.begin.attributes["sampling"]["samples"]
     try:
-        final = denoised_progressive(*what, **options) if job.denoise else None
+        final = None
+        if job.denoise:
+            from ..denoising.final_image import denoised_progressive  # which an image without denoising does not need
+
+            final = denoised_progressive(*what, **options)
         render = rendering.progressive(*what, **options) if final is None else final.render
         while not resources.interruption and (step := next(render, None)) is not None:
             bar.show(step.done)
@@ -356,6 +358,8 @@ def finished_image(
     ended, bitmap = end_cause(render, interrupted), film.bitmap()
     header = report.metadata(job, task.integrator, render.reached, ended, seconds)
     if final is not None:
+        from ..denoising import layers
+
         added = report.denoised_facts(final, interrupted)
         bitmap = bitmap if interrupted and len(final.render.half_images()) == 1 else layers.bitmap(final)
     exposure = job.exposure or 0.0
@@ -374,6 +378,8 @@ def check_denoising(film: mi.Film, integrator: mi.Integrator | None = None) -> N
     integrator that does not denoise.
     """
     require_extra("denoise", "--denoise")
+    from ..denoising.halves import check
+
     if integrator is not None and "denoised.R" in integrator.aov_names():
         raise ValueError("the scene's integrator, prosim_denoised, already denoises; leave out --denoise.")
     check(film)

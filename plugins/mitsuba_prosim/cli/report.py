@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import json
 from math import isnan
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 
 from .. import __version__
-from ..denoising import oidn
-from ..denoising.final_image import FinalImage
 from ..engine.render import Reached
 from ..explaining.verdict import ERRORS, denoised_words, end_cause, verdict
 from .job import Job
+
+if TYPE_CHECKING:
+    from ..denoising.final_image import FinalImage
 
 
 def metadata(
@@ -60,6 +61,8 @@ def denoised_facts(final: FinalImage, interrupted: bool) -> dict[str, str]:
     """Returns the metadata of the ``final`` image of a denoiser."""
     if interrupted and len(final.render.half_images()) == 1:
         return {"prosim.denoised": "no, interrupted"}
+    from ..denoising import oidn
+
     result = final.denoised()
     facts = {
         "prosim.denoised": f"by Open Image Denoise {oidn.load().oidn_version()}, where two halves of the samples "

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from contextlib import suppress
 from math import isnan
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..denoising.final_error import TOLERANCE
-from ..denoising.final_image import FinalImage, has_wide_filter
 from ..engine.policies import mean_around
 from ..engine.render import Render
 from ..engine.standard_error import in_display_units
 from ..optics.nested import all_shapes
 from ..scene.images import luminance
-from . import noise
+
+if TYPE_CHECKING:
+    from ..denoising.final_image import FinalImage
 
 #: Errors with a limit (parameters of an integrator, and measured values of a render) -> their names in the verdict.
 ERRORS = {"noise": "error", "noise_99": "error of 99 % of the pixels", "noise_999": "error of 99.9 %"}
@@ -93,7 +93,8 @@ def cause(render: Render, integrator: Any, file: Any = None) -> str:
 
     Further samples of the worst pixel tell the light, unless they vary much less than those of the image.
     """
-    from .explanation import Samples, places  # imports the page of an explanation
+    from . import noise  # few renders need these modules
+    from .explanation import Samples, places
 
     error, colours, estimator = np.float64(render.error()), np.array(render.image()), render.state.estimator
     light = luminance(colours[..., :3]) if colours.shape[2] >= 3 else colours[..., 0]
@@ -163,6 +164,9 @@ def denoised_words(final: FinalImage, interrupted: bool = False) -> str:
         return "not denoised: interrupted"
     if why := final.why_raw:
         return f"not denoised: {why}"
+    from ..denoising.final_error import TOLERANCE  # only a render with a denoiser imports it
+    from ..denoising.final_image import has_wide_filter
+
     result = final.denoised()
     limit = final.render.target.limits[0] if isinstance(final.render, Render) else 0.0
     known = result.noise > result.at_most / 4  # an estimate near 0 says little

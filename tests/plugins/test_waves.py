@@ -145,7 +145,7 @@ def test_an_error_of_the_film_does_not_hide_the_error_of_a_render(variant_rgb, m
 
     scene, executor = loaded(size=4), Executor()
     monkeypatch.setattr(executor, "update_speed", fails)
-    monkeypatch.setattr("mitsuba_prosim.engine.render.film_values", lambda *_: 1 / 0)
+    monkeypatch.setattr("mitsuba_prosim.engine.image.film_values", lambda *_: 1 / 0)
     with pytest.raises(RuntimeError, match="of the samples"):
         scene.integrator().progressive(scene, executor=executor).run()
 

@@ -24,13 +24,13 @@ GROWTH = 4
 #: may be too large.
 UNCERTAIN_GROWTH = 1.4
 
-#: Ratio of the error to the target at which a pass aims. A ratio of 1 would often be missed.
-AIM = 0.98
+#: Ratio of the error to the target at which a pass aims. A pass that misses the target costs another pass.
+AIM = 0.96
 
 #: Exponent of the power law by which more samples reduce the error. Sobol' points are better than independent samples,
 #: whose exponent is 1/2. A pass that falls short is followed by another pass; a pass that takes too many samples wastes
 #: them.
-RATE = 0.8
+RATE = 0.65
 
 #: Maximum ratio of the upper bound of the error to the target. With this ratio, at most 5 % of the images have more
 #: than 1.05 times the target: a render is measured after each pass, and ends at the first small error. Minimum ratio of

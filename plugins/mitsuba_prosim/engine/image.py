@@ -56,6 +56,8 @@ class Image(PixelSet):
         #: The second image; and its sums, which may be those of a checkpoint before the second image has begun.
         self.second: SecondImage | None = None
         self.second_sums: Accumulators | None = None
+        #: The last result of :attr:`film_values`, and the numbers of samples for which it holds.
+        self._film: tuple[mi.UInt32, mi.TensorXf] | None = None
 
     # ---------------------------------------------------------------- changes of the state
 
@@ -97,6 +99,15 @@ class Image(PixelSet):
         """Whether there are sums of a complete second image."""
         return self.second_sums is not None and dr.width(self.second_sums.count) == area(self.plan.region)
 
+    @property
+    def film_values(self) -> mi.TensorXf:
+        """The values that the film stores for the image so far, see :func:`.film.film_values`."""
+        count = self.accumulators.count
+        # The sums change together with ``count``. The old ``count`` is kept, so that no new array gets its number.
+        if self._film is None or self._film[0].index != count.index:
+            self._film = mi.UInt32(count), film_values(self)
+        return self._film[1]
+
     @alone()
     def all_counts(self) -> np.ndarray:
         """Returns the number of samples of each pixel of the crop window, shape (height, width), including the samples
@@ -108,23 +119,20 @@ class Image(PixelSet):
         return self.crop(counts, self.plan.window)
 
     @alone()
-    def update_film(self, second: bool = False, values: mi.TensorXf | None = None) -> None:
-        """Writes the image, or the second image, which must be complete, to the film.
-
-        ``values`` are the film's values if they are known.
-        """
+    def update_film(self, second: bool = False) -> None:
+        """Writes the image, or the second image, which must be complete, to the film."""
         film = self.estimator.sensor.film()
-        values = film_values(self.second if second and self.second else self) if values is None else values
+        values = film_values(self.second) if second and self.second else self.film_values
         put(film, values, self.estimator.channels.aov_names)
         film.schedule_storage()
         dr.eval()  # pending work of this thread would break dr.freeze in another thread
 
     @alone()
-    def developed(self, second: bool = False, values: mi.TensorXf | None = None) -> mi.TensorXf:
-        """Returns the developed image, or the second image, shape (height, width, channels); the arguments are those of
-        :meth:`update_film`. The film holds the returned image afterwards.
+    def developed(self, second: bool = False) -> mi.TensorXf:
+        """Returns the developed image, or the second image, shape (height, width, channels). The film holds the
+        returned image afterwards.
         """
-        self.update_film(second, values)
+        self.update_film(second)
         return self.estimator.sensor.film().develop()
 
     def halves(self) -> list[np.ndarray]:
@@ -200,10 +208,11 @@ class Image(PixelSet):
         per pixel becomes this minimum. A request above the minimum is rounded up to a power of two, for which Sobol'
         points are best, and limited to the plan's maximum number of samples per pixel. A request of NaN becomes 1.
         """
-        plan, clipped = self.plan, np.clip(np.nan_to_num(request, nan=1), 1, UNLIMITED)
-        # The exponent of frexp(m - 1) is the smallest e with 2^e >= m, for whole numbers m >= 1.
-        power_of_two = np.left_shift(1, np.frexp(np.ceil(clipped) - 1)[1])
-        counts = np.where(request <= plan.min_samples, plan.min_samples, power_of_two)
+        plan, clipped = self.plan, np.float32(np.fmin(np.fmax(request, 1), UNLIMITED))  # ``fmax`` ignores NaN
+        # The bits of a positive float begin with its exponent: a mantissa other than 0 raises the exponent by 1.
+        fraction = np.uint32(0x7FFFFF)
+        power_of_two = ((clipped.view(np.uint32) + fraction) & ~fraction).view(np.float32)
+        counts = np.where(request <= plan.min_samples, np.float32(plan.min_samples), power_of_two)
         return np.minimum(counts, plan.max_samples).astype(np.uint32)
 
 
@@ -266,7 +275,7 @@ class SecondImage(PixelSet):
         """
         # ``of_pixel`` is the number of channels, and ``stored`` the number of the channels up to the weight W.
         plan, channels, own = self.plan, self.estimator.channels, mi.UInt32(self.index)
-        film, of_pixel, stored = film_values(self.first), len(channels.names), channels.names.index("W") + 1
+        film, of_pixel, stored = self.first.film_values, len(channels.names), channels.names.index("W") + 1
         first, second, squares = self.first.accumulators, self.accumulators, dr.zeros(mi.Float, len(self.index))
         Double = double()
         counts = [Double(v) for v in (dr.gather(mi.UInt32, first.count, own), second.count)]

@@ -195,7 +195,9 @@ def mean_around(plane: np.ndarray, reach: int) -> np.ndarray:
         in_row = along_columns(plane.T).T
         return in_row + along_columns(in_row + plane)
 
-    number = sum_around(np.ones_like(plane))
+    places = (np.arange(size) for size in plane.shape)
+    rows, columns = (np.minimum(place, reach) + np.minimum(place[::-1], reach) + 1 for place in places)
+    number = np.outer(rows, columns) - 1
     return np.where(number > 0, sum_around(plane) / number, np.float32(np.inf))
 
 

@@ -15,7 +15,6 @@ from ..alone import alone
 from .checkpoint import Checkpoint
 from .error_target import UNCERTAIN, ErrorTarget, mean
 from .estimator import Estimator
-from .film import film_values
 from .goal import Measure, Pass, goal_of
 from .image import Image, SecondImage, concentration
 from .plan import Plan
@@ -86,8 +85,6 @@ class Render(Steps):
         self.goal = goal_of(self.state, self.target, measure)
         #: Whether :meth:`stop` was called; whether the last pass came to its end; the progress, 0 to 1.
         self._stopped, self._complete, self._done = False, True, 0.0
-        #: The film's values after the end of the render; None before.
-        self._values: mi.TensorXf | None = None
         self._tiny_lamp = sees_tiny_lamp(estimator.scene, estimator.sensor)
         super().__init__(self._run())
 
@@ -128,7 +125,6 @@ class Render(Steps):
             with suppress(Exception):  # a second error would hide the first one
                 self.update_film()
             raise
-        self._values = film_values(image)
         self.update_film()
 
     def _take(self, request: Pass) -> Iterator[Step]:
@@ -183,7 +179,7 @@ class Render(Steps):
         If ``second`` is true and the render has a second image (:class:`.SecondImage`), writes the second image instead
         of the first to the film; the second image must be complete.
         """
-        self.state.update_film(second, None if second else self._values)
+        self.state.update_film(second)
 
     def image(self, second: bool = False) -> mi.TensorXf:
         """Returns the developed image so far, shape (height, width, channels).
@@ -191,7 +187,7 @@ class Render(Steps):
         If ``second`` is true and the render has a second image (:class:`.SecondImage`), returns the second image
         instead of the first; the second image must be complete. The film holds the returned image afterwards.
         """
-        return self.state.developed(second, None if second else self._values)
+        return self.state.developed(second)
 
     def half_images(self) -> list[np.ndarray]:
         """Returns a list of one or two images of shape (height, width, channels), see :meth:`.Image.halves`."""

@@ -197,6 +197,7 @@ WRONG = {
     "moved.ply": (ply("ascii").replace(b"0.0 0.0 0.0\n", b"0.0 0.0\n0.0 ", 1), "does not agree with its header"),
     "short-face.ply": (ply("ascii").replace(b"9 4 0 1", b"9 3 0 1", 1), "does not agree with its header"),
     "long-face.ply": (ply("ascii").replace(b"9 4 0 1", b"9 5 0 1", 1), "does not agree with its header"),
+    "fraction.ply": (ply("ascii").replace(b"9 4 0 1", b"9 4.5 0 1", 1), "does not agree with its header"),
     "word-row.ply": (ply("ascii").replace(b"0.0 0.0 1.0\n", b"0.0 x 1.0\n", 1), "cannot be read"),
     "corner.obj": (obj([*SQUARES, (0, 1, 8)]), "a corner that does not exist"),
     "zero.obj": (obj() + b"\nf 0 1 2", "a face has a corner 0"),

@@ -124,6 +124,8 @@ def _rows(body: bytes, position: int, count: int, properties: Properties) -> tup
         table = np.frombuffer(body, dtype, count, position)
         if all((table[name] == length).all() for name, length in lengths.items()):
             return {name: table[name] for name, _ in properties}, position + table.nbytes
+        if count == 1:
+            raise MeshError(CONTRADICTION)  # the length of a list is not a whole number
     rows = []
     for _ in range(count):
         row, position = _rows(body, position, 1, properties)

@@ -103,7 +103,6 @@ def nested_integrator(props: mi.Properties) -> mi.SamplingIntegrator:
 
 
 def _is_number(value: Any) -> bool:
-    """Tells whether ``value`` is an integer or a float; the result is False for a boolean."""
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 

@@ -43,7 +43,6 @@ def plugin(kind: str, name: str) -> Callable[[type], type]:
     """
 
     def register(cls: type) -> type:
-        """Registers ``cls`` in the active variant and in ``scalar_rgb``, and returns ``cls``."""
         for variant in {mi.variant(), "scalar_rgb"}:
             getattr(getattr(mi, variant), "register_" + kind)(name, cls)
         PLUGINS[name] = cls

@@ -80,20 +80,14 @@ def subjects(plugin: str, parameters: dict[str, str], modules: tuple[str, ...]) 
     for module in modules:
         import_module(module)
     is_text = plugin.lstrip().startswith("<")
-    if not is_text and (is_scene := Path(plugin).suffix != ""):
-        if not Path(plugin).is_file():
-            raise ValueError(f"{plugin}: no such file; give the name of a plugin's type, or a scene file")
-    else:
-        is_scene = False
+    is_scene = not is_text and Path(plugin).suffix != ""
+    if is_scene and not Path(plugin).is_file():
+        raise ValueError(f"{plugin}: no such file; give the name of a plugin's type, or a scene file")
     if parameters and (is_text or is_scene):
         raise InputError("-p is for the name of a type; write the parameters into the XML.")
-    source: Any = (
-        Path(plugin)
-        if is_scene
-        else plugin
-        if is_text
-        else {"type": plugin, **{k: value(v) for k, v in parameters.items()}}
-    )
+    source: Any = plugin if is_text else Path(plugin)
+    if not (is_text or is_scene):
+        source = {"type": plugin, **{k: value(v) for k, v in parameters.items()}}
     subject = Subject(source, modules=modules)
     if subject.state.root.type == mi.ObjectType.Scene:
         yield from ((source, node) for node, _ in subject.nodes())

@@ -210,7 +210,6 @@ def job_options(*names: str) -> Callable[[Callable], Callable]:
     """Returns a decorator that adds to a command the command-line options of the :class:`Job` fields ``names``."""
 
     def decorate(command: Callable) -> Callable:
-        """Adds to ``command`` the command-line option that each of the :class:`Job` fields ``names`` defines."""
         for name in reversed(names):
             settings = dict(Job.__dataclass_fields__[name].metadata)
             flags = settings.pop("flags")

@@ -55,7 +55,6 @@ def watch(job: Job, port: int, browser: bool) -> None:
         cache = TranslationCache()
 
         def open_scene() -> loaded_scene.LoadedScene:
-            """Reads and loads the scene file."""
             file = job.read_scene(folder, cache=cache, confined=not job.allow_outside)
             return loaded_scene.LoadedScene(file, job.sensor)
 

@@ -91,9 +91,6 @@ def _along(image: np.ndarray) -> np.ndarray:
 
 
 def _across(image: np.ndarray) -> np.ndarray:
-    """Returns the image in which each pixel is a weighted mean of the pixel and its neighbours up to two columns to the
-    left and right.
-    """
     return _along(image.swapaxes(0, 1)).swapaxes(0, 1)
 
 

@@ -99,10 +99,6 @@ def sample(
     dask_worker = distributed.get_worker()
 
     def compute() -> tuple[float, bytes, Mapping[str, str]]:
-        """Computes the work item, and returns the result of :func:`sample`.
-
-        This function runs in :data:`RENDER_THREAD`, like all tasks of this worker.
-        """
         if not dask_worker.address.startswith("inproc:"):
             dr.set_thread_count(dask_worker.state.nthreads)
             warnings.simplefilter("ignore", prosim_scene.SceneWarning)  # the client shows these warnings

@@ -103,7 +103,6 @@ def apply(
 
 
 def _options(parameters: Iterable[str]) -> str:
-    """Returns the names of parameters of the integrator as command-line options, separated by commas."""
     return ", ".join(f"--{name.replace('_', '-')}" for name in parameters if name != "ambient")
 
 
@@ -128,7 +127,6 @@ def set_sampler(state: mi.parser.ParserState, plugin: str) -> None:
 
 
 def _integrators(state: mi.parser.ParserState) -> list[mi.parser.SceneNode]:
-    """Returns the nodes of all integrators in a parsed scene; the outermost integrator is the first."""
     return [node for node in state.nodes if node.type == mi.ObjectType.Integrator]
 
 

@@ -49,7 +49,6 @@ def plugin_names() -> list[str]:
     names = {*PLUGINS_IN_PYTHON, *registry.PLUGINS}
 
     def record(register: Callable, name: str, *args: Any) -> Any:
-        """Adds the ``name`` of a plugin to ``names``, and registers the plugin by the original ``register``."""
         names.add(name)
         return register(name, *args)
 

@@ -10,17 +10,18 @@ import numpy as np
 
 from .error_target import GROWTH, ErrorTarget, mean, next_counts, remaining_factor
 from .image import Image, Noise, SecondImage
-from .pixel_set import PixelSet
 from .plan import UNLIMITED, area
+from .work import Wanted
 
 
 class Pass(NamedTuple):
-    """A pass over the image: takes samples until each of ``pixels`` has ``wanted`` samples or has converged."""
+    """A pass over the image, its second image or both: takes samples until each pixel has ``wanted`` samples or has
+    converged.
+    """
 
-    pixels: PixelSet
-    wanted: np.ndarray
-    #: Estimated number of samples of all pixels together at the end of the image; if the number is 0, the samples of
-    #: this pass do not count as progress.
+    wanted: Wanted
+    #: Estimated number of samples of all these pixels together at the end of the image; if the number is 0, the samples
+    #: of this pass do not count as progress.
     expected: float = 0.0
 
 
@@ -84,7 +85,7 @@ class PolicyGoal:
             image.begin_round(image.counts_of_part(wanted, left * policy.reach))
         assert image.wanted is not None
         expected = most if image.rounds < policy.rounds else float(image.wanted.sum(dtype=np.int64))
-        return Pass(image, image.wanted, expected)
+        return Pass([(image, image.wanted)], expected)
 
     def _first_passes(self, image: Image) -> Iterator[Pass]:
         """Yields the passes before the first decision; several where there are many samples, so that an image can be
@@ -94,7 +95,7 @@ class PolicyGoal:
         while numbers[0] * area(image.outer) > self.LONG and numbers[0] > 1:
             numbers.insert(0, -(-numbers[0] // GROWTH**2))
         for number in numbers:
-            yield Pass(image, image.one * np.uint32(number), image.most_samples)
+            yield Pass([(image, image.one * np.uint32(number))], image.most_samples)
 
     def measure(self, image: Image) -> bool:
         """Returns True: the image may be shown after each pass."""
@@ -106,23 +107,22 @@ class ErrorGoal:
     number of samples.
 
     In each pass, the number of samples of a pixel is the number that the policy requests, times a factor that depends
-    on the limits. After each pass, the second image takes as many samples as the first image, and ``measure`` measures
-    the error. If a checkpoint was made during a pass, the render first completes this pass.
+    on the limits. The second image takes as many samples as the first image. After each pass, ``measure`` measures the
+    error. If a checkpoint was made during a pass, the render first completes this pass.
     """
 
     def __init__(self, target: ErrorTarget, measure: Measure) -> None:
         self.target, self._measure, self._ratio = target, measure, 0.0
         self._first: Iterator[Pass] | None = None
-        #: The current pass, None after its end; and the pixels of the last complete pass.
+        #: The current pass, None after its end.
         self._pass: Pass | None = None
-        self._sampled: PixelSet | None = None
         #: Samples per pixel and second, None before the first measurement; samples per pixel at the beginning of the
         #: current pass, and its time.
         self._speed: float | None = None
         self._begun: tuple[float, float] | None = None
 
     def next(self, image: Image) -> Pass | None:
-        """Returns the first passes, and then by turns a pass over the image and a pass over the second image."""
+        """Returns the first passes, and then a pass for each measurement of the error."""
         if image.finished or self._pass is not None:  # a pass that has not ended: the time is up
             return None
         if image.rounds == 0:
@@ -139,14 +139,14 @@ class ErrorGoal:
     def _first_passes(self, image: Image) -> Iterator[Pass]:
         """Yields the passes before the first decision of the policy."""
         if self.target.seconds:  # shows an image after one sample per pixel
-            yield Pass(image, image.one)
-        yield Pass(image, image.one * np.uint32(image.policy.first_samples), image.most_samples)
+            yield Pass([(image, image.one)])
+        yield both(image, image.one * np.uint32(image.policy.first_samples), image.plan.max_samples)
 
     def _next(self, image: Image) -> Pass | None:
         """Returns the next pass after the first passes."""
         count = np.array(image.accumulators.count)
         if image.wanted is None:
-            if image.second is not None and self._sampled is not image.second:
+            if image.second is not None and image.second.lags:
                 return second_pass(image, image.second)
             if self.target.time_is_up or self.target.excess(image.noise) <= 1:
                 return None
@@ -159,7 +159,7 @@ class ErrorGoal:
         self._begun = have, time.perf_counter()
         if any(self.target.limits):
             expected = max(have * remaining_factor(image, self.target), mean(image.wanted))
-        return Pass(image, image.wanted, expected * len(count))
+        return both(image, image.wanted, expected)
 
     def _samples_per_second(self, image: Image) -> float:
         """Returns the measured speed of the render, in samples per pixel and second; 0 if it is not known.
@@ -172,13 +172,11 @@ class ErrorGoal:
         return self._speed
 
     def measure(self, image: Image) -> bool:
-        """Measures the error after a pass over the second image; returns False before it, when the error is unknown."""
-        self._sampled, self._pass, second = self._pass and self._pass.pixels, None, image.second
-        if image.rounds == 0:
-            return True
+        """Measures the error; returns False if it is unknown, because the second image has fewer samples."""
+        self._pass, second = None, image.second
         if second is not None:
-            if self._sampled is not second:
-                return False
+            if second.lags:
+                return image.rounds == 0
             measured = self._measure(image, second, self.target)
             image.record(measured.noise, measured.estimates)
             self._ratio = measured.sample_ratio
@@ -230,7 +228,16 @@ def second_pass(image: Image, second: SecondImage, most: int = UNLIMITED) -> Pas
     """Returns a pass in which each pixel of the ``second`` image gets as many samples as the pixel has in ``image``,
     but at most ``most``.
     """
-    return Pass(second, np.minimum(np.array(image.accumulators.count)[second.index], np.uint32(most)))
+    return Pass([(second, np.minimum(np.array(image.accumulators.count)[second.index], np.uint32(most)))])
+
+
+def both(image: Image, wanted: np.ndarray, expected: float) -> Pass:
+    """Returns a pass in which each pixel of ``image``, and of its second image, gets ``wanted`` samples; at the end of
+    the image, a pixel has about ``expected`` samples.
+    """
+    second = image.second
+    sets = [(image, wanted)] if second is None else [(image, wanted), (second, wanted[second.index])]
+    return Pass(sets, expected * sum(map(len, (numbers for _, numbers in sets))))
 
 
 def raw_error(image: Image, second: SecondImage, target: ErrorTarget) -> Measurement:

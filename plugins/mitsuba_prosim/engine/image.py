@@ -67,10 +67,9 @@ class Image(PixelSet):
         """
         self.wanted, self.rounds = wanted, self.rounds + 1 if rounds is None else rounds
 
-    def end_pass(self, pixels: PixelSet) -> None:
-        """Ends a pass over ``pixels``: the image, or the second image."""
-        if pixels is self:
-            self.wanted = None
+    def end_pass(self) -> None:
+        """Ends a pass over the image."""
+        self.wanted = None
 
     def begin_second(self, complete: bool) -> SecondImage:
         """Begins or continues a second image, and returns it; the samples for other pixels are discarded."""
@@ -261,6 +260,11 @@ class SecondImage(PixelSet):
             sums = Accumulators.empty(self.estimator.sums_per_pixel, len(index))
         self.accumulators = sums
 
+    @property
+    def lags(self) -> bool:
+        """Whether any pixel has fewer samples than in the first image."""
+        return bool(np.any(np.array(self.accumulators.count) < np.array(self.first.accumulators.count)[self.index]))
+
     @alone()
     @denormals_rounded()
     def noise(self) -> Noise:
@@ -287,7 +291,6 @@ class SecondImage(PixelSet):
             after = [v + mi.Float(b - a) for v, (a, b) in zip(before, means)]
             change = displayed(channels.luminance(before)) - displayed(channels.luminance(after))
             squares += dr.select(seen, dr.square(change), 0)
-            dr.eval(squares)
         # The difference of two images has twice the variance of one image, and four times the variance of their mean.
         # Pixels around a crop window also cause errors in the window, by the filter.
         factor = (0.25 if self.complete else 0.5) * area(plan.region) / area(plan.window)

@@ -22,7 +22,7 @@ from .policies import mean_around
 from .standard_error import in_display_units
 from .tiles import Part
 from .tiny_lamps import sees_tiny_lamp
-from .work import Executor, Step, Steps, photon_batches, work_items
+from .work import Executor, Step, Steps, Wanted, lacking, photon_batches, work_items
 
 #: Minimum number of samples per pixel, and maximum relative deviation, of a bound of the RMS error that is known.
 FEW, KNOWN = 8, 0.1
@@ -112,10 +112,10 @@ class Render(Steps):
                 yield from self._take(request)
                 complete = self._complete
                 if complete:
-                    image.end_pass(request.pixels)
+                    image.end_pass()
                 elif image.rounds == 0 and np.any(image.accumulators.count):
                     # In the first pass, pixels without samples get one sample, so that no pixel is missing.
-                    yield from self._take(Pass(image, image.one))
+                    yield from self._take(Pass([(image, image.one)]))
                 if (not complete or self.goal.measure(image)) and np.all(image.counts > 0):
                     yield Step(self._done, True)
             image.finished = not self._stopped and (self._complete or self.target.time_is_up)
@@ -129,37 +129,36 @@ class Render(Steps):
 
     def _take(self, request: Pass) -> Iterator[Step]:
         """Takes the samples of a pass, and yields a step after each work item."""
-        pixels, wanted, expected = request
-        # Number of samples that the pass lacks before the current batch, and number taken in this batch. The pass is
-        # complete if both agree in the last batch.
+        wanted, expected = request
+        # Number of samples that the batch lacks, and number that it has taken. The pass is complete if both agree in
+        # the last batch.
         missing = taken = 0
-        for batch in photon_batches(pixels, wanted):
+        for batch in photon_batches(wanted):
             # A pixel that converged in the previous batch still lacks samples, and takes none.
-            count, taken = np.array(pixels.accumulators.count, dtype=np.int64), 0
-            missing = int(np.maximum(wanted - count, 0).sum())
-            items = work_items(pixels, batch, self.executor, self.target.item_seconds)
+            have, taken = sum(int(np.array(pixels.accumulators.count).sum(dtype=np.int64)) for pixels, _ in wanted), 0
+            missing = sum(int(lacking(*one).sum()) for one in batch)
+            items = work_items(batch, self.executor, self.target.item_seconds)
             with closing(self.executor(items)) as results:
                 for result in results if not self._must_end(wanted) else ():
                     if result is not None:
                         item, sums = result
                         item.store(sums)
                         taken += item.samples
-                        self._done = self.target.progress(
-                            (int(count.sum()) + taken) / expected if expected else self._done
-                        )
+                        self._done = self.target.progress((have + taken) / expected if expected else self._done)
                     yield Step(self._done, False)
                     if taken < missing and self._must_end(wanted):
                         break
         self._complete = taken == missing
 
-    def _must_end(self, wanted: np.ndarray) -> bool:
+    def _must_end(self, wanted: Wanted) -> bool:
         """Tells whether the current pass, in which the pixels get ``wanted`` samples, must end now.
 
         A pass ends early if :meth:`stop` was called or if the time limit is reached. The time limit does not end a pass
         that takes only the first sample of each pixel. :meth:`stop` does not end a pass that follows an incomplete
         pass, because this pass takes the first samples of pixels without samples.
         """
-        return bool((self._complete and self._stopped) or (np.any(wanted > 1) and self.target.time_is_up))
+        several = any(np.any(numbers > 1) for _, numbers in wanted)
+        return bool((self._complete and self._stopped) or (several and self.target.time_is_up))
 
     @property
     def finished(self) -> bool:

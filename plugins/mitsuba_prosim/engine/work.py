@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -19,13 +19,17 @@ from .accumulators import Accumulators
 from .camera import is_perspective, without_crop_window
 from .estimator import Estimator
 from .pixel_set import PixelSet
-from .plan import UNLIMITED, Plan
+from .plan import Plan
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
+#: Pixels that are sampled together, an image and perhaps its second image, each with the number of samples that each of
+#: its pixels should have.
+Wanted: TypeAlias = "Sequence[tuple[PixelSet, np.ndarray]]"
+
 #: Maximum number of sums of the pixels of a work item, which limits memory: wide filters have many sums per pixel.
-MOST_SUMS = 1 << 22
+MOST_SUMS = 1 << 23
 
 #: Number of classes per factor of 2 by which pixels are sorted by their number of missing samples.
 CLASSES_PER_OCTAVE = 4
@@ -158,8 +162,13 @@ class Executor:
             yield item, sums
 
 
-def work_items(pixels: PixelSet, wanted: np.ndarray, executor: Executor, seconds: float = np.inf) -> Iterator[WorkItem]:
-    """Yields work items that together bring each pixel of ``pixels`` to its number of samples in ``wanted``.
+def lacking(pixels: PixelSet, numbers: np.ndarray) -> np.ndarray:
+    """Returns how many samples each of the ``pixels`` lacks until it has as many as in ``numbers``."""
+    return np.maximum(numbers - np.array(pixels.accumulators.count, dtype=np.int64), 0)
+
+
+def work_items(wanted: Wanted, executor: Executor, seconds: float = np.inf) -> Iterator[WorkItem]:
+    """Yields work items that together bring each pixel to its number of samples in ``wanted``.
 
     Pixels that already have this number are in no work item. ``executor`` limits the size of the work items, so that
     each one takes at most about ``seconds``. The pixels that need most samples come first, so that the noisiest pixels
@@ -167,9 +176,10 @@ def work_items(pixels: PixelSet, wanted: np.ndarray, executor: Executor, seconds
     if possible, because the lanes of a kernel wait for the slowest lane. Among pixels that need similar numbers of
     samples, neighbours are in the same work item if possible, because their rays are similar.
     """
-    lack = wanted - np.array(pixels.accumulators.count, dtype=np.int64)
-    order = np.flatnonzero(lack > 0)
-    place = z_curve(*(np.array(v).astype(np.uint32)[order] for v in (pixels.x, pixels.y)))
+    pixels, lack = wanted[0][0], np.concatenate([lacking(*one) for one in wanted])
+    order = np.flatnonzero(lack)
+    x, y = (np.concatenate([np.array(v).astype(np.uint32) for v in vs]) for vs in zip(*((p.x, p.y) for p, _ in wanted)))
+    place = z_curve(x[order], y[order])
     # The key of the sort: first the class of missing samples, in falling order; then the place along the Z curve.
     kind = np.floor(CLASSES_PER_OCTAVE * np.log2(lack[order])).astype(np.int64)
     order = order[np.argsort(place - (kind << 32))]
@@ -180,42 +190,54 @@ def work_items(pixels: PixelSet, wanted: np.ndarray, executor: Executor, seconds
         end = max(begin + 1, int(np.searchsorted(ends, most, side="right")))
         end = min(end, begin + min(pixels.plan.sampling.band, MOST_SUMS // pixels.estimator.sums_per_pixel))
         samples, before = int(ends[end - 1]) - before, int(ends[end - 1])
-        yield _work_item(pixels, order[begin:end], wanted, samples)
+        yield _work_item(wanted, order[begin:end], samples)
         begin = end
 
 
 @alone()
-def _work_item(pixels: PixelSet, some: np.ndarray, wanted: np.ndarray, samples: int) -> WorkItem:
-    """Returns the work item for the pixels with the indices ``some``, which get at most ``samples`` samples together.
-
-    ``wanted`` has the number of samples that each pixel of the image has after the work item, unless the pixel
-    converges.
+def _work_item(wanted: Wanted, some: np.ndarray, samples: int) -> WorkItem:
+    """Returns the work item for the pixels with the indices ``some`` among all pixels of ``wanted``, which get at most
+    ``samples`` samples together.
     """
-    index, end, plan = dr_array(some.astype(np.uint32)), dr_array(wanted[some]), pixels.plan
-    x, y, start = dr.gather(tuple, (pixels.x, pixels.y, pixels.accumulators), index)
-    if dr.width(plan.seed) > 1:  # a second image, in which each pixel has its own seed
-        plan = replace(plan, seed=dr.gather(mi.UInt32, plan.seed, index))
-    dr.eval(x, y, start, plan.seed)
+    place, begin, sets, lanes = dr_array(some.astype(np.uint32)), 0, [], None
+    for pixels, numbers in wanted:
+        index = place - dr.opaque(mi.UInt32, begin)
+        own = index < dr.opaque(mi.UInt32, len(numbers))  # False for smaller numbers, too: differences are modulo 2^32
+        seed_index = dr.minimum(index, dr.opaque(mi.UInt32, dr.width(pixels.plan.seed) - 1))
+        seed = dr.gather(mi.UInt32, pixels.plan.seed, seed_index, own)
+        values = (*dr.gather(tuple, (pixels.x, pixels.y, pixels.accumulators), index, own), seed)
+        lanes = values if lanes is None else dr.select(own, values, lanes)
+        dr.eval(index, own, lanes)
+        sets.append((pixels, index, own))
+        begin += len(numbers)
+    x, y, start, seed = lanes
+    end = dr_array(np.concatenate([numbers for _, numbers in wanted])[some])
 
     @alone()
     def store(sums: Accumulators) -> None:
-        """Writes the new sums of the work item's pixels to the accumulators of the image."""
-        dr.scatter(pixels.accumulators, sums, index, mode=dr.ReduceMode.NoConflicts)
-        dr.eval(pixels.accumulators)
+        """Writes the new sums of the work item's pixels to the accumulators of their sets."""
+        for pixels, index, own in sets:
+            dr.scatter(pixels.accumulators, sums, index, own, mode=dr.ReduceMode.NoConflicts)
+            dr.eval(pixels.accumulators)
 
-    return WorkItem(pixels.estimator, plan, x, y, start, end, samples, store)
+    pixels = wanted[0][0]
+    return WorkItem(pixels.estimator, replace(pixels.plan, seed=seed), x, y, start, end, samples, store)
 
 
-def photon_batches(pixels: PixelSet, wanted: np.ndarray) -> Iterator[np.ndarray]:
-    """Divides the samples that ``pixels`` need to reach the numbers ``wanted`` into batches, one for each photon pass.
+def photon_batches(wanted: Wanted) -> Iterator[Wanted]:
+    """Divides the samples that pixels need to reach the numbers ``wanted`` into batches, one for each photon pass.
 
     Yields, for each batch, the number of samples of each pixel after the batch; a pixel that already has more samples
     takes none. The photon maps of one photon pass are used for a fixed number of successive samples of each pixel.
-    Without caustics, there is only one batch. If all pixels already have the ``wanted`` number of samples, the function
-    yields no batch.
+    Without caustics, there is only one batch. With caustics, an image and its second image have different photons, so
+    they have different batches.
     """
-    caustics, count = pixels.estimator.transport.caustics, np.array(pixels.accumulators.count)
-    lacking, maps = wanted > count, UNLIMITED if caustics is None else caustics.maps(pixels.plan.n)
-    if lacking.any():
-        for first in range(int(count[lacking].min()) // maps * maps, int(wanted.max()), maps):
-            yield np.minimum(wanted, np.uint32(first + maps))
+    caustics = wanted[0][0].estimator.transport.caustics
+    if caustics is None:
+        yield wanted
+        return
+    for pixels, numbers in wanted:
+        count, maps = np.array(pixels.accumulators.count), caustics.maps(pixels.plan.n)
+        if (lack := numbers > count).any():
+            for first in range(int(count[lack].min()) // maps * maps, int(numbers.max()), maps):
+                yield [(pixels, np.minimum(numbers, np.uint32(first + maps)))]

@@ -291,6 +291,7 @@ class SecondImage(PixelSet):
             after = [v + mi.Float(b - a) for v, (a, b) in zip(before, means)]
             change = displayed(channels.luminance(before)) - displayed(channels.luminance(after))
             squares += dr.select(seen, dr.square(change), 0)
+            dr.eval(squares)
         # The difference of two images has twice the variance of one image, and four times the variance of their mean.
         # Pixels around a crop window also cause errors in the window, by the filter.
         factor = (0.25 if self.complete else 0.5) * area(plan.region) / area(plan.window)

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -199,7 +199,8 @@ def _work_item(wanted: Wanted, some: np.ndarray, samples: int) -> WorkItem:
     """Returns the work item for the pixels with the indices ``some`` among all pixels of ``wanted``, which get at most
     ``samples`` samples together.
     """
-    place, begin, sets, lanes = dr_array(some.astype(np.uint32)), 0, [], None
+    place, begin, sets = dr_array(some.astype(np.uint32)), 0, []
+    lanes: Any = None
     for pixels, numbers in wanted:
         index = place - dr.opaque(mi.UInt32, begin)
         own = index < dr.opaque(mi.UInt32, len(numbers))  # False for smaller numbers, too: differences are modulo 2^32

@@ -399,6 +399,8 @@ def test_time_limit_keeps_first_work_items_of_slow_scene_small(variant_rgb):
         sizes.append(executor.limit(10**7, 0.02))
         executor.update_speed(sizes[-1], first + sizes[-1] / 10**4)
     assert sizes == [Executor.SMALLEST] * 3
+    executor.update_speed(Executor.SMALLEST, Executor.SMALLEST / 10**5, 0.6)  # whose kernel is slow to trace
+    assert executor.limit(10**7, 0.02) > 4 * Executor.SMALLEST
     assert Executor().limit(10**7) > 100 * Executor.SMALLEST  # without a time limit, work items are large
 
 

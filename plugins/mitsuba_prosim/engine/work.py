@@ -125,8 +125,8 @@ class Executor:
         #: Samples per second; at first, the speed in a usual scene.
         cpu = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
         self.speed: float = 2**20 * dr.thread_count() if cpu else 2**24
-        #: Number of measured work items.
-        self.measured = 0
+        #: Number of measured work items, and seconds in which the latest one was traced and launched.
+        self.measured, self.overhead = 0, 0.0
 
     def limit(self, left: int, seconds: float = np.inf) -> int:
         """Returns the maximum number of samples of the next work item.
@@ -135,14 +135,15 @@ class Executor:
         item should not take longer than ``seconds``, nor than the attribute ``seconds``. If ``left`` is less than
         :attr:`LAST` times the number of samples for this time, the result is ``left``; else it is at least
         :attr:`SMALLEST`, even if this takes longer. With limited ``seconds``, the work items are small until the speed
-        is measured.
+        is measured. Samples take at least as long as the launch of their work item.
         """
         is_known = self.measured > 1 or seconds >= self.seconds
-        size = self.speed * min(self.seconds, seconds) if is_known else self.SMALLEST
+        size = self.speed * max(min(self.seconds, seconds), self.overhead) if is_known else self.SMALLEST
         return left if left < self.LAST * size else max(int(size), self.SMALLEST)
 
-    def update_speed(self, samples: int, seconds: float) -> None:
-        """Updates the measured speed after a work item of ``samples`` samples took ``seconds``.
+    def update_speed(self, samples: int, seconds: float, overhead: float = 0.0) -> None:
+        """Updates the measured speed after a work item of ``samples`` samples took ``seconds``, after ``overhead``
+        seconds in which it was traced and launched.
 
         The new speed is the speed of this work item, but at most :attr:`SPEED_GROWTH` times the old speed. The first
         work item cannot lower the speed.
@@ -150,6 +151,7 @@ class Executor:
         speed = min(samples / max(seconds, 1e-6), self.SPEED_GROWTH * self.speed)
         if self.measured or speed > self.speed:  # the first work item also compiles, so it must not lower the speed
             self.speed = speed
+        self.overhead = overhead if self.measured else 0.0
         self.measured += 1
 
     def __call__(self, items: Iterator[WorkItem]) -> Results:
@@ -157,8 +159,9 @@ class Executor:
         for item in items:
             started = time.perf_counter()
             sums = item.compute()
+            launched = time.perf_counter()
             dr.sync_thread()
-            self.update_speed(item.samples, time.perf_counter() - started)
+            self.update_speed(item.samples, time.perf_counter() - launched, launched - started)
             yield item, sums
 
 
